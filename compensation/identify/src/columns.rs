@@ -80,6 +80,16 @@ impl Columns<'_> {
     pub(crate) fn refuse_lookalikes(&self) -> Result<(), InputError> {
         let is_there = |name: &str| self.table.names().any(|(_, found)| found == name);
         for found in self.unused() {
+            // `X_actual`, `X MCS` and `Xmm` are columns of X, whatever else they say.
+            let axis = axis_named_first(found).filter(|axis| {
+                self.used.iter().any(|name| name == axis) && self.named_with(axis).is_none()
+            });
+            if let Some(axis) = axis {
+                return Err(self.table.header_error(format!(
+                    "found a column {}, expected `{axis}`, alone or with its unit: without it the axis would stand at 0",
+                    quoted(found)
+                )));
+            }
             let Some(stem) = without_unit(found) else {
                 continue;
             };
@@ -97,6 +107,14 @@ impl Columns<'_> {
             }
         }
         Ok(())
+    }
+
+    /// The column that is read for an axis: its letter, alone or with its unit.
+    fn named_with(&self, axis: &str) -> Option<&str> {
+        let mut names = self.table.names().map(|(_, name)| name);
+        names.find(|name| {
+            *name == axis || axis_of_head(name).is_some_and(|found| found.to_string() == axis)
+        })
     }
 
     /// The column of a name that must be there.
@@ -128,4 +146,13 @@ impl Columns<'_> {
 fn without_unit(head: &str) -> Option<&str> {
     let (name, unit) = split_head(head);
     (unit.is_empty() || unit_named(unit).is_some()).then_some(name)
+}
+
+/// The letter of the axis with which a head begins, where no other letter or a unit follows: `X_actual`, `X MCS`, `Xmm`.
+fn axis_named_first(head: &str) -> Option<&str> {
+    let letter = head.get(..1)?;
+    letter.parse::<AxisName>().ok()?;
+    let behind = &head[1..];
+    let is_word = behind.starts_with(char::is_alphanumeric) && unit_named(behind).is_none();
+    (!is_word).then_some(letter)
 }

@@ -51,9 +51,17 @@ impl SeenColumns {
             },
             RowKind::Sphere { drift } => {
                 let sphere = columns.get("sphere")?;
-                let offset = match columns.get("dx_um")? {
-                    Some(x) => Some([x, columns.require("dy_um")?, columns.require("dz_um")?]),
-                    None => None,
+                const OFFSET: [&str; 3] = ["dx_um", "dy_um", "dz_um"];
+                let mut has_any = false;
+                for name in OFFSET {
+                    has_any |= columns.get(name)?.is_some();
+                }
+                // With none of them it is the file of a touch probe; one that is missing must not make it one.
+                let offset = if has_any {
+                    let [x, y, z] = OFFSET.map(|name| columns.require(name));
+                    Some([x?, y?, z?])
+                } else {
+                    None
                 };
                 Self::Sphere {
                     sphere,

@@ -343,6 +343,15 @@ fn columns_in_other_letters_or_units_are_refused() {
             "X (in),Y,Z,C,B,sphere",
             "found a column `X (in)`, expected `X`",
         ),
+        ("Xmm,Y,Z,C,B,sphere", "found a column `Xmm`, expected `X`"),
+        (
+            "X,Y,Z MCS,C,B,sphere",
+            "found a column `Z MCS`, expected `Z`",
+        ),
+        (
+            "X,Y,Z,C_actual,B,sphere",
+            "found a column `C_actual`, expected `C`",
+        ),
     ] {
         let error = found(&rows(header, 200.0, |_, _, _| ())).expect_err(header);
         assert!(error.to_string().contains(expected), "{error}");
@@ -355,6 +364,23 @@ fn columns_in_other_letters_or_units_are_refused() {
             .contains("found a column `dx_mm`, expected `dx_um`"),
         "{error}"
     );
+}
+
+/// With none of its three columns a file is that of a touch probe; one that is missing or misspelt does not make it one.
+#[test]
+fn an_r_test_has_all_three_columns() {
+    for (columns, missing) in [
+        ("foo,dy_um,dz_um", "dx_um"),
+        ("dx_um,dy_um,foo", "dz_um"),
+        ("dx_um,foo,bar", "dy_um"),
+    ] {
+        let text = format!("X,Y,Z,C,B,sphere,{columns}\n1,2,3,4,5,S,1,2,3\n");
+        let error = found(&text).expect_err(columns).to_string();
+        assert!(
+            error.contains(&format!("`{missing}`")),
+            "{columns}: {error}"
+        );
+    }
 }
 
 #[test]
