@@ -97,7 +97,13 @@ impl Codes {
             let group = GROUPS.iter().position(|(_, group)| group.contains(&code));
             match group {
                 Some(group) => {
-                    if let Some(other) = codes.groups[group].replace(code) {
+                    let other = codes.groups[group].replace(code);
+                    // FANUC programs end cycles in the block of the next motion: G80 G0.
+                    if let (Some(800), 0..=30) | (Some(0..=30), 800) = (other, code)
+                        && group == 0
+                    {
+                        codes.groups[0] = other.into_iter().chain([code]).find(|code| *code != 800);
+                    } else if let Some(other) = other {
                         return Err(Refusal::Fault(Fault::Twice {
                             found: text(code),
                             other: text(other),

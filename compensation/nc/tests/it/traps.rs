@@ -344,6 +344,29 @@ fn lines_that_get_too_long_are_noted() {
     );
 }
 
+/// FANUC programs end cycles in the block of the next motion; two other motions in a block stay refused.
+#[test]
+fn g80_may_stand_beside_the_next_motion() {
+    let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
+    for (block, expected) in [
+        ("G80 G0 X50", "G80 G0 X49.995"),
+        ("G0 G80 X50", "G0 G80 X49.995"),
+        ("G80 G1 X50 F10", "G80 G1 X49.995 F10"),
+    ] {
+        let around = |block: &str| format!("G0 X0 Y0 Z10\nG81 X100 Z-5 R2 F10\n{block}\nX60\nM2\n");
+        let (out, _) = compensated(scale, around(block).as_bytes()).expect("taken");
+        let expected = around(expected)
+            .replace("X100 ", "X99.990 ")
+            .replace("X60", "X59.994");
+        assert_eq!(String::from_utf8_lossy(&out), expected);
+    }
+    let error = compensated(scale, b"G0 X1\nG81 G80 X1 Z-5 R2\n").expect_err("refused");
+    assert!(
+        error.to_string().contains("of which only one may"),
+        "{error}"
+    );
+}
+
 /// A percent sign ends a program with O-words, too; and lines that are added end as those of the program do.
 #[test]
 fn percent_signs_and_ends_of_lines() {
