@@ -14,11 +14,12 @@ use crate::{
     correction::Corrector,
     dialect::Dialect,
     flow::{OLine, o_line},
+    made::Made,
     modal::SYSTEMS,
     motion::{Path, half_deep},
     script::{NewWord, Script},
     setup::name_of_offset,
-    verify::{Made, WAITING, is_end, motions},
+    verify::{WAITING, is_end, motions},
     words::Number,
 };
 

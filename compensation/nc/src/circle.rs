@@ -9,7 +9,7 @@ use crate::{
     line::Line,
     motion::Arc,
     moves::centre_of,
-    number::of_steps,
+    number::half_step,
     rewrite::Rewriter,
     stretches::{Stretch, in_plane, programmed, shifted},
     words::Number,
@@ -192,7 +192,7 @@ impl Rewriter {
         let word = line.word(place);
         let said = self.pole_along(letter);
         let before = word.and_then(|word| word.value).or(said).unwrap_or(0.0);
-        let changes = (value - before).abs() >= 0.5 * of_steps(1, decimals);
+        let changes = (value - before).abs() >= half_step(decimals);
         let is_missing = letter != b'R' && written.arc.by_radius;
         if !changes && written.place.is_none() && !is_missing {
             return Some(before);

@@ -2,34 +2,53 @@
 
 use crate::{block::Block, fault::Fault, modal::Code};
 
-/// Codes that may not stand in one block, each group with its name.
-const GROUPS: [(&str, &[Code]); 14] = [
+/// Codes of which only one may stand in a block.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Group {
+    Motion,
+    NotModal,
+    Plane,
+    Diameter,
+    Distance,
+    Centre,
+    Feed,
+    Units,
+    Radius,
+    ToolLength,
+    WorkOffset,
+    ComesBack,
+    Rotation,
+    Polar,
+}
+
+/// The codes of each group.
+const GROUPS: [(Group, &[Code]); 14] = [
     (
-        "motion",
+        Group::Motion,
         &[
             0, 10, 20, 30, 50, 51, 52, 53, 330, 331, 382, 383, 384, 385, 730, 740, 760, 800, 810,
             820, 830, 840, 850, 860, 870, 880, 890,
         ],
     ),
     (
-        "not modal",
+        Group::NotModal,
         &[40, 100, 280, 281, 300, 301, 520, 920, 921, 922, 923],
     ),
-    ("plane", &[170, 180, 190]),
-    ("diameter", &[70, 80]),
-    ("distance", &[900, 910]),
-    ("centre", &[901, 911]),
-    ("feed", &[930, 940, 950]),
-    ("units", &[200, 210]),
-    ("radius", &[400, 410, 411, 420, 421]),
-    ("tool length", &[430, 431, 432, 434, 490]),
+    (Group::Plane, &[170, 180, 190]),
+    (Group::Diameter, &[70, 80]),
+    (Group::Distance, &[900, 910]),
+    (Group::Centre, &[901, 911]),
+    (Group::Feed, &[930, 940, 950]),
+    (Group::Units, &[200, 210]),
+    (Group::Radius, &[400, 410, 411, 420, 421]),
+    (Group::ToolLength, &[430, 431, 432, 434, 490]),
     (
-        "work offset",
+        Group::WorkOffset,
         &[540, 550, 560, 570, 580, 590, 591, 592, 593],
     ),
-    ("return of cycles", &[980, 990]),
-    ("rotation", &[680, 690]),
-    ("polar coordinates", &[150, 160]),
+    (Group::ComesBack, &[980, 990]),
+    (Group::Rotation, &[680, 690]),
+    (Group::Polar, &[150, 160]),
 ];
 /// Codes that move nothing and mean nothing for coordinates: the path mode, the speed of the spindle, an exact stop.
 const HARMLESS: [Code; 6] = [90, 610, 611, 640, 960, 970];
@@ -94,15 +113,16 @@ impl Codes {
                 codes.in_machine = true;
                 continue;
             }
-            let group = GROUPS.iter().position(|(_, group)| group.contains(&code));
+            let group = GROUPS.iter().find(|(_, codes)| codes.contains(&code));
             match group {
-                Some(group) => {
-                    let other = codes.groups[group].replace(code);
+                Some(&(group, _)) => {
+                    let other = codes.groups[group as usize].replace(code);
                     // FANUC programs end cycles in the block of the next motion: G80 G0.
                     if let (Some(800), 0..=30) | (Some(0..=30), 800) = (other, code)
-                        && group == 0
+                        && group == Group::Motion
                     {
-                        codes.groups[0] = other.into_iter().chain([code]).find(|code| *code != 800);
+                        codes.groups[group as usize] =
+                            other.into_iter().chain([code]).find(|code| *code != 800);
                     } else if let Some(other) = other {
                         return Err(Refusal::Fault(Fault::Twice {
                             found: text(code),
@@ -118,46 +138,46 @@ impl Codes {
     }
 
     pub(crate) fn motion(&self) -> Option<Code> {
-        self.groups[0]
+        self.groups[Group::Motion as usize]
     }
     pub(crate) fn not_modal(&self) -> Option<Code> {
-        self.groups[1]
+        self.groups[Group::NotModal as usize]
     }
     pub(crate) fn plane(&self) -> Option<Code> {
-        self.groups[2]
+        self.groups[Group::Plane as usize]
     }
     pub(crate) fn diameter(&self) -> Option<Code> {
-        self.groups[3]
+        self.groups[Group::Diameter as usize]
     }
     pub(crate) fn distance(&self) -> Option<Code> {
-        self.groups[4]
+        self.groups[Group::Distance as usize]
     }
     pub(crate) fn centre(&self) -> Option<Code> {
-        self.groups[5]
+        self.groups[Group::Centre as usize]
     }
     pub(crate) fn feed(&self) -> Option<Code> {
-        self.groups[6]
+        self.groups[Group::Feed as usize]
     }
     pub(crate) fn units(&self) -> Option<Code> {
-        self.groups[7]
+        self.groups[Group::Units as usize]
     }
     pub(crate) fn radius(&self) -> Option<Code> {
-        self.groups[8]
+        self.groups[Group::Radius as usize]
     }
     pub(crate) fn tool_length(&self) -> Option<Code> {
-        self.groups[9]
+        self.groups[Group::ToolLength as usize]
     }
     pub(crate) fn work_offset(&self) -> Option<Code> {
-        self.groups[10]
+        self.groups[Group::WorkOffset as usize]
     }
     pub(crate) fn comes_back(&self) -> Option<Code> {
-        self.groups[11]
+        self.groups[Group::ComesBack as usize]
     }
     pub(crate) fn rotation(&self) -> Option<Code> {
-        self.groups[12]
+        self.groups[Group::Rotation as usize]
     }
     pub(crate) fn polar(&self) -> Option<Code> {
-        self.groups[13]
+        self.groups[Group::Polar as usize]
     }
 }
 

@@ -11,7 +11,6 @@ use volcomp_model::{
 
 use crate::{
     NcError,
-    carriage::Carriages,
     coordinates::{Axes, AxisPlaces, name_of},
     play::Play,
     tooled::Tooled,
@@ -262,8 +261,8 @@ impl Corrector {
         std::array::from_fn(|axis| self.play.lost(axis, coordinates))
     }
 
-    /// The state of the model with the drives at a place and the carriages where they are.
-    fn carried(&self, at: &Axes, carriages: &Carriages) -> State {
+    /// The state of the model with the drives at a place and the carriages so far off them, mm or deg.
+    fn carried(&self, at: &Axes, off: &Axes) -> State {
         if !self.play.any {
             return self.state(at);
         }
@@ -271,7 +270,7 @@ impl Corrector {
         let (mut there, mut approach) = (*at, self.approach);
         for axis in (0..MAX_AXES).filter(|axis| lost[*axis] > 0.0) {
             // The flank that is nearer: its curves hold, and what is missing to it is a way of the axis.
-            let off = carriages.off[axis];
+            let off = off[axis];
             (approach[axis], there[axis]) = match off {
                 0.0 => (None, at[axis]),
                 _ if off < 0.0 => (Some(Direction::Positive), at[axis] + off + 0.5 * lost[axis]),
@@ -308,11 +307,11 @@ impl Corrector {
 
     /// Where a point of the tool is, `above_mm` above its tip along its axis, by the exact model; mm from the workpiece origin in
     /// workpiece axes.
-    pub(crate) fn on_tool_mm(&self, at: &Axes, carriages: &Carriages, above_mm: f64) -> [f64; 3] {
+    pub(crate) fn on_tool_mm(&self, at: &Axes, off: &Axes, above_mm: f64) -> [f64; 3] {
         let chain = self.tool.machine.chain();
         let point = chain.tool_tip_mm() + chain.tool_axis() * above_mm;
         let source = self.tool.machine.source(&self.temperatures);
-        let pose = actual_pose(chain, &source, &self.carried(at, carriages));
+        let pose = actual_pose(chain, &source, &self.carried(at, off));
         (pose.transform_point(&point) - chain.workpiece_origin_mm()).into()
     }
 
@@ -325,9 +324,9 @@ impl Corrector {
     }
 
     /// Where the tip is with the errors, by the exact model, mm from the workpiece origin in workpiece axes.
-    pub(crate) fn actual_tip_mm(&self, at: &Axes, carriages: &Carriages) -> [f64; 3] {
+    pub(crate) fn actual_tip_mm(&self, at: &Axes, off: &Axes) -> [f64; 3] {
         let (machine, temperatures) = (&self.tool.machine, &self.temperatures);
-        let state = self.carried(at, carriages);
+        let state = self.carried(at, off);
         let error = machine.error_at(&state, Form::Exact, temperatures);
         (machine.chain().ideal_tip_mm(&state) + error.position_mm).into()
     }

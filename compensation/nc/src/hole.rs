@@ -6,7 +6,7 @@ use crate::{
     legs::{Leg, Writes},
     line::{Line, write_comment},
     motion::{Move, Path, at_height, half_deep},
-    number::of_steps,
+    number::half_step,
     parts::Part,
     polar::polar_writes,
     rewrite::Rewriter,
@@ -79,15 +79,14 @@ impl Rewriter {
                     || (off / self.interpreter.modal.scale(axis)).abs() < self.half_step(axis)
             };
             let delta = delta_at(&middle);
-            let across = (0..9).filter(|axis| *axis != depth);
+            let mut across = (0..9).filter(|axis| *axis != depth);
             let at_initial = self.carried_at_initial.unwrap_or(carried[depth]);
             let [at_bottom, at_clearance] =
                 [bottom, clearance].map(|height| delta_at(&at(height))[depth] - at_initial);
             let [of_bottom, of_clearance] = self.carried_by_cycle;
             // In a row by ways the depth counts from R.
-            across.fold(true, |kept, axis| {
-                kept && is_kept(axis, delta[axis] - carried[axis])
-            }) && is_kept(depth, at_clearance - of_clearance)
+            across.all(|axis| is_kept(axis, delta[axis] - carried[axis]))
+                && is_kept(depth, at_clearance - of_clearance)
                 && is_kept(depth, at_bottom - of_bottom - of_clearance)
         })
     }
@@ -140,50 +139,18 @@ impl Rewriter {
         if keeps_polar {
             carried[..2].fill(0.0);
         }
-        let mut depths = Vec::new();
-        if self.interpreter.known[depth] && self.corrector.corrects(depth) {
-            let [bottom, clearance] = places;
-            // The rotary axes have what they were rounded to.
-            let [at_bottom, at_clearance] = [bottom, clearance].map(|height| {
-                let at = frame.to_machine(&at_height(&end, depth, height));
-                self.words_at(&at, None, &mut carried.clone(), |_, _, _, _| ())[depth]
-            });
-            let initial = self.interpreter.modal.sticky.initial;
-            let initial = initial.unwrap_or(before[depth]);
-            let at_initial = *self.carried_at_initial.get_or_insert(carried[depth]);
-            // In G91 R counts from where the first hole began, and the depth from R.
-            let (zero, carried_at_zero) = match motion.incremental[depth] {
-                true => (initial, at_initial),
-                false => (0.0, 0.0),
+        let mut depths = if self.interpreter.known[depth] && self.corrector.corrects(depth) {
+            let hole = Hole {
+                depth,
+                before: before[depth],
+                end,
+                places,
+                counts_from_r: motion.incremental[depth],
             };
-            let [_, of_clearance] = self.carried_by_cycle;
-            let plane = InCycle {
-                letter: b'R',
-                is: clearance - zero,
-                delta: at_clearance - carried_at_zero,
-                carried: of_clearance,
-            };
-            let (plane, of_clearance) = self.in_cycle(&plane, depth, (line, in_own_line));
-            let (zero, carried_at_plane) = match motion.incremental[depth] {
-                true => (clearance, of_clearance + carried_at_zero),
-                false => (0.0, 0.0),
-            };
-            let ground = InCycle {
-                letter: LETTERS[depth],
-                is: bottom - zero,
-                delta: at_bottom - carried_at_plane,
-                carried: self.carried_by_cycle[0],
-            };
-            let (ground, of_bottom) = self.in_cycle(&ground, depth, (line, in_own_line));
-            self.carried_by_cycle = [of_bottom, of_clearance];
-            depths.extend([ground, plane].into_iter().flatten());
-            let is_up = self.interpreter.modal.comes_back && clearance <= initial;
-            carried[depth] = if is_up {
-                at_initial
-            } else {
-                of_clearance + carried_at_zero
-            };
-        }
+            self.heights(&hole, &mut carried, (line, in_own_line))
+        } else {
+            Vec::new()
+        };
         self.carried = frame.moved_in_machine(&end, &carried);
         // The tool may be above the hole, with the correction of its middle.
         self.unsettles();
@@ -217,6 +184,65 @@ impl Rewriter {
         self.write_part(&part, line, out);
     }
 
+    /// The words for the depth of a hole and its plane R that change; `carried` gets the correction that is along the depth behind the hole.
+    fn heights(
+        &mut self,
+        hole: &Hole,
+        carried: &mut Axes,
+        (line, in_own_line): (Line<'_>, bool),
+    ) -> Vec<(u8, Number)> {
+        let Hole {
+            depth,
+            end,
+            places: [bottom, clearance],
+            counts_from_r,
+            ..
+        } = *hole;
+        let frame = self.interpreter.frame.clone();
+        // The rotary axes have what they were rounded to.
+        let [at_bottom, at_clearance] = [bottom, clearance].map(|height| {
+            let at = frame.to_machine(&at_height(&end, depth, height));
+            self.words_at(&at, None, &mut carried.clone(), |_, _, _, _| ())[depth]
+        });
+        let initial = self.interpreter.modal.sticky.initial;
+        let initial = initial.unwrap_or(hole.before);
+        let at_initial = *self.carried_at_initial.get_or_insert(carried[depth]);
+        let [of_bottom, of_clearance] = self.carried_by_cycle;
+        // In G91 R counts from where the first hole began, and the depth from R.
+        let (zero, carried_at_zero) = if counts_from_r {
+            (initial, at_initial)
+        } else {
+            (0.0, 0.0)
+        };
+        let plane = InCycle {
+            letter: b'R',
+            is: clearance - zero,
+            delta: at_clearance - carried_at_zero,
+            carried: of_clearance,
+        };
+        let (plane, of_clearance) = self.in_cycle(&plane, depth, (line, in_own_line));
+        let (zero, carried_at_plane) = if counts_from_r {
+            (clearance, of_clearance + carried_at_zero)
+        } else {
+            (0.0, 0.0)
+        };
+        let ground = InCycle {
+            letter: LETTERS[depth],
+            is: bottom - zero,
+            delta: at_bottom - carried_at_plane,
+            carried: of_bottom,
+        };
+        let (ground, of_bottom) = self.in_cycle(&ground, depth, (line, in_own_line));
+        self.carried_by_cycle = [of_bottom, of_clearance];
+        let is_up = self.interpreter.modal.comes_back && clearance <= initial;
+        carried[depth] = if is_up {
+            at_initial
+        } else {
+            of_clearance + carried_at_zero
+        };
+        [ground, plane].into_iter().flatten().collect()
+    }
+
     /// The number of a word of a cycle where it changes, and what of the correction the word stands for then, mm.
     fn in_cycle(
         &self,
@@ -244,7 +270,7 @@ impl Rewriter {
 
     /// Half a step of the words of an axis, in the unit of the program.
     fn half_step(&self, axis: usize) -> f64 {
-        0.5 * of_steps(1, self.decimals.of(axis, self.interpreter.modal.unit_mm))
+        half_step(self.decimals.of(axis, self.interpreter.modal.unit_mm))
     }
 }
 
@@ -261,6 +287,20 @@ impl InRow {
         place: 0,
         stays: true,
     };
+}
+
+/// A hole, in the coordinates of the program, mm.
+struct Hole {
+    /// The axis along its depth.
+    depth: usize,
+    /// Where that axis was before.
+    before: f64,
+    /// Where the hole is.
+    end: Axes,
+    /// Its bottom and its plane R.
+    places: [f64; 2],
+    /// Its words are ways: R from where the first hole began, the depth from R.
+    counts_from_r: bool,
 }
 
 /// A word of a cycle that says a height: its depth, or its plane R.

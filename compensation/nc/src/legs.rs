@@ -8,7 +8,7 @@ use crate::{
     line::Line,
     motion::Move,
     notes::Note,
-    number::of_steps,
+    number::half_step,
     rewrite::Rewriter,
     words::{Number, OnItsWay, Written},
 };
@@ -159,7 +159,7 @@ impl Rewriter {
             false => 0.0,
         };
         if !known || !self.corrector.has(axis) {
-            if self.corrector.has(axis) && delta.abs() >= 0.5 * of_steps(1, decimals) {
+            if self.corrector.has(axis) && delta.abs() >= half_step(decimals) {
                 let note = Note::LeftOut(char::from(LETTERS[axis]));
                 self.interpreter.notes.add(note, line);
             }

@@ -31,6 +31,7 @@ mod inspect;
 mod interpret;
 mod legs;
 mod line;
+mod made;
 mod modal;
 mod motion;
 mod moves;

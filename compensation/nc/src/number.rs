@@ -144,6 +144,12 @@ pub(crate) fn steps(value: f64, decimals: u8) -> Option<i64> {
     (steps.unsigned_abs() < MOST_STEPS as u64).then_some(steps)
 }
 
+/// Half a step of a word with so many decimals: what rounding may take from it.
+#[inline]
+pub(crate) fn half_step(decimals: u8) -> f64 {
+    0.5 * of_steps(1, decimals)
+}
+
 /// What so many steps of the last decimal are.
 #[inline]
 pub(crate) fn of_steps(steps: i64, decimals: u8) -> f64 {

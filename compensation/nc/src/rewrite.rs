@@ -17,15 +17,15 @@ use crate::{
     hole::InRow,
     interpret::{Interpreter, Outcome},
     line::Line,
+    made::Made,
     motion::{Move, Path},
     notes::Note,
-    number::of_steps,
+    number::half_step,
     parameters::Parameters,
     rounding::Strategy,
     script::Script,
     setup::SetUp,
     turns::Turns,
-    verify::Made,
     words::{Decimals, Number},
 };
 
@@ -346,7 +346,7 @@ impl Rewriter {
                 continue;
             };
             let decimals = self.decimals.of(axis, modal.unit_mm);
-            let is_carried = carried[axis].abs() >= 0.5 * of_steps(1, decimals);
+            let is_carried = carried[axis].abs() >= half_step(decimals);
             let Some(value) = word.value.filter(|_| is_carried) else {
                 continue;
             };

@@ -12,18 +12,19 @@ use volcomp_model::{
 
 use crate::{
     Decimals, NcError,
-    carriage::{Carriages, places, steps},
-    coordinates::{Axes, Frame},
+    carriage::Carriages,
+    coordinates::Axes,
     correction::Corrector,
     dialect::Dialect,
     inspect::{Collector, Inspected},
-    motion::{Move, Path, at_height},
+    made::{Made, place_of, places, steps},
+    motion::{Move, Path},
     part_file::Part,
     program::execute,
     rewrite::Rewriter,
     setup::SetUp,
     turns::{SAME, Turns},
-    words::{between, each},
+    words::each,
 };
 
 /// Motions that wait between two threads.
@@ -36,24 +37,6 @@ const PLACES_OF_PART: u32 = 8;
 const PLACES_OF_HOLE: u32 = 2;
 /// The same of an arc whose form is to be inspected.
 const PLACES_OF_ARC: u32 = 72;
-
-/// A motion that a program makes.
-#[derive(Clone, Debug)]
-pub(crate) struct Made {
-    /// The number of its line.
-    pub(crate) line: usize,
-    pub(crate) motion: Move,
-    /// What its coordinates mean.
-    pub(crate) frame: Frame,
-    /// What the control adds for the tool.
-    pub(crate) tool: Axes,
-    /// Which of the work offsets holds.
-    pub(crate) system: usize,
-    /// It is known where X, Y and Z stand, as far as the machine has them.
-    pub(crate) known: bool,
-    /// Its words are inches.
-    pub(crate) in_inches: bool,
-}
 
 /// A place of the path, in workpiece axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -423,15 +406,15 @@ impl Comparison {
             }
             (passed, passed_of_part) = (share, of_part);
             let tip = self.truth.ideal_tip_mm(&wanted);
-            let um = |at: &Axes, carriages: &Carriages| -> [f64; 3] {
-                let actual = self.truth.actual_tip_mm(at, carriages);
+            let um = |at: &Axes, off: &Axes| -> [f64; 3] {
+                let actual = self.truth.actual_tip_mm(at, off);
                 std::array::from_fn(|i| 1e3 * (actual[i] - tip[i]))
             };
             let found = Place {
                 line: original.line,
                 tip_mm: tip,
-                before_um: um(&wanted, &self.before),
-                after_um: um(&commanded, &self.after),
+                before_um: um(&wanted, &self.before.off),
+                after_um: um(&commanded, &self.after.off),
                 begins: only_end && place == first,
             };
             // A hole is measured half-way down.
@@ -459,8 +442,8 @@ impl Comparison {
             |above_mm| {
                 [
                     truth.ideal_on_tool_mm(wanted, above_mm),
-                    truth.on_tool_mm(wanted, &self.before, above_mm),
-                    truth.on_tool_mm(commanded, &self.after, above_mm),
+                    truth.on_tool_mm(wanted, &self.before.off, above_mm),
+                    truth.on_tool_mm(commanded, &self.after.off, above_mm),
                 ]
             },
         );
@@ -485,25 +468,6 @@ impl Comparison {
                 keeps
             });
         }
-    }
-}
-
-/// The axes at a share of a motion; of a hole, on its way down from its plane R.
-pub(crate) fn place_of(made: &Made, share: f64) -> Axes {
-    let Made { motion, frame, .. } = made;
-    let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
-    match motion.path {
-        Path::Arc(arc) => frame.to_machine(&arc.place(&from, &to, share)),
-        Path::Hole {
-            bottom,
-            clearance,
-            depth,
-        } => {
-            let height = clearance + share * (bottom - clearance);
-            frame.to_machine(&at_height(&to, depth, height))
-        }
-        _ if share == 1.0 => motion.to,
-        _ => frame.to_machine(&between(&from, &to, share)),
     }
 }
 

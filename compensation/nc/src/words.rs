@@ -2,7 +2,7 @@
 
 use crate::{
     coordinates::Axes,
-    number::{of_steps, steps, write_steps},
+    number::{half_step, of_steps, steps, write_steps},
 };
 
 /// How coordinates are written.
@@ -132,7 +132,7 @@ impl OnItsWay {
             0.0
         };
         let wanted = self.to + self.delta - base;
-        let half = 0.5 * of_steps(1, self.decimals);
+        let half = half_step(self.decimals);
         let carried_by = |value: f64| base + value * self.scale - self.to;
         let Some(written) = self.written else {
             // The axis stays where it is, with what is in it.
