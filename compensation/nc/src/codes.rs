@@ -1,6 +1,10 @@
 //! The G and M codes of a block, sorted by what they change; one of a group in a block.
 
-use crate::{block::Block, fault::Fault, modal::Code};
+use crate::{
+    block::Block,
+    fault::Fault,
+    modal::{Code, WORK_OFFSETS},
+};
 
 /// Codes of which only one may stand in a block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,10 +46,7 @@ const GROUPS: [(Group, &[Code]); 14] = [
     (Group::Units, &[200, 210]),
     (Group::Radius, &[400, 410, 411, 420, 421]),
     (Group::ToolLength, &[430, 431, 432, 434, 490]),
-    (
-        Group::WorkOffset,
-        &[540, 550, 560, 570, 580, 590, 591, 592, 593],
-    ),
+    (Group::WorkOffset, &WORK_OFFSETS),
     (Group::ComesBack, &[980, 990]),
     (Group::Rotation, &[680, 690]),
     (Group::Polar, &[150, 160]),

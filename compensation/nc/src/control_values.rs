@@ -3,6 +3,7 @@
 use crate::{
     coordinates::{Axes, axis_of, is_rotary},
     interpret::Interpreter,
+    modal::WORK_OFFSETS,
     parameters::Value,
 };
 
@@ -35,11 +36,9 @@ impl Interpreter {
             "_absolute" => truth(modal.absolute),
             "_incremental" => truth(!modal.absolute),
             "_feed" => Some(modal.feed),
-            "_coord_system" => Some(Some(
-                [
-                    540.0, 550.0, 560.0, 570.0, 580.0, 590.0, 591.0, 592.0, 593.0,
-                ][modal.system.min(8)],
-            )),
+            "_coord_system" => WORK_OFFSETS
+                .get(modal.system)
+                .map(|code| Some(f64::from(*code))),
             "_current_tool" => Some(self.tool_in_spindle().map(f64::from)),
             "_selected_tool" => Some(modal.tool.map(f64::from)),
             "_motion_mode" => Some(modal.motion.map(f64::from)),

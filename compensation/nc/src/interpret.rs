@@ -12,7 +12,7 @@ use crate::{
     cycles::Cycle,
     dialect::Dialect,
     given::{Given, whole},
-    modal::{CentrePoint, Code, FeedMode, G500, Modal, Plane},
+    modal::{CentrePoint, Code, FeedMode, G500, Modal, Plane, WORK_OFFSETS},
     motion::Move,
     notes::Notes,
     parameters::Parameters,
@@ -293,8 +293,8 @@ impl Interpreter {
             None => {}
         }
         if let Some(code) = codes.work_offset() {
-            let systems = [540, 550, 560, 570, 580, 590, 591, 592, 593];
-            self.modal.system = systems.iter().position(|of| *of == code).unwrap_or(0);
+            let found = WORK_OFFSETS.iter().position(|of| *of == code);
+            self.modal.system = found.unwrap_or(self.modal.system);
         }
         match codes.rotation() {
             Some(680) => self.rotation(given)?,

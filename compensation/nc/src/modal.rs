@@ -10,6 +10,9 @@ use crate::{
 
 /// The work offsets of RS-274: G54 to G59.3. The first four are those of SINUMERIK, too.
 pub(crate) const RS274_SYSTEMS: usize = 9;
+/// Their codes.
+pub(crate) const WORK_OFFSETS: [Code; RS274_SYSTEMS] =
+    [540, 550, 560, 570, 580, 590, 591, 592, 593];
 /// Behind them those that SINUMERIK has: G505 to G599, and G500.
 pub(crate) const G505: usize = RS274_SYSTEMS;
 pub(crate) const G500: usize = G505 + 95;

@@ -8,17 +8,15 @@ use std::{
 use volcomp_model::document::{Document, InputError, Section};
 
 use crate::{
+    codes::text,
     coordinates::{Axes, axis_of},
-    modal::{CentrePoint, G500, G505, Modal, RS274_SYSTEMS, SYSTEMS, WorkOffset},
+    modal::{CentrePoint, G500, G505, Modal, SYSTEMS, WORK_OFFSETS, WorkOffset},
 };
 
 /// The name of a work offset.
 pub(crate) fn name_of_offset(system: usize) -> String {
-    const NAMES: [&str; RS274_SYSTEMS] = [
-        "G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3",
-    ];
-    match NAMES.get(system) {
-        Some(name) => (*name).to_owned(),
+    match WORK_OFFSETS.get(system) {
+        Some(code) => text(*code),
         None if system == G500 => "G500".to_owned(),
         None => format!("G{}", 505 + system - G505),
     }
