@@ -4,7 +4,9 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use volcomp_kinematics::{CorrectionOptions, State, actual_pose, vector_from_rotation};
+use volcomp_kinematics::{
+    CorrectionOptions, MotionFrame, State, actual_pose, vector_from_rotation,
+};
 use volcomp_model::{Machine, Temperatures, corrected, quantised};
 use volcomp_vocabulary::AxisKind;
 
@@ -149,7 +151,7 @@ fn read_truth(path: &std::path::Path, machine: &Machine) -> Result<Machine, Fail
     Ok(truth)
 }
 
-/// In which a machine is built otherwise than the one expected: its structure, the direction of an axis, or the point of a rotary one.
+/// In which a machine is built otherwise than the one expected: its structure, the direction of an axis, the point of a rotary one, or the frame of its error motions.
 pub(crate) fn other_geometry(found: &Machine, expected: &Machine) -> Option<String> {
     let (found, expected) = (found.chain(), expected.chain());
     let differs = |what: &str, found: &dyn std::fmt::Display, expected: &dyn std::fmt::Display| {
@@ -171,6 +173,38 @@ pub(crate) fn other_geometry(found: &Machine, expected: &Machine) -> Option<Stri
             let what = format!("point of axis {name}");
             return differs(&what, &shown(&point), &shown(&asked));
         }
+        if found.motion_frame != expected.motion_frame {
+            let word = |frame| match frame {
+                MotionFrame::Fixed => "fixed",
+                MotionFrame::Turning => "turning",
+            };
+            let [frame, asked] = [found.motion_frame, expected.motion_frame].map(word);
+            return differs(&format!("motion_frame of axis {name}"), &frame, &asked);
+        }
     }
     None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_frame_of_the_error_motions_is_part_of_the_geometry() {
+        let machine = |frame: &str| {
+            let text = format!(
+                "structure = \"w C' b X Y Z t\"\n[axes]\nX.travel = [0, 500]\nY.travel = [0, 500]\nZ.travel = [0, 500]\n\
+                 C = {{ travel = [0, 360], motion_frame = \"{frame}\" }}\n"
+            );
+            Machine::parse(&text, "machine.toml").expect("a machine")
+        };
+        assert_eq!(
+            other_geometry(&machine("turning"), &machine("turning")),
+            None
+        );
+        assert_eq!(
+            other_geometry(&machine("turning"), &machine("fixed")).as_deref(),
+            Some("motion_frame of axis C is `turning`, expected `fixed`")
+        );
+    }
 }

@@ -135,11 +135,14 @@ fn factors(chain: &Chain, errors: &Errors, state: &State) -> Vec<Factor> {
     use FactorKind::{Assembly, Error, Motion};
     let mut factors = Vec::with_capacity(3 * chain.joints().len());
     for (axis, (joint, &q)) in chain.joints().iter().zip(&state.q).enumerate() {
-        let order = match (joint.side, joint.kind) {
-            (Side::Tool, AxisKind::Linear) => [Assembly, Motion, Error],
-            (Side::Tool, AxisKind::Rotary) => [Assembly, Error, Motion],
-            (Side::Workpiece, AxisKind::Linear) => [Error, Motion, Assembly],
-            (Side::Workpiece, AxisKind::Rotary) => [Motion, Error, Assembly],
+        let [first, second] = if joint.errors_on_tool_side() {
+            [Motion, Error]
+        } else {
+            [Error, Motion]
+        };
+        let order = match joint.side {
+            Side::Tool => [Assembly, first, second],
+            Side::Workpiece => [first, second, Assembly],
         };
         for kind in order {
             let pose = match kind {
@@ -186,7 +189,7 @@ pub(crate) fn component_of(motion: &mut ErrorMotion, component: usize) -> &mut f
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use volcomp_kinematics::{ErrorSource, GivenErrors, actual_pose};
+    use volcomp_kinematics::{ErrorSource, GivenErrors, MotionFrame, actual_pose};
     use volcomp_vocabulary::PerAxis;
 
     const STRUCTURES: [&str; 5] = [
@@ -232,6 +235,7 @@ mod tests {
         #[test]
         fn derivatives_are_the_central_differences_of_the_exact_model(
             structure in 0..STRUCTURES.len(),
+            turning in prop::collection::vec(prop::bool::ANY, MAX_AXES),
             q in prop::collection::vec(-1.0..1.0f64, 9),
             numbers in prop::collection::vec(-1.0..1.0f64, 61),
         ) {
@@ -240,6 +244,9 @@ mod tests {
             for (place, axis) in axes.iter().enumerate() {
                 let point = [100.0 * numbers[place], 80.0, -60.0 * numbers[place + 1]];
                 chain.set_point(*axis, point).expect("finite");
+                if axis.is_rotary() && turning[place] {
+                    chain.set_motion_frame(*axis, MotionFrame::Turning).expect("a rotary axis");
+                }
             }
             let mut state = State::default();
             for (place, axis) in axes.iter().enumerate() {

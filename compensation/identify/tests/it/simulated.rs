@@ -84,6 +84,57 @@ target = \"unknown\"
     assert!((tip(machine, &others, [0.0; 3]) - tip(&truth, &others, [0.0; 3])).norm() < 0.2);
 }
 
+/// Error motions that turn with their axis, on the workpiece side and on the tool side. The readings come from the exact model of
+/// the kinematics, which knows the frame by itself.
+#[test]
+fn error_motions_that_turn_with_their_axis_are_found() {
+    for (c, b) in [
+        ("turning", "fixed"),
+        ("fixed", "turning"),
+        ("turning", "turning"),
+    ] {
+        let machine = MACHINE
+            .replace("[axes.C]\n", &format!("[axes.C]\nmotion_frame = \"{c}\"\n"))
+            .replace("[axes.B]\n", &format!("[axes.B]\nmotion_frame = \"{b}\"\n"));
+        let errors = "EXC = { fourier = [0.0, 0.0, 0.0, 20.0, -9.0], period = 360.0 }
+EAC = { fourier = [0.0, 0.0, 0.0, 5.0, 7.0], period = 360.0 }
+EXB = { poly = [0.0, 0.0, 0.002] }\nECB = { poly = [0.0, 0.0, 0.003] }\n";
+        let truth =
+            Machine::parse(&format!("{machine}[errors]\n{errors}"), "truth").expect("a machine");
+        let lab = Lab::new(&machine);
+        lab.write("t.csv", &tracker(&truth, 60, 0.0));
+        let found = lab
+            .identify(
+                "folds = 0
+unknown = [{ error = \"EXC\", fourier = 2 }, { error = \"EAC\", fourier = 2 },
+{ error = \"EXB\", legendre = 2 }, { error = \"ECB\", legendre = 2 }]
+[[observation]]
+kind = \"points\"
+file = \"t.csv\"
+target = \"unknown\"
+",
+            )
+            .expect("found");
+        assert!(
+            found.residual.max_um < 1e-3,
+            "C {c}, B {b}: {:?}",
+            found.residual
+        );
+        for (name, expected) in [
+            ("EXC cos 2", 20.0),
+            ("EXC sin 2", -9.0),
+            ("EAC cos 2", 5.0),
+            ("EAC sin 2", 7.0),
+        ] {
+            let (found, _) = value(&found, name);
+            assert!(
+                (found - expected).abs() < 0.01,
+                "C {c}, B {b}: {name} {found}"
+            );
+        }
+    }
+}
+
 #[test]
 fn what_cannot_be_told_apart_is_named_and_left_at_zero() {
     let truth = Machine::parse(MACHINE, "truth").expect("a machine");
