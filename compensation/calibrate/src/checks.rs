@@ -236,7 +236,7 @@ pub(crate) fn odd(line: &Line, machine: &Machine) -> Vec<String> {
     let known = machine.name.trim();
     let stated = line.readings.metadata.machine.as_deref().map(str::trim);
     if let Some(stated) = stated.filter(|stated| !stated.is_empty() && !known.is_empty())
-        && !stated.eq_ignore_ascii_case(known)
+        && !is_same_name(stated, known)
     {
         note(format!(
             "it states the machine `{stated}`, and the machine file is of `{known}`: is it the right machine?"
@@ -258,6 +258,11 @@ pub(crate) fn odd(line: &Line, machine: &Machine) -> Vec<String> {
         ));
     }
     notes
+}
+
+/// Whether two names of machines or serial numbers are of one machine: case and blanks at the ends are no difference.
+fn is_same_name(one: &str, other: &str) -> bool {
+    one.trim().eq_ignore_ascii_case(other.trim())
 }
 
 /// An error that the title of the file names where it does not name the error of the line.
@@ -317,7 +322,7 @@ pub(crate) fn different_machines(lines: &[Line]) -> Vec<String> {
                 &metadata.machine
             };
             let text = text.as_deref().unwrap_or_default().trim();
-            if !text.is_empty() && !found.iter().any(|(known, _)| *known == text) {
+            if !text.is_empty() && !found.iter().any(|(known, _)| is_same_name(known, text)) {
                 found.push((text, line));
             }
         }
@@ -343,7 +348,7 @@ pub(crate) fn refuse_serial(
 ) -> Result<(), InputError> {
     let stated = readings.metadata.serial.as_deref().map(str::trim);
     match (stated.filter(|stated| !stated.is_empty()), serial) {
-        (Some(stated), Some(expected)) if !stated.eq_ignore_ascii_case(expected.trim()) => {
+        (Some(stated), Some(expected)) if !is_same_name(stated, expected) => {
             Err(file.error(format!(
                 "the file states the serial number `{stated}`, expected `{expected}`, the `serial` of this calibration file"
             )))

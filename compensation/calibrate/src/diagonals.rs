@@ -34,12 +34,12 @@ pub struct Diagonals {
 }
 
 impl Diagonals {
-    /// The squareness errors that the diagonals show on a machine with all its other errors, µrad.
+    /// The squareness errors that the diagonals show on a machine with all its other errors, µrad, and notes on how well they do.
     pub(crate) fn squares(
         &self,
         machine: &Machine,
         reference_axes: [AxisName; 2],
-    ) -> Result<Vec<(ErrorName, Urad)>, CalibrateError> {
+    ) -> Result<(Vec<(ErrorName, Urad)>, Vec<String>), CalibrateError> {
         let mut machine = machine.clone();
         for error in &self.errors {
             set_square(&mut machine, reference_axes, *error, Urad(0.0))?;
@@ -59,7 +59,12 @@ impl Diagonals {
                 }),
             }
         };
-        self.errors.iter().map(square).collect()
+        let squares = self.errors.iter().map(square).collect::<Result<_, _>>()?;
+        let errors: Vec<String> = self.errors.iter().map(ErrorName::to_string).collect();
+        let errors = errors.join(" ");
+        let notes = found.warnings.iter();
+        let notes = notes.map(|note| format!("{errors} from diagonals: {note}"));
+        Ok((squares, notes.collect()))
     }
 
     /// The measurement files, for messages.

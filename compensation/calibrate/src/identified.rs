@@ -176,7 +176,7 @@ fn moved(before: &[Parameter], after: &[Parameter]) -> f64 {
     changes.fold(0.0, f64::max)
 }
 
-/// Gives `to` the error of another machine.
+/// Gives `to` an error of another machine: a location error that this one has not becomes 0, and a curve that it has not stays as it is.
 pub(crate) fn take(
     to: &mut Machine,
     from: &Machine,

@@ -15,7 +15,7 @@ use crate::{
 
 /// Nodes on a rotary axis at which the effect of an error is looked at. On a linear axis the largest effect is at an end,
 /// because a displacement that grows with the coordinate is never longer between two places than at both.
-const ROTARY_NODES: usize = 9;
+const ROTARY_NODES: usize = 8;
 /// The size of an error whose effect is told, µm or µrad.
 const EXAMPLE: f64 = 10.0;
 
@@ -146,12 +146,10 @@ fn largest_effects(machine: &Machine, names: &[ErrorName]) -> Vec<Option<f64>> {
             AxisKind::Linear => 2,
             AxisKind::Rotary => ROTARY_NODES,
         };
-        let [low, high] = axis.travel;
-        let node = |place: usize| {
-            let at = low + (high - low) * place as f64 / (count - 1) as f64;
-            Displacement::from_coordinate(kind, at).mm_or_rad()
-        };
-        (0..count).map(node).collect()
+        let nodes = axis.nodes(count).into_iter();
+        nodes
+            .map(|at| Displacement::from_coordinate(kind, at).mm_or_rad())
+            .collect()
     });
     let poses = Poses::Grid(nodes.collect());
     match sensitivity(machine.chain(), &terms, &poses) {

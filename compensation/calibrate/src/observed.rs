@@ -6,7 +6,7 @@ use std::path::Path;
 use volcomp_document::{InputError, Section, Value, read_text};
 use volcomp_identify::{Observations, Unknown};
 use volcomp_kinematics::{ErrorMotion, Joint, vector_from_rotation};
-use volcomp_model::Machine;
+use volcomp_model::{Axis, Machine};
 use volcomp_vocabulary::{AxisKind, Component, Direction, Displacement, ErrorName};
 
 use crate::{
@@ -108,7 +108,7 @@ fn refuse_held(
     if !error.location || joint.kind == AxisKind::Linear {
         return Ok(());
     }
-    let parts = parts_of(joint, error.component, axis.travel);
+    let parts = parts_of(joint, error.component, axis);
     let holding = |motion: &ErrorName| {
         let lines = direct.measurements.iter();
         let mut lines = lines.filter(|line| line.setup.error == *motion && line.holds_location);
@@ -128,16 +128,15 @@ fn refuse_held(
     }
 }
 
-/// The error motions that a location error of a rotary axis adds to, at the point of the axis over its travel (deg).
-fn parts_of(joint: &Joint, component: Component, [low, high]: [f64; 2]) -> Vec<ErrorName> {
-    const NODES: usize = 9;
+/// The error motions that a location error of a rotary axis adds to, at the point of the axis over its travel.
+fn parts_of(joint: &Joint, component: Component, axis: &Axis) -> Vec<ErrorName> {
+    const NODES: usize = 8;
     const SIZE: f64 = 1.0;
     let mut six = [0.0; 6];
     six[component.index()] = SIZE;
     let location = ErrorMotion::from_um_urad(six);
     let mut largest = [0.0_f64; 6];
-    for node in 0..NODES {
-        let at = low + (high - low) * node as f64 / (NODES - 1) as f64;
+    for at in axis.nodes(NODES) {
         let q_rad = Displacement::from_coordinate(joint.kind, at).mm_or_rad();
         let pose = displaced(joint, &location, q_rad);
         let moved = (pose.transform_point(&joint.point_mm) - joint.point_mm) * 1e3;

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use volcomp_document::{InputError, Section, Value};
+use volcomp_identify::standard_uncertainty_um;
 use volcomp_metrology::squareness_parts;
 use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisKind, AxisName, ErrorName, Urad};
@@ -60,9 +61,9 @@ pub(crate) fn decode_squareness(
     only_with("uncertainty_um", &["diagonals"])?;
     only_with("errors", &["diagonals"])?;
     if let Some(value) = section.get("diagonals") {
-        let uncertainty_um = section
-            .get("uncertainty_um")
-            .map_or(Ok(1.0), |value| value.positive())?;
+        let uncertainty_um = section.get("uncertainty_um").map_or(Ok(1.0), |value| {
+            standard_uncertainty_um(value.positive()?).map_err(|why| value.error(why))
+        })?;
         let names = errors.clone();
         let place = (machine, reference_axes);
         sets.push(decode_diagonals(

@@ -84,8 +84,10 @@ impl Stages {
         for (error, value) in &squareness {
             set_square(&mut machine, file.reference_axes, *error, *value)?;
         }
+        let mut diagonal_notes = Vec::new();
         for diagonals in &file.diagonals {
-            let found = diagonals.squares(&machine, file.reference_axes)?;
+            let (found, of_diagonals) = diagonals.squares(&machine, file.reference_axes)?;
+            diagonal_notes.extend(of_diagonals);
             for (error, value) in &found {
                 set_square(&mut machine, file.reference_axes, *error, *value)?;
             }
@@ -97,6 +99,7 @@ impl Stages {
         let mut notes = angular.notes;
         notes.extend(parallel.notes);
         notes.extend(linear.notes);
+        notes.extend(diagonal_notes);
         Ok(Self {
             machine,
             measured: measured(file),

@@ -212,7 +212,8 @@ fn vary_row(row: &mut Row, next: &mut impl FnMut() -> f64) {
 
 /// Target and direction of a reading, as a key.
 fn place(reading: &Reading) -> (Direction, u64) {
-    (reading.direction, reading.target.to_bits())
+    // −0.0 and 0.0 are one target.
+    (reading.direction, (reading.target + 0.0).to_bits())
 }
 
 /// Shifts the readings of a target together. One number for each run multiplies its deviations from the

@@ -7,17 +7,19 @@ use volcomp_kinematics::nalgebra::{Matrix3, Vector3};
 use volcomp_model::Machine;
 
 use crate::{
+    checked::{standard_uncertainty_um, unit_vector},
     error::IdentifyError,
     observations::{NumberKind, Quantity, Row, Seen, SetUp},
     read::ReadFile,
     rows::RowKind,
     setup_keys::{Reading, point, stated_vector},
+    span::Span,
 };
 
 /// The keys of a ball row besides those of every observation.
 pub(crate) const KEYS: [&str; 4] = ["row", "origin", "direction", "side1"];
 
-/// A ball further than this from where its distance puts it is another ball, or the bar lies elsewhere.
+/// A ball further than this from where its distance puts it is another ball, or the bar lies elsewhere (of usual machine tools).
 const MISPLACED_MM: f64 = 2.0;
 /// A row whose direction has a smaller part along every axis has no side that is meant by itself.
 const ALONG_AN_AXIS: f64 = 0.9;
@@ -114,13 +116,12 @@ pub(crate) fn decode<'a>(
     let origin = point(section, "origin", file, drift, reading)?;
     let direction = match stated_vector(section, "direction")? {
         None => None,
-        Some((value, vector)) => Some(unit_of(&value, vector)?),
+        Some((value, _)) => Some(unit_vector(&value)?),
     };
     let side1 = match section.get("side1") {
         None => None,
         Some(value) => {
-            let side = Vector3::from(value.vector::<3>()?);
-            let side = unit_of(&value, side)?;
+            let side = unit_vector(&value)?;
             if let Some(along) = direction
                 && along.cross(&side).norm() < 1e-3
             {
@@ -157,12 +158,6 @@ pub(crate) fn decode<'a>(
     Ok((kind, placement, path))
 }
 
-fn unit_of(value: &Value<'_>, vector: Vector3<f64>) -> Result<Vector3<f64>, InputError> {
-    vector
-        .try_normalize(1e-12)
-        .ok_or_else(|| value.error("found a zero direction, expected a vector of any other length"))
-}
-
 /// Reads a row file.
 fn read_balls(file: &str, table: &CsvTable) -> Result<Balls, InputError> {
     let name = table.require("ball")?;
@@ -179,11 +174,12 @@ fn read_balls(file: &str, table: &CsvTable) -> Result<Balls, InputError> {
         }
         let uncertainty_um = match uncertainty.map(|column| row.cell(column)) {
             Some(cell) if !cell.text().is_empty() => {
-                let found = cell.number()?;
-                if found < 0.0 {
-                    return Err(cell.error(format!("found {found}, expected 0 or more")));
+                // 0 is a distance that is taken for exact.
+                match cell.number()? {
+                    0.0 => 0.0,
+                    found => standard_uncertainty_um(found)
+                        .map_err(|why| cell.error(format!("{why}, or 0")))?,
                 }
-                found
             }
             _ => 0.0,
         };
@@ -230,6 +226,7 @@ pub(crate) fn place_bar(
     rows: &mut [Row],
     setup: &mut SetUp,
 ) -> Result<(), InputError> {
+    let misplaced_mm = Span::of(machine, rows.iter()).limit_mm(MISPLACED_MM);
     let chain = machine.chain();
     let mut places = Vec::new();
     for row in rows.iter() {
@@ -271,9 +268,9 @@ pub(crate) fn place_bar(
     let mean = places.iter().map(ball).sum::<Vector3<f64>>() / count;
     let apart = |p: &Place| (ball(p) - mean - along * (p.distance_mm - mean_s)).norm();
     let worst = places.iter().max_by(|a, b| apart(a).total_cmp(&apart(b)));
-    if let Some(worst) = worst.filter(|p| apart(p) > MISPLACED_MM) {
+    if let Some(worst) = worst.filter(|p| apart(p) > misplaced_mm) {
         let message = format!(
-            "found a ball {:.1} mm from where its distance puts it on a straight bar, expected less than {MISPLACED_MM} mm: is it another ball, another unit, or does the bar lie otherwise?",
+            "found a ball {:.1} mm from where its distance puts it on a straight bar, expected less than {misplaced_mm} mm: is it another ball, another unit, or does the bar lie otherwise?",
             apart(worst)
         );
         return Err(table.error_at(worst.line, message));
@@ -281,9 +278,9 @@ pub(crate) fn place_bar(
     let found = mean - along * mean_s;
     if let Some((value, stated)) = &placement.stated {
         let off = found - stated;
-        if off.norm() > MISPLACED_MM {
+        if off.norm() > misplaced_mm {
             return Err(value.error(format!(
-                "found an origin {:.1} mm from where the readings of the balls put it, {:.1} mm of it along the row, expected less than {MISPLACED_MM} mm: it is the place in workpiece axes where the distance along the row is 0, or \"unknown\"",
+                "found an origin {:.1} mm from where the readings of the balls put it, {:.1} mm of it along the row, expected less than {misplaced_mm} mm: it is the place in workpiece axes where the distance along the row is 0, or \"unknown\"",
                 off.norm(),
                 off.dot(&along).abs()
             )));

@@ -7,7 +7,7 @@ use volcomp_vocabulary::{AxisKind, Displacement};
 
 use crate::{
     design::bring,
-    observations::{Observation, Observations, Row, Seen},
+    observations::{Kind, Observation, Observations, Row, Seen},
     system::System,
     values::Values,
 };
@@ -25,6 +25,7 @@ const SAME_BELOW: f64 = 2.0 * STEP_MM;
 pub(crate) struct Candidate {
     pub(crate) row: Row,
     pub(crate) file: String,
+    pub(crate) kind: Kind,
 }
 
 /// Candidates of every file that is fitted, drawn with a fixed seed.
@@ -43,6 +44,7 @@ pub(crate) fn candidates(
         candidates.extend(drawn.take(each).map(|row| Candidate {
             row,
             file: observation.file.clone(),
+            kind: observation.kind,
         }));
     }
     candidates

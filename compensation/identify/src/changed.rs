@@ -10,6 +10,7 @@ use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisKind, AxisName};
 
 use crate::{
+    error::at,
     observations::{NumberKind, Observation, Observations, Row, Seen},
     params::Part,
     prepared::Rows,
@@ -193,8 +194,8 @@ impl Display for Changed {
         if self.is_jump() {
             write!(
                 f,
-                "{}:{}: at this row what is left jumps: this and the later rows fit if {why}: what is found is wrong by a part of that. Measure the file anew, or give these rows a file of their own with other names of spheres and set-ups",
-                self.file, self.line
+                "{}: at this row what is left jumps: this and the later rows fit if {why}: what is found is wrong by a part of that. Measure the file anew, or give these rows a file of their own with other names of spheres and set-ups",
+                at(&self.file, self.line)
             )?;
         } else {
             write!(

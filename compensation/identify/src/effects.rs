@@ -12,7 +12,8 @@ use crate::{
     values::Values,
 };
 
-/// Shares of the travel: of linear axes the ends and the middle; of rotary axes none that is a whole turn from another.
+/// Shares of the travel, and of one turn of an axis that turns all the way round: of linear axes the ends and the middle; of rotary
+/// axes at uneven distances, so that no wave of a Fourier series is zero at all of them.
 const LINEAR: [f64; 3] = [0.0, 0.5, 1.0];
 const ROTARY: [f64; 4] = [0.0, 0.27, 0.53, 0.81];
 
@@ -22,7 +23,7 @@ pub(crate) fn largest_effects(system: &System, values: &Values) -> DVector<f64> 
     let machine = &system.machine;
     let mut states = vec![State::default()];
     for (place, axis) in machine.axes().iter().enumerate() {
-        let [low, high] = axis.travel;
+        let [low, high] = axis.all_poses();
         let shares: &[f64] = match axis.name.kind() {
             AxisKind::Linear => &LINEAR,
             AxisKind::Rotary => &ROTARY,

@@ -41,6 +41,32 @@ pub enum IdentifyError {
         /// How many there are.
         count: usize,
     },
+    /// Observations hold something of which no equations can be made; a file that was read has none of this.
+    #[error("{place}: {why}")]
+    Unusable {
+        /// The row, the unknown or the part of the set-up.
+        place: String,
+        /// What was found and expected.
+        why: String,
+    },
+    /// A value is given for something that is not unknown.
+    #[error("found a value of `{found}`, which is none of the unknowns, expected one of {known}")]
+    NoSuchUnknown {
+        /// The name that was given.
+        found: String,
+        /// The names of the unknowns.
+        known: String,
+    },
+    /// Known errors are those of a machine that is built otherwise.
+    #[error(
+        "found a machine with the structure `{found}`, expected `{expected}` as in the observations"
+    )]
+    OtherStructure {
+        /// The structure of the machine.
+        found: String,
+        /// That of the machine of the observations.
+        expected: String,
+    },
     /// There are fewer numbers than unknowns.
     #[error(
         "found {numbers} numbers in {poses} poses for {unknowns} unknowns of the set-up and the machine, of which they determine {rank} at the most: expected more poses, or fewer unknowns"
@@ -83,7 +109,8 @@ pub enum IdentifyError {
     NothingToFit,
     /// One row is further from the others than machines miss.
     #[error(
-        "{file}:{line}: this row is {found_mm:.1} mm from where the nominal machine would be, expected at most {limit_mm} mm: is it of another sphere or tool, or a slip?"
+        "{}: this row is {found_mm:.1} mm from where the nominal machine would be, expected at most {limit_mm} mm: is it of another sphere or tool, or a slip?",
+        at(file, *line)
     )]
     FarRow {
         /// The row file.
@@ -103,7 +130,8 @@ pub enum IdentifyError {
     },
     /// Something was shifted between two rows of a file.
     #[error(
-        "{file}:{line}: at this row what was seen jumps by {found_mm:.3} mm: this and the later rows fit if {why}. Expected rows of one set-up, and axes whose zero stays: measure the file anew, or give these rows a file of their own with other names of spheres and set-ups"
+        "{}: at this row what was seen jumps by {found_mm:.3} mm: this and the later rows fit if {why}. Expected rows of one set-up, and axes whose zero stays: measure the file anew, or give these rows a file of their own with other names of spheres and set-ups",
+        at(file, *line)
     )]
     Jump {
         /// The row file.
@@ -148,8 +176,8 @@ pub enum IdentifyError {
 /// A file with rows that are further from the nominal machine than machines miss.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "{file}:{line}: {rows} of {of} rows are far from where the nominal machine would be, median {typical_mm:.1} mm, expected at most {limit_mm} mm: {}",
-    self.why()
+    "{}: {rows} of {of} rows are far from where the nominal machine would be, median {typical_mm:.1} mm, expected at most {limit_mm} mm: {}",
+    at(file, *line), self.why()
 )]
 pub struct FarFile {
     /// The row file.
@@ -180,6 +208,14 @@ impl FarFile {
             return "are they of another sphere or tool, or slips?".to_owned();
         }
         "do the machine file and the columns of the axes describe the machine that was measured (structure, points of the rotary axes, directions, units, tool)?".to_owned()
+    }
+}
+
+/// A row in messages: its file and line, and the file alone where a row has no line.
+pub(crate) fn at(file: &str, line: usize) -> String {
+    match line {
+        0 => file.to_owned(),
+        _ => format!("{file}:{line}"),
     }
 }
 

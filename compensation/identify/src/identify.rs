@@ -23,6 +23,7 @@ use crate::{
     rank::{Rank, independent},
     response::Response,
     solve::{Exactness, Solution, solve},
+    span::Span,
     start::start,
     system::System,
     thin::{large, thin},
@@ -95,7 +96,11 @@ pub(crate) struct Fitted {
 /// Finds the unknowns of the observations. `progress` is told how many of how many fits are done.
 ///
 /// # Errors
-/// No rows, too few or all alike, a frame that cannot be found, a search that does not end.
+/// * Observations that no file could state: [`IdentifyError::Unusable`], [`IdentifyError::NoSuchPlace`].
+/// * No rows, too few or all alike; a frame that cannot be found; a search that does not end.
+/// * Rows that no machine like the nominal one can have given: [`IdentifyError::FarRow`], [`IdentifyError::FarRows`], and
+///   [`IdentifyError::Jump`] where something was shifted between two rows.
+/// * A curve that cannot be built from what was found: [`IdentifyError::Curve`].
 pub fn identify(
     observations: &Observations,
     progress: impl FnMut(usize, usize),
@@ -179,12 +184,22 @@ pub fn identify_followed(
 /// none is given.
 ///
 /// # Errors
-/// What [`identify`] refuses of unknowns.
+/// What [`identify`] refuses of unknowns; a name that is none of the unknowns or of the set-up.
 pub fn machine_with(
     observations: &Observations,
     values: &[(String, f64)],
 ) -> Result<Machine, IdentifyError> {
     let system = System::new(observations)?;
+    let mut names = (0..system.params.len()).map(|param| system.name(param));
+    for (name, _) in values {
+        if !names.clone().any(|known| known == *name) {
+            let known: Vec<String> = names.by_ref().collect();
+            return Err(IdentifyError::NoSuchUnknown {
+                found: name.clone(),
+                known: known.join(", "),
+            });
+        }
+    }
     let given = system.unknowns.coefficients.iter().map(|coefficient| {
         let value = values.iter().find(|(name, _)| *name == coefficient.name);
         value.map_or(0.0, |(_, value)| value / micro(coefficient.error.component))
@@ -252,12 +267,13 @@ fn refuse_jump(
     values: &Values,
     far: Result<(), IdentifyError>,
 ) -> Result<(), IdentifyError> {
-    /// No row is further from the others where the shift is at most a millimetre.
+    /// No row is further from the others where the shift is at most a millimetre (of usual machine tools).
     const NEAR_MM: f64 = 0.25;
     let is_without_cause = match &far {
         Ok(()) => {
+            let near_mm = Span::of(&system.machine, rows.iter()).limit_mm(NEAR_MM);
             let residuals = system.residuals(rows, values);
-            residuals.iter().any(|residual| residual.norm() > NEAR_MM)
+            residuals.iter().any(|residual| residual.norm() > near_mm)
         }
         Err(IdentifyError::FarRows { files }) => files.iter().all(|file| file.causes.is_empty()),
         Err(_) => false,

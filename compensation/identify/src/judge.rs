@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use volcomp_kinematics::nalgebra::Vector3;
 
 use crate::{
-    error::IdentifyError,
+    error::{IdentifyError, at},
     identify::fit,
     observations::{Observations, Seen},
     prepared::Rows,
@@ -131,9 +131,8 @@ pub(crate) fn judged(
         let far = rows.filter(|(row, size)| **size > TIMES * usual.max(row.uncertainty_mm));
         notes.extend(far.take(SHOWN).map(|(row, size)| {
             format!(
-                "{}:{}: this judged row is {:.1} µm from what was found, the others {:.1} µm (median): is it a slip?",
-                observation.file,
-                row.line,
+                "{}: this judged row is {:.1} µm from what was found, the others {:.1} µm (median): is it a slip?",
+                at(&observation.file, row.line),
                 1e3 * size,
                 1e3 * usual
             )
@@ -178,9 +177,8 @@ pub(crate) fn outliers(
                 format!("{:.0} times its uncertainty", size / row.uncertainty_mm)
             };
             notes.push(format!(
-                "{}:{}: this row is {:.1} µm from what all rows say together, {beside}: is it a slip? `robust = true` lets such rows count less",
-                observation.file,
-                row.line,
+                "{}: this row is {:.1} µm from what all rows say together, {beside}: is it a slip? `robust = true` lets such rows count less",
+                at(&observation.file, row.line),
                 1e3 * size,
             ));
         }

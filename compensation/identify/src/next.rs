@@ -7,7 +7,7 @@ use crate::{
     candidates::{Candidate, candidates},
     effects::largest_effects,
     identify::Fitted,
-    observations::{Observations, Seen},
+    observations::{Kind, Observations, Seen},
     prepared::Rows,
     system::{Equations, System},
 };
@@ -19,6 +19,8 @@ pub struct Next {
     pub pose: Vec<(AxisName, f64)>,
     /// The file whose set-up is to be used.
     pub file: String,
+    /// What is to be observed.
+    pub kind: Kind,
     /// The sphere, the ball or the target there; `None` where there is nothing to choose.
     pub target: Option<String>,
     /// The tool in the spindle; `None` where it is that of `[tool]`.
@@ -54,7 +56,7 @@ pub(crate) fn next(
         Some((place, parameter)) => (place, parameter, None),
         None => surest(&largest_effects(system, values), fitted, &ahead)?,
     };
-    let Candidate { row, file } = &candidates[place];
+    let Candidate { row, file, kind } = &candidates[place];
     let target = match row.seen {
         Seen::Sphere { centre, .. } => Some(&system.setup.points[centre].name),
         Seen::Ball { distance, .. } => Some(&system.setup.numbers[distance].name),
@@ -83,6 +85,7 @@ pub(crate) fn next(
             })
             .collect(),
         file: file.clone(),
+        kind: *kind,
         target: target.cloned(),
         tool: tool.cloned(),
         parameter: system.name(parameter),

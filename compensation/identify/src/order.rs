@@ -19,13 +19,14 @@ use crate::{
     observations::{Observation, Observations},
     prepared::Rows,
     rank::independent,
+    span::Span,
     system::System,
     values::Values,
 };
 
 /// Fewer rows before or after it are slips, no change.
 const LEAST_ROWS: usize = 4;
-/// Beyond this a shift is no error of a machine, mm: what is found with it is worth nothing.
+/// Beyond this a shift is no error of a machine, mm (of usual machine tools): what is found with it is worth nothing.
 const ABSURD_MM: f64 = 1.0;
 /// A shift is refused where it explains this share of what is left of its file.
 const EXPLAINS_ALL: f64 = 0.9;
@@ -56,7 +57,8 @@ pub(crate) fn absurd_jump(
     let found = changes(system, observations, rows, values, &kept)
         .into_iter()
         .next()?;
-    let is_absurd = found.size_mm > ABSURD_MM && found.left_mm < ABSURD_MM;
+    let absurd_mm = Span::of(&system.machine, rows.iter()).limit_mm(ABSURD_MM);
+    let is_absurd = found.size_mm > absurd_mm && found.left_mm < absurd_mm;
     (found.is_jump() && is_absurd && found.explains > EXPLAINS_ALL).then_some(found)
 }
 

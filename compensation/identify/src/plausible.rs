@@ -11,14 +11,15 @@ use crate::{
     judge::median,
     observations::{Observations, Row},
     prepared::Rows,
+    span::Span,
     start::start,
     system::System,
     values::Values,
 };
 
-/// Machines miss by micrometres to tenths of a millimetre, one that was just put together by a few millimetres. What is
+/// Machines miss by micrometres to tenths of a millimetre, one that was just put together by a few millimetres (of usual sizes). What is
 /// further away is another sphere, tool, unit or sign.
-const LIMIT_MM: f64 = 10.0;
+const USUAL_MM: f64 = 10.0;
 /// A row is explained where a cause leaves less than this share of what there is without it.
 const EXPLAINED: f64 = 0.1;
 /// A cause is named where it explains so much of a file's absurd rows: slips may be among them.
@@ -60,9 +61,10 @@ pub(crate) fn plausible(
     rows: &Rows,
     values: &Values,
 ) -> Result<(), IdentifyError> {
+    let limit_mm = Span::of(&system.machine, rows.iter()).limit_mm(USUAL_MM);
     let sizes = sizes(system, rows, values);
     let far = |own: &Range<usize>| {
-        let far = own.clone().filter(|row| sizes[*row] > LIMIT_MM);
+        let far = own.clone().filter(|row| sizes[*row] > limit_mm);
         far.collect::<Vec<usize>>()
     };
     let files = observations.fitted().map(|(observation, own)| Absurd {
@@ -80,12 +82,12 @@ pub(crate) fn plausible(
                 file: only.file.clone(),
                 line: rows.get(row).line,
                 found_mm: sizes[row],
-                limit_mm: LIMIT_MM,
+                limit_mm,
             });
         }
         _ => {}
     }
-    let mut files: Vec<FarFile> = explained(system, observations, rows, &sizes, absurd)
+    let mut files: Vec<FarFile> = explained(system, observations, (rows, limit_mm), &sizes, absurd)
         .into_iter()
         .map(|absurd| {
             let of_far: Vec<f64> = absurd.far.iter().map(|row| sizes[*row]).collect();
@@ -98,7 +100,7 @@ pub(crate) fn plausible(
                 rows: absurd.far.len(),
                 of: absurd.own.len(),
                 typical_mm: median(&of_far),
-                limit_mm: LIMIT_MM,
+                limit_mm,
                 causes: absurd.causes,
             }
         })
@@ -112,7 +114,7 @@ pub(crate) fn plausible(
 fn explained(
     system: &System,
     observations: &Observations,
-    rows: &Rows,
+    (rows, limit_mm): (&Rows, f64),
     before: &[f64],
     mut absurd: Vec<Absurd>,
 ) -> Vec<Absurd> {
@@ -134,7 +136,14 @@ fn explained(
         for some in sets.chunks(1 + ONE_BY_ONE) {
             for set in some {
                 let tried = causes.iter().filter_map(|cause| {
-                    trial(system, observations, (&now, &before), &absurd, set, cause)
+                    trial(
+                        system,
+                        observations,
+                        (&now, &before, limit_mm),
+                        &absurd,
+                        set,
+                        cause,
+                    )
                 });
                 // Each round gives a file its causes, so that the rounds end.
                 trials.extend(tried.filter(|trial| {
@@ -180,7 +189,7 @@ fn explained(
         before = sizes(system, &prepared, &values);
         // What others did to a set-up is gone with their cause.
         absurd.retain(|file| {
-            !file.causes.is_empty() || file.own.clone().any(|row| before[row] > LIMIT_MM)
+            !file.causes.is_empty() || file.own.clone().any(|row| before[row] > limit_mm)
         });
         if absurd.iter().all(|file| !file.causes.is_empty()) {
             return absurd;
@@ -192,7 +201,7 @@ fn explained(
 fn trial(
     system: &System,
     observations: &Observations,
-    (now, before): (&[Row], &[f64]),
+    (now, before, limit_mm): (&[Row], &[f64], f64),
     absurd: &[Absurd],
     set: &[usize],
     cause: &Cause,
@@ -207,9 +216,9 @@ fn trial(
     let values = start(system, observations, &prepared).ok()?;
     let sizes = sizes(system, &prepared, &values);
     let is_explained = |row: usize| {
-        before[row] > LIMIT_MM && sizes[row] <= (EXPLAINED * before[row]).min(LIMIT_MM)
+        before[row] > limit_mm && sizes[row] <= (EXPLAINED * before[row]).min(limit_mm)
     };
-    let is_new = |row: usize| before[row] <= LIMIT_MM && sizes[row] > LIMIT_MM;
+    let is_new = |row: usize| before[row] <= limit_mm && sizes[row] > limit_mm;
     let score = |own: Range<usize>| -> isize {
         let of = |row| isize::from(is_explained(row)) - isize::from(is_new(row));
         own.map(of).sum()
@@ -223,7 +232,7 @@ fn trial(
         let far = file
             .own
             .clone()
-            .filter(|row| before[*row] > LIMIT_MM)
+            .filter(|row| before[*row] > limit_mm)
             .count();
         file.causes.is_empty() && score(file.own.clone()) as f64 >= MOST * far.max(1) as f64
     };

@@ -6,11 +6,11 @@ use volcomp_curve::{Curve, ErrorCurve, Field};
 use volcomp_document::{
     CsvTable, Document, FileKind, InputError, ReadError, Section, Value, read_text,
 };
-use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_model::Machine;
 
 use crate::{
     ball_row,
+    checked::{MOST_DRIFT, MOST_FOLDS, standard_uncertainty_um, unit_vector},
     error::IdentifyError,
     observations::{Kind, NumberKind, Observation, Observations},
     rows::{RowKind, read_rows},
@@ -23,11 +23,6 @@ use crate::{
 
 /// Gives the text of a file.
 pub type ReadFile<'a> = dyn Fn(&Path) -> Result<String, ReadError> + 'a;
-
-/// The highest order of a drift.
-const MOST_DRIFT: usize = 12;
-/// The most parts into which poses are divided.
-const MOST_FOLDS: usize = 100;
 
 impl Observations {
     /// Reads a file of observations, its machine file and its row files.
@@ -222,11 +217,7 @@ fn decode_observation(
     let drift = section.whole_or("drift", 0..=MOST_DRIFT, 0)?;
     let uncertainty_um = section
         .optional("uncertainty_um", |value| {
-            let found = value.positive()?;
-            if (1e-6..=1e6).contains(&found) {
-                return Ok(found);
-            }
-            Err(value.error(format!("found {found:e} µm, expected 1e-6 to 1e6 µm")))
+            standard_uncertainty_um(value.positive()?).map_err(|why| value.error(why))
         })?
         .unwrap_or(1.0);
     let mut named = NamedSetUp::new(kind, judge);
@@ -260,14 +251,7 @@ fn decode_observation(
             RowKind::Distance { point, dead }
         }
         Kind::Line => {
-            let value = section.require("direction")?;
-            let direction = Vector3::from(value.vector::<3>()?);
-            // The square of a larger number has no end.
-            let is_sane = direction.amax() < 1e100;
-            let direction = direction.try_normalize(1e-12).filter(|_| is_sane);
-            let direction = direction.ok_or_else(|| {
-                value.error("found a direction of no or of endless length, expected a vector of any other length")
-            })?;
+            let direction = unit_vector(&section.require("direction")?)?;
             let offset = number(
                 section,
                 "offset",

@@ -73,7 +73,7 @@ impl Response {
     /// What the determined unknowns change by, in their order and units, where the known errors are those of this machine.
     ///
     /// # Errors
-    /// A machine of another structure, or without an axis that the observations name.
+    /// A machine of another structure.
     pub fn to(&self, machine: &Machine) -> Result<DVector<f64>, IdentifyError> {
         Ok(&self.gain * self.changed(machine)?)
     }
@@ -136,6 +136,14 @@ impl Response {
 
     /// How the residuals change where the known errors are those of this machine.
     fn changed(&self, machine: &Machine) -> Result<DVector<f64>, IdentifyError> {
+        let [found, expected] =
+            [machine, &self.observations.machine].map(|machine| machine.chain().structure());
+        if found != expected {
+            return Err(IdentifyError::OtherStructure {
+                found: found.to_string(),
+                expected: expected.to_string(),
+            });
+        }
         let mut observations = self.observations.clone();
         observations.machine = machine.clone();
         let system = System::new(&observations)?.followed_by(&self.followers)?;

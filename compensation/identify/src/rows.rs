@@ -6,6 +6,7 @@ use volcomp_model::{Machine, ModelError};
 use volcomp_vocabulary::{AxisName, Displacement};
 
 use crate::{
+    checked::standard_uncertainty_um,
     columns::Columns,
     observations::{Row, Seen, Stand},
     seen_columns::SeenColumns,
@@ -127,11 +128,8 @@ pub(crate) fn read_rows(
             uncertainty_mm: match uncertainty {
                 Some(column) => {
                     let cell = row.cell(column);
-                    let found = cell.number()?;
-                    if found <= 0.0 {
-                        return Err(cell.error(format!("found {found}, expected a number above 0")));
-                    }
-                    found * 1e-3
+                    let found = standard_uncertainty_um(cell.number()?);
+                    found.map_err(|why| cell.error(why))? * 1e-3
                 }
                 None => uncertainty_mm,
             },

@@ -313,10 +313,47 @@ impl Step {
         let sizes = steps.map(|(step, variance)| {
             if *variance > 0.0 {
                 step.abs() / variance.sqrt()
-            } else {
+            } else if *variance == 0.0 {
                 0.0
+            } else {
+                // Of no number nothing says that the search has ended.
+                f64::INFINITY
             }
         });
-        sizes.fold(0.0, f64::max)
+        sizes.fold(0.0, |largest: f64, size| {
+            if size.is_nan() {
+                f64::INFINITY
+            } else {
+                largest.max(size)
+            }
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_step_or_a_variance_that_is_no_number_is_no_end() {
+        let largest = |by: [f64; 2], variances: [f64; 2]| {
+            let step = Step {
+                by: DVector::from_row_slice(&by),
+                covariance: DMatrix::from_diagonal(&DVector::from_row_slice(&variances)),
+                counted: 1.0,
+                square: 0.0,
+                degrees: 2.0,
+            };
+            step.largest()
+        };
+        assert_eq!(largest([3.0, -8.0], [1.0, 4.0]), 4.0);
+        assert_eq!(largest([1.0, 1.0], [0.0, 4.0]), 0.5);
+        for step in [
+            largest([1.0, 1.0], [f64::NAN, 4.0]),
+            largest([1.0, 1.0], [4.0, -1.0]),
+            largest([f64::NAN, 1.0], [4.0, 4.0]),
+        ] {
+            assert_eq!(step, f64::INFINITY);
+        }
     }
 }

@@ -178,7 +178,7 @@ fn targets_by_matrix(
             }
         }
     }
-    let Ok(solution) = matrix.svd(true, true).solve(&right, 1e-9) else {
+    let Some(solution) = least_squares(matrix, &right) else {
         return false;
     };
     for (column, &target) in targets.iter().enumerate() {
@@ -190,6 +190,14 @@ fn targets_by_matrix(
         values.points[target][0] = offset;
     }
     true
+}
+
+/// The least squares of least norm, directions that the equations hardly see left out: by their share of what they see most.
+fn least_squares(matrix: DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f64>> {
+    const HARDLY: f64 = 1e-9;
+    let svd = matrix.svd(true, true);
+    let least = HARDLY * svd.singular_values.max();
+    svd.solve(right, least).ok()
 }
 
 /// The rigid transform that takes the points `from` to the points `to` with the least squares.
@@ -285,9 +293,8 @@ fn trilateration(reaches: &[(Vector3<f64>, f64)], dead_mm: f64, free: bool) -> (
         }
         right[row] = a.norm_squared() - length * length;
     }
-    let size = matrix.amax().max(1.0);
-    match matrix.svd(true, true).solve(&right, 1e-9 * size) {
-        Ok(x) => {
+    match least_squares(matrix, &right) {
+        Some(x) => {
             let point = Vector3::new(x[0], x[1], x[2]);
             // With a length that is nearly the same everywhere the constant holds it.
             let dead = if free { x[4] } else { dead_mm };
@@ -304,6 +311,28 @@ fn trilateration(reaches: &[(Vector3<f64>, f64)], dead_mm: f64, free: bool) -> (
                 },
             )
         }
-        Err(_) => (middle, dead_mm),
+        None => (middle, dead_mm),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A column that is the sum of two others but for rounding, in mm and in units a million times as small or as large.
+    #[test]
+    fn what_equations_do_not_see_is_of_least_norm_in_any_unit() {
+        for scale in [1e-9, 1.0, 1e9] {
+            let matrix = DMatrix::from_fn(9, 3, |row, column| {
+                let a = (1.3 * row as f64).sin() * scale;
+                let b = (0.7 * row as f64 + 0.4).cos() * scale;
+                [a, b, 0.1 * a + 0.7 * b][column]
+            });
+            // Least norm: orthogonal to what is not seen, (0.1, 0.7, −1).
+            let expected = DVector::from_row_slice(&[7.0, -1.0, 0.0]);
+            let right = &matrix * &expected;
+            let found = least_squares(matrix, &right).expect("found");
+            assert!((found - &expected).norm() < 1e-6, "{scale}");
+        }
     }
 }

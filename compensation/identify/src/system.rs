@@ -4,6 +4,7 @@ use volcomp_kinematics::nalgebra::{DMatrix, DVector, Vector3};
 use volcomp_model::Machine;
 
 use crate::{
+    checked::check,
     coefficients::{Coefficient, Role, Unknowns, micro},
     error::IdentifyError,
     followers::Following,
@@ -41,32 +42,6 @@ pub(crate) struct Equations {
     pub(crate) places: Vec<(usize, usize)>,
 }
 
-/// Whether every row speaks of frames, points and numbers that the set-up has.
-fn check_places(observations: &Observations) -> Result<(), IdentifyError> {
-    let setup = &observations.setup;
-    for observation in &observations.observations {
-        for row in &observation.rows {
-            for part in row.seen.parts() {
-                let (what, count, found) = match part {
-                    Part::Frame(place) => ("frames", setup.frames.len(), place),
-                    Part::Point(place) => ("points", setup.points.len(), place),
-                    Part::Number(place) => ("numbers", setup.numbers.len(), place),
-                };
-                if found >= count {
-                    return Err(IdentifyError::NoSuchPlace {
-                        file: observation.file.clone(),
-                        line: row.line,
-                        what,
-                        found,
-                        count,
-                    });
-                }
-            }
-        }
-    }
-    Ok(())
-}
-
 impl System {
     /// Whether the coefficient of a column is a convention where it is left at zero: a constant that a curve brings, the slope of
     /// a straightness. `None` for a column of a set-up.
@@ -79,7 +54,7 @@ impl System {
 
     /// The equations of some observations.
     pub(crate) fn new(observations: &Observations) -> Result<Self, IdentifyError> {
-        check_places(observations)?;
+        check(observations)?;
         let mut machine = observations.machine.clone();
         let unknowns = Unknowns::new(observations, &mut machine)?;
         // Where curves have penalties, a set-up drifts as much as the observations say, too.

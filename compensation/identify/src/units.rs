@@ -4,15 +4,18 @@ use volcomp_document::{CsvTable, InputError};
 use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_model::Machine;
 
-use crate::observations::{Row, Seen, SetUp, Stand};
+use crate::{
+    observations::{Row, Seen, SetUp, Stand},
+    span::Span,
+};
 
 /// Targets that spread so many times more or less than the tool moves are in another unit: a metre is a thousand, an inch
 /// twenty-five, and a target on a long arm of a rotary axis spreads a few times more.
 const ANOTHER_UNIT: f64 = 15.0;
 /// A tool that moves less than this says nothing of the unit, mm.
 const MOVES_MM: f64 = 1.0;
-/// A length between two poses that is further from the nominal one is in another unit, or between others: mm, and mm for each
-/// mm of the length, which no machine misses by.
+/// A length between two poses that is further from the nominal one is in another unit, or between others: mm (of usual machine
+/// tools), and mm for each mm of the length, which no machine misses by.
 const APART_MM: f64 = 5.0;
 const APART_SHARE: f64 = 2e-3;
 /// No ballbar and no tracer reaches so many times the diagonal of the travels.
@@ -29,6 +32,7 @@ pub(crate) fn check_units(
     // A machine that only turns has arms of unknown length.
     let diagonal = Some(machine.diagonal_of_travels_mm()).filter(|d| *d > 0.0);
     let diagonal = diagonal.unwrap_or(f64::INFINITY);
+    let apart_mm = Span::of(machine, rows.iter()).limit_mm(APART_MM);
     let mut seen = Vec::new();
     for row in rows {
         match &row.seen {
@@ -41,7 +45,7 @@ pub(crate) fn check_units(
                 let dead = &setup.numbers[*dead];
                 let expected = (nominal(&row.stand) - nominal(from)).norm();
                 let found = length_mm + dead.value.unwrap_or_default();
-                if !dead.unknown && (found - expected).abs() > APART_MM + APART_SHARE * expected {
+                if !dead.unknown && (found - expected).abs() > apart_mm + APART_SHARE * expected {
                     let message = format!(
                         "found a length of {length_mm} mm between poses that are nominally {expected:.3} mm apart: is it another unit, or are they other poses?"
                     );

@@ -7,13 +7,9 @@ use volcomp_vocabulary::{AxisName, ErrorName};
 
 use crate::{
     basis::Basis,
+    checked::{LEAST_SPLINE, MOST_COEFFICIENTS, MOST_SECOND},
     observations::{SecondAxis, Unknown},
 };
-
-/// More coefficients than this are no error of an axis.
-const MOST_COEFFICIENTS: usize = 60;
-/// The highest order along a second axis.
-const MOST_SECOND: usize = 8;
 
 /// Whether penalties are chosen where an unknown does not say so.
 pub(crate) fn decode_penalty(section: &Section<'_>, default: bool) -> Result<bool, InputError> {
@@ -49,6 +45,7 @@ impl Unknown {
         if let Some(second) = self.second {
             let curve = match second.basis {
                 Basis::Fourier { harmonics } => format!("fourier = {harmonics}"),
+                Basis::BSpline { coefficients } => format!("bspline = {coefficients}"),
                 other => format!("legendre = {}", other.highest_order()),
             };
             let axis = second.axis;
@@ -57,9 +54,9 @@ impl Unknown {
         if self.reversal {
             keys.push("reversal = true".to_owned());
         }
-        if self.penalised {
-            keys.push("penalty = \"auto\"".to_owned());
-        }
+        // Said either way: the root of the file may say otherwise for all that do not.
+        let penalty = if self.penalised { "auto" } else { "none" };
+        keys.push(format!("penalty = \"{penalty}\""));
         format!("{{ {} }}", keys.join(", "))
     }
 }
@@ -216,7 +213,7 @@ fn decode_second(
     machine: &Machine,
 ) -> Result<SecondAxis, InputError> {
     let section = value.section()?;
-    section.allow(&["axis", "legendre", "fourier"])?;
+    section.allow(&["axis", "legendre", "bspline", "fourier"])?;
     let name = section.require("axis")?;
     let axis = name.text()?.parse::<AxisName>().ok();
     let axis = axis.filter(|axis| machine.axis(*axis).is_some());
@@ -232,18 +229,26 @@ fn decode_second(
             others.join(", ")
         )));
     };
-    let basis = match (section.get("legendre"), section.get("fourier")) {
-        (Some(value), None) => {
-            let goes_round = machine.axis(axis).is_some_and(|a| a.modulo.is_some());
-            if goes_round {
-                return Err(value.error(format!(
-                    "found a curve that does not close, expected `fourier`: {axis} has a modulo"
-                )));
-            }
-            let order = value.whole(1..=MOST_SECOND)?;
-            Basis::Legendre { order }
+    let goes_round = machine.axis(axis).is_some_and(|a| a.modulo.is_some());
+    let open = |value: Value<'_>, basis: Basis| {
+        if goes_round {
+            return Err(value.error(format!(
+                "found a curve that does not close, expected `fourier`: {axis} has a modulo"
+            )));
         }
-        (None, Some(value)) => {
+        Ok(basis)
+    };
+    let keys = ["legendre", "bspline", "fourier"].map(|key| section.get(key));
+    let basis = match keys {
+        [Some(value), None, None] => {
+            let order = value.whole(1..=MOST_SECOND)?;
+            open(value, Basis::Legendre { order })?
+        }
+        [None, Some(value), None] => {
+            let coefficients = value.whole(LEAST_SPLINE..=MOST_SECOND)?;
+            open(value, Basis::BSpline { coefficients })?
+        }
+        [None, None, Some(value)] => {
             let harmonics = value.whole(1..=MOST_SECOND)?;
             if !axis.is_rotary() {
                 return Err(value.error(format!(
@@ -252,14 +257,14 @@ fn decode_second(
             }
             Basis::Fourier { harmonics }
         }
-        (None, None) => {
+        [None, None, None] => {
             return Err(section.error(
-                "found no kind of curve along the second axis, expected one of legendre, fourier",
+                "found no kind of curve along the second axis, expected one of legendre, bspline, fourier",
             ));
         }
-        (Some(_), Some(value)) => {
+        [_, Some(value), _] | [_, _, Some(value)] => {
             return Err(value.error(
-                "found two kinds of curve along the second axis, expected one of legendre, fourier",
+                "found two kinds of curve along the second axis, expected one of legendre, bspline, fourier",
             ));
         }
     };

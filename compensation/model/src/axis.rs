@@ -52,6 +52,40 @@ impl Axis {
         Some([usual(low)?, usual(high)?])
     }
 
+    /// Whether the axis turns all the way round, or all but a degree of it: controls state the travel of a turn as 0 to 359.999 deg, too.
+    pub fn turns_round(&self) -> bool {
+        const NEARLY_DEG: f64 = 359.0;
+        self.name.is_rotary() && self.travel[1] - self.travel[0] >= NEARLY_DEG
+    }
+
+    /// The part of the travel, mm or deg, outside of which the axis has no other pose: all of it, and of an axis that turns all the way
+    /// round one turn about the middle of its travel.
+    pub fn all_poses(&self) -> [f64; 2] {
+        let [low, high] = self.travel;
+        if self.turns_round() {
+            let middle = 0.5 * (low + high);
+            return [middle - 180.0, middle + 180.0];
+        }
+        [low, high]
+    }
+
+    /// So many evenly spaced coordinates, mm or deg, at which a grid of poses has this axis: over the travel with both ends. Of an axis
+    /// that turns all the way round they go over one turn without its end, which is the same place as its beginning: over several
+    /// turns all of them may fall on whole turns. One node is the middle.
+    pub fn nodes(&self, count: usize) -> Vec<f64> {
+        let [low, high] = self.all_poses();
+        if count == 1 {
+            return vec![0.5 * (low + high)];
+        }
+        let parts = if self.turns_round() {
+            count
+        } else {
+            count.saturating_sub(1)
+        };
+        let node = |place: usize| low + (high - low) * place as f64 / parts as f64;
+        (0..count).map(node).collect()
+    }
+
     /// 0, or the end of the travel that is nearest to it, mm or deg.
     pub fn nearest_zero(&self) -> f64 {
         let [low, high] = self.travel;
@@ -88,5 +122,48 @@ impl Axis {
             "found {coordinate} {unit}, expected a position within the travel of {}, {low} to {high} {unit}",
             self.name
         ))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn axis(name: AxisName, travel: [f64; 2]) -> Axis {
+        Axis {
+            name,
+            travel,
+            modulo: None,
+            direction: None,
+            point_mm: None,
+            motion_frame: MotionFrame::Fixed,
+        }
+    }
+
+    /// The nodes stand at so many different angles of the turn, however many turns the travel has.
+    #[test]
+    fn nodes_of_several_turns_are_different_poses() {
+        for turns in [1.0, 2.0, 4.0, 8.0, 100.0] {
+            for travel in [[-360.0 * turns, 360.0 * turns], [0.0, 360.0 * turns]] {
+                let mut nodes = axis(AxisName::C, travel).nodes(8);
+                assert!(nodes.iter().all(|at| (travel[0]..=travel[1]).contains(at)));
+                for at in &mut nodes {
+                    *at = at.rem_euclid(360.0);
+                }
+                nodes.sort_by(f64::total_cmp);
+                assert_eq!(nodes, [0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0]);
+            }
+        }
+    }
+
+    #[test]
+    fn other_axes_have_nodes_from_end_to_end() {
+        assert_eq!(
+            axis(AxisName::X, [0.0, 600.0]).nodes(3),
+            [0.0, 300.0, 600.0]
+        );
+        assert_eq!(axis(AxisName::A, [-100.0, 30.0]).nodes(2), [-100.0, 30.0]);
+        assert_eq!(axis(AxisName::A, [-100.0, 30.0]).nodes(1), [-35.0]);
+        assert_eq!(axis(AxisName::X, [0.0, 1.0]).nodes(0), [0.0; 0]);
     }
 }

@@ -8,7 +8,7 @@ use volcomp_vocabulary::{Um, Urad};
 
 use super::{
     Answer, fixed,
-    identify::{EXPLAINED, found_text},
+    identify::{EXPLAINED, found_text, kind_of_next},
     refuse_overwriting, table, table_text,
 };
 use crate::{
@@ -33,7 +33,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     output.append(calibration.machine.to_toml().as_bytes())?;
     output.finish()?;
     let document = Document::new(arguments.output.display().to_string(), &calibration);
-    Answer::new(&document, text(&document), calibration.warnings)
+    Answer::new(
+        &document,
+        text(&document, &calibration),
+        calibration.warnings,
+    )
 }
 
 /// Calibrates with a progress bar.
@@ -47,7 +51,7 @@ pub(super) fn fit(file: &CalibrationFile) -> Result<Calibration, Failure> {
     Ok(calibration)
 }
 
-fn text(document: &Document) -> String {
+fn text(document: &Document, calibration: &Calibration) -> String {
     let mut fitted = table(&[
         "error",
         "direction",
@@ -97,7 +101,9 @@ fn text(document: &Document) -> String {
     }
     if let Some(identified) = &document.identified {
         text.push('\n');
-        text += &found_text(&identified.found);
+        let own = calibration.identified.as_ref();
+        let kind = own.and_then(|identified| kind_of_next(&identified.found));
+        text += &found_text(&identified.found, kind);
     }
     let _ = write!(
         text,

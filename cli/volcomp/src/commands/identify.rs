@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use volcomp_identify::{Identification, Observations, identify};
+use volcomp_identify::{Identification, Kind, Observations, identify};
 use volcomp_vocabulary::{Um, Urad};
 
 use super::{Answer, fixed, refuse_overwriting, table, table_text};
@@ -33,7 +33,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     output.append(found.machine.to_toml().as_bytes())?;
     output.finish()?;
     let document = Document::new(arguments.output.display().to_string(), &found);
-    let text = text(&document, &arguments.output);
+    let text = text(&document, &found, &arguments.output);
     Answer::new(&document, text, found.warnings)
 }
 
@@ -48,8 +48,8 @@ fn find(observations: &Observations) -> Result<Identification, Failure> {
     Ok(found)
 }
 
-fn text(document: &Document, output: &Path) -> String {
-    let mut text = found_text(&document.found);
+fn text(document: &Document, found: &Identification, output: &Path) -> String {
+    let mut text = found_text(&document.found, kind_of_next(found));
     // Writing to a string never fails.
     let _ = writeln!(text, "wrote {}", output.display());
     text + EXPLAINED
@@ -58,15 +58,15 @@ fn text(document: &Document, output: &Path) -> String {
 /// What the words of the tables mean.
 pub(super) const EXPLAINED: &str = "
 Uncertainty: standard (k = 1). Rows left out: predicted from the others, pose by
-pose. Score: 1 is best; near 0 some unknowns can hardly be told apart. Rank: how
-many unknowns are determined, of how many that are counted.
+pose. Score: 1 is best; below 0.01 some unknowns can hardly be told apart. Rank:
+how many unknowns are determined, of how many that are counted.
 ";
 
 /// A pose that makes the least certain unknown by less than this more certain changes little.
 const LITTLE: f64 = 1.05;
 
 /// The pose that would help most, and how.
-fn next_text(next: &crate::answers::identify::Next) -> String {
+fn next_text(next: &crate::answers::identify::Next, kind: Option<Kind>) -> String {
     let pose: Vec<String> = next
         .pose
         .0
@@ -82,13 +82,13 @@ fn next_text(next: &crate::answers::identify::Next) -> String {
     let text = format!("measure next: {pose} ({}{with})\n", next.file);
     let what = match next.improvement {
         Some(improvement) if improvement < LITTLE => format!(
-            "one pose more changes little: the uncertainty of {} stays at {:.0} %{}",
+            "one pose more changes little: the uncertainty of {} stays at {:.0} % of what it is now{}",
             next.parameter,
             100.0 / improvement,
-            sphere_helps(next.target.as_deref())
+            sphere_helps(kind)
         ),
         Some(improvement) => format!(
-            "the uncertainty of {} falls to {:.0} % of what it is",
+            "the uncertainty of {} falls to {:.0} % of what it is now",
             next.parameter,
             100.0 / improvement
         ),
@@ -100,8 +100,13 @@ fn next_text(next: &crate::answers::identify::Next) -> String {
     text + &folded(&what, "  ")
 }
 
-/// The tables of what was found, for people.
-pub(super) fn found_text(document: &Found) -> String {
+/// The kind of observation that is to be made next.
+pub(super) fn kind_of_next(found: &Identification) -> Option<Kind> {
+    found.next.as_ref().map(|next| next.kind)
+}
+
+/// The tables of what was found, for people; `next` is the kind of observation that is to be made next.
+pub(super) fn found_text(document: &Found, kind: Option<Kind>) -> String {
     let mut found = table(&["unknown", "value", "uncertainty", ""]);
     let mut given_zero: Vec<&str> = Vec::new();
     for parameter in &document.parameters {
@@ -174,18 +179,49 @@ pub(super) fn found_text(document: &Found) -> String {
         );
     }
     if let Some(next) = &document.next {
-        text += &next_text(next);
+        text += &next_text(next, kind);
     }
     text
 }
 
 /// Where spheres are met, another sphere may help more than a pose.
-fn sphere_helps(target: Option<&str>) -> &'static str {
-    match target {
-        Some(target) if target.starts_with("sphere") => {
+fn sphere_helps(kind: Option<Kind>) -> &'static str {
+    match kind {
+        Some(Kind::Sphere) => {
             "; another sphere, far from the rotary axes and at another height, may help more"
         }
         _ => "",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::answers::identify::Next;
+
+    /// Whatever the files and targets are called.
+    #[test]
+    fn another_sphere_is_advised_where_spheres_are_observed() {
+        let text = |kind: Kind, target: &str| {
+            let next = Next {
+                pose: core::iter::empty().collect(),
+                file: "a.csv".to_owned(),
+                target: Some(target.to_owned()),
+                tool: None,
+                parameter: "EB0C".to_owned(),
+                improvement: Some(1.02),
+            };
+            next_text(&next, Some(kind)).replace("\n  ", " ")
+        };
+        let helps = "another sphere, far from";
+        let sphere = text(Kind::Sphere, "ball of the corner");
+        assert!(sphere.contains(helps), "{sphere}");
+        assert!(
+            sphere.contains("stays at 98 % of what it is now"),
+            "{sphere}"
+        );
+        let target = text(Kind::Points, "spherical mirror");
+        assert!(!target.contains(helps), "{target}");
     }
 }
 

@@ -147,7 +147,7 @@ fn what_is_wrong_with_a_row_is_named() {
             "ball,distance_mm,uncertainty_um\nA,0,-1\nB,2,0\n",
             read,
             "",
-            "found -1, expected 0 or more",
+            "found -1e0 µm, expected 1e-6 to 1e6 µm, or 0",
         ),
         (
             "ball,distance_mm\nA,nan\nB,2\n",

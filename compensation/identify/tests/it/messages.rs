@@ -83,7 +83,7 @@ fn wrong_rows_are_refused_with_their_place() {
         (
             "X,Y,x,y,z,uncertainty_um\n1,2,3,4,5,0\n",
             "",
-            "t.csv:2: uncertainty_um: found 0, expected a number above 0",
+            "t.csv:2: uncertainty_um: found 0e0 µm, expected 1e-6 to 1e6 µm",
         ),
         ("X,Y,x,y,z\n", "", "found no rows"),
         (
@@ -177,7 +177,7 @@ fn wrong_unknowns_are_refused() {
         ),
         (
             "{ error = \"EXX\", second = { axis = \"Y\" } }",
-            "found no kind of curve along the second axis, expected one of legendre, fourier",
+            "found no kind of curve along the second axis, expected one of legendre, bspline, fourier",
         ),
         (
             "{ error = \"EXX\", second = { axis = \"Y\", legendre = 0 } }",

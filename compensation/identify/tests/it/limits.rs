@@ -1,0 +1,333 @@
+//! What observations may hold: numbers that a file may state, numbers that a program may give, and distances that grow with the machine.
+
+use std::fmt::Write as _;
+
+use volcomp_document::Document;
+use volcomp_identify::{
+    Basis, Cause, IdentifyError, Observations, SecondAxis, Unknown, identify, identify_followed,
+    machine_with,
+};
+use volcomp_model::Machine;
+use volcomp_vocabulary::AxisName::{self, C, X, Y, Z};
+
+use crate::lab::{Lab, Noise, tip, value};
+
+const MACHINE: &str = "structure = \"w C' X' b Y Z t\"
+axes.X.travel = [-300.0, 300.0]
+axes.Y.travel = [-200.0, 200.0]
+axes.Z.travel = [0.0, 400.0]
+axes.C.travel = [-360.0, 360.0]
+";
+const POINTS: &str = "[[observation]]
+kind = \"points\"
+file = \"t.csv\"
+frame = [0, 0, 0, 0, 0, 0]
+";
+
+/// Poses of a machine without errors but EXX, in the axes of the workpiece.
+fn lab() -> Lab {
+    let truth = format!("{MACHINE}[errors]\nEXX = {{ poly = [0.0, 0.02] }}\n");
+    let truth = Machine::parse(&truth, "truth").expect("a machine");
+    let lab = Lab::new(MACHINE);
+    let mut noise = Noise::new(3);
+    let mut text = String::from("X,Y,Z,C,x,y,z\n");
+    for _ in 0..20 {
+        let at = [(X, 300.0), (Y, 200.0), (Z, 200.0), (C, 180.0)]
+            .map(|(axis, size)| (axis, noise.between(0.0, size)));
+        let seen = tip(&truth, &at, [0.0; 3]);
+        let numbers = at.iter().map(|(_, q)| *q).chain(seen.iter().copied());
+        let numbers: Vec<String> = numbers.map(|number| format!("{number:?}")).collect();
+        let _ = writeln!(text, "{}", numbers.join(","));
+    }
+    lab.write("t.csv", &text);
+    lab
+}
+
+fn observations(lab: &Lab) -> Observations {
+    let unknown = "folds = 0\nunknown = [{ error = \"EXX\", legendre = 1 }]\n";
+    lab.read(&format!("{unknown}{POINTS}")).expect("read")
+}
+
+/// C of a small machine counts the other way: half of that the sphere's place takes up, and less than 10 mm is left of it.
+#[test]
+fn an_axis_of_a_small_machine_that_counts_the_other_way_is_refused() {
+    let machine = "structure = \"w C' b X Y Z t\"
+axes.X.travel = [-25.0, 25.0]
+axes.Y.travel = [-25.0, 25.0]
+axes.Z.travel = [-25.0, 25.0]
+axes.C.travel = [-360.0, 360.0]
+[tool]
+tip = [0.0, 0.0, -20.0]
+";
+    let unknown = "folds = 0\nunknown = [\"EX0C\", \"EY0C\"]\n[[observation]]\nkind = \"sphere\"\nfile = \"s.csv\"\n";
+    for (sign, is_right) in [(1.0, true), (-1.0, false)] {
+        let lab = Lab::new(machine);
+        let mut noise = Noise::new(8);
+        let mut text = String::from("X,Y,Z,C\n");
+        for k in 0..24_u8 {
+            // C turns the table, so that the tool follows a ball at [8, 3, −10] by +C (ISO 841).
+            let c = 15.0 * f64::from(k) - 170.0;
+            let (sin, cos) = c.to_radians().sin_cos();
+            let mut n = || noise.normal(0.0005);
+            let at = [
+                8.0 * cos + 3.0 * sin + n(),
+                3.0 * cos - 8.0 * sin + n(),
+                10.0 + n(),
+            ];
+            let _ = writeln!(text, "{:?},{:?},{:?},{:?}", at[0], at[1], at[2], sign * c);
+        }
+        lab.write("s.csv", &text);
+        match lab.identify(unknown) {
+            Ok(found) => {
+                assert!(is_right);
+                assert!(found.residual.max_um < 5.0, "{:?}", found.residual);
+            }
+            Err(IdentifyError::FarRows { files }) => {
+                assert!(!is_right, "{files:?}");
+                let causes = &files[0].causes;
+                assert!(causes.contains(&Cause::Reversed(C)), "{causes:?}");
+                assert!(files[0].typical_mm < 10.0, "{files:?}");
+            }
+            Err(other) => panic!("{other}"),
+        }
+    }
+}
+
+/// A gantry of 20 m whose bed is bent by 20 mm: its own errors, and no other machine.
+#[test]
+fn a_machine_of_20_m_may_miss_by_more() {
+    let machine = "structure = \"w b X Y Z t\"
+axes.X.travel = [-10000.0, 10000.0]
+axes.Y.travel = [-2000.0, 2000.0]
+axes.Z.travel = [-1000.0, 1000.0]
+";
+    let truth = format!("{machine}[errors]\nEYX = {{ poly = [0.0, 0.0, 2e-4] }}\n");
+    let truth = Machine::parse(&truth, "truth").expect("a machine");
+    let lab = Lab::new(machine);
+    let mut noise = Noise::new(5);
+    let mut text = String::from("X,Y,Z,x,y,z\n");
+    for _ in 0..60 {
+        let at = [(X, 1e4), (Y, 2e3), (Z, 1e3)]
+            .map(|(axis, size): (AxisName, f64)| (axis, noise.between(-size, size)));
+        let seen = tip(&truth, &at, [0.0; 3]).map(|number| number + noise.normal(0.02));
+        let numbers = at.iter().map(|(_, q)| *q).chain(seen.iter().copied());
+        let numbers: Vec<String> = numbers.map(|number| format!("{number:?}")).collect();
+        let _ = writeln!(text, "{}", numbers.join(","));
+    }
+    lab.write("t.csv", &text);
+    let found = lab
+        .identify(
+            "folds = 0\nunknown = [{ error = \"EYX\", legendre = 2 }]
+[[observation]]
+kind = \"points\"
+file = \"t.csv\"
+uncertainty_um = 20
+",
+        )
+        .expect("an honest machine");
+    // 2e-4 x² µm is (2/3) 2e4 µm of the Legendre polynomial of order 2 over ±10 m; the rows end a little before.
+    let (bent, uncertainty) = value(&found, "EYX legendre 2");
+    let ends = found.machine.error("EYX".parse().expect("a name"));
+    assert!(ends.is_some());
+    assert!(
+        bent > 1.1e4 && bent < 1.36e4 && uncertainty < 50.0,
+        "{bent} {uncertainty}"
+    );
+    assert!(found.residual.max_um < 200.0, "{:?}", found.residual);
+}
+
+#[test]
+fn every_stated_uncertainty_has_the_same_bounds() {
+    let lab = lab();
+    for (column, unit) in [("1e-9", "1e-9 µm"), ("1e7", "1e7 µm"), ("-3", "-3e0 µm")] {
+        lab.write(
+            "c.csv",
+            &format!("X,x,y,z,uncertainty_um\n1,1,0,0,1\n2,2,0,0,{column}\n"),
+        );
+        let refused = lab
+            .refused("unknown = [\"EXX\"]\n[[observation]]\nkind = \"points\"\nfile = \"c.csv\"\n");
+        let expected = format!("c.csv:3: uncertainty_um: found {unit}, expected 1e-6 to 1e6 µm");
+        assert!(refused.contains(&expected), "{refused}");
+        lab.write(
+            "row.csv",
+            &format!("ball,distance_mm,uncertainty_um\nA,0,0\nB,100,{column}\n"),
+        );
+        lab.write("read.csv", "X,ball,along_um\n0,A,0\n100,B,1\n");
+        let refused = lab.refused("unknown = [\"EXX\"]\n[[observation]]\nkind = \"ball-row\"\nfile = \"read.csv\"\nrow = \"row.csv\"\n");
+        let expected =
+            format!("row.csv:3: uncertainty_um: found {unit}, expected 1e-6 to 1e6 µm, or 0");
+        assert!(refused.contains(&expected), "{refused}");
+    }
+}
+
+/// Its square has no end: before, it became the zero vector, and the readings counted nowhere.
+#[test]
+fn a_direction_of_endless_length_is_refused() {
+    let lab = lab();
+    lab.write("row.csv", "ball,distance_mm\nA,0\nB,100\n");
+    lab.write("read.csv", "X,ball,along_um\n0,A,0\n100,B,1\n");
+    for keys in [
+        "direction = [1e200, 0, 0]",
+        "direction = [1, 0, 0]\nside1 = [0, 1e200, 0]",
+    ] {
+        let refused = lab.refused(&format!(
+            "unknown = [\"EXX\"]\n[[observation]]\nkind = \"ball-row\"\nfile = \"read.csv\"\nrow = \"row.csv\"\n{keys}\n"
+        ));
+        assert!(
+            refused.contains("found a direction of endless length"),
+            "{refused}"
+        );
+    }
+}
+
+/// What no file can state, and a program can.
+#[test]
+fn observations_of_a_program_are_refused_in_place_of_a_panic() {
+    let lab = lab();
+    assert!(identify(&observations(&lab), |_, _| {}).is_ok());
+    let cases: [(&str, fn(&mut Observations)); 11] = [
+        ("folds: found", |o| o.folds = usize::MAX),
+        ("EXX: found Legendre", |o| {
+            o.unknown[0].basis = Some(Basis::Legendre { order: usize::MAX })
+        }),
+        ("EXX: found BSpline", |o| {
+            o.unknown[0].basis = Some(Basis::BSpline {
+                coefficients: usize::MAX,
+            })
+        }),
+        ("EXX: found BSpline", |o| {
+            o.unknown[0].basis = Some(Basis::BSpline { coefficients: 2 })
+        }),
+        ("EXX: found Fourier", |o| {
+            o.unknown[0].basis = Some(Basis::Fourier {
+                harmonics: usize::MAX,
+            })
+        }),
+        ("along the second axis", |o| {
+            let basis = Basis::Legendre { order: usize::MAX };
+            o.unknown[0].second = Some(SecondAxis { axis: Y, basis });
+        }),
+        ("a drift of order", |o| o.setup.frames[0].drift = usize::MAX),
+        ("t.csv:frame: found a value", |o| {
+            o.setup.frames[0].value = Some([f64::NAN; 6])
+        }),
+        ("t.csv:2: found a coordinate or a reading", |o| {
+            o.observations[0].rows[0].stand.state.q[0] = f64::NAN
+        }),
+        ("t.csv:2: the standard uncertainty: found NaN", |o| {
+            o.observations[0].rows[0].uncertainty_mm = f64::NAN
+        }),
+        ("t.csv:2: the standard uncertainty: found 0e0", |o| {
+            o.observations[0].rows[0].uncertainty_mm = 0.0
+        }),
+    ];
+    for (expected, change) in cases {
+        let mut observations = observations(&lab);
+        change(&mut observations);
+        let refused = identify(&observations, |_, _| {})
+            .expect_err(expected)
+            .to_string();
+        assert!(refused.contains(expected), "{refused}");
+    }
+    // A number without its kind has no unit.
+    let line = "folds = 0\nunknown = [\"EXX\"]\n[[observation]]\nkind = \"line\"\nfile = \"l.csv\"\ndirection = [1, 0, 0]\n";
+    lab.write("l.csv", "X,deviation_um\n0,1\n100,1\n200,1\n");
+    let mut observations = lab.read(line).expect("read");
+    observations.setup.number_kinds.pop();
+    let refused = identify(&observations, |_, _| {})
+        .expect_err("one kind is missing")
+        .to_string();
+    assert!(
+        refused.contains("found 1 kinds of 2 numbers, expected one for each"),
+        "{refused}"
+    );
+}
+
+/// Rows of a program may stand in no file and no line.
+#[test]
+fn a_row_without_a_line_is_named_by_its_file() {
+    let lab = lab();
+    let mut observations = observations(&lab);
+    for row in &mut observations.observations[0].rows {
+        row.line = 0;
+    }
+    if let volcomp_identify::Seen::Point { at_mm, .. } =
+        &mut observations.observations[0].rows[4].seen
+    {
+        at_mm.x += 60.0;
+    }
+    let refused = identify(&observations, |_, _| {})
+        .expect_err("a slip")
+        .to_string();
+    assert!(refused.starts_with("t.csv: this row is 60"), "{refused}");
+}
+
+#[test]
+fn a_value_of_no_unknown_is_refused() {
+    let observations = observations(&lab());
+    let with = |name: &str| machine_with(&observations, &[(name.to_owned(), 3.0)]);
+    assert!(with("EXX legendre 1").is_ok());
+    let refused = with("EXX legendre1").expect_err("misspelt").to_string();
+    assert!(
+        refused.contains("`EXX legendre1`") && refused.contains("EXX constant, EXX legendre 1"),
+        "{refused}"
+    );
+}
+
+/// The same axes in another order are another machine.
+#[test]
+fn known_errors_of_another_structure_are_refused() {
+    let observations = observations(&lab());
+    let (_, response) = identify_followed(&observations, &[], |_, _| {}).expect("found");
+    assert!(response.to(&observations.machine).is_ok());
+    let other = MACHINE.replace("w C' X' b Y Z t", "w C' b X Y Z t");
+    let other = Machine::parse(&other, "other").expect("a machine");
+    let refused = response.to(&other).expect_err("another structure");
+    assert!(
+        matches!(&refused, IdentifyError::OtherStructure { found, .. } if found == "w C' b X Y Z t"),
+        "{refused}"
+    );
+}
+
+/// Every unknown is read back as it was, whatever the root of the file says of penalties.
+#[test]
+fn an_unknown_is_read_back_as_it_was_written() {
+    let machine = Machine::parse(MACHINE, "machine").expect("a machine");
+    let lab = lab();
+    let bases = [
+        Basis::Constant,
+        Basis::Legendre { order: 3 },
+        Basis::BSpline { coefficients: 5 },
+    ];
+    let seconds = [
+        None,
+        Some(Basis::Legendre { order: 2 }),
+        Some(Basis::BSpline { coefficients: 4 }),
+        Some(Basis::BSpline { coefficients: 8 }),
+    ];
+    for basis in bases {
+        for second in seconds {
+            for penalised in [false, true] {
+                let unknown = Unknown {
+                    error: "EXX".parse().expect("a name"),
+                    basis: Some(basis),
+                    second: second.map(|basis| SecondAxis { axis: Y, basis }),
+                    reversal: false,
+                    penalised,
+                };
+                let written = unknown.to_toml();
+                let text = format!("unknown = [{written}]\n");
+                let document = Document::new("o.toml", &text);
+                let read =
+                    document.decode(|root| Unknown::decode(&root.require("unknown")?, &machine));
+                let read: Vec<Unknown> = read.expect("read");
+                assert_eq!(read, [unknown], "{written}");
+                for root in ["auto", "none"] {
+                    let text = format!("penalty = \"{root}\"\nunknown = [{written}]\n{POINTS}");
+                    let read = lab.read(&text).expect("read");
+                    assert_eq!(read.unknown, [unknown], "{root}: {written}");
+                }
+            }
+        }
+    }
+}
