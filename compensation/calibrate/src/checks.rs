@@ -356,3 +356,24 @@ pub(crate) fn refuse_serial(
         _ => Ok(()),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::line;
+
+    /// Two programs write one machine in other cases; two machines are two.
+    #[test]
+    fn names_of_one_machine_are_compared_without_case() {
+        let told = |names: [&str; 2]| {
+            let mut lines = [line("EXX", |_| 0.0), line("EYY", |_| 0.0)];
+            for (line, name) in lines.iter_mut().zip(names) {
+                line.readings.metadata.machine = Some(name.to_owned());
+                line.readings.metadata.serial = Some(name.to_owned());
+            }
+            different_machines(&lines)
+        };
+        assert_eq!(told(["VMC-5 ", "vmc-5"]), [""; 0]);
+        assert_eq!(told(["VMC-5", "VMC-6"]).len(), 2);
+    }
+}

@@ -25,6 +25,14 @@ pub enum CalibrateError {
     /// The unknowns cannot be found from the observations.
     #[error(transparent)]
     Identify(IdentifyError),
+    /// A stated location error does not fit the observations, which are refused with it and would not be with another value.
+    #[error("{stated}. With the value as it is: {rows}")]
+    Stated {
+        /// The value that is stated and the one that fits.
+        stated: String,
+        /// Why the rows are refused with the stated one.
+        rows: Box<IdentifyError>,
+    },
     /// A measurement file cannot be read, or what it holds is broken.
     #[error(transparent)]
     Measurement(#[from] MetrologyError),

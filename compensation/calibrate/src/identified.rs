@@ -9,8 +9,11 @@ use volcomp_model::Machine;
 use volcomp_vocabulary::ErrorName;
 
 use crate::{
-    calibration_file::CalibrationFile, error::CalibrateError, lines_share::LinesShare,
-    opposite::opposite, stages::Stages,
+    calibration_file::CalibrationFile,
+    error::CalibrateError,
+    lines_share::LinesShare,
+    other_values::{cancelled, other_values, refused},
+    stages::Stages,
 };
 
 /// What is found has settled when nothing moves by more than this part of its standard uncertainty.
@@ -65,7 +68,8 @@ pub(crate) fn settled(
     let mut last_moved = None;
     loop {
         rounds += 1;
-        let (found, _) = on(&stages.machine, &followers, 0)?;
+        let found = on(&stages.machine, &followers, 0);
+        let (found, _) = found.map_err(|rows| refused(file, observations, rows))?;
         let moved = before
             .as_ref()
             .map(|before| moved(before, &found.parameters));
@@ -119,7 +123,10 @@ pub(crate) fn settled(
             // Where the lines follow the unknowns in the equations themselves, or hold nothing of them, nothing is carried on.
             carries: followers.is_empty() && rounds > 1,
         };
-        found.warnings.extend(opposite(&lines)?);
+        // A value that is wrong makes rows look wrong that are not: it comes first.
+        let mut first = other_values(&lines)?;
+        first.extend(cancelled(&file.locations, &found.parameters));
+        found.warnings.splice(0..0, first);
         lines.add_to(&mut found, &stages)?;
     }
     Ok((Identified { found, rounds }, stages, notes))

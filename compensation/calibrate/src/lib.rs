@@ -20,7 +20,7 @@ mod location_file;
 mod locations;
 mod not_measured;
 mod observed;
-mod opposite;
+mod other_values;
 mod others;
 mod parallel_lines;
 mod profile;

@@ -276,3 +276,23 @@ fn add_runs(
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// −0.0 and 0.0 are one target, whose runs scatter about one mean.
+    #[test]
+    fn a_target_at_minus_zero_is_at_zero() {
+        let at = |target: f64| {
+            place(&Reading {
+                target,
+                run: 1,
+                direction: Direction::Positive,
+                deviation: 0.0,
+            })
+        };
+        assert_eq!(at(-0.0), at(0.0));
+        assert_ne!(at(-1.0), at(1.0));
+    }
+}

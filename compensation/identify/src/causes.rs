@@ -110,6 +110,13 @@ pub(crate) fn with_cause(row: &Row, cause: &Cause, machine: &Machine) -> Row {
                 _ => {}
             }
         }
+        if let Cause::Shifted(shifts) = cause {
+            for (axis, um) in shifts {
+                if let Ok(place) = machine.index_of(*axis) {
+                    stand.state.q[place] += *um as f64 * 1e-3;
+                }
+            }
+        }
         if let Cause::Exchanged(one, other) = cause {
             let place = |name: &AxisName| machine.index_of(*name).ok();
             if let (Some(one), Some(other)) = (place(one), place(other)) {

@@ -128,6 +128,18 @@ pub enum IdentifyError {
         /// The files that they are in, the worst first.
         files: Vec<FarFile>,
     },
+    /// A sphere has one name in two files, and each file alone fits a place of its own.
+    #[error(
+        "{sphere} stands in {} and {} at different places, {apart_mm:.1} mm apart, and each file alone fits: give it another name in one of them, or look whether another tool or work offset was active in one of them", files[0], files[1]
+    )]
+    MovedSphere {
+        /// The sphere.
+        sphere: String,
+        /// The files in which it stands.
+        files: [String; 2],
+        /// How far its places are apart.
+        apart_mm: f64,
+    },
     /// Something was shifted between two rows of a file.
     #[error(
         "{}: at this row what was seen jumps by {found_mm:.3} mm: this and the later rows fit if {why}. Expected rows of one set-up, and axes whose zero stays: measure the file anew, or give these rows a file of their own with other names of spheres and set-ups",
@@ -211,6 +223,14 @@ impl FarFile {
     }
 }
 
+/// Shifts of axes, µm, in words.
+fn shifts(shifts: &[(volcomp_vocabulary::AxisName, i64)]) -> String {
+    let each = shifts
+        .iter()
+        .map(|(axis, um)| format!("{axis} is shifted by {:.3} mm", *um as f64 * 1e-3));
+    each.collect::<Vec<_>>().join(", ")
+}
+
 /// A row in messages: its file and line, and the file alone where a row has no line.
 pub(crate) fn at(file: &str, line: usize) -> String {
     match line {
@@ -272,6 +292,9 @@ pub enum Cause {
     /// Two tools are taken for each other.
     #[error("they fit if the tools `{0}` and `{1}` are exchanged")]
     ToolsExchanged(String, String),
+    /// All coordinates of linear axes are shifted, µm.
+    #[error("they fit if {} in all rows: was a work offset or a tool length active in the display? Expected machine coordinates", shifts(.0))]
+    Shifted(Vec<(volcomp_vocabulary::AxisName, i64)>),
     /// Another tool was in the spindle.
     #[error("they fit with the tool `{0}`: expected a column `tool` that names it")]
     Tool(String),

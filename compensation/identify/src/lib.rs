@@ -35,6 +35,7 @@ mod response;
 mod rows;
 mod seen_columns;
 mod setup_keys;
+mod shifted;
 mod sight;
 mod solve;
 mod span;

@@ -343,8 +343,15 @@ impl Observations {
             let axis = self.machine.index_of(unknown.error.axis).ok()?;
             let gap = self.widest_gap_deg(axis);
             (gap > WIDEST_GAP_DEG).then(|| {
+                let goes_round = self.machine.axes()[axis].modulo.is_some();
+                // An axis with a `modulo` needs a curve that closes.
+                let what_to_do = if goes_round {
+                    "observe it all the way round, or take fewer harmonics"
+                } else {
+                    "legendre suits a part of a turn"
+                };
                 format!(
-                    "{}: {} was observed nowhere over {gap:.0} deg of a turn: the Fourier series is only guessed there, and its coefficients may be large; legendre suits a part of a turn",
+                    "{}: {} was observed nowhere over {gap:.0} deg of a turn: the Fourier series is only guessed there, and its coefficients may be large; {what_to_do}",
                     unknown.error, unknown.error.axis
                 )
             })
@@ -353,7 +360,7 @@ impl Observations {
     }
 
     /// The range of an axis in the rows that are fitted, mm or deg; its travel where the axis stood still, and for a Fourier
-    /// series where the places go round.
+    /// series where the places go round, or the axis does: only a whole series closes there.
     pub(crate) fn range_of(&self, axis: usize, basis: Basis) -> [f64; 2] {
         let travel = self.machine.axes()[axis].travel;
         if basis == Basis::Constant {
@@ -376,7 +383,10 @@ impl Observations {
                 range = [range[0].min(at), range[1].max(at)];
             }
         }
-        if matches!(basis, Basis::Fourier { .. }) && self.widest_gap_deg(axis) <= WIDEST_GAP_DEG {
+        let goes_round = self.machine.axes()[axis].modulo.is_some();
+        if matches!(basis, Basis::Fourier { .. })
+            && (goes_round || self.widest_gap_deg(axis) <= WIDEST_GAP_DEG)
+        {
             return travel;
         }
         // A range of a millionth of the travel is an axis that stood still.

@@ -9,8 +9,9 @@ use crate::{
     causes::{causes, with_cause},
     error::{Cause, FarFile, IdentifyError},
     judge::median,
-    observations::{Observations, Row},
+    observations::{Observations, Row, Seen},
     prepared::Rows,
+    shifted::shifted,
     span::Span,
     start::start,
     system::System,
@@ -87,7 +88,11 @@ pub(crate) fn plausible(
         }
         _ => {}
     }
-    let mut files: Vec<FarFile> = explained(system, observations, (rows, limit_mm), &sizes, absurd)
+    let explained = explained(system, observations, (rows, limit_mm), &sizes, absurd);
+    if explained.iter().any(|file| file.causes.is_empty()) {
+        refuse_moved_sphere(system, observations, rows, limit_mm)?;
+    }
+    let mut files: Vec<FarFile> = explained
         .into_iter()
         .map(|absurd| {
             let of_far: Vec<f64> = absurd.far.iter().map(|row| sizes[*row]).collect();
@@ -155,6 +160,19 @@ fn explained(
                 break;
             }
         }
+        if trials.is_empty() {
+            // Three numbers explain more by chance than one cause does: only where nothing else does.
+            let tried = sets.iter().take(1 + ONE_BY_ONE).filter_map(|set| {
+                let places: Vec<Range<usize>> =
+                    set.iter().map(|place| absurd[*place].own.clone()).collect();
+                let cause = shifted(system, observations, &now, &places)?;
+                let state = (&now[..], &before[..], limit_mm);
+                let found = trial(system, observations, state, &absurd, set, &cause)?;
+                let is_own = |place: &usize| found.changed.contains(place);
+                found.explained.iter().any(is_own).then_some(found)
+            });
+            trials.extend(tried);
+        }
         let better = |a: &&Trial, b: &&Trial| {
             let fewer = || b.changed.len().cmp(&a.changed.len());
             let by_score = a.score.cmp(&b.score).then_with(fewer);
@@ -195,6 +213,58 @@ fn explained(
             return absurd;
         }
     }
+}
+
+/// Refuses a sphere that has one name in two files and stands at different places in them, where each of the files fits alone.
+fn refuse_moved_sphere(
+    system: &System,
+    observations: &Observations,
+    rows: &Rows,
+    limit_mm: f64,
+) -> Result<(), IdentifyError> {
+    let mut places: Vec<(usize, &str, Vector3<f64>)> = Vec::new();
+    for (observation, own) in observations.fitted() {
+        let alone = rows.only(|row| own.contains(&row));
+        let mut centres: Vec<usize> = alone
+            .iter()
+            .filter_map(|row| match row.seen {
+                Seen::Sphere { centre, .. } => Some(centre),
+                _ => None,
+            })
+            .collect();
+        centres.sort_unstable();
+        centres.dedup();
+        if centres.is_empty() {
+            continue;
+        }
+        let Ok(values) = start(system, observations, &alone) else {
+            continue;
+        };
+        if sizes(system, &alone, &values)
+            .iter()
+            .any(|size| *size > limit_mm)
+        {
+            continue;
+        }
+        for centre in centres {
+            let at = values.points[centre][0];
+            let is_same = |(other, _, _): &&(usize, &str, Vector3<f64>)| *other == centre;
+            let mut before = places.iter().filter(is_same);
+            if let Some((_, file, _)) = before.find(|(.., place)| (place - at).norm() > limit_mm) {
+                let apart = places
+                    .iter()
+                    .filter(is_same)
+                    .map(|(.., place)| (place - at).norm());
+                return Err(IdentifyError::MovedSphere {
+                    sphere: system.setup.points[centre].name.clone(),
+                    files: [(*file).to_owned(), observation.file.clone()],
+                    apart_mm: apart.fold(0.0, f64::max),
+                });
+            }
+            places.push((centre, &observation.file, at));
+        }
+    }
+    Ok(())
 }
 
 /// Takes a cause away from some of the absurd files; `None` where no set-up is found then.

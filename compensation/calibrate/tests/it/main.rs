@@ -11,3 +11,4 @@ mod parallel;
 mod squares;
 mod turning;
 mod uncertainty;
+mod wrong_values;

@@ -39,7 +39,7 @@ fn partial_truth() -> Machine {
 }
 
 /// Positions of the tip in a frame that lies elsewhere, as a tracker gives them.
-fn tracker(folder: &Path, truth: &Machine, poses: usize, sigma_um: f64) {
+pub(crate) fn tracker(folder: &Path, truth: &Machine, poses: usize, sigma_um: f64) {
     use AxisName::{A, C, X, Y, Z};
     let mut random = ChaCha8Rng::seed_from_u64(21);
     let mut noise = Noise::new(22);

@@ -174,6 +174,55 @@ fn face_diagonals_give_the_squareness_of_their_plane() {
     );
 }
 
+/// Diagonals that scatter by far more than was stated: the squareness is worth little, and a note says so with the files, without a
+/// line that is none.
+#[test]
+fn diagonals_that_scatter_are_noted() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let truth = Machine::parse(GEOMETRY, "truth").expect("a machine");
+    let [a, b, _] = EDGES;
+    let (pp, _) = diagonal(folder.path(), &truth, "pp.csv", [[0.0; 3], [a, b, 0.0]]);
+    let ends = [[a, 0.0, 0.0], [0.0, b, 0.0]];
+    let (np, _) = diagonal(folder.path(), &truth, "np.csv", ends);
+    let table = format!(
+        "[[squareness]]\nerror = \"EC0Y\"\ndiagonals = [{pp}, {np}]\nuncertainty_um = 0.1\n"
+    );
+    let notes = || {
+        let found = calibrated(folder.path(), GEOMETRY, &table);
+        let own = found.warnings.into_iter();
+        own.filter(|note| note.starts_with("EC0Y from diagonals: "))
+            .collect::<Vec<_>>()
+    };
+    let quiet = notes();
+    assert!(
+        !quiet.iter().any(|note| note.contains("uncertaint")),
+        "{quiet:?}"
+    );
+    for name in ["pp.csv", "np.csv"] {
+        let path = folder.path().join(name);
+        let text = fs::read_to_string(&path).expect("read");
+        let scattered: Vec<String> = text
+            .lines()
+            .enumerate()
+            .map(|(line, text)| match text.rsplit_once(',') {
+                Some((before, deviation)) if line > 0 => {
+                    let deviation: f64 = deviation.parse().expect("a number");
+                    let off = 300.0 * (2.7 * line as f64).sin();
+                    format!("{before},{}", deviation + off)
+                }
+                _ => text.to_owned(),
+            })
+            .collect();
+        fs::write(&path, scattered.join("\n")).expect("written");
+    }
+    let found = notes();
+    assert!(
+        found.iter().any(|note| note.contains("uncertaint")),
+        "{found:?}"
+    );
+    assert!(!found.iter().any(|note| note.contains(":0:")), "{found:?}");
+}
+
 fn straight(folder: &Path, name: &str, length: f64, profile: impl Fn(f64) -> f64) {
     let mut csv = String::from("target,deviation\n");
     for step in 0..=12 {

@@ -674,3 +674,68 @@ fn lengths_between_poses_over_the_travel_are_no_small_moves() {
         "{words}"
     );
 }
+
+/// The same name in two files, each of which fits alone; a shifted display of one file where it does not.
+#[test]
+fn a_sphere_at_two_places_is_named() {
+    let lab = Lab::new(MACHINE);
+    let header = "X,Y,Z,C,B,sphere";
+    lab.write("low.csv", &rows(header, 200.0, |_, _, name| *name = "S1"));
+    // Both balls at one name are no sphere: only the first.
+    let only = |text: &str, odd: bool| -> String {
+        let keep = |line: usize| line == 0 || (line % 2 == 1) != odd;
+        let lines = text.lines().enumerate();
+        lines
+            .filter(|(line, _)| keep(*line))
+            .map(|(_, line)| format!("{line}\n"))
+            .collect()
+    };
+    let all = rows(header, 200.0, |_, _, name| *name = "S1");
+    lab.write("low.csv", &only(&all, false));
+    lab.write("high.csv", &only(&all, true));
+    let both = observations(&["low.csv", "high.csv"]);
+    match lab.identify(&both) {
+        Err(error @ IdentifyError::MovedSphere { .. }) => {
+            let words = error.to_string();
+            assert!(
+                words.contains("S1 stands in low.csv and high.csv at different places, 271.")
+                    && words.contains("give it another name in one of them"),
+                "{words}"
+            );
+        }
+        other => panic!("{other:?}"),
+    }
+    // With a name of its own it fits.
+    lab.write("high.csv", &only(&all, true).replace("S1", "S2"));
+    assert!(lab.identify(&both).is_ok());
+}
+
+/// A work offset or a tool length in the display: all X, Y, Z are shifted alike.
+#[test]
+fn shifted_coordinates_are_named() {
+    let by = [30.0, -45.0, 160.0];
+    let text = rows("X,Y,Z,C,B,sphere", 200.0, |_, at, _| {
+        for (at, by) in at.iter_mut().zip(by) {
+            *at += by;
+        }
+    });
+    let Some(Cause::Shifted(shifts)) = cause(&text) else {
+        panic!("{:?}", cause(&text));
+    };
+    // What was added has to be taken away; the spheres were met by some 0.5 µm.
+    for (axis, expected) in [(AxisName::X, -30.0), (AxisName::Y, 45.0)] {
+        let found = shifts.iter().find(|(name, _)| *name == axis);
+        let found = found.expect("a shift").1 as f64 * 1e-3;
+        assert!(
+            (found - expected).abs() < 0.01,
+            "{axis}: {found} {shifts:?}"
+        );
+    }
+    // Along the axis of the table a shift only puts the spheres higher.
+    assert!(
+        shifts.iter().all(|(name, _)| *name != AxisName::Z),
+        "{shifts:?}"
+    );
+    let words = Cause::Shifted(shifts).to_string();
+    assert!(words.contains("work offset or a tool length"), "{words}");
+}

@@ -88,3 +88,58 @@ fn heights_do_not_tell_the_tilts_from_the_places_of_the_spheres() {
         assert_eq!(ezc > 0, spheres.len() == 1, "{what}");
     }
 }
+
+/// C has a `modulo` and was observed over half a turn: the curve closes, and follows what was observed.
+#[test]
+fn a_series_from_half_a_turn_closes() {
+    let lab = Lab::new(MACHINE);
+    let mut text = String::from("X,Y,Z,C,sphere,dx_um,dy_um,dz_um\n");
+    for (place, [x, y, z]) in [[200.0, 0.0, 50.0], [-50.0, 150.0, 50.0]]
+        .into_iter()
+        .enumerate()
+    {
+        for k in 0..13 {
+            let c = 15.0 * f64::from(k);
+            let (sin, cos) = c.to_radians().sin_cos();
+            // A turn of the tip about C by so many µrad.
+            let turn = 25.0 * cos - 12.0 * (2.0 * c.to_radians()).sin();
+            let _ = writeln!(
+                text,
+                "{:?},{:?},{z:?},{c},s{place},{:?},{:?},0",
+                cos * x + sin * y,
+                cos * y - sin * x,
+                -1e-3 * turn * y,
+                1e-3 * turn * x
+            );
+        }
+    }
+    lab.write("s.csv", &text);
+    let found = lab
+        .identify("folds = 0\nunknown = [{ error = \"ECC\", fourier = 2 }]\n[[observation]]\nkind = \"sphere\"\nfile = \"s.csv\"\n")
+        .expect("a curve that closes");
+    assert!(found.residual.max_um < 0.1, "{:?}", found.residual);
+    let at = |c: f64| {
+        let state = found
+            .machine
+            .state(&[(volcomp_vocabulary::AxisName::C, c)])
+            .expect("a state");
+        let none = volcomp_model::Temperatures::default();
+        let error = found
+            .machine
+            .error_at(&state, volcomp_kinematics::Form::Exact, &none);
+        error.rotation_rad.z * 1e6
+    };
+    // 0 and 360 are one place, and half a turn apart it is another: the size is that of what was observed.
+    assert!((at(0.0) - at(360.0)).abs() < 1e-9);
+    let difference = at(0.0) - at(180.0);
+    assert!((difference.abs() - 50.0).abs() < 0.1, "{difference}");
+    let note = found
+        .warnings
+        .iter()
+        .find(|note| note.contains("only guessed there"));
+    let note = note.expect("a note on what was not observed");
+    assert!(
+        note.ends_with("observe it all the way round, or take fewer harmonics"),
+        "{note}"
+    );
+}
