@@ -6,6 +6,7 @@ use volcomp_vocabulary::{Displacement, ErrorName};
 use crate::{
     calibration_file::{CalibrationFile, Location},
     error::CalibrateError,
+    identified::CHANGE,
     lines_share::LinesShare,
     locations::located,
     stages::Stages,
@@ -37,20 +38,31 @@ const FACTORS: [(f64, &str, &str); 5] = [
 
 /// Notes on the location errors of a file that the observations contradict, and would not with another sign or size.
 pub(crate) fn other_values(lines: &LinesShare<'_>) -> Result<Vec<String>, CalibrateError> {
-    let mut turned = Vec::new();
-    for place in 0..lines.file.locations.len() {
+    // The way to the opposite, and more from a value that is much smaller than what may be wanted of it.
+    let step = |value: f64| {
+        if 2.0 * value.abs() > CHANGE {
+            -2.0 * value
+        } else {
+            CHANGE
+        }
+    };
+    let mut changed = Vec::new();
+    for (place, location) in lines.file.locations.iter().enumerate() {
         let mut file = lines.file.clone();
-        file.locations[place].value *= -1.0;
-        turned.push(lines.fitted(&file)?.machine);
+        file.locations[place].value += step(location.value);
+        changed.push(lines.fitted(&file)?.machine);
     }
-    let wanted = lines.response.wanted(&turned)?;
+    let wanted = lines.response.wanted(&changed)?;
     let mut notes = Vec::new();
     for (location, wanted) in lines.file.locations.iter().zip(wanted) {
-        let Some(wanted) = wanted else { continue };
-        // The share is of the way from the value to its opposite.
-        let times = 1.0 - 2.0 * wanted.share;
-        let own = location.uncertainty / location.value.abs();
-        let uncertainty = (2.0 * wanted.uncertainty).hypot(own);
+        let value = location.value;
+        let Some(wanted) = wanted.filter(|_| value != 0.0) else {
+            continue;
+        };
+        // How many times the value is wanted.
+        let one = (step(value) / value).abs();
+        let times = 1.0 + wanted.share * step(value) / value;
+        let uncertainty = (one * wanted.uncertainty).hypot(location.uncertainty / value.abs());
         if (times - 1.0).abs() <= CONTRADICTED * uncertainty {
             continue;
         }
@@ -61,7 +73,7 @@ pub(crate) fn other_values(lines: &LinesShare<'_>) -> Result<Vec<String>, Calibr
                 SIZE_FITS * factor
             };
             // Nothing of the value is not a thousandth of it.
-            (times - factor).abs() < near && times.abs() > 2.0 * wanted.uncertainty
+            (times - factor).abs() < near && times.abs() > one * wanted.uncertainty
         };
         let fitting = FACTORS.iter().find(|(factor, ..)| fits(*factor));
         notes.extend(fitting.map(|factor| contradicted(location, *factor)));
@@ -73,8 +85,9 @@ fn contradicted(location: &Location, (factor, words, why): (f64, &str, &str)) ->
     let error = location.error;
     let [stated, other] = [location.value, factor * location.value]
         .map(|micro| Displacement::from_micro(error.component.kind(), micro));
+    let digits = if location.value.abs() < 1.0 { 4 } else { 1 };
     format!(
-        "{error} in [[location]]: the observations contradict its {stated:.1} and fit with {words}, {other:.1}: {why}"
+        "{error} in [[location]]: the observations contradict its {stated:.digits$} and fit with {words}, {other:.1}: {why}"
     )
 }
 
@@ -138,7 +151,8 @@ pub(crate) fn cancelled(locations: &[Location], found: &[Parameter]) -> Vec<Stri
         let Some(constant) = found.iter().find(|parameter| parameter.name == name) else {
             continue;
         };
-        let part = -constant.value / location.value;
+        // The sign depends on which side of the machine the axis is.
+        let part = (constant.value / location.value).abs();
         let known = constant.uncertainty.unwrap_or(f64::INFINITY);
         if (PARTS[0]..=PARTS[1]).contains(&part) && constant.value.abs() > FOUND * known {
             let [value, stated] = [constant.value, location.value]

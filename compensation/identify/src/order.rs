@@ -32,8 +32,8 @@ const ABSURD_MM: f64 = 1.0;
 const EXPLAINS_ALL: f64 = 0.9;
 /// A change is noted where it explains this share of what is left of its file, or leaves no more than was stated.
 const EXPLAINS: f64 = 0.5;
-/// By chance a change of one number makes the squares smaller by so much once in a hundred million times, and so much more
-/// for each number more. Some ten thousand are looked at.
+/// By chance a change of one number makes the squares smaller by the sum of both less often than once in ten million times, and one
+/// of more numbers by so much more for each. Some ten thousand are looked at.
 const BY_CHANCE: f64 = 25.0;
 const BY_CHANCE_EACH: f64 = 5.0;
 /// A row counts with so many times what is usual in its file at the most, so that slips make no change.

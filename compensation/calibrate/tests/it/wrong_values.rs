@@ -3,7 +3,9 @@
 use std::{fs, path::Path};
 
 use volcomp_calibrate::{CalibrateError, Calibration, CalibrationFile, calibrate};
-use volcomp_model::Machine;
+use volcomp_kinematics::Form;
+use volcomp_model::{Machine, Temperatures};
+use volcomp_vocabulary::AxisName;
 
 use crate::{located::GEOMETRY, observed::tracker};
 
@@ -119,7 +121,7 @@ fn a_value_in_another_unit_halved_or_doubled_is_named() {
         ("11.9", "11.9 µm and fit with twice the value, 23.8 µm"),
         (
             "0.0238",
-            "0.0 µm and fit with 1000 times the value, 23.8 µm",
+            "0.0238 µm and fit with 1000 times the value, 23.8 µm",
         ),
     ] {
         let first = tried(value)
@@ -153,19 +155,49 @@ fn a_value_in_another_unit_halved_or_doubled_is_named() {
 #[test]
 fn a_constant_that_takes_a_stated_value_away_is_named() {
     let folder = tempfile::tempdir().expect("a folder");
-    seen(folder.path(), GEOMETRY, "EY0A = 20.0\n", 1.0);
+    seen(folder.path(), GEOMETRY, "EX0C = 23.8\n", 1.0);
     let warnings = |value: f64| {
         let text = format!(
-            "folds = 0\nunknown = [\"EYA\"]\n[[location]]\nerror = \"EY0A\"\nvalue_um = {value}\nuncertainty_um = 1\n{POINTS}uncertainty_um = 1\n"
+            "folds = 0\nunknown = [\"EXC\"]\n[[location]]\nerror = \"EX0C\"\nvalue_um = {value}\nuncertainty_um = 1\n{POINTS}uncertainty_um = 1\n"
         );
         tried(folder.path(), GEOMETRY, &text)
             .expect("calibrated")
             .warnings
     };
     let is_named =
-        |note: &String| note.contains("EYA constant") && note.contains("takes away much of EY0A");
-    let found = warnings(40.0);
+        |note: &String| note.contains("EXC constant") && note.contains("takes away much of EX0C");
+    let found = warnings(47.6);
     assert!(found.iter().any(is_named), "{found:?}");
-    let found = warnings(20.0);
+    let found = warnings(23.8);
     assert!(!found.iter().any(is_named), "{found:?}");
+}
+
+/// The example of the book: an indicator on the head of Z runs 300 mm up a mandrel on the table, at C 0 and 180°. It reads where the
+/// mandrel is against the tip, along the direction of the dial, and rises where its plunger is pressed in.
+#[test]
+fn a_dial_along_a_mandrel_reads_what_the_book_says() {
+    let geometry = "structure = \"w C' X' b Y Z t\"\naxes.X.travel = [-300, 300]\naxes.Y.travel = [-300, 300]\naxes.Z.travel = [0, 400]\naxes.C.travel = [-360, 360]\n";
+    for (errors, axis, expected_um) in [
+        ("EB0C = 40", 0, 12.0),
+        ("EB0Z = -40", 0, 12.0),
+        ("EA0C = -40", 1, 12.0),
+        ("EA0Z = 40", 1, 12.0),
+        ("EA0C = 40", 1, -12.0),
+        ("EA0C = 40", 0, 0.0),
+    ] {
+        let machine =
+            Machine::parse(&format!("{geometry}[errors]\n{errors}\n"), "truth").expect("a machine");
+        // Tip against mandrel in the axes of the bed; the table has turned by C.
+        let reading = |z: f64, c: f64| {
+            let state = machine
+                .state(&[(AxisName::Z, z), (AxisName::C, c)])
+                .expect("a state");
+            let error = machine.error_at(&state, Form::Exact, &Temperatures::new());
+            let turned = machine.chain().ideal_pose(&state).rotation;
+            -(turned.transpose() * error.position_mm)[axis] * 1e3
+        };
+        let rise = |c: f64| reading(300.0, c) - reading(0.0, c);
+        let found = 0.5 * (rise(0.0) + rise(180.0));
+        assert!((found - expected_um).abs() < 0.01, "{errors}: {found}");
+    }
 }
