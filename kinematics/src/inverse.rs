@@ -51,7 +51,7 @@ pub enum NoSolution {
     /// The rotary axes cannot point the tool that way.
     #[error("the tool axis cannot be reached: the rotary axes miss it by {:.6} deg", miss_rad.to_degrees())]
     ToolAxis {
-        /// The smallest angle that remains, rad.
+        /// The smallest angle that remains, rad; not a number where the tool axis has no direction.
         miss_rad: f64,
     },
     /// The linear axes cannot bring the tip there.
@@ -61,6 +61,9 @@ pub enum NoSolution {
         miss_mm: f64,
     },
 }
+
+/// A tool axis that has no direction, or a rotary axis that is held nowhere.
+const NO_DIRECTION: NoSolution = NoSolution::ToolAxis { miss_rad: f64::NAN };
 
 impl Chain {
     /// The angles at which the ideal chain points the tool along `tool_axis` (workpiece axes, from the tip to the
@@ -75,7 +78,11 @@ impl Chain {
         pair: &[usize],
         held: &State,
     ) -> Result<ArrayVec<Pointing, 2>, NoSolution> {
-        let wanted = tool_axis.normalize();
+        // Scaled first: the square of a large length is infinite, and that of a small one zero.
+        let wanted = (tool_axis / tool_axis.amax()).normalize();
+        if !wanted.iter().all(|x| x.is_finite()) {
+            return Err(NO_DIRECTION);
+        }
         // P·Rot(u₁)·H·Rot(u₂)·K·a = n is Rot(u₁)·Rot(H·u₂)·(H·K·a) = Pᵀ·n; P, H and K are the turns of the held axes.
         let mut turns = [Matrix3::identity(); 3];
         let mut turning: ArrayVec<(usize, Vector3<f64>), 2> = ArrayVec::new();
@@ -354,6 +361,9 @@ fn two_turns(
     );
     let inside = u1 * x + u2 * y;
     let rest = 1.0 - inside.norm_squared();
+    if !rest.is_finite() {
+        return Err(NO_DIRECTION);
+    }
     if rest < 0.0 {
         let polar = |u: &Vector3<f64>, v: &Vector3<f64>| angle_between(u, v);
         let (between, cone1, cone2) = (polar(u1, u2), polar(u1, onto), polar(u2, from));

@@ -249,3 +249,37 @@ fn linear_axes_bring_the_tip_as_near_as_they_can() {
     let left = chain.bring(&mut at, |_| true, &to, |state| chain.ideal_tip_mm(state));
     assert_eq!((left, at), (2.0, State::default()));
 }
+
+/// No type of machine answers with angles that are no numbers; lengths of any size are directions.
+#[test]
+fn a_tool_axis_without_a_direction_is_refused_by_every_type() {
+    let mut rng = seeded(73);
+    for structure in all_types() {
+        let chain = placed(&structure, &mut rng);
+        let (rotary, none) = (rotary(&chain), State::default());
+        let pointing = |axis: [f64; 3]| chain.pointing(&axis.into(), &rotary, &none);
+        for axis in [
+            [0.0; 3],
+            [f64::NAN; 3],
+            [0.0, f64::NAN, 1.0],
+            [f64::INFINITY, 0.0, 0.0],
+        ] {
+            let found = pointing(axis);
+            let is_refused =
+                matches!(found, Err(NoSolution::ToolAxis { miss_rad }) if miss_rad.is_nan());
+            assert!(is_refused, "{structure} {axis:?}: {found:?}");
+        }
+        let unit = tool_axis(&chain, &none);
+        let expected = pointing(unit.into()).unwrap();
+        for length in [1e200, 1e308, 1e-200, 1e-310] {
+            let found = pointing((unit * length).into()).unwrap();
+            assert_eq!(found.len(), expected.len(), "{structure} {length:e}");
+            for (one, other) in found.iter().zip(&expected) {
+                assert!(one.state.q.iter().all(|q| q.is_finite()));
+                let back = tool_axis(&chain, &one.state);
+                assert!((back - unit).norm() < 1e-9, "{structure} {length:e}");
+                assert_eq!(one.free, other.free);
+            }
+        }
+    }
+}
