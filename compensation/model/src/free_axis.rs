@@ -43,6 +43,14 @@ impl Machine {
                 stations[place] = lowest(before.0, after.0, &beyond);
             }
         }
+        // A dip between an end and the station beside it. Over a whole turn the ends are one place, and each looks at its own side.
+        for (end, beside) in [(STEPS, STEPS - 1), (0, 1)] {
+            let ([end, beside], place) = ([stations[end], stations[beside]], end.max(beside));
+            if end.1 > WITHIN && end.1 <= beside.1 {
+                let dip = lowest(end.0.min(beside.0), end.0.max(beside.0), &beyond);
+                stations.insert(place, dip);
+            }
+        }
         let mut ranges: Vec<[f64; 2]> = Vec::new();
         let mut is_open = false;
         for (place, &(q, off)) in stations.iter().enumerate() {
@@ -62,8 +70,8 @@ impl Machine {
         ranges
     }
 
-    /// How far the axis that is furthest beyond its travel is beyond it, mm or rad, with the free axis here; not a number where the
-    /// tip or the direction is not reached at all.
+    /// How far the axis that is furthest beyond its travel is beyond it, mm or rad, with the free axis here; infinite where the tip
+    /// or the direction is not reached at all.
     fn beyond_travel(&self, q: f64, free: usize, target: &Target<'_>) -> f64 {
         let Some(state) = self.with_free(q, free, target) else {
             return f64::INFINITY;

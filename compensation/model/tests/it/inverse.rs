@@ -194,6 +194,38 @@ fn a_free_axis_stands_where_the_linear_axes_reach() {
     );
 }
 
+/// Ranges that are narrower than the steps of the search, next to half a turn: the tip is 100 mm out, so that Y stands at
+/// 100·|sin C|.
+#[test]
+fn a_narrow_range_next_to_half_a_turn_is_found() {
+    let [low, high] = [0.05_f64, 0.15].map(f64::to_radians);
+    let [near_y, far_y] = [low, high].map(|beyond| 100.0 * beyond.sin());
+    for (turns, count) in [
+        ("[-360, 360]", 2),
+        ("[-180, 180]", 1),
+        ("[-179.97, 179.97]", 1),
+    ] {
+        let found = [1.0, -1.0].map(|sign: f64| {
+            let ends = [sign * near_y, sign * far_y];
+            let y = format!("[{}, {}]", ends[0].min(ends[1]), ends[0].max(ends[1]));
+            let axes = format!(
+                "X.travel = [-500, 0]\nY.travel = {y}\nZ.travel = [-500, 500]\nA.travel = [-90, 90]\nC.travel = {turns}"
+            );
+            let table = machine("w C' A' b X Y Z t", &axes);
+            let reached = table.axes_at([100.0, 0.0, 0.0], [0.0, 0.0, 1.0]).unwrap();
+            assert_eq!(reached.solutions.len(), count, "{turns} {sign}: {reached:?}");
+            let ranges = &reached.ranges[0];
+            assert_eq!(ranges.len(), 1, "{turns} {sign}: {ranges:?}");
+            let mut sizes = ranges[0].map(|q| 180.0 - q.to_degrees().abs());
+            sizes.sort_by(f64::total_cmp);
+            near(&sizes, &[0.05, 0.15]);
+            ranges[0][0].signum()
+        });
+        // One next to +180°, the other next to -180°.
+        assert!(found[0] * found[1] < 0.0, "{found:?}");
+    }
+}
+
 /// Whatever the structure: what was reached once with the free axis anywhere is found again.
 #[test]
 fn a_singular_pose_that_was_there_is_found() {
