@@ -10,7 +10,7 @@ use crate::{error::InputError, quoted};
 /// A table with a header, read from CSV text.
 ///
 /// The separator is the one that stands most often in the header, of `,`, `;` and the tab; a first line `sep=;` as
-/// spreadsheets write it is honoured. Where the separator is not a comma, numbers may have a decimal comma, then in
+/// spreadsheets write it is honoured, and lines above the header that begin with `#` are passed over. Where the separator is not a comma, numbers may have a decimal comma, then in
 /// the whole table. Cells may stand in double quotes; blanks around a cell, blank rows and a byte order mark are
 /// passed over. Columns are found by name, whatever their order; their case is ignored.
 #[derive(Clone, Debug)]
@@ -86,12 +86,16 @@ impl CsvTable {
             }
             if record.cells.len() != columns {
                 let row = record.cells.iter().collect::<Vec<_>>();
-                let message = format!(
+                let mut message = format!(
                     "found {} in {}, expected {} as in the header",
                     counted(record.cells.len()),
                     quoted(&row.join(&separator.to_string())),
                     counted(columns)
                 );
+                if separator == ',' && record.cells.len() > columns && has_halves(&record.cells) {
+                    message +=
+                        "; if numbers have decimal commas, separate the columns by semicolons";
+                }
                 return Err(error(record.line, record.span, message));
             }
             rows.push(record);
@@ -272,6 +276,7 @@ impl<'t> Cell<'t> {
 /// Where the table starts in the text, and what separates its cells.
 fn start_and_separator(text: &str) -> (usize, char) {
     let start = if text.starts_with('\u{feff}') { 3 } else { 0 };
+    let start = start + remarks(text.get(start..).unwrap_or_default());
     let rest = text.get(start..).unwrap_or_default();
     let first = rest.lines().next().unwrap_or_default();
     match first.trim().strip_prefix("sep=") {
@@ -284,6 +289,18 @@ fn start_and_separator(text: &str) -> (usize, char) {
             (start, separator_of(header.unwrap_or_default()))
         }
     }
+}
+
+/// How many bytes the lines take at the beginning that begin with `#`, with blank ones among them.
+fn remarks(text: &str) -> usize {
+    let mut length = 0;
+    for line in text.split_inclusive('\n') {
+        if !line.starts_with('#') && !line.trim().is_empty() {
+            break;
+        }
+        length += line.len();
+    }
+    length
 }
 
 fn separator_of(header: &str) -> char {
@@ -350,6 +367,17 @@ fn is_number_with_comma(cell: &str) -> bool {
     cell.matches(',').count() == 1
         && !cell.contains('.')
         && cell.replacen(',', ".", 1).parse::<f64>().is_ok()
+}
+
+/// Whether two neighbouring cells can be the halves of a number with a decimal comma: `12` and `5`.
+fn has_halves(cells: &StringRecord) -> bool {
+    let is_whole = |cell: &str| {
+        let digits = cell.strip_prefix(['-', '+']).unwrap_or(cell);
+        !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_digit())
+    };
+    let behind = cells.iter().skip(1);
+    let mut pairs = cells.iter().zip(behind);
+    pairs.any(|(whole, part)| is_whole(whole) && is_whole(part) && !part.starts_with(['-', '+']))
 }
 
 fn counted(columns: usize) -> String {

@@ -28,6 +28,23 @@ pub fn split_head(head: &str) -> (&str, &str) {
     (name, behind.trim_matches(is_mark))
 }
 
+/// The name and the unit of a head with a unit that is known behind it: `dz` and `um` of `dz_um` and `dz [µm]`, `spindle front` and
+/// `degc` of `spindle front °C`.
+pub fn split_unit(head: &str) -> Option<(&str, &'static str)> {
+    let is_mark = |c: char| c.is_whitespace() || "_-/,:.[](){}".contains(c);
+    let (name, behind) = split_head(head);
+    let (name, unit) = match unit_named(behind) {
+        Some(unit) => (name, unit),
+        // A name with marks or blanks in it.
+        None => {
+            let head = head.trim_end_matches(is_mark);
+            let (name, behind) = head.rsplit_once(is_mark)?;
+            (name.trim_end_matches(is_mark), unit_named(behind)?)
+        }
+    };
+    (!name.is_empty()).then_some((name, unit))
+}
+
 /// A unit by any of its names: `um` for `µm`, `deg` for `°`; `None` where it is none that is known.
 pub fn unit_named(text: &str) -> Option<&'static str> {
     let small = text.to_lowercase();
@@ -54,6 +71,27 @@ mod tests {
             ("_mm", "", "mm"),
         ] {
             assert_eq!(split_head(head), (name, behind), "{head}");
+        }
+    }
+
+    #[test]
+    fn names_may_have_marks_before_their_unit() {
+        for (head, expected) in [
+            ("dz_um", Some(("dz", "um"))),
+            ("dz µm", Some(("dz", "um"))),
+            ("rot [µrad]", Some(("rot", "urad"))),
+            ("spindle_front_degc", Some(("spindle_front", "degc"))),
+            ("spindle front °C", Some(("spindle front", "degc"))),
+            ("spindle front [°C]", Some(("spindle front", "degc"))),
+            ("t1°C", Some(("t1", "degc"))),
+            ("time_s", None),
+            ("dz", None),
+            ("um", None),
+            ("_um", None),
+            ("µm", None),
+            ("", None),
+        ] {
+            assert_eq!(split_unit(head), expected, "{head}");
         }
     }
 

@@ -10,12 +10,14 @@ mod quoted;
 mod read;
 mod syntax;
 mod toml_file;
+mod written;
 
 pub use csv_file::{Cell, Column, CsvRow, CsvTable};
 pub use error::InputError;
 pub use file_kind::FileKind;
-pub use head::{split_head, unit_named};
+pub use head::{split_head, split_unit, unit_named};
 pub use nearest::nearest;
 pub use quoted::quoted;
 pub use read::{ReadError, read_text};
 pub use toml_file::{Document, Section, Value};
+pub use written::{csv_cell, toml_key, toml_string};

@@ -4,11 +4,18 @@
 pub fn quoted(text: &str) -> String {
     const LONGEST: usize = 60;
     let mut characters = text.chars();
-    let shown: String = characters
-        .by_ref()
-        .take(LONGEST)
-        .flat_map(char::escape_debug)
-        .collect();
+    let shown: String =
+        characters
+            .by_ref()
+            .take(LONGEST)
+            .fold(String::new(), |mut shown, character| {
+                match character {
+                    // What stands in quotes in a table is shown as it stands there.
+                    '"' | '\'' | '\\' => shown.push(character),
+                    _ => shown.extend(character.escape_debug()),
+                }
+                shown
+            });
     let cut = if characters.next().is_some() {
         "…"
     } else {

@@ -18,6 +18,13 @@ pub(crate) fn message(text: &str, span: &Range<usize>, parser: &str) -> String {
             shown(code)
         );
     }
+    if parser.starts_with("unexpected leading zero")
+        && let Some((whole, part)) = decimal_comma_at(text, at)
+    {
+        return format!(
+            "found `{whole},{part}`, expected a decimal point: {whole}.{part} (TOML has no decimal commas)"
+        );
+    }
     let Some(value) = code.split_once('=').map(|(_, value)| value.trim()) else {
         return parser.to_owned();
     };
@@ -80,6 +87,18 @@ fn decimal_comma_inside(value: &str) -> Option<(&str, &str, &str)> {
         }
     }
     None
+}
+
+/// The digits before and behind a comma that stands right before this place: in a list such a number is two.
+fn decimal_comma_at(text: &str, at: usize) -> Option<(&str, &str)> {
+    let before = text.get(..at)?.strip_suffix(',')?;
+    let whole = before
+        .rsplit(|c: char| !c.is_ascii_digit() && c != '-' && c != '+')
+        .next()?;
+    let behind = text.get(at..)?;
+    let end = behind.find(|c: char| !c.is_ascii_digit());
+    let part = &behind[..end.unwrap_or(behind.len())];
+    (!whole.is_empty() && !part.is_empty()).then_some((whole, part))
 }
 
 /// A piece of the file, cut when long.

@@ -2,13 +2,14 @@
 
 use core::fmt::Write;
 
+use volcomp_document::toml_string;
 use volcomp_kinematics::MotionFrame;
 
 use crate::{curve_file::write_error_curve, machine::Machine, thermal::Thermal, tool::Tool};
 
 /// The machine file without its checksum: fixed order, fixed spelling.
 pub(super) fn canonical(machine: &Machine) -> String {
-    let mut text = format!("name = {}\n", quoted(&machine.name));
+    let mut text = format!("name = {}\n", toml_string(&machine.name));
     let mut line = |content: String| {
         text.push_str(&content);
         text.push('\n');
@@ -39,7 +40,11 @@ pub(super) fn canonical(machine: &Machine) -> String {
     line("\n[tool]".to_owned());
     line(write_tool(machine.tool()));
     for (name, tool) in machine.tools() {
-        line(format!("[tools.{}]\n{}", quoted(name), write_tool(tool)));
+        line(format!(
+            "[tools.{}]\n{}",
+            toml_string(name),
+            write_tool(tool)
+        ));
     }
     line(format!(
         "[workpiece]\norigin = {:?}",
@@ -95,7 +100,7 @@ fn write_thermal(thermal: &Thermal) -> String {
             text,
             "\n[[thermal.expansion]]\nerror = \"{}\"\nsensor = {}\num_per_m_k = {:?}\nfixed_mm = {:?}\n",
             term.error,
-            quoted(&term.sensor),
+            toml_string(&term.sensor),
             term.um_per_m_k,
             term.fixed_mm
         );
@@ -104,7 +109,7 @@ fn write_thermal(thermal: &Thermal) -> String {
         let sensors: Vec<String> = term
             .sensors
             .iter()
-            .map(|(name, weight)| format!("{} = {weight:?}", quoted(name)))
+            .map(|(name, weight)| format!("{} = {weight:?}", toml_string(name)))
             .collect();
         let unit = term.error.component.unit();
         let _ = write!(
@@ -121,7 +126,7 @@ fn write_thermal(thermal: &Thermal) -> String {
             text,
             "\n[[thermal.seen]]\nerror = \"{}\"\nsensor = {}\ndegc = {:?}\n",
             seen.error,
-            quoted(&seen.sensor),
+            toml_string(&seen.sensor),
             seen.degc
         );
         if let Some(rates) = seen.k_per_min {
@@ -129,9 +134,4 @@ fn write_thermal(thermal: &Thermal) -> String {
         }
     }
     text
-}
-
-/// A text as a TOML basic string, in quotes.
-fn quoted(text: &str) -> String {
-    toml::Value::String(text.to_owned()).to_string()
 }

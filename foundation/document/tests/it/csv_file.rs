@@ -23,6 +23,8 @@ fn every_usual_way_to_write_a_table_gives_the_same_numbers() {
         "sep=;\r\nX;Y\r\n1,5;-20\r\n0,25;1e3\r\n",
         "Y;note;X\n-20;\"a;b\";1,5\n1e3;;0,25\n",
         "X;Y;\n1,5;-20;\n;;\n0,25;1e3;;;\n",
+        "# Measured by hand, in the evening; X first\n#\n\nX,Y\n1.5,-20\n0.25,1e3\n",
+        "\u{feff}#, a, b, c\r\nX;Y\r\n1,5;-20\r\n0,25;1e3\r\n",
         "\"X\",\"Y\"\n\"1.5\",\"-20\"\n0.25,1e3\n",
     ] {
         assert_eq!(columns_x_y(text).unwrap(), expected, "{text:?}");
@@ -86,4 +88,25 @@ proptest! {
         prop_assert_eq!(&columns_x_y(&text.replace('.', ",")).unwrap(), &expected);
         prop_assert_eq!(&columns_x_y(&text.replace(';', ",")).unwrap(), &expected);
     }
+}
+
+#[test]
+fn remarks_count_as_lines_and_halves_of_numbers_are_told() {
+    let told = |text: &str| columns_x_y(text).expect_err(text).to_string();
+    let message = told("# a\n# b\nX,Y\n1,x\n");
+    assert!(message.starts_with("p.csv:4: Y: "), "{message}");
+    let hint = "; if numbers have decimal commas, separate the columns by semicolons";
+    let message = told("X,Y\n1,5,-20,0\n");
+    assert!(
+        message.contains("found 4 columns") && message.ends_with(hint),
+        "{message}"
+    );
+    let message = told("X,Y\n1.5,-20.5,3.5\n");
+    assert!(
+        message.contains("found 3 columns") && !message.contains(hint),
+        "{message}"
+    );
+    // What stands in quotes is shown as it is.
+    let message = told("\"X \"\"a\"\"\",Z\n1,2\n");
+    assert!(message.contains("found `X \"a\",Z`"), "{message}");
 }

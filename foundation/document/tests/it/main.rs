@@ -191,6 +191,14 @@ fn text_that_is_no_toml_is_told_in_words_of_the_file() {
             "f.toml:1: found `12,5`, expected a decimal point: 12.5",
         ),
         (
+            "point = [0, 0,05, -550]",
+            "f.toml:1: found `0,05`, expected a decimal point: 0.05 (TOML has no decimal commas)",
+        ),
+        (
+            "at = 1\npoint = [\n  -3,007,\n]",
+            "f.toml:3: found `-3,007`, expected a decimal point: -3.007 (TOML has no decimal commas)",
+        ),
+        (
             "a = oops",
             "f.toml:1: found `oops`, expected a number (12.5), a text in quotes (\"X\"), true or false",
         ),

@@ -2,6 +2,7 @@
 
 use std::{collections::BTreeMap, fmt::Write as _};
 
+use volcomp_document::{toml_key, toml_string};
 use volcomp_fit::{ThermalEffect, ThermalTerms};
 
 use super::Channel;
@@ -89,7 +90,7 @@ pub(super) fn toml(channel: &Channel, sensors: &[String], reference_degc: f64) -
         let _ = write!(
             text,
             "[[thermal.expansion]]\nerror = \"{error}\"\nsensor = {}\num_per_m_k = {:.6}\nfixed_mm = {:.3}\n",
-            quoted(&term.sensor),
+            toml_string(&term.sensor),
             term.um_per_m_k,
             term.fixed_mm
         );
@@ -97,7 +98,7 @@ pub(super) fn toml(channel: &Channel, sensors: &[String], reference_degc: f64) -
     for (lag_s, weights) in drift {
         let weights = weights
             .iter()
-            .map(|(name, k)| format!("{} = {k:.6}", key(name)));
+            .map(|(name, k)| format!("{} = {k:.6}", toml_key(name)));
         let _ = write!(
             text,
             "[[thermal.drift]]\nerror = \"{error}\"\nsensors = {{ {} }}\n{unit}_per_k = 1.0\nlag_s = {lag_s:.1}\n",
@@ -114,7 +115,7 @@ pub(super) fn toml(channel: &Channel, sensors: &[String], reference_degc: f64) -
         let _ = write!(
             text,
             "[[thermal.seen]]\nerror = \"{error}\"\nsensor = {}\ndegc = [{low:.2}, {high:.2}]\nk_per_min = [{fall:.4}, {rise:.4}]\n",
-            quoted(sensor)
+            toml_string(sensor)
         );
     }
     text
@@ -124,18 +125,4 @@ pub(super) fn toml(channel: &Channel, sensors: &[String], reference_degc: f64) -
 fn outwards([low, high]: [f64; 2], parts: f64) -> [f64; 2] {
     let (low, high) = ((low * parts).floor(), (high * parts).ceil());
     [low / parts, high.max(low + 1.0) / parts]
-}
-
-/// A name as a key of TOML, bare where it can be.
-fn key(name: &str) -> String {
-    let is_bare = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
-    if !name.is_empty() && name.chars().all(is_bare) {
-        return name.to_owned();
-    }
-    quoted(name)
-}
-
-/// A text as a TOML string, in quotes.
-fn quoted(text: &str) -> String {
-    toml::Value::String(text.to_owned()).to_string()
 }
