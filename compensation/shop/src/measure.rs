@@ -6,6 +6,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use volcomp_calibrate::{HOLDS_LOCATION, LineOfSight, Method, SetUp, location_seen};
+use volcomp_document::toml_string;
 use volcomp_kinematics::{ErrorMotion, ErrorSource, State};
 use volcomp_metrology::{
     DeviationUnit, Measurement, MotionKind, TiltReading, squareness_parts, tilt_sign, write_csv,
@@ -66,7 +67,8 @@ impl Shop {
             let (name, text) = self.measurement_file(line, &measurement);
             let setup = line.setup.to_toml(&self.truth);
             // Writing to a String cannot fail.
-            let _ = write!(calibration, "\n[[measurement]]\n{setup}file = \"{name}\"\n");
+            let file = toml_string(&name);
+            let _ = write!(calibration, "\n[[measurement]]\n{setup}file = {file}\n");
             if let Some(curve) = line.curve {
                 let _ = writeln!(calibration, "curve = {}", curve.to_toml());
             }

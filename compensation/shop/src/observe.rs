@@ -11,6 +11,7 @@ use std::fmt::Write;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+use volcomp_document::{csv_cell, toml_string};
 use volcomp_identify::Approach;
 use volcomp_kinematics::{
     State,
@@ -69,10 +70,11 @@ impl Shop {
             "machine = \"{machine}\"\nunknown = [\n{}]\n",
             unknown.concat()
         );
-        for (index, observation) in self.observations.iter().enumerate() {
+        let numbers = sphere_numbers(&self.observations);
+        for ((index, observation), spheres) in self.observations.iter().enumerate().zip(numbers) {
             let mut random = ChaCha8Rng::seed_from_u64(self.seed);
             random.set_stream(FIRST_STREAM + index as u64);
-            let made = Observer::new(&self.truth, observation, random)
+            let made = Observer::new(&self.truth, observation, spheres, random)
                 .and_then(Observer::observe)
                 .map_err(|source| ShopError::Observation {
                     name: observation.name.clone(),
@@ -87,10 +89,32 @@ impl Shop {
     }
 }
 
+/// The numbers of the spheres of each observation, from 1, in their names S1, S2, …: the file of observations has one sphere by each
+/// name. Spheres at one place are one sphere.
+fn sphere_numbers(observations: &[ShopObservation]) -> Vec<Vec<usize>> {
+    let mut places: Vec<[f64; 3]> = Vec::new();
+    let mut number = |centre: &[f64; 3]| {
+        let known = places.iter().position(|place| place == centre);
+        known.unwrap_or_else(|| {
+            places.push(*centre);
+            places.len() - 1
+        }) + 1
+    };
+    observations
+        .iter()
+        .map(|observation| match &observation.setting {
+            Setting::Sphere { centres, .. } => centres.iter().map(&mut number).collect(),
+            _ => Vec::new(),
+        })
+        .collect()
+}
+
 /// An instrument at the truth machine.
 struct Observer<'a> {
     truth: &'a Machine,
     what: &'a ShopObservation,
+    /// The number of each of its spheres.
+    spheres: Vec<usize>,
     tools: Tools<'a>,
     free_axes: FreeAxes,
     random: ChaCha8Rng,
@@ -113,7 +137,7 @@ impl Tools<'_> {
     fn cell(&self, pose: usize) -> String {
         match self.at(pose).0 {
             "" => String::new(),
-            tool => format!("{tool},"),
+            tool => format!("{},", csv_cell(tool)),
         }
     }
 }
@@ -122,6 +146,7 @@ impl<'a> Observer<'a> {
     fn new(
         truth: &'a Machine,
         what: &'a ShopObservation,
+        spheres: Vec<usize>,
         random: ChaCha8Rng,
     ) -> Result<Self, ObservationError> {
         let mut machines = Vec::new();
@@ -138,6 +163,7 @@ impl<'a> Observer<'a> {
         Ok(Self {
             truth,
             what,
+            spheres,
             tools: Tools(machines),
             free_axes: FreeAxes::new(truth, &what.at),
             random,
@@ -241,7 +267,8 @@ impl<'a> Observer<'a> {
             ""
         };
         format!(
-            "\n[[observation]]\nkind = \"{kind}\"\nfile = \"{file}\"\nuncertainty_um = {}\n{drift}",
+            "\n[[observation]]\nkind = \"{kind}\"\nfile = {}\nuncertainty_um = {}\n{drift}",
+            toml_string(file),
             number(uncertainty_um)
         )
     }

@@ -181,8 +181,16 @@ fn decode_measurement(
         }
         (None, None) => return Err(section.error("key `error` (or `errors`) is missing")),
     };
+    if named.is_empty() {
+        return Err(section.error("found no error in `errors`, expected at least one"));
+    }
+    let mut errors: Vec<ErrorName> = Vec::new();
     for value in &named {
         let error = decode_motion(value, truth)?;
+        if errors.contains(&error) {
+            return Err(value.error(format!("{error} stands twice")));
+        }
+        errors.push(error);
         let name = match section.get("file") {
             Some(file) if named.len() > 1 => {
                 return Err(file.error("one file for several errors, expected `error` with it"));

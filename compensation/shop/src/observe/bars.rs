@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 
+use volcomp_document::toml_string;
 use volcomp_kinematics::{
     State,
     nalgebra::{Matrix3, Vector3},
@@ -163,7 +164,8 @@ impl Observer<'_> {
         let side: Vec<String> = real.axes.column(1).iter().map(|x| number(*x)).collect();
         let _ = writeln!(
             tables,
-            "row = \"{row_file}\"\nside1 = [{}]",
+            "row = {}\nside1 = [{}]",
+            toml_string(&row_file),
             side.join(", ")
         );
         Ok(Made {

@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 
+use volcomp_document::toml_string;
 use volcomp_kinematics::nalgebra::{Rotation3, Vector3};
 
 use super::{Made, Observer, push_row};
@@ -45,7 +46,7 @@ impl Observer<'_> {
         if target.is_some() {
             let tools = self.what.tools.iter();
             let by_tool: Vec<String> = tools
-                .map(|tool| format!("{tool:?} = \"unknown\""))
+                .map(|tool| format!("{} = \"unknown\"", toml_string(tool)))
                 .collect();
             let targets = if by_tool.is_empty() {
                 "\"unknown\"".to_owned()

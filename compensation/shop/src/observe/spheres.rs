@@ -137,7 +137,8 @@ impl Observer<'_> {
         let (state, read) = self.at_centre(pose, state, centre, &Matrix3::identity(), reads)?;
         let (at, tool) = (self.coordinates(&state), self.tools.cell(pose));
         let mut row = String::new();
-        push_offset(&mut row, &format!("{at}{tool}S{}", sphere + 1), read);
+        let number = self.spheres.get(sphere).copied().unwrap_or(sphere + 1);
+        push_offset(&mut row, &format!("{at}{tool}S{number}"), read);
         Ok(row)
     }
 

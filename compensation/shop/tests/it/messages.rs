@@ -154,3 +154,22 @@ fn what_is_wrong_with_an_observation_built_in_code_is_named() {
         assert!(error.to_string().contains(expected), "{error}");
     }
 }
+
+/// As in the calibration file that would be written.
+#[test]
+fn a_measurement_names_each_error_once_and_at_least_one() {
+    for (errors, expected) in [
+        (
+            "[]",
+            "shop.toml:2: measurement[0]: found no error in `errors`, expected at least one",
+        ),
+        ("[\"EXX\", \"EYX\", \"EXX\"]", "EXX stands twice"),
+    ] {
+        let text = format!("machine = \"truth.toml\"\n[[measurement]]\nerrors = {errors}\n");
+        let error = shop(&text).expect_err(errors).to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+    // Two lines of one error are two tables.
+    let line = "[[measurement]]\nerror = \"EXX\"\n";
+    shop(&format!("machine = \"truth.toml\"\n{line}{line}")).expect("a valid shop");
+}

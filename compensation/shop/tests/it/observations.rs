@@ -352,3 +352,61 @@ fn noise_is_that_of_the_shop_and_a_seed_repeats_itself() {
     assert!(clean[2].1.contains("uncertainty_um = 0.001"));
     assert!(noisy[2].1.contains("uncertainty_um = 2\n"));
 }
+
+/// The names in the column `sphere` of a row file, each once, in their order.
+fn spheres(folder: &Path, file: &str) -> Vec<String> {
+    let table = table(folder, file);
+    let place = table.0.iter().position(|name| name == "sphere");
+    let place = place.expect("the column");
+    let mut names: Vec<String> = table.1.into_iter().map(|row| row[place].clone()).collect();
+    names.dedup();
+    names
+}
+
+/// Two tables with spheres of their own, and a third one at a place of each: what was observed finds the truth.
+#[test]
+fn spheres_of_several_tables_have_names_of_their_own() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let tables = [
+        "[[50.0, -40.0, 300.0]]",
+        "[[-60.0, 30.0, 250.0], [50.0, 60.0, 200.0]]",
+        "[[50.0, 60.0, 200.0], [50.0, -40.0, 300.0]]",
+    ];
+    let tables = tables.map(|centres| {
+        format!("[[observation]]\nkind = \"sphere\"\nposes = 12\ncentres = {centres}\n")
+    });
+    let text = format!("seed = 3\nunknown = [\"EX0B\"]\n{}", tables.concat());
+    write(folder, &shop(folder, HEAD, &text));
+    assert_eq!(spheres(folder, "sphere.csv"), ["S1"]);
+    assert_eq!(spheres(folder, "sphere-2.csv"), ["S2", "S3"]);
+    assert_eq!(spheres(folder, "sphere-3.csv"), ["S3", "S1"]);
+    identified(folder);
+}
+
+/// Names with what TOML and CSV read as signs of their own come back as they were.
+#[test]
+fn names_are_read_back_whatever_stands_in_them() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    // As TOML reads them.
+    let tools = [r#""T1, long""#, r#"'T"2"'"#, r##""# T3""##, r#""T\u200B4""#];
+    let mut truth = HEAD.to_owned();
+    for (place, name) in tools.iter().enumerate() {
+        truth += &format!("[tools.{name}]\ntip = [0.0, 0.0, {}]\n", 120 + 10 * place);
+    }
+    let names = format!("[{}]", tools.join(", "));
+    let text = format!(
+        "format = \"csv\"\nunknown = [\"EX0B\"]\n[[measurement]]\nerror = \"EXX\"\nfile = 'x\"line'\n\
+         [[observation]]\nkind = \"points\"\nfile = 'a\"b'\nposes = 40\nframe = [900, -500, 200, 0, 0, 120]\ntarget = [1, 2, 3]\ntools = {names}\n\
+         [[observation]]\nkind = \"ball-row\"\nfile = 'c,\"d'\norigin = [-100.0, 10.0, 300.0]\ndirection = [1, 0, 0]\ndistances = [0, 60]\ntools = {names}\n"
+    );
+    let shop = shop(folder, &truth, &text);
+    write(folder, &shop);
+    // The machine that the observations start from.
+    let machine = fs::read_to_string(folder.join("machine.toml")).expect("written");
+    fs::write(folder.join("calibrated.toml"), machine).expect("written");
+    let file = Observations::read(&folder.join("observations.toml")).expect("read back");
+    assert!(!file.observations.is_empty());
+    volcomp_calibrate::CalibrationFile::read(&folder.join("calibration.toml")).expect("read back");
+}
