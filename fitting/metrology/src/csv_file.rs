@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fmt::Write as _;
 
-use volcomp_document::{Column, CsvRow, CsvTable, quoted};
+use volcomp_document::{Column, CsvRow, CsvTable, quoted, unit_named};
 use volcomp_vocabulary::{AxisKind, AxisName};
 
 use crate::csv_head::{is_target_unit, unit_of};
@@ -55,6 +55,7 @@ pub fn parse_csv(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
         name: name.into(),
         unit: columns.unit.map(ReadingUnit::held_in),
         stated: columns.unit,
+        target_unit: columns.target_unit.map(str::to_owned),
         readings: read.readings,
         notes,
         ..Measurement::default()
@@ -94,6 +95,8 @@ pub fn write_csv(measurement: &Measurement) -> String {
 /// Where the quantities of a reading stand.
 struct Columns {
     target: Column,
+    /// The unit in the head of the targets, `mm` or `deg`.
+    target_unit: Option<&'static str>,
     deviation: Column,
     /// The unit in the head of the deviations.
     unit: Option<ReadingUnit>,
@@ -137,6 +140,7 @@ impl Columns {
         };
         Ok(Self {
             target,
+            target_unit: unit_named(target_unit),
             deviation,
             unit,
             run_and_direction,

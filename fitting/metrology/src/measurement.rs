@@ -1,6 +1,6 @@
 //! Readings of one measurement as plain data: units, metadata, environment, and means over targets.
 
-use volcomp_vocabulary::Direction;
+use volcomp_vocabulary::{AxisName, Direction};
 
 use crate::{MetrologyError, ReadingUnit};
 
@@ -118,6 +118,9 @@ pub struct Measurement {
     /// The unit in which the file has the deviations, where its header states one (CSV).
     #[cfg_attr(feature = "serde", serde(default))]
     pub stated: Option<ReadingUnit>,
+    /// The unit of the targets, `mm` or `deg`, where the header of the file states it (CSV).
+    #[cfg_attr(feature = "serde", serde(default))]
+    pub target_unit: Option<String>,
     /// All readings, in the order of the file.
     pub readings: Vec<Reading>,
     /// The statements of the file about itself and its machine.
@@ -149,6 +152,23 @@ impl Measurement {
     /// Whether any reading was taken in this direction.
     pub fn has(&self, direction: Direction) -> bool {
         self.readings.iter().any(|r| r.direction == direction)
+    }
+
+    /// Looks whether the targets are in the unit of the coordinates of an axis, where the file states theirs.
+    ///
+    /// # Errors
+    /// Targets in deg of a linear axis, in mm of a rotary one.
+    pub fn check_targets(&self, axis: AxisName) -> Result<(), MetrologyError> {
+        let expected = axis.kind().coordinate_unit();
+        match &self.target_unit {
+            Some(found) if found != expected => Err(MetrologyError::Readings {
+                name: self.name.clone(),
+                what: "the head of the targets".to_owned(),
+                found: format!("`target {found}`"),
+                expected: format!("`target` or `target {expected}` for axis {axis}"),
+            }),
+            _ => Ok(()),
+        }
     }
 
     /// Looks whether each target was read in each direction that was run: with a target lacking in one of them, means over

@@ -51,6 +51,7 @@ pub fn parse_renishaw(
         name: name.into(),
         unit: Some(kind.unit()),
         stated: None,
+        target_unit: None,
         readings: readings.into_iter().map(in_memory).collect(),
         metadata,
         environment,

@@ -170,3 +170,28 @@ fn a_table_cut_anywhere_is_refused_or_noted() {
     let error = csv(&BIDIRECTIONAL[..inside_the_last_number]).unwrap_err();
     assert!(matches!(error, MetrologyError::Truncated(_)));
 }
+
+#[test]
+fn targets_are_in_the_unit_of_their_axis() {
+    for (head, fits_x, fits_c) in [
+        ("target", true, true),
+        ("target_mm", true, false),
+        ("Target [deg]", false, true),
+        ("target °", false, true),
+    ] {
+        let text = format!("{head},deviation\n0,1\n10,2\n");
+        let measurement = parse_csv(text.as_bytes(), "m.csv").unwrap();
+        for (axis, fits) in [("X", fits_x), ("C", fits_c)] {
+            let checked = measurement.check_targets(axis.parse().unwrap());
+            assert_eq!(checked.is_ok(), fits, "{head} {axis}");
+        }
+    }
+    let measurement = parse_csv(b"target deg,deviation\n0,1\n", "m.csv").unwrap();
+    assert_eq!(
+        measurement
+            .check_targets("X".parse().unwrap())
+            .unwrap_err()
+            .to_string(),
+        "m.csv: the head of the targets: found `target deg`, expected `target` or `target mm` for axis X"
+    );
+}
