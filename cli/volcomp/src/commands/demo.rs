@@ -10,7 +10,7 @@ use volcomp_model::{Diagonal, Machine, Temperatures, corrected, diagonals, quant
 use volcomp_shop::Shop;
 use volcomp_vocabulary::{Direction, ErrorName};
 
-use super::{Answer, calibrate, fixed, simulate, table, table_text};
+use super::{Answer, calibrate, fixed, simulate, simulated_files::write_listed, table, table_text};
 use crate::{
     answers::simulate::{self as answers, Demo as Document},
     demo::{
@@ -99,14 +99,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
 
 /// Laser files of the truth machine, and the machine that their calibration finds.
 fn measure_and_calibrate(shop: &Shop, folder: &Path) -> Result<Machine, Failure> {
+    simulate::make(folder)?;
+    write_listed(folder, &[("truth.toml", TRUTH), ("shop.toml", SHOP)])?;
     simulate::write(shop, folder)?;
-    super::write_file(&folder.join("truth.toml"), TRUTH)?;
-    super::write_file(&folder.join("shop.toml"), SHOP)?;
     let file = CalibrationFile::read(&folder.join("calibration.toml"))?;
     let calibration = calibrate::fit(&file)?;
-    super::write_file(
-        &folder.join("calibrated.toml"),
-        &calibration.machine.to_toml(),
+    write_listed(
+        folder,
+        &[("calibrated.toml", &calibration.machine.to_toml())],
     )?;
     Ok(calibration.machine)
 }

@@ -29,6 +29,7 @@ pub(crate) mod probe;
 mod same_machine;
 pub(crate) mod sensitivity;
 pub(crate) mod simulate;
+mod simulated_files;
 mod uncertainty;
 
 use std::path::{Path, PathBuf};

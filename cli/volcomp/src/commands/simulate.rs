@@ -7,10 +7,13 @@ use std::{
 
 use volcomp_shop::{CALIBRATED, Shop, ShopError};
 
-use super::{Answer, same_file};
+use super::{Answer, same_file, simulated_files::List};
 use crate::{answers::simulate::Simulate, failure::Failure, output::OutputFile, progress};
 
 /// The virtual shop: makes measurement files of a truth machine and the files that read them
+///
+/// Files of an earlier run are written over, others never: a file that is not as this command wrote it, or that it did not write,
+/// is refused, and nothing is written then. Which it wrote stands in simulated-files.txt in the folder.
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
     /// Shop file (TOML): truth machine, instrument, lines, observations
@@ -68,10 +71,17 @@ fn next(folder: &Path, lines: bool, observations: bool) -> Vec<String> {
     }
 }
 
-/// A path as one word of a command line.
+/// A path as one word of a command line, and no option of it.
 fn for_shell(path: &str) -> String {
-    let is_plain = |c: char| c.is_alphanumeric() || "/\\._-:~+,@".contains(c);
-    if path.chars().all(is_plain) {
+    if path.starts_with('-') {
+        return for_shell(&format!("./{path}"));
+    }
+    let is_plain = |c: char| {
+        let separates = cfg!(windows) && c == '\\';
+        c.is_alphanumeric() || "/._-:~+,@".contains(c) || separates
+    };
+    // A shell reads a `~` at the beginning as the home folder; in double quotes it does not.
+    if path.chars().all(is_plain) && !path.starts_with('~') {
         path.to_owned()
     } else if path.chars().all(|c| is_plain(c) || c == ' ') {
         format!("\"{path}\"")
@@ -103,17 +113,16 @@ pub(crate) struct Written {
 /// Writes every file of a shop into a folder.
 pub(crate) fn write(shop: &Shop, folder: &Path) -> Result<Written, Failure> {
     refuse_inputs(shop, folder)?;
-    std::fs::create_dir_all(folder).map_err(|e| {
-        Failure::Input(format!(
-            "{}: cannot be made a folder: {e}",
-            folder.display()
-        ))
-    })?;
+    make(folder)?;
+    let mut list = List::read(folder)?;
     // Whether the folder can be written in is known before work starts.
     let first = OutputFile::open(&folder.join("machine.toml"))?;
     let bar = progress::bar(shop.count(), "lines and observations measured");
     let files = shop.files(|done, _| bar.set_position(done as u64))?;
     bar.finish_and_clear();
+    for (name, text) in &files {
+        list.refuse_others(folder, name, text)?;
+    }
     let mut first = Some(first);
     let mut written = Written {
         names: Vec::new(),
@@ -130,9 +139,21 @@ pub(crate) fn write(shop: &Shop, folder: &Path) -> Result<Written, Failure> {
         };
         file.append(text.as_bytes())?;
         file.finish()?;
+        list.add(&name, &text);
         written.names.push(name);
     }
+    list.write(folder)?;
     Ok(written)
+}
+
+/// Makes a folder where there is none.
+pub(crate) fn make(folder: &Path) -> Result<(), Failure> {
+    std::fs::create_dir_all(folder).map_err(|e| {
+        Failure::Input(format!(
+            "{}: cannot be made a folder: {e}",
+            folder.display()
+        ))
+    })
 }
 
 /// Refuses a folder in which a file would be written over one that the shop reads.

@@ -129,6 +129,76 @@ fn files_of_an_earlier_run_are_counted() {
     assert_eq!(document["replaced"], document["files"]);
 }
 
+/// What somebody else wrote, or changed since, is not written over, whichever of the files it is; nothing at all is written then.
+#[test]
+fn files_of_others_are_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    fs::write(folder.join("truth.toml"), TRUTH).expect("written");
+    let shop = |seed: u8| {
+        let text = format!(
+            "machine = \"truth.toml\"\nseed = {seed}\n{UNKNOWN}[instrument]\nnoise_um = 1.0\n{LINES}{OBSERVED}noise_um = 1.0\n"
+        );
+        fs::write(folder.join("shop.toml"), text).expect("written");
+        simulated(folder, "shop.toml", "out")
+    };
+    let refused = |seed: u8, name: &str| {
+        let before = written(&folder.join("out"));
+        let output = shop(seed);
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{name}: {message}");
+        let expected = format!("out/{name}: found a file that `volcomp simulate` did not write");
+        let message = message.replace('\\', "/");
+        assert!(message.contains(&expected), "{message}");
+        assert_eq!(written(&folder.join("out")), before, "{name}");
+    };
+    let out = folder.join("out");
+    fs::create_dir(&out).expect("made");
+    for name in [
+        "machine.toml",
+        "exx.rtl",
+        "points.csv",
+        "simulated-files.txt",
+    ] {
+        fs::write(out.join(name), "structure = \"by hand\"\n").expect("written");
+        refused(1, name);
+        fs::remove_file(out.join(name)).expect("removed");
+    }
+    for seed in [1, 2, 2] {
+        assert_eq!(shop(seed).status.code(), Some(0));
+    }
+    // Own readings in the place of simulated ones.
+    let own = written(&out)["points.csv"].clone() + "\n";
+    fs::write(out.join("points.csv"), own).expect("written");
+    refused(3, "points.csv");
+    fs::remove_file(out.join("points.csv")).expect("removed");
+    assert_eq!(shop(3).status.code(), Some(0));
+    // Without the list the files of this run itself are no loss, those of another are.
+    fs::remove_file(out.join("simulated-files.txt")).expect("removed");
+    assert_eq!(shop(3).status.code(), Some(0));
+    fs::remove_file(out.join("simulated-files.txt")).expect("removed");
+    refused(4, "exx.rtl");
+    let help = run(folder, &["simulate", "--help"]);
+    let help = String::from_utf8_lossy(&help.stdout).into_owned();
+    assert!(help.contains("simulated-files.txt"), "{help}");
+}
+
+/// The demo keeps its files by the same rule.
+#[test]
+fn the_demo_writes_over_no_files_of_others() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    fs::write(folder.join("shop.toml"), "by hand\n").expect("written");
+    let refused = run(folder, &["demo", "-o", "."]);
+    assert_eq!(refused.status.code(), Some(2), "{refused:?}");
+    assert_eq!(written(folder).len(), 1);
+    fs::remove_file(folder.join("shop.toml")).expect("removed");
+    for curve in ["poly", "mls"] {
+        let again = run(folder, &["demo", "-o", ".", "--curve", curve]);
+        assert_eq!(again.status.code(), Some(0), "{again:?}");
+    }
+}
+
 /// Runs the commands that were printed, word by word, where they were printed; the ranges of the body diagonals that the
 /// machine file of the last one leaves of the truth.
 fn ranges_after_the_printed_commands(lines: &str, output: &str) -> Vec<f64> {
@@ -206,16 +276,26 @@ fn the_printed_commands_lead_to_a_good_machine() {
 #[test]
 fn printed_commands_keep_paths_in_one_word() {
     let folder = tempfile::tempdir().expect("a folder");
+    fs::write(folder.path().join("truth.toml"), TRUTH).expect("written");
+    let shop = format!("machine = \"truth.toml\"\n{LINES}");
+    fs::write(folder.path().join("shop.toml"), shop).expect("written");
     for name in [
         "plain",
+        "~",
+        "~root",
+        "a~b",
+        "back\\slash",
+        "back\\\\slash and \\ space",
+        "~ space",
+        "-dash",
         "with space",
         "a $HOME `id` $(id)",
         "it's \"so\"",
         "a;b&c|d*?",
     ] {
-        let out = folder.path().join(name);
-        let out = out.to_str().expect("UTF-8");
-        let answer = crate::json(&["simulate", "examples/calibration/shop.toml", "-o", out]);
+        let output = format!("--output={name}");
+        let output = run(folder.path(), &["--json", "simulate", "shop.toml", &output]);
+        let answer: Value = serde_json::from_slice(&output.stdout).expect("JSON");
         let command = answer["next"][0].as_str().expect("a command");
         // The shell itself takes the line apart.
         let script = format!("volcomp() {{ printf '%s' \"$2\"; }}\n{command}\n");
@@ -224,6 +304,8 @@ fn printed_commands_keep_paths_in_one_word() {
             .output();
         let output = output.expect("a shell");
         let read = String::from_utf8(output.stdout).expect("UTF-8");
-        assert_eq!(read, format!("{out}/calibration.toml"), "{command}");
+        let dash = if name.starts_with('-') { "./" } else { "" };
+        assert_eq!(read, format!("{dash}{name}/calibration.toml"), "{command}");
+        assert!(folder.path().join(read).exists(), "{command}");
     }
 }
