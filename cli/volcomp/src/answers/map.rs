@@ -80,6 +80,14 @@ pub(crate) struct AllAxes {
     pub(crate) rms_urad: f64,
     /// The same beside that motion, µrad.
     pub(crate) form_rms_urad: f64,
+    /// Root of the mean square of the tilt of the tool axis: the part of the rotation error across it, µrad.
+    pub(crate) tilt_rms_urad: f64,
+    /// The same beside that motion, µrad.
+    pub(crate) form_tilt_rms_urad: f64,
+    /// Root of the mean square of the rotation error about the tool axis, which no tool that turns shows, µrad.
+    pub(crate) about_tool_rms_urad: f64,
+    /// The same beside that motion, µrad.
+    pub(crate) form_about_tool_rms_urad: f64,
     /// The standard uncertainty of the errors over these poses; only with `--uncertainty`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) uncertainty: Option<AllAxesUncertainty>,

@@ -235,6 +235,9 @@ fn over_all_axes_a_model_without_rotary_errors_is_told_apart() {
     let [known, unknown] = [&known["all_axes"], &unknown["all_axes"]];
     assert_eq!(known["poses"], 1000);
     assert!(number(known, "form_rms_um") < 0.05, "{known}");
+    // What the perfect correction leaves about the tool axis does not look like a tilt.
+    assert!(number(known, "form_tilt_rms_urad") < 10.0, "{known}");
+    assert!(number(known, "form_about_tool_rms_urad") > 100.0, "{known}");
     assert!(number(unknown, "form_rms_um") > 10.0, "{unknown}");
     assert!(number(unknown, "form_rms_um") < number(unknown, "rms_um"));
     assert!(number(unknown, "form_max_um") > number(unknown, "form_rms_um"));
@@ -321,4 +324,103 @@ fn poses_of_all_axes_have_their_uncertainty() {
     );
     // Without it nothing is said.
     assert!(crate::json(&map)["all_axes"]["uncertainty"].is_null());
+}
+
+/// The numbers between the tags of an array of a VTK file.
+fn array(vtk: &str, name: &str) -> Vec<f64> {
+    let (_, from) = vtk.split_once(&format!("Name=\"{name}\"")).expect(name);
+    let (_, from) = from.split_once('>').expect("the end of the tag");
+    let (numbers, _) = from.split_once("</DataArray>").expect("the end");
+    let numbers = numbers
+        .split_whitespace()
+        .map(|n| n.parse().expect("a number"));
+    numbers.collect()
+}
+
+fn attribute<'v>(vtk: &'v str, name: &str) -> Vec<&'v str> {
+    let (_, from) = vtk.split_once(&format!("{name}=\"")).expect(name);
+    let (value, _) = from.split_once('"').expect("the end");
+    value.split(' ').collect()
+}
+
+/// Machines that lack an axis: its places in a VTK file hold one node at 0, and X fastest.
+#[test]
+fn vtk_files_hold_each_axis_at_its_own_place() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let machine = folder.path().join("m.toml").display().to_string();
+    let map = |structure: &str, travels: &str, file: &str| {
+        let text = format!(
+            "structure = \"{structure}\"\n[axes]\n{travels}[errors]\nEZZ = {{ poly = [0.0, 0.1] }}\n"
+        );
+        fs::write(&machine, text).expect("written");
+        let file = folder.path().join(file);
+        let path = file.display().to_string();
+        json(&["map", "-m", &machine, "--grid", "3x5x2", "-o", &path]);
+        fs::read_to_string(file).expect("written")
+    };
+    let (x, z) = ("X.travel = [0, 100]\n", "Z.travel = [-40, 60]\n");
+    let both = format!("{x}{z}");
+    let vtr = map("w b Z X t", &both, "m.vtr");
+    assert_eq!(array(&vtr, "X_mm"), [0.0, 50.0, 100.0]);
+    assert_eq!(array(&vtr, "Y_mm"), [0.0]);
+    assert_eq!(array(&vtr, "Z_mm"), [-40.0, 60.0]);
+    assert_eq!(
+        attribute(&vtr, "WholeExtent"),
+        ["0", "2", "0", "0", "0", "1"]
+    );
+    // EZZ = 0.1 µm/mm from the reference on: along Z alone, the three nodes of X first.
+    let position = array(&vtr, "position_um");
+    assert_eq!(position.len(), 3 * 6);
+    let along_z: Vec<f64> = position.chunks(3).map(|node| node[2]).collect();
+    assert!(along_z[..3].iter().all(|dz| *dz == along_z[0]));
+    assert!(
+        along_z[3..]
+            .iter()
+            .all(|dz| (dz - along_z[0] - 10.0).abs() < 1e-6)
+    );
+    let vti = map("w b Z X t", &both, "m.vti");
+    assert_eq!(
+        attribute(&vti, "WholeExtent"),
+        ["0", "2", "0", "0", "0", "1"]
+    );
+    assert_eq!(attribute(&vti, "Origin"), ["0", "0", "-40"]);
+    assert_eq!(attribute(&vti, "Spacing"), ["50", "1", "100"]);
+    let alone = map("w b Z t", z, "z.vtr");
+    assert_eq!(array(&alone, "X_mm"), [0.0]);
+    assert_eq!(array(&alone, "Y_mm"), [0.0]);
+    assert_eq!(array(&alone, "Z_mm"), [-40.0, 60.0]);
+}
+
+/// A table whose every rotation is known: 50 µrad tilt the tool against it, 200 µrad turn it about the tool, which has no part in
+/// that. The tool stands along Z for all poses.
+#[test]
+fn the_tilt_of_the_tool_is_told_apart_from_the_rotation_about_it() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("m.toml").display().to_string();
+    let text = "structure = \"w C' b X Y Z t\"\n[axes]\nX.travel = [-200, 200]\nY.travel = [-200, 200]\nZ.travel = [-300, 0]\n\
+                C.travel = [-180, 180]\n[errors]\nECC = 200.0\nEA0C = 50.0\n";
+    fs::write(&path, text).expect("written");
+    let call = ["map", "-m", &path, "--grid", "2x2x2", "--exact"];
+    let answer = json(&call);
+    let of = |key: &str| answer["all_axes"][key].as_f64().expect(key);
+    assert!((of("tilt_rms_urad") - 50.0).abs() < 0.1, "{answer}");
+    assert!((of("about_tool_rms_urad") - 200.0).abs() < 0.1, "{answer}");
+    assert!(
+        (of("rms_urad") - 50.0_f64.hypot(200.0)).abs() < 0.1,
+        "{answer}"
+    );
+    for beside in ["", "form_"] {
+        let parts = of(&format!("{beside}tilt_rms_urad"))
+            .hypot(of(&format!("{beside}about_tool_rms_urad")));
+        assert!(
+            (of(&format!("{beside}rms_urad")) - parts).abs() < 1e-6,
+            "{answer}"
+        );
+    }
+    let shown = crate::text(&call);
+    assert!(
+        shown.contains("  tilt of the tool axis 50.000 µrad, beside that motion ")
+            && shown.contains("  rotation about it 200.000 µrad, beside that motion "),
+        "{shown}"
+    );
 }

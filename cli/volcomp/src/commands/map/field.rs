@@ -194,10 +194,17 @@ fn csv_line(text: &mut String, axes: usize, node: &Node) -> std::fmt::Result {
     writeln!(text)
 }
 
+/// The nodes along X, Y or Z, by its place of these three: one at 0 for an axis that the machine lacks.
+fn nodes_along(grid: &MapGrid, place: usize) -> &[f64] {
+    let mut along = grid.axes.iter().zip(&grid.nodes_mm);
+    let own = along.find(|(axis, _)| axis.mcs_index() == place);
+    own.map_or(&[0.0], |(_, nodes)| nodes)
+}
+
 fn vti_head(grid: &MapGrid) -> String {
     let (mut extent, mut origin, mut spacing) = (String::new(), String::new(), String::new());
     for place in 0..3 {
-        let nodes = grid.nodes_mm.get(place).map_or(&[0.0][..], Vec::as_slice);
+        let nodes = nodes_along(grid, place);
         let step = nodes.get(1).map_or(1.0, |second| second - nodes[0]);
         // Writing to a String cannot fail.
         let _ = write!(extent, "0 {} ", nodes.len() - 1);
@@ -216,7 +223,7 @@ fn vti_head(grid: &MapGrid) -> String {
 fn vtr_head(grid: &MapGrid) -> String {
     let (mut extent, mut coordinates) = (String::new(), String::new());
     for place in 0..3 {
-        let nodes = grid.nodes_mm.get(place).map_or(&[0.0][..], Vec::as_slice);
+        let nodes = nodes_along(grid, place);
         let name = ["X_mm", "Y_mm", "Z_mm"][place];
         let shown: Vec<String> = nodes.iter().map(ToString::to_string).collect();
         // Writing to a String cannot fail.

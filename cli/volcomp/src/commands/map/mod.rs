@@ -226,9 +226,15 @@ fn text(arguments: &Arguments, map: &Map, compensation: &Compensation<'_>) -> St
 fn over_all_axes(of: &AllAxes) -> String {
     let um = [of.rms_um, of.max_um, of.form_rms_um, of.form_max_um].map(|um| fixed(um, 3));
     let [rms, max, form, most] = um;
-    let [turn, turn_left] = [of.rms_urad, of.form_rms_urad].map(|urad| fixed(urad, 3));
+    let urad = [
+        of.tilt_rms_urad,
+        of.form_tilt_rms_urad,
+        of.about_tool_rms_urad,
+        of.form_about_tool_rms_urad,
+    ];
+    let [tilt, tilt_left, about, about_left] = urad.map(|urad| fixed(urad, 3));
     let mut text = format!(
-        "{} poses of all axes over their travels:\n  root mean square {rms} µm, {turn} µrad, largest {max} µm\n  beside the best rigid motion {form} µm, {turn_left} µrad, largest {most} µm\n",
+        "{} poses of all axes over their travels:\n  root mean square {rms} µm, largest {max} µm\n  beside the best rigid motion {form} µm, largest {most} µm\n  tilt of the tool axis {tilt} µrad, beside that motion {tilt_left} µrad\n  rotation about it {about} µrad, beside that motion {about_left} µrad\n",
         of.poses
     );
     if let Some(u) = &of.uncertainty {
@@ -241,7 +247,7 @@ fn over_all_axes(of: &AllAxes) -> String {
         // Writing to a String cannot fail.
         let _ = writeln!(
             text,
-            "  standard uncertainty: root mean square {rms} µm, {turn} µrad, largest {largest} µm\n    at {}",
+            "  standard uncertainty: root mean square {rms} µm, largest {largest} µm\n    of the whole rotation {turn} µrad; the largest at {}",
             at.join(" ")
         );
     }

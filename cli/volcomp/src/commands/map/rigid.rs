@@ -30,6 +30,23 @@ pub(super) struct Beside {
     pub(super) left: Lengths,
 }
 
+/// How large rotations are: whole, across the tool axis, which they tilt, and about it, which no tool that turns shows.
+#[derive(Clone, Copy, Default)]
+struct Turns {
+    whole: Lengths,
+    tilt: Lengths,
+    about_tool: Lengths,
+}
+
+impl Turns {
+    fn take(&mut self, turn: &Vector3<f64>, tool_axis: &Vector3<f64>) {
+        let about = tool_axis * tool_axis.dot(turn);
+        self.whole.take(turn);
+        self.tilt.take(&(turn - about));
+        self.about_tool.take(&about);
+    }
+}
+
 /// The position part of an error.
 pub(super) fn position([x, y, z, ..]: &[f64; 6]) -> Vector3<f64> {
     Vector3::new(*x, *y, *z)
@@ -60,21 +77,26 @@ pub(super) fn all_axes(
     };
     let poses: Vec<State> = (0..POSES).map(|_| drawn()).collect::<Result<_, _>>()?;
     let found: Vec<[f64; 6]> = poses.par_iter().map(errors).collect();
-    let tips = poses.iter().map(|pose| machine.chain().ideal_tip_mm(pose));
-    let found: Vec<_> = tips.zip(found).collect();
+    let chain = machine.chain();
+    let tools = poses.iter().map(|pose| {
+        let tool_axis = chain.ideal_pose(pose).rotation * chain.tool_axis();
+        (chain.ideal_tip_mm(pose), tool_axis)
+    });
+    let found: Vec<_> = tools.zip(found).collect();
     let mut sums = RigidSums::default();
-    for (tip, error) in &found {
+    for ((tip, _), error) in &found {
         sums.take(tip, &position(error));
     }
     let motion = sums.motion();
-    let [mut lengths, mut left, mut turns, mut turns_left] = [Lengths::default(); 4];
-    for (tip, error) in &found {
+    let [mut lengths, mut left] = [Lengths::default(); 2];
+    let [mut turns, mut turns_left] = [Turns::default(); 2];
+    for ((tip, tool_axis), error) in &found {
         let [.., a, b, c] = *error;
         let turn = Vector3::new(a, b, c);
         lengths.take(&position(error));
         left.take(&motion.left_mm(tip, &position(error)));
-        turns.take(&turn);
-        turns_left.take(&motion.left_rad(&turn));
+        turns.take(&turn, tool_axis);
+        turns_left.take(&motion.left_rad(&turn), tool_axis);
     }
     Ok(Some(AllAxes {
         poses: POSES,
@@ -82,8 +104,12 @@ pub(super) fn all_axes(
         max_um: 1e3 * lengths.max(),
         form_rms_um: 1e3 * left.rms(),
         form_max_um: 1e3 * left.max(),
-        rms_urad: 1e6 * turns.rms(),
-        form_rms_urad: 1e6 * turns_left.rms(),
+        rms_urad: 1e6 * turns.whole.rms(),
+        form_rms_urad: 1e6 * turns_left.whole.rms(),
+        tilt_rms_urad: 1e6 * turns.tilt.rms(),
+        form_tilt_rms_urad: 1e6 * turns_left.tilt.rms(),
+        about_tool_rms_urad: 1e6 * turns.about_tool.rms(),
+        form_about_tool_rms_urad: 1e6 * turns_left.about_tool.rms(),
         uncertainty: ensemble.map(|ensemble| uncertainty(machine, ensemble, &poses)),
     }))
 }
