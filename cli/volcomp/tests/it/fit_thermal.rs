@@ -97,6 +97,11 @@ fn displacements_are_the_errors_that_the_call_names() {
             "a second error for the same displacement",
         ),
         ("ch1_um=EZ", "--error: "),
+        (
+            "ch1_um=EX0C",
+            "found a location error, expected an error motion, such as EXC",
+        ),
+        ("EX0C", "found a location error"),
     ] {
         let message = refused(&["fit-thermal", SPINDLE, "--error", error]);
         let message = message.split_whitespace().collect::<Vec<_>>().join(" ");
@@ -146,8 +151,8 @@ fn the_terms_go_into_a_machine_file() {
     let constant = channel["constant_um"].as_f64().expect("a number");
     let axes = volcomp_test_support::machines::gantry([[0.0, 1.0]; 3]);
     let machine = format!("{axes}[errors]\nEZZ = {constant}\n[thermal]\nreference = 26.0\n{terms}");
-    let path = root().join("target/tmp/fit-thermal.toml");
-    std::fs::create_dir_all(path.parent().expect("a folder")).expect("writable");
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("m.toml");
     std::fs::write(&path, machine).expect("writable");
     let path = path.to_str().expect("UTF-8");
     let call = |temperatures: &str| {
@@ -302,11 +307,17 @@ fn shipped_runs_and_the_machine_file_with_their_terms() {
 
 #[test]
 fn wrong_files_and_calls_end_with_status_2() {
-    let twice = refused(&["fit-thermal", SPINDLE, SPINDLE]);
-    assert!(twice.contains("stands twice"), "{twice}");
+    for other in [
+        SPINDLE.to_owned(),
+        format!("./{SPINDLE}"),
+        root().join(SPINDLE).display().to_string(),
+    ] {
+        let twice = refused(&["fit-thermal", SPINDLE, &other]);
+        assert!(twice.contains("stands twice"), "{other}: {twice}");
+    }
+    let folder = tempfile::tempdir().expect("a folder");
     let file = |text: &str| {
-        let path = root().join("target/tmp/fit-thermal-wrong.csv");
-        std::fs::create_dir_all(path.parent().expect("a folder")).expect("writable");
+        let path = folder.path().join("wrong.csv");
         std::fs::write(&path, text).expect("writable");
         path
     };
@@ -473,6 +484,135 @@ fn a_temperature_that_never_changes_is_named() {
     let message = message.split_whitespace().collect::<Vec<_>>().join(" ");
     assert!(
         message.contains("no temperature changes (spindle_degc, bed_degc)"),
+        "{message}"
+    );
+}
+
+/// What a call says on standard error, without its line breaks.
+fn said(call: &[&str]) -> String {
+    let output = volcomp(call);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    said.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// The file of a test with one number of every row changed.
+fn changed(file: &str, column: usize, change: impl Fn(f64) -> f64) {
+    let text = std::fs::read_to_string(file).expect("the file");
+    let mut lines = text.lines();
+    let mut written = lines.next().expect("a header").to_owned() + "\n";
+    for line in lines {
+        let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+        let number: f64 = cells[column].parse().expect("a number");
+        cells[column] = change(number).to_string();
+        written += &(cells.join(",") + "\n");
+    }
+    std::fs::write(file, written).expect("written");
+}
+
+/// Four good tests, then one thing wrong with one or with all of them; what is said of it, and nothing of good ones.
+#[test]
+fn what_contradicts_and_what_is_in_another_unit_is_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let notes = |change: &dyn Fn(&[String])| {
+        let files = tests_of(folder.path(), 3, 3.0);
+        change(&files);
+        let files: Vec<&str> = files.iter().map(String::as_str).collect();
+        said(&[&["fit-thermal"], &files[..]].concat())
+    };
+    let good = notes(&|_| {});
+    for word in ["contradict", "same value", "is it in", "is the time"] {
+        assert!(!good.contains(word), "{good}");
+    }
+    let sign = notes(&|files| changed(&files[1], 3, |z| -z));
+    assert!(
+        sign.contains("z_um: these files contradict each other: if ")
+            && sign.contains("1.csv had the opposite sign, 0."),
+        "{sign}"
+    );
+    assert_eq!(sign.matches("contradict").count(), 1, "{sign}");
+    let in_mm = notes(&|files| changed(&files[2], 3, |z| 1e-3 * z));
+    assert!(in_mm.contains("2.csv were in mm, 0."), "{in_mm}");
+    assert_eq!(in_mm.matches("contradict").count(), 1, "{in_mm}");
+    let dead = notes(&|files| changed(&files[0], 1, |_| 20.0));
+    assert!(
+        dead.contains("0.csv: the same value in all rows of spindle_degc (20 °C)"),
+        "{dead}"
+    );
+    let minutes = notes(&|files| {
+        for file in files {
+            changed(file, 0, |time_s| time_s / 60.0);
+        }
+    });
+    assert!(
+        minutes.contains("the longest file lasts 179 s, and spindle changes by")
+            && minutes.contains("is the time in seconds, not in minutes?"),
+        "{minutes}"
+    );
+    let all_mm = notes(&|files| {
+        for file in files {
+            changed(file, 3, |z| 1e-3 * z);
+        }
+    });
+    assert!(
+        all_mm.contains("z_um: moves by") && all_mm.contains("is it in mm? Its head says µm"),
+        "{all_mm}"
+    );
+}
+
+/// Of two files nobody knows which one is wrong.
+#[test]
+fn two_files_of_opposite_sign_are_both_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let files = tests_of(folder.path(), 3, 3.0);
+    changed(&files[1], 3, |z| -z);
+    let said = said(&["fit-thermal", &files[0], &files[1]]);
+    let expected = format!("if {} or {} had the opposite sign", files[0], files[1]);
+    assert!(said.contains(&expected), "{said}");
+    let printed = text(&["fit-thermal", &files[0], &files[1]]);
+    let printed = printed.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(printed.contains("(mean squares differ by "), "{printed}");
+}
+
+/// Heads are read as in all other files, and what is not read is said.
+#[test]
+fn heads_have_their_units_in_any_usual_way() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let files = tests_of_an_axis(folder.path());
+    let files: Vec<&str> = files.iter().map(String::as_str).collect();
+    let call = [&["fit-thermal", "--error", "dx_um=EXX"], &files[..]].concat();
+    let before = json(&call);
+    for file in &files {
+        let text = std::fs::read_to_string(file).expect("read");
+        let text = text.replacen(
+            "time_s,X,spindle_degc,scale_degc,room_degc,dx_um",
+            "time [s],X [mm],spindle °C,scale [°C],room_degc,dx µm",
+            1,
+        );
+        std::fs::write(file, text).expect("written");
+    }
+    assert_eq!(json(&call), before);
+    let named = [
+        &[
+            "fit-thermal",
+            "--displacement",
+            "dx [µm]",
+            "--error",
+            "dx µm=EXX",
+        ],
+        &files[..],
+    ];
+    assert_eq!(json(&named.concat()), before);
+    assert!(!said(&call).contains("not read"));
+    let spindle = said(&["fit-thermal", SPINDLE]);
+    assert!(
+        spindle.contains("note: columns that are not read: spindle_rpm"),
+        "{spindle}"
+    );
+    let text = std::fs::read_to_string(files[0]).expect("read");
+    std::fs::write(files[0], text.replacen("room_degc", "scale_degc", 1)).expect("written");
+    let message = refused(&["fit-thermal", files[0]]);
+    assert!(
+        message.contains("found two columns `scale_degc`"),
         "{message}"
     );
 }

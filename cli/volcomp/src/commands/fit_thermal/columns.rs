@@ -2,8 +2,11 @@
 
 use std::path::Path;
 
-use volcomp_document::{Column, CsvTable, read_text};
-use volcomp_model::vocabulary::{AxisKind, AxisName};
+use volcomp_document::{Column, CsvTable, quoted, read_text, split_head, split_unit};
+use volcomp_model::{
+    axis_of_head,
+    vocabulary::{AxisKind, AxisName},
+};
 
 use super::plausible::implausible;
 use crate::failure::Failure;
@@ -23,21 +26,38 @@ pub(super) struct Columns {
     pub(super) notes: Vec<String>,
 }
 
-/// The axis whose positions a column holds, where it names one.
-struct Moved {
-    axis: Option<AxisName>,
+/// What stands in a column, by its head.
+enum Head {
+    Time,
+    /// The temperatures of a sensor of this name.
+    Sensor(String),
+    /// A displacement, by its name in answers and in the call.
+    Displacement(String),
+    /// Positions of an axis, where the head names one.
+    Position(Option<AxisName>),
+    NotRead,
 }
 
-/// The axis of a column with positions: `X`, `X_mm`; `position_mm` names none.
-fn moved(name: &str) -> Option<Moved> {
-    if name == "position_mm" {
-        return Some(Moved { axis: None });
+impl Head {
+    fn of(head: &str) -> Self {
+        let axis = axis_of_head(head).filter(|axis| axis.kind() == AxisKind::Linear);
+        match (split_unit(head), split_head(head)) {
+            (_, ("time", "s")) => Self::Time,
+            _ if axis.is_some() => Self::Position(axis),
+            (Some(("position", "mm")), _) => Self::Position(None),
+            (Some((name, "degc")), _) => Self::Sensor(name.to_owned()),
+            (Some((_, "um" | "urad")), _) => Self::Displacement(displacement(head)),
+            _ => Self::NotRead,
+        }
     }
-    let axis: AxisName = name.strip_suffix("_mm").unwrap_or(name).parse().ok()?;
-    (axis.kind() == AxisKind::Linear).then_some(Moved { axis: Some(axis) })
 }
 
-/// Reads the column `time_s`, those that end in `_degc`, those that end in `_um` or `_urad`, and the position of an axis.
+/// The name of a displacement however its head is written: `dz_um` for `dz µm` and `dz [µm]`.
+pub(super) fn displacement(head: &str) -> String {
+    split_unit(head).map_or_else(|| head.to_owned(), |(name, unit)| format!("{name}_{unit}"))
+}
+
+/// Reads the column `time_s`, those in °C, those in µm or µrad, and the position of an axis.
 pub(super) fn read(path: &Path) -> Result<Columns, Failure> {
     let table = CsvTable::parse(&path.display().to_string(), &read_text(path)?)?;
     let numbers = |column: Column| {
@@ -52,40 +72,60 @@ pub(super) fn read(path: &Path) -> Result<Columns, Failure> {
         position: None,
         notes: Vec::new(),
     };
-    if let Some(time) = table.column("time_s")? {
-        found.time_s = numbers(time)?;
-    }
-    for (column, name) in table.names() {
-        if let Some(sensor) = name.strip_suffix("_degc") {
-            found.sensors.push(sensor.to_owned());
-            let degc = numbers(column)?;
-            if let Some((row, why)) = implausible(&degc)
-                && let Some(row) = table.rows().nth(row)
-            {
-                return Err(row.cell(column).error(why).into());
+    let mut not_read: Vec<&str> = Vec::new();
+    let mut has_time = false;
+    for (column, head) in table.names() {
+        let twice = |is_twice: bool| {
+            let message = format!("found two columns {}, expected one", quoted(head));
+            is_twice
+                .then(|| table.header_error(message))
+                .map_or(Ok(()), Err)
+        };
+        match Head::of(head) {
+            Head::Time => {
+                twice(has_time)?;
+                has_time = true;
+                found.time_s = numbers(column)?;
             }
-            found.degc.push(degc);
-        } else if name.ends_with("_um") || name.ends_with("_urad") {
-            found
-                .displacements
-                .push((name.to_owned(), numbers(column)?));
-        } else if let Some(Moved { axis }) = moved(name) {
-            let position = numbers(column)?;
-            if position.windows(2).all(|pair| pair[0] == pair[1]) {
-                continue;
+            Head::Sensor(sensor) => {
+                twice(found.sensors.contains(&sensor))?;
+                found.sensors.push(sensor);
+                let degc = numbers(column)?;
+                if let Some((row, why)) = implausible(&degc)
+                    && let Some(row) = table.rows().nth(row)
+                {
+                    return Err(row.cell(column).error(why).into());
+                }
+                found.degc.push(degc);
             }
-            if found.position.replace((axis, position)).is_some() {
-                let message = "found several positions that change, expected one axis that moves";
-                return Err(table.header_error(message.to_owned()).into());
+            Head::Displacement(name) => {
+                twice(found.displacements.iter().any(|(known, _)| *known == name))?;
+                found.displacements.push((name, numbers(column)?));
             }
+            Head::Position(axis) => {
+                let position = numbers(column)?;
+                if position.windows(2).all(|pair| pair[0] == pair[1]) {
+                    continue;
+                }
+                if found.position.replace((axis, position)).is_some() {
+                    let message =
+                        "found several positions that change, expected one axis that moves";
+                    return Err(table.header_error(message.to_owned()).into());
+                }
+            }
+            Head::NotRead => not_read.push(head),
         }
+    }
+    if !not_read.is_empty() {
+        let note = format!("columns that are not read: {}", not_read.join(", "));
+        found.notes.push(note);
     }
     let missing = if found.time_s.is_empty() {
         "column time_s with a time in each row"
     } else if found.sensors.is_empty() {
-        "temperature: a column that ends in _degc"
+        "temperature: a column in °C, whose head ends in _degc or °C"
     } else if found.displacements.is_empty() {
-        "displacement: a column that ends in _um or _urad"
+        "displacement: a column in µm or µrad, whose head ends in _um or _urad"
     } else {
         let repeated = spread_repeated(&mut found.time_s).map_err(|row| {
             let line = table.rows().nth(row).map_or(0, |row| row.line());

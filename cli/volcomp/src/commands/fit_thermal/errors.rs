@@ -3,7 +3,7 @@
 use volcomp_model::ErrorName;
 use volcomp_vocabulary::AxisKind;
 
-use super::is_angular;
+use super::{columns::displacement, is_angular};
 use crate::failure::Failure;
 
 /// The error of a lone displacement of which nothing is said: most thermal tests are of a spindle along Z.
@@ -24,16 +24,22 @@ impl Errors {
         };
         for text in stated {
             let (column, name) = match text.rsplit_once('=') {
-                Some((column, name)) => (Some(column.trim()), name.trim()),
+                Some((column, name)) => (Some(displacement(column.trim())), name.trim()),
                 None => (None, text.trim()),
             };
             let error: ErrorName = name
                 .parse()
                 .map_err(|e| Failure::Input(format!("--error: {e}")))?;
+            if error.location {
+                return Err(Failure::Input(format!(
+                    "--error {text}: found a location error, expected an error motion, such as {}: a machine file takes thermal terms of these only",
+                    ErrorName::motion(error.component, error.axis)
+                )));
+            }
             let is_twice = match column {
                 Some(column) => {
-                    let known = errors.of_one.iter().any(|(known, _)| known == column);
-                    errors.of_one.push((column.to_owned(), error));
+                    let known = errors.of_one.iter().any(|(known, _)| *known == column);
+                    errors.of_one.push((column, error));
                     known
                 }
                 None => errors.of_all.replace(error).is_some(),

@@ -1,6 +1,7 @@
 //! `volcomp fit-thermal`: temperatures and displacements over time to thermal terms of the machine file.
 
 mod columns;
+mod contradiction;
 mod document;
 mod errors;
 mod plausible;
@@ -21,13 +22,13 @@ use self::{
     errors::{Errors, may_expand},
     verdict::{Verdict, verdict},
 };
-use super::Answer;
+use super::{Answer, same_file};
 use crate::failure::Failure;
 
 /// Finds thermal terms from temperatures and displacements over time
 ///
-/// Each file is one test: a column time_s, temperatures in columns that end in _degc, displacements in columns that end in
-/// _um or _urad, and where an axis was moved its position in a column X or X_mm; other columns are not read. Few sensors,
+/// Each file is one test: a column time_s, temperatures in columns that end in _degc or °C, displacements in columns that end in
+/// _um or _urad (µm, µrad), and where an axis was moved its position in a column X or X_mm; other columns are not read, and are named. Few sensors,
 /// few time constants and few numbers are chosen. Several files are judged by leaving out each one as a whole: it is predicted
 /// by terms that are found from the others. Of a single file the first rows (--train) find terms, and the rows after them
 /// are predicted to judge these. The terms that are printed are found in the same way from all rows of all files. Where terms
@@ -120,10 +121,10 @@ fn is_angular(column: &str) -> bool {
 
 /// A test that is there twice would be predicted from itself.
 fn refuse_twice(files: &[PathBuf]) -> Result<(), Failure> {
-    let twice = files
-        .iter()
-        .enumerate()
-        .find(|(place, file)| files[..*place].contains(file));
+    let twice = files.iter().enumerate().find(|(place, file)| {
+        let before = &files[..*place];
+        before.contains(file) || same_file(before, file).is_some()
+    });
     twice.map_or(Ok(()), |(_, file)| {
         Err(Failure::Input(format!(
             "{} stands twice: expected each test once, since each is predicted from all others",
@@ -145,6 +146,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         };
         notes.extend(columns.notes.iter().map(note));
     }
+    notes.extend(plausible::of_all(&files));
+    for (path, file) in arguments.data.iter().zip(&files) {
+        notes.extend(plausible::still_in(path, file, &files));
+    }
     let still = still_sensors(&files);
     if !still.is_empty() {
         notes.push(format!(
@@ -165,7 +170,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let names = first.displacements.iter().map(|(name, _)| name.as_str());
     let names: Vec<&str> = names
         .filter(|name| {
-            arguments.displacement.is_empty() || arguments.displacement.iter().any(|d| d == name)
+            let mut asked = arguments.displacement.iter();
+            arguments.displacement.is_empty() || asked.any(|d| columns::displacement(d) == *name)
         })
         .collect();
     let of = errors.of(&names)?;
@@ -181,7 +187,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             ));
         }
         let search = arguments.search(expansions);
-        channels.push(channel(name, error, &files, arguments, &search)?);
+        let channel = channel(name, error, &files, arguments, &search)?;
+        let runs: Vec<ThermalRun> = files.iter().map(|file| run_of(file, name)).collect();
+        notes.extend(contradiction::notes(
+            &channel,
+            &runs,
+            &arguments.data,
+            &search,
+        ));
+        channels.push(channel);
     }
     let sensors = &first.sensors;
     for channel in &channels {
@@ -260,7 +274,10 @@ fn read(arguments: &Arguments) -> Result<Vec<Columns>, Failure> {
     let known = files
         .first()
         .map_or(&[][..], |file| &file.displacements[..]);
-    let is_known = |wanted: &String| known.iter().any(|(name, _)| name == wanted);
+    let is_known = |wanted: &String| {
+        let wanted = columns::displacement(wanted);
+        known.iter().any(|(name, _)| *name == wanted)
+    };
     if let Some(missing) = arguments.displacement.iter().find(|d| !is_known(d)) {
         let known: Vec<&str> = known.iter().map(|(name, _)| name.as_str()).collect();
         return Err(Failure::Input(format!(

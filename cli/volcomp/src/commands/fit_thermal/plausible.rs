@@ -1,6 +1,8 @@
 //! Temperatures that no sensor of a machine has seen: values with which sensors report a fault, other units, single rows.
 
-use std::ops::RangeInclusive;
+use std::{ops::RangeInclusive, path::Path};
+
+use super::{columns::Columns, is_angular};
 
 /// What a sensor on a machine may show, °C.
 const ON_A_MACHINE: RangeInclusive<f64> = -60.0..=200.0;
@@ -33,6 +35,84 @@ const REPORTS: [(f64, &str); 8] = [
 ];
 /// A reading is such a value within half of what its last digit may be.
 const REPORTED_WITHIN_K: f64 = 0.06;
+
+/// A thermal test lasts longer, s.
+const SHORT_TEST_S: f64 = 1800.0;
+/// A temperature that changes by so much, K, moves a machine by more than this, µm or µrad, and takes longer than a short test.
+const CHANGE_K: f64 = 5.0;
+const MOVES_BY: f64 = 0.5;
+
+/// Notes where all files look as if one quantity were in another unit than its head says.
+pub(super) fn of_all(files: &[Columns]) -> Vec<String> {
+    let mut notes = Vec::new();
+    let Some(first) = files.first() else {
+        return notes;
+    };
+    let change = |sensor: usize| {
+        let changes = files.iter().map(|file| spread(&file.degc[sensor]));
+        changes.fold(0.0, f64::max)
+    };
+    let changes = (0..first.sensors.len()).map(change);
+    let most = changes.enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
+    let Some((sensor, change_k)) = most.filter(|(_, change)| *change >= CHANGE_K) else {
+        return notes;
+    };
+    let name = &first.sensors[sensor];
+    let lasts_s = files.iter().map(|file| spread(&file.time_s));
+    let lasts_s = lasts_s.fold(0.0, f64::max);
+    if lasts_s < SHORT_TEST_S {
+        notes.push(format!(
+            "time_s: the longest file lasts {lasts_s} s, and {name} changes by {change_k:.1} K: is the time in seconds, not in minutes? Time constants, rates and what is seen would be wrong with it"
+        ));
+    }
+    for (place, (name_of, _)) in first.displacements.iter().enumerate() {
+        let sizes = files
+            .iter()
+            .map(|file| spread(&file.displacements[place].1));
+        let size = sizes.fold(0.0, f64::max);
+        let (unit, other) = if is_angular(name_of) {
+            ("µrad", "mrad or rad")
+        } else {
+            ("µm", "mm")
+        };
+        if size > 0.0 && size < MOVES_BY {
+            notes.push(format!(
+                "{name_of}: moves by {size:.2e} {unit} at the most, while {name} changes by {change_k:.1} K: is it in {other}? Its head says {unit}"
+            ));
+        }
+    }
+    notes
+}
+
+/// A note on sensors that show one value in the whole of one file, and others in others.
+pub(super) fn still_in(path: &Path, file: &Columns, files: &[Columns]) -> Option<String> {
+    let is_still = |(sensor, _): &(usize, &String)| {
+        let first = file.degc[*sensor].first();
+        let moves = |other: &Columns| other.degc[*sensor].iter().any(|degc| Some(degc) != first);
+        spread(&file.degc[*sensor]) == 0.0 && files.iter().any(moves)
+    };
+    let still = file.sensors.iter().enumerate().filter(is_still);
+    let still: Vec<String> = still
+        .filter_map(|(sensor, name)| {
+            let degc = file.degc[sensor].first()?;
+            Some(format!("{name}_degc ({degc} °C)"))
+        })
+        .collect();
+    (!still.is_empty()).then(|| {
+        format!(
+            "{}: the same value in all rows of {}, but not in those of the other files: does the sensor measure there? Terms that are found with it are wrong",
+            path.display(),
+            still.join(", ")
+        )
+    })
+}
+
+/// The largest less the smallest of some values; 0 of none.
+fn spread(values: &[f64]) -> f64 {
+    let least = values.iter().copied().fold(f64::INFINITY, f64::min);
+    let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    (most - least).max(0.0)
+}
 
 /// Why a column of temperatures cannot be what was measured: the row, counted from 0, and the reason, with what to do.
 pub(super) fn implausible(degc: &[f64]) -> Option<(usize, String)> {

@@ -4,7 +4,10 @@ use std::fmt::Write as _;
 
 use volcomp_fit::ThermalEffect;
 
-use super::{Arguments, Channel, terms, verdict::Verdict};
+use super::{
+    Arguments, Channel, terms,
+    verdict::{Verdict, difference},
+};
 use crate::{
     commands::{fixed, table, table_text},
     table::folded,
@@ -37,15 +40,36 @@ pub(super) fn text(channels: &[Channel], sensors: &[String], arguments: &Argumen
 fn worse(channel: &Channel, verdict: Verdict) -> String {
     let unit = if channel.is_angular() { "µrad" } else { "µm" };
     let few = fixed(channel.few.rms, 2);
+    let decides = |by: (f64, f64)| {
+        let [by, error] = [by.0, by.1].map(|square| fixed(square, 2));
+        let parts = if channel.left_out.is_empty() {
+            "stretches"
+        } else {
+            "files"
+        };
+        format!(
+            "(mean squares differ by {by} {unit}², with a standard error over the {parts} of {error} {unit}²)"
+        )
+    };
     let why = if verdict == Verdict::WorseThanPlain {
         let plain = fixed(channel.plain.rms, 2);
         format!(
-            "they predict worse ({few} {unit}) than regression without time constants ({plain} {unit}). Try `--lags 0`, or take more tests."
+            "they predict worse ({few} {unit}) than regression without time constants ({plain} {unit}) {}. Try `--lags 0`, or take more tests.",
+            decides(difference(&channel.few.parts, &channel.plain.parts))
         )
     } else {
         let none = fixed(channel.none, 2);
+        let by = difference(&channel.none_of_parts, &channel.few.parts);
+        let how = if by.0 > 0.0 && by.0 <= by.1 {
+            "not surely better"
+        } else if by.0 > 0.0 {
+            "hardly better"
+        } else {
+            "no better"
+        };
         format!(
-            "they predict tests that they have not seen ({few} {unit}) no better than no terms at all ({none} {unit}). Either these temperatures do not move what was measured, or it takes more tests to see that."
+            "they predict tests that they have not seen ({few} {unit}) {how} than no terms at all ({none} {unit}) {}. Either these temperatures do not move what was measured, or it takes more tests to see that.",
+            decides(by)
         )
     };
     folded(&format!("No terms are printed: {why}"), "")

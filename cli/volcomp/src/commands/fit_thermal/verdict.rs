@@ -14,7 +14,7 @@ pub(super) enum Verdict {
 }
 
 /// The mean of the differences of two lists, part by part, and its standard error.
-fn difference(these: &[f64], those: &[f64]) -> (f64, f64) {
+pub(super) fn difference(these: &[f64], those: &[f64]) -> (f64, f64) {
     let of: Vec<f64> = these.iter().zip(those).map(|(a, b)| a - b).collect();
     let count = of.len() as f64;
     let mean = of.iter().sum::<f64>() / count.max(1.0);
