@@ -15,6 +15,7 @@ mod unit;
 use std::{ffi::OsStr, io::IsTerminal, process::ExitCode};
 
 use anstyle::{AnsiColor, Style};
+use clap::error::{ContextKind, ContextValue};
 use clap::{CommandFactory, Parser, Subcommand, builder::Styles};
 
 use crate::{commands::Answer, failure::Failure, table::folded};
@@ -106,7 +107,7 @@ enum Command {
 fn main() -> ExitCode {
     let arguments = match Arguments::try_parse() {
         Ok(arguments) => arguments,
-        Err(error) => return not_parsed(&error),
+        Err(error) => return not_parsed(&without_hidden(error)),
     };
     if arguments.verbose {
         tracing_subscriber::fmt()
@@ -151,6 +152,28 @@ fn main() -> ExitCode {
             ExitCode::from(failure.status())
         }
     }
+}
+
+/// A wrong command without the hidden ones among those that are like it.
+fn without_hidden(mut error: clap::Error) -> clap::Error {
+    let alike = match error.get(ContextKind::SuggestedSubcommand) {
+        Some(ContextValue::Strings(names)) => names.clone(),
+        Some(ContextValue::String(name)) => vec![name.clone()],
+        _ => return error,
+    };
+    let command = Arguments::command();
+    let shown = alike.into_iter().filter(|name| {
+        let found = command.find_subcommand(name);
+        !found.is_some_and(clap::Command::is_hide_set)
+    });
+    let shown: Vec<String> = shown.collect();
+    if shown.is_empty() {
+        error.remove(ContextKind::SuggestedSubcommand);
+    } else {
+        let shown = ContextValue::Strings(shown);
+        error.insert(ContextKind::SuggestedSubcommand, shown);
+    }
+    error
 }
 
 /// Help and version on standard output; a wrong call on standard error, as JSON where it was asked for.

@@ -19,7 +19,7 @@ pub use bspline::fit_bspline;
 pub use error::FitError;
 pub use fit::Fit;
 pub use fourier::fit_fourier;
-pub use mls::{MlsTrial, choose_mls, fit_mls, fit_mls_auto, scan_mls};
+pub use mls::{MLS_ORDERS, MlsTrial, choose_mls, fit_mls, fit_mls_auto, scan_mls};
 pub use polynomial::{fit_chebyshev, fit_polynomial};
 pub use table::{fit_cubic_table, fit_linear_table};
 pub use thermal::{

@@ -4,7 +4,8 @@ use volcomp_curve::MovingLeastSquares;
 use crate::fit::{Judged, left_out, rms};
 use crate::{Fit, FitError, readings};
 
-const ORDERS: std::ops::RangeInclusive<usize> = 1..=6;
+/// The orders of moving least squares that [`scan_mls`] and [`fit_mls_auto`] try.
+pub const MLS_ORDERS: std::ops::RangeInclusive<usize> = 1..=6;
 /// Supports tried, in twentieths of the range.
 const SUPPORTS: std::ops::RangeInclusive<u32> = 3..=20;
 /// The name of the fit in messages about too few targets.
@@ -226,7 +227,7 @@ fn scanned(x: &[f64], u: &[f64], shape: f64) -> Result<Vec<[f64; 2]>, FitError> 
 
 /// All candidates that the targets carry, lower orders first, within an order wider supports first.
 fn candidates(targets: &[[f64; 2]], shape: f64) -> impl Iterator<Item = Candidate> {
-    ORDERS.flat_map(move |order| {
+    MLS_ORDERS.flat_map(move |order| {
         let supports = SUPPORTS.rev().map(|step| f64::from(step) / 20.0);
         let mut supports: Vec<f64> = supports.collect();
         let (published_order, published_support) = PUBLISHED;

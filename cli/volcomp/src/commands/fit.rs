@@ -6,8 +6,8 @@ use clap::ValueEnum;
 use serde_json::Value;
 use volcomp_curve::Curve;
 use volcomp_fit::{
-    Fit, FitError, MlsTrial, fit_bspline, fit_chebyshev, fit_mls, fit_mls_auto, fit_polynomial,
-    scan_mls,
+    Fit, FitError, MLS_ORDERS, MlsTrial, fit_bspline, fit_chebyshev, fit_mls, fit_mls_auto,
+    fit_polynomial, scan_mls,
 };
 use volcomp_metrology::{DeviationUnit, MetrologyError, read_file};
 use volcomp_model::write_curve;
@@ -31,17 +31,17 @@ pub(crate) struct Arguments {
     /// Kind of curve: polynomial, Chebyshev series, moving least squares or smoothing B-spline
     #[arg(long)]
     method: Method,
-    /// Order of the polynomials (poly, chebyshev, mls)
-    #[arg(long, default_value_t = 4)]
-    order: usize,
-    /// Half width of the weight as a share of the measured range, above 0 and at most 1 (mls) [default: 1/3]
-    #[arg(long, default_value_t = 1.0 / 3.0, hide_default_value = true)]
-    support: f64,
-    /// Shape of the Gaussian weight (mls)
-    #[arg(long, default_value_t = 3.0)]
-    shape: f64,
-    /// Choose order and support by the leave-one-out error (mls)
+    /// Order of the polynomials (poly, chebyshev, mls) [default: 4]
     #[arg(long)]
+    order: Option<usize>,
+    /// Half width of the weight as a share of the measured range, above 0 and at most 1 (mls) [default: 1/3]
+    #[arg(long)]
+    support: Option<f64>,
+    /// Shape of the Gaussian weight (mls) [default: 3]
+    #[arg(long)]
+    shape: Option<f64>,
+    /// Choose order and support by the leave-one-out error (mls)
+    #[arg(long, conflicts_with_all = ["order", "support"])]
     auto: bool,
     /// The residual that --auto has to meet, µm for displacements and µrad for rotations
     #[arg(
@@ -67,12 +67,28 @@ enum Method {
     Bspline,
 }
 
+impl Arguments {
+    fn shape(&self) -> f64 {
+        self.shape.unwrap_or(3.0)
+    }
+}
+
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
-    for (asked, option) in [(arguments.auto, "--auto"), (arguments.scan, "--scan")] {
+    for (asked, option) in [
+        (arguments.auto, "--auto"),
+        (arguments.scan, "--scan"),
+        (arguments.support.is_some(), "--support"),
+        (arguments.shape.is_some(), "--shape"),
+    ] {
         if asked && arguments.method != Method::Mls {
             let message = format!("{option}: found another method, expected --method mls");
             return Err(Failure::Input(message));
         }
+    }
+    if arguments.order.is_some() && arguments.method == Method::Bspline {
+        return Err(Failure::input(
+            "--order: found --method bspline, whose order is fixed: expected --method poly, chebyshev or mls",
+        ));
     }
     let numbers = arguments.at.iter().chain(&arguments.residual);
     if let Some(wrong) = numbers.copied().find(|x| !x.is_finite()) {
@@ -86,7 +102,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let (x, u): (Vec<f64>, Vec<f64>) = measurement.mean_curve().into_iter().unzip();
     let failed = |e: FitError| Failure::Input(format!("{}: {e}", arguments.data.display()));
     let fit = fit(arguments, &x, &u).map_err(failed)?;
-    let trials = arguments.scan.then(|| scan_mls(&x, &u, arguments.shape));
+    let trials = arguments.scan.then(|| scan_mls(&x, &u, arguments.shape()));
     let scan = match trials {
         Some(trials) => Some(scan(&trials.map_err(failed)?, &fit.curve, unit)),
         None => None,
@@ -155,7 +171,15 @@ fn scan_text(trials: &[Trial]) -> String {
                 t.leave_one_out()
             }
         };
-        let mut rows = table(&["support", "order 1", "2", "3", "4", "5", "6"]);
+        let orders = MLS_ORDERS.map(|order| match order {
+            1 => "order 1".to_owned(),
+            _ => order.to_string(),
+        });
+        let heads: Vec<String> = std::iter::once("support".to_owned())
+            .chain(orders)
+            .collect();
+        let heads: Vec<&str> = heads.iter().map(String::as_str).collect();
+        let mut rows = table(&heads);
         for &support in &supports {
             let cell = |order: usize| {
                 let mut trials = trials.iter();
@@ -174,7 +198,7 @@ fn scan_text(trials: &[Trial]) -> String {
                     shown
                 }
             };
-            let cells = (1..=6).map(cell);
+            let cells = MLS_ORDERS.map(cell);
             rows.add_row([fixed(support, 3)].into_iter().chain(cells));
         }
         // Writing to a string never fails.
@@ -216,13 +240,13 @@ fn fit(arguments: &Arguments, x: &[f64], u: &[f64]) -> Result<Fit, FitError> {
         x.first().copied().unwrap_or(0.0),
         x.last().copied().unwrap_or(0.0),
     ];
-    let order = arguments.order;
+    let (order, shape) = (arguments.order.unwrap_or(4), arguments.shape());
     match arguments.method {
         Method::Poly => fit_polynomial(x, u, order, domain),
         Method::Chebyshev => fit_chebyshev(x, u, order, domain),
         Method::Bspline => fit_bspline(x, u),
-        Method::Mls if arguments.auto => fit_mls_auto(x, u, arguments.shape, arguments.residual),
-        Method::Mls => fit_mls(x, u, order, arguments.support, arguments.shape),
+        Method::Mls if arguments.auto => fit_mls_auto(x, u, shape, arguments.residual),
+        Method::Mls => fit_mls(x, u, order, arguments.support.unwrap_or(1.0 / 3.0), shape),
     }
 }
 

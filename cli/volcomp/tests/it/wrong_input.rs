@@ -355,3 +355,54 @@ fn an_output_is_opened_before_the_work_starts() {
     );
     assert_eq!(volcomp(&["--version"]).status.code(), Some(0));
 }
+
+/// An option that would be passed over is refused.
+#[test]
+fn options_of_a_fit_that_have_no_effect_are_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("m.csv").display().to_string();
+    let rows: String = (0..12)
+        .map(|row| format!("{},{}\n", 10 * row, row % 5))
+        .collect();
+    std::fs::write(&path, format!("target_mm,deviation_um\n{rows}")).expect("written");
+    for (options, expected) in [
+        (&["mls", "--auto", "--order", "9"][..], "--order"),
+        (&["mls", "--auto", "--support", "0.5"][..], "--support"),
+        (
+            &["poly", "--support", "0.5"][..],
+            "--support: found another method, expected --method mls",
+        ),
+        (
+            &["chebyshev", "--shape", "2"][..],
+            "--shape: found another method, expected --method mls",
+        ),
+        (
+            &["bspline", "--order", "3"][..],
+            "--order: found --method bspline",
+        ),
+    ] {
+        let message = crate::refused(&[&["fit", &path, "--method"], options].concat());
+        assert!(message.contains(expected), "{options:?}: {message}");
+    }
+    for options in [
+        &["mls", "--order", "2", "--support", "0.5", "--shape", "2"][..],
+        &["mls", "--auto", "--shape", "2", "--scan"][..],
+        &["poly", "--order", "3"][..],
+        &["bspline"][..],
+    ] {
+        let output = crate::volcomp(&[&["fit", &path, "--method"], options].concat());
+        assert_eq!(output.status.code(), Some(0), "{options:?}: {output:?}");
+    }
+}
+
+/// Hidden commands are no answer to a slip of the keyboard.
+#[test]
+fn a_mistyped_command_is_told_no_hidden_one() {
+    for (typed, meant) in [("chek", "check"), ("schem", "")] {
+        let output = crate::volcomp(&[typed]);
+        assert_eq!(output.status.code(), Some(2));
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!said.contains("'schema'"), "{said}");
+        assert!(said.contains(&format!("'{meant}")), "{said}");
+    }
+}
