@@ -1,18 +1,48 @@
 //! Progress of long work, drawn on standard error when it is a terminal.
 
-use indicatif::{ProgressBar, ProgressStyle};
+use std::{fmt::Write, time::Duration};
+
+use indicatif::{HumanDuration, ProgressBar, ProgressState, ProgressStyle};
 
 /// A bar over `count` steps of `what`.
 pub(crate) fn bar(count: usize, what: &str) -> ProgressBar {
     let bar = ProgressBar::new(count as u64);
-    let template = format!("{{bar:30}} {{pos}}/{{len}} {what} {{eta}} left");
-    let style = ProgressStyle::with_template(&template);
-    bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+    let template = format!("{{bar:30}} {{pos}}/{{len}} {what} {{left}}");
+    styled(bar, &template)
 }
 
 /// A bar over so many bytes.
 pub(crate) fn byte_bar(bytes: u64) -> ProgressBar {
     let bar = ProgressBar::new(bytes);
-    let style = ProgressStyle::with_template("{bar:30} {bytes}/{total_bytes} {eta} left");
-    bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+    styled(bar, "{bar:30} {bytes}/{total_bytes} {left}")
+}
+
+fn styled(bar: ProgressBar, template: &str) -> ProgressBar {
+    let style = ProgressStyle::with_template(template);
+    let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
+    bar.with_style(
+        style.with_key("left", |state: &ProgressState, out: &mut dyn Write| {
+            // The bar has nobody to tell that it cannot be drawn.
+            let _ = out.write_str(&left(state.pos(), state.eta()));
+        }),
+    )
+}
+
+/// How long it takes yet, which is not known before the first step is done.
+fn left(done: u64, eta: Duration) -> String {
+    match done {
+        0 => String::new(),
+        _ => format!("{:#} left", HumanDuration(eta)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_time_is_told_before_the_first_step() {
+        assert_eq!(left(0, Duration::ZERO), "");
+        assert_eq!(left(1, Duration::from_secs(90)), "90s left");
+    }
 }

@@ -273,9 +273,13 @@ fn text(machine: &Machine, found: &Sensitivity, values: bool) -> String {
     if nulls.peek().is_some() {
         text += "Besides errors of one motion, these together move it nowhere:\n";
     }
+    let is_small = |(_, weight): &&(ErrorTerm, f64)| weight.abs() < 0.5e-4;
+    let mut left_out = false;
     for null in nulls {
+        left_out |= null.iter().any(|term| is_small(&term));
         let mut sum = String::new();
-        for (place, (term, weight)) in null.iter().enumerate() {
+        let kept = null.iter().filter(|term| !is_small(term));
+        for (place, (term, weight)) in kept.enumerate() {
             sum += match (place, *weight < 0.0) {
                 (0, true) => "-",
                 (0, false) => "",
@@ -285,6 +289,9 @@ fn text(machine: &Machine, found: &Sensitivity, values: bool) -> String {
             let _ = write!(sum, "{} {}", fixed(weight.abs(), 4), term.coefficient());
         }
         text += &folded(&sum, " ");
+    }
+    if left_out {
+        text += "Terms with a weight below 0.00005 are left out.\n";
     }
     text
 }

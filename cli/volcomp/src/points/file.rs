@@ -100,7 +100,7 @@ fn coordinates(table: &CsvTable, machine: &Machine) -> Result<Vec<(AxisName, Col
     }
     for (_, text) in table.names() {
         let (name, in_unit) = match head(text) {
-            Head::OtherUnit(name, unit) => (name, format!(" in {unit}")),
+            Head::OtherUnit(name, unit) => (name, format!(" with the unit `{unit}`")),
             Head::Unclear(name) if machine.axis(name).is_some() => (name, String::new()),
             _ => continue,
         };

@@ -44,18 +44,18 @@ fn a_head_may_name_its_unit() {
     for (header, expected) in [
         (
             "X in,Y,C",
-            "found column `X in` in in, expected positions of X in mm: X or X_mm",
+            "found column `X in` with the unit `in`, expected positions of X in mm: X or X_mm",
         ),
-        ("X_um,Y,C", "found column `X_um` in um"),
+        ("X_um,Y,C", "found column `X_um` with the unit `um`"),
         (
             "X,Y,C [rad]",
-            "found column `C [rad]` in rad, expected positions of C in deg: C or C_deg",
+            "found column `C [rad]` with the unit `rad`, expected positions of C in deg: C or C_deg",
         ),
         (
             "X,X mm,C",
             "found columns `X` and `X mm`, expected one with positions of X",
         ),
-        ("X,Y,A mm", "found column `A mm` in mm"),
+        ("X,Y,A mm", "found column `A mm` with the unit `mm`"),
         ("X,Y,A deg", "has no axis A"),
         ("Xposition,Yposition,remark", "found no axis letter"),
         (

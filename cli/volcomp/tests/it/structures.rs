@@ -326,3 +326,27 @@ fn one_node_of_a_turn_is_the_middle() {
     assert!((of("ECC", "orientation_rms_urad") - 180.0).abs() < 1e-6);
     assert!((of("EXX", "position_rms_um") - 20.0).abs() < 1e-6);
 }
+
+/// An axis 0.02 mm beside the origin: its lever is a weight of 0.00001, which would print as zero. JSON has it.
+#[test]
+fn weights_that_would_print_as_zero_are_left_out_and_said() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("m.toml").display().to_string();
+    let machine = |offset_mm: f64| {
+        let text = format!(
+            "structure = \"w C' b X Y Z t\"\n[axes]\nX.travel = [-200, 200]\nY.travel = [-200, 200]\nZ.travel = [-300, 0]\n\
+             C = {{ travel = [-90, 90], point = [{offset_mm:?}, 0.0, 0.0] }}\n"
+        );
+        std::fs::write(&path, text).expect("written");
+        crate::text(&["sensitivity", "-m", &path])
+    };
+    let said = "Terms with a weight below 0.00005 are left out.";
+    let near = machine(0.02);
+    assert!(near.contains(said) && !near.contains("0.0000 "), "{near}");
+    let document = json(&["sensitivity", "-m", &path]);
+    let weights = document["indistinguishable"].as_array().expect("a list");
+    let mut weights = weights.iter().filter_map(|null| null.as_object()).flatten();
+    let is_small = |weight: &Value| weight.as_f64().is_some_and(|w| w.abs() < 5e-5);
+    assert!(weights.any(|(_, weight)| is_small(weight)), "{document}");
+    assert!(!machine(0.0).contains(said));
+}

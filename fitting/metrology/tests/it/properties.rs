@@ -187,6 +187,7 @@ fn measurement(unit: DeviationUnit, kind: &'static str) -> impl Strategy<Value =
                     name,
                     unit,
                     stated: None,
+                    target_unit: None,
                     readings,
                     metadata,
                     environment,
