@@ -75,6 +75,10 @@ pub(crate) fn shifted(
         .iter()
         .zip(&shift)
         .filter(|(_, by)| by.abs() > NONE_MM);
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "µm of a machine, and saturating"
+    )]
     let shifts: Vec<_> = large
         .map(|(axis, by)| (machine.axes()[*axis].name, (by * 1e3).round() as i64))
         .collect();
