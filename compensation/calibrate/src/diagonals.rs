@@ -85,6 +85,7 @@ pub(crate) fn decode_diagonals(
     let mut found = Observations {
         files: Vec::new(),
         machine: machine.clone(),
+        measured: Vec::new(),
         unknown: Vec::new(),
         observations: Vec::new(),
         setup: SetUp::default(),

@@ -58,6 +58,8 @@ pub(crate) fn settled(
     let on = |machine: &Machine, followers: &[Follower], folds: usize| {
         let mut observations = observations.clone();
         observations.machine = machine.clone();
+        let lines = file.measurements.iter();
+        observations.measured = lines.map(|line| line.setup.error).collect();
         observations.folds = folds;
         identify_followed(&observations, followers, |_, _| {})
     };
@@ -111,6 +113,16 @@ pub(crate) fn settled(
     } else if rounds > 1 {
         notes.push(format!(
             "the unknowns were identified {rounds} times, each time with the lines cleared of what was found before, until they settled"
+        ));
+    }
+    let single: Vec<String> = file
+        .without_scatter()
+        .map(|line| line.file.display().to_string())
+        .collect();
+    if !single.is_empty() && wanted == Wanted::Everything {
+        notes.push(format!(
+            "the uncertainties of the unknowns do not count the noise of {}: one run only in each direction shows none. Take two runs or more, or state reading_um or reading_urad in [uncertainty]",
+            single.join(", ")
         ));
     }
     let (mut found, response) = on(&stages.machine, &followers, observations.folds)?;

@@ -104,11 +104,12 @@ impl CalibrationFile {
         shifted
     }
 
-    /// The files whose scatter is not known: one run only in each direction.
+    /// The files whose scatter is not known: one run only in each direction, and nothing stated in `[uncertainty]` for their readings.
     pub fn without_scatter(&self) -> impl Iterator<Item = &Line> {
+        let is_stated = |line: &Line| independent(line, &self.uncertainty) > 0.0;
         self.measurements
             .iter()
-            .filter(|line| most_runs(&line.readings) < 2)
+            .filter(move |line| most_runs(&line.readings) < 2 && !is_stated(line))
     }
 }
 
@@ -216,6 +217,15 @@ fn place(reading: &Reading) -> (Direction, u64) {
     (reading.direction, (reading.target + 0.0).to_bits())
 }
 
+/// The standard uncertainty of a single reading, by its own, µm or µrad.
+fn independent(line: &Line, uncertainty: &Uncertainty) -> f64 {
+    if line.setup.reads_angles() {
+        uncertainty.reading_urad
+    } else {
+        uncertainty.reading_um
+    }
+}
+
 /// Shifts the readings of a target together. One number for each run multiplies its deviations from the
 /// means: the covariance of the shifts is that of the runs by their count, between targets and
 /// directions too.
@@ -227,11 +237,7 @@ fn vary(
 ) {
     let positioning =
         MotionKind::of(line.setup.error) == MotionKind::Positioning && !line.setup.reads_angles();
-    let independent = if line.setup.reads_angles() {
-        uncertainty.reading_urad
-    } else {
-        uncertainty.reading_um
-    };
+    let independent = independent(line, uncertainty);
     let mut factors: BTreeMap<u32, f64> = BTreeMap::new();
     let mut shifts: BTreeMap<(Direction, u64), f64> = BTreeMap::new();
     for reading in &line.readings.readings {

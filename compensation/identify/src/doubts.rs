@@ -37,6 +37,8 @@ pub(crate) fn contradiction(
         .collect();
     let so = if fitted.solution.counts_residuals {
         "The uncertainties follow from what is left, and count this already".to_owned()
+    } else if !observations.measured.is_empty() {
+        "So does the noise of the lines, which the uncertainties count".to_owned()
     } else {
         format!(
             "The uncertainties count the stated ones alone: multiply them by {factor:.1} at the least"

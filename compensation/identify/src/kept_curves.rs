@@ -45,7 +45,8 @@ pub(crate) fn kept_curves(
                     *component_of(&mut known.motion[place], component.index()) != 0.0
                 })
             };
-            if !known(rows) {
+            let error = ErrorName::motion(component, axis.name);
+            if observations.measured.contains(&error) || !known(rows) {
                 continue;
             }
             for (factor, words) in FACTORS {
@@ -59,7 +60,7 @@ pub(crate) fn kept_curves(
                         *component_of(&mut stand.known.motion[place], component.index()) *= factor;
                     }
                 }
-                trials.push((ErrorName::motion(component, axis.name), words, scaled));
+                trials.push((error, words, scaled));
             }
         }
     }

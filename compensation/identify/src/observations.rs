@@ -21,6 +21,9 @@ pub struct Observations {
     pub files: Vec<PathBuf>,
     /// The machine: its geometry, the errors that are known, and start values of those that are not.
     pub machine: Machine,
+    /// Error motions of `machine` that were measured together with these observations: their own uncertainty is not in `uncertainty_um`,
+    /// so they are not blamed for what it leaves.
+    pub measured: Vec<ErrorName>,
     /// What is to be found.
     pub unknown: Vec<Unknown>,
     /// The observations in the order of the file.

@@ -137,6 +137,7 @@ fn observations(
     Ok(Observations {
         files,
         machine,
+        measured: Vec::new(),
         unknown,
         observations,
         setup: reading.setup,
