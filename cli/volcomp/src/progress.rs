@@ -43,6 +43,6 @@ mod tests {
     #[test]
     fn no_time_is_told_before_the_first_step() {
         assert_eq!(left(0, Duration::ZERO), "");
-        assert_eq!(left(1, Duration::from_secs(90)), "90s left");
+        assert_eq!(left(1, Duration::from_secs(30)), "30s left");
     }
 }
