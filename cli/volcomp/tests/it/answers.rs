@@ -225,9 +225,10 @@ fn fit_gives_a_curve_of_the_machine_file() {
     std::fs::write(&path, rows).expect("written");
     let path = path.to_str().expect("UTF-8");
     for method in ["poly", "chebyshev", "mls", "bspline"] {
-        let answer = json(&[
-            "fit", path, "--method", method, "--order", "2", "--at", "50,1234",
-        ]);
+        // The order of the spline is fixed.
+        let order = ["--order", "2"].into_iter().filter(|_| method != "bspline");
+        let call = ["fit", path, "--method", method, "--at", "50,1234"];
+        let answer = json(&call.into_iter().chain(order).collect::<Vec<_>>());
         close(&answer["values"][0]["value_um"], 1.0, 1e-6);
         close(&answer["values"][1]["value_um"], 12.84, 1e-6);
         close(&answer["residual_um"]["rms"], 0.0, 1e-6);

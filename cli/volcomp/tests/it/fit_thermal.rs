@@ -563,12 +563,13 @@ fn what_contradicts_and_what_is_in_another_unit_is_named() {
 #[test]
 fn two_files_of_opposite_sign_are_both_named() {
     let folder = tempfile::tempdir().expect("a folder");
-    let files = tests_of(folder.path(), 3, 3.0);
-    changed(&files[1], 3, |z| -z);
-    let said = said(&["fit-thermal", &files[0], &files[1]]);
+    let files = tests_of_an_axis(folder.path());
+    changed(&files[1], 5, |x| -x);
+    let call = ["fit-thermal", "--error", "EXX", &files[0], &files[1]];
+    let said = said(&call);
     let expected = format!("if {} or {} had the opposite sign", files[0], files[1]);
     assert!(said.contains(&expected), "{said}");
-    let printed = text(&["fit-thermal", &files[0], &files[1]]);
+    let printed = text(&call);
     let printed = printed.split_whitespace().collect::<Vec<_>>().join(" ");
     assert!(printed.contains("(mean squares differ by "), "{printed}");
 }

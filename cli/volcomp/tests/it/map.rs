@@ -398,7 +398,7 @@ fn the_tilt_of_the_tool_is_told_apart_from_the_rotation_about_it() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("m.toml").display().to_string();
     let text = "structure = \"w C' b X Y Z t\"\n[axes]\nX.travel = [-200, 200]\nY.travel = [-200, 200]\nZ.travel = [-300, 0]\n\
-                C.travel = [-180, 180]\n[errors]\nECC = 200.0\nEA0C = 50.0\n";
+                C.travel = [-180, 180]\n[errors]\nECC = 200.0\nEAC = 50.0\n";
     fs::write(&path, text).expect("written");
     let call = ["map", "-m", &path, "--grid", "2x2x2", "--exact"];
     let answer = json(&call);

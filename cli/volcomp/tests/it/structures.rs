@@ -342,7 +342,8 @@ fn weights_that_would_print_as_zero_are_left_out_and_said() {
     };
     let said = "Terms with a weight below 0.00005 are left out.";
     let near = machine(0.02);
-    assert!(near.contains(said) && !near.contains("0.0000 "), "{near}");
+    let (_, sums) = near.split_once("move it nowhere:").expect("sums");
+    assert!(sums.contains(said) && !sums.contains("0.0000 "), "{near}");
     let document = json(&["sensitivity", "-m", &path]);
     let weights = document["indistinguishable"].as_array().expect("a list");
     let mut weights = weights.iter().filter_map(|null| null.as_object()).flatten();
