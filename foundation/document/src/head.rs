@@ -33,14 +33,13 @@ pub fn split_head(head: &str) -> (&str, &str) {
 pub fn split_unit(head: &str) -> Option<(&str, &'static str)> {
     let is_mark = |c: char| c.is_whitespace() || "_-/,:.[](){}".contains(c);
     let (name, behind) = split_head(head);
-    let (name, unit) = match unit_named(behind) {
-        Some(unit) => (name, unit),
+    let (name, unit) = if let Some(unit) = unit_named(behind) {
+        (name, unit)
+    } else {
         // A name with marks or blanks in it.
-        None => {
-            let head = head.trim_end_matches(is_mark);
-            let (name, behind) = head.rsplit_once(is_mark)?;
-            (name.trim_end_matches(is_mark), unit_named(behind)?)
-        }
+        let head = head.trim_end_matches(is_mark);
+        let (name, behind) = head.rsplit_once(is_mark)?;
+        (name.trim_end_matches(is_mark), unit_named(behind)?)
     };
     (!name.is_empty()).then_some((name, unit))
 }

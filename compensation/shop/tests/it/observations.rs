@@ -1,7 +1,7 @@
 //! Observations of the virtual shop: against chains of 4×4 matrices that this file writes by itself, and back through
 //! identification.
 
-use std::{fs, path::Path};
+use std::{fmt::Write as _, fs, path::Path};
 
 use volcomp_identify::{Identification, Observations, identify};
 use volcomp_kinematics::nalgebra::Vector3;
@@ -393,7 +393,12 @@ fn names_are_read_back_whatever_stands_in_them() {
     let tools = [r#""T1, long""#, r#"'T"2"'"#, r##""# T3""##, r#""T\u200B4""#];
     let mut truth = HEAD.to_owned();
     for (place, name) in tools.iter().enumerate() {
-        truth += &format!("[tools.{name}]\ntip = [0.0, 0.0, {}]\n", 120 + 10 * place);
+        writeln!(
+            truth,
+            "[tools.{name}]\ntip = [0.0, 0.0, {}]",
+            120 + 10 * place
+        )
+        .expect("a string");
     }
     let names = format!("[{}]", tools.join(", "));
     let text = format!(
