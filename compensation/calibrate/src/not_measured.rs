@@ -82,6 +82,7 @@ fn notes(
         let moves = |size: f64| {
             effect.map_or_else(String::new, |effect| {
                 let most = size.abs() * effect;
+                let size = (10.0 * size).round() / 10.0;
                 format!(
                     ": {size} {unit} of it move the tool by up to {most:.1} µm within the travel"
                 )

@@ -222,6 +222,7 @@ fn decode_line(
         readings.readings.len(),
         file.display()
     );
+    readings.check_targets(error.axis)?;
     apply_unit(section, &file_value, &mut readings, setup.reads_angles())?;
     for reading in &mut readings.readings {
         reading.deviation *= setup.sign;
@@ -284,9 +285,14 @@ fn apply_unit(
     readings: &mut Measurement,
     angular: bool,
 ) -> Result<(), InputError> {
-    const LENGTHS: [(&str, ReadingUnit); 2] = [("um", ReadingUnit::Um), ("mm", ReadingUnit::Mm)];
-    const ANGLES: [(&str, ReadingUnit); 4] = [
+    const LENGTHS: [(&str, ReadingUnit); 3] = [
+        ("um", ReadingUnit::Um),
+        ("µm", ReadingUnit::Um),
+        ("mm", ReadingUnit::Mm),
+    ];
+    const ANGLES: [(&str, ReadingUnit); 5] = [
         ("urad", ReadingUnit::Urad),
+        ("µrad", ReadingUnit::Urad),
         ("mrad", ReadingUnit::Mrad),
         ("arcsec", ReadingUnit::Arcsec),
         ("deg", ReadingUnit::Deg),

@@ -11,7 +11,7 @@ use volcomp_sensitivity::{
     DEPENDENT_BELOW, Effect, ErrorTerm, Poses, Sensitivity, effects_of_with_progress,
     sensitivity_with_progress, terms,
 };
-use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
+use volcomp_vocabulary::{AxisName, Displacement};
 
 use super::{Answer, fixed, table, table_text};
 use crate::{
@@ -108,7 +108,7 @@ fn grid(machine: &Machine, count: usize) -> Poses {
     let inside = |axis: &Axis| {
         let end = |end: f64| Displacement::from_coordinate(axis.name.kind(), end).mm_or_rad();
         let [low, high] = axis.travel.map(end);
-        if turns_round(axis) {
+        if axis.turns_round() {
             let middle = 0.5 * (low + high);
             // One node is the middle, as of any other axis.
             let half = if count > 1 { PI } else { 0.0 };
@@ -121,16 +121,10 @@ fn grid(machine: &Machine, count: usize) -> Poses {
     Poses::over(&travels, count)
 }
 
-/// Whether an axis turns all the way round, or all but a degree of it: controls state the travel of a turn as 0 to 359.999 deg, too.
-fn turns_round(axis: &Axis) -> bool {
-    const NEARLY_DEG: f64 = 359.0;
-    axis.name.kind() == AxisKind::Rotary && axis.travel[1] - axis.travel[0] >= NEARLY_DEG
-}
-
 /// A note where an axis that turns all the way round has so few nodes that a run-out, one wave in a turn, may be missed.
 fn too_few(machine: &Machine, count: usize) -> Option<String> {
     const LEAST: usize = 3;
-    let mut turning = machine.axes().iter().filter(|axis| turns_round(axis));
+    let mut turning = machine.axes().iter().filter(|axis| axis.turns_round());
     let axis = turning.next().filter(|_| count < LEAST)?;
     Some(format!(
         "--grid {count}: {} turns all the way round, and fewer than {LEAST} nodes may miss what goes through one wave in a turn",

@@ -49,7 +49,7 @@ fn every_wrong_key_is_named() {
         ("method = \"magic\"", "expected one of: direct, angular"),
         ("method = \"angular\"", "key `bridge_mm` is missing"),
         ("bridge_mm = 100.0", "expected only with method"),
-        ("unit = \"inch\"", "expected one of: um, mm"),
+        ("unit = \"inch\"", "expected one of: um, µm, mm"),
         ("curve = \"best\"", "found \"best\", expected \"auto\""),
         ("curve = { poly = {}, mls = {} }", "found 2 kinds of curve"),
         (
@@ -394,6 +394,33 @@ fn a_file_that_does_not_fit_its_line_is_refused_or_told() {
     ] {
         let told = warnings(files);
         assert!(told.contains(expected), "{files:?}: {told}");
+    }
+}
+
+/// Targets in the unit of another kind of axis belong to another axis; units may be written with µ.
+#[test]
+fn targets_are_in_the_unit_of_the_axis() {
+    let folder = folder_of_two_axes();
+    let of = |head: &str, unit: &str| {
+        written(&folder, "a.csv", &format!("{head}\n0,1\n50,2\n100,4\n"));
+        let text = format!(
+            "machine = \"machine.toml\"\n[[measurement]]\nerror = \"EXX\"\nfile = \"a.csv\"\n{unit}"
+        );
+        CalibrationFile::read(&written(&folder, "c.toml", &text))
+    };
+    let error = of("target deg,deviation", "")
+        .expect_err("refused")
+        .to_string();
+    assert!(
+        error.contains("`target deg`") && error.contains("`target mm`"),
+        "{error}"
+    );
+    for unit in ["um", "µm"] {
+        let read = of("target mm,deviation", &format!("unit = \"{unit}\"\n"));
+        assert_eq!(
+            read.expect("read").measurements[0].readings.readings[1].deviation,
+            2.0
+        );
     }
 }
 
