@@ -314,7 +314,8 @@ target = \"unknown\"
     #[test]
     fn what_is_written_is_read_back() {
         let before = observations();
-        let items: Vec<String> = before.unknown.iter().map(Unknown::to_toml).collect();
+        let items = before.unknown.iter().map(|unknown| unknown.to_toml(false));
+        let items: Vec<String> = items.collect();
         let text = TEXT.to_owned();
         let (head, rest) = text.split_once("unknown = [").expect("unknowns");
         let (_, rest) = rest.split_once("\n]\n").expect("their end");

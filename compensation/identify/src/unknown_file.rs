@@ -29,8 +29,8 @@ impl Unknown {
         Ok(found)
     }
 
-    /// The item of the key `unknown` that is read back as this.
-    pub fn to_toml(&self) -> String {
+    /// The item of the key `unknown` that is read back as this, in a file whose own `penalty` is `auto` (`by_default`) or is not there.
+    pub fn to_toml(&self, by_default: bool) -> String {
         let mut keys = vec![format!("error = \"{}\"", self.error)];
         match self.basis {
             Some(Basis::Legendre { order }) => keys.push(format!("legendre = {order}")),
@@ -54,9 +54,10 @@ impl Unknown {
         if self.reversal {
             keys.push("reversal = true".to_owned());
         }
-        // Said either way: the root of the file may say otherwise for all that do not.
-        let penalty = if self.penalised { "auto" } else { "none" };
-        keys.push(format!("penalty = \"{penalty}\""));
+        if self.penalised != by_default {
+            let penalty = if self.penalised { "auto" } else { "none" };
+            keys.push(format!("penalty = \"{penalty}\""));
+        }
         format!("{{ {} }}", keys.join(", "))
     }
 }

@@ -49,7 +49,7 @@ impl Shop {
         let unknown: Vec<String> = self
             .unknown
             .iter()
-            .map(|unknown| format!("    {},\n", unknown.to_toml()))
+            .map(|unknown| format!("    {},\n", unknown.to_toml(false)))
             .collect();
         // What the lines give stays as it is where observations find the rest.
         let machine = if self.has_calibration() {

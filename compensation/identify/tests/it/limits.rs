@@ -315,7 +315,7 @@ fn an_unknown_is_read_back_as_it_was_written() {
                     reversal: false,
                     penalised,
                 };
-                let written = unknown.to_toml();
+                let written = unknown.to_toml(false);
                 let text = format!("unknown = [{written}]\n");
                 let document = Document::new("o.toml", &text);
                 let read =
@@ -323,6 +323,7 @@ fn an_unknown_is_read_back_as_it_was_written() {
                 let read: Vec<Unknown> = read.expect("read");
                 assert_eq!(read, [unknown], "{written}");
                 for root in ["auto", "none"] {
+                    let written = unknown.to_toml(root == "auto");
                     let text = format!("penalty = \"{root}\"\nunknown = [{written}]\n{POINTS}");
                     let read = lab.read(&text).expect("read");
                     assert_eq!(read.unknown, [unknown], "{root}: {written}");
