@@ -9,7 +9,7 @@ use arrayvec::ArrayVec;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::{
-    chain::{Chain, Joint},
+    chain::Chain,
     correctors::Correctors,
     math::{atan2, sqrt},
     pose::rotation_about_axis,
@@ -30,6 +30,8 @@ pub const REACHED_WITHIN_MM: f64 = 1e-7;
 const BROUGHT_WITHIN_MM: f64 = 1e-9;
 /// Steps to a point: two for the ideal tip, the second for the rounding of the first, and some more for an actual one.
 const MOST_STEPS: usize = 12;
+/// Changes of which axes stand at an end of their travel.
+const MOST_CHANGES: usize = 10 * MAX_AXES;
 /// Directions of three linear axes whose box of unit edges has less volume than this count as lying in one plane. Such axes reach
 /// a point beside the plane only by moving far against each other; they are not made to.
 const FLAT_BELOW: f64 = 1e-3;
@@ -149,57 +151,37 @@ impl Chain {
         state: &State,
         travel: &PerAxis<[f64; 2]>,
     ) -> Result<State, NoSolution> {
-        let is_linear = |joint: &Joint| joint.kind == AxisKind::Linear;
-        let mut columns = self.linear_columns(state);
+        let columns = self.linear_columns(state);
         let first_of_each = Correctors::all(self);
-        let mut moving = [false; MAX_AXES];
+        let mut free = [false; MAX_AXES];
         let mut found = *state;
         let mut redundant = false;
         for (index, joint) in self.joints().iter().enumerate() {
-            if !is_linear(joint) {
+            if joint.kind != AxisKind::Linear {
                 continue;
             }
-            moving[index] = first_of_each.linear().contains(&index);
-            redundant |= !moving[index];
+            free[index] = first_of_each.linear().contains(&index);
+            redundant |= !free[index];
             let [low, high] = travel[index];
-            found.q[index] = if moving[index] {
+            found.q[index] = if free[index] {
                 0.0
             } else {
                 0.0_f64.max(low).min(high)
             };
         }
-        for _ in 0..=MAX_AXES {
-            // Twice: the second step takes away what the first one lost to rounding.
-            for _ in 0..2 {
-                let missing = tip_mm - self.ideal_tip_mm(&found);
-                for (index, step) in least_norm(&columns, &moving, &missing)
-                    .into_iter()
-                    .enumerate()
-                {
-                    found.q[index] += step;
-                }
+        // Twice: the second step takes away what the first one lost to rounding.
+        for _ in 0..2 {
+            let missing = tip_mm - self.ideal_tip_mm(&found);
+            for (q, step) in found
+                .q
+                .iter_mut()
+                .zip(least_norm(&columns, &free, &missing))
+            {
+                *q += step;
             }
-            let beyond = |index: usize, q: f64| {
-                let [low, high] = travel[index];
-                moving[index] && (q < low || q > high)
-            };
-            let outside: ArrayVec<usize, MAX_AXES> = (0..self.joints().len())
-                .filter(|&index| beyond(index, found.q[index]))
-                .collect();
-            if !redundant || outside.is_empty() {
-                break;
-            }
-            for index in 0..self.joints().len() {
-                if outside.contains(&index) {
-                    let [low, high] = travel[index];
-                    found.q[index] = found.q[index].max(low).min(high);
-                    moving[index] = false;
-                    columns[index] = Vector3::zeros();
-                } else {
-                    // An axis that stands at an end has no column any more.
-                    moving[index] = columns[index] != Vector3::zeros();
-                }
-            }
+        }
+        if redundant {
+            self.share(tip_mm, &columns, travel, &mut free, &mut found);
         }
         let miss_mm = (tip_mm - self.ideal_tip_mm(&found)).norm();
         // A distance that is no number is refused, too.
@@ -207,6 +189,85 @@ impl Chain {
             return Ok(found);
         }
         Err(NoSolution::Tip { miss_mm })
+    }
+
+    /// Brings linear axes that are beyond their travel back to its ends, and lets the others take over: the least squares of
+    /// what the tip misses where every axis is bounded, by an active set that gives axes back (the method of P. B. Stark and
+    /// R. L. Parker, Computational Statistics 10, 1995). `free` are the axes that moved so far.
+    fn share(
+        &self,
+        tip_mm: &Vector3<f64>,
+        columns: &[Vector3<f64>; MAX_AXES],
+        travel: &PerAxis<[f64; 2]>,
+        free: &mut [bool; MAX_AXES],
+        found: &mut State,
+    ) {
+        let mut is_beyond = false;
+        for (index, is_free) in free.iter_mut().enumerate() {
+            if columns[index] == Vector3::zeros() {
+                continue;
+            }
+            let [low, high] = travel[index];
+            let within = found.q[index].max(low).min(high);
+            *is_free = within == found.q[index];
+            is_beyond |= !*is_free;
+            found.q[index] = within;
+        }
+        if !is_beyond {
+            return;
+        }
+        for _ in 0..MOST_CHANGES {
+            let mut missing = tip_mm - self.ideal_tip_mm(found);
+            let mut stopped = None;
+            for _ in 0..2 {
+                let steps = least_norm(columns, free, &missing);
+                // How far all can go until the first is at an end of its travel.
+                let mut share = 1.0;
+                for (index, step) in steps.into_iter().enumerate() {
+                    let [low, high] = travel[index];
+                    let end = if step > 0.0 { high } else { low };
+                    let up_to = (end - found.q[index]) / step;
+                    if step != 0.0 && up_to < share {
+                        (share, stopped) = (up_to.max(0.0), Some((index, end)));
+                    }
+                }
+                for (q, step) in found.q.iter_mut().zip(steps) {
+                    *q += share * step;
+                }
+                if let Some((index, end)) = stopped {
+                    found.q[index] = end;
+                    free[index] = false;
+                    break;
+                }
+                missing = tip_mm - self.ideal_tip_mm(found);
+            }
+            if stopped.is_some() {
+                continue;
+            }
+            // An axis at an end that would make the rest smaller by leaving it is given back.
+            let gain = |index: usize| {
+                let towards = columns[index].dot(&missing);
+                let inside = if found.q[index] <= travel[index][0] {
+                    towards
+                } else {
+                    -towards
+                };
+                if free[index] || travel[index][0] >= travel[index][1] {
+                    0.0
+                } else {
+                    inside
+                }
+            };
+            let best = (0..MAX_AXES).max_by(|&a, &b| gain(a).total_cmp(&gain(b)));
+            match best {
+                Some(index)
+                    if missing.norm() > BROUGHT_WITHIN_MM && gain(index) > BROUGHT_WITHIN_MM =>
+                {
+                    free[index] = true;
+                }
+                _ => break,
+            }
+        }
     }
 
     /// Moves linear axes of `state` until `tip` is at `to`, both mm in the same axes as [`Chain::ideal_tip_mm`]; rotary axes

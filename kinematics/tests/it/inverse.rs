@@ -201,6 +201,58 @@ fn redundant_linear_axes_share_what_one_cannot_reach() {
     }
 }
 
+/// A quill beside the ram that is slanted: an axis that was brought to an end of its travel has to leave it again where the
+/// others take over, so that every tip of a pose within travel is reached within travel.
+#[test]
+fn slanted_redundant_axes_give_back_what_they_took() {
+    let travel_of = [[0.0, 200.0], [0.0, 500.0], [0.0, 400.0], [-400.0, 0.0]];
+    let mut travel = ANY;
+    for (place, of) in travel_of.into_iter().enumerate() {
+        travel[place] = of;
+    }
+    let mut rng = seeded(8);
+    for slant in [
+        Vector3::new(0.5, 0.0, -0.75_f64.sqrt()),
+        Vector3::new(-0.6, 0.64, 0.48),
+        Vector3::new(0.02, 0.0, -1.0).normalize(),
+    ] {
+        let structure: volcomp_kinematics::Structure = "w b W X Y Z t".parse().unwrap();
+        let mut chain = Chain::new(structure);
+        chain.set_direction(AxisName::W, slant.into()).unwrap();
+        for _ in 0..200 {
+            let mut q = [0.0; 4];
+            for (q, [low, high]) in q.iter_mut().zip(travel_of) {
+                *q = rng.random_range(low..=high);
+            }
+            let tip = slant * q[0] + Vector3::new(q[1], q[2], q[3]);
+            let found = chain.reaching(&tip, &State::default(), &travel);
+            let found = found.unwrap_or_else(|error| panic!("{slant:?} {q:?}: {error}"));
+            let there = slant * found.q[0] + Vector3::new(found.q[1], found.q[2], found.q[3]);
+            assert!((there - tip).norm() < 1e-7, "{q:?} {found:?}");
+            for (q, [low, high]) in found.q.iter().zip(travel_of) {
+                assert!((low..=high).contains(q), "{found:?}");
+            }
+        }
+        // Beyond all of them it is as near as it can be: no box holds a point that is nearer.
+        let tip = Vector3::new(900.0, 200.0, 100.0);
+        let Err(NoSolution::Tip { miss_mm }) = chain.reaching(&tip, &State::default(), &travel)
+        else {
+            panic!("beyond all")
+        };
+        let nearest = (0..=2000).map(|step| {
+            let rest = tip - slant * (0.1 * f64::from(step));
+            let held = Vector3::new(
+                rest.x.clamp(0.0, 500.0),
+                rest.y.clamp(0.0, 400.0),
+                rest.z.clamp(-400.0, 0.0),
+            );
+            (rest - held).norm()
+        });
+        let nearest = nearest.fold(f64::INFINITY, f64::min);
+        assert!((miss_mm - nearest).abs() < 0.01, "{miss_mm} {nearest}");
+    }
+}
+
 /// The tip is brought as near as the linear axes can: all the way with three directions, and else up to what no axis has.
 #[test]
 fn linear_axes_bring_the_tip_as_near_as_they_can() {
