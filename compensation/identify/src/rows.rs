@@ -11,6 +11,7 @@ use crate::{
     observations::{Row, Seen, Stand},
     seen_columns::SeenColumns,
     setup_keys::Reading,
+    timeline::Approach,
 };
 
 /// What the rows of a file hold.
@@ -79,6 +80,8 @@ pub(crate) fn read_rows(
     let mut what = SeenColumns::columns(&mut columns, kind)?;
     columns.refuse_lookalikes()?;
     let mut poses: Vec<(String, Stand)> = Vec::new();
+    // The machine went to poses that are named in the order in which they stand.
+    let mut approach = Approach::default();
     let mut rows = Vec::new();
     let mut orders: Vec<f64> = Vec::new();
     let mut outside = Vec::new();
@@ -98,7 +101,8 @@ pub(crate) fn read_rows(
                 &mut outside,
             )?)
         };
-        if let (SeenColumns::Pair { .. }, Some(stand)) = (&what, stand) {
+        if let (SeenColumns::Pair { .. }, Some(mut stand)) = (&what, stand) {
+            approach.to(&mut stand.state, machine);
             let column = name.ok_or_else(|| {
                 table.header_error("expected a column `pose` with the names of the poses")
             })?;

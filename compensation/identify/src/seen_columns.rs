@@ -253,7 +253,8 @@ fn pair(
     };
     let [from, to] = columns;
     let pair = [find(from)?, find(to)?];
-    if pair[0] == pair[1] {
+    // From which side it came makes no other pose.
+    if pair[0].state.q == pair[1].state.q && pair[0].tip_mm == pair[1].tip_mm {
         return Err(row.error("found the same pose twice, expected two poses that differ"));
     }
     Ok(pair)

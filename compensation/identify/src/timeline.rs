@@ -93,6 +93,7 @@ pub(crate) fn set_times(
         let mut approach = Approach::default();
         for (_, index, row) in places {
             let row: &mut Row = &mut timed[index].observation.rows[row];
+            // Its poses have theirs from the rows that name them.
             if let Seen::Pair { .. } = row.seen {
                 continue;
             }

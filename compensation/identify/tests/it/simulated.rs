@@ -393,3 +393,62 @@ fn a_series_over_a_part_of_a_turn_keeps_to_it() {
         assert_eq!(said, !goes_round, "{:?}", found.warnings);
     }
 }
+
+/// The machine goes to the poses that are named in the order in which they stand, whichever lengths are between them.
+#[test]
+fn reversal_values_are_found_from_lengths_between_poses() {
+    let lab = Lab::new(MACHINE);
+    let places = [
+        ("A", 0.0, 0.0),
+        ("B", 150.0, 0.0),
+        ("C", 300.0, 0.0),
+        ("D", 150.0, 0.0),
+        ("E", 50.0, 150.0),
+        ("F", 50.0, 0.0),
+    ];
+    // X is 20 µm/m too long and lags by 6 µm where it turns, Y 10 µm/m and −8 µm; an axis that has not moved has the mean.
+    let mut text = String::from("pose,X,Y,from,to,length_mm\n");
+    let mut before: Option<[f64; 2]> = None;
+    let mut sides = [0.0; 2];
+    let mut tips = std::collections::BTreeMap::new();
+    for (name, x, y) in places {
+        let at = [x, y];
+        for axis in 0..2 {
+            let moved = before.map_or(0.0, |before| at[axis] - before[axis]);
+            if moved != 0.0 {
+                sides[axis] = moved.signum();
+            }
+        }
+        before = Some(at);
+        let tip = [
+            x + 1e-3 * (0.02 * x + 3.0 * sides[0]),
+            y + 1e-3 * (0.01 * y - 4.0 * sides[1]),
+        ];
+        tips.insert(name, tip);
+        let _ = writeln!(text, "{name},{x:?},{y:?},,,");
+    }
+    for (from, to) in ["BC", "CD", "BE", "EF", "DF", "CE", "BF"].map(|pair| pair.split_at(1)) {
+        let [a, b] = [tips[from], tips[to]];
+        let _ = writeln!(
+            text,
+            ",,,{from},{to},{:?}",
+            (b[0] - a[0]).hypot(b[1] - a[1])
+        );
+    }
+    lab.write("pairs.csv", &text);
+    let found = lab
+        .identify(
+            "unknown = [{ error = \"EXX\", legendre = 1, reversal = true }, { error = \"EYY\", legendre = 1, reversal = true }]
+folds = 0
+[[observation]]
+kind = \"distance\"
+file = \"pairs.csv\"
+",
+        )
+        .expect("found");
+    assert!(found.residual.max_um < 1e-6, "{:?}", found.residual);
+    for (name, expected) in [("EXX reversal", 6.0), ("EYY reversal", -8.0)] {
+        let (reversal, _) = value(&found, name);
+        assert!((reversal - expected).abs() < 1e-4, "{name} {reversal}");
+    }
+}
