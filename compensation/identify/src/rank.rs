@@ -1,19 +1,23 @@
 //! What can be told apart: which columns are independent, and in what combination the others are not.
 
-use volcomp_kinematics::nalgebra::DMatrix;
-use volcomp_sensitivity::Dependence;
+use volcomp_kinematics::nalgebra::{DMatrix, DVector, RowDVector};
 
-/// A column whose part normal to those before it is smaller, for columns of unit length, is a combination of them. Coordinates
-/// that a file states to some µm bend straight lines by 1e-6 and more, which tells nothing apart; and what so small a part
-/// determined would have ten thousand times the uncertainty of what is whole.
+/// A combination of unit length of columns of unit length that is shorter moves nothing. Coordinates that a file states to some
+/// µm bend straight lines by 1e-6 and more, which tells nothing apart; and what so short a combination determined would have
+/// ten thousand times the uncertainty of what is whole.
 const INDEPENDENT_ABOVE: f64 = 1e-4;
 /// A column so much shorter than the longest is rounding.
 const NOTHING_BELOW: f64 = 1e-12;
+/// A column may be left at zero for a combination that moves nothing where its share is at least this part of the largest one:
+/// what is left at zero moves the others by its share, so that with a small one they would grow without bound.
+const LEAST_SHARE: f64 = 0.05;
+/// A share of a column in a combination that is smaller beside the largest is rounding.
+const ROUNDING: f64 = 1e-7;
 
 /// Which columns of a matrix are independent.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Rank {
-    /// The columns that are kept, rising: each is independent of those before it.
+    /// The columns that are kept, rising.
     pub(crate) kept: Vec<usize>,
     /// For every other column the combination that moves nothing: columns of unit length and their weights, of unit
     /// length together; the column itself first.
@@ -43,8 +47,12 @@ impl Rank {
     }
 }
 
-/// Goes through the columns in order and keeps each that is independent of those kept before it.
+/// Finds the combinations of columns that move nothing, and leaves out as many columns: of those with a fair share in them the
+/// last ones.
 pub(crate) fn independent(matrix: &DMatrix<f64>) -> Rank {
+    if matrix.ncols() == 0 {
+        return Rank::default();
+    }
     let mut scaled = matrix.clone();
     let longest = (matrix.column_iter().map(|column| column.norm())).fold(0.0, f64::max);
     for mut column in scaled.column_iter_mut() {
@@ -55,23 +63,91 @@ pub(crate) fn independent(matrix: &DMatrix<f64>) -> Rank {
             column.fill(0.0);
         }
     }
-    let dependence = Dependence::within(&scaled, INDEPENDENT_ABOVE);
-    let mut rank = Rank {
-        kept: dependence.kept,
-        null: dependence.null,
-        singular: [0.0; 2],
+    // The triangle has the same combinations and is smaller.
+    let triangle = if scaled.nrows() > scaled.ncols() {
+        scaled.qr().r()
+    } else {
+        let rows = scaled.ncols();
+        scaled.resize_vertically(rows, 0.0)
     };
-    for combination in &mut rank.null {
-        // The column itself, which comes last, is to come first and to count positive.
-        let (place, own) = combination.pop().unwrap_or((0, 1.0));
-        combination.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
-        combination.insert(0, (place, own));
-        for (_, weight) in combination {
-            *weight *= own.signum();
-        }
+    let left = left_out(&triangle);
+    let kept: Vec<usize> = (0..triangle.ncols())
+        .filter(|column| left.binary_search(column).is_err())
+        .collect();
+    let own = triangle.select_columns(&kept);
+    let qr = own.clone().qr();
+    let (q, r) = (qr.q(), qr.r());
+    let null = left.into_iter().map(|column| {
+        let right = q.transpose() * triangle.column(column);
+        let weights = r.solve_upper_triangular(&right);
+        combination(
+            column,
+            &kept,
+            weights.unwrap_or_else(|| DVector::zeros(kept.len())),
+        )
+    });
+    Rank {
+        null: null.collect(),
+        singular: ends(&own),
+        kept,
     }
-    rank.singular = ends(&scaled.select_columns(&rank.kept));
-    rank
+}
+
+/// The columns that are left out, rising.
+fn left_out(triangle: &DMatrix<f64>) -> Vec<usize> {
+    // Squares of lengths: what counts as nothing is still ten million times the rounding of a double.
+    let eigen = (triangle.transpose() * triangle).symmetric_eigen();
+    let nothing: Vec<RowDVector<f64>> = eigen
+        .eigenvectors
+        .column_iter()
+        .zip(&eigen.eigenvalues)
+        .filter(|(_, value)| **value <= INDEPENDENT_ABOVE * INDEPENDENT_ABOVE)
+        .map(|(direction, _)| direction.transpose())
+        .collect();
+    let mut left = Vec::new();
+    if nothing.is_empty() {
+        return left;
+    }
+    let mut shares = DMatrix::from_rows(&nothing);
+    for _ in 0..nothing.len() {
+        let sizes: Vec<f64> = shares.column_iter().map(|share| share.norm()).collect();
+        let largest = sizes.iter().copied().fold(0.0, f64::max);
+        let is_fair = |size: &f64| *size >= LEAST_SHARE * largest;
+        let Some(column) = sizes.iter().rposition(is_fair) else {
+            break;
+        };
+        left.push(column);
+        // The combinations that are left have nothing of this column.
+        let own = shares.column(column).normalize();
+        let along = own.transpose() * &shares;
+        shares -= own * along;
+        shares.column_mut(column).fill(0.0);
+    }
+    left.sort_unstable();
+    left
+}
+
+/// A column less these weights of the columns that are kept, of unit length and without rounding: itself first, then the others by
+/// their size.
+fn combination(column: usize, kept: &[usize], weights: DVector<f64>) -> Vec<(usize, f64)> {
+    let largest = weights.amax().max(1.0);
+    let others = kept
+        .iter()
+        .copied()
+        .zip(weights.iter().map(|weight| -weight));
+    let mut others: Vec<(usize, f64)> = others
+        .filter(|(_, weight)| weight.abs() > ROUNDING * largest)
+        .collect();
+    others.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+    others.insert(0, (column, 1.0));
+    let length = others
+        .iter()
+        .map(|(_, weight)| weight * weight)
+        .sum::<f64>();
+    for (_, weight) in &mut others {
+        *weight /= length.sqrt();
+    }
+    others
 }
 
 /// The smallest and the largest singular value.
@@ -79,13 +155,7 @@ fn ends(matrix: &DMatrix<f64>) -> [f64; 2] {
     if matrix.is_empty() {
         return [0.0; 2];
     }
-    // The triangle has the same singular values and is smaller.
-    let square = if matrix.nrows() > matrix.ncols() {
-        matrix.clone().qr().r()
-    } else {
-        matrix.clone()
-    };
-    let values = square.singular_values();
+    let values = matrix.singular_values();
     [values.min(), values.max()]
 }
 
@@ -120,6 +190,20 @@ mod tests {
         assert!(total.norm() < 1e-14, "{total}");
         let length: f64 = null.iter().map(|(_, w)| w * w).sum();
         assert!((length - 1.0).abs() < 1e-14);
+    }
+
+    /// Of three columns of which the last has nearly nothing in the combination that moves nothing, another is left out.
+    #[test]
+    fn a_column_that_is_seen_by_itself_stays() {
+        for slant in [1e-3, 1e-5, 1e-8] {
+            // c = (a − b)/slant to the digit: a, b and slant·c move nothing together.
+            let a = DVector::from_vec(vec![1.0, 0.0, 0.0, slant]);
+            let b = DVector::from_vec(vec![1.0, 0.0, 0.0, 0.0]);
+            let c = DVector::from_vec(vec![0.0, 0.0, 0.0, 1.0]);
+            let rank = independent(&DMatrix::from_columns(&[a, b, c]));
+            assert_eq!(rank.kept, [0, 2], "{slant}");
+            assert!((rank.score_of_kept() - 1.0).abs() < 2.0 * slant, "{slant}");
+        }
     }
 
     #[test]
