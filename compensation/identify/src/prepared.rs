@@ -1,5 +1,7 @@
 //! Rows with what of them does not change while the parameters do.
 
+use std::collections::BTreeMap;
+
 use volcomp_kinematics::{ErrorSource, nalgebra::Vector3};
 use volcomp_model::Temperatures;
 use volcomp_vocabulary::{Direction, Displacement, MAX_AXES};
@@ -24,6 +26,35 @@ pub(crate) struct PreparedStand {
     pub(crate) known: Errors,
     /// Axis, component, coefficient and what one unit of it makes.
     pub(crate) terms: Vec<(usize, usize, usize, f64)>,
+}
+
+/// The cells of a grid over the coordinates in which a pose of the same coordinates may be: one, and more where one is nearly at
+/// the border. Poses in no common cell differ.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "a number beyond all cells is in the last one"
+)]
+fn cells(at: &[f64; MAX_AXES]) -> Vec<[i64; MAX_AXES]> {
+    /// Cells are much wider than what makes another pose, so that few poses are near a border.
+    const WIDTH: f64 = 1e3 * SAME_POSE;
+    /// Coordinates are round numbers as a rule: borders are none.
+    const BORDER: f64 = 0.381_966;
+    let mut cells = vec![[0; MAX_AXES]];
+    for (axis, at) in at.iter().enumerate() {
+        let [low, high] =
+            [-1.0, 1.0].map(|side| ((at + side * SAME_POSE) / WIDTH + BORDER).floor() as i64);
+        for cell in &mut cells {
+            cell[axis] = low;
+        }
+        if high != low {
+            let mut others = cells.clone();
+            for cell in &mut others {
+                cell[axis] = high;
+            }
+            cells.extend(others);
+        }
+    }
+    cells
 }
 
 /// A row with its poses and, mm, the tip of the ideal machine.
@@ -56,17 +87,24 @@ impl Rows {
     /// within 1e-6 mm or deg are of one pose, and so are those a turn of a `modulo` apart.
     pub(crate) fn poses(&self) -> (Vec<usize>, usize) {
         let mut poses: Vec<&[f64; MAX_AXES]> = Vec::new();
+        let mut near: BTreeMap<[i64; MAX_AXES], Vec<usize>> = BTreeMap::new();
         let mut pose_of = Vec::with_capacity(self.len());
         for row in &self.0 {
             let at = &row.stand.within_turn;
-            let same = |other: &&[f64; MAX_AXES]| {
-                let mut near = other.iter().zip(at);
-                near.all(|(a, b)| (a - b).abs() < SAME_POSE)
+            let is_same = |place: &usize| {
+                let mut both = poses[*place].iter().zip(at);
+                both.all(|(a, b)| (a - b).abs() < SAME_POSE)
             };
-            let place = poses.iter().position(same);
-            pose_of.push(place.unwrap_or(poses.len()));
-            if place.is_none() {
+            let cells = cells(at);
+            let known = cells.iter().filter_map(|cell| near.get(cell)).flatten();
+            let same = known.copied().filter(is_same).min();
+            let place = same.unwrap_or(poses.len());
+            pose_of.push(place);
+            if same.is_none() {
                 poses.push(at);
+                for cell in cells {
+                    near.entry(cell).or_default().push(place);
+                }
             }
         }
         (pose_of, poses.len())
