@@ -169,10 +169,17 @@ fn most_runs(readings: &Measurement) -> usize {
 fn vary_observations(observations: &mut Observations, next: &mut impl FnMut() -> f64) {
     // Nobody reads how well a drawn one predicts.
     observations.folds = 0;
-    // What a calibration says of the distances of balls is a reading like those of this machine.
+    // What is known of the distances of balls and of targets is a reading like those of this machine.
     for number in &mut observations.setup.numbers {
         if let (Some(value), Some(within)) = (&mut number.value, number.known_within) {
             *value += within * next();
+        }
+    }
+    for point in &mut observations.setup.points {
+        if let (Some(value), Some(within)) = (&mut point.value, point.known_within) {
+            for number in value {
+                *number += within * next();
+            }
         }
     }
     for observation in &mut observations.observations {

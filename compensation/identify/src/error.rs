@@ -81,6 +81,16 @@ pub enum IdentifyError {
         /// How many of them the poses determine.
         rank: usize,
     },
+    /// The lever of a target at which tilts act is not determined.
+    #[error(
+        "{target} cannot be told apart from {with}, and what tilts do at the tip depends on it: measure with a ruler where the target is from the tip and state it, `target = [x, y, z]` with its standard uncertainty `target_within_mm`, or turn the tool with rotary axes"
+    )]
+    Target {
+        /// The target.
+        target: String,
+        /// What it cannot be told apart from.
+        with: String,
+    },
     /// The machine stood at the same place in all rows.
     #[error(
         "found {rows} rows that all stand at the same pose, expected poses that differ: one pose says nothing of the errors of an axis"

@@ -1,5 +1,7 @@
 //! From observations to a machine, in steps: set-up, rank, errors, judgement.
 
+use std::collections::BTreeSet;
+
 use volcomp_curve::{ErrorCurve, Field};
 use volcomp_kinematics::nalgebra::{DMatrix, Vector3};
 use volcomp_model::Machine;
@@ -129,6 +131,7 @@ pub fn identify_followed(
     let far = plausible(&system, observations, &rows, &values);
     refuse_jump(&system, observations, &rows, &values, far)?;
     let fitted = fit(&system, observations, &rows, values.clone())?;
+    refuse_target(&system, &rows, &fitted.rank)?;
     progress(1, fits);
     let machine = machine_of(&system, &fitted.solution.values)?;
     let residuals = system.residuals(&rows, &fitted.solution.values);
@@ -287,6 +290,53 @@ fn refuse_jump(
         });
     }
     far
+}
+
+/// Refuses a target whose place nothing determines where tilts are found: they act over its lever, so that the machine
+/// found would be right at the target and wrong at the tip.
+fn refuse_target(system: &System, rows: &Rows, rank: &Rank) -> Result<(), IdentifyError> {
+    /// A share in a combination that is smaller moves it by little.
+    const SHARE: f64 = 1e-3;
+    let has_tilt = rank
+        .kept
+        .iter()
+        .any(|&param| match system.params.at(param) {
+            Param::Coefficient(place) => {
+                let error = system.unknowns.coefficients[place].error;
+                !error.location
+                    && error.component.is_angular()
+                    && !system.unknowns.is_convention(place)
+            }
+            Param::SetUp { .. } => false,
+        });
+    let targets: BTreeSet<usize> = rows
+        .iter()
+        .filter_map(|row| match row.seen {
+            Seen::Point { target, .. } => target,
+            _ => None,
+        })
+        .collect();
+    let is_target = |param: usize| {
+        matches!(system.params.at(param), Param::SetUp { part: Part::Point(place), order: 0, .. }
+            if targets.contains(&place))
+    };
+    // Where an error is left at zero, the target is known within the size of errors.
+    let is_open = |null: &&Vec<(usize, f64)>| has_tilt && null[0].0 < system.params.setup();
+    for null in rank.null.iter().filter(is_open) {
+        let target = (null.iter()).find(|(param, share)| is_target(*param) && share.abs() > SHARE);
+        if let Some(&(target, _)) = target {
+            let others = null.iter().filter(|(param, _)| *param != target);
+            let others: Vec<String> = others
+                .map(|(param, _)| system.name(*param))
+                .take(4)
+                .collect();
+            return Err(IdentifyError::Target {
+                target: system.name(target),
+                with: others.join(", "),
+            });
+        }
+    }
+    Ok(())
 }
 
 /// Refuses rows from which nothing can be found.

@@ -202,7 +202,7 @@ fn decode_observation(
         ("ball-row", Kind::BallRow),
     ])?;
     let own: &[&str] = match kind {
-        Kind::Points => &["frame", "target"],
+        Kind::Points => &["frame", "target", "target_within_mm"],
         Kind::Sphere => &[],
         Kind::Distance => &["point", "dead_length"],
         Kind::Line => &["direction", "offset", "slope"],

@@ -8,6 +8,9 @@ use crate::{
     observations::{Kind, NumberKind, Quantity, SetUp},
 };
 
+/// A target that is known within more is not known.
+const MOST_WITHIN_MM: f64 = 1000.0;
+
 /// How a set-up's key is stated: a value, or a name under which it is to be found.
 #[derive(Clone, Debug, PartialEq)]
 enum Stated<T> {
@@ -150,13 +153,33 @@ pub(crate) fn targets(
     judge: bool,
     reading: &mut Reading,
 ) -> Result<Vec<(String, Option<usize>)>, InputError> {
+    let within = section.optional("target_within_mm", |value| {
+        let found = value.positive()?;
+        if found <= MOST_WITHIN_MM {
+            return Ok(found);
+        }
+        Err(value.error(format!(
+            "found {found} mm, expected at most {MOST_WITHIN_MM} mm"
+        )))
+    })?;
     let Some(value) = section.get("target") else {
-        return Ok(Vec::new());
+        return match section.get("target_within_mm") {
+            Some(value) => Err(value.error(
+                "found the uncertainty of a target without `target`, expected its offset from the tip beside it",
+            )),
+            None => Ok(Vec::new()),
+        };
     };
     let one = |tool: &str, value: &Value<'_>, reading: &mut Reading| {
         let stated = stated(Some(value.clone()), [0.0; 3], Value::vector::<3>)?;
         let (known, unknown) = match stated {
-            Stated::Known(offset) => (Some(offset), false),
+            // Within its uncertainty it is found as well.
+            Stated::Known(offset) => (Some(offset), within.is_some()),
+            Stated::Unknown(_) if within.is_some() => {
+                return Err(value.error(
+                    "found a target that is to be found beside `target_within_mm`, expected the offset that is known within that",
+                ));
+            }
             Stated::Unknown(_) => (None, true),
         };
         let key = if tool.is_empty() {
@@ -170,12 +193,14 @@ pub(crate) fn targets(
             let same: Vec<usize> = reading
                 .targets
                 .iter()
-                .filter(|(name, _)| {
-                    *name == key || (judge && tool.is_empty() && name.ends_with(':'))
+                .filter(|(name, place)| {
+                    let is_named =
+                        *name == key || (judge && tool.is_empty() && name.ends_with(':'));
+                    is_named && reading.setup.points[*place].value == known
                 })
                 .map(|(_, place)| *place)
                 .collect();
-            if judge {
+            if judge && known.is_none() {
                 return fitted_place(section, "target", tool, same).map(Some);
             }
             if let Some(&place) = same.first() {
@@ -190,12 +215,12 @@ pub(crate) fn targets(
                 format!("target {tool}")
             },
             value: known,
-            unknown,
+            unknown: unknown && !judge,
             // A target that is to be found grows with the tool, as the frame drifts.
-            drift: if unknown { drift } else { 0 },
-            known_within: None,
+            drift: if unknown && !judge { drift } else { 0 },
+            known_within: within.filter(|_| !judge),
         });
-        if unknown {
+        if unknown && !judge {
             reading.targets.push((key, place));
         }
         Ok(Some(place))

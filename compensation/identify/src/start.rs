@@ -157,7 +157,10 @@ fn targets_by_matrix(
     let mut targets: Vec<usize> = seen.iter().filter_map(|(_, _, target)| *target).collect();
     targets.sort_unstable();
     targets.dedup();
-    targets.retain(|&target| observations.setup.points[target].unknown);
+    targets.retain(|&target| {
+        let quantity = &observations.setup.points[target];
+        quantity.unknown && quantity.value.is_none()
+    });
     if targets.is_empty() || seen.len() < LEAST_FOR_MATRIX + targets.len() {
         return false;
     }

@@ -93,36 +93,55 @@ impl System {
             places.push((count, of_row));
             count += of_row;
         }
-        let calibrated = self.calibrated();
+        let calibrated = self.calibrated(values);
         let total = count + calibrated.len();
         let mut equations = Equations {
             residuals: DVector::zeros(total),
             jacobian: DMatrix::zeros(total, self.params.len()),
             places,
         };
-        // What a calibration says of a number is one more observation of it.
-        for (row, (column, number, stated, uncertainty)) in calibrated.into_iter().enumerate() {
-            let residual = values.numbers[number][0] - stated;
-            equations.residuals[count + row] = residual / uncertainty;
-            equations.jacobian[(count + row, column)] = 1.0 / uncertainty;
-        }
         for (place, row) in rows.0.iter().enumerate() {
             self.write_row(row, values, design, place, &mut equations);
+        }
+        // What a calibration says of a number is one more observation of it.
+        for (row, (column, residual, uncertainty)) in calibrated.into_iter().enumerate() {
+            equations.residuals[count + row] = residual / uncertainty;
+            // Whether something can be told apart is judged as if it were exact: however wide, it leaves nothing open.
+            let least = if design {
+                equations.jacobian.column(column).norm()
+            } else {
+                0.0
+            };
+            equations.jacobian[(count + row, column)] = least.max(1.0 / uncertainty);
         }
         equations
     }
 
-    /// The numbers that are found beside what a calibration says of them: column, number, value, uncertainty.
-    fn calibrated(&self) -> Vec<(usize, usize, f64, f64)> {
-        let numbers = self.setup.numbers.iter().enumerate();
-        let stated = numbers.filter_map(|(number, quantity)| {
-            let columns = self.params.of(Part::Number(number));
-            let column = columns.iter().find(|column| column.order == 0)?;
-            let (value, uncertainty) = (quantity.value?, quantity.known_within?);
-            Some((column.param, number, value, uncertainty))
-        });
-        stated
-            .filter(|(.., uncertainty)| *uncertainty > 0.0)
+    /// The numbers that are found beside what a calibration or a ruler says of them: column, how much more they are than that, and
+    /// its uncertainty.
+    fn calibrated(&self, values: &Values) -> Vec<(usize, f64, f64)> {
+        let mut found = Vec::new();
+        for (number, quantity) in self.setup.numbers.iter().enumerate() {
+            if let (Some(stated), Some(within)) = (quantity.value, quantity.known_within) {
+                let columns = self.params.of(Part::Number(number)).iter();
+                let more = values.numbers[number][0] - stated;
+                found.extend(columns.map(|column| (column, more, within)));
+            }
+        }
+        for (point, quantity) in self.setup.points.iter().enumerate() {
+            if let (Some(stated), Some(within)) = (quantity.value, quantity.known_within) {
+                let columns = self.params.of(Part::Point(point)).iter();
+                let now = values.points[point][0];
+                found.extend(
+                    columns
+                        .map(|column| (column, now[column.place] - stated[column.place], within)),
+                );
+            }
+        }
+        let does_not_drift = found.into_iter().filter(|(column, ..)| column.order == 0);
+        does_not_drift
+            .filter(|(.., within)| *within > 0.0)
+            .map(|(column, more, within)| (column.param, more, within))
             .collect()
     }
 

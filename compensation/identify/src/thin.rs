@@ -5,7 +5,7 @@ use std::{collections::BTreeSet, ops::Range};
 use crate::{
     identify::Fitted,
     observations::{Observations, Seen},
-    params::{Param, Part},
+    params::{Column, Param, Part},
     prepared::Rows,
     system::System,
 };
@@ -39,10 +39,14 @@ pub(crate) fn thin(
             .filter(is_own)
             .map(|part| {
                 // What a calibration says of a number is one more number.
-                let is_calibrated = matches!(part, Part::Number(place)
-                    if observations.setup.numbers[*place].known_within.is_some());
-                let columns = system.params.of(*part).len();
-                columns.saturating_sub(usize::from(is_calibrated))
+                let calibrated = match part {
+                    Part::Number(place) => observations.setup.numbers[*place].known_within,
+                    Part::Point(place) => observations.setup.points[*place].known_within,
+                    Part::Frame(_) => None,
+                };
+                let is_calibrated = |column: &&Column| column.order == 0 && calibrated.is_some();
+                let columns = system.params.of(*part);
+                columns.len() - columns.iter().filter(is_calibrated).count()
             })
             .sum();
         let numbers: usize = own.map(|row| rows.get(row).seen.count()).sum();

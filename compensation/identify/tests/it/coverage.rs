@@ -2,8 +2,13 @@
 
 use std::fmt::Write as _;
 
-use volcomp_model::Machine;
-use volcomp_vocabulary::AxisName::{X, Y};
+use volcomp_identify::{identify, machine_with};
+use volcomp_kinematics::{
+    Form,
+    nalgebra::{DMatrix, DVector, Rotation3, Vector3},
+};
+use volcomp_model::{Machine, Temperatures};
+use volcomp_vocabulary::AxisName::{X, Y, Z};
 
 use crate::lab::{Lab, Noise, tip, value};
 
@@ -106,4 +111,140 @@ uncertainty_um = 3.0
         let share = f64::from(count) / f64::from(RUNS);
         assert!((0.93..=0.97).contains(&share), "{inside:?} of {RUNS}");
     }
+}
+
+const PORTAL: &str = "structure = \"w b X Y Z t\"
+[axes.X]
+travel = [0.0, 600.0]
+[axes.Y]
+travel = [0.0, 500.0]
+[axes.Z]
+travel = [-400.0, 0.0]
+";
+const MOTIONS: [&str; 6] = ["EXX", "EYX", "EZX", "EAX", "EBX", "ECX"];
+
+/// A target beside the tip of a machine without rotary axes: tilts of X act at the target over another lever than at the tip. By
+/// how much more, the tracker cannot tell; a ruler tells it, and the uncertainty at the tip contains what it leaves open.
+#[test]
+fn bands_at_the_tip_hold_the_truth_where_a_ruler_says_where_the_target_is() {
+    const WORLDS: u32 = 100;
+    const RULER_MM: f64 = 5.0;
+    let target = Vector3::new(40.0, -60.0, -250.0);
+    let lab = Lab::new(PORTAL);
+    let unknown: Vec<String> = MOTIONS
+        .iter()
+        .map(|error| format!("{{ error = \"{error}\", legendre = 2 }}"))
+        .collect();
+    let grid: Vec<[f64; 3]> = (0..27)
+        .map(|k| [k % 3, k / 3 % 3, k / 9].map(f64::from))
+        .map(|[x, y, z]| [60.0 + 240.0 * x, 250.0 * y, 200.0 * z - 400.0])
+        .collect();
+    // What a rigid motion of the workpiece makes of the errors is none of the machine's.
+    let mut rigid = DMatrix::zeros(81, 6);
+    for (row, at) in grid.iter().enumerate() {
+        for k in 0..3 {
+            rigid[(3 * row + k, k)] = 1.0;
+            let turned = Vector3::ith(k, 1e-3).cross(&Vector3::from(*at));
+            rigid
+                .fixed_view_mut::<3, 1>(3 * row, 3 + k)
+                .copy_from(&turned);
+        }
+    }
+    let rigid = rigid.qr().q();
+    let beside = |of: DVector<f64>| &of - &rigid * (rigid.transpose() * &of);
+    let of_machine = |machine: &Machine| {
+        let errors = grid.iter().flat_map(|[x, y, z]| {
+            let state = machine
+                .state(&[(X, *x), (Y, *y), (Z, *z)])
+                .expect("a state");
+            let error = machine.error_at(&state, Form::Exact, &Temperatures::default());
+            (error.position_mm * 1e3).as_slice().to_vec()
+        });
+        DVector::from_iterator(81, errors)
+    };
+    let mut noise = Noise::new(12);
+    let mut inside = [0_u32; 6];
+    for _ in 0..WORLDS {
+        let curves: Vec<[f64; 2]> = MOTIONS
+            .iter()
+            .map(|error| {
+                let size = if matches!(&error[1..2], "A" | "B" | "C") {
+                    200.0
+                } else {
+                    20.0
+                };
+                [noise.normal(size), noise.normal(size)]
+            })
+            .collect();
+        // The tool hangs on Z, Z on Y and Y on X, so that an error of X turns all that X carries.
+        let tip = |[x, y, z]: [f64; 3], offset: Vector3<f64>| {
+            let t = x / 300.0 - 1.0;
+            let of = |k: usize| curves[k][0] * t + curves[k][1] * (1.5 * t * t - 0.5);
+            let shift = Vector3::new(of(0), of(1), of(2)) * 1e-3;
+            let turn = Rotation3::new(Vector3::new(of(3), of(4), of(5)) * 1e-6);
+            Vector3::new(x, 0.0, 0.0) + shift + turn * (Vector3::new(0.0, y, z) + offset)
+        };
+        let mut text = String::from("X,Y,Z,x,y,z\n");
+        for _ in 0..60 {
+            let ends = [[0.0, 600.0], [0.0, 500.0], [-400.0, 0.0]];
+            let [x, y, z] =
+                ends.map(|[low, high]| (10.0 * noise.between(low, high)).round() / 10.0);
+            let seen = tip([x, y, z], target).map(|p| p + noise.normal(0.0005));
+            let _ = writeln!(
+                text,
+                "{x:?},{y:?},{z:?},{:?},{:?},{:?}",
+                seen.x, seen.y, seen.z
+            );
+        }
+        lab.write("t.csv", &text);
+        let ruler = target.map(|x| x + noise.normal(RULER_MM));
+        let keys = |target: &str| {
+            format!(
+                "folds = 0\nunknown = [{}]\n[[observation]]\nkind = \"points\"\nfile = \"t.csv\"\nframe = \"unknown\"\ntarget = {target}\nuncertainty_um = 0.5\n",
+                unknown.join(", ")
+            )
+        };
+        let observations = lab
+            .read(&keys(&format!(
+                "[{:?}, {:?}, {:?}]\ntarget_within_mm = {RULER_MM:?}",
+                ruler.x, ruler.y, ruler.z
+            )))
+            .expect("read");
+        let found = identify(&observations, |_, _| {}).expect("found");
+        let truth = grid.iter().flat_map(|at| {
+            let error = (tip(*at, Vector3::zeros()) - Vector3::from(*at)) * 1e3;
+            error.as_slice().to_vec()
+        });
+        let off = beside(of_machine(&found.machine) - DVector::from_iterator(81, truth));
+        let determined: Vec<&str> = found
+            .parameters
+            .iter()
+            .filter(|parameter| parameter.determined)
+            .map(|parameter| parameter.name.as_str())
+            .collect();
+        let columns: Vec<DVector<f64>> = determined
+            .iter()
+            .map(|name| {
+                let unit = machine_with(&observations, &[((*name).to_owned(), 1.0)]);
+                beside(of_machine(&unit.expect("a machine")))
+            })
+            .collect();
+        let by = DMatrix::from_columns(&columns);
+        let covariance = &by * &found.covariance * by.transpose();
+        // The first pose, and the middle of the work space.
+        for (count, row) in inside.iter_mut().zip([0, 1, 2, 39, 40, 41]) {
+            let uncertainty = covariance[(row, row)].sqrt();
+            *count += u32::from(off[row].abs() < 1.959_964 * uncertainty);
+        }
+    }
+    println!("{inside:?} of {WORLDS}");
+    let share = f64::from(inside.iter().sum::<u32>()) / f64::from(6 * WORLDS);
+    assert!((0.92..=0.98).contains(&share), "{inside:?} of {WORLDS}");
+    // Without the ruler the machine would be right at the target alone.
+    let message = lab.refused(&format!(
+        "folds = 0\nunknown = [{}]\n[[observation]]\nkind = \"points\"\nfile = \"t.csv\"\ntarget = \"unknown\"\n",
+        unknown.join(", ")
+    ));
+    assert!(message.contains("`target_within_mm`"), "{message}");
+    assert!(message.contains("t.csv:target."), "{message}");
 }

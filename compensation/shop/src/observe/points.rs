@@ -4,9 +4,13 @@ use std::fmt::Write;
 
 use volcomp_document::toml_string;
 use volcomp_kinematics::nalgebra::{Rotation3, Vector3};
+use volcomp_vocabulary::AxisKind;
 
-use super::{Made, Observer, push_row};
+use super::{Made, Observer, number, push_row};
 use crate::{observation::Poses, poses::actual_tip};
+
+/// How well a ruler tells where a target is on the tool, standard (k = 1), mm.
+const RULER_MM: f64 = 1.0;
 
 impl Observer<'_> {
     pub(super) fn points(
@@ -44,21 +48,40 @@ impl Observer<'_> {
         let mut tables = self.table("points", &file, self.what.uncertainty_um());
         tables.push_str("frame = \"unknown\"\n");
         if target.is_some() {
+            let is_found = self.tells_targets();
+            let mut of_tool = || {
+                if is_found {
+                    return "\"unknown\"".to_owned();
+                }
+                let by_ruler =
+                    offset.map(|x| number((10.0 * (x + RULER_MM * self.normal())).round() / 10.0));
+                format!("[{}]", by_ruler.as_slice().join(", "))
+            };
             let tools = self.what.tools.iter();
             let by_tool: Vec<String> = tools
-                .map(|tool| format!("{} = \"unknown\"", toml_string(tool)))
+                .map(|tool| format!("{} = {}", toml_string(tool), of_tool()))
                 .collect();
             let targets = if by_tool.is_empty() {
-                "\"unknown\"".to_owned()
+                of_tool()
             } else {
                 format!("{{ {} }}", by_tool.join(", "))
             };
             // Writing to a String cannot fail.
             let _ = writeln!(tables, "target = {targets}");
+            if !is_found {
+                let _ = writeln!(tables, "target_within_mm = {}", number(RULER_MM));
+            }
         }
         Made {
             files: vec![(file, text)],
             tables,
         }
+    }
+
+    /// Whether a tracker tells where a target is on the tool: it does where the machine turns it about two directions.
+    fn tells_targets(&self) -> bool {
+        let rotary = self.truth.axes().iter();
+        let rotary = rotary.filter(|axis| axis.name.kind() == AxisKind::Rotary);
+        rotary.count() >= 2
     }
 }
