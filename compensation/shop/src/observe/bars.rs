@@ -85,40 +85,12 @@ impl Observer<'_> {
         Ok(found)
     }
 
+    /// The faces of a step gauge are balls that are read along the row alone, where the machine touched them: so lengths of one
+    /// run have their first face in common, and all runs the calibration.
     pub(super) fn step_gauge(&mut self, bar: &Bar) -> Result<Made, ObservationError> {
         let real = self.true_bar(bar)?;
         let rows = self.along(bar, &real, Reads::Coordinates)?;
-        let mut text = format!(
-            "pose,{}{}from,to,length_mm\n",
-            self.axes_header(),
-            self.tool_header()
-        );
-        let mut pairs = String::new();
-        let blank = ",".repeat(self.truth.axes().len() + usize::from(!self.what.tools.is_empty()));
-        let name = |pass: usize, mark: usize| format!("{}-{}", pass + 1, mark + 1);
-        for AtMark {
-            pass, mark, state, ..
-        } in rows
-        {
-            let (at, tool) = (self.coordinates(&state), self.tools.cell(pass));
-            let _ = writeln!(text, "{},{at}{tool},,", name(pass, mark));
-            // From the first face of the bar, whichever came first.
-            if mark > 0 {
-                let length = (bar.distances[mark] - bar.distances[0]).abs();
-                let (from, to) = (name(pass, 0), name(pass, mark));
-                let _ = writeln!(pairs, ",{blank}{from},{to},{}", number(length));
-            }
-        }
-        text.push_str(&pairs);
-        let file = format!("{}.csv", self.what.name);
-        // Each length has two contacts.
-        let contact = self.what.uncertainty_um();
-        let uncertainty = (contact * 2.0_f64.sqrt()).hypot(bar.calibration.0);
-        let tables = self.table("distance", &file, uncertainty);
-        Ok(Made {
-            files: vec![(file, text)],
-            tables,
-        })
+        Ok(self.row_of(bar, &real, &rows, "F", [",along_um", ",0"]))
     }
 
     pub(super) fn ball_row(&mut self, bar: &Bar, reads: Reads) -> Result<Made, ObservationError> {
@@ -128,11 +100,19 @@ impl Observer<'_> {
             Reads::Coordinates => "",
             Reads::Offset => ",along_um,side1_um,side2_um",
         };
-        let mut text = format!(
-            "{}{}ball{offsets}\n",
-            self.axes_header(),
-            self.tool_header()
-        );
+        Ok(self.row_of(bar, &real, &rows, "B", [offsets, ""]))
+    }
+
+    /// The files of a row: `letter` names its balls or faces, and the column of a reading that is always the same comes with it.
+    fn row_of(
+        &self,
+        bar: &Bar,
+        real: &TrueBar,
+        rows: &[AtMark],
+        letter: &str,
+        [head, always]: [&str; 2],
+    ) -> Made {
+        let mut text = format!("{}{}ball{head}\n", self.axes_header(), self.tool_header());
         for AtMark {
             pass,
             mark,
@@ -140,8 +120,12 @@ impl Observer<'_> {
             read,
         } in rows
         {
-            let (at, tool) = (self.coordinates(&state), self.tools.cell(pass));
-            push_offset(&mut text, &format!("{at}{tool}B{}", mark + 1), read);
+            let (at, tool) = (self.coordinates(state), self.tools.cell(*pass));
+            push_offset(
+                &mut text,
+                &format!("{at}{tool}{letter}{}{always}", mark + 1),
+                *read,
+            );
         }
         let mut row = String::from("ball,distance_mm,uncertainty_um\n");
         for (mark, &distance) in bar.distances.iter().enumerate() {
@@ -152,7 +136,7 @@ impl Observer<'_> {
             };
             let _ = writeln!(
                 row,
-                "B{},{},{}",
+                "{letter}{},{},{}",
                 mark + 1,
                 number(distance),
                 number(uncertainty)
@@ -168,9 +152,9 @@ impl Observer<'_> {
             toml_string(&row_file),
             side.join(", ")
         );
-        Ok(Made {
+        Made {
             files: vec![(file, text), (row_file, row)],
             tables,
-        })
+        }
     }
 }

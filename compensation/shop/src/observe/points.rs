@@ -49,16 +49,20 @@ impl Observer<'_> {
         tables.push_str("frame = \"unknown\"\n");
         if target.is_some() {
             let is_found = self.tells_targets();
+            let what = self.what;
             let mut of_tool = || {
                 if is_found {
                     return "\"unknown\"".to_owned();
                 }
-                let by_ruler =
-                    offset.map(|x| number((10.0 * (x + RULER_MM * self.normal())).round() / 10.0));
-                format!("[{}]", by_ruler.as_slice().join(", "))
+                let by_ruler = target.unwrap_or_default().map(|x| {
+                    let read = x + RULER_MM * self.normal();
+                    number((10.0 * read).round() / 10.0)
+                });
+                format!("[{}]", by_ruler.join(", "))
             };
-            let tools = self.what.tools.iter();
-            let by_tool: Vec<String> = tools
+            let by_tool: Vec<String> = what
+                .tools
+                .iter()
                 .map(|tool| format!("{} = {}", toml_string(tool), of_tool()))
                 .collect();
             let targets = if by_tool.is_empty() {

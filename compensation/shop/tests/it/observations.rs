@@ -415,3 +415,76 @@ fn names_are_read_back_whatever_stands_in_them() {
     assert!(!file.observations.is_empty());
     volcomp_calibrate::CalibrationFile::read(&folder.join("calibration.toml")).expect("read back");
 }
+
+/// A squareness that a step gauge along both diagonals tells: 95 % bands hold it as often, whatever of it is the calibration, which
+/// all runs share, and the touch of the first face, which all lengths of a run share.
+#[test]
+fn bands_of_step_gauges_hold_the_truth_as_often() {
+    const SHOPS: u32 = 300;
+    const PORTAL: &str = "structure = \"w b X Y Z t\"
+[axes.X]
+travel = [0.0, 600.0]
+[axes.Y]
+travel = [0.0, 500.0]
+[axes.Z]
+travel = [-400.0, 0.0]
+[errors]
+EC0Y = 25.0
+";
+    for (calibration_um, runs) in [(1.0, 3), (0.0, 1), (0.0, 3)] {
+        let mut inside = 0;
+        for seed in 1..=SHOPS {
+            let gauge = |file: &str, x: f64, along: f64| {
+                format!(
+                    "[[observation]]\nkind = \"step-gauge\"\nfile = \"{file}\"\norigin = [{x:?}, 50, -300]\ndirection = [{along:?}, 1, 0]\ndistances = [0, 100, 200, 300, 400]\ncalibration_um = {calibration_um:?}\nnoise_um = 0.5\nruns = {runs}\n"
+                )
+            };
+            let folder = tempfile::tempdir().expect("a folder");
+            let text = format!(
+                "seed = {seed}\nunknown = [\"EC0Y\"]\n{}{}",
+                gauge("up", 50.0, 1.0),
+                gauge("down", 400.0, -1.0)
+            );
+            write(folder.path(), &shop(folder.path(), PORTAL, &text));
+            let found = identified(folder.path());
+            let squareness = found.parameters.iter().find(|p| p.name == "EC0Y");
+            let squareness = squareness.expect("EC0Y");
+            let uncertainty = squareness.uncertainty.expect("determined");
+            inside += u32::from((squareness.value - 25.0).abs() < 1.959_964 * uncertainty);
+        }
+        let share = f64::from(inside) / f64::from(SHOPS);
+        println!("{calibration_um} µm, {runs} runs: {share}");
+        assert!(
+            (0.92..=0.98).contains(&share),
+            "{calibration_um} µm, {runs} runs: {share}"
+        );
+    }
+}
+
+/// Where the machine does not turn the tool, a ruler says where the target is: without it, what tilts do at the tip is not known.
+#[test]
+fn a_target_on_a_machine_without_rotary_axes_is_stated_by_a_ruler() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let machine = "structure = \"w b X Y Z t\"
+[axes.X]
+travel = [0.0, 600.0]
+[axes.Y]
+travel = [0.0, 500.0]
+[axes.Z]
+travel = [-400.0, 0.0]
+";
+    let text = "seed = 4\nunknown = [{ error = \"EAX\", legendre = 2 }]\n[[observation]]\nkind = \"points\"\nposes = 40\ntarget = [40, -60, -250]\n";
+    let shop = shop(folder.path(), machine, text);
+    write(folder.path(), &shop);
+    let written = std::fs::read_to_string(folder.path().join("observations.toml")).expect("read");
+    assert!(written.contains("target_within_mm = 1\n"), "{written}");
+    let found = identified(folder.path());
+    for (name, at) in [("x", 40.0), ("y", -60.0), ("z", -250.0)] {
+        let name = format!("points.csv:target.{name}");
+        let target = found.parameters.iter().find(|p| p.name == name);
+        let target = target.expect("the target");
+        assert!((target.value - at).abs() < 5.0, "{name} {}", target.value);
+        let uncertainty = target.uncertainty.expect("determined");
+        assert!((uncertainty - 1.0).abs() < 0.1, "{name} {uncertainty}");
+    }
+}
