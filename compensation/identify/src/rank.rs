@@ -83,7 +83,7 @@ pub(crate) fn independent(matrix: &DMatrix<f64>) -> Rank {
         combination(
             column,
             &kept,
-            weights.unwrap_or_else(|| DVector::zeros(kept.len())),
+            &weights.unwrap_or_else(|| DVector::zeros(kept.len())),
         )
     });
     Rank {
@@ -129,7 +129,7 @@ fn left_out(triangle: &DMatrix<f64>) -> Vec<usize> {
 
 /// A column less these weights of the columns that are kept, of unit length and without rounding: itself first, then the others by
 /// their size.
-fn combination(column: usize, kept: &[usize], weights: DVector<f64>) -> Vec<(usize, f64)> {
+fn combination(column: usize, kept: &[usize], weights: &DVector<f64>) -> Vec<(usize, f64)> {
     let largest = weights.amax().max(1.0);
     let others = kept
         .iter()
