@@ -178,7 +178,7 @@ mod tests {
     use super::*;
     use crate::{
         basis::Basis,
-        observations::{Observations, Unknown},
+        observations::Observations,
         system::System,
     };
 
