@@ -176,11 +176,7 @@ mod tests {
     use volcomp_kinematics::nalgebra::DVector;
 
     use super::*;
-    use crate::{
-        basis::Basis,
-        observations::Observations,
-        system::System,
-    };
+    use crate::{basis::Basis, observations::Observations, system::System};
 
     const MACHINE: &str = "structure = \"w C' X' b Y Z t\"
 [axes.X]

@@ -23,6 +23,7 @@ pub(super) fn notes(file: &Path, found: &Machine, machine: &Machine) -> Vec<Stri
             machine.name
         ));
     }
+    notes.extend(other_places(file, found, machine));
     notes.extend(other_assembly(file, found, machine));
     notes.extend(other_thermal(file, found, machine));
     let mut differences = differences(found, machine);
@@ -45,6 +46,24 @@ pub(super) fn notes(file: &Path, found: &Machine, machine: &Machine) -> Vec<Stri
         named.join(", ")
     ));
     notes
+}
+
+/// A note where axes have their errors at another point, so that tilts have another lever, or another travel.
+fn other_places(file: &Path, found: &Machine, machine: &Machine) -> Option<String> {
+    let joints = found.chain().joints().iter().zip(machine.chain().joints());
+    let points = joints.filter(|(a, b)| a.point_mm != b.point_mm);
+    let points = points.map(|(joint, _)| format!("point of {}", joint.name));
+    let axes = found.axes().iter().zip(machine.axes());
+    let travels = axes.filter(|(a, b)| a.travel != b.travel);
+    let travels = travels.map(|(axis, _)| format!("travel of {}", axis.name));
+    let others: Vec<String> = points.chain(travels).collect();
+    (!others.is_empty()).then(|| {
+        format!(
+            "{}: its machine is another one than --machine ({}): the uncertainty is that of the machine of that file",
+            file.display(),
+            others.join(", ")
+        )
+    })
 }
 
 /// A note where axes were assembled otherwise, with the largest difference.

@@ -343,6 +343,29 @@ fn a_calibration_that_did_not_make_the_machine_is_noted() {
         words.contains("was not made from") && words.contains("at most EYY by"),
         "{words}"
     );
+    // Errors at another point of a linear axis, and another travel.
+    for (from, to, expected) in [
+        (
+            "point = [0.0, 0.0, -650.0]",
+            "point = [0.0, 0.0, -600.0]",
+            "(point of X)",
+        ),
+        (
+            "travel = [0.0, 400.0]",
+            "travel = [0.0, 390.0]",
+            "(travel of Y)",
+        ),
+    ] {
+        assert!(text.contains(from), "{text}");
+        let lines = text.replacen(from, to, 1);
+        let lines: Vec<&str> = lines
+            .lines()
+            .filter(|line| !line.contains("sha256"))
+            .collect();
+        fs::write(&other, lines.join("\n")).expect("written");
+        let words = said(&other, &calibration);
+        assert!(words.contains(expected), "{words}");
+    }
     // Assembly errors and thermal terms that the machine of the file has not.
     let unsigned = text
         .lines()
