@@ -1,10 +1,11 @@
-//! Location errors whose value the observations contradict, and would not with another sign, in another unit, halved or doubled.
+//! Location and squareness errors whose stated value the observations contradict, and would not with another sign, in another unit, halved
+//! or doubled.
 
 use volcomp_identify::{IdentifyError, Observations, Parameter, identify};
-use volcomp_vocabulary::{Displacement, ErrorName};
+use volcomp_vocabulary::{Displacement, ErrorName, Urad};
 
 use crate::{
-    calibration_file::{CalibrationFile, Location},
+    calibration_file::{CalibrationFile, Location, SquarenessSource},
     error::CalibrateError,
     identified::CHANGE,
     lines_share::LinesShare,
@@ -36,7 +37,66 @@ const FACTORS: [(f64, &str, &str); 5] = [
     (2.0, "twice the value", "was it halved twice?"),
 ];
 
-/// Notes on the location errors of a file that the observations contradict, and would not with another sign or size.
+/// A value that a calibration file states.
+struct Stated {
+    /// Where it stands: a location, or a squareness, of the file.
+    place: Place,
+    error: ErrorName,
+    /// µm or µrad, and its standard uncertainty.
+    value: f64,
+    uncertainty: f64,
+}
+
+#[derive(Clone, Copy)]
+enum Place {
+    Location(usize),
+    Squareness(usize),
+}
+
+impl Stated {
+    /// All values of a file.
+    fn all(file: &CalibrationFile) -> Vec<Self> {
+        let locations = file.locations.iter().enumerate();
+        let locations = locations.map(|(place, of)| Self {
+            place: Place::Location(place),
+            error: of.error,
+            value: of.value,
+            uncertainty: of.uncertainty,
+        });
+        let squareness = file.squareness.iter().enumerate();
+        let squareness = squareness.filter_map(|(place, of)| match of.source {
+            SquarenessSource::Value(value) => Some(Self {
+                place: Place::Squareness(place),
+                error: of.error,
+                value: value.0,
+                uncertainty: file.uncertainty.square_urad,
+            }),
+            SquarenessSource::Slopes { .. } | SquarenessSource::Diagonals => None,
+        });
+        locations.chain(squareness).collect()
+    }
+
+    /// The file with another value in its place.
+    fn with(&self, file: &CalibrationFile, value: f64) -> CalibrationFile {
+        let mut other = file.clone();
+        match self.place {
+            Place::Location(place) => other.locations[place].value = value,
+            Place::Squareness(place) => {
+                other.squareness[place].source = SquarenessSource::Value(Urad(value));
+            }
+        }
+        other
+    }
+
+    fn table(&self) -> &'static str {
+        match self.place {
+            Place::Location(_) => "[[location]]",
+            Place::Squareness(_) => "[[squareness]]",
+        }
+    }
+}
+
+/// Notes on the values of a file that the observations contradict, and would not with another sign or size.
 pub(crate) fn other_values(lines: &LinesShare<'_>) -> Result<Vec<String>, CalibrateError> {
     // The way to the opposite, and more from a value that is much smaller than what may be wanted of it.
     let step = |value: f64| {
@@ -46,23 +106,23 @@ pub(crate) fn other_values(lines: &LinesShare<'_>) -> Result<Vec<String>, Calibr
             CHANGE
         }
     };
+    let all = Stated::all(lines.file);
     let mut changed = Vec::new();
-    for (place, location) in lines.file.locations.iter().enumerate() {
-        let mut file = lines.file.clone();
-        file.locations[place].value += step(location.value);
+    for stated in &all {
+        let file = stated.with(lines.file, stated.value + step(stated.value));
         changed.push(lines.fitted(&file)?.machine);
     }
     let wanted = lines.response.wanted(&changed)?;
     let mut notes = Vec::new();
-    for (location, wanted) in lines.file.locations.iter().zip(wanted) {
-        let value = location.value;
+    for (stated, wanted) in all.iter().zip(wanted) {
+        let value = stated.value;
         let Some(wanted) = wanted.filter(|_| value != 0.0) else {
             continue;
         };
         // How many times the value is wanted.
         let one = (step(value) / value).abs();
         let times = 1.0 + wanted.share * step(value) / value;
-        let uncertainty = (one * wanted.uncertainty).hypot(location.uncertainty / value.abs());
+        let uncertainty = (one * wanted.uncertainty).hypot(stated.uncertainty / value.abs());
         if (times - 1.0).abs() <= CONTRADICTED * uncertainty {
             continue;
         }
@@ -76,18 +136,19 @@ pub(crate) fn other_values(lines: &LinesShare<'_>) -> Result<Vec<String>, Calibr
             (times - factor).abs() < near && times.abs() > one * wanted.uncertainty
         };
         let fitting = FACTORS.iter().find(|(factor, ..)| fits(*factor));
-        notes.extend(fitting.map(|factor| contradicted(location, *factor)));
+        notes.extend(fitting.map(|factor| contradicted(stated, *factor)));
     }
     Ok(notes)
 }
 
-fn contradicted(location: &Location, (factor, words, why): (f64, &str, &str)) -> String {
-    let error = location.error;
-    let [stated, other] = [location.value, factor * location.value]
+fn contradicted(of: &Stated, (factor, words, why): (f64, &str, &str)) -> String {
+    let error = of.error;
+    let [stated, other] = [of.value, factor * of.value]
         .map(|micro| Displacement::from_micro(error.component.kind(), micro));
-    let digits = if location.value.abs() < 1.0 { 4 } else { 1 };
+    let digits = if of.value.abs() < 1.0 { 4 } else { 1 };
+    let table = of.table();
     format!(
-        "{error} in [[location]]: the observations contradict its {stated:.digits$} and fit with {words}, {other:.1}: {why}"
+        "{error} in {table}: the observations contradict its {stated:.digits$} and fit with {words}, {other:.1}: {why}"
     )
 }
 
@@ -105,15 +166,14 @@ pub(crate) fn refused(
         return rows.into();
     }
     let mut best: Option<(f64, String)> = None;
-    for place in 0..file.locations.len() {
+    for stated in Stated::all(file) {
         for factor in FACTORS {
-            let mut other = file.clone();
-            other.locations[place].value *= factor.0;
+            let other = stated.with(file, factor.0 * stated.value);
             let Some(left) = left_with(&other, observations) else {
                 continue;
             };
             if best.as_ref().is_none_or(|(least, _)| left < *least) {
-                best = Some((left, contradicted(&file.locations[place], factor)));
+                best = Some((left, contradicted(&stated, factor)));
             }
         }
     }

@@ -211,7 +211,8 @@ mod tests {
                 parameter: "EB0C".to_owned(),
                 improvement: Some(1.02),
             };
-            next_text(&next, Some(kind)).replace("\n  ", " ")
+            let folded = next_text(&next, Some(kind));
+            folded.split_whitespace().collect::<Vec<_>>().join(" ")
         };
         let helps = "another sphere, far from";
         let sphere = text(Kind::Sphere, "ball of the corner");

@@ -201,3 +201,27 @@ fn a_dial_along_a_mandrel_reads_what_the_book_says() {
         assert!((found - expected_um).abs() < 0.01, "{errors}: {found}");
     }
 }
+
+/// A squareness that is stated with the wrong sign is named where it stands.
+#[test]
+fn a_squareness_of_the_wrong_sign_is_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    seen(folder.path(), GEOMETRY, "EX0C = 23.8\nEC0Y = 40.0\n", 1.0);
+    let tried = |value: &str| {
+        let text = format!(
+            "folds = 0\nunknown = [\"EX0C\", \"EY0C\"]\n[[squareness]]\nerror = \"EC0Y\"\nvalue_urad = {value}\n[uncertainty]\nsquare_urad = 1\n{POINTS}uncertainty_um = 1\n"
+        );
+        let found = tried(folder.path(), GEOMETRY, &text).expect("calibrated");
+        found.identified.expect("identified").found.warnings
+    };
+    let first = &tried("-40.0")[0];
+    assert!(
+        first.starts_with("EC0Y in [[squareness]]: the observations contradict its -40.0 µrad and fit with the opposite sign, 40.0 µrad"),
+        "{first}"
+    );
+    assert!(
+        tried("40.0")
+            .iter()
+            .all(|note| !note.contains("contradict its"))
+    );
+}
