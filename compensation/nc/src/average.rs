@@ -225,13 +225,40 @@ fn at_places(
             )
         });
         let mut found = Ok(());
+        // The work offset under which each axis was named last: its mean is in the place of the axis.
+        let mut named_under = [None; 3];
         while let Ok(made) = all.recv() {
             if let Err(error) = corrector.take_tool(&made.tool) {
                 found = Err(error);
                 break;
             }
             corrector.goes(&made.motion.to);
+            let motion = &made.motion;
+            let is_home = matches!(motion.path, Path::Home(_));
+            for (axis, under) in named_under.iter_mut().enumerate() {
+                if motion.words[axis].is_some() {
+                    match (motion.in_machine || is_home, motion.incremental[axis]) {
+                        (true, _) => *under = None,
+                        (false, false) => *under = Some(made.system),
+                        (false, true) => {}
+                    }
+                }
+            }
             let Some(at) = cuts_at(&made) else { continue };
+            let lacks_mean = |axis: &usize| {
+                motion.incremental[*axis]
+                    && motion.words[*axis].is_some()
+                    && corrector.corrects(*axis)
+                    && named_under[*axis] != Some(made.system)
+            };
+            if let Some(axis) = (0..3).find(lacks_mean) {
+                let what = format!(
+                    "a way of {} (G91) from a place that was not named in G90 under this work offset: the mean correction is not in it",
+                    char::from(LETTERS[axis])
+                );
+                found = Err(refused(made.line, &what));
+                break;
+            }
             let stated = job.setup.offset(made.system);
             if stated.is_some_and(|stated| made.frame.work[..3] != stated[..3]) {
                 found = Err(refused(

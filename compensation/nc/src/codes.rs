@@ -94,6 +94,11 @@ impl Codes {
             if word.letter != b'G' && word.letter != b'M' {
                 continue;
             }
+            // Those of machine builders, up to eight digits.
+            let is_high = |value: f64| (1000.0..1e8).contains(&value) && value.fract() == 0.0;
+            if word.letter == b'M' && word.value.is_some_and(is_high) {
+                continue;
+            }
             let Some(code) = word.value.and_then(code_of) else {
                 return Err(Refusal::NoCode(place));
             };
@@ -136,6 +141,14 @@ impl Codes {
             }
         }
         Ok(codes)
+    }
+
+    /// G5 and G5.1 without axes are no splines: FANUC controls look ahead with G05 P10000 and G05.1 Q1.
+    pub(crate) fn ends_smoothing(&mut self, names_axes: bool) {
+        let motion = &mut self.groups[Group::Motion as usize];
+        if !names_axes && matches!(motion, Some(50 | 51)) {
+            *motion = None;
+        }
     }
 
     pub(crate) fn motion(&self) -> Option<Code> {

@@ -158,6 +158,7 @@ impl Interpreter {
                 match edge {
                     Some(0) => {
                         self.modal.tool_offset = [0.0; 9];
+                        self.rests.takes_tool(None);
                         self.update_tool()?;
                     }
                     Some(1) => self.take_length(given)?,
@@ -174,6 +175,7 @@ impl Interpreter {
                     .ok_or_else(|| given.refused("an allowance DL that only the machine knows"))?;
                 if self.modal.tool == Some(0) {
                     self.modal.tool_offset = [0.0; 9];
+                    self.rests.takes_tool(None);
                     self.update_tool()?;
                 } else {
                     self.take_length(given)?;
@@ -213,7 +215,7 @@ impl Interpreter {
                     pole[axis] += at[axis];
                 }
             }
-            is_known &= !relative[axis] || self.known[axis];
+            is_known &= !relative[axis] || self.says_place(axis);
         }
         self.modal.pole = is_known.then_some(pole);
         Ok(relative)
@@ -223,6 +225,8 @@ impl Interpreter {
     fn take_length(&mut self, given: &Given<'_>) -> Result<(), NcError> {
         let tool = self.tool_in_spindle();
         let offset = tool.and_then(|tool| self.tools.get(&tool)).copied();
+        let unstated = tool.unwrap_or(u32::MAX >> 2);
+        self.rests.takes_tool(offset.is_none().then_some(unstated));
         if offset.is_none() {
             self.notes
                 .add(tool.map_or(Note::NamedTool, Note::NoToolLength), given.line);

@@ -28,7 +28,7 @@ impl Interpreter {
         let modal = &self.modal;
         if let Some(axis) = axis_of_name(name) {
             let at = self.program_position()[axis] / modal.scale(axis);
-            return Some(self.known[axis].then_some(at));
+            return Some(self.says_place(axis).then_some(at));
         }
         match name {
             "_metric" => truth(modal.unit_mm == 1.0),
@@ -85,7 +85,7 @@ impl Interpreter {
             5420..=5428 => {
                 let axis = axis_of_place(number)?;
                 let at = self.program_position()[axis] / self.modal.scale(axis);
-                return Some(self.known[axis].then_some(at));
+                return Some(self.says_place(axis).then_some(at));
             }
             _ => return None,
         };

@@ -34,7 +34,10 @@ impl Interpreter {
         };
         moved[depth] = true;
         let mut at = self.program_position();
-        self.known[depth] = ends.is_some();
+        match ends {
+            Some(_) => self.is_named(depth),
+            None => self.known[depth] = false,
+        }
         if let Some(ends) = ends {
             at[depth] = ends * self.modal.scale(depth);
             let at = self.frame.to_machine(&at);

@@ -6,7 +6,8 @@
 use std::path::Path;
 
 use crate::{
-    NcError, block::Block, expression::Expressions, heidenhain, interpret::Interpreter, siemens,
+    NcError, block::Block, expression::Expressions, fault::Fault, heidenhain,
+    interpret::Interpreter, siemens,
 };
 
 /// The language of a program.
@@ -69,7 +70,9 @@ impl Dialect {
         match self {
             Self::Rs274 => {
                 let expressions = Expressions::new(interpreter);
-                block.read(text, &expressions).map_err(fault)?;
+                block
+                    .read(text, &expressions)
+                    .map_err(|of| fault(hint(text).unwrap_or(of)))?;
                 Ok(Reads {
                     axes: expressions.axes_read(),
                     returned: expressions.has_read_returned(),
@@ -85,4 +88,74 @@ impl Dialect {
             }
         }
     }
+}
+
+const MACRO: &str =
+    "that is the macro language of FANUC controls; only O-words as LinuxCNC has them are executed";
+const SIEMENS: &str = "that is the language of SINUMERIK controls: --dialect siemens";
+const HEIDENHAIN: &str =
+    "that is the conversational language of HEIDENHAIN controls: --dialect heidenhain";
+
+/// With what a line of another language begins, behind the number of its block.
+const OTHERS: [(&str, &str); 31] = [
+    ("IF", MACRO),
+    ("WHILE", MACRO),
+    ("GOTO", MACRO),
+    ("DO", MACRO),
+    ("BEGIN PGM", HEIDENHAIN),
+    ("END PGM", HEIDENHAIN),
+    ("BLK FORM", HEIDENHAIN),
+    ("TOOL CALL", HEIDENHAIN),
+    ("TOOL DEF", HEIDENHAIN),
+    ("CYCL", HEIDENHAIN),
+    ("L X", HEIDENHAIN),
+    ("L Y", HEIDENHAIN),
+    ("L Z", HEIDENHAIN),
+    ("LP", HEIDENHAIN),
+    ("CC", HEIDENHAIN),
+    ("CR", HEIDENHAIN),
+    ("LBL", HEIDENHAIN),
+    ("FN", HEIDENHAIN),
+    ("END", MACRO),
+    ("TRANS", SIEMENS),
+    ("ATRANS", SIEMENS),
+    ("ROT", SIEMENS),
+    ("AROT", SIEMENS),
+    ("TRAORI", SIEMENS),
+    ("TRAFOOF", SIEMENS),
+    ("DEF", SIEMENS),
+    ("MSG", SIEMENS),
+    ("MCALL", SIEMENS),
+    ("CYCLE", SIEMENS),
+    ("PROC", SIEMENS),
+    ("R", SIEMENS),
+];
+/// What stands only in lines of SINUMERIK.
+const IN_SIEMENS: [&str; 5] = ["=IC(", "=AC(", "=DC(", "CR=", "SUPA"];
+
+/// Why a line that RS-274 does not know cannot be read, where it plainly is of another language.
+fn hint(text: &[u8]) -> Option<Fault> {
+    let text = String::from_utf8_lossy(text).to_ascii_uppercase();
+    let text = text.trim_start().trim_start_matches('/').trim_start();
+    let is_number = |c: char| c.is_ascii_digit() || c == ' ';
+    let rest = text.strip_prefix('N').unwrap_or(text);
+    let rest = rest.trim_start_matches(is_number);
+    let begins = |word: &str| {
+        let Some(behind) = rest.strip_prefix(word) else {
+            return false;
+        };
+        match word {
+            // R1=5, as no word of RS-274 is written.
+            "R" => behind.trim_start_matches(is_number).starts_with('='),
+            _ => word.starts_with("L ") || !behind.starts_with(|c: char| c.is_ascii_alphabetic()),
+        }
+    };
+    let begin = OTHERS.into_iter().find(|(word, _)| begins(word));
+    let within = || IN_SIEMENS.into_iter().find(|word| text.contains(word));
+    let (found, why) = begin.or_else(|| Some((within()?, SIEMENS)))?;
+    Some(Fault::NotFollowed {
+        column: 1,
+        found: found.trim().to_owned(),
+        why,
+    })
 }

@@ -78,12 +78,17 @@ pub(crate) enum OLine {
 /// What a line is that begins with an O; `None`: it does not.
 pub(crate) fn o_line(line: &[u8]) -> Option<OLine> {
     let mut scanner = Scanner::new(line);
-    scanner.takes(b'/');
+    let may_be_skipped = scanner.takes(b'/');
     if scanner.takes(b'N') {
         scanner.number();
     }
     if !scanner.takes(b'O') {
         return None;
+    }
+    if may_be_skipped {
+        return Some(OLine::Wrong(
+            "an O-word in a block that may be skipped (/): what follows can be corrected for one of the two only. Take the slash away, or the block",
+        ));
     }
     let name = if scanner.takes(b'<') {
         match scanner.name() {

@@ -6,6 +6,7 @@ use volcomp_model::{Machine, vocabulary::AxisKind};
 
 use crate::{
     NcError,
+    basis::Rests,
     block::{Block, Parameter},
     codes::{Codes, Refusal, UnknownCode, text},
     coordinates::{Axes, Frame, name_of},
@@ -55,6 +56,7 @@ pub(crate) struct Interpreter {
     /// Where the axes of the machine are, mm and deg, and whether that is known.
     pub(crate) position: Axes,
     pub(crate) known: Axes<bool>,
+    pub(crate) rests: Rests,
     pub(crate) parameters: Parameters,
     /// The offset of each tool.
     pub(crate) tools: HashMap<u32, Axes>,
@@ -91,6 +93,7 @@ impl Interpreter {
             modal,
             position,
             known,
+            rests: Rests::new(setup),
             parameters: Parameters::default(),
             tools: setup.tools(),
             notes: Notes::default(),
@@ -179,6 +182,8 @@ impl Interpreter {
         if codes.not_modal() == Some(40) && given.names_axes() {
             return Err(given.refused("a dwell (G4) with the word of an axis, which FANUC controls read as its time: write P"));
         }
+        self.check_meaning(&codes, &given)?;
+        codes.ends_smoothing(given.names_axes());
         self.check_skipped(&codes, &given)?;
         let length =
             (self.modal.centre_point != CentrePoint::Off).then_some(self.modal.tool_offset);
@@ -200,6 +205,41 @@ impl Interpreter {
             match &assignment.parameter {
                 Parameter::Named(name) => self.parameters.set_named(name, value),
                 Parameter::Numbered(number) => self.parameters.set_numbered(*number, value),
+            }
+        }
+        Ok(())
+    }
+
+    /// # Errors
+    /// Words that controls read in different ways.
+    fn check_meaning(&self, codes: &Codes, given: &Given<'_>) -> Result<(), NcError> {
+        if self.dialect != Dialect::Rs274 {
+            return Ok(());
+        }
+        let is_absolute = codes
+            .distance()
+            .map_or(self.modal.absolute, |code| code == 900);
+        if codes.in_machine && !is_absolute {
+            return Err(given.refused(
+                "G53 in G91, which LinuxCNC refuses and FANUC controls ignore: write G90 before",
+            ));
+        }
+        if given.has(b'H')
+            && codes.tool_length().is_none()
+            && self.modal.length.is_some()
+            && self.modal.length != given.whole(b'H')?
+        {
+            return Err(given.refused("H without G43 while the length of a tool is in force, which FANUC controls take for another length and LinuxCNC refuses: write G43 before it"));
+        }
+        for assignment in &given.block.assignments {
+            let Parameter::Numbered(number) = assignment.parameter else {
+                continue;
+            };
+            if matches!(number, 5161..=5390 | 5400..=5428) {
+                let what = format!(
+                    "a value for #{number}, which the control uses for its offsets, homes and places, or sets itself, is not followed: write G10 or the set-up"
+                );
+                return Err(given.refused(&what));
             }
         }
         Ok(())
@@ -267,8 +307,8 @@ impl Interpreter {
             _ => {}
         }
         match codes.comes_back() {
-            Some(980) => modal.comes_back = true,
-            Some(990) => modal.comes_back = false,
+            Some(980) => (modal.comes_back, modal.says_return) = (true, true),
+            Some(990) => (modal.comes_back, modal.says_return) = (false, true),
             _ => {}
         }
         if let Some(code) = codes.tool_length() {
@@ -298,7 +338,7 @@ impl Interpreter {
         }
         match codes.rotation() {
             Some(680) => self.rotation(given)?,
-            Some(690) => self.modal.rotation = None,
+            Some(690) => (self.modal.rotation, self.modal.rotation_is_new) = (None, false),
             _ => {}
         }
         if codes.tool_length().is_some()

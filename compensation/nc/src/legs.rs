@@ -169,17 +169,18 @@ impl Rewriter {
                 0.0
             };
         }
+        let may_be_added = known && corrects && self.may_add(axis, way, line);
         OnItsWay {
             from: way.from,
             to: way.to,
             delta,
             carried: way.carried,
-            scale: modal.scale(axis),
+            scale: self.interpreter.modal.scale(axis),
             decimals,
             incremental: way.incremental,
             in_one_turn: way.manner == Manner::Shortest,
             written: way.written,
-            may_be_added: known && corrects,
+            may_be_added,
         }
     }
 

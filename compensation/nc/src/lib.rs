@@ -7,6 +7,7 @@
 mod arc;
 mod arcs;
 mod average;
+mod basis;
 mod block;
 mod bow;
 mod carriage;

@@ -130,10 +130,14 @@ pub(crate) struct Modal {
     pub(crate) shift: Axes,
     pub(crate) shifted: bool,
     pub(crate) tool_offset: Axes,
+    /// The number of the length that G43 has put into force; `None`: none.
+    pub(crate) length: Option<u32>,
     /// Coordinates are those of the centre point of the tool, whatever the rotary axes do (G43.4, M428).
     pub(crate) centre_point: CentrePoint,
     /// The rotation of G68, deg, and its centre.
     pub(crate) rotation: Option<(f64, [f64; 2])>,
+    /// No place in its plane has been named under it.
+    pub(crate) rotation_is_new: bool,
     /// TRANS and ROT.
     pub(crate) programmed: Programmed,
     /// The centre of arcs and polar coordinates, where a block of its own says it: a place in X and Y.
@@ -152,6 +156,8 @@ pub(crate) struct Modal {
     pub(crate) radius: Option<Code>,
     /// A cycle comes back to where it began, not to its clearance plane.
     pub(crate) comes_back: bool,
+    /// The program has said which of the two.
+    pub(crate) says_return: bool,
     pub(crate) sticky: Sticky,
     pub(crate) tool: Option<u32>,
     /// The places of G28 and G30, in the machine's coordinates.
@@ -175,8 +181,10 @@ impl Default for Modal {
             shift: [0.0; 9],
             shifted: false,
             tool_offset: [0.0; 9],
+            length: None,
             centre_point: CentrePoint::Off,
             rotation: None,
+            rotation_is_new: false,
             programmed: Programmed::default(),
             pole: None,
             polar: None,
@@ -186,6 +194,7 @@ impl Default for Modal {
             each_motion: None,
             radius: None,
             comes_back: true,
+            says_return: false,
             sticky: Sticky::default(),
             tool: None,
             homes: [[0.0; 9]; 2],

@@ -62,7 +62,7 @@ impl Interpreter {
                 .any(|letter| given.has(letter))
         };
         let is_whole_circle = matches!(code, 20 | 30) && codes.motion().is_some() && has_centre();
-        if !(has_words || is_whole_circle || code == 50) {
+        if !(has_words || is_whole_circle) {
             return Ok(());
         }
         let path = match code {
@@ -80,6 +80,7 @@ impl Interpreter {
             Manner::Incremental => true,
             Manner::Absolute | Manner::Shortest => false,
         });
+        self.checks_rotation(given, &incremental)?;
         let mut motion = Move {
             path,
             from: self.position,
@@ -88,10 +89,10 @@ impl Interpreter {
             incremental,
             in_machine: codes.in_machine,
             polar: self.polar_of(given),
-            known: self.known,
+            known: self.known_before(given, code),
             wraps: [0.0; 9],
         };
-        if self.frame.tip.is_some()
+        if self.modal.centre_point != CentrePoint::Off
             && let Some(axis) = (3..9).find(|axis| {
                 is_rotary(*axis) && motion.words[*axis].is_some() && !self.machine_has(*axis)
             })
@@ -118,17 +119,76 @@ impl Interpreter {
         // Where a probing move ends is only known at the machine.
         let is_probe = (380..=389).contains(&code);
         for (axis, place) in given.places.iter().enumerate() {
-            if place.is_some() {
-                self.known[axis] = !is_probe && (self.known[axis] || !motion.incremental[axis]);
+            if place.is_none() {
+                continue;
+            }
+            if is_probe {
+                self.known[axis] = false;
+            } else if codes.in_machine {
+                self.is_at_machine_place(axis);
+            } else if !motion.incremental[axis] {
+                self.is_named(axis);
             }
         }
-        if code != 331 {
+        if let Path::Hole {
+            clearance, depth, ..
+        } = motion.path
+            && !self.modal.says_return
+            && self
+                .modal
+                .sticky
+                .initial
+                .is_some_and(|initial| initial > clearance)
+        {
+            // LinuxCNC begins with G99, FANUC controls with G98.
+            self.is_assumed(depth);
+            self.notes
+                .add(Note::ReturnPlane(char::from(LETTERS[depth])), given.line);
+        }
+        if code == 331 {
+            // It comes back to where it began.
+            (motion.to, motion.words) = (motion.from, [None; 9]);
+        } else {
             self.position = outcome.row.last().map_or(motion.to, |last| last.to);
         }
         if codes.in_machine && self.dialect != Dialect::Rs274 {
             self.suppresses(&motion, given)?;
         }
         outcome.motion = Some(motion);
+        Ok(())
+    }
+
+    /// Of which axes it is known where a motion begins: of those that it moves in the coordinates of the program, of the others in those of
+    /// the machine.
+    fn known_before(&self, given: &Given<'_>, code: Code) -> Axes<bool> {
+        let in_plane = given.word(0).is_some() || given.word(1).is_some();
+        let turns = self.frame.rotation_deg != 0.0 && in_plane || given.polar.is_some();
+        let of_arc = matches!(code, 20 | 30).then(|| self.modal.plane.axes());
+        each(|axis| {
+            let moves = given.word(axis).is_some()
+                || axis < 2 && turns
+                || axis < 3 && self.frame.tip.is_some()
+                || of_arc.is_some_and(|[first, second, _]| axis == first || axis == second);
+            self.known[axis] && (!moves || self.says_place(axis))
+        })
+    }
+
+    /// What is a way turns about the place of the tool until a place has been named under a rotation.
+    fn checks_rotation(
+        &mut self,
+        given: &Given<'_>,
+        incremental: &Axes<bool>,
+    ) -> Result<(), NcError> {
+        if !self.modal.rotation_is_new {
+            return Ok(());
+        }
+        let is_way = |axis: usize| given.word(axis).is_some() && incremental[axis];
+        if is_way(0) || is_way(1) {
+            return Err(given.refused("a way (G91) behind G68 before X or Y was named in G90, which FANUC controls turn about the place of the tool"));
+        }
+        if given.word(0).is_some() || given.word(1).is_some() || given.polar.is_some() {
+            self.modal.rotation_is_new = false;
+        }
         Ok(())
     }
 
@@ -166,7 +226,9 @@ impl Interpreter {
             ));
         }
         for axis in 0..9 {
-            if motion.words[axis].is_some() && self.modal.tool_offset[axis] != 0.0 {
+            let has_length =
+                self.modal.tool_offset[axis] != 0.0 || axis == 2 && self.rests.has_unstated_tool();
+            if motion.words[axis].is_some() && has_length {
                 self.known[axis] = false;
             }
         }

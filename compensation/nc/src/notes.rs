@@ -27,6 +27,18 @@ pub enum Note {
     RadiusCompensated,
     /// A line gets longer than some controls take.
     LongLine,
+    /// This work offset is not in the set-up: zero was taken.
+    NoOffset(String),
+    /// The place of G28 or G30 is not in the set-up: machine zero was taken.
+    NoHome(&'static str),
+    /// Axes are said to be somewhere (G92, G10 L20) that nobody knows where they are.
+    NoStart,
+    /// Behind a cycle it is not known in which plane the axis of its depth is.
+    ReturnPlane(char),
+    /// Motions in machine coordinates pass on as they are.
+    InMachine,
+    /// A motion is not split, or not corrected, as it is not known where this axis stands.
+    NotSplit(char),
     /// Blocks that the operator may have skipped.
     MayBeSkipped,
 }
@@ -62,6 +74,29 @@ impl fmt::Display for Note {
             Self::OutsideTravel(axis) => write!(
                 f,
                 "{axis} leaves its travel; beyond its ends the errors there are taken"
+            ),
+            Self::NoOffset(name) => {
+                write!(f, "work offset {name} is not in the set-up: zero was taken")
+            }
+            Self::NoHome(code) => write!(
+                f,
+                "the place of {code} is not in the set-up ([home.{code}]): machine zero was taken"
+            ),
+            Self::NoStart => write!(
+                f,
+                "it is not known where the axes stand that get new coordinates here, so that their corrections are left out behind it: [start] of the set-up says it"
+            ),
+            Self::ReturnPlane(axis) => write!(
+                f,
+                "a cycle before G98 or G99: LinuxCNC leaves the tool in the plane R, FANUC controls where it began, so that corrections of {axis} are left out behind it until the program names that axis"
+            ),
+            Self::InMachine => write!(
+                f,
+                "motions in machine coordinates (G53, G28, G30, SUPA, M91) pass on without a correction"
+            ),
+            Self::NotSplit(axis) => write!(
+                f,
+                "motions are not split, and arcs not corrected, while it is not known where {axis} stands"
             ),
             Self::LongLine => write!(
                 f,

@@ -9,6 +9,7 @@ use crate::{
     modal::{Code, Plane, RS274_SYSTEMS},
     motion::{Move, Path},
     notes::Note,
+    words::each,
 };
 
 impl Interpreter {
@@ -16,9 +17,12 @@ impl Interpreter {
     pub(crate) fn tool_length(&mut self, code: Code, given: &Given<'_>) -> Result<(), NcError> {
         if code == 490 {
             self.modal.tool_offset = [0.0; 9];
+            self.modal.length = None;
+            self.rests.takes_tool(None);
             return Ok(());
         }
         if code == 431 {
+            self.rests.takes_tool(None);
             for (axis, value) in given.axes()? {
                 self.modal.tool_offset[axis] = value * self.modal.scale(axis);
             }
@@ -29,6 +33,14 @@ impl Interpreter {
         if offset.is_none() && number != 0 {
             self.notes.add(Note::NoToolLength(number), given.line);
         }
+        let unstated = (offset.is_none() && number != 0).then_some(number);
+        match (code, unstated) {
+            // On top of a length that may be unknown, too.
+            (432, None) => {}
+            (432, Some(number)) => self.rests.takes_tool(Some(number + 100_000)),
+            _ => self.rests.takes_tool(unstated),
+        }
+        self.modal.length = (code != 432).then_some(number);
         if code != 432 {
             self.modal.tool_offset = [0.0; 9];
         }
@@ -55,11 +67,19 @@ impl Interpreter {
         if self.modal.plane != Plane::Xy {
             return Err(given.refused("a rotation in another plane than X Y (G17)"));
         }
+        if ![0, 1].into_iter().all(|axis| given.word(axis).is_some()) {
+            return Err(given.refused("G68 without X and Y, about the place of the tool: write the centre of the rotation"));
+        }
+        let is_shifted = self.modal.shifted && self.modal.shift[..2].iter().any(|by| *by != 0.0);
+        if is_shifted {
+            return Err(given.refused("G68 while a shift (G52, G92) is in force, in whose coordinates its centre is not followed"));
+        }
         let mut centre = [0.0; 2];
         for (axis, centre) in centre.iter_mut().enumerate() {
             *centre = given.axis(axis)?.unwrap_or(0.0) * self.modal.scale(axis);
         }
         self.modal.rotation = Some((angle, centre));
+        self.modal.rotation_is_new = true;
         Ok(())
     }
 
@@ -81,7 +101,7 @@ impl Interpreter {
                     self.notes.add(Note::HomeUnknown, given.line);
                 }
                 let which = usize::from(code == 301);
-                self.modal.homes[which] = self.position;
+                self.stores_home(which);
                 outcome.stores_home = Some(which);
             }
             Some(920) => {
@@ -90,6 +110,7 @@ impl Interpreter {
                 for (axis, value) in given.axes()? {
                     // Where the axis is, the program reads this value from now on.
                     let at = self.program_position()[axis] - value * self.modal.scale(axis);
+                    self.shift_is_from_place(axis, given.line);
                     self.modal.shift[axis] += at;
                     self.update_frame();
                 }
@@ -99,9 +120,13 @@ impl Interpreter {
                 self.shift_anew();
                 for (axis, value) in given.axes()? {
                     self.modal.shift[axis] = value * self.modal.scale(axis);
+                    self.rests.shift_is_stated(axis);
                 }
             }
-            Some(921) => (self.modal.shift, self.modal.shifted) = ([0.0; 9], false),
+            Some(921) => {
+                (self.modal.shift, self.modal.shifted) = ([0.0; 9], false);
+                self.rests.shift_is_zero();
+            }
             Some(922) => self.modal.shifted = false,
             Some(923) => self.modal.shifted = true,
             _ => {
@@ -117,6 +142,7 @@ impl Interpreter {
     fn shift_anew(&mut self) {
         if !self.modal.shifted {
             self.modal.shift = [0.0; 9];
+            self.rests.shift_is_zero();
         }
         self.modal.shifted = true;
     }
@@ -126,6 +152,12 @@ impl Interpreter {
         let (kind, place) = (given.whole(b'L')?, given.whole(b'P')?);
         match kind {
             Some(2 | 20) => {
+                if kind == Some(2) && !self.modal.absolute {
+                    return Err(given.refused("G10 L2 in G91, where FANUC controls add to the offset and LinuxCNC replaces it: write G90 before"));
+                }
+                if kind == Some(2) && matches!(place, Some(0) | None) {
+                    return Err(given.refused("G10 L2 without a P from 1 to 9: P0 is the offset in force for LinuxCNC, and the common offset of all for FANUC controls"));
+                }
                 let system = match place {
                     Some(0) | None => self.modal.system,
                     Some(system) if system as usize <= RS274_SYSTEMS => system as usize - 1,
@@ -140,8 +172,10 @@ impl Interpreter {
                     let value = value * self.modal.scale(axis);
                     if kind == Some(2) {
                         self.modal.offsets[system].offset[axis] = value;
+                        self.rests.offset_is_stated(system, axis);
                         continue;
                     }
+                    self.offset_is_from_place(system, axis, given.line);
                     // The offset with which the axis is where it is at this value.
                     let mut before = self.modal.clone();
                     before.system = system;
@@ -188,12 +222,23 @@ impl Interpreter {
                 "a place on the way home (G28, G30) under G16, which controls read in different ways: say G15 before",
             ));
         }
+        let is_other = which == 1 && given.has(b'P') && given.whole(b'P')? != Some(2);
+        let known = each(|axis| self.says_place(axis));
         let from = self.position;
+        let mut says_all = true;
         for (axis, place) in given.places.iter().enumerate() {
             if all || place.is_some() {
-                self.position[axis] = self.modal.homes[which][axis];
-                self.known[axis] = true;
+                if !self.is_at_home(which, axis) && self.machine_has(axis) {
+                    says_all = false;
+                }
+                if is_other {
+                    self.known[axis] = false;
+                }
             }
+        }
+        if !says_all || is_other {
+            let note = Note::NoHome(["G28", "G30"][which]);
+            self.notes.add(note, given.line);
         }
         outcome.motion = Some(Move {
             path: Path::Home(which),
@@ -207,7 +252,7 @@ impl Interpreter {
             incremental: [false; 9],
             in_machine: true,
             polar: None,
-            known: self.known,
+            known,
             wraps: [0.0; 9],
         });
         Ok(())

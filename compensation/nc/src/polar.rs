@@ -173,9 +173,10 @@ impl Interpreter {
         let is_known = is_place(0) && is_place(1);
         if let Some(polar) = self.modal.polar {
             self.modal.polar = Some(self.said(polar, given)?);
-            self.known[..2].fill(true);
-        } else if is_known {
-            self.known[..2].fill(true);
+        }
+        if is_known || self.modal.polar.is_some() {
+            self.is_named(0);
+            self.is_named(1);
         }
         Ok(())
     }

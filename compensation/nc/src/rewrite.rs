@@ -389,6 +389,7 @@ impl Rewriter {
 
     fn motion(&mut self, motion: &Move, line: Line<'_>, out: &mut Vec<u8>) -> Result<(), NcError> {
         self.note_axes(motion, line);
+        self.note_unknown(motion, line.number);
         self.corrector.wraps(&motion.wraps);
         match motion.path {
             _ if motion.in_machine => self.is_uncorrected(motion),
@@ -415,6 +416,7 @@ impl Rewriter {
                 self.hole(motion, depth, places, InRow::ALONE, line, out);
             }
         }
+        self.notes_unstated(line.number);
         Ok(())
     }
 

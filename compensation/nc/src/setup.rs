@@ -30,6 +30,8 @@ pub struct SetUp {
     stated: [bool; SYSTEMS],
     tools: BTreeMap<u32, Axes>,
     homes: [Axes; 2],
+    /// Which of their axes it states.
+    states_homes: [Axes<bool>; 2],
     start: Option<(Axes, Axes<bool>)>,
     inch: bool,
     centre_point: bool,
@@ -43,6 +45,7 @@ impl Default for SetUp {
             stated: [false; SYSTEMS],
             tools: BTreeMap::new(),
             homes: [[0.0; 9]; 2],
+            states_homes: [[false; 9]; 2],
             start: None,
             inch: false,
             centre_point: false,
@@ -76,7 +79,14 @@ impl SetUp {
             if let Some(offsets) = root.section("work_offset")? {
                 let names: Vec<String> = (0..SYSTEMS).map(name_of_offset).collect();
                 let allowed: Vec<&str> = names.iter().map(String::as_str).collect();
-                offsets.allow(&allowed)?;
+                // Names that another dialect has are no help: G560 for G60.
+                for (key, _) in offsets.values() {
+                    if !allowed.contains(&key) {
+                        return Err(offsets.error(format!(
+                            "there is no work offset {key}; expected G54 to G59 or G59.1 to G59.3 (SINUMERIK: G500, G54 to G57, G505 to G599; HEIDENHAIN: G54)"
+                        )));
+                    }
+                }
                 for (place, name) in names.iter().enumerate() {
                     let Some(offset) = offsets.section(name)? else {
                         continue;
@@ -104,7 +114,7 @@ impl SetUp {
                 homes.allow(&["G28", "G30"])?;
                 for (place, name) in ["G28", "G30"].into_iter().enumerate() {
                     if let Some(home) = homes.section(name)? {
-                        setup.homes[place] = axes_of(&home, &[])?.0;
+                        (setup.homes[place], setup.states_homes[place]) = axes_of(&home, &[])?;
                     }
                 }
             }
@@ -145,6 +155,11 @@ impl SetUp {
     pub(crate) fn offset(&self, system: usize) -> Option<Axes> {
         let is_stated = *self.stated.get(system)?;
         is_stated.then(|| self.offsets[system].offset)
+    }
+
+    /// Of which axes it states the places of G28 and G30.
+    pub(crate) fn states_homes(&self) -> [Axes<bool>; 2] {
+        self.states_homes
     }
 
     pub(crate) fn tools(&self) -> HashMap<u32, Axes> {

@@ -27,6 +27,8 @@ impl Interpreter {
             codes.work_offset(),
             codes.rotation(),
             codes.polar(),
+            codes.comes_back(),
+            codes.feed(),
             // A dwell switches nothing.
             codes.not_modal().filter(|code| *code != 40),
         ];
@@ -34,11 +36,13 @@ impl Interpreter {
         if switches.iter().any(Option::is_some)
             || codes.centre_point.is_some()
             || codes.ends
+            || codes.changes_tool
+            || given.has(b'T')
             || !block.assignments.is_empty()
             || !block.commands.is_empty()
         {
             return Err(given.refused(
-                "a block that may be skipped (/) and switches what follows (offsets, planes, units, G90, G91, the length of the tool, a parameter, the end of the program): what follows can be corrected for one of the two only. Take the slash away, or the block",
+                "a block that may be skipped (/) and switches what follows (offsets, planes, units, G90, G91, G98, G99, the tool and its length, the mode of the feed, a parameter, the end of the program): what follows can be corrected for one of the two only. Take the slash away, or the block",
             ));
         }
         self.notes.add(Note::MayBeSkipped, given.line);

@@ -153,6 +153,7 @@ impl Interpreter {
             frame: _,
             position: _,
             known: _,
+            rests: _,
             parameters: _,
             tools: _,
             notes: _,
@@ -178,8 +179,10 @@ impl Interpreter {
             shift: _,
             shifted: _,
             tool_offset: _,
+            length: _,
             centre_point: _,
             rotation: _,
+            rotation_is_new,
             programmed: _,
             // Of arcs, cycles and other words only.
             plane: _,
@@ -189,6 +192,7 @@ impl Interpreter {
             pole: _,
             defined: _,
             comes_back: _,
+            says_return: _,
             sticky: _,
             tool: _,
             homes: _,
@@ -201,6 +205,7 @@ impl Interpreter {
             && radius.is_none()
             && polar.is_none()
             && !*motion_unsure
+            && !*rotation_is_new
     }
 }
 
@@ -214,7 +219,7 @@ impl Rewriter {
             && self.interpreter.takes_usual()
             && !self.corrector.is_bidirectional()
             && self.tells.is_none()
-            && (self.corrector.axes()).all(|axis| self.interpreter.known[axis]);
+            && (self.corrector.axes()).all(|axis| self.interpreter.says_place(axis));
         if !is_plain {
             return None;
         }

@@ -94,10 +94,12 @@ fn an_arc_from_an_unknown_place_leaves_other_axes_alone() {
 #[test]
 fn a_correction_is_taken_up_before_an_arc() {
     let shift = "[errors]\nEXX = { poly = [20.0] }\n";
+    // Behind G53 the program's place is known only where the work offset is.
+    let setup = volcomp_nc::SetUp::parse("[work_offset.G54]\nX = 0\n", "s.toml").expect("good");
     let arc = |line: &str| {
         let program = format!("G90 G0 X0 Y0 Z0\nG53 G0 X0\n{line}\n");
-        let (out, _) =
-            crate::identity::compensated(shift, program.as_bytes()).expect("compensated");
+        let (out, _) = crate::identity::compensated_in(&setup, shift, program.as_bytes())
+            .expect("compensated");
         String::from_utf8(out)
             .expect("text")
             .lines()

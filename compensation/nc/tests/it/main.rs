@@ -17,5 +17,6 @@ mod skipped;
 mod straight;
 mod subroutines;
 mod traps;
+mod unknown_places;
 mod usual;
 mod verify;

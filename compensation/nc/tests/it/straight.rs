@@ -54,7 +54,8 @@ fn an_axis_that_a_block_does_not_name_is_added() {
     assert_eq!(
         notes,
         [
-            "2: corrections of X are left out until the program names that axis, since it is not known where it stands"
+            "2: corrections of X are left out until the program names that axis, since it is not known where it stands",
+            "3: work offset G54 is not in the set-up: zero was taken"
         ]
     );
 }

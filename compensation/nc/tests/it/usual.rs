@@ -51,7 +51,7 @@ fn program(draw: &mut ChaCha8Rng, axes: &[(char, f64)]) -> Vec<String> {
                 }
                 line
             }
-            78 => all(&at, "G53 G0"),
+            78 => all(&at, "G90 G53 G0"),
             79 => "G91 X0.25 Y-0.5".to_owned(),
             80 => all(&at, "G90"),
             81 => "G55".to_owned(),
@@ -60,7 +60,7 @@ fn program(draw: &mut ChaCha8Rng, axes: &[(char, f64)]) -> Vec<String> {
             84 => "G1 W3".to_owned(),
             85 => "G20".to_owned(),
             86 => "G21".to_owned(),
-            87 => "G68 R5 X1 Y2".to_owned(),
+            87 => "G90 G92.1\nG68 R5 X1 Y2\nG0 X300".to_owned(),
             88 => "G69".to_owned(),
             89 => "G1 X[300+0.5] F100".to_owned(),
             90 => "G92 X300".to_owned(),

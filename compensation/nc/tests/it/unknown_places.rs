@@ -1,0 +1,303 @@
+//! Places that only the control knows: what is not stated is taken as zero, but no word may lead an axis to a place that was made up. What
+//! a control does is worked out by hand, and for LinuxCNC by its interpreter (`rs274 -g`).
+
+use volcomp_model::{Machine, Temperatures};
+use volcomp_nc::{Corrector, Dialect, Job, NcError, SetUp, Summary, compensate};
+
+use crate::identity::{TRAVELS, compensated_in};
+
+/// Z goes down by 0.1 µm for each mm of X: 40 µm at 400 mm.
+const SLOPE: &str = "[errors]\nEZX = { poly = [0.0, 0.1] }\n";
+
+fn run(setup: &str, program: &str) -> Result<(String, Summary), NcError> {
+    let setup = SetUp::parse(setup, "s.toml").expect("a good set-up");
+    let (out, summary) = compensated_in(&setup, SLOPE, program.as_bytes())?;
+    Ok((String::from_utf8(out).expect("text"), summary))
+}
+
+fn result(setup: &str, program: &str) -> String {
+    run(setup, program).expect(program).0
+}
+
+fn refusal(program: &str) -> String {
+    run("", program).expect_err(program).to_string()
+}
+
+fn notes(setup: &str, program: &str) -> String {
+    let (_, summary) = run(setup, program).expect(program);
+    let notes = summary.notes.by_line();
+    let notes = notes.iter().map(|(line, note)| format!("{line}: {note}\n"));
+    notes.collect()
+}
+
+/// Z would go by the difference of two offsets, from machine zero to the zero of the part, or by a length: all unknown.
+#[test]
+fn no_word_leads_to_a_place_that_was_made_up() {
+    for begins in [
+        "G54 G0 X0 Y0 Z50\nG55\n",
+        "G0 X0 Y0 Z50\nG53 G0 Z0\n",
+        "G0 X0 Y0 Z50\nG28 Z0\n",
+        "G0 X0 Y0 Z50\nG91 G30 P3 Z0\nG90\n",
+        "G0 X0 Y0 Z50\nG43 H7\n",
+        "G43 H7 G0 X0 Y0 Z50\nG49\n",
+        "G43 H7 G0 X0 Y0 Z50\nG43 H8\n",
+        "G0 X0 Y0 Z50\nG10 L2 P1 Z-310\n",
+        "G0 X0 Y0 Z50\nG53 G0 Z0\nG92 Z0\nG92.1\n",
+    ] {
+        let program = format!("{begins}G0 X400\n");
+        let (out, summary) = run("", &program).expect(begins);
+        assert_eq!(out, program);
+        let notes = format!("{:?}", summary.notes);
+        assert!(notes.contains("LeftOut('Z')"), "{begins}{notes}");
+        // Named again, it is corrected again.
+        let program = format!("{program}G0 Z20\nG0 X300\n");
+        let out = result("", &program);
+        assert!(out.ends_with("G0 Z19.960\nG0 X300 Z19.970\n"), "{out}");
+    }
+}
+
+/// Where the set-up states what is needed, and within one offset without any, the word is added: 50 mm under G54 at −310 are
+/// 60 under G55 at −320.
+#[test]
+fn places_that_are_stated_stay_known() {
+    let stated = "[work_offset.G54]\nZ = -310\n[work_offset.G55]\nZ = -320\n[tool.7]\nZ = 80\n[home.G28]\nZ = 0\n";
+    for (begins, z) in [
+        ("G54 G0 X0 Y0 Z50\nG55\n", "59.960"),
+        ("G0 X0 Y0 Z50\nG53 G0 Z0\n", "309.960"),
+        ("G0 X0 Y0 Z50\nG28 Z0\n", "309.960"),
+        ("G0 X0 Y0 Z50\nG43 H7\n", "-30.040"),
+    ] {
+        let out = result(stated, &format!("{begins}G0 X400\n"));
+        assert_eq!(out, format!("{begins}G0 X400 Z{z}\n"));
+    }
+    for begins in [
+        "G54 G0 X0 Y0 Z50\nG54\n",
+        "G43 H7 G0 X0 Y0 Z50\nG43 H7\n",
+        "G0 X0 Y0 Z0\nG92 Z50\n",
+        "G53 G0 X0 Y0 Z0\nG92 X0 Y0 Z50\n",
+        "G0 X0 Y0 Z0\nG10 L20 P1 Z50\n",
+    ] {
+        let out = result("", &format!("{begins}G0 X400\n"));
+        assert_eq!(out, format!("{begins}G0 X400 Z49.960\n"));
+    }
+    // Ways lead nowhere else.
+    let out = result("", "G54 G0 X0 Y0 Z50\nG55\nG91 G0 X400\n");
+    assert!(out.ends_with("G91 G0 X400 Z-0.040\n"), "{out}");
+}
+
+#[test]
+fn no_part_of_a_line_is_on_a_way_that_was_made_up() {
+    let bent = "[errors]\nEZX = { poly = [0.0, 0.0, 0.0005] }\n";
+    let run = |program: &str| {
+        let (out, summary) =
+            compensated_in(&SetUp::default(), bent, program.as_bytes()).expect(program);
+        let notes = format!("{:?}", summary.notes);
+        (String::from_utf8(out).expect("text").lines().count(), notes)
+    };
+    let (lines, notes) = run("G54 G0 X0 Y0 Z50\nG55\nG1 X400 Z10 F100\n");
+    assert_eq!(lines, 3, "a way from 50 mm under another offset is split");
+    assert!(notes.contains("NotSplit"), "{notes}");
+    let (lines, notes) = run("G54 G0 X0 Y0 Z50\nG54\nG1 X400 Z10 F100\n");
+    assert!(lines > 5 && !notes.contains("NotSplit"), "{lines} {notes}");
+}
+
+#[test]
+fn heidenhain_machine_coordinates_and_tools() {
+    let machine = Machine::parse(&format!("{TRAVELS}{SLOPE}"), "m.toml").expect("good");
+    let corrector = Corrector::new(&machine, &Temperatures::new(), 0.0005).expect("compiles");
+    let setup = SetUp::default();
+    for program in [
+        "L X+0 Y+0 Z+50 FMAX\nTOOL CALL 5 Z S100\nL X+400 FMAX\n",
+        "L X+0 Y+0 Z+50 FMAX\nL Z+0 FMAX M91\nL X+400 FMAX\n",
+    ] {
+        let job = Job {
+            dialect: Dialect::Heidenhain,
+            ..Job::new(&corrector, &setup)
+        };
+        let mut out = Vec::new();
+        compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(())).expect("compensated");
+        assert_eq!(String::from_utf8_lossy(&out), program);
+    }
+}
+
+/// G28.1 at a place that nobody knows stores a place that nobody knows.
+#[test]
+fn an_unknown_place_that_was_stored_stays_unknown() {
+    let program = "G28.1\nG28\nG0 X400\n";
+    assert_eq!(result("", program), program);
+    let program = "G0 X0 Y0 Z50\nG28.1\nG0 Z70\nG28\nG0 X400\n";
+    assert!(result("", program).ends_with("G0 X400 Z49.960\n"));
+}
+
+/// Nobody knows where the axes are: machine coordinates would be made up, and with them every correction.
+#[test]
+fn coordinates_that_are_set_at_an_unknown_place_are_not_corrected() {
+    for set in ["G92 X0 Y0 Z0", "G10 L20 P1 X0 Y0 Z0"] {
+        let program = format!("{set}\nG0 X400 Z5\nG1 X200 F100\n");
+        let (out, summary) = run("", &program).expect(set);
+        assert_eq!(out, program);
+        let notes = summary.notes.by_line();
+        assert!(
+            notes
+                .iter()
+                .any(|(line, note)| *line == 1 && note.to_string().contains("[start]")),
+            "{notes:?}"
+        );
+        // 400 mm from 100 mm are at 500 mm.
+        let start = "[work_offset.G54]\nX = 0\n[start]\nX = 100\nY = 0\nZ = 0\n";
+        let out = result(start, &program);
+        assert!(out.contains("G0 X400 Z4.950"), "{out}");
+    }
+}
+
+/// `rs274`: with #5223 = −50, `G0 Z[#5223+40]` goes to −10.
+#[test]
+fn what_the_control_keeps_in_parameters_is_not_set() {
+    for number in ["5161", "5223", "5220", "5390", "5403", "5420"] {
+        let message = refusal(&format!("G0 X0\n#{number}=-50\n"));
+        assert!(
+            message.starts_with(&format!("line 2: a value for #{number}, ")),
+            "{message}"
+        );
+    }
+    result("", "#5391=2\n#5160=1\n#5399=1\n");
+}
+
+/// `rs274` begins with G99: behind the cycle it goes on at Z2, not at Z50.
+#[test]
+fn behind_a_cycle_the_plane_is_known_only_by_g98_or_g99() {
+    let hole = |said: &str| format!("{said}G0 X0 Y0 Z50\nG81 X0 R2 Z-5 F100\nG80\nG1 X300\n");
+    let last = |said: &str| {
+        let out = result("", &hole(said));
+        out.lines().last().expect("a line").to_owned()
+    };
+    assert_eq!(last(""), "G1 X300");
+    assert_eq!(last("G98\n"), "G1 X300 Z49.970");
+    assert_eq!(last("G99\n"), "G1 X300 Z1.970");
+    let notes = notes("", &hole(""));
+    assert!(notes.contains("2: a cycle before G98 or G99"), "{notes}");
+}
+
+/// (20, 0) turned by 90° about (10, 5): the matrix takes (10, −5) to (5, 10), that is to (15, 15).
+#[test]
+fn a_rotation_turns_about_its_centre() {
+    // Along X and Y the correction is that of the machine's place, turned back.
+    let errors = "[errors]\nEXX = { poly = [0.0, 0.2] }\nEYY = { poly = [0.0, 0.4] }\n";
+    let program = b"G0 X0 Y0 Z0\nG68 X10 Y5 R90\nG0 X20 Y0\nG69\n";
+    let (out, _) = compensated_in(&SetUp::default(), errors, program).expect("compensated");
+    let (sin, cos) = (1.0, 0.0);
+    let [x, y] = [20.0 - 10.0, 0.0 - 5.0];
+    let machine = [10.0 + cos * x - sin * y, 5.0 + sin * x + cos * y];
+    let delta = [-2e-4 * machine[0], -4e-4 * machine[1]];
+    let back = [
+        cos * delta[0] + sin * delta[1],
+        cos * delta[1] - sin * delta[0],
+    ];
+    let expected = format!("G0 X{:.3} Y{:.3}", 20.0 + back[0], back[1]);
+    let out = String::from_utf8(out).expect("text");
+    assert_eq!(out.lines().nth(2), Some(expected.as_str()), "{out}");
+    for (program, why) in [
+        ("G0 X0 Y0\nG68 X10 R90\n", "line 2: G68 without X and Y"),
+        (
+            "G0 X0 Y0\nG52 X5\nG68 X10 Y5 R90\n",
+            "line 3: G68 while a shift",
+        ),
+        (
+            "G0 X0 Y0\nG68 X10 Y5 R90\nG91 G0 X5\n",
+            "line 3: a way (G91) behind G68",
+        ),
+    ] {
+        let message = refusal(program);
+        assert!(message.starts_with(why), "{message}");
+    }
+    result("", "G0 X0 Y0\nG68 X10 Y5 R90\nG0 X5\nG91 X5\n");
+}
+
+#[test]
+fn what_controls_read_in_different_ways_is_refused() {
+    for (program, why) in [
+        (
+            "o100 sub\no100 endsub\n/o100 call\n",
+            "line 3: an O-word in a block that may be skipped",
+        ),
+        ("/G98\n", "line 1: a block that may be skipped"),
+        ("/G99\n", "line 1: a block that may be skipped"),
+        ("/T5\n", "line 1: a block that may be skipped"),
+        ("/M6\n", "line 1: a block that may be skipped"),
+        ("/G95\n", "line 1: a block that may be skipped"),
+        ("G91 G10 L2 P1 X5\n", "line 1: G10 L2 in G91"),
+        ("G10 L2 P0 X5\n", "line 1: G10 L2 without a P from 1 to 9"),
+        ("G91 G53 G0 X5\n", "line 1: G53 in G91"),
+        ("G43 H1\nG0 X0\nH2\n", "line 3: H without G43"),
+        (
+            "M428\nG1 X1 A5 F1\n",
+            "line 2: a motion of A, which the machine file does not have",
+        ),
+        (
+            "G43.4 H1\nG1 X1 B5 F1\n",
+            "line 2: a motion of B, which the machine file does not have",
+        ),
+    ] {
+        let message = refusal(program);
+        assert!(message.starts_with(why), "{message}");
+    }
+    for good in [
+        "M1001\nM12345678\n",
+        "G43 H1\nG0 X0\nH1\n",
+        "G91\nG90 G53 G0 X5\n",
+        "H2\n",
+    ] {
+        assert_eq!(result("", good), good);
+    }
+    // G05.1 Q1 moves nothing: X goes on with G1.
+    assert_eq!(
+        result(
+            "",
+            "G0 X0 Y0 Z0\nG1 X100 F100\nG05.1 Q1\nX400\nG5 P10000\nX0\n"
+        ),
+        "G0 X0 Y0 Z0\nG1 X100 F100 Z-0.010\nG05.1 Q1\nX400 Z-0.040\nG5 P10000\nX0 Z0.000\n"
+    );
+}
+
+/// A rigid tapping cycle comes back to where it began, with the correction that is there.
+#[test]
+fn tapping_comes_back_with_its_correction() {
+    let tap = "G90 G33.1 Z-20 K1\nG91 G1 X0.5 F100\n";
+    let out = result("", &format!("G90 G0 X400 Y0 Z10\n{}", tap.repeat(3)));
+    assert_eq!(out, format!("G90 G0 X400 Y0 Z9.960\n{}", tap.repeat(3)));
+}
+
+#[test]
+fn what_is_taken_as_zero_or_passes_is_noted() {
+    let program = "G0 X400 Y0 Z0\nG53 G0 Z0\nG28 Z0\n";
+    let found = notes("", program);
+    assert_eq!(
+        found,
+        "1: work offset G54 is not in the set-up: zero was taken\n2: motions in machine coordinates (G53, G28, G30, SUPA, M91) pass on without a correction\n3: the place of G28 is not in the set-up ([home.G28]): machine zero was taken\n"
+    );
+    let stated = "[work_offset.G54]\nX = 0\n[home.G28]\nX = 0\nY = 0\nZ = 0\n";
+    assert_eq!(notes(stated, program).lines().count(), 1);
+}
+
+#[test]
+fn other_languages_are_named() {
+    for (line, why) in [
+        ("IF [#1 EQ 1] GOTO 10", "macro language of FANUC"),
+        ("N10 WHILE [#1 LT 5] DO1", "macro language of FANUC"),
+        ("GOTO 10", "macro language of FANUC"),
+        ("0 BEGIN PGM PART MM", "--dialect heidenhain"),
+        ("5 L X+10 Y+20 R0 FMAX", "--dialect heidenhain"),
+        ("TRANS X10", "--dialect siemens"),
+        ("R1=5", "--dialect siemens"),
+        ("N10 G1 X=IC(5)", "--dialect siemens"),
+    ] {
+        let message = refusal(&format!("{line}\n"));
+        assert!(message.contains(why), "{line}: {message}");
+    }
+    let error = SetUp::parse("[work_offset.G60]\nX = 1\n", "s.toml").expect_err("refused");
+    let message = error.to_string();
+    assert!(
+        message.contains("G54 to G59") && !message.contains("G560"),
+        "{message}"
+    );
+}
