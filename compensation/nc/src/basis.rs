@@ -41,19 +41,20 @@ pub(crate) struct Rests {
 impl Rests {
     /// At the beginning of a program.
     pub(crate) fn new(setup: &SetUp) -> Self {
-        let number = |system: usize| match setup.offset(system) {
-            Some(_) => 0,
-            None => system as u32 + 1,
+        let number = |(system, number): (usize, u32)| match setup.offset(system) {
+            Some(_) => [0; 9],
+            None => [number; 9],
         };
+        let offsets: Vec<_> = (0..SYSTEMS).zip(1..).map(number).collect();
         Self {
             places: [OF_MACHINE; 9],
-            offsets: (0..SYSTEMS).map(|system| [number(system); 9]).collect(),
+            next: offsets.len().try_into().unwrap_or(LOST >> 1),
+            offsets,
             tool: 0,
             shift: [0; 9],
             homes: setup.states_homes().map(|stated| {
                 stated.map(|stated| (true, if stated { OF_MACHINE } else { ASSUMED }))
             }),
-            next: SYSTEMS as u32 + 1,
         }
     }
 
@@ -177,9 +178,10 @@ impl Interpreter {
             let stays = known && system == self.modal.system && place == self.basis(axis);
             if !stays && let Some(offset) = self.rests.offsets.get(system).copied() {
                 let mut offset = offset;
-                offset[axis] = match is_exact {
-                    true => 0,
-                    false => self.rests.new_number(known),
+                offset[axis] = if is_exact {
+                    0
+                } else {
+                    self.rests.new_number(known)
                 };
                 self.rests.offsets[system] = offset;
             }

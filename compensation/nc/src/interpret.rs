@@ -226,6 +226,8 @@ impl Interpreter {
         }
         if given.has(b'H')
             && codes.tool_length().is_none()
+            // Of G76 it is the angle of a thread.
+            && codes.motion() != Some(760)
             && self.modal.length.is_some()
             && self.modal.length != given.whole(b'H')?
         {

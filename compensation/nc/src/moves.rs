@@ -116,6 +116,37 @@ impl Interpreter {
         if polar {
             self.knows_polar(given)?;
         }
+        self.names_places(code, codes, &motion, given);
+        if code == 331 {
+            // It comes back to where it began.
+            (motion.to, motion.words) = (motion.from, [None; 9]);
+        } else {
+            self.position = outcome.row.last().map_or(motion.to, |last| last.to);
+        }
+        if codes.in_machine && self.dialect != Dialect::Rs274 {
+            self.suppresses(&motion, given)?;
+        }
+        outcome.motion = Some(motion);
+        Ok(())
+    }
+
+    /// Of which axes it is known where a motion begins: of those that it moves in the coordinates of the program, of the others in those of
+    /// the machine.
+    fn known_before(&self, given: &Given<'_>, code: Code) -> Axes<bool> {
+        let in_plane = given.word(0).is_some() || given.word(1).is_some();
+        let turns = self.frame.rotation_deg != 0.0 && in_plane || given.polar.is_some();
+        let of_arc = matches!(code, 20 | 30).then(|| self.modal.plane.axes());
+        each(|axis| {
+            let moves = given.word(axis).is_some()
+                || axis < 2 && turns
+                || axis < 3 && self.frame.tip.is_some()
+                || of_arc.is_some_and(|[first, second, _]| axis == first || axis == second);
+            self.known[axis] && (!moves || self.says_place(axis))
+        })
+    }
+
+    /// A motion has ended: of which axes the place is known now.
+    fn names_places(&mut self, code: Code, codes: &Codes, motion: &Move, given: &Given<'_>) {
         // Where a probing move ends is only known at the machine.
         let is_probe = (380..=389).contains(&code);
         for (axis, place) in given.places.iter().enumerate() {
@@ -145,32 +176,6 @@ impl Interpreter {
             self.notes
                 .add(Note::ReturnPlane(char::from(LETTERS[depth])), given.line);
         }
-        if code == 331 {
-            // It comes back to where it began.
-            (motion.to, motion.words) = (motion.from, [None; 9]);
-        } else {
-            self.position = outcome.row.last().map_or(motion.to, |last| last.to);
-        }
-        if codes.in_machine && self.dialect != Dialect::Rs274 {
-            self.suppresses(&motion, given)?;
-        }
-        outcome.motion = Some(motion);
-        Ok(())
-    }
-
-    /// Of which axes it is known where a motion begins: of those that it moves in the coordinates of the program, of the others in those of
-    /// the machine.
-    fn known_before(&self, given: &Given<'_>, code: Code) -> Axes<bool> {
-        let in_plane = given.word(0).is_some() || given.word(1).is_some();
-        let turns = self.frame.rotation_deg != 0.0 && in_plane || given.polar.is_some();
-        let of_arc = matches!(code, 20 | 30).then(|| self.modal.plane.axes());
-        each(|axis| {
-            let moves = given.word(axis).is_some()
-                || axis < 2 && turns
-                || axis < 3 && self.frame.tip.is_some()
-                || of_arc.is_some_and(|[first, second, _]| axis == first || axis == second);
-            self.known[axis] && (!moves || self.says_place(axis))
-        })
     }
 
     /// What is a way turns about the place of the tool until a place has been named under a rotation.

@@ -190,3 +190,22 @@ fn the_tool_counts_and_the_number_of_the_program_stays_first() {
     );
     assert!(String::from_utf8_lossy(&out).starts_with("%\nO0007\nG21 G90\nG10 L2 P1"));
 }
+
+/// A way does not bring the mean of another offset with it, nor that of the beginning.
+#[test]
+fn ways_from_other_offsets_are_refused() {
+    let scale = "EXX = { poly = [0.0, 0.1] }\n";
+    for (program, line) in [
+        ("G91 G54 G1 X100 F100\n", 1),
+        ("G90 G54 G0 X0 Y0 Z0\nG55\nG91 G1 X100 F100\n", 3),
+        ("G90 G54 G0 X0 Y0 Z0\nG53 G0 X0\nG91 G1 X100 F100\n", 3),
+    ] {
+        let text = message(scale, SETUP, program);
+        assert!(
+            text.starts_with(&format!("line {line}: a way of X (G91)")),
+            "{text}"
+        );
+    }
+    let good = "G90 G54 G0 X0 Y0 Z0\nG91 G1 X100 F100\n";
+    assert_eq!(run(scale, SETUP, good).expect("averaged").1[0].places, 1);
+}
