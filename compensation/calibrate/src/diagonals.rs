@@ -33,13 +33,21 @@ pub struct Diagonals {
     pub observations: Observations,
 }
 
+/// What diagonals show.
+pub(crate) struct Squares {
+    /// The squareness errors and their values.
+    pub(crate) errors: Vec<(ErrorName, Urad)>,
+    /// How well they do.
+    pub(crate) notes: Vec<String>,
+}
+
 impl Diagonals {
     /// The squareness errors that the diagonals show on a machine with all its other errors, µrad, and notes on how well they do.
     pub(crate) fn squares(
         &self,
         machine: &Machine,
         reference_axes: [AxisName; 2],
-    ) -> Result<(Vec<(ErrorName, Urad)>, Vec<String>), CalibrateError> {
+    ) -> Result<Squares, CalibrateError> {
         let mut machine = machine.clone();
         for error in &self.errors {
             set_square(&mut machine, reference_axes, *error, Urad(0.0))?;
@@ -59,12 +67,15 @@ impl Diagonals {
                 }),
             }
         };
-        let squares = self.errors.iter().map(square).collect::<Result<_, _>>()?;
-        let errors: Vec<String> = self.errors.iter().map(ErrorName::to_string).collect();
-        let errors = errors.join(" ");
+        let errors = self.errors.iter().map(square).collect::<Result<_, _>>()?;
+        let names: Vec<String> = self.errors.iter().map(ErrorName::to_string).collect();
+        let names = names.join(" ");
         let notes = found.warnings.iter();
-        let notes = notes.map(|note| format!("{errors} from diagonals: {note}"));
-        Ok((squares, notes.collect()))
+        let notes = notes.map(|note| format!("{names} from diagonals: {note}"));
+        Ok(Squares {
+            errors,
+            notes: notes.collect(),
+        })
     }
 
     /// The measurement files, for messages.

@@ -86,12 +86,12 @@ impl Stages {
         }
         let mut diagonal_notes = Vec::new();
         for diagonals in &file.diagonals {
-            let (found, of_diagonals) = diagonals.squares(&machine, file.reference_axes)?;
-            diagonal_notes.extend(of_diagonals);
-            for (error, value) in &found {
+            let found = diagonals.squares(&machine, file.reference_axes)?;
+            diagonal_notes.extend(found.notes);
+            for (error, value) in &found.errors {
                 set_square(&mut machine, file.reference_axes, *error, *value)?;
             }
-            squareness.extend(found);
+            squareness.extend(found.errors);
         }
         let angles = angular.fitted.iter().chain(&parallel.fitted);
         let fitted = angles.chain(&linear.fitted);

@@ -11,6 +11,9 @@ use crate::{
     setup_keys::Reading,
 };
 
+/// The columns of an R-test: the tip minus the centre of the sphere.
+const OFFSET: [&str; 3] = ["dx_um", "dy_um", "dz_um"];
+
 /// The columns of what was seen.
 pub(crate) enum SeenColumns {
     Points {
@@ -51,7 +54,6 @@ impl SeenColumns {
             },
             RowKind::Sphere { drift } => {
                 let sphere = columns.get("sphere")?;
-                const OFFSET: [&str; 3] = ["dx_um", "dy_um", "dz_um"];
                 let mut has_any = false;
                 for name in OFFSET {
                     has_any |= columns.get(name)?.is_some();

@@ -194,6 +194,26 @@ fn sphere_helps(kind: Option<Kind>) -> &'static str {
     }
 }
 
+/// Angles in degrees and lengths in mm have more digits than µm and µrad.
+fn shown(parameter: &Parameter, number: f64) -> String {
+    let digits = match parameter.unit {
+        "mm" => 4,
+        "deg" => 6,
+        _ => 2,
+    };
+    fixed(number, digits)
+}
+
+/// The unit of a key as people read it.
+fn symbol(unit: &str) -> &str {
+    match unit {
+        "um" => Um::SYMBOL,
+        "urad" => Urad::SYMBOL,
+        "um_per_m" => "µm/m",
+        other => other,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -223,25 +243,5 @@ mod tests {
         );
         let target = text(Kind::Points, "spherical mirror");
         assert!(!target.contains(helps), "{target}");
-    }
-}
-
-/// Angles in degrees and lengths in mm have more digits than µm and µrad.
-fn shown(parameter: &Parameter, number: f64) -> String {
-    let digits = match parameter.unit {
-        "mm" => 4,
-        "deg" => 6,
-        _ => 2,
-    };
-    fixed(number, digits)
-}
-
-/// The unit of a key as people read it.
-fn symbol(unit: &str) -> &str {
-    match unit {
-        "um" => Um::SYMBOL,
-        "urad" => Urad::SYMBOL,
-        "um_per_m" => "µm/m",
-        other => other,
     }
 }

@@ -361,9 +361,10 @@ fn an_output_is_opened_before_the_work_starts() {
 fn options_of_a_fit_that_have_no_effect_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("m.csv").display().to_string();
-    let rows: String = (0..12)
+    let rows: Vec<String> = (0..12)
         .map(|row| format!("{},{}\n", 10 * row, row % 5))
         .collect();
+    let rows = rows.concat();
     std::fs::write(&path, format!("target_mm,deviation_um\n{rows}")).expect("written");
     for (options, expected) in [
         (&["mls", "--auto", "--order", "9"][..], "--order"),

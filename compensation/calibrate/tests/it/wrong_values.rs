@@ -79,9 +79,10 @@ fn axes_of_several_turns_are_looked_at_over_one() {
             found.not_measured
         );
         let line = |error: &str| {
-            let readings: String = (0..=12)
+            let readings: Vec<String> = (0..=12)
                 .map(|k| format!("{},{}\n", 30 * k, k % 3))
                 .collect();
+            let readings = readings.concat();
             fs::write(
                 folder.path().join(format!("{error}.csv")),
                 format!("target,deviation\n{readings}"),

@@ -59,7 +59,7 @@ pub(super) fn notes(
         let mut named = files[place].display().to_string();
         let two = runs.len() == 2;
         if two && factor < 0.0 {
-            named += &format!(" or {}", files[1 - place].display());
+            named = format!("{named} or {}", files[1 - place].display());
         }
         let unit = if channel.is_angular() { "µrad" } else { "µm" };
         notes.push(format!(
