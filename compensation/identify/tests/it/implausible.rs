@@ -687,7 +687,7 @@ fn a_sphere_at_two_places_is_named() {
         let lines = text.lines().enumerate();
         lines
             .filter(|(line, _)| keep(*line))
-            .map(|(_, line)| format!("{line}\n"))
+            .flat_map(|(_, line)| [line, "\n"])
             .collect()
     };
     let all = rows(header, 200.0, |_, _, name| *name = "S1");

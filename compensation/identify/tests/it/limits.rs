@@ -180,28 +180,31 @@ fn a_direction_of_endless_length_is_refused() {
     }
 }
 
+/// What a program does to observations.
+type Spoil = fn(&mut Observations);
+
 /// What no file can state, and a program can.
 #[test]
 fn observations_of_a_program_are_refused_in_place_of_a_panic() {
     let lab = lab();
     assert!(identify(&observations(&lab), |_, _| {}).is_ok());
-    let cases: [(&str, fn(&mut Observations)); 11] = [
+    let cases: [(&str, Spoil); 11] = [
         ("folds: found", |o| o.folds = usize::MAX),
         ("EXX: found Legendre", |o| {
-            o.unknown[0].basis = Some(Basis::Legendre { order: usize::MAX })
+            o.unknown[0].basis = Some(Basis::Legendre { order: usize::MAX });
         }),
         ("EXX: found BSpline", |o| {
             o.unknown[0].basis = Some(Basis::BSpline {
                 coefficients: usize::MAX,
-            })
+            });
         }),
         ("EXX: found BSpline", |o| {
-            o.unknown[0].basis = Some(Basis::BSpline { coefficients: 2 })
+            o.unknown[0].basis = Some(Basis::BSpline { coefficients: 2 });
         }),
         ("EXX: found Fourier", |o| {
             o.unknown[0].basis = Some(Basis::Fourier {
                 harmonics: usize::MAX,
-            })
+            });
         }),
         ("along the second axis", |o| {
             let basis = Basis::Legendre { order: usize::MAX };
@@ -209,16 +212,16 @@ fn observations_of_a_program_are_refused_in_place_of_a_panic() {
         }),
         ("a drift of order", |o| o.setup.frames[0].drift = usize::MAX),
         ("t.csv:frame: found a value", |o| {
-            o.setup.frames[0].value = Some([f64::NAN; 6])
+            o.setup.frames[0].value = Some([f64::NAN; 6]);
         }),
         ("t.csv:2: found a coordinate or a reading", |o| {
-            o.observations[0].rows[0].stand.state.q[0] = f64::NAN
+            o.observations[0].rows[0].stand.state.q[0] = f64::NAN;
         }),
         ("t.csv:2: the standard uncertainty: found NaN", |o| {
-            o.observations[0].rows[0].uncertainty_mm = f64::NAN
+            o.observations[0].rows[0].uncertainty_mm = f64::NAN;
         }),
         ("t.csv:2: the standard uncertainty: found 0e0", |o| {
-            o.observations[0].rows[0].uncertainty_mm = 0.0
+            o.observations[0].rows[0].uncertainty_mm = 0.0;
         }),
     ];
     for (expected, change) in cases {
