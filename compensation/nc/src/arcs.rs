@@ -2,12 +2,13 @@
 
 use crate::{
     NcError,
-    block::{LAST, Manner, OTHER, Word},
+    block::{Manner, Word},
     circle::Written,
     coordinates::Axes,
     legs::{Leg, Writes},
     line::Line,
     motion::{Arc, Move},
+    notes::Note,
     parts::{Part, words_of},
     polar::polar_writes,
     rewrite::{Contour, Rewriter},
@@ -37,8 +38,11 @@ impl Rewriter {
             self.is_uncorrected(motion);
             return Ok(());
         }
-        let stretches = self.stretches(arc, [&from, &to]);
+        let stretches = self.stretches(arc, [&from, &to], line)?;
         let splits = stretches.len() > 1;
+        if splits {
+            self.knows_feed(line)?;
+        }
         let mut next = 0;
         let turned = self.turn_up_to(&mut next, 0.0);
         self.take_up(motion, arc, turned, line, out);
@@ -130,8 +134,8 @@ impl Rewriter {
         Ok(())
     }
 
-    /// Where the axes lack a correction at the beginning of an arc, a line before it takes that up: only where nothing else that the
-    /// line of the arc says comes too late for it.
+    /// Where the axes lack a correction at the beginning of an arc, a line before it takes that up, in what holds before the codes of the
+    /// line of the arc.
     fn take_up(
         &mut self,
         motion: &Move,
@@ -140,24 +144,36 @@ impl Rewriter {
         line: Line<'_>,
         out: &mut Vec<u8>,
     ) {
-        let is_arc = |word: &Word| word.letter == b'G' && matches!(word.value, Some(2.0 | 3.0));
-        let words = &line.block.words;
-        let says_more =
-            |word: &Word| matches!(word.letter, b'G' | b'M' | b'T' | OTHER | LAST) && !is_arc(word);
-        let says_others = !line.block.assignments.is_empty() || !line.block.commands.is_empty();
-        if words.iter().any(says_more) || says_others {
-            return;
-        }
         if !self.lacks_correction(motion, turned) {
             return;
         }
+        // The line is read before the codes of this one.
+        let Some(mut meaning) = self.before.take() else {
+            return;
+        };
+        let feed = line.block.word(b'F');
+        if !meaning.takes_straight(&self.interpreter.modal, feed.is_some()) {
+            self.interpreter.notes.add(Note::NotTakenUp, line.number);
+            return;
+        }
+        let feed = feed.filter(|_| line.script.is_heidenhain() || meaning.lacks_feed());
+        meaning.swap(&mut self.interpreter);
         let frame = self.interpreter.frame.clone();
         let from = frame.to_program(&motion.from);
         let carried = frame.moved_in_program(&motion.from, &self.carried);
-        let Some(carried) = self.take_up_here(motion, 0.0, [&from, &carried], line, out) else {
+        let carried = self.take_up_here(motion, 0.0, [&from, &carried], line, out);
+        meaning.swap(&mut self.interpreter);
+        let Some(carried) = carried else {
             return;
         };
+        if let Some(feed) = feed {
+            // It may be the first one.
+            out.push(b' ');
+            out.extend_from_slice(&line.text[feed.at..feed.text.end]);
+        }
+        out.extend_from_slice(line.more);
         self.carried = frame.moved_in_machine(&from, &carried);
+        let is_arc = |word: &Word| word.letter == b'G' && matches!(word.value, Some(2.0 | 3.0));
         // From now on G1 is what coordinates alone stand for.
         if !line.block.words.iter().any(is_arc) {
             let code = code_of(arc);
@@ -171,7 +187,7 @@ impl Rewriter {
     }
 
     /// A line that takes up what the axes lack at a share of the motion, with the place there in the program and what they carry
-    /// there; what they carry then. `None`: there is nothing to take up.
+    /// there; what they carry then. At the beginning of the motion its end is left to be written. `None`: there is nothing to take up.
     fn take_up_here(
         &mut self,
         motion: &Move,
@@ -218,17 +234,6 @@ impl Rewriter {
         });
         for word in words_of(&words, &[Manner::Modal; 9], feed) {
             line.script.write_word(&word, out);
-        }
-        if share == 0.0
-            && line.script.is_heidenhain()
-            && let Some(feed) = line.block.word(b'F')
-        {
-            // It may be the first one.
-            out.push(b' ');
-            out.extend_from_slice(&line.text[feed.at..feed.text.end]);
-        }
-        if share == 0.0 {
-            out.extend_from_slice(line.more);
         }
         self.ends_part(share);
         Some(carried)

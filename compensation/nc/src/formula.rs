@@ -28,8 +28,8 @@ pub(crate) trait Formulas {
 
     /// A number without a sign.
     fn number(&self, scanner: &mut Scanner<'_>) -> Option<(f64, u8)>;
-    /// A parameter or a constant; `None`: there is none.
-    fn parameter(&self, scanner: &mut Scanner<'_>) -> Result<Option<Value>, Fault>;
+    /// A parameter or a constant, in so many brackets; `None`: there is none.
+    fn parameter(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Option<Value>, Fault>;
 
     /// The value that begins here; `None`: there is none. A plain number keeps its decimals.
     fn read(&self, scanner: &mut Scanner<'_>) -> Result<Option<Read>, Fault> {
@@ -135,7 +135,7 @@ pub(crate) trait Formulas {
             let value = a.zip(b).map(|(a, b)| finite(function(a, b), column));
             return Ok(Some(value.transpose()?));
         }
-        self.parameter(scanner)
+        self.parameter(scanner, depth + 1)
     }
 
     /// The argument of a function: in brackets, or an operand.

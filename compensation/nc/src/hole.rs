@@ -84,9 +84,10 @@ impl Rewriter {
             let [at_bottom, at_clearance] =
                 [bottom, clearance].map(|height| delta_at(&at(height))[depth] - at_initial);
             let [of_bottom, of_clearance] = self.carried_by_cycle;
+            let of_r = (at_clearance - of_clearance) / self.interpreter.modal.unit_mm;
             // In a row by ways the depth counts from R.
             across.all(|axis| is_kept(axis, delta[axis] - carried[axis]))
-                && is_kept(depth, at_clearance - of_clearance)
+                && (!self.corrector.has(depth) || of_r.abs() < self.half_step(depth))
                 && is_kept(depth, at_bottom - of_bottom - of_clearance)
         })
     }
@@ -250,7 +251,12 @@ impl Rewriter {
         depth: usize,
         (line, in_own_line): (Line<'_>, bool),
     ) -> (Option<(u8, Number)>, f64) {
-        let scale = self.interpreter.modal.scale(depth);
+        let modal = &self.interpreter.modal;
+        // R is no diameter where X is one (G7).
+        let scale = match word.letter {
+            b'R' => modal.unit_mm,
+            _ => modal.scale(depth),
+        };
         let place = line.place_of(word.letter).filter(|_| !in_own_line);
         // A word that the block has is without a correction.
         let carried = if place.is_some() { 0.0 } else { word.carried };

@@ -167,7 +167,9 @@ impl Interpreter {
         let given = Given::new(block, line, self.takes_polar(&codes))?;
         outcome.ends = codes.ends;
         outcome.calls = codes.calls;
-        outcome.switches_radius = codes.radius().is_some();
+        // What is off already is not switched off.
+        outcome.switches_radius =
+            (codes.radius()).is_some_and(|code| code != 400 || self.modal.radius.is_some());
         outcome.switches_polar = codes.polar().is_some();
         if let Some(code) = codes
             .not_followed

@@ -33,6 +33,7 @@ mod interpret;
 mod legs;
 mod line;
 mod made;
+mod meaning;
 mod modal;
 mod motion;
 mod moves;

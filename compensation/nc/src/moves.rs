@@ -19,7 +19,8 @@ const HALF_TURN_DEG: f64 = 0.5;
 
 impl Interpreter {
     pub(crate) fn set_motion(&mut self, code: Code) {
-        let is_cycle = |code: Code| (730..900).contains(&code);
+        // G80 ends a row, and what it has kept.
+        let is_cycle = |code: Code| (730..=890).contains(&code) && code != 800;
         if self.modal.motion.is_none_or(|before| !is_cycle(before)) || !is_cycle(code) {
             self.modal.sticky = Sticky::default();
         }
@@ -63,6 +64,11 @@ impl Interpreter {
         };
         let is_whole_circle = matches!(code, 20 | 30) && codes.motion().is_some() && has_centre();
         if !(has_words || is_whole_circle) {
+            if (730..=890).contains(&code) && given.has(b'R') {
+                return Err(given.refused(
+                    "R alone while a cycle holds, which some controls drill with and others do not: write it into the block of the next hole",
+                ));
+            }
             return Ok(());
         }
         let path = match code {
@@ -366,7 +372,8 @@ impl Interpreter {
     ) -> Result<(), NcError> {
         let [_, _, depth] = self.modal.plane.axes();
         let before = self.program_position();
-        let unit = self.modal.unit_mm;
+        // R is no diameter where X is one (G7).
+        let (unit, scale) = (self.modal.unit_mm, self.modal.scale(depth));
         let incremental = motion.incremental[depth];
         let sticky = &mut self.modal.sticky;
         let initial = *sticky.initial.get_or_insert(before[depth]);
@@ -374,7 +381,7 @@ impl Interpreter {
             sticky.clearance = Some(value * unit);
         }
         if let Some(value) = given.axis(depth)? {
-            sticky.depth = Some(value * unit);
+            sticky.depth = Some(value * scale);
         }
         let (Some(way), Some(clearance)) = (sticky.depth, sticky.clearance) else {
             return Err(given.refused("a cycle without its depth or its plane R"));

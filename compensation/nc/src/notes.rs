@@ -39,6 +39,8 @@ pub enum Note {
     InMachine,
     /// A motion is not split, or not corrected, as it is not known where this axis stands.
     NotSplit(char),
+    /// The play of an axis is not taken up before an arc.
+    NotTakenUp,
     /// Blocks that the operator may have skipped.
     MayBeSkipped,
 }
@@ -101,6 +103,10 @@ impl fmt::Display for Note {
             Self::LongLine => write!(
                 f,
                 "the corrected line is longer than 254 characters, which LinuxCNC and others refuse: move its comment to a line of its own"
+            ),
+            Self::NotTakenUp => write!(
+                f,
+                "play is taken up on the way of this arc, not before it, since the block also switches what coordinates or F mean (G15, G16, G93 to G95): write that code into a block before it"
             ),
             Self::MayBeSkipped => write!(
                 f,

@@ -1,6 +1,7 @@
 //! The lines in which a motion is written: one for each of its parts.
 
 use crate::{
+    NcError,
     block::{Begins, LAST, Manner, Word},
     coordinates::{Axes, LETTERS},
     line::Line,
@@ -31,6 +32,19 @@ pub(crate) struct Part<'a> {
 }
 
 impl Rewriter {
+    /// # Errors
+    /// The F of the parts of a motion (G93) is not known.
+    pub(crate) fn knows_feed(&self, line: Line<'_>) -> Result<(), NcError> {
+        let modal = &self.interpreter.modal;
+        if modal.feed_mode == FeedMode::InverseTime && modal.feed.is_none() {
+            return Err(NcError::NotCompensated {
+                line: line.number,
+                what: "a motion that is split, with an F of inverse time (G93) that only the machine knows: its parts cannot get their F".to_owned(),
+            });
+        }
+        Ok(())
+    }
+
     /// Where F is one over the time of a motion, the F of a part of it.
     pub(crate) fn feed_of_part(&self, share: f64) -> Option<Number> {
         let modal = &self.interpreter.modal;

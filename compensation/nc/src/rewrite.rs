@@ -18,6 +18,7 @@ use crate::{
     interpret::{Interpreter, Outcome},
     line::Line,
     made::Made,
+    meaning::Meaning,
     motion::{Move, Path},
     notes::Note,
     number::half_step,
@@ -95,6 +96,10 @@ pub(crate) struct Rewriter {
     /// What of it is in the places of G28 and G30.
     carried_at_home: [Axes; 2],
     pub(crate) contour: Contour,
+    /// Compensating the radius of the tool has been switched, and no motion in the plane has begun or ended it yet.
+    pub(crate) switches_radius: bool,
+    /// What gave words their meaning before a block that may be an arc.
+    pub(crate) before: Option<Meaning>,
     /// The pole that the control has, in the coordinates of the program, mm.
     pub(crate) pole: Option<[f64; 2]>,
     /// It has been told to read X and Y as places again where the program has polar coordinates (G16).
@@ -141,6 +146,8 @@ impl Rewriter {
             carried_at_initial: None,
             carried_at_home: [[0.0; 9]; 2],
             contour: Contour::None,
+            switches_radius: false,
+            before: None,
             pole: None,
             polar_is_off: false,
             comma: false,
@@ -230,6 +237,7 @@ impl Rewriter {
         out: &mut Vec<u8>,
     ) -> Result<bool, NcError> {
         let mut outcome = Outcome::default();
+        self.before = Meaning::before(&self.interpreter, line.block);
         self.interpreter
             .execute(line.block, line.number, &mut outcome)?;
         if outcome.calls.is_some() {
@@ -248,8 +256,9 @@ impl Rewriter {
         if let Some(which) = outcome.stores_home {
             self.carried_at_home[which] = self.carried;
         }
+        self.switches_radius |= outcome.switches_radius;
         self.contour = match self.interpreter.modal.radius {
-            _ if outcome.switches_radius => Contour::Switches,
+            _ if self.switches_radius => Contour::Switches,
             // Each end of a motion would be drilled.
             _ if self.interpreter.modal.each_motion.is_some() => Contour::Switches,
             Some(_) => Contour::Follows,
@@ -278,6 +287,11 @@ impl Rewriter {
             self.ends_part(1.0);
         } else if let Some(words) = &outcome.presets {
             self.presets(words, line);
+        }
+        if let Some(motion) = &outcome.motion {
+            let [first, second, _] = self.interpreter.modal.plane.axes();
+            let moves = |axis: usize| motion.to[axis] != motion.from[axis];
+            self.switches_radius &= !(moves(first) || moves(second));
         }
         self.after_cycles(&outcome, line)?;
         if let Some(motion) = &outcome.motion
@@ -402,7 +416,7 @@ impl Rewriter {
                 let ends = self.ends_of(motion);
                 let mut parts = std::mem::take(&mut self.parts);
                 parts.clear();
-                self.parts(motion, &ends, &mut parts);
+                self.parts(motion, &ends, line, &mut parts)?;
                 self.straight(motion, &ends, &parts, line, out);
                 self.parts = parts;
             }

@@ -1,6 +1,7 @@
 //! Straight motions with their correction, in as many parts as it needs.
 
 use crate::{
+    NcError,
     coordinates::{Axes, is_rotary},
     legs::{Leg, Writes},
     line::Line,
@@ -19,19 +20,38 @@ pub(crate) const MOST_PARTS: usize = 4096;
 const LOOKED_AT_EACH: f64 = 5.0;
 const MOST_LOOKED_AT: f64 = 64.0;
 
+/// Why a motion is not split any further.
+pub(crate) fn too_many_parts(line: Line<'_>) -> NcError {
+    NcError::NotCompensated {
+        line: line.number,
+        what: format!(
+            "a motion that would be split into more than {MOST_PARTS} parts: a larger --tolerance needs fewer"
+        ),
+    }
+}
+
 impl Rewriter {
     /// The parts of a straight line within which the correction is straight, too: where each ends, from 0 to 1. A first part that
     /// ends at 0 takes up what the axes lack of the correction where the line begins; a second part that ends at the same place
     /// takes up the play of an axis that turns there.
     /// `at_ends` are its ends in the coordinates of the program.
-    pub(crate) fn parts(&mut self, motion: &Move, at_ends: &[Axes; 2], parts: &mut Vec<f64>) {
+    ///
+    /// # Errors
+    /// More parts than a motion may have; an F of the parts that is not known.
+    pub(crate) fn parts(
+        &mut self,
+        motion: &Move,
+        at_ends: &[Axes; 2],
+        line: Line<'_>,
+        parts: &mut Vec<f64>,
+    ) -> Result<(), NcError> {
         self.turns = self.turns_of(motion);
         // Also where it begins: parts of a way from elsewhere would lead elsewhere.
         let is_known =
             (self.corrector.axes()).all(|axis| motion.known[axis] && self.interpreter.known[axis]);
         if !is_known || self.contour == Contour::Switches {
             parts.push(1.0);
-            return;
+            return Ok(());
         }
         let sides = self.corrector.sides();
         let (mut begins, mut next) = (0.0, 0);
@@ -42,13 +62,17 @@ impl Rewriter {
         while let Some(ends) = self.turns.turns.get(next).map(|turn| turn.share)
             && self.contour == Contour::None
         {
-            self.split(motion, at_ends, [begins, ends], parts);
+            self.split(motion, at_ends, [begins, ends], line, parts)?;
             self.turn_up_to(&mut next, ends);
             parts.push(ends);
             begins = ends;
         }
-        self.split(motion, at_ends, [begins, 1.0], parts);
+        self.split(motion, at_ends, [begins, 1.0], line, parts)?;
         self.corrector.put_back(sides);
+        if parts.len() > 1 {
+            self.knows_feed(line)?;
+        }
+        Ok(())
     }
 
     /// The axes turn that turn up to this share of the motion, from the next turn on. Whether there is any.
@@ -127,8 +151,9 @@ impl Rewriter {
         motion: &Move,
         [from, to]: &[Axes; 2],
         [begins, ends]: [f64; 2],
+        line: Line<'_>,
         parts: &mut Vec<f64>,
-    ) {
+    ) -> Result<(), NcError> {
         let (frame, corrector) = (&self.interpreter.frame, &self.corrector);
         let seen = &mut self.seen;
         let mut is_straight = |shares: [f64; 2]| {
@@ -155,14 +180,17 @@ impl Rewriter {
             // Halves of halves, from the beginning on.
             let mut open = halves([begins, ends]).to_vec();
             while let Some([from, to]) = open.pop() {
-                let is_end = parts.len() + open.len() >= MOST_PARTS || to - from < 1e-6;
-                if is_end || is_straight([from, to]) {
+                if parts.len() + open.len() >= MOST_PARTS {
+                    return Err(too_many_parts(line));
+                }
+                if to - from < 1e-6 || is_straight([from, to]) {
                     parts.push(to);
                 } else {
                     open.extend(halves([from, to]));
                 }
             }
         }
+        Ok(())
     }
 
     /// Whether the axes stand further from where a motion is to begin than they may: where an axis `turns`, than words round, since

@@ -3,12 +3,14 @@
 use std::f64::consts::{FRAC_PI_4, PI};
 
 use crate::{
+    NcError,
     bow::{Bow, sag_of},
     coordinates::Axes,
+    line::Line,
     motion::Arc,
     number::of_steps,
     rewrite::Rewriter,
-    straight::MOST_PARTS,
+    straight::{MOST_PARTS, too_many_parts},
     turns::Turns,
     words::each,
 };
@@ -107,7 +109,15 @@ impl Rewriter {
     }
 
     /// The parts in which an arc is written.
-    pub(crate) fn stretches(&mut self, arc: &Arc, [from, to]: [&Axes; 2]) -> Vec<Stretch> {
+    ///
+    /// # Errors
+    /// More of them than a motion may have.
+    pub(crate) fn stretches(
+        &mut self,
+        arc: &Arc,
+        [from, to]: [&Axes; 2],
+        line: Line<'_>,
+    ) -> Result<Vec<Stretch>, NcError> {
         let mut stretches = Vec::new();
         self.turns = self.turns_of_arc(arc, [from, to]);
         let mut open = self.turn_to_turn();
@@ -118,8 +128,10 @@ impl Rewriter {
         while let Some(stretch) = open.pop() {
             self.turn_up_to(&mut next, stretch.from);
             let is_short = stretch.turns(arc) * radius < shortest;
-            let are_many = stretches.len() + open.len() >= MOST_PARTS;
-            if is_short || are_many || self.fits(arc, [from, to], stretch) {
+            if stretches.len() + open.len() >= MOST_PARTS {
+                return Err(too_many_parts(line));
+            }
+            if is_short || self.fits(arc, [from, to], stretch) {
                 stretches.push(stretch);
             } else {
                 let middle = stretch.middle();
@@ -134,7 +146,7 @@ impl Rewriter {
             }
         }
         self.corrector.put_back(sides);
-        stretches
+        Ok(stretches)
     }
 
     /// Where axes turn on an arc.

@@ -214,7 +214,8 @@ impl Rewriter {
     pub(crate) fn usual(&mut self, text: &[u8], out: &mut Vec<u8>) -> Option<()> {
         let is_settled = self.settled == Settled::Yes
             && self.computed == Computed::Kept
-            && self.carried_at_initial.is_none();
+            && self.carried_at_initial.is_none()
+            && !self.switches_radius;
         let is_plain = is_settled
             && self.interpreter.takes_usual()
             && !self.corrector.is_bidirectional()

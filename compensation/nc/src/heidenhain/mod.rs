@@ -27,13 +27,20 @@ const FLOW: &str = "which lines are executed after it, is not followed in this l
 const TILTED: &str = "only shifts of the datum are followed (cycle 7)";
 const OWN_RULE: &str = "it moves axes by a rule of its own";
 
-/// The number with which a line begins, and where it stands.
+/// Larger numbers of blocks are refused.
+const MOST_NUMBER: u64 = 1_000_000_000;
+
+/// The number with which a line begins, and where it stands; none above [`MOST_NUMBER`].
 pub(crate) fn block_number(text: &[u8]) -> Option<(Range<usize>, u64)> {
     let from = text.iter().position(|byte| !matches!(byte, b' ' | b'\t'))?;
     let digits = text[from..].iter().take_while(|byte| byte.is_ascii_digit());
     let place = from..from + digits.count();
     let number = std::str::from_utf8(&text[place.clone()]).ok()?;
-    Some((place, number.parse().ok()?))
+    let number = number
+        .parse()
+        .ok()
+        .filter(|number| *number <= MOST_NUMBER)?;
+    Some((place, number))
 }
 
 /// Gives the lines behind `begins` the next numbers from `number` on: the number of the line of the program, which stands at `at`,
@@ -96,6 +103,12 @@ impl Reader<'_, '_> {
         };
         match self.scanner.peek() {
             None | Some(b';' | b'*') => return Ok(()),
+            Some(b'0'..=b'9') if self.block.number.is_none() => {
+                return Err(Fault::Expression {
+                    column,
+                    what: "the number of a block above 1000000000",
+                });
+            }
             Some(b'/') => {
                 return Err(not_followed(
                     column,

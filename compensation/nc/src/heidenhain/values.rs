@@ -48,7 +48,7 @@ impl Formulas for Values<'_> {
         plain_number(scanner, b".,")
     }
 
-    fn parameter(&self, scanner: &mut Scanner<'_>) -> Result<Option<Value>, Fault> {
+    fn parameter(&self, scanner: &mut Scanner<'_>, _depth: u32) -> Result<Option<Value>, Fault> {
         if takes_name(scanner, "PI") {
             return Ok(Some(Some(std::f64::consts::PI)));
         }
@@ -75,7 +75,7 @@ impl Values<'_> {
         if let Some((value, decimals)) = self.number(scanner) {
             return Ok(Some((Some(signed(value)), Some(decimals))));
         }
-        let value = self.parameter(scanner)?;
+        let value = self.parameter(scanner, 0)?;
         if value.is_none() {
             scanner.go_to(before);
         }

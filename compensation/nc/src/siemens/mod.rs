@@ -213,7 +213,7 @@ impl Reader<'_, '_> {
     fn r_parameter(&mut self, at: usize) -> Result<(), Fault> {
         let mut scanner = self.scanner.clone();
         let column = scanner.column();
-        let number = r_parameter(&self.values(), &mut scanner)?;
+        let number = r_parameter(&self.values(), &mut scanner, 0)?;
         self.scanner = scanner;
         match number {
             Some(Some(number)) => self.assign(Parameter::Numbered(number), at),
@@ -241,14 +241,20 @@ impl Reader<'_, '_> {
         } else {
             self.value("expected the value of the parameter after =")?.0
         };
-        let to = self.scanner.at();
+        let text = self.without_blanks(from);
         self.block.assignments.push(Assignment {
             parameter,
             value,
-            all: at..to,
-            text: from..to,
+            all: at..text.end,
+            text,
         });
         Ok(())
+    }
+
+    /// What was read from a place on, without the blanks behind it.
+    fn without_blanks(&self, from: usize) -> std::ops::Range<usize> {
+        let text = self.scanner.bytes().get(from..self.scanner.at());
+        from..from + text.unwrap_or_default().trim_ascii_end().len()
     }
 
     /// A formula, or a number with its decimals.

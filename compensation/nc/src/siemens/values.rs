@@ -74,10 +74,10 @@ impl Formulas for Values<'_> {
             .map(|value| (value, 0))
     }
 
-    fn parameter(&self, scanner: &mut Scanner<'_>) -> Result<Option<Value>, Fault> {
+    fn parameter(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Option<Value>, Fault> {
         let column = scanner.column();
         let parameters = &self.interpreter.parameters;
-        if let Some(number) = r_parameter(self, scanner)? {
+        if let Some(number) = r_parameter(self, scanner, depth)? {
             self.is_settled(number.map(Parameter::Numbered).as_ref(), column)?;
             let value = number.and_then(|number| parameters.set_number(number));
             return Ok(Some(value.unwrap_or(None)));
@@ -123,6 +123,7 @@ impl Values<'_> {
 pub(super) fn r_parameter(
     values: &Values<'_>,
     scanner: &mut Scanner<'_>,
+    depth: u32,
 ) -> Result<Option<Number>, Fault> {
     let before = scanner.at();
     if !scanner.takes(b'R') {
@@ -130,7 +131,7 @@ pub(super) fn r_parameter(
     }
     let column = scanner.column();
     let number = if scanner.takes(b'[') {
-        let value = values.operation(scanner, 0, 0)?;
+        let value = values.operation(scanner, 0, depth)?;
         match (value, scanner.takes(b']')) {
             (Some(value), true) => value,
             _ => {

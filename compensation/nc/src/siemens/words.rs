@@ -108,7 +108,7 @@ impl Reader<'_, '_> {
         self.scanner.peek();
         let from = self.scanner.at();
         let (value, decimals) = self.value("expected a number, a parameter or a formula here")?;
-        let text = from..self.scanner.at();
+        let text = self.without_blanks(from);
         if manner != Manner::Modal && !self.scanner.takes(b')') {
             return Err(Fault::Expression {
                 column: self.scanner.column(),

@@ -116,5 +116,7 @@ fn a_correction_is_taken_up_before_an_arc() {
         ]
     );
     assert_eq!(arc("/G3 X20 I10")[..2], ["/G1 X-0.020", "/G3 X19.980 I10"]);
-    assert_eq!(arc("G91 G2 X20 I10").len(), 1);
+    // In what holds before the codes of the line: the place of the arc's beginning is one of G90.
+    assert_eq!(arc("G91 G2 X20 I10"), ["G1 X-0.020", "G91 G2 X20 I10"]);
+    assert_eq!(arc("G17 G2 X20 I10"), ["G1 X-0.020", "G17 G2 X19.980 I10"]);
 }

@@ -116,3 +116,48 @@ fn worn_machines_are_within_a_step_and_a_half() {
         }
     }
 }
+
+/// Lost motion of 4 µm: forward an axis is 2 µm short, so that X80 is written as 80.002, and behind its turning point as 79.998. The line
+/// that takes this up is read before the codes of the arc, whatever these are.
+#[test]
+fn play_is_taken_up_before_arcs_with_other_codes() {
+    let machine = "[errors]\nEXX = { mean = { poly = [0.0] }, reversal = -4.0 }\n";
+    let around =
+        |before: &str, block: &str| format!("{before}G0 X60 Y40 Z0 F400\nG1 X80\n{block}\nM2\n");
+    for block in [
+        "G3 X80 Y40 I-20 J0",
+        "G17 G3 X80 Y40 I-20 J0",
+        "N40 G17 G3 X60 Y60 R20",
+        "G18 G3 X60 Z20 I-20 K0",
+        "G91 G3 X0 Y0 I-20 J0",
+        "G94 G3 X80 Y40 I-20 J0",
+        "G40 G3 X80 Y40 I-20 J0",
+        "G20 G3 X0 Y0 R20",
+        "G7 G3 X120 Y60 R20",
+        "G3 X80 Y40 I-20 J0 M8",
+        "G3 X80 Y40 I-20 J0 T2 M3 S100",
+        "#5=7 G3 X80 Y40 I-20 J0",
+    ] {
+        let out = crate::flow::text(machine, &around("", block));
+        let line = out.lines().nth(2);
+        assert_eq!(out.lines().nth(1), Some("G1 X80.002"), "{block}: {out}");
+        assert_eq!(line, Some("G1 X79.998"), "{block}: {out}");
+    }
+    // In ways, and in inches: 3 inch are 76.2 mm.
+    let out = crate::flow::text(
+        machine,
+        "G0 X60 Y40 Z0 F400\nG91 G1 X20\nG90 G3 X80 Y40 I-20 J0\nM2\n",
+    );
+    assert_eq!(out.lines().nth(2), Some("G1 X-0.004"), "{out}");
+    let out = crate::flow::text(
+        machine,
+        "G20 G0 X2 Y2 Z0 F40\nG1 X3\nG21 G3 X76.2 Y50.8 I-20 J0\nM2\n",
+    );
+    assert_eq!(out.lines().nth(2), Some("G1 X2.9999"), "{out}");
+    // The feed is that of the arc where no other has been said.
+    let out = crate::flow::text(
+        machine,
+        "G0 X60 Y40 Z0\nG0 X80\nG0 Y50\nG17 G3 X80 Y50 I-20 J0 F250\nM2\n",
+    );
+    assert!(out.contains("\nG1 X79.998 F250\nG17 G3 "), "{out}");
+}

@@ -307,13 +307,81 @@ fn what_a_call_returned_is_written_as_a_number() {
     );
 }
 
-/// With the radius of the tool compensated the motion that begins it stays one, and nothing is put before it.
+/// With the radius of the tool compensated the motion that begins it stays one, and nothing is put before it; also where G41 or G40 stands
+/// in a line of its own, and a motion along Z comes in between.
 #[test]
 fn entry_moves_stay_whole() {
-    let play = "EXX = { mean = { poly = [0, 0, 0.0001] }, reversal = 10 }\nEYY = { mean = { poly = [0, 0] }, reversal = 8 }\n";
-    let program = "G0 X-20 Y-20 Z0\nG41.1 D6\nG1 X0 Y-10\nG1 X0 Y50\nX50\nG40 G1 X400 Y20\n";
-    let out = result(play, program);
-    assert_eq!(out.lines().count(), program.lines().count(), "{out}");
+    // 16 µm of bend over 400 mm: without the code such a motion is split.
+    let bent = "EXX = { mean = { poly = [0, 0, 0.0001] }, reversal = 10 }\nEYX = { poly = [0, 0, 0.0001] }\n";
+    let split = result(bent, "G0 X-400 Y-20 Z0\nG1 X0 Y-10\n");
+    assert!(split.lines().count() > 3, "{split}");
+    for (on, off) in [
+        ("G41.1 D6\nG1 X0 Y-10", "G40\nG1 X400 Y20"),
+        ("G41.1 D6\nG1 Z-1\nG1 X0 Y-10", "G40\nG1 Z1\nG1 X400 Y20"),
+        ("G41.1 D6 G1 X0 Y-10", "G40 G1 X400 Y20"),
+    ] {
+        let program = format!("G0 X-400 Y-20 Z0\n{on}\nG1 Y10\n{off}\n");
+        let out = result(bent, &program);
+        assert_eq!(out.lines().count(), program.lines().count(), "{out}");
+    }
+    // Behind the exit it is as before.
+    let out = result(
+        bent,
+        "G0 X-400 Y-20 Z0\nG41.1 D6\nG1 X0 Y-10\nG40\nG1 X1\nG1 X400\n",
+    );
+    assert!(out.lines().count() > 8, "{out}");
+}
+
+/// By LinuxCNC the second cycle begins at the height that the axes have then: R is -1 from there, and the hole 5 deeper.
+#[test]
+fn a_row_behind_g80_begins_anew() {
+    let errors = "EZX = { poly = [0, 0.1] }\n";
+    let program = "G0 X0 Y0 Z10\nG99 G81 X500 R2 Z-5\nG80\nG91 G81 X-500 R-1 Z-5\nG80\nM2\n";
+    // 50 µm at X500, none at X0: from 1.950 to R at 1 and from there to -4.
+    assert_eq!(
+        result(errors, program),
+        program
+            .replace("R2 Z-5", "R1.950 Z-5.050")
+            .replace("R-1", "R-0.950")
+    );
+}
+
+/// LinuxCNC reads X as a diameter under G7, and R as it is: with G19 the tool goes from X10 to R at 5 and to 20 / 2 = 10 - 20 ...
+#[test]
+fn cycles_along_a_diameter() {
+    let errors = "EXX = { poly = [10] }\n";
+    assert_eq!(
+        result(errors, "G7 G19 G0 X60 Y0 Z0\nG81 Y10 X-20 R5\nG80\nM2\n"),
+        "G7 G19 G0 X59.980 Y0 Z0\nG81 Y10 X-20.020 R4.990\nG80\nM2\n"
+    );
+}
+
+/// Parts would need an F of their own, or there would be thousands of them; a cycle with R alone drills at some controls.
+#[test]
+fn what_cannot_be_split_is_refused() {
+    let bent = "EYX = { poly = [0, 0, 0.0001] }\n";
+    for (program, expected) in [
+        (
+            "G0 X0 Y0 Z0\nG93 G1 X1000 F#5399\n",
+            "line 2: a motion that is split, with an F of inverse time",
+        ),
+        (
+            "G0 X0 Y0 Z0\nG93 G3 X1000 Y0 R2000 F#5399\n",
+            "line 2: a motion that is split, with an F of inverse time",
+        ),
+        (
+            "G0 X0 Y0 Z10\nG81 X10 Z-5 R2\nR5\nX20\n",
+            "line 3: R alone while a cycle holds",
+        ),
+    ] {
+        let message = run(bent, program).expect_err(program).to_string();
+        assert!(message.starts_with(expected), "{message}");
+    }
+    // The sag of a part, 100 µm/mm² × (its length)² / 4, is 1 µm for 0.2 mm: 5000 parts.
+    let error = run("EYX = { poly = [0, 0, 100] }\n", "G0 X0 Y0 Z10\nG1 X1000\n");
+    let message = error.expect_err("refused").to_string();
+    let expected = "line 2: a motion that would be split into more than 4096 parts";
+    assert!(message.starts_with(expected), "{message}");
 }
 
 /// G28.1 stores the corrected place: what goes there has that correction.
