@@ -128,6 +128,13 @@ impl Interpreter {
         self.rests.places[axis] = ASSUMED;
     }
 
+    /// Many machines go to the place where they change tools and stay there: X, Y and Z may be elsewhere in the coordinates of the program.
+    pub(crate) fn is_elsewhere(&mut self) {
+        for axis in 0..3 {
+            self.is_assumed(axis);
+        }
+    }
+
     /// The place of G28 or G30 is where the axes are.
     pub(crate) fn stores_home(&mut self, which: usize) {
         self.modal.homes[which] = self.position;

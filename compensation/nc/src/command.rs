@@ -146,6 +146,12 @@ impl Interpreter {
 
     /// Another tool, or another length of it.
     fn tool_command(&mut self, command: &Command, given: &Given<'_>) -> Result<(), NcError> {
+        if matches!(
+            command,
+            Command::ChangeTool | Command::NamedTool | Command::CallsTool { .. }
+        ) {
+            self.is_elsewhere();
+        }
         match command {
             Command::ChangeTool => {
                 self.in_spindle = self.modal.tool;

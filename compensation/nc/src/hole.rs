@@ -140,7 +140,9 @@ impl Rewriter {
         if keeps_polar {
             carried[..2].fill(0.0);
         }
-        let mut depths = if self.interpreter.known[depth] && self.corrector.corrects(depth) {
+        // Depth and R are places, wherever the tool was before; ways need that.
+        let is_known = self.interpreter.known[depth] || !motion.incremental[depth];
+        let mut depths = if is_known && self.corrector.corrects(depth) {
             let hole = Hole {
                 depth,
                 before: before[depth],

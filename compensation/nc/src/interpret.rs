@@ -262,6 +262,9 @@ impl Interpreter {
 
     /// What a block switches, besides its motion.
     fn switch(&mut self, codes: &Codes, given: &Given<'_>) -> Result<(), NcError> {
+        if codes.changes_tool && self.dialect == Dialect::Rs274 {
+            self.is_elsewhere();
+        }
         let modal = &mut self.modal;
         match codes.feed() {
             Some(930) => modal.feed_mode = FeedMode::InverseTime,

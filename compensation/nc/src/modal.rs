@@ -98,8 +98,9 @@ impl Programmed {
 /// What is kept of a canned cycle from hole to hole, in the coordinates of the program, mm.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Sticky {
-    /// Where the tool was along the depth before the first hole.
+    /// Where the tool was along the depth before the first hole, and whether that place is known.
     pub(crate) initial: Option<f64>,
+    pub(crate) initial_is_known: Option<bool>,
     /// The words of the depth and of R: places in G90, in G91 R from there and the depth from R.
     pub(crate) depth: Option<f64>,
     pub(crate) clearance: Option<f64>,

@@ -155,6 +155,9 @@ impl Interpreter {
     fn names_places(&mut self, code: Code, codes: &Codes, motion: &Move, given: &Given<'_>) {
         // Where a probing move ends is only known at the machine.
         let is_probe = (380..=389).contains(&code);
+        // The tool does not stay at the bottom of a hole.
+        let is_depth =
+            |axis: usize| matches!(motion.path, Path::Hole { depth, .. } if depth == axis);
         for (axis, place) in given.places.iter().enumerate() {
             if place.is_none() {
                 continue;
@@ -163,9 +166,16 @@ impl Interpreter {
                 self.known[axis] = false;
             } else if codes.in_machine {
                 self.is_at_machine_place(axis);
-            } else if !motion.incremental[axis] {
+            } else if !motion.incremental[axis] && !is_depth(axis) {
                 self.is_named(axis);
             }
+        }
+        if let Path::Hole {
+            clearance, depth, ..
+        } = motion.path
+            && !motion.incremental[depth]
+        {
+            self.is_behind_hole(clearance, depth);
         }
         if let Path::Hole {
             clearance, depth, ..
@@ -181,6 +191,19 @@ impl Interpreter {
             self.is_assumed(depth);
             self.notes
                 .add(Note::ReturnPlane(char::from(LETTERS[depth])), given.line);
+        }
+    }
+
+    /// The tool is in the plane R of a hole, or where it was before the first one, which may be unknown.
+    fn is_behind_hole(&mut self, clearance: f64, depth: usize) {
+        let sticky = &self.modal.sticky;
+        let initial_is_known = sticky.initial_is_known.unwrap_or(false);
+        let is_above = sticky.initial.is_none_or(|initial| initial > clearance);
+        let goes_up = self.modal.comes_back && (is_above || !initial_is_known);
+        if goes_up && !initial_is_known {
+            self.known[depth] = false;
+        } else {
+            self.is_named(depth);
         }
     }
 
@@ -375,7 +398,9 @@ impl Interpreter {
         // R is no diameter where X is one (G7).
         let (unit, scale) = (self.modal.unit_mm, self.modal.scale(depth));
         let incremental = motion.incremental[depth];
+        let is_known = self.says_place(depth);
         let sticky = &mut self.modal.sticky;
+        sticky.initial_is_known.get_or_insert(is_known);
         let initial = *sticky.initial.get_or_insert(before[depth]);
         if let Some(value) = given.letter(b'R')? {
             sticky.clearance = Some(value * unit);

@@ -301,3 +301,40 @@ fn other_languages_are_named() {
         "{message}"
     );
 }
+
+/// With G98 the tool goes back up to where it was before the first hole: where nobody knows that, no word leads there.
+#[test]
+fn behind_a_hole_from_an_unknown_height_no_height_is_known() {
+    let without_start = |program: &str| {
+        let (out, summary) = run("[work_offset.G54]\nX = 0\n", program).expect("taken");
+        let notes: Vec<String> = (summary.notes.by_line().iter())
+            .map(|(_, note)| note.to_string())
+            .collect();
+        (out, notes.join("; "))
+    };
+    let (out, notes) = without_start("G98\nG81 X100 Y0 Z-10 R5\nX200\nG80\nG0 X300\nG0 X400 Z9\n");
+    assert_eq!(
+        out,
+        "G98\nG81 X100 Y0 Z-10.010 R4.990\nX200 Z-10.020 R4.980\nG80\nG0 X300\nG0 X400 Z8.960\n"
+    );
+    assert!(notes.contains("corrections of Z are left out"), "{notes}");
+    // In the plane R the height is known.
+    let (out, _) = without_start("G99\nG81 X100 Y0 Z-10 R5\nG80\nG0 X300\n");
+    assert_eq!(
+        out,
+        "G99\nG81 X100 Y0 Z-10.010 R4.990\nG80\nG0 X300 Z4.970\n"
+    );
+    // A block that may be skipped leaves the height open, and so does the hole behind it.
+    let (out, _) = without_start("G98\nG0 X0 Y0 Z150\n/G0 Z30\nG81 X100 Z-10 R5\nG80\nG0 X300\n");
+    assert!(out.ends_with("G80\nG0 X300\n"), "{out}");
+}
+
+/// Many machines move to change a tool.
+#[test]
+fn behind_a_tool_change_no_place_is_known() {
+    let setup = "[work_offset.G54]\nX = 0\n[tool.1]\nZ = 0.0\n[tool.2]\nZ = 0.0\n[start]\nX = 0\nY = 0\nZ = 0\n";
+    assert_eq!(
+        result(setup, "G0 X100 Y0 Z5\nT2 M6\nG0 X200\nG0 Z5\nX300\n"),
+        "G0 X100 Y0 Z4.990\nT2 M6\nG0 X200\nG0 Z4.980\nX300 Z4.970\n"
+    );
+}
