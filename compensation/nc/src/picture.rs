@@ -126,10 +126,13 @@ fn legend(svg: &mut String, of: &Verification, kinds: &[(&str, &str); 3]) {
     }
 }
 
-/// The two axes along which the path is longest, in their order.
+/// The two axes along which the path is longest, in their order; where rapid motions end is not drawn, and counts only where nothing else
+/// is there.
 fn plane_of(path: &[Place]) -> [usize; 2] {
+    let has_drawn = path.iter().any(|place| !place.begins);
     let extent = |i: usize| {
-        let along = path.iter().map(|place| place.tip_mm[i]);
+        let drawn = path.iter().filter(|place| !(has_drawn && place.begins));
+        let along = drawn.map(|place| place.tip_mm[i]);
         let (low, high) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
             (low.min(x), high.max(x))
         });

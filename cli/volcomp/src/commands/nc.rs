@@ -172,6 +172,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         .as_deref()
         .map(nc_part::read)
         .transpose()?;
+    refuse_subroutine(arguments)?;
     let mut output = OutputFile::open_beside(&arguments.output, &inputs)?;
     let corrector = Corrector::new(&machine, &temperatures, 1e-3 * tolerance_um)
         .map_err(|error| failure(program, error))?;
@@ -229,6 +230,29 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             answer(&arguments.output, dialect, &summary, verified, notes)
         }
         Written::Averaged(found) => averaged(&arguments.output, &found, verified, notes),
+    }
+}
+
+/// Refuses a result in the place of a file that the program may call.
+fn refuse_subroutine(arguments: &Arguments) -> Result<(), Failure> {
+    let Ok(output) = arguments.output.canonicalize() else {
+        return Ok(());
+    };
+    let mut folders = arguments.subroutines.iter();
+    let is_in = |folder: &PathBuf| {
+        folder
+            .canonicalize()
+            .is_ok_and(|folder| output.parent() == Some(&folder))
+    };
+    match folders.find(|folder| is_in(folder)) {
+        Some(folder) => Err(Failure::in_file(
+            &arguments.output,
+            format_args!(
+                "there is such a file in {} of --subroutines, which the program may call: expected another one to write",
+                folder.display()
+            ),
+        )),
+        None => Ok(()),
     }
 }
 

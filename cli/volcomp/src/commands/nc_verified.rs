@@ -18,6 +18,7 @@ use super::{
 };
 use crate::{
     answers::nc::{NcDeviation, Verified},
+    compensation::other_geometry,
     failure::Failure,
     output::OutputFile,
 };
@@ -68,6 +69,12 @@ impl OnTruth<'_> {
         let (truth, temperatures) = match &arguments.truth {
             Some(path) => {
                 read = arguments.machine.spindle.read(path)?;
+                if let Some(difference) = other_geometry(&read.0, self.model.0) {
+                    return Err(Failure::in_file(
+                        path,
+                        format_args!("{difference} of --machine"),
+                    ));
+                }
                 (&read.0, &read.1)
             }
             None => self.model,

@@ -310,3 +310,42 @@ fn the_mean_of_a_ball_row_is_in_the_work_offset() {
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(said.contains("bar.csv has an unknown `origin`"), "{said}");
 }
+
+/// A truth of another structure is no truth of this machine, and a result does not take the place of a file that the program may call.
+#[test]
+fn other_machines_and_files_of_subroutines_are_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    fs::create_dir(folder.path().join("subs")).expect("a folder");
+    let called = "o<pocket> sub\nG1 X10 F100\no<pocket> endsub\n";
+    fs::write(path("subs/pocket.ngc"), called).expect("written");
+    fs::write(path("p.ngc"), "G0 X0 Y0 Z-100\no<pocket> call\nM2\n").expect("written");
+    let run = |output: &str, more: &[&str]| {
+        let (program, output, subs) = (path("p.ngc"), path(output), path("subs"));
+        let call = ["nc", &program, "-o", &output, "-m", "examples/mill.toml"];
+        volcomp(&[&call[..], &["--subroutines", &subs], more].concat())
+    };
+    let said = |ran: std::process::Output| {
+        assert_eq!(ran.status.code(), Some(2), "{ran:?}");
+        let said = String::from_utf8_lossy(&ran.stderr).into_owned();
+        said.split_whitespace().collect::<Vec<_>>().join(" ")
+    };
+    let message = said(run("subs/pocket.ngc", &[]));
+    assert!(
+        message.contains("of --subroutines, which the program may call"),
+        "{message}"
+    );
+    assert_eq!(
+        fs::read_to_string(path("subs/pocket.ngc")).expect("there"),
+        called
+    );
+    assert!(run("subs/other.ngc", &[]).status.success());
+    let message = said(run(
+        "o.ngc",
+        &["--verify", "--truth", "examples/gantry.toml"],
+    ));
+    assert!(
+        message.contains("structure is `w X' b Y Z t`, expected"),
+        "{message}"
+    );
+}
