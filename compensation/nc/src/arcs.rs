@@ -19,6 +19,7 @@ use crate::{
 
 impl Rewriter {
     /// An arc.
+    #[expect(clippy::too_many_lines, reason = "one part after the other")]
     pub(crate) fn arc(
         &mut self,
         motion: &Move,
