@@ -614,3 +614,38 @@ fn random_lines_come_out_byte_for_byte() {
     }
     assert!(taken > 300, "only {taken} were taken");
 }
+
+/// Numbers of blocks near 2^64 have no next one.
+#[test]
+fn block_numbers_without_a_next_one_are_refused() {
+    let machine = Machine::parse(
+        "name = \"m\"\nstructure = \"w b X Y Z t\"\n[axes.X]\ntravel = [-500, 500]\n[axes.Y]\ntravel = [-500, 500]\n[axes.Z]\ntravel = [-500, 500]\n[errors]\nEYX = { poly = [0, 0, 0.001] }\n",
+        "m.toml",
+    )
+    .expect("a good machine");
+    let corrector = Corrector::new(&machine, &Temperatures::new(), 0.001).expect("compiles");
+    let setup = SetUp::default();
+    let taken = |number: &str| {
+        let program = format!(
+            "0 BEGIN PGM A MM\n1 L X+0 Y+0 Z+0 FMAX\n{number} L X+300 F100\n3 END PGM A MM\n{number} L X+0\n"
+        );
+        let mut out = Vec::new();
+        let job = Job {
+            dialect: Dialect::Heidenhain,
+            ..Job::new(&corrector, &setup)
+        };
+        compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(()))
+    };
+    taken("1000000000").expect("taken");
+    for number in [
+        "1000000001",
+        "18446744073709551615",
+        "99999999999999999999999",
+    ] {
+        let message = taken(number).expect_err("refused").to_string();
+        assert!(
+            message.starts_with("line 3: column 1: the number of a block above"),
+            "{message}"
+        );
+    }
+}

@@ -598,3 +598,39 @@ fn random_lines_come_out_byte_for_byte() {
     }
     assert!(taken > 300, "only {taken} were taken");
 }
+
+/// Every byte that is no changed coordinate comes out, also the blanks behind a value that becomes a number; and brackets nested without
+/// an end are refused.
+#[test]
+fn blanks_behind_computed_words_stay() {
+    let machine = Machine::parse(
+        "name = \"m\"\nstructure = \"w b X Y Z t\"\n[axes.X]\ntravel = [-500, 500]\n[axes.Y]\ntravel = [-500, 500]\n[axes.Z]\ntravel = [-500, 500]\n[errors]\nEXX = { poly = [11] }\n",
+        "m.toml",
+    )
+    .expect("a good machine");
+    let corrector = Corrector::new(&machine, &Temperatures::new(), 0.001).expect("compiles");
+    let setup = SetUp::default();
+    let taken = |program: &str| {
+        let mut out = Vec::new();
+        let job = Job {
+            dialect: Dialect::Siemens,
+            ..Job::new(&corrector, &setup)
+        };
+        compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(()))
+            .map(|_| String::from_utf8(out).expect("text"))
+    };
+    let program = "R1=10 R2=20\nG0 X=R1 Y=R2 Z0\nG1 X=R1+1  Y=R2 F=R2 ; more\nM30\n";
+    assert_eq!(
+        taken(program).expect("taken"),
+        program
+            .replace("X=R1 ", "X=9.989 ")
+            .replace("X=R1+1 ", "X=10.989 ")
+    );
+    let error = taken(&format!("X={}\n", "R[".repeat(200_000))).expect_err("refused");
+    assert!(
+        matches!(error, NcError::Block { .. } | NcError::LongLine { .. }),
+        "{error}"
+    );
+    let error = taken(&format!("X={}\n", "R[".repeat(2000))).expect_err("refused");
+    assert!(error.to_string().contains("nested too deeply"), "{error}");
+}
