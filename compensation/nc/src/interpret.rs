@@ -262,9 +262,6 @@ impl Interpreter {
 
     /// What a block switches, besides its motion.
     fn switch(&mut self, codes: &Codes, given: &Given<'_>) -> Result<(), NcError> {
-        if codes.changes_tool && self.dialect == Dialect::Rs274 {
-            self.is_elsewhere();
-        }
         let modal = &mut self.modal;
         match codes.feed() {
             Some(930) => modal.feed_mode = FeedMode::InverseTime,
@@ -281,7 +278,9 @@ impl Interpreter {
         if codes.changes_tool && self.dialect == Dialect::Rs274 {
             self.in_spindle = modal.tool;
             self.changes_tools = true;
+            self.is_elsewhere();
         }
+        let modal = &mut self.modal;
         match codes.plane() {
             Some(170) => modal.plane = Plane::Xy,
             Some(180) => modal.plane = Plane::Zx,

@@ -173,37 +173,29 @@ impl Interpreter {
         if let Path::Hole {
             clearance, depth, ..
         } = motion.path
-            && !motion.incremental[depth]
         {
-            self.is_behind_hole(clearance, depth);
-        }
-        if let Path::Hole {
-            clearance, depth, ..
-        } = motion.path
-            && !self.modal.says_return
-            && self
-                .modal
-                .sticky
-                .initial
-                .is_some_and(|initial| initial > clearance)
-        {
-            // LinuxCNC begins with G99, FANUC controls with G98.
-            self.is_assumed(depth);
-            self.notes
-                .add(Note::ReturnPlane(char::from(LETTERS[depth])), given.line);
+            self.is_behind_hole(clearance, depth, motion.incremental[depth], given.line);
         }
     }
 
     /// The tool is in the plane R of a hole, or where it was before the first one, which may be unknown.
-    fn is_behind_hole(&mut self, clearance: f64, depth: usize) {
-        let sticky = &self.modal.sticky;
-        let initial_is_known = sticky.initial_is_known.unwrap_or(false);
-        let is_above = sticky.initial.is_none_or(|initial| initial > clearance);
-        let goes_up = self.modal.comes_back && (is_above || !initial_is_known);
-        if goes_up && !initial_is_known {
-            self.known[depth] = false;
-        } else {
+    fn is_behind_hole(&mut self, clearance: f64, depth: usize, by_ways: bool, line: usize) {
+        let Sticky {
+            initial,
+            initial_is_known,
+            ..
+        } = self.modal.sticky;
+        if self.modal.comes_back && initial_is_known != Some(true) {
+            // Ways lead back to a place that is as unknown as it was.
+            self.known[depth] &= by_ways;
+        } else if !by_ways {
             self.is_named(depth);
+        }
+        if !self.modal.says_return && initial.is_some_and(|initial| initial > clearance) {
+            // LinuxCNC begins with G99, FANUC controls with G98.
+            self.is_assumed(depth);
+            let note = Note::ReturnPlane(char::from(LETTERS[depth]));
+            self.notes.add(note, line);
         }
     }
 
