@@ -82,7 +82,9 @@ impl Columns<'_> {
         for found in self.unused() {
             // `X_actual`, `X MCS` and `Xmm` are columns of X, whatever else they say.
             let axis = axis_named_first(found).filter(|axis| {
-                self.used.iter().any(|name| name == axis) && self.named_with(axis).is_none()
+                let mut names = self.table.names().map(|(_, name)| name);
+                self.used.contains(&axis.to_string())
+                    && !names.any(|name| axis_of_head(name) == Some(*axis))
             });
             if let Some(axis) = axis {
                 return Err(self.table.header_error(format!(
@@ -109,14 +111,6 @@ impl Columns<'_> {
         Ok(())
     }
 
-    /// The column that is read for an axis: its letter, alone or with its unit.
-    fn named_with(&self, axis: &str) -> Option<&str> {
-        let mut names = self.table.names().map(|(_, name)| name);
-        names.find(|name| {
-            *name == axis || axis_of_head(name).is_some_and(|found| found.to_string() == axis)
-        })
-    }
-
     /// The column of a name that must be there.
     pub(crate) fn require(&mut self, name: &str) -> Result<Column, InputError> {
         let column = self.get(name)?;
@@ -129,7 +123,8 @@ impl Columns<'_> {
         self.found(name, column)
     }
 
-    fn found(&self, name: &str, column: Option<Column>) -> Result<Column, InputError> {
+    /// The column that was looked for under a name and must be there.
+    pub(crate) fn found(&self, name: &str, column: Option<Column>) -> Result<Column, InputError> {
         if column.is_none() {
             self.refuse_lookalikes()?;
         }
@@ -148,11 +143,9 @@ fn without_unit(head: &str) -> Option<&str> {
     (unit.is_empty() || unit_named(unit).is_some()).then_some(name)
 }
 
-/// The letter of the axis with which a head begins, where no other letter or a unit follows: `X_actual`, `X MCS`, `Xmm`.
-fn axis_named_first(head: &str) -> Option<&str> {
-    let letter = head.get(..1)?;
-    letter.parse::<AxisName>().ok()?;
-    let behind = &head[1..];
+/// The axis with whose letter a head begins, where no other letter or a unit follows: `X_actual`, `X MCS`, `Xmm`.
+fn axis_named_first(head: &str) -> Option<AxisName> {
+    let (letter, behind) = head.split_at_checked(1)?;
     let is_word = behind.starts_with(char::is_alphanumeric) && unit_named(behind).is_none();
-    (!is_word).then_some(letter)
+    letter.parse().ok().filter(|_| !is_word)
 }

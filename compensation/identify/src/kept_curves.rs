@@ -25,6 +25,28 @@ const FACTORS: [(f64, &str); 5] = [
     (ARC_SECOND, "times 4.848, as if it were in arc seconds"),
 ];
 
+/// A curve that is tried with a factor. The rows with it are made when they are needed: many of them at a time are much memory.
+struct Trial {
+    error: ErrorName,
+    /// The place of its axis in the chain.
+    place: usize,
+    factor: f64,
+    words: &'static str,
+}
+
+impl Trial {
+    fn of(&self, rows: &Rows) -> Rows {
+        let mut scaled = rows.clone();
+        for row in &mut scaled.0 {
+            for stand in core::iter::once(&mut row.stand).chain(&mut row.from) {
+                let motion = &mut stand.known.motion[self.place];
+                *component_of(motion, self.error.component.index()) *= self.factor;
+            }
+        }
+        scaled
+    }
+}
+
 /// Notes on curves of the machine file with which far more is left than with another factor of theirs.
 pub(crate) fn kept_curves(
     system: &System,
@@ -36,7 +58,7 @@ pub(crate) fn kept_curves(
         return Vec::new();
     }
     let values = &fitted.solution.values;
-    let mut trials: Vec<(ErrorName, &str, Rows)> = Vec::new();
+    let mut trials: Vec<Trial> = Vec::new();
     for (place, axis) in system.machine.axes().iter().enumerate() {
         for component in Component::ALL {
             let known = |rows: &Rows| {
@@ -54,25 +76,30 @@ pub(crate) fn kept_curves(
                 if factor == ARC_SECOND && !is_angle {
                     continue;
                 }
-                let mut scaled = rows.clone();
-                for row in &mut scaled.0 {
-                    for stand in core::iter::once(&mut row.stand).chain(&mut row.from) {
-                        *component_of(&mut stand.known.motion[place], component.index()) *= factor;
-                    }
-                }
-                trials.push((error, words, scaled));
+                trials.push(Trial {
+                    error,
+                    place,
+                    factor,
+                    words,
+                });
             }
         }
     }
     let before = system.equations(rows, values, false).residuals;
     let changes: Vec<DVector<f64>> = trials
         .iter()
-        .map(|(.., scaled)| system.equations(scaled, values, false).residuals - &before)
+        .map(|trial| system.equations(&trial.of(rows), values, false).residuals - &before)
         .collect();
     let left = Left::new(system, rows, fitted, &changes.iter().collect::<Vec<_>>());
     let found = left.good((0..trials.len()).map(|place| vec![place]).collect());
     let fits = found.into_iter().flatten().filter_map(|place| {
-        let other = fit(system, observations, &trials[place].2, values.clone()).ok()?;
+        let other = fit(
+            system,
+            observations,
+            &trials[place].of(rows),
+            values.clone(),
+        )
+        .ok()?;
         let is_as_stated = other.solution.excess().is_none();
         Some((place, is_as_stated, other.solution.variance.sqrt()))
     });
@@ -84,7 +111,7 @@ pub(crate) fn kept_curves(
         *is_as_stated || (!any_as_stated && *then < BETTER * now)
     };
     let note = |(place, _, then): &(usize, bool, f64)| {
-        let (error, words, _) = &trials[*place];
+        let Trial { error, words, .. } = &trials[*place];
         format!(
             "{error}: {words} the curve of the machine file leaves {then:.1} times the stated uncertainty in place of {now:.1}: are its sign and its unit right?"
         )

@@ -2,7 +2,7 @@
 
 use volcomp_kinematics::nalgebra::{DMatrix, DVector};
 
-use crate::{identify::Fitted, prepared::Rows, system::System};
+use crate::{identify::Fitted, prepared::Rows, solve::squares_by_chance, system::System};
 
 /// With the cause a part of what is left without it is left, where chance does not explain the former either.
 pub(crate) const BETTER: f64 = 0.25;
@@ -29,7 +29,8 @@ impl Left {
         changes: &[&DVector<f64>],
     ) -> Self {
         let equations = system.equations(rows, &fitted.solution.values, false);
-        let basis = orthonormal(equations.jacobian.select_columns(&fitted.rank.kept));
+        let basis = of_unit_length(equations.jacobian.select_columns(&fitted.rank.kept));
+        let basis = basis.qr().q();
         let normal = |vector: &DVector<f64>| vector - &basis * (basis.transpose() * vector);
         let residuals = normal(&equations.residuals);
         let changes: Vec<DVector<f64>> = changes.iter().map(|change| normal(change)).collect();
@@ -58,7 +59,7 @@ impl Left {
 
     /// The squares that what was stated leaves, and chance.
     fn by_chance(&self) -> f64 {
-        self.freedom + 4.0 * (2.0 * self.freedom).sqrt()
+        squares_by_chance(self.freedom)
     }
 
     /// Whether so little is left that the changes explain what was left.
@@ -87,13 +88,13 @@ impl Left {
     }
 }
 
-/// An orthonormal basis of columns of any length.
-fn orthonormal(mut columns: DMatrix<f64>) -> DMatrix<f64> {
+/// Columns brought to the length 1; a column of zeros stays.
+pub(crate) fn of_unit_length(mut columns: DMatrix<f64>) -> DMatrix<f64> {
     for mut column in columns.column_iter_mut() {
         let length = column.norm();
         if length > 0.0 {
             column /= length;
         }
     }
-    columns.qr().q()
+    columns
 }

@@ -16,9 +16,11 @@ use crate::{
     design::design,
     identify::Fitted,
     judge::median,
+    left::of_unit_length,
     observations::{Observation, Observations},
     prepared::Rows,
     rank::independent,
+    solve::squares_by_chance,
     span::Span,
     system::System,
     values::Values,
@@ -210,13 +212,7 @@ fn changes(
     kept: &[usize],
 ) -> Vec<Changed> {
     let equations = system.equations(rows, values, false);
-    let mut jacobian = equations.jacobian.select_columns(kept);
-    for mut column in jacobian.column_iter_mut() {
-        let length = column.norm();
-        if length > 0.0 {
-            column /= length;
-        }
-    }
+    let jacobian = of_unit_length(equations.jacobian.select_columns(kept));
     if jacobian.nrows() <= jacobian.ncols() + LEAST_ROWS {
         return Vec::new();
     }
@@ -427,7 +423,7 @@ impl Search<'_> {
         });
         let explains = 1.0 - after / before.max(f64::MIN_POSITIVE);
         let freedom = left.freedom() - numbers;
-        let as_stated = then.norm_squared() < freedom + 4.0 * (2.0 * freedom).sqrt();
+        let as_stated = then.norm_squared() < squares_by_chance(freedom);
         if explains < EXPLAINS && !as_stated {
             return None;
         }

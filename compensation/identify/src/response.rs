@@ -7,6 +7,7 @@ use crate::{
     error::IdentifyError,
     followers::Follower,
     identify::{Fitted, told_by_searched},
+    left::of_unit_length,
     observations::Observations,
     solve::weight,
     system::System,
@@ -47,13 +48,7 @@ impl Response {
         let rows = system.prepare(observations.fitted().flat_map(|(o, _)| &o.rows));
         let equations = system.equations(&rows, &values, false);
         let mut jacobian = equations.jacobian.select_columns(&fitted.rank.kept);
-        let mut normed = jacobian.clone();
-        for mut column in normed.column_iter_mut() {
-            let length = column.norm();
-            if length > 0.0 {
-                column /= length;
-            }
-        }
+        let normed = of_unit_length(jacobian.clone());
         if observations.robust {
             for (row, residual) in equations.residuals.iter().enumerate() {
                 jacobian.row_mut(row).scale_mut(weight(*residual));

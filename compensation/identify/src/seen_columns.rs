@@ -54,16 +54,14 @@ impl SeenColumns {
             },
             RowKind::Sphere { drift } => {
                 let sphere = columns.get("sphere")?;
-                let mut has_any = false;
-                for name in OFFSET {
-                    has_any |= columns.get(name)?.is_some();
-                }
+                let [x, y, z] = OFFSET.map(|name| columns.get(name));
                 // With none of them it is the file of a touch probe; one that is missing must not make it one.
-                let offset = if has_any {
-                    let [x, y, z] = OFFSET.map(|name| columns.require(name));
-                    Some([x?, y?, z?])
-                } else {
-                    None
+                let offset = match [x?, y?, z?] {
+                    [None, None, None] => None,
+                    found => {
+                        let [x, y, z] = [0, 1, 2].map(|k| columns.found(OFFSET[k], found[k]));
+                        Some([x?, y?, z?])
+                    }
                 };
                 Self::Sphere {
                     sphere,

@@ -86,10 +86,15 @@ impl Solution {
     /// of so many numbers scatters by √(2/n) about 1. The uncertainties are too small by it at the least (R. T. Birge,
     /// Physical Review 40, 1932).
     pub(crate) fn excess(&self) -> Option<f64> {
-        const CHANCE: f64 = 4.0;
-        let by_chance = 1.0 + CHANCE * (2.0 / self.freedom).sqrt();
+        let by_chance = squares_by_chance(self.freedom) / self.freedom;
         (self.variance > by_chance).then(|| self.variance.sqrt())
     }
+}
+
+/// The most that chance makes of the sum of the squares of so many numbers of variance 1.
+pub(crate) fn squares_by_chance(freedom: f64) -> f64 {
+    const CHANCE: f64 = 4.0;
+    freedom + CHANCE * (2.0 * freedom).sqrt()
 }
 
 /// Finds the kept parameters from the rows. With groups of penalties their weights are chosen as well.

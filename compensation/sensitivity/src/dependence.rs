@@ -27,11 +27,6 @@ impl Dependence {
     /// Of the columns of `matrix` (any scale each), taken in their order: each is held against those before it by
     /// orthogonalisation done twice. A column of zeros is a combination of none.
     pub fn of(matrix: &DMatrix<f64>) -> Self {
-        Self::within(matrix, DEPENDENT_BELOW)
-    }
-
-    /// The same where a column counts as a combination of others if less than `dependent_below` of it is left beside them.
-    pub fn within(matrix: &DMatrix<f64>, dependent_below: f64) -> Self {
         let mut basis: Vec<DVector<f64>> = Vec::new();
         // For each column of the basis its place, and itself in terms of the basis, both scaled to unit length.
         let mut places: Vec<usize> = Vec::new();
@@ -53,7 +48,7 @@ impl Dependence {
                 }
             }
             let left = rest.norm();
-            if left <= dependent_below {
+            if left <= DEPENDENT_BELOW {
                 let weights = weights(&triangle, &shares);
                 let scaled = places.iter().zip(weights);
                 let scaled = scaled
