@@ -141,18 +141,28 @@ impl<'a> Compensation<'a> {
 /// Reads the machine that is taken for the truth and puts the model's tool into it.
 fn read_truth(path: &std::path::Path, machine: &Machine) -> Result<Machine, Failure> {
     let mut truth = Machine::read(path)?;
-    if let Some(difference) = other_geometry(&truth, machine) {
-        return Err(Failure::in_file(
-            path,
-            format_args!("{difference} as in --machine"),
-        ));
-    }
+    refuse_other_geometry(path, &truth, machine)?;
     truth.use_tool_of(machine)?;
     Ok(truth)
 }
 
+/// Refuses a file whose machine is built otherwise than that of `--machine`.
+pub(crate) fn refuse_other_geometry(
+    path: &std::path::Path,
+    found: &Machine,
+    machine: &Machine,
+) -> Result<(), Failure> {
+    match other_geometry(found, machine) {
+        Some(difference) => Err(Failure::in_file(
+            path,
+            format_args!("{difference} of --machine"),
+        )),
+        None => Ok(()),
+    }
+}
+
 /// In which a machine is built otherwise than the one expected: its structure, the direction of an axis, the point of a rotary one, or the frame of its error motions.
-pub(crate) fn other_geometry(found: &Machine, expected: &Machine) -> Option<String> {
+fn other_geometry(found: &Machine, expected: &Machine) -> Option<String> {
     let (found, expected) = (found.chain(), expected.chain());
     let differs = |what: &str, found: &dyn std::fmt::Display, expected: &dyn std::fmt::Display| {
         Some(format!("{what} is `{found}`, expected `{expected}`"))

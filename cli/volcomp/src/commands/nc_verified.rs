@@ -18,7 +18,7 @@ use super::{
 };
 use crate::{
     answers::nc::{NcDeviation, Verified},
-    compensation::other_geometry,
+    compensation::refuse_other_geometry,
     failure::Failure,
     output::OutputFile,
 };
@@ -69,12 +69,7 @@ impl OnTruth<'_> {
         let (truth, temperatures) = match &arguments.truth {
             Some(path) => {
                 read = arguments.machine.spindle.read(path)?;
-                if let Some(difference) = other_geometry(&read.0, self.model.0) {
-                    return Err(Failure::in_file(
-                        path,
-                        format_args!("{difference} of --machine"),
-                    ));
-                }
+                refuse_other_geometry(path, &read.0, self.model.0)?;
                 (&read.0, &read.1)
             }
             None => self.model,

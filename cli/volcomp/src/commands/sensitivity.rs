@@ -1,10 +1,6 @@
 //! `volcomp sensitivity`: what each error does, which errors are one motion, and which cannot be told apart.
 
-use std::{
-    f64::consts::{PI, TAU},
-    fmt::Write,
-    path::PathBuf,
-};
+use std::{fmt::Write, path::PathBuf};
 
 use volcomp_model::{Axis, Machine, Temperatures};
 use volcomp_sensitivity::{
@@ -101,21 +97,18 @@ fn is_zero(effect: &Effect) -> bool {
     effect.position_max_um == 0.0 && effect.orientation_max_urad == 0.0
 }
 
-/// Evenly spaced nodes over the travel of each axis. Both ends of a turn are the same place, and nodes of a travel of several
-/// turns may all fall on multiples of half a turn, where a run-out shows nothing: such an axis has its nodes over one turn
-/// about the middle of its travel.
+/// Evenly spaced nodes over all poses of each axis, as `Axis::nodes` has them: both ends of a turn are the same place.
 fn grid(machine: &Machine, count: usize) -> Poses {
     let inside = |axis: &Axis| {
         let end = |end: f64| Displacement::from_coordinate(axis.name.kind(), end).mm_or_rad();
-        let [low, high] = axis.travel.map(end);
-        if axis.turns_round() {
-            let middle = 0.5 * (low + high);
-            // One node is the middle, as of any other axis.
-            let half = if count > 1 { PI } else { 0.0 };
-            let step = if count > 1 { TAU / count as f64 } else { 0.0 };
-            return [middle - half, middle + half - step];
-        }
-        [low, high]
+        let [low, high] = axis.all_poses().map(end);
+        // One node is the middle.
+        let step = if axis.turns_round() && count > 1 {
+            (high - low) / count as f64
+        } else {
+            0.0
+        };
+        [low, high - step]
     };
     let travels: Vec<[f64; 2]> = machine.axes().iter().map(inside).collect();
     Poses::over(&travels, count)

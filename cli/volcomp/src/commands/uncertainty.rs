@@ -9,7 +9,7 @@ use volcomp_identify::{Draws, Identification, Observations, identify};
 use volcomp_model::{CompiledMachine, Ensemble, Machine, Scatter, Tolerance};
 
 use super::same_machine;
-use crate::{compensation::other_geometry, failure::Failure, progress};
+use crate::{compensation::refuse_other_geometry, failure::Failure, progress};
 
 /// How far a curve of a drawn machine may be from its source, nm and nrad.
 const TOLERANCE_NM: f64 = 10.0;
@@ -54,12 +54,7 @@ impl UncertaintyArguments {
                 path.display()
             )));
         }
-        if let Some(difference) = other_geometry(measured.machine(), machine) {
-            return Err(Failure::in_file(
-                path,
-                format_args!("{difference} of --machine"),
-            ));
-        }
+        refuse_other_geometry(path, measured.machine(), machine)?;
         if let Measured::Calibration(file) = &measured {
             let single: Vec<String> = file
                 .without_scatter()

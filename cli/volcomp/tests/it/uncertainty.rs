@@ -231,6 +231,14 @@ fn said(machine: &str, from: &str) -> String {
     words.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
+/// A machine file with one change, and without the checksum that no longer fits.
+fn with_change(text: &str, from: &str, to: &str) -> String {
+    assert!(text.contains(from), "{from}\n{text}");
+    let changed = text.replacen(from, to, 1);
+    let lines = changed.lines().filter(|line| !line.contains("sha256"));
+    lines.collect::<Vec<_>>().join("\n")
+}
+
 /// A file that did not make the machine: by its name, by the values of errors, wherever they stand, or by the place of an axis.
 #[test]
 fn a_file_that_did_not_make_the_machine_is_noted() {
@@ -246,14 +254,7 @@ fn a_file_that_did_not_make_the_machine_is_noted() {
     let text = fs::read_to_string(&machine).expect("written");
     let other = folder.join("other.toml").display().to_string();
     let changed = |from: &str, to: &str| {
-        assert!(text.contains(from), "{from}\n{text}");
-        // Without the checksum that no longer fits.
-        let lines = text.replacen(from, to, 1);
-        let lines: Vec<&str> = lines
-            .lines()
-            .filter(|line| !line.contains("sha256"))
-            .collect();
-        fs::write(&other, lines.join("\n")).expect("written");
+        fs::write(&other, with_change(&text, from, to)).expect("written");
     };
     changed("fork-head", "another");
     let words = said(&other, OBSERVATIONS);
@@ -356,13 +357,7 @@ fn a_calibration_that_did_not_make_the_machine_is_noted() {
             "(travel of Y)",
         ),
     ] {
-        assert!(text.contains(from), "{text}");
-        let lines = text.replacen(from, to, 1);
-        let lines: Vec<&str> = lines
-            .lines()
-            .filter(|line| !line.contains("sha256"))
-            .collect();
-        fs::write(&other, lines.join("\n")).expect("written");
+        fs::write(&other, with_change(&text, from, to)).expect("written");
         let words = said(&other, &calibration);
         assert!(words.contains(expected), "{words}");
     }
