@@ -82,6 +82,7 @@ uncertainty_um = 5.0
         .enumerate()
         .map(|(k, n)| (*n, k))
         .collect();
+    let mut largest = [0.0_f64; 2];
     for (k, name) in NAMES.iter().enumerate() {
         let parameter = found
             .parameters
@@ -90,6 +91,7 @@ uncertainty_um = 5.0
             .expect("asked for");
         let sigma = parameter.uncertainty.expect("determined");
         let difference = (parameter.value - values[k]).abs();
+        largest[0] = largest[0].max(difference / sigma);
         assert!(
             difference < 1e-6 * sigma,
             "{name}: {} {} ± {sigma}",
@@ -99,6 +101,7 @@ uncertainty_um = 5.0
         for (j, other) in NAMES.iter().enumerate() {
             let ours = found.covariance[(place[name], place[other])];
             let size = (rows[k][k] * rows[j][j]).sqrt();
+            largest[1] = largest[1].max((ours - rows[k][j]).abs() / size);
             assert!(
                 (ours - rows[k][j]).abs() < 1e-3 * size,
                 "{name} {other}: {ours} {}",
@@ -106,4 +109,8 @@ uncertainty_um = 5.0
             );
         }
     }
+    println!(
+        "largest differences: values {:.1e} of their uncertainty, covariance {:.1e}",
+        largest[0], largest[1]
+    );
 }

@@ -110,6 +110,7 @@ fn thirty_seven_errors_are_found_to_two_micrometres() {
         );
         let (found, before, after) = measured(&format!("{truth}{tools}"), &shop);
         assert_eq!(found.residual.rows, 600);
+        println!("{file}: {before:?} to {after:?}");
         assert!(before.position_um > 30.0, "{file}: {before:?}");
         assert!(
             after.position_um < 2.0 && after.tool_axis_urad < 3.0,
@@ -182,6 +183,7 @@ at = { A = 0, C = 0 }
     let (found, before, after) = measured(truth, shop);
     // Three spheres of 50 poses, and rows of 9, 7 and 7 balls six times.
     assert_eq!(found.residual.rows, 3 * 50 + 6 * 23);
+    println!("tilting table: {before:?} to {after:?}");
     assert!(
         before.position_um > 50.0 && before.rotation_urad > 30.0,
         "{before:?}"
