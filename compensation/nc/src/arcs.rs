@@ -45,7 +45,13 @@ impl Rewriter {
             self.knows_feed(line)?;
         }
         let mut next = 0;
-        let turned = self.turn_up_to(&mut next, 0.0);
+        // What is not taken up by a block of its own is spread over the motion.
+        let cut = if self.contour == Contour::None {
+            0.0
+        } else {
+            1.0
+        };
+        let turned = self.turn_up_to(&mut next, cut);
         self.take_up(motion, arc, turned, line, out);
         let mut carried = frame.moved_in_program(&motion.from, &self.carried);
         let mut before = from;
@@ -56,10 +62,7 @@ impl Rewriter {
             let at = arc.place(&from, &to, stretch.to);
             let machine = frame.to_machine(&at);
             let mut code = None;
-            if place > 0
-                && self.turn_up_to(&mut next, stretch.from)
-                && self.contour == Contour::None
-            {
+            if place > 0 && self.turn_up_to(&mut next, stretch.from) {
                 let here = [&before, &carried];
                 let taken_up = self.take_up_here(motion, stretch.from, here, line, out);
                 carried = taken_up.unwrap_or(carried);

@@ -217,6 +217,14 @@ impl Rewriter {
         } else {
             (0.0, 0.0)
         };
+        // Where the tool is not above R, LinuxCNC lifts it to the plane of G98 before the hole; so it must not be above the corrected R.
+        let stands = hole.before + carried[depth] - clearance;
+        let lifts = self.interpreter.modal.comes_back && clearance >= hole.before;
+        let at_clearance = if lifts {
+            at_clearance.max(stands)
+        } else {
+            at_clearance
+        };
         let plane = InCycle {
             letter: b'R',
             is: clearance - zero,

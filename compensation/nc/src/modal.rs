@@ -131,6 +131,8 @@ pub(crate) struct Modal {
     pub(crate) shift: Axes,
     pub(crate) shifted: bool,
     pub(crate) tool_offset: Axes,
+    /// The unit that held where it was put into force, mm.
+    pub(crate) length_unit_mm: f64,
     /// The number of the length that G43 has put into force; `None`: none.
     pub(crate) length: Option<u32>,
     /// Coordinates are those of the centre point of the tool, whatever the rotary axes do (G43.4, M428).
@@ -182,6 +184,7 @@ impl Default for Modal {
             shift: [0.0; 9],
             shifted: false,
             tool_offset: [0.0; 9],
+            length_unit_mm: 1.0,
             length: None,
             centre_point: CentrePoint::Off,
             rotation: None,

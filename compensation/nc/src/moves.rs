@@ -16,6 +16,8 @@ use crate::{
 
 /// A rotary axis that goes the shorter way and is this near to half a turn, deg, might go the other way round with its correction.
 const HALF_TURN_DEG: f64 = 0.5;
+/// By so much the radii at the ends of an arc may differ, mm: more LinuxCNC refuses unless it is told to, and other controls let far less pass.
+const MOST_SPIRAL_MM: f64 = 0.127;
 
 impl Interpreter {
     pub(crate) fn set_motion(&mut self, code: Code) {
@@ -350,6 +352,12 @@ impl Interpreter {
                 (centre, false)
             }
         };
+        let [begins, ends] = [start, end].map(|at| (at[0] - centre[0]).hypot(at[1] - centre[1]));
+        if (begins - ends).abs() > MOST_SPIRAL_MM {
+            return Err(given.refused(&format!(
+                "an arc with a radius of {begins:.3} mm where it begins and of {ends:.3} mm where it ends"
+            )));
+        }
         let angle = |at: [f64; 2]| (at[1] - centre[1]).atan2(at[0] - centre[0]);
         let mut turns_by = angle(end) - angle(start);
         let whole_turn = 2.0 * std::f64::consts::PI;

@@ -25,6 +25,8 @@ pub enum Note {
     OutsideTravel(char),
     /// The radius of the tool is compensated: the contour is corrected.
     RadiusCompensated,
+    /// An element of a contour is not split, though its correction bends along it.
+    ContourWhole,
     /// A line gets longer than some controls take.
     LongLine,
     /// This work offset is not in the set-up: zero was taken.
@@ -111,6 +113,10 @@ impl fmt::Display for Note {
             Self::MayBeSkipped => write!(
                 f,
                 "a block that may be skipped (/): where the axes stand that it moves counts as unknown behind it, until the program names them again"
+            ),
+            Self::ContourWhole => write!(
+                f,
+                "with the radius of the tool compensated (G41, G42) motions are not split, since a control may cut away parts that are shorter than that radius: the correction of this one bends between its ends by more than the tolerance"
             ),
             Self::RadiusCompensated => write!(
                 f,

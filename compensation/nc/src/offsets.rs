@@ -15,6 +15,13 @@ use crate::{
 impl Interpreter {
     /// G43, G43.1, G43.2, G43.4 and G49.
     pub(crate) fn tool_length(&mut self, code: Code, given: &Given<'_>) -> Result<(), NcError> {
+        let unit_mm = self.modal.unit_mm;
+        if self.modal.tool_offset != [0.0; 9] && self.modal.length_unit_mm != unit_mm {
+            return Err(given.refused(
+                "a tool length that ends in another unit than it began (G20, G21), after which LinuxCNC takes its mm for inch: end it with G49 before",
+            ));
+        }
+        self.modal.length_unit_mm = unit_mm;
         if code == 490 {
             self.modal.tool_offset = [0.0; 9];
             self.modal.length = None;

@@ -27,7 +27,7 @@ use crate::{
     script::Script,
     setup::SetUp,
     turns::Turns,
-    words::{Decimals, Number},
+    words::{Decimals, Number, each},
 };
 
 /// Some controls take no longer lines: LinuxCNC with the end of the line 256 characters.
@@ -62,7 +62,8 @@ pub(crate) enum Contour {
     None,
     /// It begins or ends to do so with this motion, which must stay one.
     Switches,
-    /// It does: a motion of some µm beside the contour would be taken for a part of it.
+    /// It does: each motion in the plane is an element of the contour, which gets no others and is not split. At an inside corner the control
+    /// ends an element early by up to the radius of the tool, which parts may be shorter than.
     Follows,
 }
 
@@ -290,9 +291,7 @@ impl Rewriter {
             self.presets(words, line);
         }
         if let Some(motion) = &outcome.motion {
-            let [first, second, _] = self.interpreter.modal.plane.axes();
-            let moves = |axis: usize| motion.to[axis] != motion.from[axis];
-            self.switches_radius &= !(moves(first) || moves(second));
+            self.switches_radius &= !self.moves_in_plane(motion);
         }
         self.after_cycles(&outcome, line)?;
         if let Some(motion) = &outcome.motion
@@ -501,6 +500,26 @@ impl Rewriter {
         } else {
             frame.moved_in_machine(&frame.to_program(&motion.to), &carried)
         };
+    }
+
+    /// Whether a motion leads elsewhere in the plane of arcs and of the tool's radius.
+    fn moves_in_plane(&self, motion: &Move) -> bool {
+        let [from, to] = self.ends_of(motion);
+        let [first, second, _] = self.interpreter.modal.plane.axes();
+        // A turned or tilted frame brings back what stands still to some 1e-12 mm.
+        let moves = |axis: usize| (to[axis] - from[axis]).abs() > 1e-9;
+        moves(first) || moves(second)
+    }
+
+    /// Axes that keep the correction that they have: while the control compensates the radius of the tool, it takes each motion in the plane, of
+    /// however few µm, for an element of the contour, and so turns the tool about its corner. A motion without a way in the plane gets none.
+    pub(crate) fn keeps_in_plane(&self, motion: &Move) -> Axes<bool> {
+        let compensates = self.switches_radius || self.interpreter.modal.radius.is_some();
+        if !compensates || self.moves_in_plane(motion) {
+            return [false; 9];
+        }
+        let [first, second, _] = self.interpreter.modal.plane.axes();
+        each(|axis| axis == first || axis == second)
     }
 
     /// The correction at a place, both in the coordinates of the program.

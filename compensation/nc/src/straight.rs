@@ -6,6 +6,7 @@ use crate::{
     legs::{Leg, Writes},
     line::Line,
     motion::{Move, Path},
+    notes::Note,
     parts::Part,
     polar::polar_writes,
     rewrite::{Contour, Rewriter, Settled},
@@ -49,7 +50,13 @@ impl Rewriter {
         // Also where it begins: parts of a way from elsewhere would lead elsewhere.
         let is_known =
             (self.corrector.axes()).all(|axis| motion.known[axis] && self.interpreter.known[axis]);
-        if !is_known || self.contour == Contour::Switches {
+        if !is_known || self.contour != Contour::None {
+            let ends = [&motion.from, &motion.to];
+            let [from, to] = at_ends;
+            let (frame, seen) = (&self.interpreter.frame, &mut self.seen);
+            if is_known && !(self.corrector).is_straight_in(frame, seen, ends, [from, to]) {
+                self.interpreter.notes.add(Note::ContourWhole, line.number);
+            }
             parts.push(1.0);
             return Ok(());
         }
@@ -59,9 +66,7 @@ impl Rewriter {
         if self.lacks_correction(motion, turned) {
             parts.push(0.0);
         }
-        while let Some(ends) = self.turns.turns.get(next).map(|turn| turn.share)
-            && self.contour == Contour::None
-        {
+        while let Some(ends) = self.turns.turns.get(next).map(|turn| turn.share) {
             self.split(motion, at_ends, [begins, ends], line, parts)?;
             self.turn_up_to(&mut next, ends);
             parts.push(ends);
@@ -241,6 +246,7 @@ impl Rewriter {
         } else {
             Shape::Straight
         };
+        let keeps = self.keeps_in_plane(motion);
         let together = self.rounded_together(motion, parts, line);
         for (place, &share) in parts.iter().enumerate() {
             let is_last = share == 1.0;
@@ -274,7 +280,7 @@ impl Rewriter {
                 to,
                 at,
                 writes,
-                keeps: [false; 9],
+                keeps,
                 rounded: together.as_ref().map(|deltas| deltas[place]),
             };
             let words = self.words_to(&leg, &mut carried);
@@ -303,5 +309,8 @@ impl Rewriter {
         }
         self.carried = self.interpreter.frame.moved_in_machine(&end, &carried);
         self.has_moved(motion);
+        if keeps.contains(&true) {
+            self.unsettles();
+        }
     }
 }

@@ -8,8 +8,9 @@ use crate::{
     coordinates::Axes,
     line::Line,
     motion::Arc,
+    notes::Note,
     number::of_steps,
-    rewrite::Rewriter,
+    rewrite::{Contour, Rewriter},
     straight::{MOST_PARTS, too_many_parts},
     turns::Turns,
     words::each,
@@ -120,6 +121,13 @@ impl Rewriter {
     ) -> Result<Vec<Stretch>, NcError> {
         let mut stretches = Vec::new();
         self.turns = self.turns_of_arc(arc, [from, to]);
+        if self.contour != Contour::None {
+            let whole = Stretch { from: 0.0, to: 1.0 };
+            if !self.fits(arc, [from, to], whole) {
+                self.interpreter.notes.add(Note::ContourWhole, line.number);
+            }
+            return Ok(vec![whole]);
+        }
         let mut open = self.turn_to_turn();
         let sides = self.corrector.sides();
         let mut next = 0;

@@ -179,6 +179,7 @@ impl Interpreter {
             shift: _,
             shifted: _,
             tool_offset: _,
+            length_unit_mm: _,
             length: _,
             centre_point: _,
             rotation: _,

@@ -327,7 +327,7 @@ fn a_line_rounded_together_is_nearer_to_itself() {
 
 #[test]
 fn lines_of_one_part_are_the_same_either_way() {
-    let program = "G21 G90 G0 X20 Y30\nG1 X20.5 Y30.4 F1000\nX21 Y31\nG91 X300 Y200\nG90 G2 X400 Y300 I50 J0\nM2\n";
+    let program = "G21 G90 G0 X20 Y30\nG1 X20.5 Y30.4 F1000\nX21 Y31\nG91 X300 Y200\nG90 G2 X421 Y231 I50 J0\nM2\n";
     assert_eq!(
         compensated(program, Strategy::Plain),
         compensated(program, Strategy::Floyd)

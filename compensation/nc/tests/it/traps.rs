@@ -2,7 +2,7 @@
 //! LinuxCNC's interpreter.
 
 use volcomp_model::{Machine, Temperatures};
-use volcomp_nc::{Corrector, Job, NcError, SetUp, Summary, Virtual, compensate, verify};
+use volcomp_nc::{Corrector, Job, NcError, Note, SetUp, Summary, Virtual, compensate, verify};
 
 use crate::identity::compensated;
 
@@ -280,7 +280,7 @@ fn holes_in_g91_are_as_deep_as_they_are_to_be() {
             errors,
             "G0 X0 Y0 Z10\nG99\nG91\nG81 X100 R-8 Z-5\nX100\nX100 R-1\nX100 Z-7\nG98 X100\nG80\nG90\nG0 Z1\n"
         ),
-        "G0 X0 Y0 Z10\nG99\nG91\nG81 X100 R-8.010 Z-5\nX100 R-8.020\nX100 R-1.030\nX100 Z-7 R-1.040\nG98 X100 R-1.050\nG80\nG90\nG0 Z0.950\n"
+        "G0 X0 Y0 Z10\nG99\nG91\nG81 X100 R-8.010 Z-5\nX100 R-8.020\nX100 R-1.030\nX100 Z-7 R-1.040\nG98 X100 Z-7.010\nG80\nG90\nG0 Z0.950\n"
     );
     // A word that is named anew does not leave the other one with an old correction.
     assert_eq!(
@@ -546,4 +546,73 @@ fn a_program_ends_by_its_second_percent_sign() {
         assert_eq!(out, program.as_bytes());
         assert_eq!(summary.ended, ends, "{program}");
     }
+}
+
+/// A control that compensates the radius of the tool takes 1 µm in the plane for an element of the contour, and turns the tool about its
+/// corner: a motion along Z, or of nothing, moves nothing in the plane, wherever its correction belongs; also before G41 or G40 has taken effect.
+#[test]
+fn a_plunge_beside_a_contour_stays_one() {
+    let errors = "EB0Z = -100\nEA0Z = 60\n";
+    let program = "G0 X-20 Y40 Z5\nG41.1 D20\nG1 Z0\nX0 Y0\nX100 Y0\nZ-20\nX100 Z-40\nX100 Y100\nG91 Z-20\nG90 Z0\nY0\nG40\nZ20\nX50 Y50\n";
+    let out = result(errors, program);
+    let [before, after] = [program, &out].map(|text| text.lines().collect::<Vec<_>>());
+    assert_eq!(before.len(), after.len(), "{out}");
+    // Corrections belong to the places behind the ways in the plane: X -0.1 µm and Y -0.06 µm for each mm of Z.
+    for (place, line) in after.iter().enumerate() {
+        let changes = matches!(place, 7 | 10 | 13);
+        assert_eq!(
+            *line != before[place],
+            changes,
+            "line {place}: {line}\n{out}"
+        );
+    }
+    assert!(out.contains("X99.996 Y99.998"), "{out}");
+}
+
+/// Parts of a contour may be shorter than what the control takes off at an inside corner, and a depth that is reached on the way would be
+/// another one there.
+#[test]
+fn elements_of_a_contour_are_not_split() {
+    let bent = "EXX = { poly = [0, 0, 0.0001] }\nEYX = { poly = [0, 0, 0.0001] }\n";
+    let contour =
+        "X100 Y-100\nX400 Y-100 Z-20\nG3 X100 Y200 I-300 J0\nG2 X100 Y200 I50 J50\nG1 X0 Y0\n";
+    let on = format!("G0 X0 Y-20 Z0\nG41.1 D60 G1 X0 Y0 F100\n{contour}G40 G1 X-100 Y0\n");
+    let out = result(bent, &on);
+    assert_eq!(out.lines().count(), on.lines().count(), "{out}");
+    assert_ne!(out, on);
+    let (_, found) = run(bent, &on).expect("compensated");
+    let whole = |(line, note): &(usize, &Note)| (**note == Note::ContourWhole).then_some(*line);
+    assert_eq!(found.notes.by_line().iter().find_map(whole), Some(4));
+    let off = on.replace("G41.1 D60 ", "").replace("G40 ", "");
+    let out = result(bent, &off);
+    assert!(out.lines().count() > on.lines().count() + 3, "{out}");
+}
+
+/// Where the tool stands in R, LinuxCNC lifts it to the plane of G98 before it goes to the next hole, and not where it stands above it.
+#[test]
+fn the_plane_r_does_not_go_below_the_tool_before_it_is_lifted() {
+    let program = "G0 X0 Y0 Z50\nG99 G81 X100 Z-5 R2\nX600 G98\nX700\n";
+    let out = result("EZX = { poly = [0, 0.05] }\n", program);
+    // The tool stands at 1.995, R would be at 1.970.
+    assert!(out.contains("X600 G98 Z-5.030\n"), "{out}");
+    let out = result("EZX = { poly = [0, -0.05] }\n", program);
+    assert!(out.contains("X600 G98 Z-4.970 R2.030\n"), "{out}");
+}
+
+/// LinuxCNC keeps the number of a tool length where the unit changes; an arc whose ends are on two circles is none.
+#[test]
+fn what_controls_read_otherwise_is_refused() {
+    let message = |program: &str| run("", program).expect_err("refused").to_string();
+    let found = message("G21 G43.1 Z20\nG0 Z5\nG20\nG49\nG0 X1\n");
+    assert!(
+        found.starts_with("line 4: a tool length that ends in another unit"),
+        "{found}"
+    );
+    assert!(run("", "G21 G43.1 Z20\nG49\nG20\nG43.1 Z1\n").is_ok());
+    let found = message("G0 X0 Y10\nG2 X60 Y40 I20 J0\n");
+    assert!(
+        found.contains("a radius of 20.000 mm where it begins and of 50.000 mm where it ends"),
+        "{found}"
+    );
+    assert!(run("", "G0 X0 Y10\nG2 X40.1 Y10 I20 J0\n").is_ok());
 }

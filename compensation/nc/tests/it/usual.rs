@@ -70,7 +70,7 @@ fn program(draw: &mut ChaCha8Rng, axes: &[(char, f64)]) -> Vec<String> {
             93 => "G80".to_owned(),
             94 => "T1 M6 G43 H1".to_owned(),
             95 => "G49".to_owned(),
-            96 if !has_rotary => "G2 X320 Y260 I10 J5".to_owned(),
+            96 if !has_rotary => "G91 G2 X20 Y10 I10 J5\nG90".to_owned(),
             97 => "G93 G1 X301 F20".to_owned(),
             98 => "G94 F100".to_owned(),
             _ => "G41.1 D1\nG1 X300.5\nX301 Y250\nX303\nG40\nX304".to_owned(),
