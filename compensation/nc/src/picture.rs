@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use crate::verify::{Place, Verification};
+use crate::{deviation::Place, verify::Verification};
 
 /// How much larger deviations are drawn than the path.
 const ENLARGED: f64 = 1000.0;

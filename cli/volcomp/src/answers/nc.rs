@@ -47,6 +47,8 @@ pub(crate) struct Verified {
     pub(crate) before: NcDeviation,
     /// With the compensated program.
     pub(crate) after: NcDeviation,
+    /// Motions with whose result the tool is further off than before.
+    pub(crate) further: NcFurther,
     /// Whether the features are judged after the best rigid alignment of the part by its own points; only with --inspect.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) best_fit: Option<bool>,
@@ -88,6 +90,18 @@ pub(crate) struct NcFound {
     pub(crate) coaxiality_um: Option<f64>,
 }
 
+/// Motions with whose result the tool is further off than before by more than 0.01 µm, in the root mean square or in the largest deviation
+/// of their places.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct NcFurther {
+    /// How many there are.
+    pub(crate) motions: u64,
+    /// By how much at the most, µm.
+    pub(crate) by_um: f64,
+    /// The line of the original program of that one, counted from 1; null where there is none.
+    pub(crate) line: Option<usize>,
+}
+
 /// How far the tool is from where the program wants it.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct NcDeviation {
@@ -95,7 +109,12 @@ pub(crate) struct NcDeviation {
     pub(crate) max_um: f64,
     /// The root of the mean square over all places, µm.
     pub(crate) rms_um: f64,
-    /// The line of the original program where it is largest, counted from 1.
+    /// The largest distance across the path, µm: what is along the path does not count. At the ends of rapid motions the whole distance
+    /// counts.
+    pub(crate) across_max_um: f64,
+    /// The root of the mean square across the path, µm.
+    pub(crate) across_rms_um: f64,
+    /// The line of the original program where the whole distance is largest, counted from 1.
     pub(crate) line: usize,
     /// The tip of the tool there, mm from the workpiece origin.
     pub(crate) tip_mm: [f64; 3],

@@ -1,6 +1,7 @@
 //! The part of `volcomp nc --verify`: the program and its result on the virtual machine, and whether the result is kept.
 
 use std::{
+    fmt::Write as _,
     fs::File,
     io::{BufReader, Write},
     path::Path,
@@ -17,7 +18,7 @@ use super::{
     nc_part,
 };
 use crate::{
-    answers::nc::{NcDeviation, Verified},
+    answers::nc::{NcDeviation, NcFurther, Verified},
     compensation::refuse_other_geometry,
     failure::Failure,
     output::OutputFile,
@@ -58,6 +59,11 @@ impl OnTruth<'_> {
             places: found.places,
             before: deviation(&found.before),
             after: deviation(&found.after),
+            further: NcFurther {
+                motions: found.further.motions,
+                by_um: found.further.by_um,
+                line: (found.further.motions > 0).then_some(found.further.line),
+            },
             best_fit: self.part.map(|part| part.alignment == Alignment::BestFit),
             features: nc_part::document(&found.features),
         })
@@ -175,6 +181,8 @@ fn deviation(of: &Deviation) -> NcDeviation {
     NcDeviation {
         max_um: of.max_um,
         rms_um: of.rms_um,
+        across_max_um: of.across_max_um,
+        across_rms_um: of.across_rms_um,
         line: of.line,
         tip_mm: of.tip_mm,
         form_rms_um: of.form_rms_um,
@@ -187,16 +195,32 @@ pub(super) fn text(verified: &Verified) -> String {
     let row = |name: &str, of: &NcDeviation| {
         let [x, y, z] = of.tip_mm;
         format!(
-            "{name:<8}{:>9.2}{:>9.2}{:>10.2}{:>9.2}   line {}, tip at {x:.1} {y:.1} {z:.1} mm\n",
-            of.max_um, of.rms_um, of.form_max_um, of.form_rms_um, of.line
+            "{name:<8}{:>9.2}{:>9.2}{:>9.2}{:>9.2}{:>9.2}{:>9.2}   line {}, tip at {x:.1} {y:.1} {z:.1} mm\n",
+            of.max_um,
+            of.rms_um,
+            of.across_max_um,
+            of.across_rms_um,
+            of.form_max_um,
+            of.form_rms_um,
+            of.line
         )
     };
     let mut text = format!(
-        "\nDeviation of the tool from the programmed path, {} motions looked at; form:\nbeside the best rigid motion of the part, since how it lies is no error of it\n{:<8}{:>9}{:>9}{:>10}{:>9}   largest in\n",
-        verified.motions, "", "max µm", "RMS µm", "form max", "form RMS"
+        "\nDeviation of the tool from the programmed path, {} motions looked at; across:\nwithout what is along the path; form: beside the best rigid motion of the part,\nsince how it lies is no error of it\n{:<8}{:>18}{:>18}{:>18}\n{:<8}",
+        verified.motions, "", "whole", "across", "form", ""
     );
+    text += &format!("{:>9}{:>9}", "max µm", "RMS µm").repeat(3);
+    text.push_str("   largest in\n");
     text.push_str(&row("before", &verified.before));
     text.push_str(&row("after", &verified.after));
+    let further = &verified.further;
+    if let Some(line) = further.line {
+        let _ = writeln!(
+            text,
+            "In {} of {} motions the tool is further off with the result than before, in RMS or at most, by up to {:.2} µm (line {line}), as where words are rounded or a circle is kept.",
+            further.motions, verified.motions, further.by_um
+        ); // writing to a String cannot fail
+    }
     if let Some(best_fit) = verified.best_fit {
         text += &nc_part::text(&verified.features, best_fit);
     }

@@ -229,6 +229,62 @@ fn the_mean_correction_is_judged_as_well() {
     assert!((before - after).abs() < 0.05, "{answer}");
 }
 
+/// What the tool does with the program as it is depends on nothing that is done with it.
+#[test]
+fn before_is_the_same_whatever_is_asked_for() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let result = folder.path().join("o.ngc");
+    let part = folder.path().join("part.toml");
+    let feature =
+        "[[feature]]\nname = \"corner\"\nkind = \"circle\"\nplane = \"xy\"\nlines = [9, 9]\n";
+    fs::write(&part, feature).expect("a file");
+    let part = part.to_str().expect("a path in UTF-8");
+    let verified = |more: &[&str]| {
+        let options = [&["--verify", "--json"], more].concat();
+        let output = run(&result, &options);
+        assert!(output.status.success(), "{output:?}");
+        let answer: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+        answer["verified"].clone()
+    };
+    let plain = verified(&[]);
+    let others: [&[&str]; 6] = [
+        &["--average"],
+        &["--inspect", part],
+        &["--average", "--inspect", part],
+        &["--strategy", "floyd"],
+        &["--tolerance", "0.01", "--decimals", "5,6,5"],
+        &["--tolerance", "100", "--inspect", part],
+    ];
+    for more in others {
+        let other = verified(more);
+        for key in ["before", "motions", "places"] {
+            assert_eq!(other[key], plain[key], "{more:?}: {key}");
+        }
+        if more.contains(&"--average") {
+            assert_ne!(other["after"], plain["after"], "{more:?}");
+        }
+    }
+    assert_eq!(verified(&["--inspect", part])["after"], plain["after"]);
+    // The mean correction takes from one end of a scale error what it adds to the other.
+    let average = verified(&["--average"]);
+    assert!(
+        average["further"]["motions"].as_u64() > Some(0),
+        "{average}"
+    );
+    let output = run(&result, &["--average", "--verify"]);
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(
+        said.contains("the tool is further off with the result than before"),
+        "{said}"
+    );
+    let across = |which: &str| plain[which]["across_rms_um"].as_f64().expect("a number");
+    let whole = |which: &str| plain[which]["rms_um"].as_f64().expect("a number");
+    assert!(
+        across("before") < whole("before") && across("after") < across("before"),
+        "{plain}"
+    );
+}
+
 #[test]
 fn what_is_wrong_is_told() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -84,3 +84,113 @@ fn a_result_of_another_program_is_told() {
         "{message}"
     );
 }
+
+/// A program and a result of it that is written here, on a machine with these errors.
+fn compared(
+    truth: &str,
+    setup: &SetUp,
+    program: &str,
+    result: &str,
+    shares: &[f64],
+) -> Verification {
+    let truth = Machine::parse(&format!("{TRAVELS}{truth}"), "m.toml").expect("a good machine");
+    let of = Virtual {
+        truth: &truth,
+        temperatures: &Temperatures::new(),
+        setup,
+        most_blocks: 10_000,
+        dialect: volcomp_nc::Dialect::Rs274,
+        part: None,
+    };
+    let mut original = program.as_bytes();
+    verify(&mut original, &mut result.as_bytes(), shares, of).expect("verified")
+}
+
+/// A scale error is along a line of its axis and across one of another: along X 10 µm at 100 mm, and as much across along Y there. On a
+/// circle about the zero of both scales it is across alone, and a turn about that zero is along it alone.
+#[test]
+fn what_is_along_the_path_is_not_across() {
+    let ways = |truth: &str, program: &str| {
+        let setup = SetUp::default();
+        let shares = vec![1.0; program.lines().count()];
+        compared(truth, &setup, program, program, &shares).before
+    };
+    let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
+    let along = ways(scale, "G1 F100 X100\n");
+    let eighths: f64 = (1..=8).map(|i| f64::from(i * i) / 64.0).sum();
+    assert!((along.max_um - 10.0).abs() < 1e-6, "{along:?}");
+    assert!(
+        (along.rms_um - 10.0 * (eighths / 8.0).sqrt()).abs() < 1e-6,
+        "{along:?}"
+    );
+    assert!(
+        along.across_max_um < 1e-6 && along.across_rms_um < 1e-6,
+        "{along:?}"
+    );
+    let straightness = "[errors]\nEYX = { poly = [0.0, 0.1] }\n";
+    let across = ways(straightness, "G1 F100 X100\n");
+    assert!((across.across_max_um - 10.0).abs() < 1e-5, "{across:?}");
+    assert!(
+        (across.across_rms_um - across.rms_um).abs() < 1e-6,
+        "{across:?}"
+    );
+    // Half and half on a diagonal.
+    let diagonal = ways(scale, "G1 F100 X100 Y100\n");
+    let half = 10.0 / 2_f64.sqrt();
+    assert!((diagonal.across_max_um - half).abs() < 1e-5, "{diagonal:?}");
+    // A circle of 50 mm, begun where the rapid motion ends: 5 µm all around, whichever of the two.
+    let circle = "G1 F100 X50\nG3 I-50\n";
+    let both = "[errors]\nEXX = { poly = [0.0, 0.1] }\nEYY = { poly = [0.0, 0.1] }\n";
+    let radial = ways(both, circle);
+    assert!((radial.across_max_um - 5.0).abs() < 1e-3, "{radial:?}");
+    // Two lengths of 100 mm and more are 32 places; on the way to it nothing is across.
+    let of_circle = 5.0 * (32.0_f64 / 40.0).sqrt();
+    assert!(
+        (radial.across_rms_um - of_circle).abs() < 1e-3,
+        "{radial:?}"
+    );
+    let turned = "[errors]\nEYX = { poly = [0.0, 0.1] }\nEXY = { poly = [0.0, -0.1] }\n";
+    let tangential = ways(turned, "G0 X50\nG3 F100 I-50\nG3 I-50\n");
+    // The end of the rapid motion has no direction, so that its 5 µm count.
+    assert!((tangential.max_um - 5.0).abs() < 1e-3, "{tangential:?}");
+    let of_end = 5.0 / 65_f64.sqrt();
+    assert!(
+        (tangential.across_rms_um - of_end).abs() < 1e-3,
+        "{tangential:?}"
+    );
+}
+
+/// Where places are looked at is a matter of the program: a result that is split, and one that is not, are compared with the same
+/// numbers before. The play of an axis is no exception.
+#[test]
+fn before_does_not_depend_on_the_result() {
+    let truth = "[errors]\nEXX = { mean = { poly = [0.0, 0.05, 0.0002] }, reversal = -3 }\nEYX = { poly = [0.0, 0.1, 0.001] }\n";
+    let program = "G1 F100 X300 Y40\nG3 X200 Y60 R80\n";
+    let setup = SetUp::default();
+    let whole = compared(truth, &setup, program, program, &[1.0, 1.0]);
+    let split = "G1 F100 X30 Y4\nX30\nX250.02 Y33.4\nX300.01 Y40\nG3 X200 Y60 R80\n";
+    let shares = [0.1, 0.1, 0.833_333_3, 1.0, 1.0];
+    let parts = compared(truth, &setup, program, split, &shares);
+    assert_eq!(whole.before, parts.before);
+    assert_eq!((whole.motions, whole.places), (parts.motions, parts.places));
+    assert_eq!(whole.after, whole.before);
+    // Four lengths on the line, and two on the arc.
+    assert_eq!(whole.places, 32 + 16);
+    assert_ne!(parts.after, parts.before);
+}
+
+/// Of three motions one ends 2 µm off with the result instead of 1 µm, one is better and one as it was.
+#[test]
+fn motions_that_are_further_off_are_counted() {
+    let truth = "[errors]\nEXX = { poly = [0.0, 0.01] }\n";
+    let setup = SetUp::default();
+    let program = "G1 F100 X100\nX200\nX200 Y50\n";
+    // 100.001 is 2.0 µm off, as 200.0 was; then 1.0 and 1.0 of 2.0.
+    let result = "G1 F100 X100.001\nX199.999\nX200 Y50\n";
+    let found = compared(truth, &setup, program, result, &[1.0; 3]);
+    assert_eq!(found.further.motions, 1, "{found:?}");
+    assert_eq!(found.further.line, 1, "{found:?}");
+    assert!((found.further.by_um - 1.0).abs() < 1e-3, "{found:?}");
+    let same = compared(truth, &setup, program, program, &[1.0; 3]);
+    assert_eq!(same.further, volcomp_nc::Verification::default().further);
+}
