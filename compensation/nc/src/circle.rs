@@ -3,12 +3,12 @@
 use std::f64::consts::PI;
 
 use crate::{
+    arc_words::centre_of,
     coordinates::Axes,
     edits::Edits,
     given::centre_is_absolute,
     line::Line,
     motion::Arc,
-    moves::centre_of,
     number::half_step,
     rewrite::Rewriter,
     stretches::{Stretch, in_plane, programmed, shifted},

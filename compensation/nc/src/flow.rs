@@ -326,6 +326,20 @@ impl Flow {
         branch
     }
 
+    /// What the O-word of a line does.
+    pub(crate) fn keyword(&self, line: usize) -> Option<Keyword> {
+        Some(self.statements.get(&line)?.keyword)
+    }
+
+    /// The first `break` behind a line that belongs to the loop which begins at `begin`.
+    pub(crate) fn break_behind(&self, begin: usize, line: usize) -> Option<usize> {
+        let name = &self.statements.get(&begin)?.name;
+        (line + 1..self.partner(begin)).find(|at| {
+            let statement = self.statements.get(at);
+            statement.is_some_and(|of| of.keyword == Keyword::Break && of.name == *name)
+        })
+    }
+
     /// Where the loop of this name begins in which a line lies.
     pub(crate) fn loop_around(&self, line: usize, name: &str) -> Option<usize> {
         (0..line).rev().find(|at| {

@@ -74,20 +74,21 @@ impl Rewriter {
                 return false;
             }
             let delta_at = |at: &Axes| frame.moved_in_program(at, &corrector.at(at).delta);
-            let is_kept = |axis: usize, off: f64| {
-                !self.corrector.has(axis)
-                    || (off / self.interpreter.modal.scale(axis)).abs() < self.half_step(axis)
+            let modal = &self.interpreter.modal;
+            let is_kept_in = |scale: f64, axis: usize, off: f64| {
+                !self.corrector.has(axis) || (off / scale).abs() < self.half_step(axis)
             };
+            let is_kept = |axis: usize, off: f64| is_kept_in(modal.scale(axis), axis, off);
             let delta = delta_at(&middle);
             let mut across = (0..9).filter(|axis| *axis != depth);
             let at_initial = self.carried_at_initial.unwrap_or(carried[depth]);
             let [at_bottom, at_clearance] =
                 [bottom, clearance].map(|height| delta_at(&at(height))[depth] - at_initial);
             let [of_bottom, of_clearance] = self.carried_by_cycle;
-            let of_r = (at_clearance - of_clearance) / self.interpreter.modal.unit_mm;
+            let of_r = modal.height_scale(b'R', depth);
             // In a row by ways the depth counts from R.
             across.all(|axis| is_kept(axis, delta[axis] - carried[axis]))
-                && (!self.corrector.has(depth) || of_r.abs() < self.half_step(depth))
+                && is_kept_in(of_r, depth, at_clearance - of_clearance)
                 && is_kept(depth, at_bottom - of_bottom - of_clearance)
         })
     }
@@ -261,12 +262,7 @@ impl Rewriter {
         depth: usize,
         (line, in_own_line): (Line<'_>, bool),
     ) -> (Option<(u8, Number)>, f64) {
-        let modal = &self.interpreter.modal;
-        // R is no diameter where X is one (G7).
-        let scale = match word.letter {
-            b'R' => modal.unit_mm,
-            _ => modal.scale(depth),
-        };
+        let scale = self.interpreter.modal.height_scale(word.letter, depth);
         let place = line.place_of(word.letter).filter(|_| !in_own_line);
         // A word that the block has is without a correction.
         let carried = if place.is_some() { 0.0 } else { word.carried };

@@ -5,16 +5,20 @@
 )]
 
 mod arc;
+mod arc_words;
 mod arcs;
 mod average;
 mod basis;
 mod block;
 mod bow;
+mod canned;
 mod carriage;
+mod carried;
 mod circle;
 mod codes;
 mod command;
 mod comparison;
+mod contour;
 mod control_values;
 mod coordinates;
 mod correction;
@@ -34,6 +38,7 @@ mod inspect;
 mod interpret;
 mod legs;
 mod line;
+mod loops;
 mod made;
 mod meaning;
 mod modal;
@@ -68,9 +73,11 @@ mod tip;
 mod tooled;
 mod turns;
 mod usual;
+mod values;
 mod vector;
 mod verify;
 mod words;
+mod written_out;
 
 pub use average::{Average, MeanOf, Reading, average};
 pub use correction::Corrector;

@@ -130,6 +130,8 @@ pub(crate) struct Modal {
     /// The offset of G92 or G52, whether it holds or not.
     pub(crate) shift: Axes,
     pub(crate) shifted: bool,
+    /// The program has said what it is.
+    pub(crate) shift_is_said: bool,
     pub(crate) tool_offset: Axes,
     /// The unit that held where it was put into force, mm.
     pub(crate) length_unit_mm: f64,
@@ -183,6 +185,7 @@ impl Default for Modal {
             offsets: [WorkOffset::default(); SYSTEMS],
             shift: [0.0; 9],
             shifted: false,
+            shift_is_said: false,
             tool_offset: [0.0; 9],
             length_unit_mm: 1.0,
             length: None,
@@ -235,6 +238,14 @@ impl Modal {
             0 if self.diameter => 0.5 * self.unit_mm,
             3..6 => 1.0,
             _ => self.unit_mm,
+        }
+    }
+
+    /// The same of a word of a cycle that says a height along this axis: R is no diameter where X is one (G7).
+    pub(crate) fn height_scale(&self, letter: u8, axis: usize) -> f64 {
+        match letter {
+            b'R' => self.unit_mm,
+            _ => self.scale(axis),
         }
     }
 }

@@ -6,18 +6,16 @@ use crate::{
     codes::{Codes, text},
     coordinates::{Axes, LETTERS, is_rotary},
     dialect::Dialect,
-    given::{Given, whole},
+    given::Given,
     interpret::{Interpreter, Outcome},
     modal::{CentrePoint, Code, Sticky},
-    motion::{Arc, Move, Path},
+    motion::{Move, Path},
     notes::Note,
     words::each,
 };
 
 /// A rotary axis that goes the shorter way and is this near to half a turn, deg, might go the other way round with its correction.
 const HALF_TURN_DEG: f64 = 0.5;
-/// By so much the radii at the ends of an arc may differ, mm: more LinuxCNC refuses unless it is told to, and other controls let far less pass.
-const MOST_SPIRAL_MM: f64 = 0.127;
 
 impl Interpreter {
     pub(crate) fn set_motion(&mut self, code: Code) {
@@ -180,27 +178,6 @@ impl Interpreter {
         }
     }
 
-    /// The tool is in the plane R of a hole, or where it was before the first one, which may be unknown.
-    fn is_behind_hole(&mut self, clearance: f64, depth: usize, by_ways: bool, line: usize) {
-        let Sticky {
-            initial,
-            initial_is_known,
-            ..
-        } = self.modal.sticky;
-        if self.modal.comes_back && initial_is_known != Some(true) {
-            // Ways lead back to a place that is as unknown as it was.
-            self.known[depth] &= by_ways;
-        } else if !by_ways {
-            self.is_named(depth);
-        }
-        if !self.modal.says_return && initial.is_some_and(|initial| initial > clearance) {
-            // LinuxCNC begins with G99, FANUC controls with G98.
-            self.is_assumed(depth);
-            let note = Note::ReturnPlane(char::from(LETTERS[depth]));
-            self.notes.add(note, line);
-        }
-    }
-
     /// What is a way turns about the place of the tool until a place has been named under a rotation.
     fn checks_rotation(
         &mut self,
@@ -311,190 +288,4 @@ impl Interpreter {
             }
         })
     }
-
-    /// The arc of a block that ends at `end`.
-    fn arc(&self, code: Code, given: &Given<'_>, end: &Axes) -> Result<Arc, NcError> {
-        let axes = self.modal.plane.axes();
-        let [first, second, _] = axes;
-        let (from, to) = (self.program_position(), self.frame.to_program(end));
-        let (start, end) = ([from[first], from[second]], [to[first], to[second]]);
-        let letters = self.modal.plane.centre_letters();
-        let unit = self.modal.unit_mm;
-        let mut ways = [None; 2];
-        for (way, letter) in ways.iter_mut().zip(letters) {
-            *way = given.letter(letter)?.map(|value| value * unit);
-        }
-        let clockwise = code == 20;
-        let radius = given.letter(b'R')?.map(|radius| radius * unit);
-        let (centre, by_radius) = match (radius, ways) {
-            (Some(_), [Some(_), _] | [_, Some(_)]) => {
-                return Err(given.refused("an arc with a radius R and a centre"));
-            }
-            (Some(radius), _) => (
-                centre_of(start, end, radius, clockwise).map_err(|what| given.refused(what))?,
-                true,
-            ),
-            (None, [None, None]) if self.modal.pole.is_some() => {
-                (self.modal.pole.unwrap_or_default(), false)
-            }
-            (None, [None, None]) => {
-                return Err(given.refused("an arc without a centre and without a radius R"));
-            }
-            (None, ways) => {
-                let centre = std::array::from_fn(|i| {
-                    let base = if given.centre_is_absolute(letters[i], &self.modal) {
-                        0.0
-                    } else {
-                        start[i]
-                    };
-                    base + ways[i].unwrap_or(0.0)
-                });
-                (centre, false)
-            }
-        };
-        let [begins, ends] = [start, end].map(|at| (at[0] - centre[0]).hypot(at[1] - centre[1]));
-        if (begins - ends).abs() > MOST_SPIRAL_MM {
-            return Err(given.refused(&format!(
-                "an arc with a radius of {begins:.3} mm where it begins and of {ends:.3} mm where it ends"
-            )));
-        }
-        let angle = |at: [f64; 2]| (at[1] - centre[1]).atan2(at[0] - centre[0]);
-        let mut turns_by = angle(end) - angle(start);
-        let whole_turn = 2.0 * std::f64::consts::PI;
-        // An end that is the beginning is a full turn.
-        if clockwise {
-            while turns_by > -1e-12 {
-                turns_by -= whole_turn;
-            }
-        } else {
-            while turns_by < 1e-12 {
-                turns_by += whole_turn;
-            }
-        }
-        if let Some(turns) = given.letter(b'P')? {
-            let turns = whole(turns, 100_000).filter(|turns| *turns > 0);
-            let more = turns
-                .ok_or_else(|| given.refused("an arc with a P that is no number of turns"))?
-                - 1;
-            turns_by += f64::from(more) * whole_turn.copysign(turns_by);
-        }
-        Ok(Arc {
-            axes,
-            centre,
-            turns_by,
-            by_radius,
-        })
-    }
-
-    /// A canned cycle.
-    fn hole(
-        &mut self,
-        given: &Given<'_>,
-        motion: &mut Move,
-        outcome: &mut Outcome,
-    ) -> Result<(), NcError> {
-        let [_, _, depth] = self.modal.plane.axes();
-        let before = self.program_position();
-        // R is no diameter where X is one (G7).
-        let (unit, scale) = (self.modal.unit_mm, self.modal.scale(depth));
-        let incremental = motion.incremental[depth];
-        let is_known = self.says_place(depth);
-        let sticky = &mut self.modal.sticky;
-        sticky.initial_is_known.get_or_insert(is_known);
-        let initial = *sticky.initial.get_or_insert(before[depth]);
-        if let Some(value) = given.letter(b'R')? {
-            sticky.clearance = Some(value * unit);
-        }
-        if let Some(value) = given.axis(depth)? {
-            sticky.depth = Some(value * scale);
-        }
-        let (Some(way), Some(clearance)) = (sticky.depth, sticky.clearance) else {
-            return Err(given.refused("a cycle without its depth or its plane R"));
-        };
-        let [clearance, bottom] = if incremental {
-            [initial + clearance, initial + clearance + way]
-        } else {
-            [clearance, way]
-        };
-        if given.has(b'K') {
-            return Err(given.refused(
-                "a cycle with K, which some controls read as the number of holes: write L, or each hole in a line of its own",
-            ));
-        }
-        let repeats = match given.letter(b'L')? {
-            Some(repeats) => whole(repeats, 100_000)
-                .filter(|repeats| *repeats > 0)
-                .ok_or_else(|| given.refused("a cycle with an L that is no number of holes"))?,
-            None => 1,
-        };
-        motion.path = Path::Hole {
-            bottom,
-            clearance,
-            depth,
-        };
-        let mut end = self.frame.to_program(&motion.to);
-        end[depth] = if self.modal.comes_back {
-            initial.max(clearance)
-        } else {
-            clearance
-        };
-        motion.to = self.frame.to_machine(&end);
-        if !incremental {
-            // Each of them is the same hole.
-            return Ok(());
-        }
-        let way = each(|axis| match given.places[axis] {
-            Some(_) if axis != depth => end[axis] - before[axis],
-            _ => 0.0,
-        });
-        for _ in 1..repeats {
-            let from = self.frame.to_machine(&end);
-            if given.polar.is_some() {
-                self.knows_polar(given)?;
-            }
-            if let Some(place) = self.polar_end(given, &end)? {
-                end[..2].copy_from_slice(&place);
-            }
-            for (end, way) in end.iter_mut().zip(way) {
-                *end += way;
-            }
-            outcome.row.push(Move {
-                from,
-                to: self.frame.to_machine(&end),
-                wraps: [0.0; 9],
-                ..motion.clone()
-            });
-        }
-        Ok(())
-    }
-}
-
-/// The centre of an arc by its radius: a negative one means the longer way.
-pub(crate) fn centre_of(
-    start: [f64; 2],
-    end: [f64; 2],
-    radius: f64,
-    clockwise: bool,
-) -> Result<[f64; 2], &'static str> {
-    let way = [end[0] - start[0], end[1] - start[1]];
-    let chord = way[0].hypot(way[1]);
-    if chord == 0.0 || radius == 0.0 {
-        return Err("an arc with a radius R whose end is its beginning");
-    }
-    let rest = radius * radius - 0.25 * chord * chord;
-    // A half circle whose numbers are rounded.
-    if rest < 0.0 && radius.abs() * (1.0 + 1e-4) < 0.5 * chord {
-        return Err("an arc whose radius R is too small for its end");
-    }
-    let height = rest.max(0.0).sqrt();
-    // To the left of the way for the shorter one counterclockwise.
-    let side = if (radius > 0.0) == clockwise {
-        -1.0
-    } else {
-        1.0
-    };
-    let normal = [-way[1] / chord, way[0] / chord];
-    Ok(std::array::from_fn(|i| {
-        0.5 * (start[i] + end[i]) + side * height * normal[i]
-    }))
 }

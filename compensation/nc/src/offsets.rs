@@ -77,8 +77,7 @@ impl Interpreter {
         if ![0, 1].into_iter().all(|axis| given.word(axis).is_some()) {
             return Err(given.refused("G68 without X and Y, about the place of the tool: write the centre of the rotation"));
         }
-        let is_shifted = self.modal.shifted && self.modal.shift[..2].iter().any(|by| *by != 0.0);
-        if is_shifted {
+        if self.is_shifted_in_plane() {
             return Err(given.refused("G68 while a shift (G52, G92) is in force, in whose coordinates its centre is not followed"));
         }
         let mut centre = [0.0; 2];
@@ -88,6 +87,11 @@ impl Interpreter {
         self.modal.rotation = Some((angle, centre));
         self.modal.rotation_is_new = true;
         Ok(())
+    }
+
+    /// A shift of X or Y is in force.
+    fn is_shifted_in_plane(&self) -> bool {
+        self.modal.shifted && self.modal.shift[..2].iter().any(|by| *by != 0.0)
     }
 
     /// Codes that hold for their block only. Whether the axis words are theirs.
@@ -132,10 +136,16 @@ impl Interpreter {
             }
             Some(921) => {
                 (self.modal.shift, self.modal.shifted) = ([0.0; 9], false);
+                self.modal.shift_is_said = true;
                 self.rests.shift_is_zero();
             }
             Some(922) => self.modal.shifted = false,
-            Some(923) => self.modal.shifted = true,
+            Some(923) => {
+                if !self.modal.shift_is_said {
+                    return Err(given.refused("G92.3 before any G92, G52 or G92.1, which brings back what an earlier program has left in the control: write G92 or G92.1 before"));
+                }
+                self.modal.shifted = true;
+            }
             _ => {
                 let are_taken = codes.tool_length() == Some(431) || codes.rotation() == Some(680);
                 return Ok(are_taken);
@@ -151,7 +161,7 @@ impl Interpreter {
             self.modal.shift = [0.0; 9];
             self.rests.shift_is_zero();
         }
-        self.modal.shifted = true;
+        (self.modal.shifted, self.modal.shift_is_said) = (true, true);
     }
 
     /// G10.
@@ -173,6 +183,10 @@ impl Interpreter {
                     }
                 };
                 if let Some(angle) = given.letter(b'R')? {
+                    let turns = angle != self.modal.offsets[system].rotation_deg;
+                    if turns && system == self.modal.system && self.is_shifted_in_plane() {
+                        return Err(given.refused("G10 L2 with R, which turns the work offset in force, while X or Y is shifted (G52, G92): LinuxCNC forgets the shift where it works out the place of the tool: write G92.1 before, or turn an offset that is not in force"));
+                    }
                     self.modal.offsets[system].rotation_deg = angle;
                 }
                 for (axis, value) in given.axes()? {

@@ -8,7 +8,9 @@ use std::{
 
 use crate::{
     NcError,
-    block::{Begins, Block, Parameter},
+    block::{Begins, Block},
+    carried::Settled,
+    contour::Contour,
     coordinates::{Axes, LETTERS},
     correction::{Corrector, Seen},
     dialect::Dialect,
@@ -21,13 +23,12 @@ use crate::{
     meaning::Meaning,
     motion::{Move, Path},
     notes::Note,
-    number::half_step,
-    parameters::Parameters,
     rounding::Strategy,
     script::Script,
     setup::SetUp,
     turns::Turns,
-    words::{Decimals, Number, each},
+    values::Computed,
+    words::Decimals,
 };
 
 /// Some controls take no longer lines: LinuxCNC with the end of the line 256 characters.
@@ -44,36 +45,6 @@ pub struct Counts {
     pub changed: u64,
     /// Lines that were added, since a motion was split.
     pub added: u64,
-}
-
-/// Which values that the program computes are written as numbers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Computed {
-    Kept,
-    /// Those with what a subroutine returned: its call is written out.
-    ReturnedWritten,
-    /// All: the lines that compute them are not executed in this order.
-    Written,
-}
-
-/// Whether the control compensates the radius of the tool.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Contour {
-    None,
-    /// It begins or ends to do so with this motion, which must stay one.
-    Switches,
-    /// It does: each motion in the plane is an element of the contour, which gets no others and is not split. At an inside corner the control
-    /// ends an element early by up to the radius of the tool, which parts may be shorter than.
-    Follows,
-}
-
-/// Whether the correction that the axes carry is the one that belongs to where they are.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Settled {
-    Yes,
-    No,
-    /// It is not, since an axis has turned.
-    Turned,
 }
 
 /// State: a program that is read, and the correction that its axes carry.
@@ -96,7 +67,7 @@ pub(crate) struct Rewriter {
     /// What of it was in the axis of its depth where the first hole of a row began, mm.
     pub(crate) carried_at_initial: Option<f64>,
     /// What of it is in the places of G28 and G30.
-    carried_at_home: [Axes; 2],
+    pub(crate) carried_at_home: [Axes; 2],
     pub(crate) contour: Contour,
     /// Compensating the radius of the tool has been switched, and no motion in the plane has begun or ended it yet.
     pub(crate) switches_radius: bool,
@@ -318,71 +289,6 @@ impl Rewriter {
         Ok(outcome.ends)
     }
 
-    /// Every computed value as the number that it is here.
-    fn write_values(&mut self, block: &Block, also_set: bool) {
-        for (place, word) in block.words.iter().enumerate() {
-            let value = word.value.filter(|_| word.decimals.is_none());
-            let number = value.and_then(|value| Number::shortest(value, 6));
-            self.edits
-                .replaced
-                .extend(number.map(|number| (place, number)));
-        }
-        let in_sub = self.computed == Computed::Written && self.interpreter.parameters.in_sub();
-        if !in_sub && !also_set {
-            return;
-        }
-        // What a subroutine sets for itself must not be set for the program.
-        for assignment in &block.assignments {
-            let is_local = match &assignment.parameter {
-                Parameter::Numbered(number) => Parameters::is_local(*number),
-                Parameter::Named(name) => Parameters::is_local_name(name),
-            };
-            let value = assignment
-                .value
-                .and_then(|value| Number::shortest(value, 6));
-            if is_local && in_sub {
-                self.edits.ranges.push((assignment.all.clone(), None));
-            } else if value.is_some() {
-                self.edits.ranges.push((assignment.text.clone(), value));
-            }
-        }
-    }
-
-    /// Words that say where the axes stand: there is a correction in the axes.
-    fn presets(&mut self, words: &Axes<Option<usize>>, line: Line<'_>) {
-        let interpreter = &self.interpreter;
-        let carried = interpreter
-            .frame
-            .moved_in_program(&interpreter.position, &self.carried);
-        let modal = &interpreter.modal;
-        for axis in 0..9 {
-            let Some(word) = line.word(words[axis]) else {
-                continue;
-            };
-            let decimals = self.decimals.of(axis, modal.unit_mm);
-            let is_carried = carried[axis].abs() >= half_step(decimals);
-            let Some(value) = word.value.filter(|_| is_carried) else {
-                continue;
-            };
-            let decimals = decimals.max(word.decimals.unwrap_or(0));
-            let value = value + carried[axis] / modal.scale(axis);
-            if let Some(number) = Number::nearest(value, decimals) {
-                self.edits.set(LETTERS[axis], words[axis], number);
-            }
-        }
-    }
-
-    /// Whether any of these axes carries a correction, so that the control has another place for it.
-    pub(crate) fn carries(&self, axes: &Axes<bool>) -> bool {
-        if *axes == [false; 9] {
-            return false;
-        }
-        let interpreter = &self.interpreter;
-        let frame = &interpreter.frame;
-        let carried = frame.moved_in_program(&interpreter.position, &self.carried);
-        (0..9).any(|axis| axes[axis] && carried[axis].abs() > 1e-9)
-    }
-
     /// Tells whoever wants to know what the program does.
     pub(crate) fn tell(&mut self, motion: &Move, number: usize) -> Result<(), NcError> {
         let Some(tells) = &self.tells else {
@@ -455,71 +361,6 @@ impl Rewriter {
             let note = Note::RadiusCompensated;
             self.interpreter.notes.add(note, line.number);
         }
-    }
-
-    /// A motion has been written: the axes have done what they do on it.
-    pub(crate) fn has_moved(&mut self, motion: &Move) {
-        let turns = std::mem::take(&mut self.turns);
-        if self.corrector.is_bidirectional() {
-            self.corrector.reaches(&turns.furthest);
-        }
-        self.settled = if self.corrector.goes(&motion.to) {
-            Settled::Turned
-        } else {
-            Settled::Yes
-        };
-    }
-
-    /// The correction that the axes carry may be that of another place, or of another tool.
-    pub(crate) fn unsettles(&mut self) {
-        if self.settled == Settled::Yes {
-            self.settled = Settled::No;
-        }
-    }
-
-    /// A motion that passes on as it is: its axes carry no correction afterwards, but those whose words are ways.
-    pub(crate) fn is_uncorrected(&mut self, motion: &Move) {
-        self.corrector.goes(&motion.to);
-        self.settled = Settled::No;
-        let frame = &self.interpreter.frame;
-        let mut carried = if motion.in_machine {
-            self.carried
-        } else {
-            frame.moved_in_program(&motion.from, &self.carried)
-        };
-        for axis in 0..9 {
-            if motion.words[axis].is_some() && !motion.incremental[axis] {
-                carried[axis] = match motion.path {
-                    Path::Home(which) => self.carried_at_home[which][axis],
-                    _ => 0.0,
-                };
-            }
-        }
-        self.carried = if motion.in_machine {
-            carried
-        } else {
-            frame.moved_in_machine(&frame.to_program(&motion.to), &carried)
-        };
-    }
-
-    /// Whether a motion leads elsewhere in the plane of arcs and of the tool's radius.
-    fn moves_in_plane(&self, motion: &Move) -> bool {
-        let [from, to] = self.ends_of(motion);
-        let [first, second, _] = self.interpreter.modal.plane.axes();
-        // A turned or tilted frame brings back what stands still to some 1e-12 mm.
-        let moves = |axis: usize| (to[axis] - from[axis]).abs() > 1e-9;
-        moves(first) || moves(second)
-    }
-
-    /// Axes that keep the correction that they have: while the control compensates the radius of the tool, it takes each motion in the plane, of
-    /// however few µm, for an element of the contour, and so turns the tool about its corner. A motion without a way in the plane gets none.
-    pub(crate) fn keeps_in_plane(&self, motion: &Move) -> Axes<bool> {
-        let compensates = self.switches_radius || self.interpreter.modal.radius.is_some();
-        if !compensates || self.moves_in_plane(motion) {
-            return [false; 9];
-        }
-        let [first, second, _] = self.interpreter.modal.plane.axes();
-        each(|axis| axis == first || axis == second)
     }
 
     /// The correction at a place, both in the coordinates of the program.

@@ -1,11 +1,12 @@
 //! How the numbers of a split line are rounded.
 
 use crate::{
+    contour::Contour,
     coordinates::{Axes, is_rotary},
     line::Line,
     motion::Move,
     number::of_steps,
-    rewrite::{Contour, Rewriter},
+    rewrite::Rewriter,
     shortest::through,
     words::{between, each},
 };

@@ -6,24 +6,18 @@ use std::io::Write;
 use crate::{
     NcError,
     expression::Expressions,
-    flow::{Flow, Keyword, Statement, program_line},
-    line::{end_of_more, write_comment},
+    flow::{Flow, Keyword, Statement},
+    loops::{Loops, Next},
     parameters::{HAS_RETURNED, RETURNED, Value},
-    rewrite::{Computed, Rewriter},
+    rewrite::Rewriter,
     scan::Scanner,
     subroutines::Listing,
+    values::Computed,
+    written_out::{Recorded, Sink, Unrolled},
 };
 
 /// Subroutines that call one another, so many at the most.
 const DEEPEST: usize = 100;
-
-/// What is done with lines as they are executed.
-trait Sink {
-    /// A line is executed, and this is written instead of it.
-    fn executed(&mut self, place: usize, text: &[u8]) -> Result<(), NcError>;
-    /// The main program is at this line.
-    fn at(&mut self, place: usize) -> Result<(), NcError>;
-}
 
 /// State of the execution.
 struct Run<'r, 't> {
@@ -32,8 +26,7 @@ struct Run<'r, 't> {
     most: u64,
     rewriter: Rewriter,
     calls: Vec<Call>,
-    /// The loops with a count that are being done: where each begins, and how often it is still to be done.
-    counts: Vec<(usize, u64)>,
+    loops: Loops,
 }
 
 /// A subroutine that is being executed.
@@ -44,8 +37,6 @@ struct Call {
     /// Where a program that is called by its number begins, and how often it is still to be executed; `None`: an O-word called
     /// it, with parameters of its own.
     program: Option<(usize, u64)>,
-    /// How many loops with a count are around its call: those inside end with it.
-    counts: usize,
     /// The file in which it stands, 0 being the program.
     file: usize,
 }
@@ -61,32 +52,20 @@ pub(crate) fn run(
     let mut before = rewriter.clone();
     let mut recorded = Recorded::new(lines);
     let (after, ends) = Run::new(rewriter, lines, &flow, most).go(&mut recorded)?;
-    if recorded.conflicts.contains(&true) {
+    if recorded.has_conflicts() {
         // A call that is written out returns nothing to the control.
         before.computed = Computed::ReturnedWritten;
         recorded = Recorded::new(lines);
         Run::new(before.clone(), lines, &flow, most).go(&mut recorded)?;
     } else {
-        for (place, (line, end)) in lines.lines[..lines.own].iter().enumerate() {
-            let text = recorded.texts[place].as_deref();
-            output.write_all(text.unwrap_or(line))?;
-            output.write_all(end)?;
-        }
+        recorded.write(output)?;
         return Ok((after, ends));
     }
     // A second time: what executes a line with a conflict is written out.
     let mut unrolled = Run::new(before, lines, &flow, most);
     unrolled.rewriter.computed = Computed::Written;
-    let mut written = Unrolled {
-        lines,
-        flow: &flow,
-        recorded: &recorded,
-        output,
-        next: 0,
-        open: None,
-        pending: Vec::new(),
-        conflicts: false,
-    };
+    unrolled.loops.some_are_written_out = true;
+    let mut written = Unrolled::new(&flow, &recorded, output);
     let (after, ends) = unrolled.go(&mut written)?;
     written.finish()?;
     Ok((after, ends))
@@ -100,7 +79,7 @@ impl<'r, 't> Run<'r, 't> {
             most,
             rewriter,
             calls: Vec::new(),
-            counts: Vec::new(),
+            loops: Loops::default(),
         }
     }
 
@@ -177,18 +156,21 @@ impl<'r, 't> Run<'r, 't> {
             Keyword::EndSub | Keyword::Return => self.end_sub(at, statement, line),
             Keyword::CallProgram { number, times } => self.call_program(at, number, times),
             Keyword::EndProgram => self.end_program(at),
-            Keyword::While => Ok(if self.holds(at, statement, line)? {
-                at + 1
-            } else {
-                flow.partner(at) + 1
-            }),
+            Keyword::While => {
+                let next = if self.holds(at, statement, line)? {
+                    Ok(Next::Again)
+                } else {
+                    self.loops.is_passed_by(flow, at)
+                };
+                self.loop_goes_on(at, at, flow.partner(at), next)
+            }
             Keyword::EndWhile => Ok(flow.partner(at)),
             Keyword::Do | Keyword::EndIf => Ok(at + 1),
-            Keyword::DoWhile => Ok(if self.holds(at, statement, line)? {
-                flow.partner(at) + 1
-            } else {
-                at + 1
-            }),
+            Keyword::DoWhile => {
+                let holds = self.holds(at, statement, line)?;
+                let next = self.loops.do_while(holds);
+                self.loop_goes_on(at, flow.partner(at), at, next)
+            }
             Keyword::If => {
                 let mut branch = at;
                 let (mut statement, mut line) = (statement, line);
@@ -212,27 +194,19 @@ impl<'r, 't> Run<'r, 't> {
             // The branch before was executed.
             Keyword::ElseIf | Keyword::Else => Ok(flow.end_of_if(at) + 1),
             Keyword::Repeat => {
-                let times = self.number(at, statement, line)?;
-                if times < 1.0 {
-                    return Ok(flow.partner(at) + 1);
-                }
+                let times = self.number(at, statement, line)?.round_ties_even().max(0.0);
                 #[expect(
                     clippy::cast_possible_truncation,
                     clippy::cast_sign_loss,
-                    reason = "at least one; too many are stopped by the number of blocks"
+                    reason = "not below zero; too many are stopped by the number of blocks"
                 )]
-                self.counts.push((at, times.round() as u64));
-                Ok(at + 1)
+                let next = self.loops.repeats(flow, at, times as u64);
+                self.loop_goes_on(at, at, flow.partner(at), next)
             }
             Keyword::EndRepeat => {
                 let begin = flow.partner(at);
-                let last = self.counts.last_mut();
-                if let Some((_, left)) = last.filter(|(of, left)| *of == begin && *left > 1) {
-                    *left -= 1;
-                    return Ok(begin + 1);
-                }
-                self.counts.pop();
-                Ok(at + 1)
+                let next = self.loops.has_repeated(flow, begin);
+                self.loop_goes_on(at, begin, at, next)
             }
             Keyword::Break | Keyword::Continue => {
                 let Some(begin) = flow.loop_around(at, &statement.name) else {
@@ -241,26 +215,33 @@ impl<'r, 't> Run<'r, 't> {
                         format!("there is no loop o{} around this line", statement.name),
                     ));
                 };
-                // Counted loops in between end.
-                while self
-                    .counts
-                    .last()
-                    .is_some_and(|(of, _)| *of > begin && flow.partner(*of) > at)
-                {
-                    self.counts.pop();
+                if flow.keyword(begin) == Some(Keyword::Repeat) {
+                    let what = "break and continue of a loop with a count (repeat), which LinuxCNC refuses: write it as while … endwhile";
+                    return Err(self.wrong(at, what.to_owned()));
                 }
                 if statement.keyword == Keyword::Break {
-                    if self.counts.last().is_some_and(|(of, _)| *of == begin) {
-                        self.counts.pop();
-                    }
+                    let breaks = self.loops.breaks(flow, at, begin);
+                    breaks.map_err(|what| self.wrong(at, what))?;
                     return Ok(flow.partner(begin) + 1);
                 }
-                let is_while = flow
-                    .statements
-                    .get(&begin)
-                    .is_some_and(|of| of.keyword == Keyword::While);
+                self.loops.continues(flow, at, begin);
+                let is_while = flow.keyword(begin) == Some(Keyword::While);
                 Ok(if is_while { begin } else { flow.partner(begin) })
             }
+        }
+    }
+
+    /// The line after one at which a loop goes on behind its beginning or has been done until its end.
+    fn loop_goes_on(
+        &self,
+        at: usize,
+        begin: usize,
+        end: usize,
+        next: Result<Next, String>,
+    ) -> Result<usize, NcError> {
+        match next.map_err(|what| self.wrong(at, what))? {
+            Next::Again => Ok(begin + 1),
+            Next::Passed => Ok(end + 1),
         }
     }
 
@@ -279,7 +260,6 @@ impl<'r, 't> Run<'r, 't> {
             back: at + 1,
             program: Some((begin, times)),
             file: self.lines.file_of(begin).0,
-            counts: self.counts.len(),
         });
         Ok(begin)
     }
@@ -290,13 +270,11 @@ impl<'r, 't> Run<'r, 't> {
         let Some(Call {
             back,
             program: None,
-            counts,
             ..
         }) = self.calls.pop()
         else {
             return Err(self.wrong(at, "a return outside a subroutine".to_owned()));
         };
-        self.counts.truncate(counts);
         let parameters = &mut self.rewriter.interpreter.parameters;
         parameters.leave();
         let has_returned = f64::from(u8::from(value.is_some()));
@@ -307,9 +285,6 @@ impl<'r, 't> Run<'r, 't> {
 
     /// The line after the end of a program that was called by its number: its beginning, where it is to be executed again.
     fn end_program(&mut self, at: usize) -> Result<usize, NcError> {
-        if let Some(call) = self.calls.last() {
-            self.counts.truncate(call.counts);
-        }
         match self.calls.last_mut() {
             Some(Call {
                 program: Some((begin, left)),
@@ -359,7 +334,6 @@ impl<'r, 't> Run<'r, 't> {
             back: at + 1,
             program: None,
             file: self.lines.file_of(begin).0,
-            counts: self.counts.len(),
         });
         Ok(begin + 1)
     }
@@ -410,140 +384,5 @@ impl<'r, 't> Run<'r, 't> {
 
     fn holds(&self, at: usize, statement: &Statement, line: &[u8]) -> Result<bool, NcError> {
         Ok(self.number(at, statement, line)? != 0.0)
-    }
-}
-
-/// What each line becomes, and which become different things from time to time.
-struct Recorded<'r, 't> {
-    lines: &'r Listing<'t>,
-    texts: Vec<Option<Vec<u8>>>,
-    conflicts: Vec<bool>,
-}
-
-impl<'r, 't> Recorded<'r, 't> {
-    fn new(lines: &'r Listing<'t>) -> Self {
-        Self {
-            lines,
-            texts: vec![None; lines.lines.len()],
-            conflicts: vec![false; lines.lines.len()],
-        }
-    }
-}
-
-impl Sink for Recorded<'_, '_> {
-    fn executed(&mut self, place: usize, text: &[u8]) -> Result<(), NcError> {
-        match &self.texts[place] {
-            Some(before) if before != text => self.conflicts[place] = true,
-            Some(_) => {}
-            None => {
-                // A line of another file stays as it is: other programs call it, too.
-                let may_change = place < self.lines.own;
-                self.conflicts[place] |= !may_change && text != self.lines.lines[place].0;
-                self.texts[place] = Some(text.to_vec());
-            }
-        }
-        Ok(())
-    }
-
-    fn at(&mut self, _: usize) -> Result<(), NcError> {
-        Ok(())
-    }
-}
-
-/// Writes the program; what the main program calls or repeats is held until it is known whether a line with a conflict is in it.
-struct Unrolled<'a, W> {
-    lines: &'a Listing<'a>,
-    flow: &'a Flow,
-    recorded: &'a Recorded<'a, 'a>,
-    output: &'a mut W,
-    /// The next line of the text that is to be written.
-    next: usize,
-    /// Where what is executed now begins and ends in the main program.
-    open: Option<[usize; 2]>,
-    /// What was executed since it began.
-    pending: Vec<u8>,
-    conflicts: bool,
-}
-
-impl<W: Write> Unrolled<'_, W> {
-    /// The lines of the text up to this one, as they are, or with what they always become.
-    fn write_to(&mut self, end: usize) -> Result<(), NcError> {
-        while self.next < end.min(self.lines.own) {
-            let (line, end_of_line) = self.lines.lines[self.next];
-            let always = self.recorded.texts[self.next].as_deref();
-            let text = always.filter(|_| !self.recorded.conflicts[self.next]);
-            self.output.write_all(text.unwrap_or(line))?;
-            self.output.write_all(end_of_line)?;
-            self.next += 1;
-        }
-        Ok(())
-    }
-
-    /// What was executed has ended: it stays as it is, or is written out with the original as comments.
-    fn close(&mut self) -> Result<(), NcError> {
-        let Some([begin, end]) = self.open.take() else {
-            return Ok(());
-        };
-        self.write_to(begin)?;
-        if self.conflicts {
-            for (line, end_of_line) in &self.lines.lines[begin..=end.min(self.lines.own - 1)] {
-                // Of the comments that controls know only ( ) is one on those that have M98: there ; ends a block.
-                let of_program = program_line(line).is_some();
-                if of_program {
-                    let mut comment = Vec::new();
-                    write_comment(line, &mut comment);
-                    self.output.write_all(&comment)?;
-                } else {
-                    self.output.write_all(b";")?;
-                    self.output.write_all(line)?;
-                }
-                self.output.write_all(end_of_more(end_of_line))?;
-            }
-            self.output.write_all(&self.pending)?;
-            self.next = end + 1;
-        } else {
-            self.write_to(end + 1)?;
-        }
-        self.pending.clear();
-        self.conflicts = false;
-        Ok(())
-    }
-
-    fn finish(&mut self) -> Result<(), NcError> {
-        self.close()?;
-        self.write_to(self.lines.own)
-    }
-}
-
-impl<W: Write> Sink for Unrolled<'_, W> {
-    fn at(&mut self, place: usize) -> Result<(), NcError> {
-        if self
-            .open
-            .is_some_and(|[begin, end]| (begin..=end).contains(&place))
-        {
-            return Ok(());
-        }
-        self.close()?;
-        let Some(statement) = self.flow.statements.get(&place) else {
-            return Ok(());
-        };
-        let end = match statement.keyword {
-            Keyword::Call | Keyword::CallProgram { .. } => Some(place),
-            Keyword::If => Some(self.flow.end_of_if(place)),
-            Keyword::While | Keyword::Do | Keyword::Repeat => Some(self.flow.partner(place)),
-            _ => None,
-        };
-        self.open = end.map(|end| [place, end]);
-        Ok(())
-    }
-
-    fn executed(&mut self, place: usize, text: &[u8]) -> Result<(), NcError> {
-        if self.open.is_some() {
-            let end = self.lines.lines[place].1;
-            self.pending.extend_from_slice(text);
-            self.pending.extend_from_slice(end_of_more(end));
-            self.conflicts |= self.recorded.conflicts[place];
-        }
-        Ok(())
     }
 }

@@ -2,6 +2,8 @@
 
 use crate::{
     NcError,
+    carried::Settled,
+    contour::Contour,
     coordinates::{Axes, is_rotary},
     legs::{Leg, Writes},
     line::Line,
@@ -9,7 +11,7 @@ use crate::{
     notes::Note,
     parts::Part,
     polar::polar_writes,
-    rewrite::{Contour, Rewriter, Settled},
+    rewrite::Rewriter,
     script::Shape,
     turns::{Turns, steps_of},
     words::{between, each},

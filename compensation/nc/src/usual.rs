@@ -7,6 +7,7 @@ use std::ops::Range;
 
 use crate::{
     block::Manner,
+    carried::Settled,
     coordinates::{Axes, LETTERS, axis_of},
     dialect::Dialect,
     given::LARGEST,
@@ -14,8 +15,9 @@ use crate::{
     legs::AxisWay,
     modal::{Code, Modal},
     number::plain,
-    rewrite::{Computed, LONGEST, Rewriter, Settled},
+    rewrite::{LONGEST, Rewriter},
     script::{NewWord, Script},
+    values::Computed,
     words::{Number, Written},
 };
 
@@ -178,6 +180,7 @@ impl Interpreter {
             offsets: _,
             shift: _,
             shifted: _,
+            shift_is_said: _,
             tool_offset: _,
             length_unit_mm: _,
             length: _,

@@ -65,9 +65,14 @@ impl Number {
     }
 
     /// The nearest number with so many decimals at the most, without zeros at its end.
-    pub(crate) fn shortest(value: f64, decimals: u8) -> Option<Self> {
-        let mut number = Self::nearest(value, decimals)?;
-        while number.decimals > 0 && number.steps % 10 == 0 {
+    pub(crate) fn shortest(value: f64, most: u8) -> Option<Self> {
+        Self::shortest_of(value, 0, most)
+    }
+
+    /// The same with so many decimals at least.
+    pub(crate) fn shortest_of(value: f64, least: u8, most: u8) -> Option<Self> {
+        let mut number = Self::nearest(value, most)?;
+        while number.decimals > least && number.steps % 10 == 0 {
             number.steps /= 10;
             number.decimals -= 1;
         }

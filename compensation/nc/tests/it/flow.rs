@@ -256,3 +256,76 @@ fn words_beside_g69_are_a_motion() {
         .to_string();
     assert!(error.starts_with("line 2: a cycle with K"), "{error}");
 }
+
+/// What LinuxCNC's interpreter makes of loops with `break` and `continue`; what one of them leaves behind for another loop is refused.
+#[test]
+fn loops_that_are_left() {
+    let motions = |program: &str| {
+        let done = compensated("", program.as_bytes());
+        done.map(|(_, summary)| summary.counts.motions)
+    };
+    let says = |program: &str, line: &str| {
+        let message = motions(program).expect_err(program).to_string();
+        assert!(message.starts_with(line), "{program}{message}");
+    };
+    let while_left = "o1 while [1 eq 1]\nG0 X1\no1 break\nG0 X2\no1 endwhile\n";
+    let do_left = "o3 do\n#5=[#5+1]\nG0 Y1\no3 continue\nG0 Y2\no3 while [#5 lt 2]\n";
+    let twice = "o2 repeat [2]\nG0 Z1\no2 endrepeat\n";
+    // A loop do … while after it is done once by rs274 instead of three times.
+    let three = "#5=0\no4 do\n#5=[#5+1]\nG0 Y1\no4 while [#5 lt 3]\n";
+    assert_eq!(motions(&format!("{while_left}{twice}")).ok(), Some(3));
+    says(
+        &format!("{while_left}{three}"),
+        "line 10: LinuxCNC ends this loop here, whatever its condition is, since the break of line 3",
+    );
+    // Also where the break is passed by only: the loop ends by its condition.
+    let passed =
+        "#5=0\no1 while [#5 lt 2]\n#5=[#5+1]\no2 if [#5 eq 9]\no1 break\no2 endif\no1 endwhile\n";
+    says(
+        &format!("{passed}{three}"),
+        "line 12: LinuxCNC ends this loop here",
+    );
+    let in_own = "o4 do\n#5=[#5+1]\nG0 Y1\no4 continue\no4 break\no4 while [#5 lt 3]\n";
+    says(in_own, "line 6: LinuxCNC ends this loop here");
+    // One that is done once ends it.
+    let once = three.replace("lt 3", "lt 0").replace("o4", "o5");
+    assert_eq!(motions(&format!("{while_left}{once}{three}")).ok(), Some(5));
+    let broken = "o4 do\nG0 Y1\no4 break\nG0 Y2\no4 while [1 eq 1]\n";
+    assert_eq!(
+        motions(&format!("{broken}{three}").replacen("o4", "o6", 3)).ok(),
+        Some(4)
+    );
+    // A continue in a loop do … while: rs274 does the next loop with a count twice, and goes on with one that is left.
+    assert_eq!(motions(do_left).ok(), Some(2));
+    says(
+        &format!("{do_left}{twice}"),
+        "line 9: LinuxCNC does all passes of this loop once more, since the continue of line 4",
+    );
+    says(
+        &format!("{do_left}{while_left}"),
+        "line 9: LinuxCNC goes on with the loop here, since the continue of line 4",
+    );
+    let no_more = "o7 while [0 eq 1]\nG0 X9\no7 endwhile\n";
+    assert_eq!(motions(&format!("{do_left}{no_more}{twice}")).ok(), Some(4));
+    // A loop with a count that is left has so many passes less: one in the first call, and two, not three, in the second.
+    let sub = "o1 sub\no2 repeat [3]\nG0 X1\no3 if [#100 eq 0]\n#100=1\no1 return\no3 endif\no2 endrepeat\no1 endsub\n#100=0\no1 call\n";
+    assert_eq!(motions(sub).ok(), Some(1));
+    says(
+        &format!("{sub}o1 call\n"),
+        "line 8: this loop was left before its last pass",
+    );
+    for word in ["break", "continue"] {
+        let counted = format!("o2 repeat [2]\no2 {word}\no2 endrepeat\n");
+        says(
+            &counted,
+            &format!(
+                "line 2: break and continue of a loop with a count (repeat), which LinuxCNC refuses"
+            ),
+        );
+    }
+    // Counts go to the nearest whole number, halves to the even one.
+    for (times, done) in [("2.5", 2), ("1.5", 2), ("0.6", 1), ("0.5", 0), ("-2", 0)] {
+        let program = format!("o2 repeat [{times}]\nG0 Z1\no2 endrepeat\n");
+        assert_eq!(motions(&program).ok(), Some(done), "{times}");
+    }
+}

@@ -9,6 +9,7 @@ mod floyd;
 mod heidenhain;
 mod identity;
 mod inspect;
+mod offsets;
 mod play;
 mod polar;
 mod rows;
