@@ -318,9 +318,7 @@ fn loops_that_are_left() {
         let counted = format!("o2 repeat [2]\no2 {word}\no2 endrepeat\n");
         says(
             &counted,
-            &format!(
-                "line 2: break and continue of a loop with a count (repeat), which LinuxCNC refuses"
-            ),
+            "line 2: break and continue of a loop with a count (repeat), which LinuxCNC refuses",
         );
     }
     // Counts go to the nearest whole number, halves to the even one.
