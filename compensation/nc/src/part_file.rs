@@ -1,10 +1,12 @@
 //! The features of a part, and the lines of a program that cut them.
 
 use volcomp_metrology::form::{CoordinatePlane, Feature};
-use volcomp_model::document::{Document, InputError, Section};
+use volcomp_model::document::{Document, InputError, Section, Value};
 
 /// Heights along the tool at which a flank is looked at, at the most.
 const MOST_HEIGHTS: usize = 100;
+/// No tool is longer, mm.
+const LARGEST_HEIGHT_MM: f64 = 1e4;
 
 /// What is inspected of a feature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,7 +67,13 @@ impl Part {
                 None => Alignment::default(),
             };
             let mut features: Vec<PartFeature> = Vec::new();
-            for item in root.require("feature")?.items()? {
+            let items = root.require("feature")?;
+            if items.items()?.is_empty() {
+                return Err(
+                    items.error("found an empty list, expected a table [[feature]] at least")
+                );
+            }
+            for item in items.items()? {
                 let feature = feature(&item.section()?, &features)?;
                 features.push(feature);
             }
@@ -75,6 +83,17 @@ impl Part {
             })
         })
     }
+}
+
+/// A height along the tool, mm.
+fn height(value: &Value<'_>) -> Result<f64, InputError> {
+    let height = value.number()?;
+    if height.abs() > LARGEST_HEIGHT_MM {
+        return Err(value.error(format!(
+            "found {height}, expected mm from -{LARGEST_HEIGHT_MM} to {LARGEST_HEIGHT_MM}"
+        )));
+    }
+    Ok(height)
 }
 
 fn feature(section: &Section<'_>, before: &[PartFeature]) -> Result<PartFeature, InputError> {
@@ -122,7 +141,9 @@ fn feature(section: &Section<'_>, before: &[PartFeature]) -> Result<PartFeature,
         .zip(line(last))
         .filter(|(first, last)| first <= last);
     let (first, last) = lines.ok_or_else(|| {
-        lines_value.error("expected the numbers of the first and the last line that cut it, from 1")
+        lines_value.error(format!(
+            "found [{first}, {last}], expected the numbers of the first and the last line that cut it, from 1"
+        ))
     })?;
     let above_mm = match section.get("above_mm") {
         None => vec![0.0],
@@ -134,10 +155,7 @@ fn feature(section: &Section<'_>, before: &[PartFeature]) -> Result<PartFeature,
                     items.len()
                 )));
             }
-            items
-                .iter()
-                .map(volcomp_model::document::Value::number)
-                .collect::<Result<_, _>>()?
+            items.iter().map(height).collect::<Result<_, _>>()?
         }
     };
     let datum = match section.get("datum") {

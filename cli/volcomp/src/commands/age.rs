@@ -11,6 +11,7 @@ use crate::{
     answers::simulate::{Age, Aged},
     failure::Failure,
     output::OutputFile,
+    table::folded,
 };
 
 /// Places over the travel at which the change of an error is looked at.
@@ -26,10 +27,15 @@ pub(crate) struct Arguments {
     #[arg(long, short, value_name = "FILE")]
     machine: PathBuf,
     /// Months of work, 0 to 1200
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     months: f64,
     /// How hard it works, 0 to 100: 1 is one shift of mixed parts
-    #[arg(long, value_name = "L", default_value_t = 1.0)]
+    #[arg(
+        long,
+        value_name = "L",
+        default_value_t = 1.0,
+        allow_negative_numbers = true
+    )]
     load: f64,
     /// Which machine of its type it is
     #[arg(long, value_name = "S", default_value_t = 1)]
@@ -48,7 +54,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     } = *arguments;
     let worn = Wear { months, load, seed }.of(&machine);
     let worn = worn.map_err(|error| match error {
-        WearError::Number { what, .. } => Failure::Input(format!("--{what}: {error}")),
+        WearError::Number { .. } => Failure::Input(format!("--{error}")),
         other => Failure::input(other),
     })?;
     output.append(worn.machine.to_toml().as_bytes())?;
@@ -60,6 +66,22 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         seed,
         errors: changes(&machine, &worn.machine),
     };
+    let text = text(&document);
+    let notes = worn.left.iter();
+    let notes = notes.map(|name| format!("{name} is a grid over two axes: it stays as it is"));
+    Answer::new(&document, text, notes.collect())
+}
+
+/// What became larger by how much.
+fn text(document: &Age) -> String {
+    let Age { file, months, .. } = document;
+    if document.errors.is_empty() {
+        let load = document.load;
+        let said = format!(
+            "{file}: nothing wears in {months} months with the load {load}: the errors are those of --machine"
+        );
+        return folded(&said, "");
+    }
     let mut rows = table(&["error", "largest change", "now at most", "reversal", ""]);
     for of in &document.errors {
         rows.add_row([
@@ -72,10 +94,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         ]);
     }
     let mut text = table_text(&rows);
-    let _ = writeln!(text, "{}: after {months} months", document.file); // writing to a String cannot fail
-    let notes = worn.left.iter();
-    let notes = notes.map(|name| format!("{name} is a grid over two axes: it stays as it is"));
-    Answer::new(&document, text, notes.collect())
+    let _ = writeln!(text, "{file}: after {months} months"); // writing to a String cannot fail
+    text
 }
 
 /// What changed, over the travels, the mean of both directions.

@@ -102,10 +102,45 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         let note = "the narrowest ring about so short an arc is a straight strip: no minimum zone";
         notes.push(note.to_owned());
     }
+    notes.extend(doubtful(&read.points_mm, form.deviation_mm));
     let coaxiality_mm = (form.axis.zip(datum)).map(|(axis, datum)| axis.coaxiality_mm(&datum));
     let document = Document::new(&form, &read.lines, coaxiality_mm, notes.clone());
     let text = text(&document, form.feature);
     Answer::new(&document, text, notes)
+}
+
+/// What a machine tool cuts is much better than this part of its size, and than this, mm.
+const DOUBTFUL_PART: f64 = 0.01;
+const DOUBTFUL_MM: f64 = 0.1;
+/// No feature is larger, mm.
+const LARGEST_MM: f64 = 50e3;
+
+/// Points that are probably no feature of this kind, or not in mm.
+fn doubtful(points_mm: &[[f64; 3]], deviation_mm: f64) -> Vec<String> {
+    let extent = |axis: usize| {
+        let values = points_mm.iter().map(|point| point[axis]);
+        let [low, high] = values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| {
+            [low.min(x), high.max(x)]
+        });
+        high - low
+    };
+    let size_mm = [0, 1, 2].map(extent).iter().map(|x| x * x).sum::<f64>();
+    let size_mm = size_mm.sqrt();
+    let mut notes = Vec::new();
+    if deviation_mm > DOUBTFUL_MM.max(DOUBTFUL_PART * size_mm) {
+        notes.push(format!(
+            "the form deviation of {} mm is large against the {} mm over which the points lie: are they points of another feature, or of two, or is a column in another unit?",
+            fixed(deviation_mm, 3),
+            fixed(size_mm, 1)
+        ));
+    }
+    if size_mm > LARGEST_MM {
+        notes.push(format!(
+            "the points lie over {} m: are the coordinates in µm? expected mm",
+            fixed(1e-3 * size_mm, 1)
+        ));
+    }
+    notes
 }
 
 fn text(document: &Document, feature: FeatureKind) -> String {

@@ -3,7 +3,7 @@
 use std::{
     fmt::Write as _,
     fs::File,
-    io::BufReader,
+    io::{BufReader, Read as _},
     path::{Path, PathBuf},
 };
 
@@ -48,7 +48,12 @@ pub(crate) struct Arguments {
     #[arg(long, value_enum)]
     dialect: Option<Language>,
     /// How far a motion may be from where it belongs before it is split, µm
-    #[arg(long, value_name = "UM", default_value_t = 1.0)]
+    #[arg(
+        long,
+        value_name = "UM",
+        default_value_t = 1.0,
+        allow_negative_numbers = true
+    )]
     pub(super) tolerance: f64,
     /// Decimals of changed coordinates: mm,inch,deg; a program's own further ones stay
     #[arg(long, value_name = "MM,INCH,DEG", default_value = "3,4,3", value_parser = decimals)]
@@ -61,8 +66,9 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "N", default_value_t = 10_000_000)]
     pub(super) max_blocks: u64,
     /// The simplest form: nothing but the work offsets change, by the mean of the correction over all places where the program cuts
-    /// (G10 L2 at its beginning); what stays is printed. Needs --setup, which states these offsets
-    #[arg(long, requires = "setup")]
+    /// (G10 L2 at its beginning); what stays is printed. Needs --setup, which states these offsets; no motion is split, so that
+    /// --tolerance and --strategy are refused
+    #[arg(long, requires = "setup", conflicts_with_all = ["strategy", "tolerance"])]
     average: bool,
     /// Take the mean of what was measured instead: of the readings of the ball rows of this observations file, whose `origin` and
     /// `direction` are stated
@@ -76,10 +82,10 @@ pub(crate) struct Arguments {
     pub(super) truth: Option<PathBuf>,
     /// The features of a part (TOML) as a measuring machine would find them on what the virtual machine cuts, before and after
     #[arg(long, value_name = "FILE", requires = "verify")]
-    inspect: Option<PathBuf>,
+    pub(super) inspect: Option<PathBuf>,
     /// A picture of the path and of the deviations, a thousandfold (SVG)
     #[arg(long, value_name = "FILE", requires = "verify")]
-    pub(super) picture: Option<PathBuf>,
+    picture: Option<PathBuf>,
 }
 
 /// The language of a program.
@@ -173,7 +179,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         .map(nc_part::read)
         .transpose()?;
     refuse_subroutine(arguments)?;
+    refuse_read_once(arguments, &file)?;
     let mut output = OutputFile::open_beside(&arguments.output, &inputs)?;
+    let mut drawn = picture_file(arguments)?;
     let corrector = Corrector::new(&machine, &temperatures, 1e-3 * tolerance_um)
         .map_err(|error| failure(program, error))?;
     let job = Job {
@@ -190,11 +198,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     };
     let mut notes = machine_notes(&machine, &temperatures);
     let made = if arguments.average {
-        if length > MOST_IN_MEMORY {
+        let mut text = Vec::new();
+        (file.take(MOST_IN_MEMORY + 1).read_to_end(&mut text))
+            .map_err(|e| Failure::in_file(program, e))?;
+        if text.len() as u64 > MOST_IN_MEMORY {
             let what = "longer than 256 MiB, which --average does not take";
             return Err(Failure::in_file(program, what));
         }
-        let text = std::fs::read(program).map_err(|e| Failure::in_file(program, e))?;
         let readings = (arguments.ball_row.as_deref())
             .map(nc_ball_row::readings)
             .transpose()?;
@@ -219,11 +229,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             setup: &setup,
             part: part.as_ref(),
         };
-        Some(on.verified(&made, output.so_far()?, &mut notes)?)
+        Some(on.verified(&made, output.so_far()?, drawn.as_mut(), &mut notes)?)
     } else {
         None
     };
     output.finish()?;
+    if let Some(picture) = drawn {
+        picture.finish()?;
+    }
     match made {
         Written::Compensated(summary) => {
             let dialect = arguments.dialect();
@@ -254,6 +267,42 @@ fn refuse_subroutine(arguments: &Arguments) -> Result<(), Failure> {
         )),
         None => Ok(()),
     }
+}
+
+/// The verification reads the program a second time, which a pipe does not give.
+fn refuse_read_once(arguments: &Arguments, program: &File) -> Result<(), Failure> {
+    let is_file = program.metadata().is_ok_and(|about| about.is_file());
+    if is_file || !arguments.verify {
+        return Ok(());
+    }
+    Err(Failure::in_file(
+        &arguments.program,
+        "found a pipe or a device, expected a file with --verify, which reads the program twice: store it first",
+    ))
+}
+
+/// The file of the picture, opened before the work starts; it appears when the result is kept.
+fn picture_file(arguments: &Arguments) -> Result<Option<OutputFile>, Failure> {
+    let Some(path) = &arguments.picture else {
+        return Ok(None);
+    };
+    let ending = path.extension().unwrap_or_default();
+    if !ending.eq_ignore_ascii_case("svg") {
+        return Err(Failure::Input(format!(
+            "--picture: found {}, expected a name that ends in .svg, since the picture is written as SVG only",
+            path.display()
+        )));
+    }
+    let both = [path, &arguments.output].map(|path| std::path::absolute(path).ok());
+    if both[0] == both[1] {
+        return Err(Failure::in_file(
+            path,
+            "found it for --picture and for --output, expected two files",
+        ));
+    }
+    let mut inputs = arguments.inputs();
+    inputs.push((arguments.output.as_path(), "--output"));
+    OutputFile::open_beside(path, &inputs).map(Some)
 }
 
 /// What was written.

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use volcomp_document::read_text;
-use volcomp_nc::{Found, Inspected, Part};
+use volcomp_nc::{Found, InspectError, Inspected, Part};
 
 use super::{fixed, table, table_text};
 use crate::{
@@ -15,8 +15,16 @@ pub(super) fn read(path: &Path) -> Result<Part, Failure> {
     Ok(Part::parse(&read_text(path)?, &path.display().to_string())?)
 }
 
-pub(super) fn document(features: &[Inspected]) -> Vec<NcFeature> {
-    let feature = |of: &Inspected| {
+/// What was found; of what could not be evaluated the reason names the key of the part file.
+pub(super) fn document(features: &[Inspected], part: &Path) -> Vec<NcFeature> {
+    let reason = |place: usize, error: &InspectError| {
+        let key = match error {
+            InspectError::NothingCut { .. } => "lines",
+            _ => "kind",
+        };
+        format!("{}: feature[{place}].{key}: {error}", part.display())
+    };
+    let feature = |(place, of): (usize, &Inspected)| {
         let [before, after] = match &of.found {
             Ok(found) => found.map(|found| Some(numbers(found))),
             Err(_) => [None; 2],
@@ -26,10 +34,10 @@ pub(super) fn document(features: &[Inspected]) -> Vec<NcFeature> {
             points: of.points,
             before,
             after,
-            reason: of.found.as_ref().err().map(ToString::to_string),
+            reason: (of.found.as_ref().err()).map(|error| reason(place, error)),
         }
     };
-    features.iter().map(feature).collect()
+    features.iter().enumerate().map(feature).collect()
 }
 
 fn numbers(found: Found) -> NcFound {

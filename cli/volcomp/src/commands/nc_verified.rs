@@ -1,11 +1,6 @@
 //! The part of `volcomp nc --verify`: the program and its result on the virtual machine, and whether the result is kept.
 
-use std::{
-    fmt::Write as _,
-    fs::File,
-    io::{BufReader, Write},
-    path::Path,
-};
+use std::{fmt::Write as _, fs::File, io::BufReader, path::Path};
 
 use volcomp_model::{Machine, Temperatures};
 use volcomp_nc::{
@@ -38,6 +33,7 @@ impl OnTruth<'_> {
         &self,
         made: &Written,
         result: &Path,
+        drawn: Option<&mut OutputFile>,
         notes: &mut Vec<String>,
     ) -> Result<Verified, Failure> {
         let arguments = self.arguments;
@@ -45,15 +41,10 @@ impl OnTruth<'_> {
             notes.push("--verify without --truth: the model is judged by itself, which shows rounding and splits, not how well it knows the machine".to_owned());
         }
         let found = self.run(made, result)?;
-        if let Some(path) = &arguments.picture {
-            let mut inputs = arguments.inputs();
-            inputs.push((arguments.output.as_path(), "--output"));
-            let mut file = OutputFile::open_beside(path, &inputs)?;
-            file.write_all(picture(&found).as_bytes())
-                .map_err(|e| Failure::in_file(path, e))?;
-            file.finish()?;
-        }
         notes.extend(is_better(&found, arguments, &left_out(made))?);
+        if let Some(file) = drawn {
+            file.append(picture(&found).as_bytes())?;
+        }
         Ok(Verified {
             motions: found.motions,
             places: found.places,
@@ -65,7 +56,8 @@ impl OnTruth<'_> {
                 line: (found.further.motions > 0).then_some(found.further.line),
             },
             best_fit: self.part.map(|part| part.alignment == Alignment::BestFit),
-            features: nc_part::document(&found.features),
+            features: (arguments.inspect.as_deref())
+                .map_or_else(Vec::new, |part| nc_part::document(&found.features, part)),
         })
     }
 

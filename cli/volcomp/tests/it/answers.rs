@@ -325,6 +325,32 @@ fn form_of_points_in_a_file() {
     assert_eq!(answer["notes"][0], "columns that are not read: name");
 }
 
+/// Every other point of two circles, and a circle in µm: the call is answered, and a note says what is odd.
+#[test]
+fn points_that_are_no_feature_are_noted() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let ring = |name: &str, radius: &dyn Fn(u32) -> f64| {
+        let path = folder.path().join(name).display().to_string();
+        let mut text = "x,y,z\n".to_owned();
+        for place in 0..12 {
+            let (sin, cos) = (f64::from(place) * std::f64::consts::PI / 6.0).sin_cos();
+            let radius = radius(place);
+            text += &format!("{},{},0\n", radius * cos, radius * sin);
+        }
+        std::fs::write(&path, text).expect("written");
+        let answer = json(&["form", &path, "--feature", "circle", "--plane", "xy"]);
+        answer["notes"].to_string()
+    };
+    let two = ring("two.csv", &|place| if place % 2 == 0 { 50.0 } else { 60.0 });
+    assert!(two.contains("10.000 mm is large against the 158"), "{two}");
+    let um = ring("um.csv", &|_| 50e3);
+    assert!(um.contains("are the coordinates in µm?"), "{um}");
+    let round = ring("round.csv", &|place| {
+        if place % 2 == 0 { 50.0 } else { 50.09 }
+    });
+    assert_eq!(round, "[]");
+}
+
 #[test]
 fn tables_for_people() {
     insta::assert_snapshot!(

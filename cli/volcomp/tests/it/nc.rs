@@ -125,6 +125,8 @@ fn a_worse_result_is_not_kept() {
     .expect("a file");
     let truth = truth.to_str().expect("a path in UTF-8");
     fs::write(&result, "what was there before").expect("a file");
+    let picture = folder.path().join("o.svg");
+    let picture = picture.to_str().expect("a path in UTF-8");
     let (output, machine) = (result.to_str().expect("a path in UTF-8"), truth);
     let program = folder.path().join("p.ngc");
     fs::write(&program, "G0 X0 Y0 Z-100\nG1 F100 X300\n").expect("a file");
@@ -136,7 +138,17 @@ fn a_worse_result_is_not_kept() {
     fs::write(&model, reversed).expect("a file");
     let model = model.to_str().expect("a path in UTF-8");
     let ran = volcomp(&[
-        "nc", program, "-o", output, "-m", model, "--verify", "--truth", truth,
+        "nc",
+        program,
+        "-o",
+        output,
+        "-m",
+        model,
+        "--verify",
+        "--truth",
+        truth,
+        "--picture",
+        picture,
     ]);
     assert_eq!(ran.status.code(), Some(1), "{ran:?}");
     let said = String::from_utf8_lossy(&ran.stderr);
@@ -146,6 +158,7 @@ fn a_worse_result_is_not_kept() {
     );
     let kept = fs::read_to_string(&result).expect("the file");
     assert_eq!(kept, "what was there before");
+    // The picture is not written either.
     assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 4);
 }
 
@@ -300,6 +313,183 @@ fn what_is_wrong_is_told() {
     let said = refused(&["nc", "examples", "-o", output, "-m", "examples/mill.toml"]);
     assert!(said.contains("it is a directory"), "{said}");
     assert!(!result.exists());
+}
+
+/// Each message names the option, what was found and what was expected; nothing is written.
+#[test]
+fn options_without_sense_are_refused_before_the_work() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (result, picture, part) = (path("o.ngc"), path("o.png"), path("part.toml"));
+    let (same, odd) = (path("o.svg"), path("none/o.svg"));
+    fs::write(
+        &part,
+        "[[feature]]\nname = \"a\"\nkind = \"circle\"\nlines = [9, 9]\nradius = 0\n",
+    )
+    .expect("a file");
+    let cases: [(&str, &[&str], &str); 8] = [
+        (
+            &result,
+            &["--tolerance", "-1"],
+            "--tolerance: found -1, expected µm from 0.001 to 1000",
+        ),
+        (&result, &["--tolerance", "nan"], "--tolerance: found NaN"),
+        (
+            &result,
+            &["--average", "--tolerance", "2"],
+            "'--average' cannot be used with '--tolerance",
+        ),
+        (
+            &result,
+            &["--average", "--strategy", "floyd"],
+            "'--average' cannot be used with '--strategy",
+        ),
+        (
+            &result,
+            &["--verify", "--picture", &picture],
+            "o.png, expected a name that ends in .svg",
+        ),
+        (
+            &same,
+            &["--verify", "--picture", &same],
+            "expected two files",
+        ),
+        (
+            &result,
+            &["--verify", "--picture", &odd],
+            "there is no folder",
+        ),
+        (
+            &result,
+            &["--verify", "--inspect", &part],
+            "part.toml:5: feature[0].radius: unknown key",
+        ),
+    ];
+    for (result, more, expected) in cases {
+        let call = [
+            "nc",
+            "examples/part.ngc",
+            "-o",
+            result,
+            "-m",
+            "examples/mill.toml",
+        ];
+        let setup = ["--setup", "examples/setup.toml"];
+        let said = refused(&[&call[..], &setup, more].concat());
+        assert!(said.contains(expected), "{more:?}: {said}");
+    }
+    assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 1);
+}
+
+/// A feature that no line cuts is told with the file and its key, and the others are evaluated.
+#[test]
+fn a_feature_that_nothing_cuts_is_told_with_its_key() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (result, part) = (folder.path().join("o.ngc"), folder.path().join("part.toml"));
+    fs::write(
+        &part,
+        "[[feature]]\nname = \"arc\"\nkind = \"circle\"\nlines = [9, 9]\n[[feature]]\nname = \"beyond\"\nkind = \"circle\"\nlines = [100, 200]\n\
+         [[feature]]\nname = \"thin\"\nkind = \"cylinder\"\nlines = [10, 10]\n",
+    )
+    .expect("a file");
+    let part = part.to_str().expect("a path in UTF-8");
+    let output = run(&result, &["--verify", "--inspect", part, "--json"]);
+    assert!(output.status.success(), "{output:?}");
+    let answer: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let features = &answer["verified"]["features"];
+    assert!(features[0]["before"].is_object(), "{answer}");
+    for (place, expected) in [
+        (1, "part.toml: feature[1].lines: lines 100 to 200"),
+        (2, "part.toml: feature[2].kind: cylinder: found points"),
+    ] {
+        let reason = features[place]["reason"].as_str().unwrap_or_default();
+        assert!(reason.contains(expected), "{reason}");
+    }
+}
+
+/// The verification reads the program twice, a pipe gives it once; without it a pipe is as good as a file.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_piped_program_is_compensated_but_not_verified() {
+    use std::process::{Command, Stdio};
+    let folder = tempfile::tempdir().expect("a folder");
+    let piped = |output: &Path, more: &[&str]| {
+        let program = Command::new("cat")
+            .arg(root().join("examples/part.ngc"))
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("cat");
+        Command::new(env!("CARGO_BIN_EXE_volcomp"))
+            .args(["nc", "/dev/stdin", "-m", "examples/mill.toml"])
+            .args(["--setup", "examples/setup.toml", "-o"])
+            .arg(output)
+            .args(more)
+            .current_dir(root())
+            .stdin(program.stdout.expect("a pipe"))
+            .output()
+            .expect("it runs")
+    };
+    let refused = folder.path().join("refused.ngc");
+    let ran = piped(&refused, &["--verify"]);
+    assert_eq!(ran.status.code(), Some(2), "{ran:?}");
+    let said = String::from_utf8_lossy(&ran.stderr);
+    assert!(said.contains("found a pipe or a device"), "{said}");
+    assert!(!refused.exists());
+    for more in [&[][..], &["--average"]] {
+        let [from_file, from_pipe] = ["file.ngc", "pipe.ngc"].map(|name| folder.path().join(name));
+        assert!(run(&from_file, more).status.success());
+        assert!(piped(&from_pipe, more).status.success());
+        let [from_file, from_pipe] = [from_file, from_pipe].map(|path| fs::read(path).ok());
+        assert!(from_file.is_some() && from_file == from_pipe, "{more:?}");
+    }
+}
+
+/// Without work nothing wears: the machine that is written has the curves of the one that was read.
+#[test]
+fn a_machine_of_no_months_is_as_it_was() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (first, second) = (path("first.toml"), path("second.toml"));
+    let call = |machine: &str, output: &str, more: &[&str]| {
+        let call = ["age", "-m", machine, "-o", output, "--months"];
+        volcomp(&[&call[..], more].concat())
+    };
+    for (machine, output, more) in [
+        ("examples/mill.toml", &first, &["0"][..]),
+        (&first, &second, &["24", "--load", "0"]),
+    ] {
+        let ran = call(machine, output, more);
+        assert!(ran.status.success(), "{ran:?}");
+        let said = String::from_utf8_lossy(&ran.stdout);
+        assert!(said.contains("nothing wears"), "{said}");
+    }
+    let [first, second] =
+        [&first, &second].map(|path| fs::read_to_string(path).expect("a machine"));
+    assert_eq!(first, second);
+    let of = |text: &str| volcomp_model::Machine::parse(text, "machine.toml").expect("a machine");
+    let original = fs::read_to_string(root().join("examples/mill.toml")).expect("the example");
+    let (before, after) = (of(&original), of(&first));
+    assert!(before.errors().eq(after.errors()) && before.locations() == after.locations());
+    for (months, load, expected) in [
+        ("-3", "1", "--months: found -3, expected 0 to 1200"),
+        ("nan", "1", "--months: found NaN"),
+        ("3", "-1", "--load: found -1, expected 0 to 100"),
+    ] {
+        let output = path("refused.toml");
+        let said = refused(&[
+            "age",
+            "-m",
+            "examples/mill.toml",
+            "-o",
+            &output,
+            "--months",
+            months,
+            "--load",
+            load,
+        ]);
+        assert!(said.contains(expected), "{said}");
+        assert!(!Path::new(&output).exists());
+    }
 }
 
 #[test]

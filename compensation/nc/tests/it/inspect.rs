@@ -127,6 +127,11 @@ fn what_is_not_cut_is_said() {
 fn wrong_part_files_are_refused_with_their_place() {
     for (text, expected) in [
         ("", "feature"),
+        ("feature = []\n", "found an empty list"),
+        (
+            "[[feature]]\nname = \"a\"\nkind = \"plane\"\nlines = [1, 2]\nabove_mm = [0, -20000]\n",
+            "above_mm[1]: found -20000, expected mm from -10000 to 10000",
+        ),
         (
             "[[feature]]\nname = \"a\"\nkind = \"cube\"\nlines = [1, 2]\n",
             "cube",
@@ -137,7 +142,7 @@ fn wrong_part_files_are_refused_with_their_place() {
         ),
         (
             "[[feature]]\nname = \"a\"\nkind = \"plane\"\nlines = [3, 2]\n",
-            "the first and the last line",
+            "lines: found [3, 2], expected the numbers of the first and the last line",
         ),
         (
             "[[feature]]\nname = \"a\"\nkind = \"plane\"\nlines = [0.5, 2]\n",
@@ -200,7 +205,6 @@ fn a_part_aligned_by_its_own_points_has_no_place_of_its_own() {
     near(square[0].form_um, 5.0, 0.05);
     let [front, side] = [2, 3].map(|k| square[k].direction_urad.expect("a direction"));
     near(Some(front + side), 100.0, 0.05);
-    let error =
-        Part::parse("alignment = \"datum\"\nfeature = []\n", "part.toml").expect_err("refused");
+    let error = Part::parse("alignment = \"datum\"\n", "part.toml").expect_err("refused");
     assert!(error.to_string().contains("best-fit"), "{error}");
 }
