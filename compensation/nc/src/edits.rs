@@ -59,8 +59,9 @@ impl Edits {
             }
             out.extend_from_slice(&text[at..range.start]);
             if let Some(number) = number {
-                let has_sign = !text[range.clone()].first().is_some_and(u8::is_ascii_digit);
-                line.script.write_number(number, has_sign, out);
+                let before = &text[range.clone()];
+                let has_sign = !before.first().is_some_and(u8::is_ascii_digit);
+                line.script.like(before).write_number(number, has_sign, out);
             }
             at = range.end;
         };

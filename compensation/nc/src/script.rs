@@ -83,6 +83,15 @@ impl Script {
         }
     }
 
+    /// The same with the decimal comma or point of the number that stood there, if it had one.
+    pub(crate) fn like(self, before: &[u8]) -> Self {
+        let sign = before.iter().find(|byte| matches!(byte, b',' | b'.'));
+        Self {
+            comma: sign.map_or(self.comma, |sign| *sign == b','),
+            ..self
+        }
+    }
+
     /// Writes a number; `has_sign`: also a positive one has its sign, where the language writes one.
     pub(crate) fn write_number(self, number: Number, has_sign: bool, out: &mut Vec<u8>) {
         if !self.is_heidenhain() {

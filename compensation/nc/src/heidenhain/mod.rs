@@ -5,14 +5,15 @@
 
 mod cycles;
 mod motions;
+mod numbering;
 mod values;
+mod words;
 
-use std::ops::Range;
+pub(crate) use numbering::{block_number, renumber};
 
 use crate::{
-    block::{Assignment, Block, LAST, Manner, OTHER, Word},
+    block::{Assignment, Block, Manner},
     command::Command,
-    coordinates::axis_of,
     expression::{Operator, finite, operate},
     fault::Fault,
     formula::{Formulas, plain_number, takes_name},
@@ -26,46 +27,6 @@ const UNKNOWN: &str = "it is not known here, and might move an axis";
 const FLOW: &str = "which lines are executed after it, is not followed in this language";
 const TILTED: &str = "only shifts of the datum are followed (cycle 7)";
 const OWN_RULE: &str = "it moves axes by a rule of its own";
-
-/// Larger numbers of blocks are refused.
-const MOST_NUMBER: u64 = 1_000_000_000;
-
-/// The number with which a line begins, and where it stands; none above [`MOST_NUMBER`].
-pub(crate) fn block_number(text: &[u8]) -> Option<(Range<usize>, u64)> {
-    let from = text.iter().position(|byte| !matches!(byte, b' ' | b'\t'))?;
-    let digits = text[from..].iter().take_while(|byte| byte.is_ascii_digit());
-    let place = from..from + digits.count();
-    let number = std::str::from_utf8(&text[place.clone()]).ok()?;
-    let number = number
-        .parse()
-        .ok()
-        .filter(|number| *number <= MOST_NUMBER)?;
-    Some((place, number))
-}
-
-/// Gives the lines behind `begins` the next numbers from `number` on: the number of the line of the program, which stands at `at`,
-/// becomes another one, and added lines get one.
-pub(crate) fn renumber(out: &mut Vec<u8>, begins: usize, at: usize, number: u64) {
-    let lines = out.split_off(begins);
-    let lines = lines.split_inclusive(|byte| *byte == b'\n');
-    for (line, number) in lines.zip(number..) {
-        match block_number(line) {
-            Some((place, _)) if place.start == at => {
-                let width = match line[place.start] {
-                    b'0' => place.len(),
-                    _ => 0,
-                };
-                out.extend_from_slice(&line[..place.start]);
-                out.extend_from_slice(format!("{number:0width$}").as_bytes());
-                out.extend_from_slice(&line[place.end..]);
-            }
-            _ => {
-                out.extend_from_slice(format!("{number} ").as_bytes());
-                out.extend_from_slice(line);
-            }
-        }
-    }
-}
 
 /// Reads a line without its end.
 pub(crate) fn read(block: &mut Block, text: &[u8], interpreter: &Interpreter) -> Result<(), Fault> {
@@ -227,127 +188,6 @@ impl Reader<'_, '_> {
         }
     }
 
-    fn word(
-        &mut self,
-        letter: u8,
-        at: usize,
-        text: Range<usize>,
-        value: Value,
-        manner: Manner,
-        decimals: Option<u8>,
-    ) {
-        let is_comma = |range: &Range<usize>| self.scanner.bytes()[range.clone()].contains(&b',');
-        if decimals.is_some_and(|decimals| decimals > 0) {
-            self.block.comma = Some(is_comma(&text));
-        }
-        self.block.words.push(Word {
-            letter,
-            at,
-            text,
-            value,
-            decimals,
-            manner,
-        });
-    }
-
-    /// The value behind the letter of a word, as a word of this letter.
-    fn value_word(&mut self, letter: u8, at: usize, manner: Manner) -> Result<(), Fault> {
-        self.scanner.peek();
-        let (column, from) = (self.scanner.column(), self.scanner.at());
-        let Some((value, decimals)) = self.values.of_word(&mut self.scanner)? else {
-            return Err(Fault::NoNumber {
-                column,
-                letter: char::from(letter),
-            });
-        };
-        let text = from..self.scanner.at();
-        self.word(letter, at, text, value, manner, decimals);
-        Ok(())
-    }
-
-    /// A value that is needed.
-    fn value(&mut self, what: &'static str) -> Result<Value, Fault> {
-        self.scanner.peek();
-        let column = self.scanner.column();
-        let value = self.values.of_word(&mut self.scanner)?;
-        let (value, _) = value.ok_or(Fault::Expression { column, what })?;
-        Ok(value)
-    }
-
-    /// Words of axes, with an I before them where they are ways.
-    fn axis_word(&mut self) -> Result<bool, Fault> {
-        self.scanner.peek();
-        let at = self.scanner.at();
-        let is_way = self.scanner.takes(b'I');
-        let letter = self.scanner.peek();
-        let Some(letter) = letter.filter(|letter| axis_of(*letter).is_some()) else {
-            self.scanner.go_to(at);
-            return Ok(false);
-        };
-        self.scanner.next();
-        let manner = if is_way {
-            Manner::Incremental
-        } else {
-            Manner::Modal
-        };
-        self.value_word(letter, at, manner)?;
-        Ok(true)
-    }
-
-    /// M codes up to the end of the line.
-    fn m_words(&mut self) -> Result<(), Fault> {
-        while self.scanner.peek() == Some(b'M') {
-            self.m_word()?;
-        }
-        Ok(())
-    }
-
-    /// An M code, which is next.
-    fn m_word(&mut self) -> Result<(), Fault> {
-        let (at, column) = (self.scanner.at(), self.scanner.column());
-        self.scanner.next();
-        let from = self.scanner.at();
-        let number = plain_number(&mut self.scanner, b"");
-        let code = number.and_then(|(number, _)| crate::given::whole(number, 9999));
-        let Some(code) = code else {
-            return Err(Fault::NoNumber {
-                column,
-                letter: 'M',
-            });
-        };
-        let refused = |why| Err(not_followed(column, &format!("M{code}"), why));
-        let command = match code {
-            2 | 30 => Some(Command::Ends),
-            91 => Some(Command::InMachine),
-            99 => Some(Command::CallsDefined),
-            126 => Some(Command::Shorter(true)),
-            127 => Some(Command::Shorter(false)),
-            128 => {
-                // The feed of the motions that make up for the rotary axes.
-                if self.scanner.takes(b'F') && !takes_name(&mut self.scanner, "MAX") {
-                    self.value("expected a feed behind F")?;
-                }
-                Some(Command::CentrePoint(true))
-            }
-            129 => Some(Command::CentrePoint(false)),
-            89 => return refused("a cycle behind each motion is not followed"),
-            92 => return refused("places that count from a point which only the control knows"),
-            94 => return refused("another number for where a rotary axis is"),
-            104 | 114 | 115 | 130 | 138 | 142..=144 => {
-                return refused("it changes what coordinates mean");
-            }
-            140 => return refused(OWN_RULE),
-            _ => None,
-        };
-        self.block.commands.extend(command);
-        // What is done at the end of a block.
-        let is_last = matches!(code, 0..=2 | 5 | 9 | 30 | 60 | 98 | 99);
-        let letter = if is_last { LAST } else { OTHER };
-        let text = from..self.scanner.at();
-        self.word(letter, at, text, Some(0.0), Manner::Modal, None);
-        Ok(())
-    }
-
     /// `FUNCTION TCPM F TCP AXIS POS PATHCTRL AXIS`, whose beginning is passed.
     fn tcpm(&mut self, column: usize) -> Result<(), Fault> {
         for words in ["F TCP", "AXIS POS", "PATHCTRL AXIS"] {
@@ -497,20 +337,5 @@ fn not_followed(column: usize, found: &str, why: &'static str) -> Fault {
         column,
         found: found.to_owned(),
         why,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::renumber;
-
-    #[test]
-    fn added_lines_get_the_next_numbers() {
-        let mut out = b"kept\nCC X+1 Y+2\r\n 007 C X+1\r\nL X+2".to_vec();
-        renumber(&mut out, 5, 1, 12);
-        assert_eq!(
-            String::from_utf8_lossy(&out),
-            "kept\n12 CC X+1 Y+2\r\n 013 C X+1\r\n14 L X+2"
-        );
     }
 }

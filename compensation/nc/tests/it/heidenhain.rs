@@ -105,6 +105,28 @@ fn incremental_words_and_decimal_commas() {
     }
 }
 
+/// Each number keeps its own decimal comma or point; one with two of them is refused.
+#[test]
+fn commas_and_points_in_one_program() {
+    let run = |text: &str| compensated("[errors]\nEXX = 20.0\nEYX = -30.0\nEZX = 10.0\n", "", text);
+    let mixed =
+        "0 BEGIN PGM A MM\n1 L X+10,5 Y+20.5 Z-30,5 F100\n2 L X+150.25 Y+80,25\n3 END PGM A MM\n";
+    let (result, _) = run(mixed).expect("it is read");
+    assert!(
+        !result.contains("X+10,5 ") && !result.contains("Y+20.5 "),
+        "{result}"
+    );
+    let signs =
+        |text: &str| -> String { text.chars().filter(|c| matches!(c, '.' | ',')).collect() };
+    assert_eq!(signs(&result), signs(mixed), "{result}");
+    for (number, column) in [("1,234.5", 11), ("1.234,5", 11), ("1,2,3", 9), ("1..2", 8)] {
+        let text = format!("0 BEGIN PGM A MM\n1 L X{number} Y+0\n2 END PGM A MM\n");
+        let said = run(&text).expect_err(number).to_string();
+        let expected = format!("line 2: column {column}: found a second decimal comma or point");
+        assert!(said.contains(&expected), "{said}");
+    }
+}
+
 #[test]
 fn shifts_of_the_datum() {
     let machine = worn(6.0);
