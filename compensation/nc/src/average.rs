@@ -184,7 +184,7 @@ pub fn average(
                 name_of_offset(system)
             ),
         })?;
-        let words = std::array::from_fn(|i| {
+        let words: [Option<Number>; 3] = std::array::from_fn(|i| {
             let value = (offset[i] + means[system][i]) / unit;
             Number::nearest(value, job.decimals.of(i, unit))
         });
@@ -194,7 +194,13 @@ pub fn average(
             mean_mm: means[system],
             left_um: measured.map_or_else(|| left[system].um(), |(_, [left, _])| left),
             before_um: measured.map_or_else(|| of.um(), |(_, [_, before])| before),
-            offset_mm: words.map(|word| word.map_or(f64::NAN, |word| unit * word.value())),
+            offset_mm: std::array::from_fn(|i| {
+                // In inches a step of the last decimal is 25.4 of those one further behind.
+                let decimals = job.decimals.of(i, unit) + u8::from(unit != 1.0);
+                let power = 10_f64.powi(i32::from(decimals));
+                let mm = |word: Number| (unit * word.value() * power).round() / power;
+                words[i].map_or(f64::NAN, mm)
+            }),
         });
         offsets.push((system, words));
     }

@@ -102,7 +102,7 @@ impl Wear {
             if name.component.is_angular() && machine.axis(name.axis).is_some() {
                 let before = machine.locations().get(&name).copied().unwrap_or(0.0);
                 let drift = SETTLED_URAD * self.amount() * self.draws(name).normal();
-                worn.machine.set_location(name, before + drift)?;
+                worn.machine.set_location(name, rounded(before + drift))?;
             }
         }
         Ok(worn)
@@ -174,6 +174,12 @@ impl Wear {
     }
 }
 
+/// Further digits of a position, an error or an angle mean nothing, and only fill the file: 1e-6 mm, µm or µrad.
+fn rounded(value: f64) -> f64 {
+    // A negative zero is none.
+    (1e6 * value).round() / 1e6 + 0.0
+}
+
 const LINEAR: [Component; 3] = [Component::EX, Component::EY, Component::EZ];
 const ANGULAR: [Component; 3] = [Component::EA, Component::EB, Component::EC];
 /// The squarenesses of three linear axes, X being the first reference.
@@ -198,13 +204,17 @@ impl Worn {
             let Field::Curve(before) = before else {
                 return Ok(None);
             };
-            let even =
-                (0..=NODES).map(|node| low + (high - low) * f64::from(node) / f64::from(NODES));
+            let inner = (1..NODES)
+                .map(|node| rounded(low + (high - low) * f64::from(node) / f64::from(NODES)));
+            let even = [low, high].into_iter().chain(inner);
             let mut places: Vec<f64> = even.chain(before.breakpoints()).collect();
             places.retain(|q| (low..=high).contains(q));
             places.sort_by(f64::total_cmp);
             places.dedup_by(|a, b| (*a - *b).abs() < 1e-6 * (high - low));
-            let node = |q: f64| [q, before.value(q) + more(q) + 0.5 * sign * reversal];
+            let node = |q: f64| {
+                let worn = before.value(q) + more(q) + 0.5 * sign * reversal;
+                [q, rounded(worn)]
+            };
             let table = Table::cubic(places.into_iter().map(node).collect())?;
             Ok(Some(Curve::Table(table).into()))
         };
@@ -213,14 +223,14 @@ impl Worn {
         let after = match before.map_or_else(nothing, Ok)? {
             ErrorCurve::Single(mean) => match sum(&mean, 0.0)? {
                 Some(mean) if reversal == 0.0 => Some(ErrorCurve::Single(mean)),
-                Some(mean) => Some(ErrorCurve::with_reversal(mean, reversal)?),
+                Some(mean) => Some(ErrorCurve::with_reversal(mean, rounded(reversal))?),
                 None => None,
             },
             ErrorCurve::Reversal {
                 mean,
                 reversal: before,
             } => match sum(&mean, 0.0)? {
-                Some(mean) => Some(ErrorCurve::with_reversal(mean, before + reversal)?),
+                Some(mean) => Some(ErrorCurve::with_reversal(mean, rounded(before + reversal))?),
                 None => None,
             },
             ErrorCurve::Pair { forward, backward } => (sum(&forward, 1.0)?

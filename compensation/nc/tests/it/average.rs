@@ -209,3 +209,28 @@ fn ways_from_other_offsets_are_refused() {
     let good = "G90 G54 G0 X0 Y0 Z0\nG91 G1 X100 F100\n";
     assert_eq!(run(scale, SETUP, good).expect("averaged").1[0].places, 1);
 }
+
+/// In inches, too, the new offset is told with the decimals of its words: 79.99984, not 79.99984000000001.
+#[test]
+fn offsets_are_told_without_digits_that_mean_nothing() {
+    let program = "G90 G54 G0 X0 Y0 Z1\nG1 F10 Z-0.5\nX2\nM2\n";
+    let mut differ = 0;
+    for place in 0..40 {
+        let x = 79.999 + 0.37 * f64::from(place);
+        let setup = format!(
+            "units = \"inch\"\n[work_offset.G54]\nX = {x:.3}\nY = 50\nZ = -20.5\n[start]\nX = 0\nY = 0\nZ = 0\n"
+        );
+        let (out, found) = run("EXX = { poly = [10.0] }\n", &setup, program).expect("averaged");
+        let (_, behind) = out.split_once("G10 L2 P1 X").expect("an offset");
+        let word = behind.split(' ').next().expect("X");
+        let inches: f64 = word.parse().expect("a number");
+        // Whole steps of 0.0001 inch are whole numbers of 0.00001 mm: 254 of them.
+        let steps: i64 = format!("{:.0}", inches * 1e4).parse().expect("whole");
+        let [whole, rest] = [254 * steps / 100_000, 254 * steps % 100_000];
+        let expected = format!("{whole}.{rest:05}");
+        let expected = expected.trim_end_matches('0').trim_end_matches('.');
+        assert_eq!(found[0].offset_mm[0].to_string(), expected);
+        differ += usize::from((25.4 * inches).to_string() != expected);
+    }
+    assert!(differ > 0, "the product has no such digits anywhere");
+}
