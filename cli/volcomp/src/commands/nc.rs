@@ -164,7 +164,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     };
     let setup = setup.with_subroutines(arguments.subroutines.clone());
     let program = &arguments.program;
-    let file = File::open(program).map_err(|e| Failure::in_file(program, e))?;
+    let file = File::open(program)
+        .map_err(|e| Failure::in_file(program, format_args!("cannot be read: {e}")))?;
     if file.metadata().is_ok_and(|about| about.is_dir()) {
         return Err(Failure::in_file(
             program,
