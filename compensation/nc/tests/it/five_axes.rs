@@ -334,3 +334,61 @@ fn the_length_is_that_of_the_tool_in_the_spindle() {
     assert_eq!(last("G43"), last("G43 H1"));
     assert_ne!(last("G43 H2"), last("G43 H1"));
 }
+
+/// The points that the book gives the centre lines of LinuxCNC's `xyzac-trt` and `xyzbc-trt` put the tip where the formulas of these kinematics
+/// have it: the table is turned back about one line after the other.
+#[test]
+fn centre_lines_of_linuxcnc_are_points_of_the_machine_file() {
+    let [x_rot_point, y_rot_point, z_rot_point] = [10.0, 20.0, 30.0];
+    let [x_offset, y_offset, z_offset] = [6.0, 4.0, 5.0];
+    let joints = [33.0, -41.0, -52.0];
+    let [tilt, turn] = [25.0_f64, 40.0].map(f64::to_radians);
+    // By an angle in the plane of two axes, about a place in it.
+    let turned = |at: [f64; 3], [i, j]: [usize; 2], about: [f64; 2], by: f64| {
+        let (sin, cos) = by.sin_cos();
+        let [u, v] = [at[i] - about[0], at[j] - about[1]];
+        let mut to = at;
+        to[i] = about[0] + cos * u - sin * v;
+        to[j] = about[1] + sin * u + cos * v;
+        to
+    };
+    for tilting in ["A", "B"] {
+        let (plane, line, point, direction) = if tilting == "A" {
+            let line = [y_rot_point + y_offset, z_rot_point + z_offset];
+            ([1, 2], line, [0.0, line[0], line[1]], "[-1, 0, 0]")
+        } else {
+            let line = [z_rot_point + z_offset, x_rot_point + x_offset];
+            ([2, 0], line, [line[1], 0.0, line[0]], "[0, -1, 0]")
+        };
+        let text = format!(
+            "name = \"trt\"\nstructure = \"w C' {tilting}' X' Y' b Z t\"\n\
+             [axes.C]\ntravel = [-3600, 3600]\ndirection = [0, 0, -1]\npoint = [{x_rot_point}, {y_rot_point}, 0]\n\
+             [axes.{tilting}]\ntravel = [-100, 50]\ndirection = {direction}\npoint = {point:?}\n\
+             [axes.X]\ntravel = [-200, 200]\n[axes.Y]\ntravel = [-200, 200]\n[axes.Z]\ntravel = [-300, 100]\n\
+             [tool]\ngauge = [0, 0, 0]\n[errors]\nEXX = 30.0\n"
+        );
+        let machine = Machine::parse(&text, "m.toml").expect("a good machine");
+        let program = format!("G21 G90\nG0 X33 Y-41 Z-52 {tilting}25 C40\nM2\n");
+        let (out, summary) = run(&machine, "", &program, Decimals::default());
+        let of = Virtual {
+            truth: &machine,
+            temperatures: &Temperatures::new(),
+            setup: &SetUp::default(),
+            most_blocks: 100,
+            dialect: volcomp_nc::Dialect::Rs274,
+            part: None,
+        };
+        let found = verify(
+            &mut program.as_bytes(),
+            &mut out.as_bytes(),
+            &summary.shares,
+            of,
+        );
+        let tip = found.expect("verified").before.tip_mm;
+        let back = turned(joints, plane, line, -tilt);
+        let expected = turned(back, [0, 1], [x_rot_point, y_rot_point], -turn);
+        for (found, expected) in tip.iter().zip(expected) {
+            assert!((found - expected).abs() < 1e-9, "{tilting}: {tip:?}");
+        }
+    }
+}
