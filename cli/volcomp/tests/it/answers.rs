@@ -335,7 +335,8 @@ fn points_that_are_no_feature_are_noted() {
         for place in 0..12 {
             let (sin, cos) = (f64::from(place) * std::f64::consts::PI / 6.0).sin_cos();
             let radius = radius(place);
-            text += &format!("{},{},0\n", radius * cos, radius * sin);
+            let point = format!("{},{},0\n", radius * cos, radius * sin);
+            text.push_str(&point);
         }
         std::fs::write(&path, text).expect("written");
         let answer = json(&["form", &path, "--feature", "circle", "--plane", "xy"]);

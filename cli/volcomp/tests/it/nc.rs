@@ -411,23 +411,29 @@ fn a_feature_that_nothing_cuts_is_told_with_its_key() {
 #[cfg(target_os = "linux")]
 #[test]
 fn a_piped_program_is_compensated_but_not_verified() {
-    use std::process::{Command, Stdio};
+    use std::{
+        io::Write as _,
+        process::{Command, Stdio},
+    };
     let folder = tempfile::tempdir().expect("a folder");
+    let program = fs::read(root().join("examples/part.ngc")).expect("the example");
     let piped = |output: &Path, more: &[&str]| {
-        let program = Command::new("cat")
-            .arg(root().join("examples/part.ngc"))
-            .stdout(Stdio::piped())
-            .spawn()
-            .expect("cat");
-        Command::new(env!("CARGO_BIN_EXE_volcomp"))
+        let mut child = Command::new(env!("CARGO_BIN_EXE_volcomp"))
             .args(["nc", "/dev/stdin", "-m", "examples/mill.toml"])
             .args(["--setup", "examples/setup.toml", "-o"])
             .arg(output)
             .args(more)
             .current_dir(root())
-            .stdin(program.stdout.expect("a pipe"))
-            .output()
-            .expect("it runs")
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("it runs");
+        // What refuses the program may be gone before it has read it.
+        let mut pipe = child.stdin.take().expect("a pipe");
+        let _ = pipe.write_all(&program);
+        drop(pipe);
+        child.wait_with_output().expect("it ends")
     };
     let refused = folder.path().join("refused.ngc");
     let ran = piped(&refused, &["--verify"]);
