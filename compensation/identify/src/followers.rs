@@ -7,7 +7,7 @@ use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::Component;
 
 use crate::{
-    coefficients::micro, derivatives::component_of, error::IdentifyError, identify::Parameter,
+    coefficients::micro, derivatives::component_of, error::IdentifyError, parameters::Parameter,
     prepared::PreparedStand, system::System,
 };
 

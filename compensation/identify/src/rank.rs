@@ -10,7 +10,7 @@ const INDEPENDENT_ABOVE: f64 = 1e-4;
 const NOTHING_BELOW: f64 = 1e-12;
 /// A column may be left at zero for a combination that moves nothing where its share is at least this part of the largest one:
 /// what is left at zero moves the others by its share, so that with a small one they would grow without bound.
-const LEAST_SHARE: f64 = 0.05;
+pub(crate) const LEAST_SHARE: f64 = 0.05;
 /// A share of a column in a combination that is smaller beside the largest is rounding.
 const ROUNDING: f64 = 1e-7;
 
@@ -19,9 +19,11 @@ const ROUNDING: f64 = 1e-7;
 pub(crate) struct Rank {
     /// The columns that are kept, rising.
     pub(crate) kept: Vec<usize>,
-    /// For every other column the combination that moves nothing: columns of unit length and their weights, of unit
+    /// For every other column the combination that moves nothing, or less than noise shows: columns of unit length and their weights, of unit
     /// length together; the column itself first.
     pub(crate) null: Vec<Vec<(usize, f64)>>,
+    /// The length of every column; 0 where it is rounding.
+    pub(crate) lengths: Vec<f64>,
     /// The smallest and the largest singular value of the columns that are kept, scaled to unit length.
     singular: [f64; 2],
 }
@@ -50,17 +52,25 @@ impl Rank {
 /// Finds the combinations of columns that move nothing, and leaves out as many columns: of those with a fair share in them the
 /// last ones.
 pub(crate) fn independent(matrix: &DMatrix<f64>) -> Rank {
+    independent_without(matrix, &[])
+}
+
+/// The same with some columns left out in any case.
+pub(crate) fn independent_without(matrix: &DMatrix<f64>, without: &[usize]) -> Rank {
     if matrix.ncols() == 0 {
         return Rank::default();
     }
     let mut scaled = matrix.clone();
     let longest = (matrix.column_iter().map(|column| column.norm())).fold(0.0, f64::max);
+    let mut lengths = Vec::with_capacity(matrix.ncols());
     for mut column in scaled.column_iter_mut() {
         let length = column.norm();
         if length > NOTHING_BELOW * longest && length.is_finite() {
             column /= length;
+            lengths.push(length);
         } else {
             column.fill(0.0);
+            lengths.push(0.0);
         }
     }
     // The triangle has the same combinations and is smaller.
@@ -70,7 +80,10 @@ pub(crate) fn independent(matrix: &DMatrix<f64>) -> Rank {
         let rows = scaled.ncols();
         scaled.resize_vertically(rows, 0.0)
     };
-    let left = left_out(&triangle);
+    let mut left = left_out(&triangle);
+    left.extend(without);
+    left.sort_unstable();
+    left.dedup();
     let kept: Vec<usize> = (0..triangle.ncols())
         .filter(|column| left.binary_search(column).is_err())
         .collect();
@@ -89,6 +102,7 @@ pub(crate) fn independent(matrix: &DMatrix<f64>) -> Rank {
     Rank {
         null: null.collect(),
         singular: ends(&own),
+        lengths,
         kept,
     }
 }

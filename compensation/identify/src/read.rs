@@ -215,6 +215,12 @@ fn decode_observation(
     let text = read(&path).map_err(|error| file_value.error(error.to_string()))?;
     let table = CsvTable::parse(&path.display().to_string(), &text)?;
     files.push(path);
+    if let Some((other, _)) = reading.texts.iter().find(|(_, known)| *known == text) {
+        reading.notes.push(format!(
+            "{name} has the same content as {other}: is it one test under two names? Its rows count twice, as if it had been made twice"
+        ));
+    }
+    reading.texts.push((name.clone(), text));
     let drift = section.whole_or("drift", 0..=MOST_DRIFT, 0)?;
     let uncertainty_um = section
         .optional("uncertainty_um", |value| {

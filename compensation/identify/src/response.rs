@@ -4,13 +4,8 @@ use volcomp_kinematics::nalgebra::{DMatrix, DVector};
 use volcomp_model::Machine;
 
 use crate::{
-    error::IdentifyError,
-    followers::Follower,
-    identify::{Fitted, told_by_searched},
-    left::of_unit_length,
-    observations::Observations,
-    solve::weight,
-    system::System,
+    error::IdentifyError, followers::Follower, identify::Fitted, left::of_unit_length,
+    observations::Observations, parameters::told_by_searched, solve::weight, system::System,
     values::Values,
 };
 

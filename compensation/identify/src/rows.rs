@@ -86,6 +86,7 @@ pub(crate) fn read_rows(
     let mut orders: Vec<f64> = Vec::new();
     let mut outside = Vec::new();
     for (number, row) in table.rows().enumerate() {
+        refuse_endless(&columns, &row)?;
         let is_pair = what.is_pair(&row, &axes)?;
         let tool_name = tool.map_or("", |column| row.cell(column).text());
         let stand = if is_pair {
@@ -162,6 +163,10 @@ pub(crate) fn read_rows(
             unused.join(", ")
         ));
     }
+    let file = &table.header_error("").file;
+    reading
+        .notes
+        .extend(common_pose(&rows).map(|note| format!("{file}: {note}")));
     reading
         .notes
         .extend(too_small(&rows).map(|note| format!("{}: {note}", table.header_error("").file)));
@@ -170,6 +175,46 @@ pub(crate) fn read_rows(
         orders,
         has_order: order.is_some(),
         has_tool: tool.is_some(),
+    })
+}
+
+/// Refuses a number that no coordinate and no reading has, where it stands: with it in an equation the rows of all others look wrong.
+fn refuse_endless(columns: &Columns<'_>, row: &CsvRow<'_>) -> Result<(), InputError> {
+    /// 1000 km in mm, and 1 km in µm.
+    const MOST: f64 = 1e9;
+    let is_read = |name: &str| name != "order" && columns.used.iter().any(|used| used == name);
+    let read = columns.table.columns().filter(|(_, name)| is_read(name));
+    for (column, _) in read {
+        let cell = row.cell(column);
+        if let Ok(found) = cell.number()
+            && found.abs() > MOST
+        {
+            return Err(cell.error(format!(
+                "found {found:e}, expected {MOST:e} at the most: nothing on a machine is so large"
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// A note on lengths between poses of which several have one pose in common.
+fn common_pose(rows: &[Row]) -> Option<String> {
+    let pairs = |place: usize| match &rows[place].seen {
+        Seen::Pair { from, .. } => Some([*from, rows[place].stand]),
+        _ => None,
+    };
+    let shared = (0..rows.len()).find_map(|later| {
+        let own = pairs(later)?;
+        let earlier = (0..later).find(|earlier| {
+            pairs(*earlier).is_some_and(|other| own.iter().any(|stand| other.contains(stand)))
+        })?;
+        Some((earlier, later))
+    });
+    shared.map(|(earlier, later)| {
+        format!(
+            "lengths have a pose in common, those of lines {} and {} first: they count as independent. Where each length is the difference of two readings, the one at the common pose is in several of them, and the uncertainties are too small, by up to a factor of √2 where every pose is in two lengths; where each was measured by itself (a step gauge probed anew, a ballbar between two balls), they are right",
+            rows[earlier].line, rows[later].line
+        )
     })
 }
 

@@ -53,6 +53,8 @@ pub(crate) struct Reading {
     pub(crate) notes: Vec<String>,
     /// Files without a column `tool`.
     pub(crate) without_tool: Vec<String>,
+    /// Names and texts of the row files that were read before.
+    pub(crate) texts: Vec<(String, String)>,
 }
 
 /// A value, or the name of what is to be found; "known" stands for the default.

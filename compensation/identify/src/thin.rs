@@ -8,6 +8,7 @@ use crate::{
     params::{Column, Param, Part},
     prepared::Rows,
     system::System,
+    uncertain::LARGEST,
 };
 
 /// Fewer numbers for each unknown leave nearly nothing by which it could be judged.
@@ -91,7 +92,7 @@ pub(crate) fn large(system: &System, fitted: &Fitted) -> Vec<String> {
         let variance = fitted.solution.covariance[(place, place)].max(0.0);
         // What is only uncertain says so by its uncertainty.
         let is_sure = values.of(what).abs() > 3.0 * variance.sqrt();
-        if matches!(what, Param::Coefficient(_)) && size > 1.0 && is_sure {
+        if matches!(what, Param::Coefficient(_)) && size > LARGEST && is_sure {
             large.push((size, param));
         }
     }

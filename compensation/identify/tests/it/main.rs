@@ -7,6 +7,7 @@ mod fuzz_corpus;
 mod implausible;
 mod kept_curves;
 mod lab;
+mod left_open;
 mod limits;
 mod line;
 mod measure_next;

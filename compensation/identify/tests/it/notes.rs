@@ -255,3 +255,81 @@ fn a_turn_of_a_modulo_is_the_same_pose() {
         assert_eq!(is_refused, is_one, "{found:?}");
     }
 }
+
+/// The same rows under another name count twice.
+#[test]
+fn one_test_under_two_names_is_noted() {
+    let lab = Lab::new(MACHINE);
+    let head = "folds = 0\nunknown = [\"EC0Y\"]";
+    lab.write("t.csv", &points(30, 20.0, 1.0));
+    lab.write("u.csv", &points(30, 20.0, 1.0));
+    let twice = words(&lab, &observed(head, &["t.csv", "u.csv"]));
+    assert!(
+        twice.contains("u.csv has the same content as t.csv"),
+        "{twice}"
+    );
+    lab.write("u.csv", &points(29, 20.0, 1.0));
+    let twin = words(&lab, &observed(head, &["t.csv", "u.csv"]));
+    assert!(!twin.contains("the same content"), "{twin}");
+}
+
+/// A cell that nothing on a machine has is refused where it stands, and not another row for it; a time of any size is none.
+#[test]
+fn an_endless_number_is_refused_in_its_cell() {
+    let lab = Lab::new(MACHINE);
+    let head = "folds = 0\nunknown = [\"EC0Y\"]";
+    let whole = points(30, 20.0, 1.0);
+    let with = |row: usize, column: usize, cell: &str| {
+        let mut rows: Vec<Vec<&str>> = whole.lines().map(|row| row.split(',').collect()).collect();
+        rows[row][column] = cell;
+        let rows: Vec<String> = rows.iter().map(|cells| cells.join(",")).collect();
+        rows.join("\n")
+    };
+    for (row, column, name) in [(7, 2, "x"), (12, 4, "z")] {
+        for cell in ["1e308", "-1e12"] {
+            lab.write("t.csv", &with(row, column, cell));
+            let why = lab.refused(&observed(head, &["t.csv"]));
+            let place = format!("t.csv:{}: {name}: found", row + 1);
+            assert!(why.contains(&place), "{why}");
+        }
+    }
+    let timed = whole.replacen("X,Y", "order,X,Y", 1);
+    let timed: Vec<String> = (timed.lines().enumerate())
+        .map(|(row, text)| {
+            if row == 0 {
+                text.to_owned()
+            } else {
+                format!("{},{text}", 1_700_000_000_000_u64 + row as u64)
+            }
+        })
+        .collect();
+    lab.write("t.csv", &timed.join("\n"));
+    assert_eq!(words(&lab, &observed(head, &["t.csv"])), "");
+}
+
+/// Lengths that begin at one pose may rest on one reading there.
+#[test]
+fn lengths_with_a_common_pose_are_noted() {
+    let lab = Lab::new(MACHINE);
+    let said = |pairs: &[(&str, &str, f64)]| {
+        let mut text = String::from("pose,X,Y,from,to,length_mm\n");
+        for (pose, x, y) in [("a", 0, 0), ("b", 300, 0), ("c", 0, 400), ("d", 300, 400)] {
+            let _ = writeln!(text, "{pose},{x},{y},,,");
+        }
+        for (from, to, length) in pairs {
+            let _ = writeln!(text, ",,,{from},{to},{length:?}");
+        }
+        lab.write("t.csv", &text);
+        words(
+            &lab,
+            "folds = 0\nunknown = [\"EC0Y\"]\n[[observation]]\nkind = \"distance\"\nfile = \"t.csv\"\ndead_length = \"known\"\n",
+        )
+    };
+    let apart = said(&[("a", "d", 500.0), ("b", "c", 500.0)]);
+    assert!(!apart.contains("in common"), "{apart}");
+    let common = said(&[("a", "b", 300.0), ("c", "d", 300.0), ("a", "d", 500.0)]);
+    assert!(
+        common.contains("t.csv: lengths have a pose in common, those of lines 6 and 8 first: they count as independent"),
+        "{common}"
+    );
+}

@@ -1,0 +1,101 @@
+//! The machine that values of the unknown errors make.
+
+use volcomp_curve::{ErrorCurve, Field};
+use volcomp_model::Machine;
+
+use crate::{
+    coefficients::{Role, micro},
+    error::IdentifyError,
+    observations::Observations,
+    system::System,
+    values::Values,
+};
+
+/// The machine of the observations with values of their unknown errors, by the names and in the units of the parameters; 0 where
+/// none is given.
+///
+/// # Errors
+/// What [`identify`] refuses of unknowns; a name that is none of the unknowns or of the set-up.
+pub fn machine_with(
+    observations: &Observations,
+    values: &[(String, f64)],
+) -> Result<Machine, IdentifyError> {
+    let system = System::new(observations)?;
+    let mut names = (0..system.params.len()).map(|param| system.name(param));
+    for (name, _) in values {
+        if !names.clone().any(|known| known == *name) {
+            let known: Vec<String> = names.by_ref().collect();
+            return Err(IdentifyError::NoSuchUnknown {
+                found: name.clone(),
+                known: known.join(", "),
+            });
+        }
+    }
+    let given = system.unknowns.coefficients.iter().map(|coefficient| {
+        let value = values.iter().find(|(name, _)| *name == coefficient.name);
+        value.map_or(0.0, |(_, value)| value / micro(coefficient.error.component))
+    });
+    let stated = Values::stated(&system.setup, given.collect());
+    machine_of(&system, &stated)
+}
+
+/// The machine with the errors of these values.
+pub(crate) fn machine_of(system: &System, values: &Values) -> Result<Machine, IdentifyError> {
+    let mut machine = system.machine.clone();
+    for (place, unknown) in system.unknowns.curves.iter().enumerate() {
+        let error = unknown.error;
+        let scale = micro(error.component);
+        let own = system
+            .unknowns
+            .coefficients
+            .iter()
+            .zip(&values.coefficients);
+        let own = own.filter(|(coefficient, _)| coefficient.curve == place);
+        let mut modes = vec![0.0; unknown.modes.as_ref().map_or(0, crate::basis::Modes::len)];
+        let mut products = vec![0.0; unknown.products.as_ref().map_or(0, |p| p.pairs().len())];
+        let mut reversal = None;
+        for (coefficient, value) in own {
+            match coefficient.role {
+                Role::Location => machine.set_location(error, value * scale)?,
+                Role::Mode(mode) => modes[mode] = value * scale,
+                Role::Product(place) => products[place] = value * scale,
+                Role::Reversal => reversal = Some(value * scale),
+            }
+        }
+        if unknown.error.location {
+            continue;
+        }
+        let before = machine.error(error).cloned();
+        let mean = match &unknown.modes {
+            Some(own) => {
+                let field = match &unknown.products {
+                    Some(found) => {
+                        let go_round = [unknown.axis, found.axis()]
+                            .map(|axis| machine.axes()[axis].modulo.is_some());
+                        found
+                            .grid(own, unknown.axis, [&modes, &products], go_round)
+                            .map(Field::Grid)
+                    }
+                    None => own.curve(&modes).map(Field::Curve),
+                };
+                field.map_err(|source| IdentifyError::Curve { error, source })?
+            }
+            None => match &before {
+                Some(ErrorCurve::Single(mean) | ErrorCurve::Reversal { mean, .. }) => mean.clone(),
+                _ => Field::Curve(volcomp_curve::Curve::Constant(0.0)),
+            },
+        };
+        // A reversal value that was not asked for stays.
+        let reversal = reversal.or(match before {
+            Some(ErrorCurve::Reversal { reversal, .. }) => Some(reversal),
+            _ => None,
+        });
+        let curve = match reversal {
+            Some(reversal) => ErrorCurve::with_reversal(mean, reversal)
+                .map_err(|source| IdentifyError::Curve { error, source })?,
+            None => ErrorCurve::Single(mean),
+        };
+        machine.set_error(error, curve)?;
+    }
+    Ok(machine)
+}
