@@ -12,6 +12,7 @@ use crate::{
     identified::{Identified, Wanted, settled},
     locations::located,
     not_measured::not_measured,
+    same_readings::same_readings,
     stages::Stages,
 };
 
@@ -80,6 +81,7 @@ fn calibrated(
     }
     let mut warnings = file.machine.notes();
     warnings.extend(different_machines(&file.measurements));
+    warnings.extend(same_readings(&file.measurements));
     let lines = file.measurements.iter();
     warnings.extend(lines.flat_map(|line| odd(line, &file.machine)));
     warnings.extend(without_point(&file.measurements, &stages.machine));

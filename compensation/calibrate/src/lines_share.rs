@@ -5,11 +5,12 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use volcomp_identify::{Identification, Observations, Response};
 use volcomp_kinematics::nalgebra::{DMatrix, DVector};
-use volcomp_model::{Machine, student_widening};
+use volcomp_model::Machine;
 
 use crate::{
     calibration_file::CalibrationFile,
     error::CalibrateError,
+    few_runs::FewRuns,
     identified::{CHANGE, changed, take},
     locations::located,
     stages::Stages,
@@ -48,7 +49,7 @@ impl LinesShare<'_> {
         };
         let mut covariance = found.covariance.clone();
         let base = self.response.to(&stages.machine)?;
-        let mut fourth_powers = DVector::zeros(count);
+        let mut few_runs = vec![FewRuns::default(); count];
         for scatter in self.file.scatters() {
             let mut of_line = DVector::zeros(count);
             for &run in &scatter.runs {
@@ -57,18 +58,14 @@ impl LinesShare<'_> {
                 let shift = &carried * shift;
                 of_line += shift.component_mul(&shift);
             }
-            fourth_powers += of_line.component_mul(&of_line) / scatter.degrees as f64;
+            for (few_runs, variance) in few_runs.iter_mut().zip(&of_line) {
+                few_runs.add(*variance, scatter.degrees as f64);
+            }
         }
         covariance += self.stated(&base)?;
         covariance = &carried * covariance * carried.transpose();
-        // A few runs tell their scatter badly: see `Ensemble::uncertainty_of`, which does the same for positions.
         let widening = DVector::from_fn(count, |place, _| {
-            let variance = covariance[(place, place)];
-            if fourth_powers[place] > 0.0 {
-                student_widening(variance * variance / fourth_powers[place])
-            } else {
-                1.0
-            }
+            few_runs[place].widening(covariance[(place, place)])
         });
         let widening = DMatrix::from_diagonal(&widening);
         found.covariance = &widening * covariance * &widening;

@@ -342,6 +342,17 @@ poses = 24
 /// held 40 to 77 %.
 #[test]
 fn bands_of_unknowns_beside_lines_hold_the_truth() {
+    unknowns_beside_lines(5);
+}
+
+/// The same with lines of two runs, whose scatter has one degree of freedom: with the formula of Welch and Satterthwaite the bands of
+/// `EA0C` and `EB0C` held 91 %.
+#[test]
+fn bands_of_unknowns_beside_lines_of_two_runs_hold_the_truth() {
+    unknowns_beside_lines(2);
+}
+
+fn unknowns_beside_lines(runs: u32) {
     const LASER_UM_PER_M: f64 = 1.5;
     const SQUARE_URAD: f64 = 2.0;
     let folder = tempfile::tempdir().expect("a folder");
@@ -352,13 +363,13 @@ fn bands_of_unknowns_beside_lines_hold_the_truth() {
     );
     truth += "EX0C = 25.0\nEY0C = -15.0\nEA0C = 30.0\nEB0C = -20.0\nEZC = { fourier = [0.0, 4.0, -3.0], period = 360.0 }\n";
     fs::write(folder.join("truth.toml"), truth).expect("written");
-    let lines = LINES.replace("RUNS", "5");
+    let lines = LINES.replace("RUNS", &runs.to_string());
     let (head, tables) = lines.split_once('\n').expect("lines");
     let (unknown, observation) = BESIDE_LINES.split_once('\n').expect("lines");
     let text = format!("{head}\n{unknown}\n{tables}{observation}");
     fs::write(folder.join("shop.toml"), text).expect("written");
     let mut shop = Shop::read(&folder.join("shop.toml")).expect("a valid shop");
-    let count = asked().unwrap_or(200);
+    let count = asked().unwrap_or(300);
     let names = ["EX0C", "EY0C", "EA0C", "EB0C"];
     let mut inside = names.map(|_| 0_u64);
     for seed in 0..count {
@@ -384,9 +395,9 @@ fn bands_of_unknowns_beside_lines_hold_the_truth() {
         }
     }
     let shares = inside.map(|inside| inside as f64 / count as f64);
-    println!("unknowns beside lines: {shares:?}");
-    // Of 500 shops 95 % scatter by 1 %.
-    let allowed = if count >= 500 { 0.02 } else { 0.045 };
+    println!("unknowns beside lines of {runs} runs: {shares:?}");
+    // Of 300 shops 95 % scatter by 1.3 %, of 500 by 1 %.
+    let allowed = if count >= 500 { 0.02 } else { 0.03 };
     for (name, share) in names.iter().zip(shares) {
         assert!((share - 0.95).abs() <= allowed, "{name}: {share}");
     }
