@@ -104,6 +104,8 @@ pub(crate) struct Next {
     pub(crate) pose: ByAxis,
     /// The row file whose set-up is to be used.
     pub(crate) file: String,
+    /// What is to be observed there: points, sphere, distance, line or ball-row.
+    pub(crate) kind: &'static str,
     /// The sphere, the ball or the target there; not there where there is nothing to choose.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) target: Option<String>,
@@ -167,6 +169,7 @@ impl From<&Identification> for Found {
             next: found.next.as_ref().map(|next| Next {
                 pose: next.pose.iter().copied().collect(),
                 file: next.file.clone(),
+                kind: next.kind.name(),
                 target: next.target.clone(),
                 tool: next.tool.clone(),
                 parameter: next.parameter.clone(),

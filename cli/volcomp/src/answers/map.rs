@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::{ByAxis, diagonals::Compensated};
+use super::{ByAxis, NotCounted, diagonals::Compensated};
 
 /// The document of `volcomp map`.
 #[derive(Debug, Serialize, JsonSchema)]
@@ -61,6 +61,8 @@ pub(crate) struct Uncertainty {
     pub(crate) position_um: [f64; 3],
     /// Standard uncertainty of the rotation error there, µrad.
     pub(crate) rotation_urad: [f64; 3],
+    /// The errors that the observations do not determine, which no uncertainty here counts, the one that moves the tool most first.
+    pub(crate) not_counted: Vec<NotCounted>,
 }
 
 /// The errors over poses of all axes, drawn over their travels, the same each time.

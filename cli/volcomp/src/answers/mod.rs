@@ -65,6 +65,22 @@ fn schema<T: JsonSchema>() -> Schema {
     settings.into_generator().into_root_schema_for::<T>()
 }
 
+/// An error that the measurements of an uncertainty do not determine, and that the uncertainty does not count: what a plausible
+/// size of it would move the tool by, unseen by the measurements.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+pub(crate) struct NotCounted {
+    /// The name among the unknowns: `ECZ legendre 1`.
+    pub(crate) unknown: String,
+    /// The size that is told of.
+    pub(crate) size: f64,
+    /// The unit of the size: `um` or `urad`.
+    pub(crate) unit: &'static str,
+    /// How far this size moves the tool, µm; of a map the most over its nodes.
+    pub(crate) moves_um: f64,
+    /// By how much it turns the tool, µrad; of a map the most over its nodes.
+    pub(crate) turns_urad: f64,
+}
+
 /// Values by axis letter, in the order X Y Z A B C U V W.
 #[derive(Clone, Debug, Default, Serialize, JsonSchema)]
 #[serde(transparent)]

@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_vocabulary::{AxisName, ErrorName};
 
-use super::{ByAxis, OneOrMany};
+use super::{ByAxis, NotCounted, OneOrMany};
 
 /// The document of `volcomp error`.
 pub(crate) type Error = OneOrMany<ErrorAt>;
@@ -32,6 +32,10 @@ pub(crate) struct CorrectionAt {
     /// `--uncertainty`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) uncertainty: Option<ByAxis>,
+    /// The errors that the observations do not determine, which the uncertainty does not count, the one that moves the tool most
+    /// first; only with `--uncertainty`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) not_counted: Option<Vec<NotCounted>>,
     /// Error of the tool tip that the correction leaves, in workpiece axes, µm.
     pub(crate) residual_um: [f64; 3],
     /// Error of the tool axis that the correction leaves, in workpiece axes, µrad.

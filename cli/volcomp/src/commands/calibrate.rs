@@ -8,7 +8,7 @@ use volcomp_vocabulary::{Um, Urad};
 
 use super::{
     Answer, fixed,
-    identify::{EXPLAINED, found_text, kind_of_next},
+    identify::{EXPLAINED, found_text},
     refuse_overwriting, table, table_text,
 };
 use crate::{
@@ -33,11 +33,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     output.append(calibration.machine.to_toml().as_bytes())?;
     output.finish()?;
     let document = Document::new(arguments.output.display().to_string(), &calibration);
-    Answer::new(
-        &document,
-        text(&document, &calibration),
-        calibration.warnings,
-    )
+    Answer::new(&document, text(&document), calibration.warnings)
 }
 
 /// Calibrates with a progress bar.
@@ -51,7 +47,7 @@ pub(super) fn fit(file: &CalibrationFile) -> Result<Calibration, Failure> {
     Ok(calibration)
 }
 
-fn text(document: &Document, calibration: &Calibration) -> String {
+fn text(document: &Document) -> String {
     let mut fitted = table(&[
         "error",
         "direction",
@@ -101,9 +97,7 @@ fn text(document: &Document, calibration: &Calibration) -> String {
     }
     if let Some(identified) = &document.identified {
         text.push('\n');
-        let own = calibration.identified.as_ref();
-        let kind = own.and_then(|identified| kind_of_next(&identified.found));
-        text += &found_text(&identified.found, kind);
+        text += &found_text(&identified.found);
     }
     let _ = write!(
         text,

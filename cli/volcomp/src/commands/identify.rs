@@ -8,7 +8,7 @@ use volcomp_vocabulary::{Um, Urad};
 
 use super::{Answer, fixed, refuse_overwriting, table, table_text};
 use crate::{
-    answers::identify::{Found, Identify as Document, Parameter},
+    answers::identify::{Found, Identify as Document, Next, Parameter},
     failure::Failure,
     output::OutputFile,
     progress,
@@ -33,7 +33,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     output.append(found.machine.to_toml().as_bytes())?;
     output.finish()?;
     let document = Document::new(arguments.output.display().to_string(), &found);
-    let text = text(&document, &found, &arguments.output);
+    let text = text(&document, &arguments.output);
     Answer::new(&document, text, found.warnings)
 }
 
@@ -48,8 +48,8 @@ fn find(observations: &Observations) -> Result<Identification, Failure> {
     Ok(found)
 }
 
-fn text(document: &Document, found: &Identification, output: &Path) -> String {
-    let mut text = found_text(&document.found, kind_of_next(found));
+fn text(document: &Document, output: &Path) -> String {
+    let mut text = found_text(&document.found);
     // Writing to a string never fails.
     let _ = writeln!(text, "wrote {}", output.display());
     text + EXPLAINED
@@ -58,15 +58,16 @@ fn text(document: &Document, found: &Identification, output: &Path) -> String {
 /// What the words of the tables mean.
 pub(super) const EXPLAINED: &str = "
 Uncertainty: standard (k = 1). Rows left out: predicted from the others, pose by
-pose. Score: 1 is best; below 0.01 some unknowns can hardly be told apart. Rank:
-how many unknowns are determined, of how many that are counted.
+pose. Score: 1 is best; an unknown may be 1/score times as uncertain as it would be
+if all others were known: below 0.01 some can hardly be told apart. Rank: how
+many unknowns are determined, of how many that are counted.
 ";
 
 /// A pose that makes the least certain unknown by less than this more certain changes little.
 const LITTLE: f64 = 1.05;
 
 /// The pose that would help most, and how.
-fn next_text(next: &crate::answers::identify::Next, kind: Option<Kind>) -> String {
+fn next_text(next: &Next) -> String {
     let pose: Vec<String> = next
         .pose
         .0
@@ -85,7 +86,7 @@ fn next_text(next: &crate::answers::identify::Next, kind: Option<Kind>) -> Strin
             "one pose more changes little: the uncertainty of {} stays at {:.0} % of what it is now{}",
             next.parameter,
             100.0 / improvement,
-            sphere_helps(kind)
+            sphere_helps(next)
         ),
         Some(improvement) => format!(
             "the uncertainty of {} falls to {:.0} % of what it is now",
@@ -100,13 +101,8 @@ fn next_text(next: &crate::answers::identify::Next, kind: Option<Kind>) -> Strin
     text + &folded(&what, "  ")
 }
 
-/// The kind of observation that is to be made next.
-pub(super) fn kind_of_next(found: &Identification) -> Option<Kind> {
-    found.next.as_ref().map(|next| next.kind)
-}
-
-/// The tables of what was found, for people; `next` is the kind of observation that is to be made next.
-pub(super) fn found_text(document: &Found, kind: Option<Kind>) -> String {
+/// The tables of what was found, for people.
+pub(super) fn found_text(document: &Found) -> String {
     let mut found = table(&["unknown", "value", "uncertainty", ""]);
     let mut given_zero: Vec<&str> = Vec::new();
     for parameter in &document.parameters {
@@ -179,18 +175,17 @@ pub(super) fn found_text(document: &Found, kind: Option<Kind>) -> String {
         );
     }
     if let Some(next) = &document.next {
-        text += &next_text(next, kind);
+        text += &next_text(next);
     }
     text
 }
 
 /// Where spheres are met, another sphere may help more than a pose.
-fn sphere_helps(kind: Option<Kind>) -> &'static str {
-    match kind {
-        Some(Kind::Sphere) => {
-            "; another sphere, far from the rotary axes and at another height, may help more"
-        }
-        _ => "",
+fn sphere_helps(next: &Next) -> &'static str {
+    if next.kind == Kind::Sphere.name() {
+        "; another sphere, far from the rotary axes and at another height, may help more"
+    } else {
+        ""
     }
 }
 
@@ -217,7 +212,6 @@ fn symbol(unit: &str) -> &str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::answers::identify::Next;
 
     /// Whatever the files and targets are called.
     #[test]
@@ -226,12 +220,13 @@ mod tests {
             let next = Next {
                 pose: core::iter::empty().collect(),
                 file: "a.csv".to_owned(),
+                kind: kind.name(),
                 target: Some(target.to_owned()),
                 tool: None,
                 parameter: "EB0C".to_owned(),
                 improvement: Some(1.02),
             };
-            let folded = next_text(&next, Some(kind));
+            let folded = next_text(&next);
             folded.split_whitespace().collect::<Vec<_>>().join(" ")
         };
         let helps = "another sphere, far from";

@@ -24,6 +24,7 @@ pub(crate) mod nc;
 mod nc_ball_row;
 mod nc_part;
 mod nc_verified;
+mod not_counted;
 mod outside;
 pub(crate) mod probe;
 mod same_machine;

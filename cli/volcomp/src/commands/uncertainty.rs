@@ -8,7 +8,7 @@ use volcomp_document::Document;
 use volcomp_identify::{Draws, Identification, Observations, identify};
 use volcomp_model::{CompiledMachine, Ensemble, Machine, Scatter, Tolerance};
 
-use super::same_machine;
+use super::{not_counted::Open, same_machine};
 use crate::{compensation::refuse_other_geometry, failure::Failure, progress};
 
 /// How far a curve of a drawn machine may be from its source, nm and nrad.
@@ -70,13 +70,13 @@ impl UncertaintyArguments {
         Ok(Some(measured))
     }
 
-    /// Machines that the measurements allow, with the tool of this machine.
+    /// Machines that the measurements allow, with the tool of this machine, and what the measurements leave open.
     pub(crate) fn ensemble(
         &self,
         measured: &Measured,
         machine: &Machine,
         notes: &mut Vec<String>,
-    ) -> Result<Ensemble, Failure> {
+    ) -> Result<(Ensemble, Open), Failure> {
         let shifted: usize = match measured {
             // One for each run, and the machine that was found.
             Measured::Calibration(file) => {
@@ -92,12 +92,21 @@ impl UncertaintyArguments {
             bar.inc(1);
             Ok::<_, Failure>(compiled)
         };
-        let ensemble = match measured {
+        let (ensemble, open) = match measured {
             Measured::Calibration(file) => {
                 let found = calibrate(file, |_, _| {})?;
                 self.is_of(&found.machine, machine, notes);
                 notes.extend(as_if_known(found.not_measured));
-                self.of_calibration(file, found.machine, compiled)?
+                let open = match (&file.observations, &found.identified) {
+                    (Some(observations), Some(identified)) => {
+                        notes.extend(not_determined(&identified.found));
+                        let mut observations = observations.clone();
+                        observations.machine = found.machine.clone();
+                        Open::new(&observations, &identified.found, machine)?
+                    }
+                    _ => Open::nothing(found.machine.clone()),
+                };
+                (self.of_calibration(file, found.machine, compiled)?, open)
             }
             Measured::Observations(observations) => {
                 let mut observations = Observations::clone(observations);
@@ -108,12 +117,14 @@ impl UncertaintyArguments {
                 notes.extend(not_determined(&found));
                 notes.extend(as_if_known(not_observed(&observations)));
                 let draws = Draws::new(&observations, &found)?;
-                self.drawn(|trial| compiled(draws.machine(self.seed, trial)?))?
+                let drawn = self.drawn(|trial| compiled(draws.machine(self.seed, trial)?))?;
+                (drawn, Open::new(&observations, &found, machine)?)
             }
         };
         bar.finish_and_clear();
         // At least two trials, all of one structure: clap and `read` see to it.
-        ensemble.ok_or_else(|| Failure::Work("the drawn machines differ in structure".to_owned()))
+        let differ = || Failure::Work("the drawn machines differ in structure".to_owned());
+        Ok((ensemble.ok_or_else(differ)?, open))
     }
 
     /// Notes where the machine that the measurements make is not the one in use.

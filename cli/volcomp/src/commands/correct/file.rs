@@ -7,7 +7,10 @@ use volcomp_vocabulary::AxisName;
 
 use super::norm;
 use crate::{
-    answers::position::CorrectionAt, commands::outside::joined, failure::Failure, table::fixed,
+    answers::{NotCounted, position::CorrectionAt},
+    commands::outside::joined,
+    failure::Failure,
+    table::fixed,
 };
 
 /// The columns of the file. Separator and decimal mark are those of the table that was read.
@@ -75,6 +78,10 @@ impl<'t> Columns<'t> {
             if let Some(uncertainty) = &correction.uncertainty {
                 cells.extend(self.numbers(uncertainty.0.values()));
             }
+            if let Some(not_counted) = &correction.not_counted {
+                let told: Vec<String> = not_counted.iter().map(|of| self.told(of)).collect();
+                cells.push(told.join(" / "));
+            }
             cells.push(self.number(norm(&correction.residual_um)));
             cells.push(self.number(norm(&correction.residual_axis_urad)));
             cells.push(correction.singular.to_string());
@@ -101,6 +108,17 @@ impl<'t> Columns<'t> {
 
     fn numbers<'a>(&self, values: impl Iterator<Item = &'a f64>) -> Vec<String> {
         values.map(|value| self.number(*value)).collect()
+    }
+
+    /// What an error that the uncertainty does not count moves the tool by here.
+    fn told(&self, of: &NotCounted) -> String {
+        format!(
+            "{} {} um per {} {}",
+            of.unknown,
+            self.number((of.moves_um * 1e3).round() / 1e3),
+            of.size,
+            of.unit
+        )
     }
 
     fn number(&self, value: f64) -> String {
@@ -131,6 +149,7 @@ fn written(axes: &[AxisName], uncertain: bool) -> Vec<String> {
         let unit = axis.kind().micro_unit();
         format!("{axis}_u_correction_{unit}")
     });
+    let not_counted = uncertain.then(|| "u_not_counted".to_owned());
     let others = [
         "residual_um",
         "residual_axis_urad",
@@ -141,6 +160,7 @@ fn written(axes: &[AxisName], uncertain: bool) -> Vec<String> {
     corrected
         .chain(correction)
         .chain(uncertainty)
+        .chain(not_counted)
         .chain(others.map(str::to_owned))
         .collect()
 }

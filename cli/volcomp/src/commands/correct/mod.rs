@@ -64,11 +64,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         }
         None => None,
     };
+    let (ensemble, open) = ensemble.unzip();
     let columns = file::Columns::new(&machine, states.table(), ensemble.is_some());
     let row = |state: &State| CorrectionAt {
         uncertainty: ensemble
             .as_ref()
             .map(|ensemble| uncertainty(ensemble, &machine, state, &options)),
+        not_counted: open.as_ref().map(|open| open.at(&[*state])),
         ..evaluate(&machine, state, &temperatures, &options)
     };
     let rows: Vec<CorrectionAt> = states.states().iter().map(row).collect();
@@ -128,6 +130,7 @@ fn evaluate(
     };
     CorrectionAt {
         uncertainty: None,
+        not_counted: None,
         correction: by_axis(&|index, kind| micro(kind, found.delta[index])),
         residual_um: micrometres(&found.residual_mm),
         residual_axis_urad: microradians(&found.residual_axis),

@@ -1,14 +1,14 @@
 //! Corrections for people: an axis a line for one position, a position a line for many.
 
-use std::fmt::Write;
+use std::{collections::BTreeSet, fmt::Write};
 
 use volcomp_model::Machine;
 use volcomp_vocabulary::AxisName;
 
 use super::norm;
 use crate::{
-    answers::{ByAxis, position::CorrectionAt},
-    commands::outside::remarks,
+    answers::{ByAxis, NotCounted, position::CorrectionAt},
+    commands::{not_counted::words, outside::remarks},
     table::{fixed, folded, table, table_text},
 };
 
@@ -61,8 +61,11 @@ fn one(row: &CorrectionAt, rotary: usize) -> String {
     );
     text.push('\n');
     let outside = row.outside.words();
-    if !outside.is_empty() {
-        text += &folded(&outside, "");
+    let not_counted = words(row.not_counted.as_deref().unwrap_or_default(), "here");
+    for sentence in [outside, not_counted] {
+        if !sentence.is_empty() {
+            text += &folded(&sentence, "");
+        }
     }
     text
 }
@@ -104,7 +107,26 @@ fn many(machine: &Machine, rows: &[CorrectionAt], rotary: usize) -> String {
         let parts: Vec<String> = parts.filter(|part| !part.is_empty()).collect();
         parts.join("; ")
     });
-    table_text(&table) + &remarks(said)
+    let not_counted = worst(rows);
+    let not_counted = words(&not_counted, "at one of these positions");
+    let mut text = table_text(&table) + &remarks(said);
+    if !not_counted.is_empty() {
+        text += &folded(&not_counted, "");
+    }
+    text
+}
+
+/// What the uncertainties do not count, each at the position where it moves the tool most.
+fn worst(rows: &[CorrectionAt]) -> Vec<NotCounted> {
+    let mut all: Vec<NotCounted> = rows
+        .iter()
+        .filter_map(|row| row.not_counted.clone())
+        .flatten()
+        .collect();
+    all.sort_by(|a, b| b.moves_um.total_cmp(&a.moves_um));
+    let mut seen = BTreeSet::new();
+    all.retain(|of| seen.insert(of.unknown.clone()));
+    all
 }
 
 /// Whether the tool axis cannot be corrected at a pose where other poses of the machine can.

@@ -4,6 +4,7 @@ mod columns;
 mod contradiction;
 mod document;
 mod errors;
+mod fahrenheit;
 mod plausible;
 mod terms;
 mod text;
@@ -125,12 +126,25 @@ fn refuse_twice(files: &[PathBuf]) -> Result<(), Failure> {
         let before = &files[..*place];
         before.contains(file) || same_file(before, file).is_some()
     });
-    twice.map_or(Ok(()), |(_, file)| {
-        Err(Failure::Input(format!(
+    if let Some((_, file)) = twice {
+        return Err(Failure::Input(format!(
             "{} stands twice: expected each test once, since each is predicted from all others",
             file.display()
-        )))
-    })
+        )));
+    }
+    // What cannot be read is refused where it is read.
+    let texts: Vec<_> = files.iter().map(|file| std::fs::read(file).ok()).collect();
+    for (place, (file, text)) in files.iter().zip(&texts).enumerate() {
+        let mut before = files.iter().zip(&texts[..place]);
+        if let Some((other, _)) = before.find(|(_, other)| text.is_some() && *other == text) {
+            return Err(Failure::Input(format!(
+                "{} has the same content as {}: expected each test once, since each is predicted from all others",
+                file.display(),
+                other.display()
+            )));
+        }
+    }
+    Ok(())
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
@@ -147,7 +161,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         notes.extend(columns.notes.iter().map(note));
     }
     notes.extend(plausible::of_all(&files));
+    notes.extend(fahrenheit::of_all(&files));
     for (path, file) in arguments.data.iter().zip(&files) {
+        notes.extend(fahrenheit::changes(path, file));
         notes.extend(plausible::still_in(path, file, &files));
     }
     let still = still_sensors(&files);

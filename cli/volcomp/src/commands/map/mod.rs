@@ -20,15 +20,20 @@ use self::{
     rigid::{Beside, all_axes},
     work::{Found, Largest, Work},
 };
-use super::{Answer, fixed, machine_notes, uncertainty::UncertaintyArguments};
+use super::{
+    Answer, fixed, machine_notes,
+    not_counted::{all_over, words},
+    uncertainty::UncertaintyArguments,
+};
 use crate::{
     answers::{
-        ByAxis,
+        ByAxis, NotCounted,
         map::{AllAxes, Map, Uncertainty},
     },
     compensation::{Compensation, CompensationArguments},
     failure::Failure,
     points::{MachineArguments, OthersArguments},
+    table::folded,
 };
 
 /// The volumetric map: the error on a grid over the travels of X, Y and Z
@@ -99,13 +104,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         ));
     }
     let mut field = Field::open(arguments.output.as_deref(), &grid, measured.is_some())?;
-    let ensemble = match &measured {
-        Some(measured) => Some(
-            arguments
-                .uncertainty
-                .ensemble(measured, &machine, &mut notes)?,
-        ),
-        None => None,
+    let (ensemble, not_counted) = match &measured {
+        Some(measured) => {
+            let from = &arguments.uncertainty;
+            let (ensemble, open) = from.ensemble(measured, &machine, &mut notes)?;
+            (Some(ensemble), open.at(&all_over(&machine, &grid)?))
+        }
+        None => (None, Vec::new()),
     };
     let work = Work {
         machine: &machine,
@@ -132,7 +137,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             arguments,
             model,
             &grid,
-            (&found.largest, beside),
+            (&found.largest, beside, not_counted),
             &compensation,
         )?
     };
@@ -144,7 +149,7 @@ fn document(
     arguments: &Arguments,
     model: Model,
     grid: &MapGrid,
-    (largest, beside): (&Largest, Beside),
+    (largest, beside, not_counted): (&Largest, Beside, Vec<NotCounted>),
     compensation: &Compensation<'_>,
 ) -> Result<Map, Failure> {
     let (length, node) = largest.error.ok_or_else(|| {
@@ -173,6 +178,7 @@ fn document(
                 at: place(grid, &node),
                 position_um: [x, y, z],
                 rotation_urad: [a, b, c],
+                not_counted,
             }
         }),
         compensated: compensation.document(),
@@ -207,6 +213,10 @@ fn text(arguments: &Arguments, map: &Map, compensation: &Compensation<'_>) -> St
     if let Some(u) = &map.uncertainty {
         let what = "largest standard uncertainty";
         describe(&mut text, what, u.largest_um, u.position_um, &u.at);
+        let not_counted = words(&u.not_counted, "somewhere in the map");
+        if !not_counted.is_empty() {
+            text += &folded(&not_counted, "  ");
+        }
     }
     // Writing to a String cannot fail.
     let _ = match map.tolerance_nm {
