@@ -5,13 +5,37 @@
 ///
 /// `before` is the output before the step, in the unit of the input; `dt` and the time constant `lag` are in the same
 /// unit of time. Without a lag (0, negative or NaN) the output is the input; a `dt` that is negative or NaN counts as
-/// 0. It is the one rule by which a thermal model is fitted and by which it runs.
+/// 0. It is the rule by which a thermal model runs, which is stepped in every cycle; one is fitted from rows that are
+/// minutes apart by [`first_order_lag_of_ramp`], which is the same in short steps.
 pub fn first_order_lag(before: f64, input: f64, dt: f64, lag: f64) -> f64 {
     if lag > 0.0 {
         // `max` takes the other number when one is NaN.
         input + (before - input) * libm::exp(-dt.max(0.0) / lag)
     } else {
         input
+    }
+}
+
+/// The output of a first-order lag after a step of `dt`, in which its input went along a straight line from `from` to
+/// `to`: what many short steps of [`first_order_lag`] along that line come to.
+///
+/// With `k = exp(−dt/lag)` and `m = (1 − k)·lag/dt`, the mean of `exp(−t/lag)` over the step, the solution of
+/// `lag·y' = x − y` is `k·before + (m − k)·from + (1 − m)·to`. The other rules are those of [`first_order_lag`].
+pub fn first_order_lag_of_ramp(before: f64, from: f64, to: f64, dt: f64, lag: f64) -> f64 {
+    if lag > 0.0 {
+        // `max` takes the other number when one is NaN.
+        let steps = dt.max(0.0) / lag;
+        let kept = libm::exp(-steps);
+        // Of a step of no length, or one so short that the quotient is no number, nothing is forgotten.
+        let mean = if steps > 0.0 {
+            -libm::expm1(-steps) / steps
+        } else {
+            1.0
+        };
+        let mean = if mean.is_finite() { mean } else { 0.0 };
+        kept * before + (mean - kept) * from + (1.0 - mean) * to
+    } else {
+        to
     }
 }
 

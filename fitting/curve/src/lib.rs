@@ -25,7 +25,7 @@ pub use error::CurveError;
 pub use error_curve::{ErrorCurve, Field};
 pub use fourier::Fourier;
 pub use grid::Grid;
-pub use lag::{SmoothedRate, first_order_lag};
+pub use lag::{SmoothedRate, first_order_lag, first_order_lag_of_ramp};
 pub use mls::MovingLeastSquares;
 pub use polynomial::Polynomial;
 pub use table::{Interpolation, Table};

@@ -23,9 +23,10 @@ pub use mls::{MLS_ORDERS, MlsTrial, choose_mls, fit_mls, fit_mls_auto, scan_mls}
 pub use polynomial::{fit_chebyshev, fit_polynomial};
 pub use table::{fit_cubic_table, fit_linear_table};
 pub use thermal::{
-    ThermalChoice, ThermalEffect, ThermalFit, ThermalNumber, ThermalOptions, ThermalRecord,
-    ThermalRun, ThermalSearch, ThermalSeen, ThermalSegment, ThermalSize, ThermalTerm, ThermalTerms,
-    fit_thermal, left_out_runs, refit_thermal, search_thermal, search_thermal_rows,
+    ThermalChoice, ThermalEffect, ThermalFit, ThermalGap, ThermalNumber, ThermalOptions,
+    ThermalRecord, ThermalRun, ThermalSearch, ThermalSeen, ThermalSegment, ThermalSize,
+    ThermalTerm, ThermalTerms, fit_thermal, left_out_runs, refit_thermal, search_thermal,
+    search_thermal_rows,
 };
 pub use volcomp_curve as curve;
 

@@ -39,7 +39,8 @@ pub(crate) struct Displacement {
     /// Regression on all sensors with many time constants, as a measure of what few terms lose; of a single file only.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) dense: Option<Prediction>,
-    /// Few terms with time constants.
+    /// Few terms with time constants. What the temperatures may have done between the rows is part of its errors, and of those in
+    /// `left_out`.
     pub(crate) fit: Prediction,
     /// The error in each file that was left out; empty for a single file.
     pub(crate) left_out: Vec<LeftOut>,

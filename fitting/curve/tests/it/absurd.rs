@@ -3,7 +3,7 @@
 use proptest::{collection::vec, prelude::*};
 use volcomp_curve::{
     BSpline, Chebyshev, Curve, CurveError, ErrorCurve, Field, Fourier, Grid, MovingLeastSquares,
-    Polynomial, Table, first_order_lag,
+    Polynomial, Table, first_order_lag, first_order_lag_of_ramp,
 };
 use volcomp_vocabulary::Direction;
 
@@ -141,9 +141,27 @@ proptest! {
         prop_assert!((twice - after).abs() < 1e-9);
     }
 
+    /// Between where it was and the ends of the ramp, and two halves of a ramp are the whole of it.
+    #[test]
+    fn a_lag_follows_a_ramp(
+        before in -50.0..50.0_f64, from in -50.0..50.0_f64, to in -50.0..50.0_f64, dt in 0.0..1e4_f64, lag in 0.0..1e4_f64,
+    ) {
+        let after = first_order_lag_of_ramp(before, from, to, dt, lag);
+        let all = [before, from, to];
+        let (low, high) = (all.into_iter().fold(50.0, f64::min), all.into_iter().fold(-50.0, f64::max));
+        prop_assert!((low - 1e-9..=high + 1e-9).contains(&after));
+        let middle = 0.5 * (from + to);
+        let half = first_order_lag_of_ramp(before, from, middle, dt / 2.0, lag);
+        let twice = first_order_lag_of_ramp(half, middle, to, dt / 2.0, lag);
+        prop_assert!((twice - after).abs() < 1e-9);
+        let held = first_order_lag_of_ramp(before, to, to, dt, lag);
+        prop_assert!((held - first_order_lag(before, to, dt, lag)).abs() < 1e-9);
+    }
+
     #[test]
     fn a_lag_takes_any_number(before in number(), input in number(), dt in number(), lag in number()) {
         let _ = first_order_lag(before, input, dt, lag);
+        let _ = first_order_lag_of_ramp(before, input, before, dt, lag);
     }
 }
 
@@ -155,5 +173,24 @@ fn a_lag_in_closed_form() {
     assert_eq!(first_order_lag(20.0, 30.0, 1.0, 0.0), 30.0);
     for dt in [-5.0, f64::NAN, 0.0] {
         assert_eq!(first_order_lag(20.0, 30.0, dt, 600.0), 20.0);
+    }
+}
+
+/// Behind a ramp that is long beside the lag, the output runs behind it by slope times lag (closed form); a ramp of many short
+/// steps is one long step.
+#[test]
+fn a_lag_of_a_ramp_in_closed_form() {
+    let behind = first_order_lag_of_ramp(20.0, 20.0, 50.0, 3e4, 600.0);
+    assert!((behind - (50.0 - 1e-3 * 600.0)).abs() < 1e-12, "{behind}");
+    let (mut stepped, parts) = (22.0, 30_000);
+    for part in 0..parts {
+        let middle = 20.0 + 10.0 * (f64::from(part) + 0.5) / f64::from(parts);
+        stepped = first_order_lag(stepped, middle, 300.0 / f64::from(parts), 120.0);
+    }
+    let at_once = first_order_lag_of_ramp(22.0, 20.0, 30.0, 300.0, 120.0);
+    assert!((stepped - at_once).abs() < 1e-7, "{stepped} {at_once}");
+    assert_eq!(first_order_lag_of_ramp(20.0, 25.0, 30.0, 1.0, 0.0), 30.0);
+    for dt in [-5.0, f64::NAN, 0.0] {
+        assert_eq!(first_order_lag_of_ramp(20.0, 25.0, 30.0, dt, 600.0), 20.0);
     }
 }

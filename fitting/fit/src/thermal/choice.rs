@@ -1,7 +1,5 @@
 //! Which lags, sensors and penalty: chosen by predicting each block of time from those before it.
 
-use std::ops::Range;
-
 use nalgebra::DMatrix;
 
 use super::{
@@ -40,12 +38,11 @@ pub struct ThermalChoice {
 pub(super) fn best_choices(
     features: &Features,
     record: &ThermalRecord,
-    train: &Range<usize>,
+    train: &[usize],
     options: &ThermalOptions,
 ) -> Result<Vec<ThermalChoice>, FitError> {
     let stride = train.len().div_ceil(ROWS_TO_CHOOSE);
     let blocks: Vec<DMatrix<f64>> = split(train, BLOCKS)
-        .into_iter()
         .map(|rows| features.moments(record, rows, stride))
         .collect();
     let all: Vec<usize> = (0..features.sensors).collect();

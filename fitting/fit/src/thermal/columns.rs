@@ -4,7 +4,11 @@ use std::ops::Range;
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-use super::{features::lagged, runs::ThermalRun};
+use super::{
+    features::split,
+    lagged::{bent, lagged},
+    runs::ThermalRun,
+};
 
 /// The most rows of a stretch that go into the sums: neighbouring rows are nearly equal, and more of them change nothing.
 const MOST_ROWS: usize = 400;
@@ -31,14 +35,32 @@ pub(super) struct Column {
     pub(super) effect: ThermalEffect,
 }
 
+/// What a temperature does between two rows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Between {
+    /// It goes along a straight line.
+    Straight,
+    /// It bends as its slopes from interval to interval say.
+    Bent,
+}
+
 impl Column {
     /// Its values in the rows of a run: 0 in the first.
-    pub(super) fn values(&self, run: &ThermalRun) -> Vec<f64> {
+    pub(super) fn values(&self, run: &ThermalRun, between: Between) -> Vec<f64> {
         let record = &run.record;
         let degc = &record.degc[self.sensor];
         let difference: Vec<f64> = degc.iter().map(|t| t - degc[0]).collect();
         match self.effect {
-            ThermalEffect::Drift { lag_s } => lagged(&record.time_s, &difference, lag_s),
+            ThermalEffect::Drift { lag_s } => {
+                let mut found = lagged(&record.time_s, &difference, lag_s);
+                if between == Between::Bent {
+                    let bent = bent(&record.time_s, &difference, lag_s);
+                    for (found, bent) in found.iter_mut().zip(bent) {
+                        *found += bent;
+                    }
+                }
+                found
+            }
             ThermalEffect::Expansion => {
                 let positions = run.position_mm.iter();
                 difference
@@ -60,19 +82,22 @@ pub(super) struct Stretch {
     groups: Vec<(usize, DMatrix<f64>)>,
 }
 
-/// The stretches of a run.
+/// The stretches of a run: those among `rows` that no gap leaves out for the time constants `lags_s`, in equal parts.
 pub(super) fn stretches(
     run: &ThermalRun,
     index: usize,
     columns: &[Column],
+    between: Between,
     rows: &Range<usize>,
+    lags_s: &[f64],
     parts: usize,
 ) -> Vec<Stretch> {
     let (positions, places) = run.places();
     let mut values = vec![run.record.displacement.clone()];
-    values.extend(columns.iter().map(|column| column.values(run)));
+    values.extend(columns.iter().map(|column| column.values(run, between)));
     // Every position has its own zero.
-    let zero_rows = ThermalRun::zero_rows(&places, positions.len());
+    let known = run.record.known_rows(&(0..run.record.len()), lags_s);
+    let zero_rows = ThermalRun::zero_rows(&known, &places, positions.len());
     let zeros: Vec<Vec<f64>> = zero_rows
         .iter()
         .map(|rows| {
@@ -82,11 +107,11 @@ pub(super) fn stretches(
             values.iter().map(mean).collect()
         })
         .collect();
-    let sums = |stretch: Range<usize>| {
+    let sums = |stretch: &[usize]| {
         let step = stretch.len().div_ceil(MOST_ROWS * positions.len()).max(1);
         let mut groups = Vec::new();
         for (place, zero) in zeros.iter().enumerate() {
-            let of_place = stretch.clone().filter(|row| places[*row] == place);
+            let of_place = stretch.iter().copied().filter(|row| places[*row] == place);
             let taken: Vec<usize> = of_place.step_by(step).collect();
             if taken.is_empty() {
                 continue;
@@ -101,7 +126,8 @@ pub(super) fn stretches(
         }
         Stretch { run: index, groups }
     };
-    run.stretches(rows, parts).into_iter().map(sums).collect()
+    let rows: Vec<usize> = known.into_iter().filter(|row| rows.contains(row)).collect();
+    split(&rows, parts).map(sums).collect()
 }
 
 /// Sums of several stretches: of each position of each run, and all of them about the mean of each.

@@ -1,31 +1,16 @@
 //! Lagged temperatures as the columns of a regression.
 
-use std::ops::Range;
-
 use nalgebra::DMatrix;
-use volcomp_curve::first_order_lag;
 
-use super::record::ThermalRecord;
+use super::{lagged::lagged, record::ThermalRecord};
 
 /// Columns of the moments before the features: 1 and the displacement.
 pub(super) const BEFORE: usize = 2;
 
-/// The first-order lag of a signal over time, beginning at its first value: as long as the shorter of both.
-pub(super) fn lagged(time_s: &[f64], signal: &[f64], lag_s: f64) -> Vec<f64> {
-    let mut state: Option<(f64, f64)> = None;
-    let step = |(&time, &input): (&f64, &f64)| {
-        let (before, value) = state.unwrap_or((time, input));
-        let value = first_order_lag(value, input, time - before, lag_s);
-        state = Some((time, value));
-        value
-    };
-    time_s.iter().zip(signal).map(step).collect()
-}
-
 /// Rows divided into `parts` stretches that are as equal as can be.
-pub(super) fn split(rows: &Range<usize>, parts: usize) -> Vec<Range<usize>> {
-    let end = |part: usize| rows.start + rows.len() * part / parts.max(1);
-    (0..parts).map(|part| end(part)..end(part + 1)).collect()
+pub(super) fn split(rows: &[usize], parts: usize) -> impl Iterator<Item = &[usize]> {
+    let end = move |part: usize| rows.len() * part / parts.max(1);
+    (0..parts).map(move |part| &rows[end(part)..end(part + 1)])
 }
 
 /// Every lag of every sensor, as differences to the first row: `columns[lag × sensors + sensor]`.
@@ -64,10 +49,10 @@ impl Features {
     pub(super) fn moments(
         &self,
         record: &ThermalRecord,
-        rows: Range<usize>,
+        rows: &[usize],
         stride: usize,
     ) -> DMatrix<f64> {
-        let rows: Vec<usize> = rows.step_by(stride).collect();
+        let rows: Vec<usize> = rows.iter().copied().step_by(stride).collect();
         let entry = |row: usize, column: usize| match column {
             0 => 1.0,
             1 => record.displacement[rows[row]],

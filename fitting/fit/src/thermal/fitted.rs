@@ -2,11 +2,7 @@
 
 use std::ops::Range;
 
-use super::{
-    choice::ThermalChoice,
-    features::{lagged, split},
-    record::ThermalRecord,
-};
+use super::{choice::ThermalChoice, features::split, lagged::lagged, record::ThermalRecord};
 use crate::fit::rms;
 
 /// A drift term: the first-order lag of Σ per_k·(T − start) over the sensors.
@@ -70,7 +66,7 @@ impl ThermalFit {
     }
 
     /// Root mean square of record minus prediction (µm or µrad) over some rows, and the worst of ten equal stretches
-    /// of them. Rows that the record does not have are passed over; over no row it is NaN.
+    /// of them. Rows that the record does not have, and those that a gap leaves out, are passed over; over no row it is NaN.
     pub fn residual(
         &self,
         record: &ThermalRecord,
@@ -79,7 +75,8 @@ impl ThermalFit {
         let predicted = self.predict(record);
         let errors = record.displacement.iter().zip(&predicted);
         let errors: Vec<f64> = errors.map(|(found, predicted)| found - predicted).collect();
-        judged(&record.time_s, &errors, rows)
+        let lags: Vec<f64> = self.terms.iter().map(|term| term.lag_s).collect();
+        judged(&record.time_s, &errors, &record.known_rows(&rows, &lags))
     }
 
     /// Places of the sensors that some term uses.
@@ -105,22 +102,21 @@ impl ThermalFit {
     }
 }
 
-/// Root mean square of some rows of errors, and the worst of ten equal stretches of them. Rows that are not there are passed
-/// over; over no row it is NaN.
+/// Root mean square of some rows of errors, and the worst of ten equal stretches of them; over no row it is NaN.
 pub(super) fn judged(
     time_s: &[f64],
     errors: &[f64],
-    rows: Range<usize>,
+    rows: &[usize],
 ) -> (f64, Option<ThermalSegment>) {
-    // A range that ends before it begins is no row.
-    let end = rows.end.min(errors.len());
-    let rows = rows.start.min(end)..end;
-    let segments = split(&rows, 10.min(rows.len())).into_iter();
-    let worst = segments.map(|part| ThermalSegment {
-        from_s: time_s[part.start],
-        to_s: time_s[part.end - 1],
-        rms: rms(errors[part].iter().copied()),
-    });
+    let of = |rows: &[usize]| rms(rows.iter().map(|row| errors[*row]));
+    let segment = |part: &[usize]| {
+        Some(ThermalSegment {
+            from_s: time_s[*part.first()?],
+            to_s: time_s[*part.last()?],
+            rms: of(part),
+        })
+    };
+    let worst = split(rows, 10.min(rows.len())).filter_map(segment);
     let worst = worst.max_by(|a, b| a.rms.total_cmp(&b.rms));
-    (rms(errors[rows].iter().copied()), worst)
+    (of(rows), worst)
 }

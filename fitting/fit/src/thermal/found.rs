@@ -5,10 +5,11 @@ use std::ops::Range;
 use volcomp_curve::SmoothedRate;
 
 use super::{
-    columns::{Column, ThermalEffect},
+    columns::{Between, Column, ThermalEffect},
     fitted::{ThermalSegment, judged},
     runs::ThermalRun,
 };
+use crate::fit::rms;
 
 /// One number of thermal terms.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,7 +77,8 @@ struct Zero {
 }
 
 impl ThermalTerms {
-    /// `offsets`: of each position of each run what the numbers leave in the mean, counted from its start.
+    /// `offsets`: of each position of each run
+    /// what the numbers leave in the mean, counted from its start. `lags_s`: the time constants that were chosen from, s.
     pub(super) fn new(
         numbers: Vec<ThermalNumber>,
         penalty: f64,
@@ -84,6 +86,7 @@ impl ThermalTerms {
         validated: Vec<f64>,
         known: &[(&ThermalRun, Range<usize>)],
         offsets: &[((usize, usize), f64)],
+        lags_s: &[f64],
     ) -> Self {
         let mut terms = Self {
             seen: Vec::new(),
@@ -96,8 +99,9 @@ impl ThermalTerms {
         terms.seen = terms.sensors().iter().map(|&s| seen(known, s)).collect();
         for (index, (run, _)) in known.iter().enumerate() {
             let (positions, places) = run.places();
-            let from_start = terms.unknown_zero(run);
-            let zero_rows = ThermalRun::zero_rows(&places, positions.len());
+            let from_start = terms.unknown_zero(run, Between::Straight);
+            let of_run = run.record.known_rows(&(0..run.record.len()), lags_s);
+            let zero_rows = ThermalRun::zero_rows(&of_run, &places, positions.len());
             for (place, (&position_mm, rows)) in positions.iter().zip(&zero_rows).enumerate() {
                 let offset = offsets.iter().find(|(key, _)| *key == (index, place));
                 let Some((_, offset)) = offset else { continue };
@@ -136,14 +140,14 @@ impl ThermalTerms {
     }
 
     /// What the numbers make of the temperatures of a run with the same sensors, less what they made of its first row.
-    fn unknown_zero(&self, run: &ThermalRun) -> Vec<f64> {
+    fn unknown_zero(&self, run: &ThermalRun, between: Between) -> Vec<f64> {
         let mut sum = vec![0.0; run.record.len()];
         for number in &self.numbers {
             let column = Column {
                 sensor: number.sensor,
                 effect: number.effect,
             };
-            for (sum, value) in sum.iter_mut().zip(column.values(run)) {
+            for (sum, value) in sum.iter_mut().zip(column.values(run, between)) {
                 *sum += number.value * value;
             }
         }
@@ -151,16 +155,29 @@ impl ThermalTerms {
     }
 
     /// Root mean square of record minus prediction (µm or µrad) in a run that has no part in the terms, both counted from
-    /// their start at each position.
+    /// their start at each position. Rows that a gap leaves out are passed over.
     pub fn rms_from_start(&self, run: &ThermalRun) -> f64 {
-        let predicted = self.unknown_zero(run);
+        let predicted = self.unknown_zero(run, Between::Straight);
         let rows = run.record.displacement.iter().zip(&predicted);
-        run.rms_of_errors(&rows.map(|(d, p)| d - p).collect::<Vec<f64>>())
+        let errors: Vec<f64> = rows.map(|(d, p)| d - p).collect();
+        run.rms_of_errors(&errors, &self.lags_s())
+    }
+
+    /// How far the prediction of a run is off (root mean square, µm or µrad) for what the temperatures did between its rows: the
+    /// difference of what the numbers make of temperatures that bend from row to row as their slopes say, and of straight lines.
+    /// A machine that reads its sensors in every cycle has this error over what the rows of the run show.
+    pub fn rms_between_rows(&self, run: &ThermalRun) -> f64 {
+        let bent = self.unknown_zero(run, Between::Bent);
+        let straight = self.unknown_zero(run, Between::Straight);
+        let known = run
+            .record
+            .known_rows(&(0..run.record.len()), &self.lags_s());
+        rms(known.iter().map(|&row| bent[row] - straight[row]))
     }
 
     /// Record minus prediction in every row of the run that the terms were found from, or of a part of it.
     pub fn errors(&self, run: &ThermalRun) -> Vec<f64> {
-        let predicted = self.unknown_zero(run);
+        let predicted = self.unknown_zero(run, Between::Straight);
         let (positions, places) = run.places();
         let zero = |place: usize| {
             let mut zeros = self.zeros.iter();
@@ -172,9 +189,11 @@ impl ThermalTerms {
     }
 
     /// Root mean square of [`errors`](Self::errors) (µm or µrad) over some rows of the run that the terms were found from,
-    /// and the worst of ten equal stretches of them. Rows that the run does not have are passed over; over no row it is NaN.
+    /// and the worst of ten equal stretches of them. Rows that the run does not have, and those that a gap leaves out, are passed
+    /// over; over no row it is NaN.
     pub fn residual(&self, run: &ThermalRun, rows: Range<usize>) -> (f64, Option<ThermalSegment>) {
-        judged(&run.record.time_s, &self.errors(run), rows)
+        let known = run.record.known_rows(&rows, &self.lags_s());
+        judged(&run.record.time_s, &self.errors(run), &known)
     }
 
     /// The displacement with every sensor at `reference_degc`, from which the terms of a machine file count: its mean over

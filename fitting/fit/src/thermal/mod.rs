@@ -13,6 +13,8 @@ mod columns;
 mod features;
 mod fitted;
 mod found;
+mod gaps;
+mod lagged;
 mod options;
 mod record;
 mod ridge;
@@ -24,6 +26,7 @@ pub use choice::ThermalChoice;
 pub use columns::ThermalEffect;
 pub use fitted::{ThermalFit, ThermalSegment, ThermalTerm};
 pub use found::{ThermalNumber, ThermalSeen, ThermalSize, ThermalTerms};
+pub use gaps::ThermalGap;
 pub use options::ThermalOptions;
 pub use record::ThermalRecord;
 pub use runs::ThermalRun;
@@ -43,10 +46,10 @@ pub fn fit_thermal(
     train: Range<usize>,
     options: &ThermalOptions,
 ) -> Result<ThermalFit, FitError> {
-    check(record, &train, options)?;
+    let train = checked(record, &train, options)?;
     let features = Features::new(record, &options.lags_s);
     let choices = best_choices(&features, record, &train, options)?;
-    fit_choices(record, &features, train, options, choices)
+    fit_choices(record, &features, &train, options, choices)
 }
 
 /// Fits the rows `train` with choices that were made before, on a part of them.
@@ -60,28 +63,45 @@ pub fn refit_thermal(
     options: &ThermalOptions,
     choices: &[ThermalChoice],
 ) -> Result<ThermalFit, FitError> {
-    check(record, &train, options)?;
+    let train = checked(record, &train, options)?;
     check_choices(record, options, choices)?;
     let features = Features::new(record, &options.lags_s);
-    fit_choices(record, &features, train, options, choices.to_vec())
+    fit_choices(record, &features, &train, options, choices.to_vec())
 }
 
-fn check(
+/// The rows of `train` that gaps of the log leave.
+fn checked(
     record: &ThermalRecord,
     train: &Range<usize>,
     options: &ThermalOptions,
-) -> Result<(), FitError> {
+) -> Result<Vec<usize>, FitError> {
     record.check()?;
     options.check()?;
-    if train.end > record.len() || train.len() < 20 * BLOCKS {
-        return Err(FitError::TooFew {
-            what: "rows",
-            purpose: "a thermal fit",
-            found: train.len().min(record.len()),
-            needed: 20 * BLOCKS,
-        });
+    let known = record.known_rows(train, &options.lags_s);
+    enough_rows(record, train, &known, 20 * BLOCKS)?;
+    Ok(known)
+}
+
+/// Refuses rows that the record does not have, and fewer than are needed.
+fn enough_rows(
+    record: &ThermalRecord,
+    asked: &Range<usize>,
+    known: &[usize],
+    needed: usize,
+) -> Result<(), FitError> {
+    if asked.end <= record.len() && known.len() >= needed {
+        return Ok(());
     }
-    Ok(())
+    Err(FitError::TooFew {
+        what: if known.len() < asked.len().min(record.len()) {
+            "rows that are not behind a gap in the log"
+        } else {
+            "rows"
+        },
+        purpose: "a thermal fit",
+        found: known.len(),
+        needed,
+    })
 }
 
 /// Choices that were made elsewhere name lags and sensors that are there.
@@ -129,7 +149,7 @@ fn check_choices(
 fn fit_choices(
     record: &ThermalRecord,
     features: &Features,
-    train: Range<usize>,
+    train: &[usize],
     options: &ThermalOptions,
     choices: Vec<ThermalChoice>,
 ) -> Result<ThermalFit, FitError> {

@@ -1,8 +1,6 @@
 //! Thermal tests as several runs, at one or several positions of the axis.
 
-use std::ops::Range;
-
-use super::{features::split, record::ThermalRecord};
+use super::record::ThermalRecord;
 use crate::{FitError, fit::rms};
 
 /// One thermal test: from its first row to its last, and where the axis stood.
@@ -41,18 +39,33 @@ impl ThermalRun {
     /// Root mean square of the displacement (µm or µrad), counted from its start at each position: what is off where nothing is
     /// predicted.
     pub fn rms_from_start(&self) -> f64 {
-        self.rms_of_errors(&self.record.displacement)
+        self.rms_of_errors(&self.record.displacement, &[])
     }
 
-    /// Root mean square of errors, one for each row, counted from their start at each position.
-    pub(super) fn rms_of_errors(&self, errors: &[f64]) -> f64 {
+    /// Root mean square of errors, one for each row, counted from their start at each position: over the rows that gaps leave
+    /// for terms with these time constants, s.
+    pub(super) fn rms_of_errors(&self, errors: &[f64], lags_s: &[f64]) -> f64 {
+        let known = self.record.known_rows(&(0..self.record.len()), lags_s);
         let (positions, places) = self.places();
-        let zeros: Vec<f64> = Self::zero_rows(&places, positions.len())
+        let zeros: Vec<f64> = Self::zero_rows(&known, &places, positions.len())
             .iter()
             .map(|rows| rows.iter().map(|row| errors[*row]).sum::<f64>() / rows.len().max(1) as f64)
             .collect();
-        let from_start = errors.iter().zip(&places);
-        rms(from_start.map(|(error, place)| error - zeros[*place]))
+        let from_start = known.iter().map(|&row| errors[row] - zeros[places[row]]);
+        rms(from_start)
+    }
+
+    /// Its rows before this one.
+    pub(super) fn until(&self, row: usize) -> Self {
+        let first = |values: &Vec<f64>| values.iter().copied().take(row).collect();
+        Self {
+            record: ThermalRecord {
+                time_s: first(&self.record.time_s),
+                degc: self.record.degc.iter().map(first).collect(),
+                displacement: first(&self.record.displacement),
+            },
+            position_mm: first(&self.position_mm),
+        }
     }
 
     pub(super) fn check(&self, sensors: usize) -> Result<(), FitError> {
@@ -103,22 +116,16 @@ impl ThermalRun {
         (positions, places)
     }
 
-    /// The rows of each position that are its zero.
-    pub(super) fn zero_rows(places: &[usize], count: usize) -> Vec<Vec<usize>> {
+    /// The rows of each position that are its zero, of those that are known.
+    pub(super) fn zero_rows(known: &[usize], places: &[usize], count: usize) -> Vec<Vec<usize>> {
         let mut rows = vec![Vec::new(); count];
-        for (row, place) in places.iter().enumerate() {
-            rows[*place].push(row);
+        for &row in known {
+            rows[places[row]].push(row);
         }
         let [least, most] = ZERO_ROWS;
         for rows in &mut rows {
             rows.truncate((rows.len() / 100).clamp(least, most));
         }
         rows
-    }
-
-    /// Its rows in equal stretches.
-    pub(super) fn stretches(&self, rows: &Range<usize>, parts: usize) -> Vec<Range<usize>> {
-        let end = rows.end.min(self.record.len());
-        split(&(rows.start.min(end)..end), parts)
     }
 }

@@ -7,7 +7,8 @@
 use std::ops::Range;
 
 use super::{
-    columns::{Column, Stretch, Sums, ThermalEffect, stretches},
+    columns::{Between, Column, Stretch, Sums, ThermalEffect, stretches},
+    enough_rows,
     found::{ThermalNumber, ThermalSize, ThermalTerms},
     options::ThermalOptions,
     runs::ThermalRun,
@@ -160,16 +161,8 @@ fn search_rows(
     };
     for (run, rows) in runs.iter().zip(rows) {
         run.check(sensors)?;
-        let needed = stretches_of_run * LEAST_ROWS;
-        let found = rows.len().min(run.record.len());
-        if found < needed || rows.end > run.record.len() {
-            return Err(FitError::TooFew {
-                what: "rows",
-                purpose: "a thermal fit",
-                found,
-                needed,
-            });
-        }
+        let known = run.record.known_rows(rows, &search.lags_s);
+        enough_rows(&run.record, rows, &known, stretches_of_run * LEAST_ROWS)?;
     }
     let known: Vec<(&ThermalRun, Range<usize>)> = runs.iter().zip(rows.iter().cloned()).collect();
     let chosen = representative_sensors(&known, search.most_sensors);
@@ -244,7 +237,10 @@ impl Space {
         }
         let all = known.iter().enumerate();
         let stretches: Vec<Stretch> = all
-            .flat_map(|(index, (run, rows))| stretches(run, index, &columns, rows, parts))
+            .flat_map(|(index, (run, rows))| {
+                let between = Between::Straight;
+                stretches(run, index, &columns, between, rows, &search.lags_s, parts)
+            })
             .collect();
         let folds = if known.len() == 1 {
             let fold = |judged: usize| {
@@ -360,8 +356,12 @@ impl Space {
         let drawn = sums.ridge(&choice.columns, LEAST_PENALTY);
         let drawn = drawn.unwrap_or_else(|| weights.clone());
         let drawn = drawn.iter().zip(&weights).map(|(free, value)| free - value);
-        let uncertainties = (self.jackknife(choice).into_iter().zip(drawn))
-            .map(|(spread, drawn): (f64, f64)| spread.hypot(drawn))
+        // What the temperatures do between two rows is not known, in no run.
+        let bent = self.bent(choice, search, known);
+        let bent = bent.unwrap_or_else(|| weights.clone());
+        let bent = bent.iter().zip(&weights).map(|(bent, value)| bent - value);
+        let uncertainties = (self.jackknife(choice).into_iter().zip(drawn).zip(bent))
+            .map(|((spread, drawn), bent): ((f64, f64), f64)| spread.hypot(drawn).hypot(bent))
             .collect::<Vec<f64>>();
         let places = choice.columns.iter().zip(weights.iter().zip(uncertainties));
         let number = |(&place, (&value, uncertainty)): (&usize, (&f64, f64))| ThermalNumber {
@@ -385,7 +385,35 @@ impl Space {
             choice.errors.iter().map(|e| e.sqrt()).collect(),
             known,
             &offsets,
+            &search.lags_s,
         ))
+    }
+
+    /// The numbers of a choice where temperatures bend between the rows.
+    fn bent(
+        &self,
+        choice: &Choice,
+        search: &ThermalSearch,
+        known: &[(&ThermalRun, Range<usize>)],
+    ) -> Option<Vec<f64>> {
+        let columns: Vec<Column> = choice.columns.iter().map(|&c| self.columns[c]).collect();
+        let of_run = |(index, (run, rows)): (usize, &(&ThermalRun, Range<usize>))| {
+            // As many as before, so that the same rows are taken.
+            let parts = self.stretches.len().div_ceil(known.len());
+            // What comes later does not reach back.
+            stretches(
+                &run.until(rows.end),
+                index,
+                &columns,
+                Between::Bent,
+                rows,
+                &search.lags_s,
+                parts,
+            )
+        };
+        let all: Vec<Stretch> = known.iter().enumerate().flat_map(of_run).collect();
+        let places: Vec<usize> = (0..columns.len()).collect();
+        Sums::of(all.iter())?.ridge(&places, choice.penalty)
     }
 
     /// The scatter of each number: the spread of what is found without each stretch in turn, which sees that

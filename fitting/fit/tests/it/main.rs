@@ -9,6 +9,7 @@ mod few_terms;
 mod heat_network;
 mod irregular_axis;
 mod leave_one_out;
+mod logged;
 mod refusals;
 mod reproduction;
 #[cfg(feature = "serde")]

@@ -6,6 +6,7 @@ mod document;
 mod errors;
 mod fahrenheit;
 mod plausible;
+mod sampling;
 mod terms;
 mod text;
 mod verdict;
@@ -92,7 +93,7 @@ struct Channel {
 
 /// How well terms predict what they have not seen.
 struct Judged {
-    /// Root mean square error of the prediction, µm or µrad.
+    /// Root mean square error of the prediction, µm or µrad, with what the temperatures may have done between rows.
     rms: f64,
     worst: Option<ThermalSegment>,
     /// The mean square error in each part: a run, or a stretch of the rows that are predicted.
@@ -166,6 +167,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         notes.extend(fahrenheit::changes(path, file));
         notes.extend(plausible::still_in(path, file, &files));
     }
+    for (path, file) in arguments.data.iter().zip(&files) {
+        notes.extend(sampling::gaps(path, file, &arguments.search(false).lags_s));
+    }
     let still = still_sensors(&files);
     if !still.is_empty() {
         notes.push(format!(
@@ -211,6 +215,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             &arguments.data,
             &search,
         ));
+        notes.extend(sampling::too_coarse(&channel, &runs, &arguments.data));
         channels.push(channel);
     }
     let sensors = &first.sensors;
@@ -407,7 +412,10 @@ fn channel(
         });
     }
     let terms = search_thermal(&runs, search).map_err(failed)?;
-    let left_out = left_out_runs(&runs, search).map_err(failed)?;
+    let mut left_out = left_out_runs(&runs, search).map_err(failed)?;
+    for (left, run) in left_out.iter_mut().zip(&runs) {
+        *left = left.hypot(terms.rms_between_rows(run));
+    }
     let plain = search_thermal(&runs, &without_lags).map_err(failed)?;
     let plain_left_out = left_out_runs(&runs, &without_lags).map_err(failed)?;
     let none: Vec<f64> = runs.iter().map(ThermalRun::rms_from_start).collect();
@@ -438,10 +446,18 @@ impl Judged {
         }
     }
 
-    /// By the rows from `train` on.
+    /// By the rows from `train` on, and what the temperatures may have done between rows.
     fn by_time(terms: &ThermalTerms, run: &ThermalRun, train: usize) -> Self {
-        let (rms, worst) = terms.residual(run, train..run.record.len());
-        let parts = mean_squares(train..run.record.len(), |rows| terms.residual(run, rows).0);
+        let between = terms.rms_between_rows(run);
+        let left = |rows: Range<usize>| {
+            let (rms, worst) = terms.residual(run, rows);
+            (rms.hypot(between), worst)
+        };
+        let (rms, mut worst) = left(train..run.record.len());
+        if let Some(worst) = &mut worst {
+            worst.rms = worst.rms.hypot(between);
+        }
+        let parts = mean_squares(train..run.record.len(), |rows| left(rows).0);
         Self::new(terms, rms, worst, parts)
     }
 
@@ -459,13 +475,13 @@ fn mean_of_runs(runs: &[ThermalRun], rms: &[f64]) -> f64 {
     (squares.sum::<f64>() / rows.sum::<f64>().max(1.0)).sqrt()
 }
 
-/// The mean square in each of some equal stretches of rows.
+/// The mean square in each of some equal stretches of rows: no number where a gap leaves out all of them.
 fn mean_squares(rows: Range<usize>, rms: impl Fn(Range<usize>) -> f64) -> Vec<f64> {
     let at = |part: usize| rows.start + rows.len() * part / PARTS;
     let of = |part: usize| rms(at(part)..at(part + 1)).powi(2);
     (0..PARTS)
+        .filter(|part| at(*part) < at(part + 1))
         .map(of)
-        .filter(|square| !square.is_nan())
         .collect()
 }
 

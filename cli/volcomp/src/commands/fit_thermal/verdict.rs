@@ -1,7 +1,7 @@
 //! Whether thermal terms are worth having: by what they leave in the parts of the tests that they have not seen.
 
 /// A root mean square error that is larger or smaller by this share is no difference that anybody would see.
-const NO_DIFFERENCE: f64 = 0.1;
+pub(super) const NO_DIFFERENCE: f64 = 0.1;
 
 /// What is said of terms.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -13,10 +13,15 @@ pub(super) enum Verdict {
     WorseThanPlain,
 }
 
-/// The mean of the differences of two lists, part by part, and its standard error.
+/// The mean of the differences of two lists, part by part, and its standard error. Parts without a number in one of them, of
+/// which a gap left out every row, are passed over; where none has one, neither has the mean.
 pub(super) fn difference(these: &[f64], those: &[f64]) -> (f64, f64) {
-    let of: Vec<f64> = these.iter().zip(those).map(|(a, b)| a - b).collect();
+    let of = these.iter().zip(those).map(|(a, b)| a - b);
+    let of: Vec<f64> = of.filter(|difference| !difference.is_nan()).collect();
     let count = of.len() as f64;
+    if of.is_empty() && !these.is_empty() {
+        return (f64::NAN, f64::NAN);
+    }
     let mean = of.iter().sum::<f64>() / count.max(1.0);
     let squares: f64 = of.iter().map(|d| (d - mean).powi(2)).sum();
     (
@@ -27,7 +32,8 @@ pub(super) fn difference(these: &[f64], those: &[f64]) -> (f64, f64) {
 
 /// The difference of mean squares that is not seen beside these.
 fn unseen(squares: &[f64]) -> f64 {
-    let mean = squares.iter().sum::<f64>() / squares.len().max(1) as f64;
+    let known = || squares.iter().filter(|square| !square.is_nan());
+    let mean = known().sum::<f64>() / known().count().max(1) as f64;
     ((1.0 + NO_DIFFERENCE).powi(2) - 1.0) * mean
 }
 
@@ -69,5 +75,8 @@ mod tests {
             Verdict::NoBetterThanNone
         );
         assert_eq!(verdict(&[], &[], &[]), Verdict::NoBetterThanNone);
+        // A stretch of which a gap left out every row.
+        let gap = [0.052, f64::NAN, 0.05, 0.053];
+        assert_eq!(verdict(&gap, &plain, &none), Verdict::Good);
     }
 }
