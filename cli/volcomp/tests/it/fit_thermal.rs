@@ -194,8 +194,12 @@ fn tests_of_an_axis(folder: &std::path::Path) -> Vec<String> {
             let heats = (row / 40 + test).is_multiple_of(2);
             // The test begins with all at one temperature: a lag starts at its first input.
             if row > 0 {
+                let before = spindle;
                 spindle += 0.1 * (if heats { 35.0 } else { 20.0 } - spindle);
-                lagged += (spindle - lagged) * (1.0 - (-60.0_f64 / 900.0).exp());
+                for second in 0..60 {
+                    let now = before + (spindle - before) * (f64::from(second) + 0.5) / 60.0;
+                    lagged += (now - lagged) * (1.0 - (-1.0_f64 / 900.0).exp());
+                }
             }
             let scale = 20.0 + 3.0 * (0.7 * hours + f64::from(test)).sin();
             let x = 300.0 * f64::from(row % 3);
