@@ -141,7 +141,8 @@ impl Chain {
     ///
     /// Up to three linear axes of different directions are solved for in closed form, whatever their travels. Of more, the
     /// first of each direction moves and the others stand as near to 0 as their `travel` (mm) lets them; where the first
-    /// reaches an end of its travel the others take over, found step by step.
+    /// reaches an end of its travel the others take over, found step by step. So do axes that the rotary axes have turned along
+    /// one another ([`Chain::dependent_moves`]), which share the way.
     ///
     /// # Errors
     /// [`NoSolution::Tip`].
@@ -180,7 +181,10 @@ impl Chain {
                 *q += step;
             }
         }
-        if redundant {
+        let mut reaches = found.q.iter().zip(&travel.0);
+        let is_beyond = reaches.any(|(q, [low, high])| q < low || q > high);
+        // Where rotary axes turn one direction along another, these axes share the way like two of one direction.
+        if redundant || (is_beyond && !self.dependent_moves(state).is_empty()) {
             self.share(tip_mm, &columns, travel, &mut free, &mut found);
         }
         let miss_mm = (tip_mm - self.ideal_tip_mm(&found)).norm();
@@ -304,7 +308,7 @@ impl Chain {
 
     /// How the ideal tip moves with each linear axis where the rotary axes stand as in `state`: unit vectors in workpiece
     /// axes, zeros for rotary axes.
-    fn linear_columns(&self, state: &State) -> [Vector3<f64>; MAX_AXES] {
+    pub(crate) fn linear_columns(&self, state: &State) -> [Vector3<f64>; MAX_AXES] {
         let mut columns = [Vector3::zeros(); MAX_AXES];
         let mut turned = Matrix3::identity();
         for ((joint, &q), column) in self.joints().iter().zip(&state.q).zip(&mut columns) {

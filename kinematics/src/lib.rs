@@ -6,6 +6,7 @@ mod chain;
 mod correction;
 mod correctors;
 mod denavit_hartenberg;
+mod dependent;
 mod error;
 mod error_form;
 mod given_errors;

@@ -18,13 +18,17 @@ pub struct Reached {
     /// Every solution within travel, mm and rad in chain order, those with the least sum of turns first. With more than
     /// two rotary axes, or more than one linear axis in a direction, these are some of many.
     pub solutions: Vec<State>,
-    /// Whether the pose is singular: a rotary axis has no part in the direction of the tool.
+    /// Whether the pose is singular: a rotary axis has no part in the direction of the tool, or linear axes are dependent.
     pub singular: bool,
-    /// The rotary axes without a part in it, in the order of `ranges`.
+    /// The rotary axes without a part in it, and the linear axes that are dependent, in the order of `ranges`.
     pub free: Vec<AxisName>,
-    /// For each free axis the ranges in which it may stand, rad, so that the other axes are within their travels: of one turn, the
-    /// one that is nearest to 0. There is a solution for each range, where the axis is nearest to 0.
+    /// For each free axis the ranges in which it may stand, mm or rad, so that the other axes are within their travels: of a rotary
+    /// axis of one turn, the one that is nearest to 0. There is a solution for each range, where a rotary axis is nearest to 0.
+    /// None for linear axes of several dependent moves, whose ranges depend on one another.
     pub ranges: Vec<Vec<[f64; 2]>>,
+    /// The moves of linear axes, in chain order, that leave the tip where it is at a solution, the largest 1: rotary axes between
+    /// them have turned one along another.
+    pub dependent: Vec<State>,
     /// The axes that keep solutions out: those that would leave their travel.
     pub outside: Vec<AxisName>,
     /// What cannot be reached whatever the travels; only where there is no solution.
@@ -91,6 +95,7 @@ impl Machine {
                     let at =
                         |range: &[f64; 2]| self.with_free(nearest_to_zero(*range), place, &target);
                     for state in ranges.iter().filter_map(at) {
+                        self.add_dependent(&state, &travel, &mut reached);
                         self.add_turns(&state, &mut reached)?;
                     }
                     reached.singular = true;
@@ -105,7 +110,10 @@ impl Machine {
                     // Which axes keep it out is said of the free axis nearest to 0.
                 }
                 match self.chain().reaching(&tip, &pointing.state, &travel) {
-                    Ok(state) => self.add_turns(&state, &mut reached)?,
+                    Ok(state) => {
+                        self.add_dependent(&state, &travel, &mut reached);
+                        self.add_turns(&state, &mut reached)?;
+                    }
                     Err(missed) => reached.missed = reached.missed.or(Some(missed)),
                 }
             }
@@ -123,6 +131,40 @@ impl Machine {
             reached.missed = None;
         }
         Ok(reached)
+    }
+
+    /// Adds the linear axes that are dependent at a solution, and where they may stand.
+    fn add_dependent(&self, state: &State, travel: &PerAxis<[f64; 2]>, reached: &mut Reached) {
+        let moves = self.chain().dependent_moves(state);
+        for (place, axis) in self.axes().iter().enumerate() {
+            if moves.iter().all(|moves| moves[place] == 0.0) {
+                continue;
+            }
+            reached.singular = true;
+            let range = match &moves[..] {
+                [only] => range_along(only, place, state, travel),
+                _ => None,
+            };
+            let known = reached.free.iter().position(|name| *name == axis.name);
+            let known = known.unwrap_or_else(|| {
+                reached.free.push(axis.name);
+                reached.ranges.push(Vec::new());
+                reached.free.len() - 1
+            });
+            let ranges = &mut reached.ranges[known];
+            if let Some(range) = range.filter(|range| !ranges.contains(range)) {
+                ranges.push(range);
+            }
+        }
+        for moves in moves {
+            let mut move_ = State::default();
+            for (q, share) in move_.q.iter_mut().zip(moves) {
+                *q = share;
+            }
+            if !reached.dependent.contains(&move_) {
+                reached.dependent.push(move_);
+            }
+        }
     }
 
     /// Adds a solution with every number of whole turns that the travels allow.
@@ -189,6 +231,25 @@ impl Machine {
         }
         Ok(())
     }
+}
+
+/// From where to where the axis at a place may go along a move from a state, mm, until an axis is at an end of its travel; `None`
+/// where one is beyond it.
+fn range_along(
+    moves: &[f64; MAX_AXES],
+    place: usize,
+    state: &State,
+    travel: &PerAxis<[f64; 2]>,
+) -> Option<[f64; 2]> {
+    let (mut least, mut most) = (f64::NEG_INFINITY, f64::INFINITY);
+    for (axis, share) in moves.iter().enumerate().filter(|(_, share)| **share != 0.0) {
+        let to = travel[axis].map(|end| (end - state.q[axis]) / share);
+        least = least.max(to[0].min(to[1]));
+        most = most.min(to[0].max(to[1]));
+    }
+    let at = |along: f64| state.q[place] + moves[place] * along;
+    let range = [at(least).min(at(most)), at(least).max(at(most))];
+    (least <= most).then_some(range)
 }
 
 fn note(names: &mut Vec<AxisName>, name: AxisName) {

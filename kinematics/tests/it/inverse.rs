@@ -335,3 +335,55 @@ fn a_tool_axis_without_a_direction_is_refused_by_every_type() {
         }
     }
 }
+
+/// A rotary axis between Z and X brings them along one line at ±90°: together they leave the tip where it is. By hand: the table Z
+/// carries the workpiece, so that the tip goes by −Z of its turned frame.
+#[test]
+fn linear_axes_that_a_turn_brings_along_one_another_are_dependent() {
+    let chain = Chain::new("w Z' B' b X Y t".parse().unwrap());
+    let mut at = State::default();
+    for (b_rad, is_singular) in [
+        (FRAC_PI_2, true),
+        (-FRAC_PI_2, true),
+        (0.3, false),
+        (0.0, false),
+    ] {
+        at.q[1] = b_rad;
+        let moves = chain.dependent_moves(&at);
+        assert_eq!(moves.len(), usize::from(is_singular), "{b_rad}");
+        for moves in &moves {
+            assert_eq!((moves[1], moves[3]), (0.0, 0.0));
+            assert!(moves[0].abs() > 0.9 && moves[2].abs() > 0.9, "{moves:?}");
+            let mut there = at;
+            there.q[0] += 70.0 * moves[0];
+            there.q[2] += 70.0 * moves[2];
+            let off = chain.ideal_tip_mm(&there) - chain.ideal_tip_mm(&at);
+            assert!(off.norm() < 1e-12, "{off}");
+            // Either alone moves it.
+            there.q[2] = at.q[2];
+            assert!((chain.ideal_tip_mm(&there) - chain.ideal_tip_mm(&at)).norm() > 60.0);
+        }
+    }
+    // Where one of them is at an end the other goes on.
+    at.q[1] = FRAC_PI_2;
+    let mut travel = ANY;
+    travel[0] = [-10.0, 10.0];
+    at.q[2] = 400.0;
+    let tip = chain.ideal_tip_mm(&at);
+    let found = chain.reaching(&tip, &at, &travel).unwrap();
+    assert!((chain.ideal_tip_mm(&found) - tip).norm() < 1e-9);
+    assert!(found.q[0].abs() <= 10.0, "{:?}", found.q);
+    // Two axes of one direction are so in every pose, and no structure that keeps its linear axes together has any.
+    for structure in [
+        "w X' b Y Z U C A t",
+        "w C' A' b X Y Z t",
+        "w b X Y Z t",
+        "w b X Y t",
+    ] {
+        let chain = Chain::new(structure.parse().unwrap());
+        assert!(
+            chain.dependent_moves(&State::default()).is_empty(),
+            "{structure}"
+        );
+    }
+}

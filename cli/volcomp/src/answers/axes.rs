@@ -11,14 +11,17 @@ use super::ByAxis;
 pub(crate) struct Axes {
     /// Every solution within travel, mm and deg, those with the least turns first.
     pub(crate) solutions: Vec<ByAxis>,
-    /// Whether a rotary axis has no part in the direction of the tool at this pose.
+    /// Whether at this pose a rotary axis has no part in the direction of the tool, or linear axes are dependent.
     pub(crate) singular: bool,
-    /// The rotary axes without a part in it.
+    /// The rotary axes without a part in it, and the linear axes that are dependent.
     #[schemars(with = "Vec<String>")]
     pub(crate) free: Vec<AxisName>,
-    /// For each of these the ranges in which it may stand, deg, so that all other axes are within their travels: of one turn. There is
-    /// a solution for each range, where the axis is nearest to 0.
+    /// For each of these the ranges in which it may stand, mm or deg, so that all other axes are within their travels: of a rotary axis
+    /// of one turn. There is a solution for each range, where a rotary axis is nearest to 0. Empty for linear axes of several
+    /// dependent moves.
     pub(crate) free_ranges: Vec<Vec<[f64; 2]>>,
+    /// The moves of linear axes, mm, that leave the tip where it is; the largest is 1.
+    pub(crate) dependent_moves: Vec<ByAxis>,
     /// Axes that would leave their travel in further solutions.
     #[schemars(with = "Vec<String>")]
     pub(crate) outside_travel: Vec<AxisName>,

@@ -51,12 +51,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         solutions: reached.solutions.iter().map(by_axis).collect(),
         singular: reached.singular,
         free: reached.free.clone(),
-        free_ranges: (reached.ranges.iter())
-            .map(|ranges| {
-                ranges
-                    .iter()
-                    .map(|range| range.map(f64::to_degrees))
-                    .collect()
+        free_ranges: (reached.free.iter().zip(&reached.ranges))
+            .map(|(free, ranges)| {
+                let ends = |range: &[f64; 2]| range.map(|q| in_degrees(free.kind(), q));
+                ranges.iter().map(ends).collect()
+            })
+            .collect(),
+        dependent_moves: (reached.dependent.iter())
+            .map(|moves| {
+                let mut moves = by_axis(moves);
+                moves.0.retain(|_, share| *share != 0.0);
+                moves
             })
             .collect(),
         outside_travel: reached.outside.clone(),
@@ -102,7 +107,8 @@ fn text(machine: &Machine, document: &Axes) -> String {
         } else {
             "The tool is along the axis"
         };
-        for (free, ranges) in document.free.iter().zip(&document.free_ranges) {
+        let free = document.free.iter().zip(&document.free_ranges);
+        for (free, ranges) in free.filter(|(free, _)| free.is_rotary()) {
             let ranges: Vec<String> = (ranges.iter())
                 .map(|[from, to]| format!("from {} to {} deg", fixed(*from, 3), fixed(*to, 3)))
                 .collect();
@@ -115,6 +121,38 @@ fn text(machine: &Machine, document: &Axes) -> String {
                 "",
             );
         }
+        text += &dependent(document);
+    }
+    text
+}
+
+/// The linear axes that are dependent at this pose: how they move together, and between which ends.
+fn dependent(document: &Axes) -> String {
+    let mut text = String::new();
+    for moves in &document.dependent_moves {
+        let shares = moves.0.iter();
+        let shares: Vec<String> = shares
+            .map(|(name, &share)| format!("{name} by {}", fixed(share, 6)))
+            .collect();
+        text.push('\n');
+        text += &folded(
+            &format!(
+                "Singular pose: the linear axes {} are dependent here. The tip stays where they move together: {} mm, or any multiple of that.",
+                listed(&moves.0.keys().copied().collect::<Vec<_>>()),
+                shares.join(", ")
+            ),
+            "",
+        );
+    }
+    let free = document.free.iter().zip(&document.free_ranges);
+    for (free, ranges) in free.filter(|(free, ranges)| !free.is_rotary() && !ranges.is_empty()) {
+        let ranges: Vec<String> = (ranges.iter())
+            .map(|[from, to]| format!("from {} to {} mm", fixed(*from, 3), fixed(*to, 3)))
+            .collect();
+        text += &format!(
+            "All are within their travels with {free} {}.\n",
+            ranges.join(", or ")
+        );
     }
     text
 }

@@ -130,6 +130,29 @@ fn axes_are_found_and_a_singular_pose_is_named() {
     assert!(shown.contains("Singular pose: C does not turn"), "{shown}");
     let shown = text(&["axes", "-m", trunnion, "--tip", "10,20,5000"]);
     assert!(shown.contains("beyond the travel of Z"), "{shown}");
+    // A rotary axis between Z and X turns one along the other.
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("machine.toml");
+    let machine = "structure = \"w Z' B' b X Y t\"\n[axes]\nZ.travel = [-500, 500]\nB.travel = [-180, 180]\nX.travel = [-500, 500]\nY.travel = [-500, 500]\n";
+    fs::write(&path, machine).expect("written");
+    let path = path.display().to_string();
+    let call = [
+        "axes",
+        "-m",
+        &path,
+        "--tip",
+        "0,2,30",
+        "--tool-axis",
+        "1,0,0",
+    ];
+    let found = json(&call);
+    assert_eq!(
+        (&found["singular"], names(&found["free"])),
+        (&true.into(), vec!["Z", "X"])
+    );
+    let moves = &found["dependent_moves"][0];
+    assert_eq!(moves.as_object().map(serde_json::Map::len), Some(2));
+    assert!(text(&call).contains("the linear axes X, Z are dependent here"));
     let found = json(&[
         "axes",
         "-m",

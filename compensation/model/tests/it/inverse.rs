@@ -306,3 +306,51 @@ fn a_singular_pose_that_was_there_is_found() {
         assert!(is_there, "{text}{stands:?}{:?}", reached.ranges);
     }
 }
+
+/// At B = ±90° Z and X run along one line: any share of the way between them is a solution, and travels say which.
+#[test]
+fn linear_axes_along_one_another_are_free() {
+    let with = |z: &str| {
+        let axes = format!(
+            "Z.travel = {z}\nB.travel = [-180, 180]\nX.travel = [-500, 500]\nY.travel = [-500, 500]\n"
+        );
+        machine("w Z' B' b X Y t", &axes)
+    };
+    let wide = with("[-500, 500]");
+    let [z, x] = [AxisName::Z, AxisName::X].map(|axis| wide.index_of(axis).unwrap());
+    for (direction, z_of_tip) in [([1.0, 0.0, 0.0], 5.0), ([-1.0, 0.0, 0.0], -40.0)] {
+        let reached = wide.axes_at([0.0, 12.0, z_of_tip], direction).unwrap();
+        assert_eq!(reached.solutions.len(), 1);
+        assert!(reached.singular);
+        assert_eq!(reached.free, [AxisName::Z, AxisName::X]);
+        let [moves] = reached.dependent[..] else {
+            panic!("{:?}", reached.dependent)
+        };
+        assert!((moves.q[z].abs() - 1.0).abs() < 1e-12 && (moves.q[x].abs() - 1.0).abs() < 1e-12);
+        // At both ends of its range a free axis, with the other as the move says, has the tip where it was.
+        let state = reached.solutions[0];
+        let tip = wide.chain().ideal_tip_mm(&state);
+        for (place, ranges) in [z, x].into_iter().zip(&reached.ranges) {
+            let [range] = ranges[..] else {
+                panic!("{ranges:?}")
+            };
+            assert!(range[1] - range[0] > 900.0, "{range:?}");
+            for end in range {
+                let mut at = state;
+                let along = (end - state.q[place]) / moves.q[place];
+                for axis in [z, x] {
+                    at.q[axis] += along * moves.q[axis];
+                    assert!(at.q[axis].abs() < 500.0 + 1e-9, "{at:?}");
+                }
+                assert!((wide.chain().ideal_tip_mm(&at) - tip).norm() < 1e-9);
+            }
+        }
+    }
+    // Half the way each is beyond the travel of Z, and yet there is a solution.
+    let narrow = with("[-1, 1]");
+    let reached = narrow.axes_at([0.0, 0.0, 300.0], [1.0, 0.0, 0.0]).unwrap();
+    assert_eq!(reached.solutions.len(), 1, "{reached:?}");
+    assert!(reached.solutions[0].q[z].abs() <= 1.0 && reached.outside.is_empty());
+    let other = wide.axes_at([0.0, 12.0, 5.0], [0.6, 0.0, 0.8]).unwrap();
+    assert!(!other.singular && other.free.is_empty() && other.dependent.is_empty());
+}

@@ -1,0 +1,75 @@
+//! Linear axes that become dependent where rotary axes between them turn one along another: they move against each other and the tip
+//! stays.
+
+use arrayvec::ArrayVec;
+use nalgebra::SMatrix;
+
+use crate::{chain::Chain, source::State};
+use volcomp_vocabulary::{AxisKind, MAX_AXES};
+
+/// Moves that take the tip by less than this share of themselves leave it where it is: 1 µm in a metre.
+const DEPENDENT_BELOW: f64 = 1e-6;
+/// Angles, rad, at which no axis of a machine is built to be along another: there the linear axes are as independent as they get.
+const ANYWHERE: [[f64; MAX_AXES]; 3] = [
+    [0.0; MAX_AXES],
+    [0.37, 0.83, 1.21, 0.59, 1.07, 0.71, 1.33, 0.47, 0.97],
+    [-1.13, 0.61, -0.43, 1.27, -0.79, 0.53, -1.01, 0.89, -0.67],
+];
+
+impl Chain {
+    /// The moves of linear axes, in chain order, that leave the ideal tip where it is with the rotary axes as in `state`: the
+    /// largest is 1. None where there are no more of them than elsewhere, so that two axes in one direction (U beside X) are none.
+    pub fn dependent_moves(&self, state: &State) -> ArrayVec<[f64; MAX_AXES], MAX_AXES> {
+        let found = self.moves_of_nothing(state);
+        let elsewhere = ANYWHERE.map(|q| {
+            let mut at = State::default();
+            for (at, q) in at.q.iter_mut().zip(q) {
+                *at = q;
+            }
+            self.moves_of_nothing(&at).len()
+        });
+        let [a, b, c] = elsewhere;
+        if found.len() > a.min(b).min(c) {
+            found
+        } else {
+            ArrayVec::new()
+        }
+    }
+
+    fn moves_of_nothing(&self, state: &State) -> ArrayVec<[f64; MAX_AXES], MAX_AXES> {
+        let columns = self.linear_columns(state);
+        let is_linear = |place: usize| {
+            let joint = self.joints().get(place);
+            joint.is_some_and(|joint| joint.kind == AxisKind::Linear)
+        };
+        // What does not move stands apart with a value of 1.
+        let gram = SMatrix::<f64, MAX_AXES, MAX_AXES>::from_fn(|i, j| {
+            if is_linear(i) && is_linear(j) {
+                columns[i].dot(&columns[j])
+            } else {
+                f64::from(u8::from(i == j))
+            }
+        });
+        let eigen = gram.symmetric_eigen();
+        let mut found = ArrayVec::new();
+        for (value, vector) in eigen
+            .eigenvalues
+            .iter()
+            .zip(eigen.eigenvectors.column_iter())
+        {
+            if *value >= DEPENDENT_BELOW * DEPENDENT_BELOW {
+                continue;
+            }
+            // The first that moves as far as any goes up.
+            let most = vector.amax();
+            let first = vector.iter().find(|move_| move_.abs() > 0.999_999 * most);
+            let scale = first.copied().unwrap_or(1.0);
+            let moves = |place: usize| {
+                let share = vector[place] / scale;
+                if share.abs() < 1e-9 { 0.0 } else { share }
+            };
+            found.push(core::array::from_fn(moves)); // one for each axis at the most
+        }
+        found
+    }
+}
