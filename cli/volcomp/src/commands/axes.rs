@@ -149,9 +149,12 @@ fn dependent(document: &Axes) -> String {
         let ranges: Vec<String> = (ranges.iter())
             .map(|[from, to]| format!("from {} to {} mm", fixed(*from, 3), fixed(*to, 3)))
             .collect();
-        text += &format!(
-            "All are within their travels with {free} {}.\n",
-            ranges.join(", or ")
+        text += &folded(
+            &format!(
+                "All are within their travels with {free} {}.",
+                ranges.join(", or ")
+            ),
+            "",
         );
     }
     text

@@ -1,5 +1,7 @@
 //! Thermal terms from a real spindle test.
 
+use std::fmt::Write as _;
+
 use serde_json::Value;
 
 use crate::{json, refused, root, text, volcomp};
@@ -619,5 +621,54 @@ fn heads_have_their_units_in_any_usual_way() {
     assert!(
         message.contains("found two columns `scale_degc`"),
         "{message}"
+    );
+}
+
+/// Three tests of 8 hours that a logger writes every `every_s`: a spindle that follows its heat with 200 s, and 3 µm/K of it with a
+/// lag of 300 s, in steps of 5 s. A gap of the second test begins at 3 hours.
+fn logged_every(folder: &std::path::Path, every_s: u32, gap_s: u32) -> Vec<String> {
+    let write = |test: u32| {
+        let (mut spindle, mut lagged) = (20.0_f64, 20.0_f64);
+        let mut text = "time_s,spindle_degc,dz_um\n".to_owned();
+        for time_s in (0..28_800_u32).step_by(5) {
+            let is_gap = test == 1 && (10_800..10_800 + gap_s).contains(&time_s);
+            if time_s % every_s == 0 && !is_gap {
+                let noise = 0.05 * (f64::from(time_s * (test + 1) % 1700) / 1700.0 - 0.5);
+                let moved = 3.0 * (lagged - 20.0) + noise;
+                writeln!(text, "{time_s},{spindle:.4},{moved:.4}").expect("a string");
+            }
+            let heat = 20.0 + 4.0 * f64::from((time_s / 2400 * 7 + test * 5) % 6);
+            spindle += (heat - spindle) * (1.0 - (-5.0_f64 / 200.0).exp());
+            lagged += (spindle - lagged) * (1.0 - (-5.0_f64 / 300.0).exp());
+        }
+        let path = folder.join(format!("test-{test}.csv"));
+        std::fs::write(&path, text).expect("written");
+        path.display().to_string()
+    };
+    (0..3).map(write).collect()
+}
+
+#[test]
+fn rows_too_far_apart_and_gaps_are_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let said = |every_s, gap_s| {
+        let files = logged_every(folder.path(), every_s, gap_s);
+        let call = std::iter::once("fit-thermal").chain(files.iter().map(String::as_str));
+        let output = volcomp(&call.collect::<Vec<_>>());
+        let words = String::from_utf8_lossy(&output.stderr).into_owned();
+        words.split_whitespace().collect::<Vec<_>>().join(" ")
+    };
+    let fine = said(30, 0);
+    assert!(!fine.contains("apart"), "{fine}");
+    let coarse = said(300, 0);
+    assert!(
+        coarse.contains("are 300 s apart, and the shortest time constant"),
+        "{coarse}"
+    );
+    assert!(coarse.contains("Record the temperatures every"), "{coarse}");
+    let gap = said(60, 3600);
+    assert!(
+        gap.contains("a gap in the log from 10740 to 14400 s, where rows are usually 60 s apart"),
+        "{gap}"
     );
 }

@@ -74,10 +74,19 @@ fn stepped(degc: &[f64], lag_s: f64) -> Vec<f64> {
         .collect()
 }
 
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a count of steps"
+)]
+fn steps(seconds: f64) -> usize {
+    (seconds / STEP_S) as usize
+}
+
 /// What a logger writes of a world, with 0.1 µm of noise: a row each `every_s`, or at random intervals of 0.2 to 1.8 of that.
 fn logged(world: &World, every_s: f64, is_regular: bool, seed: u64) -> ThermalRun {
     let mut random = ChaCha8Rng::seed_from_u64(seed + 1_000_000);
-    let (all, every) = (world.moved.len(), (every_s / STEP_S) as usize);
+    let all = world.moved.len();
     // The first row is that of the machine at one temperature, at which every lag starts.
     let mut rows = vec![0];
     loop {
@@ -86,7 +95,7 @@ fn logged(world: &World, every_s: f64, is_regular: bool, seed: u64) -> ThermalRu
         } else {
             random.random_range(0.2..1.8)
         };
-        let next = rows[rows.len() - 1] + ((every as f64 * share) as usize).max(1);
+        let next = rows[rows.len() - 1] + steps(every_s * share).max(1);
         if next >= all {
             break;
         }
@@ -154,11 +163,10 @@ fn a_slow_logger_claims_no_more_than_it_knows() {
             let between = rms(&between);
             let run_time = at_run_time(&terms);
             let claimed = left.hypot(between);
-            let is_heard = |number: &&ThermalNumber| {
-                // What the noise of the rows leaves of a slow logger is told by uncertainties.
+            let is_spindle = |number: &&ThermalNumber| {
                 number.effect == ThermalEffect::Drift { lag_s: 600.0 } && number.sensor == 0
             };
-            let of_spindle: Vec<String> = (terms.numbers.iter())
+            let shown: Vec<String> = (terms.numbers.iter())
                 .map(|n| {
                     format!(
                         "{} {:?} {:.3} ± {:.3}",
@@ -167,7 +175,7 @@ fn a_slow_logger_claims_no_more_than_it_knows() {
                 })
                 .collect();
             println!(
-                "{every_s} s regular {is_regular}: left out {left:.3}, between rows {between:.3}, claimed {claimed:.3}, at run time {run_time:.3}: {of_spindle:?}"
+                "{every_s} s regular {is_regular}: left out {left:.3}, between rows {between:.3}, claimed {claimed:.3}, at run time {run_time:.3}: {shown:?}"
             );
             assert!(
                 run_time < 1.2 * claimed,
@@ -178,7 +186,7 @@ fn a_slow_logger_claims_no_more_than_it_knows() {
                 run_time < if every_s < 200.0 { 0.12 } else { 0.3 },
                 "{run_time}"
             );
-            let found = terms.numbers.iter().find(is_heard).expect("the lag");
+            let found = terms.numbers.iter().find(is_spindle).expect("the lag");
             let off = (found.value - 3.2).abs();
             assert!(
                 off < 3.0 * found.uncertainty + 0.01,
