@@ -248,7 +248,7 @@ pub(crate) fn effects(
                 row
             })
             .collect();
-        let there = system.equations(&system.prepare(moved.iter()), values, false);
+        let there = system.plain_equations(&system.prepare(moved.iter()), values, false);
         (there.residuals - &equations.residuals) / STEP
     };
     let of_axes: Vec<(What, DVector<f64>)> = (0..machine.axes().len())

@@ -17,7 +17,7 @@ pub(crate) fn design(system: &System, rows: &Rows, values: &Values) -> Equations
         .iter()
         .map(|row| ideal_row(system, row, values))
         .collect();
-    system.equations(&system.prepare(ideal.iter()), values, true)
+    system.plain_equations(&system.prepare(ideal.iter()), values, true)
 }
 
 /// A row on a sphere or a ball with the linear axes where the ideal machine would have stood.

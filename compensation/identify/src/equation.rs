@@ -1,6 +1,9 @@
 //! What one row says: its residuals and how each parameter moves them.
 
-use volcomp_kinematics::nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use volcomp_kinematics::{
+    ErrorMotion,
+    nalgebra::{DMatrix, DVector, Matrix3, Vector3},
+};
 
 use crate::{
     basis::legendre,
@@ -9,6 +12,7 @@ use crate::{
     observations::Seen,
     params::{Params, Part},
     prepared::{PreparedRow, PreparedStand},
+    sides::Sides,
     system::{Equations, System},
     values::Values,
 };
@@ -17,6 +21,11 @@ use crate::{
 struct Writer<'e> {
     residuals: &'e mut DVector<f64>,
     jacobian: &'e mut DMatrix<f64>,
+    sides: &'e mut Sides,
+    /// Which run the row is of.
+    run: usize,
+    /// How large the reversal value of each coefficient may be; `None`: 1, of the ideal machine.
+    reversals: Option<&'e [f64]>,
     params: &'e Params,
     unknowns: &'e Unknowns,
     /// Location errors that follow unknowns.
@@ -43,6 +52,33 @@ impl Writer<'_> {
         for &(axis, component, coefficient, rate) in self.following {
             let moved = tip.by_location[axis][component] * rate;
             self.add(self.params.setup() + coefficient, &moved, directions);
+        }
+        self.sides(stand, tip, directions);
+    }
+
+    /// Takes what the tip moves where axes came from the positive side of which it is not known.
+    fn sides(&mut self, stand: &PreparedStand, tip: &Tip, directions: &[Vector3<f64>]) {
+        for side in &stand.sides {
+            let by_motion = &tip.by_motion[side.axis];
+            let known = (side.known != ErrorMotion::ZERO).then(|| {
+                let mut moved = Vector3::zeros();
+                for k in 0..3 {
+                    moved += by_motion[k] * side.known.linear_mm[k];
+                    moved += by_motion[k + 3] * side.known.angular_rad[k];
+                }
+                (None, moved)
+            });
+            let unknown = side.unknown.iter().map(|&(component, coefficient)| {
+                let half = 0.5 * self.reversals.map_or(1.0, |sizes| sizes[coefficient]);
+                (Some(coefficient), by_motion[component] * half)
+            });
+            for (of, moved) in known.into_iter().chain(unknown) {
+                for (k, direction) in directions.iter().enumerate() {
+                    let by = direction.dot(&moved) * self.weight;
+                    self.sides
+                        .add((self.run, side.axis, of), self.first + k, by);
+                }
+            }
         }
     }
 
@@ -148,7 +184,7 @@ impl System {
         moved.into_iter().enumerate().collect()
     }
 
-    /// Writes the equations of the row at this place; see [`System::equations`].
+    /// Writes the equations of the row at this place; see [`System::plain_equations`].
     #[expect(clippy::too_many_lines, reason = "one arm for each kind")]
     pub(crate) fn write_row(
         &self,
@@ -162,6 +198,9 @@ impl System {
         let mut out = Writer {
             residuals: &mut equations.residuals,
             jacobian: &mut equations.jacobian,
+            sides: &mut equations.sides,
+            run: row.row.run,
+            reversals: (!design).then_some(&values.reversals[..]),
             params: &self.params,
             unknowns: &self.unknowns,
             following: &self.following_locations,

@@ -20,9 +20,10 @@ use crate::{
     params::Param,
     plausible::plausible,
     prepared::Rows,
-    rank::{Rank, independent, independent_without},
+    rank::Rank,
     refused::{check, refuse_jump, refuse_target},
     response::Response,
+    sides::told_apart,
     solve::{Exactness, Solution, solve},
     start::start,
     system::System,
@@ -176,7 +177,7 @@ pub(crate) fn fit(
     values: Values,
 ) -> Result<Fitted, IdentifyError> {
     let design = design(system, rows, &values);
-    let rank = independent(&design.jacobian);
+    let rank = told_apart(system, &design, &[]);
     if rank.kept.len() > design.jacobian.nrows()
         || (rank.kept.len() == design.jacobian.nrows() && !rank.null.is_empty())
     {
@@ -194,11 +195,11 @@ pub(crate) fn fit(
     let mut uncertain: Vec<Uncertain> = Vec::new();
     // A penalty says how large an unknown may be: beside it noise leaves nothing open.
     if !is_penalised(&rank) {
-        let jacobian = system.equations(rows, &values, false).jacobian;
+        let jacobian = system.equations(rows, &values).jacobian;
         while let Some(one) = Uncertain::among(system, &rank.kept, &jacobian) {
             uncertain.push(one);
             let without: Vec<usize> = uncertain.iter().map(|of| of.param).collect();
-            rank = independent_without(&design.jacobian, &without);
+            rank = told_apart(system, &design, &without);
         }
     }
     // What is left at zero begins there.

@@ -41,6 +41,11 @@ impl Trial {
             for stand in core::iter::once(&mut row.stand).chain(&mut row.from) {
                 let motion = &mut stand.known.motion[self.place];
                 *component_of(motion, self.error.component.index()) *= self.factor;
+                let sides = stand.sides.iter_mut();
+                for side in sides.filter(|side| side.axis == self.place) {
+                    let known = &mut side.known;
+                    *component_of(known, self.error.component.index()) *= self.factor;
+                }
             }
         }
         scaled
@@ -85,10 +90,10 @@ pub(crate) fn kept_curves(
             }
         }
     }
-    let before = system.equations(rows, values, false).residuals;
+    let before = system.equations(rows, values).residuals;
     let changes: Vec<DVector<f64>> = trials
         .iter()
-        .map(|trial| system.equations(&trial.of(rows), values, false).residuals - &before)
+        .map(|trial| system.equations(&trial.of(rows), values).residuals - &before)
         .collect();
     let left = Left::new(system, rows, fitted, &changes.iter().collect::<Vec<_>>());
     let found = left.good((0..trials.len()).map(|place| vec![place]).collect());

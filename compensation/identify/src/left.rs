@@ -28,7 +28,7 @@ impl Left {
         fitted: &Fitted,
         changes: &[&DVector<f64>],
     ) -> Self {
-        let equations = system.equations(rows, &fitted.solution.values, false);
+        let equations = system.equations(rows, &fitted.solution.values);
         let basis = of_unit_length(equations.jacobian.select_columns(&fitted.rank.kept));
         let basis = basis.qr().q();
         let normal = |vector: &DVector<f64>| vector - &basis * (basis.transpose() * vector);

@@ -40,6 +40,7 @@ mod rows;
 mod seen_columns;
 mod setup_keys;
 mod shifted;
+mod sides;
 mod sight;
 mod solve;
 mod span;

@@ -126,7 +126,7 @@ fn trials(
     fitted: &Fitted,
 ) -> Vec<Trial> {
     let values = &fitted.solution.values;
-    let equations = system.equations(rows, values, false);
+    let equations = system.plain_equations(rows, values, false);
     let mut trials = Vec::new();
     for (file, (observation, own)) in observations.fitted().enumerate() {
         let of_file: Vec<&Row> = own.clone().map(|row| rows.get(row)).collect();
@@ -138,12 +138,13 @@ fn trials(
                 .iter()
                 .map(|row| with_cause(row, &cause, &system.machine))
                 .collect();
-            let there = system.equations(&system.prepare(changed.iter()), values, false);
+            let there = system.plain_equations(&system.prepare(changed.iter()), values, false);
             // What a calibration says stands below the rows, and is as it was.
             let count: usize = there.places.iter().map(|(_, count)| count).sum();
             let mut change = DVector::zeros(equations.residuals.len());
             let by = there.residuals.rows(0, count) - equations.residuals.rows(first, count);
             change.rows_mut(first, count).copy_from(&by);
+            equations.sides.eliminate_from(&mut change);
             trials.push(Trial {
                 file,
                 name: observation.file.clone(),

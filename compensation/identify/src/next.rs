@@ -45,12 +45,12 @@ pub(crate) fn next(
     let values = &fitted.solution.values;
     let candidates = candidates(system, observations, values);
     let prepared = system.prepare(candidates.iter().map(|candidate| &candidate.row));
-    let ahead = system.equations(&prepared, values, true);
+    let ahead = system.plain_equations(&prepared, values, true);
     let left = fitted.rank.left_at_zero();
     let missing: Vec<usize> = left
         .filter(|column| system.is_convention(*column) == Some(false))
         .collect();
-    let now = system.equations(rows, values, false).jacobian;
+    let now = system.equations(rows, values).jacobian;
     let of_missing = || most_told(system, &now, &ahead, &missing);
     let (place, parameter, improvement) = match of_missing() {
         Some((place, parameter)) => (place, parameter, None),

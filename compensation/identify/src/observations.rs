@@ -185,6 +185,8 @@ pub struct Row {
     pub stand: Stand,
     /// What was seen.
     pub seen: Seen,
+    /// Which run of the machine it is of: in one run every axis comes from where it was in the row before.
+    pub run: usize,
     /// Place in time between −1 (first row) and 1 (last row), for the drift.
     pub time: f64,
     /// Standard uncertainty of each number, mm.

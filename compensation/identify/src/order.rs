@@ -122,7 +122,9 @@ impl Left {
                 all.push(normal);
             }
         }
-        self.basis = DMatrix::from_columns(&all);
+        if !all.is_empty() {
+            self.basis = DMatrix::from_columns(&all);
+        }
     }
 }
 
@@ -211,7 +213,7 @@ fn changes(
     values: &Values,
     kept: &[usize],
 ) -> Vec<Changed> {
-    let equations = system.equations(rows, values, false);
+    let equations = system.plain_equations(rows, values, false);
     let jacobian = of_unit_length(equations.jacobian.select_columns(kept));
     if jacobian.nrows() <= jacobian.ncols() + LEAST_ROWS {
         return Vec::new();
@@ -248,11 +250,16 @@ fn changes(
         residuals: equations.residuals.clone(),
         clipped,
     };
+    let jacobian_rows = jacobian.nrows();
     let basis = jacobian.qr().q();
     for residuals in [&mut left.residuals, &mut left.clipped] {
         *residuals -= &basis * (basis.transpose() * &*residuals);
     }
     left.basis = basis;
+    // From which side an axis came is known of no row before it first moved.
+    left.with(&of_unit_length(
+        equations.sides.columns(jacobian_rows, false),
+    ));
     let effects = effects(system, observations, rows, values, &equations);
     let mut found: Vec<Changed> = Vec::new();
     while found.len() < MOST {

@@ -318,6 +318,6 @@ fn trial(
 
 /// How far each row is from what the machine is at these values, mm.
 fn sizes(system: &System, rows: &Rows, values: &Values) -> Vec<f64> {
-    let residuals = system.residuals(rows, values);
+    let residuals = system.plain_residuals(rows, values);
     residuals.iter().map(Vector3::norm).collect()
 }

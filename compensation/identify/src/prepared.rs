@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use volcomp_kinematics::{ErrorSource, nalgebra::Vector3};
+use volcomp_kinematics::{ErrorMotion, ErrorSource, nalgebra::Vector3};
 use volcomp_model::Temperatures;
 use volcomp_vocabulary::{Direction, Displacement, MAX_AXES};
 
@@ -26,6 +26,18 @@ pub(crate) struct PreparedStand {
     pub(crate) known: Errors,
     /// Axis, component, coefficient and what one unit of it makes.
     pub(crate) terms: Vec<(usize, usize, usize, f64)>,
+    /// The axes of which it is not known from which side they came.
+    pub(crate) sides: Vec<UnknownSide>,
+}
+
+/// An axis of which it is not known from which side it came, and what more its errors are where it came in the positive direction.
+#[derive(Clone, Debug)]
+pub(crate) struct UnknownSide {
+    pub(crate) axis: usize,
+    /// Of the errors that are known.
+    pub(crate) known: ErrorMotion,
+    /// Component and coefficient of each unknown reversal value, of which it is half.
+    pub(crate) unknown: Vec<(usize, usize)>,
 }
 
 /// The cells of a grid over the coordinates in which a pose of the same coordinates may be: one, and more where one is nearly at
@@ -192,8 +204,37 @@ impl System {
             within_turn,
             known,
             terms,
+            sides: self.unknown_sides(stand),
         };
         self.follow(&mut prepared);
         prepared
+    }
+
+    /// The axes of a pose of which it is not known from which side they came.
+    fn unknown_sides(&self, stand: &Stand) -> Vec<UnknownSide> {
+        let source = self.machine.source(&Temperatures::default());
+        let axes = 0..self.machine.axes().len();
+        axes.filter(|axis| stand.state.approach[*axis].is_none())
+            .map(|axis| {
+                let mut forward = stand.state;
+                forward.approach[axis] = Some(Direction::Positive);
+                let [from, to] = [&stand.state, &forward].map(|at| source.error_motion(axis, at));
+                let listed = self.unknowns.coefficients.iter().enumerate();
+                let own = listed.filter(|(_, coefficient)| {
+                    coefficient.role == Role::Reversal
+                        && self.unknowns.curves[coefficient.curve].axis == axis
+                });
+                UnknownSide {
+                    axis,
+                    known: ErrorMotion {
+                        linear_mm: to.linear_mm - from.linear_mm,
+                        angular_rad: to.angular_rad - from.angular_rad,
+                    },
+                    unknown: own
+                        .map(|(place, coefficient)| (coefficient.error.component.index(), place))
+                        .collect(),
+                }
+            })
+            .collect()
     }
 }

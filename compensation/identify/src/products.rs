@@ -231,7 +231,7 @@ target = \"unknown\"
         // Errors of some micrometres and microradians.
         let some = DVector::from_fn(count, |k, _| 1e-5 * ((k * 7 % 11) as f64 - 5.0));
         let values = system.start().moved(&system.params, &some);
-        let found = system.equations(&rows, &values, false).jacobian;
+        let found = system.equations(&rows, &values).jacobian;
         let products = system.unknowns.coefficients.iter().enumerate();
         let products = products.filter(|(_, c)| c.name.contains(" × "));
         let mut seen = 0;
@@ -242,7 +242,7 @@ target = \"unknown\"
                 let mut steps = DVector::zeros(count);
                 steps[column] = by;
                 let moved = values.moved(&system.params, &steps);
-                system.equations(&rows, &moved, false).residuals
+                system.equations(&rows, &moved).residuals
             };
             let expected = (at(step) - at(-step)) / (2.0 * step);
             let difference = (found.column(column) - &expected).amax();

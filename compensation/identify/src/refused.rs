@@ -28,7 +28,7 @@ pub(crate) fn refuse_jump(
     let is_without_cause = match &far {
         Ok(()) => {
             let near_mm = Span::of(&system.machine, rows.iter()).limit_mm(NEAR_MM);
-            let residuals = system.residuals(rows, values);
+            let residuals = system.plain_residuals(rows, values);
             residuals.iter().any(|residual| residual.norm() > near_mm)
         }
         Err(IdentifyError::FarRows { files }) => files.iter().all(|file| file.causes.is_empty()),

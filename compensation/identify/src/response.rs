@@ -41,7 +41,7 @@ impl Response {
     ) -> Self {
         let values = fitted.solution.values.clone();
         let rows = system.prepare(observations.fitted().flat_map(|(o, _)| &o.rows));
-        let equations = system.equations(&rows, &values, false);
+        let equations = system.equations(&rows, &values);
         let mut jacobian = equations.jacobian.select_columns(&fitted.rank.kept);
         let normed = of_unit_length(jacobian.clone());
         if observations.robust {
@@ -138,7 +138,7 @@ impl Response {
         observations.machine = machine.clone();
         let system = System::new(&observations)?.followed_by(&self.followers)?;
         let rows = system.prepare(observations.fitted().flat_map(|(o, _)| &o.rows));
-        let there = system.equations(&rows, &self.values, false).residuals;
+        let there = system.equations(&rows, &self.values).residuals;
         Ok(there - &self.residuals)
     }
 }

@@ -47,13 +47,14 @@ pub(crate) fn shifted(
     for _ in 0..ROUNDS {
         let now = system.prepare(with(&shift).iter());
         let values = start(system, observations, &now).ok()?;
-        let here = system.equations(&now, &values, false);
+        let here = system.plain_equations(&now, &values, false);
         let set_up = here.jacobian.columns(0, system.params.setup());
         let mut columns: Vec<DVector<f64>> = set_up.column_iter().map(Into::into).collect();
         for axis in 0..linear.len() {
             let mut moved = shift.clone();
             moved[axis] += STEP_MM;
-            let there = system.equations(&system.prepare(with(&moved).iter()), &values, false);
+            let there =
+                system.plain_equations(&system.prepare(with(&moved).iter()), &values, false);
             columns.push((there.residuals - &here.residuals) / STEP_MM);
         }
         let first = columns.len() - linear.len();
@@ -109,6 +110,7 @@ mod tests {
                 centre: 0,
                 offset_mm: volcomp_kinematics::nalgebra::Vector3::zeros(),
             },
+            run: 0,
             time: 0.0,
             uncertainty_mm: 1e-3,
         };

@@ -3,9 +3,12 @@
 use volcomp_kinematics::nalgebra::{DMatrix, DVector};
 
 use crate::{
+    coefficients::{Role, micro},
     error::IdentifyError,
+    params::Param,
     penalty::{Penalty, choose},
     prepared::Rows,
+    sides::Sides,
     system::{Equations, System},
     values::Values,
 };
@@ -27,6 +30,10 @@ const CONVERGED_ROBUST: f64 = 1e-6;
 const CONVERGED_ROUGH: f64 = 1e-2;
 /// Steps in which the weights of penalties are chosen.
 const PENALTY_STEPS: usize = 3;
+/// Steps in which it is found how large reversal values are of axes whose side is not known.
+const SIDE_STEPS: usize = 4;
+/// No machine has a larger reversal value, µm or µrad: of what is not known yet.
+const LARGEST_REVERSAL: f64 = 1e3;
 const MOST_STEPS: usize = 60;
 const MOST_STEPS_ROBUST: usize = 400;
 /// Residuals above this count less (Huber, Annals of Mathematical Statistics 35, 1964: 95 % efficient).
@@ -55,17 +62,24 @@ pub(crate) struct Solution {
 
 impl Solution {
     /// The values at which a step was found to be none, with what that step knows of them.
-    fn at(values: Values, equations: &Equations, step: Step, search: Search<'_>) -> Self {
-        let count = equations.residuals.len() as f64;
+    fn at(
+        values: Values,
+        equations: &Equations,
+        sides: &DVector<f64>,
+        step: Step,
+        search: Search<'_>,
+    ) -> Self {
+        let left = left(equations, sides);
+        let count = left.len() as f64;
         let freedom = (count - step.degrees).max(1.0);
         let counted = if search.robust {
-            huber_variance(&equations.residuals, step.degrees)
+            huber_variance(&left, step.degrees)
         } else {
             step.counted
         };
         // The weights made the covariance as large as if all numbers had the mean weight.
         let mean_weight = if search.robust {
-            equations.residuals.iter().map(|r| weight(*r)).sum::<f64>() / count.max(1.0)
+            left.iter().map(|r| weight(*r)).sum::<f64>() / count.max(1.0)
         } else {
             1.0
         };
@@ -122,43 +136,62 @@ pub(crate) fn solve(
     let mut values = start;
     let mut penalty = Penalty::none(system, kept);
     let mut last = f64::INFINITY;
-    let mut equations = system.equations(rows, &values, false);
+    let at = |values: &Values| {
+        let mut equations = system.plain_equations(rows, values, false);
+        if exactness == Exactness::Rough {
+            equations.sides = Sides::default();
+        }
+        equations
+    };
+    if exactness == Exactness::Full {
+        values.reversals = search.reversals(&values, None);
+    }
+    let mut equations = at(&values);
+    let mut sides = DVector::zeros(equations.sides.len());
     for count in 0..most {
         // The equations are nearly straight: after a few steps the weights change no more, and the search can end.
         penalty.held = count >= PENALTY_STEPS;
-        let step = search.step(&equations, &values, &mut penalty)?;
+        let step = search.step(&equations, &sides, &values, &mut penalty)?;
         last = step.largest();
-        if last < wanted {
+        let is_open = count < SIDE_STEPS && equations.sides.has_unknown();
+        if last < wanted && !is_open {
             penalty.ends = true;
             let step = if penalised {
-                search.step(&equations, &values, &mut penalty)?
+                search.step(&equations, &sides, &values, &mut penalty)?
             } else {
                 step
             };
-            return Ok(Solution::at(values, &equations, step, search));
+            return Ok(Solution::at(values, &equations, &sides, step, search));
         }
         // Halved while it makes things worse: far from the end the equations are not yet straight.
-        let before = cost(&equations, robust);
+        let before = cost(&equations, &sides, robust);
         let mut share = 1.0;
         loop {
             let tried = values.moved(
                 &system.params,
                 &spread(&step.by, kept, system.params.len(), share),
             );
-            let there = system.equations(rows, &tried, false);
+            let there = at(&tried);
+            let on_sides = &sides + (&step.sides - &sides) * share;
             // A step of the size of rounding is neither better nor worse.
-            if cost(&there, robust) <= before * (1.0 + 1e-9) + 1e-20 || share < 1e-3 || penalised {
-                (values, equations) = (tried, there);
+            let cost = cost(&there, &on_sides, robust);
+            if cost <= before * (1.0 + 1e-9) + 1e-20 || share < 1e-3 || penalised {
+                (values, equations, sides) = (tried, there, on_sides);
                 break;
             }
             share *= 0.5;
+        }
+        if is_open {
+            values.reversals = search.reversals(&values, Some(&step.covariance));
+            equations = at(&values);
+            sides = equations.sides.estimate(&equations.residuals);
         }
     }
     // With more digits than the numbers have the last steps are rounding.
     if last < 1e-5 || exactness == Exactness::Rough {
         penalty.ends = true;
-        let step = search.step(&equations, &values, &mut penalty)?;
-        return Ok(Solution::at(values, &equations, step, search));
+        let step = search.step(&equations, &sides, &values, &mut penalty)?;
+        return Ok(Solution::at(values, &equations, &sides, step, search));
     }
     Err(IdentifyError::NotConverged {
         steps: most,
@@ -200,7 +233,14 @@ fn huber_variance(residuals: &DVector<f64>, degrees: f64) -> f64 {
     (correction * correction * square / (slope * slope)).max(NORMAL)
 }
 
-fn cost(equations: &Equations, robust: bool) -> f64 {
+/// What is left of the equations with these sides.
+fn left(equations: &Equations, sides: &DVector<f64>) -> DVector<f64> {
+    let mut left = equations.residuals.clone();
+    equations.sides.add_to(&mut left, sides);
+    left
+}
+
+fn cost(equations: &Equations, sides: &DVector<f64>, robust: bool) -> f64 {
     let of = |r: &f64| {
         let size = r.abs();
         if robust && size > HUBER {
@@ -209,12 +249,14 @@ fn cost(equations: &Equations, robust: bool) -> f64 {
             r * r
         }
     };
-    equations.residuals.iter().map(of).sum()
+    left(equations, sides).iter().map(of).sum::<f64>() + sides.norm_squared()
 }
 
 /// One step of Gauss–Newton and what belongs to it.
 struct Step {
     by: DVector<f64>,
+    /// The sides that are not known after it.
+    sides: DVector<f64>,
     covariance: DMatrix<f64>,
     /// The variance of a number that the covariance counts.
     counted: f64,
@@ -234,10 +276,31 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
+    /// How large the reversal value of each coefficient may be: as large as it was found, and its standard uncertainty more;
+    /// of any size where it is not found, or not yet.
+    fn reversals(self, values: &Values, covariance: Option<&DMatrix<f64>>) -> Vec<f64> {
+        let Self { system, kept, .. } = self;
+        let listed = system.unknowns.coefficients.iter().enumerate();
+        let sizes = listed.map(|(place, coefficient)| {
+            if coefficient.role != Role::Reversal {
+                return 0.0;
+            }
+            let largest = LARGEST_REVERSAL / micro(coefficient.error.component);
+            let is_of = |&column: &usize| system.params.at(column) == Param::Coefficient(place);
+            let variance = kept.iter().position(is_of).zip(covariance);
+            variance.map_or(largest, |(at, covariance)| {
+                let square = values.coefficients[place].powi(2) + covariance[(at, at)];
+                square.sqrt().min(largest)
+            })
+        });
+        sizes.collect()
+    }
+
     /// The step from these values, where the equations are those.
     fn step(
         self,
         equations: &Equations,
+        sides: &DVector<f64>,
         values: &Values,
         penalty: &mut Penalty,
     ) -> Result<Step, IdentifyError> {
@@ -250,14 +313,22 @@ impl Search<'_> {
         } = self;
         let mut jacobian = equations.jacobian.select_columns(kept);
         let mut residuals = equations.residuals.clone();
-        let square = cost(equations, robust);
+        let square = cost(equations, sides, robust);
+        let mut of_sides = equations.sides.clone();
         if robust {
+            let roots = left(equations, sides).map(|residual| weight(residual).sqrt());
             for (row, residual) in residuals.iter_mut().enumerate() {
-                let root = weight(*residual).sqrt();
-                *residual *= root;
-                jacobian.row_mut(row).scale_mut(root);
+                *residual *= roots[row];
+                jacobian.row_mut(row).scale_mut(roots[row]);
             }
+            of_sides.scale(|row| roots[row]);
         }
+        let with_sides = (of_sides.len() > 0).then(|| {
+            let plain = (jacobian.clone(), residuals.clone());
+            of_sides.eliminate(&mut jacobian);
+            of_sides.eliminate_from(&mut residuals);
+            plain
+        });
         let mut scale = DVector::from_element(kept.len(), 1.0);
         for (place, mut column) in jacobian.column_iter_mut().enumerate() {
             let length = column.norm();
@@ -300,8 +371,14 @@ impl Search<'_> {
             covariance.row_mut(place).scale_mut(*factor);
             covariance.column_mut(place).scale_mut(*factor);
         }
+        let by = step.component_mul(&scale);
+        let sides = with_sides.map_or_else(
+            || DVector::zeros(0),
+            |(jacobian, residuals)| of_sides.estimate(&(residuals + jacobian * &by)),
+        );
         Ok(Step {
-            by: step.component_mul(&scale),
+            by,
+            sides,
             covariance,
             counted,
             square,
@@ -344,6 +421,7 @@ mod tests {
         let largest = |by: [f64; 2], variances: [f64; 2]| {
             let step = Step {
                 by: DVector::from_row_slice(&by),
+                sides: DVector::zeros(0),
                 covariance: DMatrix::from_diagonal(&DVector::from_row_slice(&variances)),
                 counted: 1.0,
                 square: 0.0,

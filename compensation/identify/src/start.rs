@@ -90,7 +90,7 @@ fn setup_only(
         Exactness::Rough,
     )?
     .values;
-    let residuals = system.residuals(rows, &values);
+    let residuals = system.plain_residuals(rows, &values);
     Ok((residuals.iter().map(Vector3::norm).sum(), values))
 }
 

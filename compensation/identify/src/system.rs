@@ -11,6 +11,8 @@ use crate::{
     observations::{Observations, SetUp},
     params::{self, Param, Params, Part},
     prepared::Rows,
+    sides::Sides,
+    solve::weight,
     values::Values,
 };
 
@@ -40,6 +42,19 @@ pub(crate) struct Equations {
     pub(crate) jacobian: DMatrix<f64>,
     /// For each row its first equation and how many it has.
     pub(crate) places: Vec<(usize, usize)>,
+    /// How they are moved by sides from which axes came, which are not known.
+    pub(crate) sides: Sides,
+}
+
+impl Equations {
+    /// The same where the sides are eliminated: numbers that are independent again.
+    fn without_sides(mut self) -> Self {
+        if self.sides.len() > 0 {
+            self.sides.eliminate(&mut self.jacobian);
+            self.sides.eliminate_from(&mut self.residuals);
+        }
+        self
+    }
 }
 
 impl System {
@@ -50,6 +65,12 @@ impl System {
             Param::Coefficient(place) => Some(self.unknowns.is_convention(place)),
             Param::SetUp { .. } => None,
         }
+    }
+
+    /// Whether a column is that of a reversal value.
+    pub(crate) fn is_reversal(&self, column: usize) -> bool {
+        matches!(self.params.at(column), Param::Coefficient(place)
+            if self.unknowns.coefficients[place].role == Role::Reversal)
     }
 
     /// The equations of some observations.
@@ -83,9 +104,15 @@ impl System {
         Values::stated(&self.setup, coefficients.collect())
     }
 
+    /// The residuals and their derivatives, without the sides that are not known: numbers that are independent.
+    pub(crate) fn equations(&self, rows: &Rows, values: &Values) -> Equations {
+        self.plain_equations(rows, values, false).without_sides()
+    }
+
     /// The residuals and their derivatives. `design`: the derivatives of the ideal machine with readings that fit it
-    /// exactly, from which it is judged what can be told apart.
-    pub(crate) fn equations(&self, rows: &Rows, values: &Values, design: bool) -> Equations {
+    /// exactly, from which it is judged what can be told apart. Rows before an axis first moved are as if they had the mean of
+    /// both directions.
+    pub(crate) fn plain_equations(&self, rows: &Rows, values: &Values, design: bool) -> Equations {
         let mut places = Vec::with_capacity(rows.len());
         let mut count = 0;
         for row in rows.iter() {
@@ -99,6 +126,7 @@ impl System {
             residuals: DVector::zeros(total),
             jacobian: DMatrix::zeros(total, self.params.len()),
             places,
+            sides: Sides::default(),
         };
         for (place, row) in rows.0.iter().enumerate() {
             self.write_row(row, values, design, place, &mut equations);
@@ -145,9 +173,42 @@ impl System {
             .collect()
     }
 
-    /// The residuals alone of every row, mm: three numbers, or one and two zeros.
+    /// The residuals alone of every row, mm: three numbers, or one and two zeros. Rows before an axis first moved have the
+    /// side that they fit best, or less of it.
     pub(crate) fn residuals(&self, rows: &Rows, values: &Values) -> Vec<Vector3<f64>> {
-        let equations = self.equations(rows, values, false);
+        /// So often the rows that do not fit are counted less.
+        const ROUNDS: usize = 5;
+        /// What was found is uncertain, too, where a row tells nothing of it: by so many uncertainties of a reading at the most.
+        const WITHIN: f64 = 8.0;
+        let mut equations = self.plain_equations(rows, values, false);
+        if equations.sides.len() > 0 {
+            let mut sides = DVector::zeros(equations.sides.len());
+            let columns = equations.sides.columns(equations.residuals.len(), false);
+            for _ in 0..ROUNDS {
+                let mut left = equations.residuals.clone();
+                equations.sides.add_to(&mut left, &sides);
+                let roots = left.map(|residual| weight(residual).sqrt());
+                let mut weighted = equations.sides.clone();
+                weighted.scale(|equation| roots[equation]);
+                // An axis came from one side or from the other: a slip is no side.
+                sides = weighted.estimate(&equations.residuals.component_mul(&roots));
+                for (side, column) in sides.iter_mut().zip(columns.column_iter()) {
+                    let most = 1.0 + WITHIN / column.amax().max(f64::MIN_POSITIVE);
+                    *side = side.clamp(-most, most);
+                }
+            }
+            equations.sides.add_to(&mut equations.residuals, &sides);
+        }
+        self.in_mm(rows, &equations)
+    }
+
+    /// The same of rows as they are without any error, before it is known how large errors are: rows before an axis first
+    /// moved as if they had the mean of both directions.
+    pub(crate) fn plain_residuals(&self, rows: &Rows, values: &Values) -> Vec<Vector3<f64>> {
+        self.in_mm(rows, &self.plain_equations(rows, values, false))
+    }
+
+    fn in_mm(&self, rows: &Rows, equations: &Equations) -> Vec<Vector3<f64>> {
         let places = equations.places.iter().zip(rows.iter());
         places
             .map(|(&(first, count), row)| {

@@ -93,6 +93,7 @@ pub(crate) fn set_times(
         let mut approach = Approach::default();
         for (_, index, row) in places {
             let row: &mut Row = &mut timed[index].observation.rows[row];
+            row.run = first;
             // Its poses have theirs from the rows that name them.
             if let Seen::Pair { .. } = row.seen {
                 continue;
@@ -113,7 +114,17 @@ pub struct Approach {
 }
 
 impl Approach {
-    /// Goes to a state of the machine and sets its directions of approach; `None` until an axis has moved.
+    /// Of axes that came from these sides before.
+    #[must_use]
+    pub fn from_sides(direction: [Option<Direction>; MAX_AXES]) -> Self {
+        Self {
+            extreme: None,
+            direction,
+        }
+    }
+
+    /// Goes to a state of the machine and sets its directions of approach; `None` until an axis has moved whose side is not
+    /// known.
     pub fn to(&mut self, state: &mut State, machine: &Machine) {
         let extreme = self.extreme.get_or_insert(state.q.0);
         for (axis, (described, &q)) in machine.axes().iter().zip(&state.q).enumerate() {

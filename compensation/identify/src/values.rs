@@ -29,6 +29,9 @@ pub(crate) struct Values {
     pub(crate) points: Vec<Vec<Vector3<f64>>>,
     pub(crate) numbers: Vec<Vec<f64>>,
     pub(crate) coefficients: Vec<f64>,
+    /// How large the reversal value of each coefficient may be where it is not known from which side its axis came; 0 of the
+    /// others, and of all before they are looked for.
+    pub(crate) reversals: Vec<f64>,
 }
 
 impl Values {
@@ -53,6 +56,7 @@ impl Values {
             frames: frames.collect(),
             points: points.collect(),
             numbers: numbers.collect(),
+            reversals: vec![0.0; coefficients.len()],
             coefficients,
         }
     }

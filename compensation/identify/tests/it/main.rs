@@ -3,6 +3,7 @@
 mod ball_row;
 mod coverage;
 mod draws;
+mod first_rows;
 mod fuzz_corpus;
 mod implausible;
 mod kept_curves;

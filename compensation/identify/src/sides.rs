@@ -1,0 +1,241 @@
+//! From which side an axis came to rows before it first moved: the file does not say.
+//!
+//! The machine had come from one side or from the other, so that its errors were those of the mean of both directions plus
+//! or minus half the reversal value, the same for all of these rows. That is one number for each run of the machine and each
+//! axis, of mean 0 and standard uncertainty 1, in units of half the reversal value. Nobody asks for it: it is eliminated from the
+//! equations, which leaves their unknowns and makes their numbers independent again (generalised least squares, A. C. Aitken,
+//! Proceedings of the Royal Society of Edinburgh 55, 1935). Where the reversal value is unknown itself, each error has a number of
+//! its own, and half the reversal value is as large as was found, or as its uncertainty allows.
+
+use std::collections::BTreeMap;
+
+use volcomp_kinematics::nalgebra::{DMatrix, DVector};
+
+use crate::{
+    rank::{Rank, independent, independent_without},
+    system::{Equations, System},
+};
+
+/// What a number belongs to: the run, the axis, and the coefficient of an unknown reversal value.
+pub(crate) type Key = (usize, usize, Option<usize>);
+
+/// How each unknown side moves the equations.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Sides(BTreeMap<Key, BTreeMap<usize, f64>>);
+
+/// The numbers of one run, which move the same equations.
+struct Run {
+    equations: Vec<usize>,
+    /// One column for each number.
+    columns: DMatrix<f64>,
+}
+
+impl Sides {
+    pub(crate) fn add(&mut self, key: Key, equation: usize, by: f64) {
+        *self.0.entry(key).or_default().entry(equation).or_default() += by;
+    }
+
+    /// How many numbers there are.
+    pub(crate) fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    /// Whether a reversal value that is unknown has such rows.
+    pub(crate) fn has_unknown(&self) -> bool {
+        self.0.keys().any(|(_, _, unknown)| unknown.is_some())
+    }
+
+    /// Equations of other weight.
+    pub(crate) fn scale(&mut self, by: impl Fn(usize) -> f64) {
+        for (equation, value) in self.0.values_mut().flatten() {
+            *value *= by(*equation);
+        }
+    }
+
+    /// The columns in so many equations, of all numbers or of those of unknown reversal values.
+    pub(crate) fn columns(&self, equations: usize, of_unknown: bool) -> DMatrix<f64> {
+        let wanted = self
+            .0
+            .iter()
+            .filter(|(key, _)| !of_unknown || key.2.is_some());
+        let columns: Vec<DVector<f64>> = wanted
+            .map(|(_, column)| {
+                let mut dense = DVector::zeros(equations);
+                for (&equation, &by) in column {
+                    dense[equation] = by;
+                }
+                dense
+            })
+            .collect();
+        if columns.is_empty() {
+            DMatrix::zeros(equations, 0)
+        } else {
+            DMatrix::from_columns(&columns)
+        }
+    }
+
+    /// What numbers of these values add to the residuals.
+    pub(crate) fn add_to(&self, residuals: &mut DVector<f64>, values: &DVector<f64>) {
+        for (column, value) in self.0.values().zip(values) {
+            for (&equation, by) in column {
+                residuals[equation] += by * value;
+            }
+        }
+    }
+
+    fn runs(&self) -> Vec<Run> {
+        let mut runs: BTreeMap<usize, Vec<&BTreeMap<usize, f64>>> = BTreeMap::new();
+        for (key, column) in &self.0 {
+            runs.entry(key.0).or_default().push(column);
+        }
+        let of_run = |columns: Vec<&BTreeMap<usize, f64>>| {
+            let mut equations: Vec<usize> =
+                columns.iter().flat_map(|c| c.keys().copied()).collect();
+            equations.sort_unstable();
+            equations.dedup();
+            let at = |row: usize, column: usize| {
+                let of_column: &BTreeMap<usize, f64> = columns[column];
+                of_column.get(&equations[row]).copied().unwrap_or(0.0)
+            };
+            let columns = DMatrix::from_fn(equations.len(), columns.len(), at);
+            Run { equations, columns }
+        };
+        runs.into_values().map(of_run).collect()
+    }
+
+    /// Eliminates the numbers: the rows of the matrix, columns of unknowns or residuals, become those of independent numbers of
+    /// variance 1.
+    pub(crate) fn eliminate(&self, matrix: &mut DMatrix<f64>) {
+        for Run { equations, columns } in self.runs() {
+            // (1 + G·Gᵀ)^(-1/2) by the eigenvectors of Gᵀ·G, which are few.
+            let eigen = (columns.transpose() * &columns).symmetric_eigen();
+            let largest = eigen.eigenvalues.max();
+            let mut own = matrix.select_rows(&equations);
+            for (vector, &square) in eigen.eigenvectors.column_iter().zip(&eigen.eigenvalues) {
+                if square > 1e-12 * largest {
+                    let along = &columns * vector / square.sqrt();
+                    let less = 1.0 - 1.0 / (1.0 + square).sqrt();
+                    let part = along.transpose() * &own * less;
+                    own -= along * part;
+                }
+            }
+            for (row, &equation) in equations.iter().enumerate() {
+                matrix.row_mut(equation).copy_from(&own.row(row));
+            }
+        }
+    }
+
+    /// The same of one column.
+    pub(crate) fn eliminate_from(&self, column: &mut DVector<f64>) {
+        let mut matrix = DMatrix::from_column_slice(column.len(), 1, column.as_slice());
+        self.eliminate(&mut matrix);
+        column.copy_from(&matrix.column(0));
+    }
+
+    /// The values of the numbers that these residuals ask for.
+    pub(crate) fn estimate(&self, residuals: &DVector<f64>) -> DVector<f64> {
+        let mut found = Vec::with_capacity(self.len());
+        for Run { equations, columns } in self.runs() {
+            let own = residuals.select_rows(&equations);
+            let count = columns.ncols();
+            let normal = columns.transpose() * &columns + DMatrix::identity(count, count);
+            let right = -(columns.transpose() * own);
+            // Positive definite, but where a number is none.
+            let values = normal.cholesky().map(|normal| normal.solve(&right));
+            found.extend(values.unwrap_or_else(|| DVector::zeros(count)).iter());
+        }
+        DVector::from_vec(found)
+    }
+}
+
+/// What can be told apart where nothing tells from which side an axis came before it first moved: reversal values that only such
+/// rows tell of are left at zero, and some columns in any case.
+pub(crate) fn told_apart(system: &System, design: &Equations, without: &[usize]) -> Rank {
+    let rank = independent_without(&design.jacobian, without);
+    if !design.sides.has_unknown() {
+        return rank;
+    }
+    let (reversals, others): (Vec<usize>, Vec<usize>) =
+        (rank.kept.iter()).partition(|column| system.is_reversal(**column));
+    let jacobian = &design.jacobian;
+    let sides = design.sides.columns(jacobian.nrows(), true);
+    let columns_of = |columns: &[usize]| jacobian.select_columns(columns);
+    let all = [columns_of(&others), sides, columns_of(&reversals)];
+    let columns: Vec<DVector<f64>> = all
+        .iter()
+        .flat_map(|matrix| matrix.column_iter().map(Into::into))
+        .collect();
+    let place_of = |place: usize| {
+        let after = place.checked_sub(others.len() + all[1].ncols());
+        others
+            .get(place)
+            .or_else(|| after.and_then(|after| reversals.get(after)))
+            .copied()
+    };
+    let beside = independent(&DMatrix::from_columns(&columns));
+    let mixed = beside.null.iter().filter_map(|null| {
+        let listed = null.iter();
+        let mut own: Vec<(usize, f64)> = listed
+            .filter_map(|&(place, weight)| place_of(place).map(|column| (column, weight)))
+            .collect();
+        let length = own.iter().map(|(_, w)| w * w).sum::<f64>().sqrt();
+        for (_, weight) in &mut own {
+            *weight /= length;
+        }
+        place_of(null[0].0)
+            .is_some_and(|first| system.is_reversal(first))
+            .then_some(own)
+    });
+    let mixed: Vec<Vec<(usize, f64)>> = mixed.collect();
+    if mixed.is_empty() {
+        return rank;
+    }
+    // What was left at zero stays there.
+    let left: Vec<&Vec<(usize, f64)>> = rank.null.iter().chain(&mixed).collect();
+    let mut others = jacobian.clone();
+    for null in &left {
+        others.column_mut(null[0].0).fill(0.0);
+    }
+    let mut rest = independent_without(&others, without);
+    for null in &mut rest.null {
+        if let Some(own) = left.iter().find(|own| own[0].0 == null[0].0) {
+            null.clone_from(own);
+        }
+    }
+    rest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two runs, one of two numbers: the weighted squares are those by the inverse of the covariance 1 + G·Gᵀ, and so are those
+    /// that are left with the values that are estimated.
+    #[test]
+    fn what_is_eliminated_has_the_covariance_of_the_numbers() {
+        let mut sides = Sides::default();
+        for (key, equation, by) in [
+            ((0, 0, None), 0, 3.0),
+            ((0, 0, None), 2, -1.0),
+            ((0, 1, Some(4)), 2, 0.5),
+            ((0, 1, Some(4)), 3, 700.0),
+            ((1, 0, None), 1, 2.0),
+        ] {
+            sides.add(key, equation, by);
+        }
+        let columns = sides.columns(5, false);
+        assert_eq!(sides.columns(5, true).ncols(), 1);
+        let covariance = DMatrix::identity(5, 5) + &columns * columns.transpose();
+        let residuals = DVector::from_vec(vec![1.0, -2.0, 0.7, 3.0, 0.1]);
+        let inverse = covariance.try_inverse().expect("positive definite");
+        let expected = residuals.dot(&(inverse * &residuals));
+        let mut matrix = DMatrix::from_columns(&[residuals.clone()]);
+        sides.eliminate(&mut matrix);
+        assert!((matrix.norm_squared() - expected).abs() < 1e-9 * expected);
+        let values = sides.estimate(&residuals);
+        let mut left = residuals.clone();
+        sides.add_to(&mut left, &values);
+        let squares = left.norm_squared() + values.norm_squared();
+        assert!((squares - expected).abs() < 1e-9 * expected);
+    }
+}
