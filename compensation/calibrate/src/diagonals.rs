@@ -257,6 +257,7 @@ fn rows(
                 )
                 .mm_or_rad(),
             },
+            run: None,
             time: 0.0,
             uncertainty_mm: uncertainty_um * 1e-3,
         });

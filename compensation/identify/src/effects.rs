@@ -62,7 +62,7 @@ pub(crate) fn largest_effects(system: &System, values: &Values) -> DVector<f64> 
                 slope: 0,
                 deviation_mm: 0.0,
             },
-            run: 0,
+            run: None,
             time: 0.0,
             uncertainty_mm: 1.0,
         })

@@ -23,7 +23,7 @@ struct Writer<'e> {
     jacobian: &'e mut DMatrix<f64>,
     sides: &'e mut Sides,
     /// Which run the row is of.
-    run: usize,
+    run: Option<usize>,
     /// How large the reversal value of each coefficient may be; `None`: 1, of the ideal machine.
     reversals: Option<&'e [f64]>,
     params: &'e Params,
@@ -58,6 +58,7 @@ impl Writer<'_> {
 
     /// Takes what the tip moves where axes came from the positive side of which it is not known.
     fn sides(&mut self, stand: &PreparedStand, tip: &Tip, directions: &[Vector3<f64>]) {
+        let Some(run) = self.run else { return };
         for side in &stand.sides {
             let by_motion = &tip.by_motion[side.axis];
             let known = (side.known != ErrorMotion::ZERO).then(|| {
@@ -75,8 +76,7 @@ impl Writer<'_> {
             for (of, moved) in known.into_iter().chain(unknown) {
                 for (k, direction) in directions.iter().enumerate() {
                     let by = direction.dot(&moved) * self.weight;
-                    self.sides
-                        .add((self.run, side.axis, of), self.first + k, by);
+                    self.sides.add((run, side.axis, of), self.first + k, by);
                 }
             }
         }

@@ -185,8 +185,9 @@ pub struct Row {
     pub stand: Stand,
     /// What was seen.
     pub seen: Seen,
-    /// Which run of the machine it is of: in one run every axis comes from where it was in the row before.
-    pub run: usize,
+    /// Which run of the machine it is of: in one run every axis comes from where it was in the row before, and to the first rows
+    /// from a side that is not known. `None` where an axis without a direction has the mean of both, as in means of readings in both.
+    pub run: Option<usize>,
     /// Place in time between −1 (first row) and 1 (last row), for the drift.
     pub time: f64,
     /// Standard uncertainty of each number, mm.

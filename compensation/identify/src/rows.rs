@@ -129,7 +129,7 @@ pub(crate) fn read_rows(
             line: row.line(),
             stand,
             seen,
-            run: 0,
+            run: None,
             time: 0.0,
             uncertainty_mm: match uncertainty {
                 Some(column) => {

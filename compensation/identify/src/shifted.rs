@@ -110,7 +110,7 @@ mod tests {
                 centre: 0,
                 offset_mm: volcomp_kinematics::nalgebra::Vector3::zeros(),
             },
-            run: 0,
+            run: None,
             time: 0.0,
             uncertainty_mm: 1e-3,
         };

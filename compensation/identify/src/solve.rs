@@ -36,6 +36,10 @@ const SIDE_STEPS: usize = 4;
 const LARGEST_REVERSAL: f64 = 1e3;
 const MOST_STEPS: usize = 60;
 const MOST_STEPS_ROBUST: usize = 400;
+/// A search with robust weights goes so many times as far as its step where that is better still.
+const LONGEST: f64 = 64.0;
+/// After the most steps a search with robust weights has ended where its last step was smaller, in standard uncertainties.
+const SMALL_ROBUST: f64 = 1e-3;
 /// Residuals above this count less (Huber, Annals of Mathematical Statistics 35, 1964: 95 % efficient).
 const HUBER: f64 = 1.345;
 
@@ -165,30 +169,40 @@ pub(crate) fn solve(
         }
         // Halved while it makes things worse: far from the end the equations are not yet straight.
         let before = cost(&equations, &sides, robust);
-        let mut share = 1.0;
-        loop {
-            let tried = values.moved(
-                &system.params,
-                &spread(&step.by, kept, system.params.len(), share),
-            );
+        let to = |share: f64| {
+            let step_by = spread(&step.by, kept, system.params.len(), share);
+            let tried = values.moved(&system.params, &step_by);
             let there = at(&tried);
             let on_sides = &sides + (&step.sides - &sides) * share;
-            // A step of the size of rounding is neither better nor worse.
             let cost = cost(&there, &on_sides, robust);
-            if cost <= before * (1.0 + 1e-9) + 1e-20 || share < 1e-3 || penalised {
-                (values, equations, sides) = (tried, there, on_sides);
+            (cost, (tried, there, on_sides))
+        };
+        let mut share = 1.0;
+        let (mut least, mut reached) = to(share);
+        // A step of the size of rounding is neither better nor worse.
+        while least > before * (1.0 + 1e-9) + 1e-20 && share >= 1e-3 && !penalised {
+            share *= 0.5;
+            (least, reached) = to(share);
+        }
+        // Robust weights follow the residuals slowly where many are larger than usual: the way is longer than the step.
+        while robust && !penalised && (1.0..LONGEST).contains(&share) {
+            let (cost, further) = to(2.0 * share);
+            if cost >= least {
                 break;
             }
-            share *= 0.5;
+            share *= 2.0;
+            (least, reached) = (cost, further);
         }
+        (values, equations, sides) = reached;
         if is_open {
             values.reversals = search.reversals(&values, Some(&step.covariance));
             equations = at(&values);
             sides = equations.sides.estimate(&equations.residuals);
         }
     }
-    // With more digits than the numbers have the last steps are rounding.
-    if last < 1e-5 || exactness == Exactness::Rough {
+    // With more digits than the numbers have the last steps are rounding, and robust weights may still creep.
+    let small = if robust { SMALL_ROBUST } else { 1e-5 };
+    if last < small || exactness == Exactness::Rough {
         penalty.ends = true;
         let step = search.step(&equations, &sides, &values, &mut penalty)?;
         return Ok(Solution::at(values, &equations, &sides, step, search));

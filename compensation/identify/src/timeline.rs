@@ -93,7 +93,7 @@ pub(crate) fn set_times(
         let mut approach = Approach::default();
         for (_, index, row) in places {
             let row: &mut Row = &mut timed[index].observation.rows[row];
-            row.run = first;
+            row.run = Some(first);
             // Its poses have theirs from the rows that name them.
             if let Seen::Pair { .. } = row.seen {
                 continue;

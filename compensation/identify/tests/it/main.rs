@@ -20,6 +20,7 @@ mod peer;
 mod penalised;
 mod products;
 mod reader;
+mod robust;
 mod run_out;
 mod shrunk;
 mod simulated;
