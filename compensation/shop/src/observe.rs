@@ -8,7 +8,7 @@ mod spheres;
 
 use std::fmt::Write;
 
-use rand::SeedableRng;
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use volcomp_document::{csv_cell, toml_string};
@@ -18,7 +18,7 @@ use volcomp_kinematics::{
     nalgebra::{Matrix3, Vector3},
 };
 use volcomp_model::Machine;
-use volcomp_vocabulary::Displacement;
+use volcomp_vocabulary::{Direction, Displacement, MAX_AXES};
 
 use crate::{
     error::{ObservationError, ShopError},
@@ -29,6 +29,9 @@ use crate::{
 
 /// The random numbers of observations are others than those of lines.
 const FIRST_STREAM: u64 = 1 << 32;
+
+/// The sides from which axes come are others than what is read.
+const FIRST_SIDES: u64 = 1 << 48;
 
 /// What was made of one observation: row files, and its tables in the file of observations.
 struct Made {
@@ -119,6 +122,8 @@ struct Observer<'a> {
     free_axes: FreeAxes,
     random: ChaCha8Rng,
     approach: Approach,
+    /// Draws from which side the axes come to a first row.
+    sides: ChaCha8Rng,
 }
 
 /// The machine with each tool, which take turns; with its own where no tool is named.
@@ -160,6 +165,8 @@ impl<'a> Observer<'a> {
         }
         // Refuses axes that are not there and numbers that are none.
         truth.state(&what.at)?;
+        let mut sides = random.clone();
+        sides.set_stream(FIRST_SIDES + random.get_stream());
         Ok(Self {
             truth,
             what,
@@ -167,7 +174,8 @@ impl<'a> Observer<'a> {
             tools: Tools(machines),
             free_axes: FreeAxes::new(truth, &what.at),
             random,
-            approach: Approach::default(),
+            approach: from_one_side(&mut sides),
+            sides,
         })
     }
 
@@ -290,6 +298,12 @@ impl<'a> Observer<'a> {
     fn held(&self) -> Result<State, ObservationError> {
         Ok(self.truth.state(&self.what.at)?)
     }
+}
+
+/// Axes that came from one side or the other before the first row, which nobody writes down.
+fn from_one_side(random: &mut ChaCha8Rng) -> Approach {
+    let side = |()| Direction::of(random.random_range(-1.0..1.0));
+    Approach::from_sides([(); MAX_AXES].map(side))
 }
 
 /// A direction that is drawn, all alike.

@@ -2,11 +2,10 @@
 
 use std::fmt::Write;
 
-use volcomp_identify::Approach;
 use volcomp_kinematics::{State, nalgebra::Vector3};
 use volcomp_vocabulary::AxisName;
 
-use super::{Made, Observer, across, number, push_row};
+use super::{Made, Observer, across, from_one_side, number, push_row};
 use crate::{error::ObservationError, poses::actual_tip};
 
 impl Observer<'_> {
@@ -74,7 +73,7 @@ impl Observer<'_> {
         let passes = self.passes(targets);
         let rows = passes.len() * targets;
         let mut text = format!("{}deviation_um\n", self.axes_header());
-        self.approach = Approach::default();
+        self.approach = from_one_side(&mut self.sides);
         for (row, target) in passes.into_iter().flatten().enumerate() {
             let mut state = place(target);
             self.approach.to(&mut state, self.truth);

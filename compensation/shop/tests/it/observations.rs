@@ -488,3 +488,54 @@ travel = [-400.0, 0.0]
         assert!((uncertainty - 1.0).abs() < 0.1, "{name} {uncertainty}");
     }
 }
+
+/// A real machine came from somewhere: the first row of every seed is half the reversal value to one side or to the other, and no
+/// seed has the mean.
+#[test]
+fn the_first_row_comes_from_a_side_that_is_drawn() {
+    const TRUTH: &str = "structure = \"w b X Y Z t\"
+axes = { X.travel = [0, 600], Y.travel = [0, 600], Z.travel = [0, 600] }
+[errors]
+EXX = { mean = { poly = [0.0] }, reversal = 20.0 }
+";
+    for (table_of, column) in [
+        (
+            "kind = \"points\"\nposes = 5\nframe = [0, 0, 0, 0, 0, 0]\n",
+            "x",
+        ),
+        (
+            "kind = \"distance\"\nposes = 5\npoint = [-500, 300, 300]\n",
+            "length_mm",
+        ),
+    ] {
+        let mut seen = [0; 2];
+        for seed in 0..40 {
+            let folder = tempfile::tempdir().expect("a folder");
+            let folder = folder.path();
+            let text = format!(
+                "seed = {seed}\nunknown = [{{ error = \"EXX\", reversal = true }}]\n[[observation]]\nfile = \"o\"\n{table_of}noise_um = 0.0\nresolution_um = 0.0\n"
+            );
+            write(folder, &shop(folder, TRUTH, &text));
+            let (header, rows) = table(folder, "o.csv");
+            let number = |name: &str| {
+                let place = header.iter().position(|head| head == name);
+                let cell = &rows[0][place.expect("a column")];
+                cell.parse::<f64>().expect("a number")
+            };
+            let at = Vector3::new(number("X"), number("Y"), number("Z"));
+            let read = |along_mm: f64| {
+                let tip = at + Vector3::x() * along_mm;
+                if column == "x" {
+                    tip.x
+                } else {
+                    (tip - Vector3::new(-500.0, 300.0, 300.0)).norm()
+                }
+            };
+            // Numbers are written to 1 nm.
+            let is_from = [-0.01, 0.01].map(|along| (number(column) - read(along)).abs() < 3e-6);
+            assert_ne!(is_from[0], is_from[1], "{seed}: {at} {}", number(column));
+            seen[usize::from(is_from[1])] += 1;
+        }
+        assert!(seen.iter().all(|count| *count >= 8), "{seen:?}");
+    }
+}
