@@ -229,7 +229,7 @@ mod tests {
         let residuals = DVector::from_vec(vec![1.0, -2.0, 0.7, 3.0, 0.1]);
         let inverse = covariance.try_inverse().expect("positive definite");
         let expected = residuals.dot(&(inverse * &residuals));
-        let mut matrix = DMatrix::from_columns(&[residuals.clone()]);
+        let mut matrix = DMatrix::from_columns(std::slice::from_ref(&residuals));
         sides.eliminate(&mut matrix);
         assert!((matrix.norm_squared() - expected).abs() < 1e-9 * expected);
         let values = sides.estimate(&residuals);

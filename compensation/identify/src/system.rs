@@ -199,26 +199,13 @@ impl System {
             }
             equations.sides.add_to(&mut equations.residuals, &sides);
         }
-        self.in_mm(rows, &equations)
+        in_mm(rows, &equations)
     }
 
     /// The same of rows as they are without any error, before it is known how large errors are: rows before an axis first
     /// moved as if they had the mean of both directions.
     pub(crate) fn plain_residuals(&self, rows: &Rows, values: &Values) -> Vec<Vector3<f64>> {
-        self.in_mm(rows, &self.plain_equations(rows, values, false))
-    }
-
-    fn in_mm(&self, rows: &Rows, equations: &Equations) -> Vec<Vector3<f64>> {
-        let places = equations.places.iter().zip(rows.iter());
-        places
-            .map(|(&(first, count), row)| {
-                let mut residual = Vector3::zeros();
-                for k in 0..count {
-                    residual[k] = equations.residuals[first + k] * row.uncertainty_mm;
-                }
-                residual
-            })
-            .collect()
+        in_mm(rows, &self.plain_equations(rows, values, false))
     }
 
     /// The group and the weight of a parameter in the penalty.
@@ -257,4 +244,18 @@ impl System {
             Param::SetUp { part, place, order } => params::unit_of(&self.setup, part, place, order),
         }
     }
+}
+
+/// Residuals of every row, mm.
+fn in_mm(rows: &Rows, equations: &Equations) -> Vec<Vector3<f64>> {
+    let places = equations.places.iter().zip(rows.iter());
+    places
+        .map(|(&(first, count), row)| {
+            let mut residual = Vector3::zeros();
+            for k in 0..count {
+                residual[k] = equations.residuals[first + k] * row.uncertainty_mm;
+            }
+            residual
+        })
+        .collect()
 }
