@@ -15,7 +15,7 @@ use crate::{
 /// none is given.
 ///
 /// # Errors
-/// What [`identify`] refuses of unknowns; a name that is none of the unknowns or of the set-up.
+/// What [`crate::identify()`] refuses of unknowns; a name that is none of the unknowns or of the set-up.
 pub fn machine_with(
     observations: &Observations,
     values: &[(String, f64)],

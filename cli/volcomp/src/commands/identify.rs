@@ -58,8 +58,8 @@ fn text(document: &Document, output: &Path) -> String {
 /// What the words of the tables mean.
 pub(super) const EXPLAINED: &str = "
 Uncertainty: standard (k = 1). Rows left out: predicted from the others, pose by
-pose. Score: 1 is best; an unknown may be 1/score times as uncertain as it would be
-if all others were known: below 0.01 some can hardly be told apart. Rank: how
+pose. Score: 1 is best; an unknown may be 1/score times as uncertain as it would
+be if all others were known: below 0.01 some can hardly be told apart. Rank: how
 many unknowns are determined, of how many that are counted.
 ";
 
