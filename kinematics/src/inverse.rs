@@ -33,8 +33,11 @@ const MOST_STEPS: usize = 12;
 /// Changes of which axes stand at an end of their travel.
 const MOST_CHANGES: usize = 10 * MAX_AXES;
 /// Directions of three linear axes whose box of unit edges has less volume than this count as lying in one plane. Such axes reach
-/// a point beside the plane only by moving far against each other; they are not made to.
+/// a point beside the plane only by moving far against each other; they are not made to where no travel bounds them.
 const FLAT_BELOW: f64 = 1e-3;
+/// Within travels they are: beside a pose at which a turn brings two axes along one another, only moves far against each other reach a point.
+/// What a smaller volume keeps them from is less than [`REACHED_WITHIN_MM`].
+const EXACT_ABOVE: f64 = 1e-10;
 
 /// The angles that point the tool, and the rotary axes that have no part in it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -173,10 +176,11 @@ impl Chain {
         // Twice: the second step takes away what the first one lost to rounding.
         for _ in 0..2 {
             let missing = tip_mm - self.ideal_tip_mm(&found);
-            for (q, step) in found
-                .q
-                .iter_mut()
-                .zip(least_norm(&columns, &free, &missing))
+            for (q, step) in
+                found
+                    .q
+                    .iter_mut()
+                    .zip(least_norm(&columns, &free, &missing, EXACT_ABOVE))
             {
                 *q += step;
             }
@@ -224,7 +228,7 @@ impl Chain {
             let mut missing = tip_mm - self.ideal_tip_mm(found);
             let mut stopped = None;
             for _ in 0..2 {
-                let steps = least_norm(columns, free, &missing);
+                let steps = least_norm(columns, free, &missing, EXACT_ABOVE);
                 // How far all can go until the first is at an end of its travel.
                 let mut share = 1.0;
                 for (index, step) in steps.into_iter().enumerate() {
@@ -297,7 +301,7 @@ impl Chain {
             if missing.norm() <= BROUGHT_WITHIN_MM {
                 break;
             }
-            let steps = least_norm(&columns, &moving, &missing);
+            let steps = least_norm(&columns, &moving, &missing, FLAT_BELOW);
             for (q, step) in state.q.iter_mut().zip(steps) {
                 *q += step;
             }
@@ -322,16 +326,18 @@ impl Chain {
     }
 }
 
-/// The steps of least norm of the axes that move, mm: Dᵀ·(D·Dᵀ)⁺·missing.
+/// The steps of least norm of the axes that move, mm: Dᵀ·(D·Dᵀ)⁺·missing. Three axes are made to reach a point exactly where their
+/// box of unit edges has at least the volume `flat_below`.
 fn least_norm(
     columns: &[Vector3<f64>; MAX_AXES],
     moving: &[bool; MAX_AXES],
     missing: &Vector3<f64>,
+    flat_below: f64,
 ) -> [f64; MAX_AXES] {
     let used = || columns.iter().zip(moving).filter(|(_, moves)| **moves);
     let exact: ArrayVec<Vector3<f64>, MAX_AXES> = used().map(|(column, _)| *column).collect();
     if let [a, b, c] = exact[..]
-        && a.cross(&b).dot(&c).abs() >= FLAT_BELOW
+        && a.cross(&b).dot(&c).abs() >= flat_below
         && let Some(inverse) = Matrix3::from_columns(&[a, b, c]).try_inverse()
     {
         let shares = inverse * missing;

@@ -104,8 +104,20 @@ pub(crate) fn set_times(
     timed.into_iter().map(|timed| timed.observation).collect()
 }
 
+/// How far an axis has gone: one that counts anew after each period passes its end where that is the shorter way.
+fn by_the_short_way(travelled: f64, period: Option<f64>) -> f64 {
+    match period {
+        // Half a period is gone as the numbers say.
+        Some(period) if travelled.abs() > 0.5 * period * (1.0 + 1e-9) => {
+            travelled - period * (travelled / period).round()
+        }
+        _ => travelled,
+    }
+}
+
 /// From which side each axis of a machine came, over the poses in their order. A change of direction counts after travel
-/// over [`TURNED_AFTER`] or [`TURNED_AFTER_ROTARY`] from the last turning point.
+/// over [`TURNED_AFTER`] or [`TURNED_AFTER_ROTARY`] from the last turning point. An axis with `modulo` goes the shorter way: from 270 to 0 deg
+/// it goes on.
 #[derive(Clone, Debug, Default)]
 pub struct Approach {
     /// The last turning point of each axis, mm or rad.
@@ -132,7 +144,8 @@ impl Approach {
                 AxisKind::Linear => TURNED_AFTER.0,
                 AxisKind::Rotary => TURNED_AFTER_ROTARY.to_rad().0,
             };
-            let travelled = q - extreme[axis];
+            let travelled =
+                by_the_short_way(q - extreme[axis], described.modulo.map(f64::to_radians));
             let now = Direction::of(travelled);
             if travelled.abs() > threshold {
                 self.direction[axis] = now;
@@ -144,5 +157,39 @@ impl Approach {
         for (place, direction) in state.approach.iter_mut().zip(self.direction) {
             *place = direction;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_table_that_counts_anew_goes_on() {
+        let machine = |modulo: &str| {
+            let text = format!(
+                "structure = \"w C' b X Y Z t\"\n[axes]\nX.travel = [0, 1]\nY.travel = [0, 1]\nZ.travel = [0, 1]\nC = {{ travel = [0, 360]{modulo} }}\n"
+            );
+            Machine::parse(&text, "m.toml").expect("a good machine")
+        };
+        let sides = |modulo: &str, places: &[f64]| -> Vec<Option<Direction>> {
+            let machine = machine(modulo);
+            let mut approach = Approach::default();
+            let side = |deg: &f64| {
+                let mut state = State::default();
+                state.q[0] = deg.to_radians();
+                approach.to(&mut state, &machine);
+                state.approach[0]
+            };
+            places.iter().map(side).collect()
+        };
+        let [up, down] = [1.0, -1.0].map(Direction::of);
+        let rounds = [0.0, 90.0, 180.0, 270.0, 0.0, 90.0];
+        assert_eq!(sides(", modulo = 360", &rounds), [None, up, up, up, up, up]);
+        assert_eq!(sides("", &rounds), [None, up, up, up, down, up]);
+        assert_eq!(
+            sides(", modulo = 360", &[0.0, 180.0, 0.0, 270.0]),
+            [None, up, down, down]
+        );
     }
 }

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use volcomp_model::kinematics::State;
 use volcomp_model::kinematics::nalgebra::Vector3;
 use volcomp_model::{Machine, ModelError, Reached};
 use volcomp_vocabulary::AxisName;
@@ -353,4 +354,46 @@ fn linear_axes_along_one_another_are_free() {
     assert!(reached.solutions[0].q[z].abs() <= 1.0 && reached.outside.is_empty());
     let other = wide.axes_at([0.0, 12.0, 5.0], [0.6, 0.0, 0.8]).unwrap();
     assert!(!other.singular && other.free.is_empty() && other.dependent.is_empty());
+}
+
+/// Near the pose at which Z and X run along one line a point is still reached, by moves far against each other.
+#[test]
+fn points_near_a_pose_of_dependent_axes_are_reached() {
+    for structure in ["w Z' B' b X Y t", "w b X Y B Z t"] {
+        let axes = "Z.travel = [-500, 500]\nB.travel = [-180, 180]\nX.travel = [-500, 500]\nY.travel = [-500, 500]\n";
+        let machine = machine(structure, axes);
+        for off in [
+            0.0, 1e-12, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 5e-4, 1e-3, 2e-3,
+        ] {
+            let mut state = State::default();
+            for (axis, q) in [
+                (AxisName::X, 100.0),
+                (AxisName::Y, 30.0),
+                (AxisName::Z, 20.0),
+                (AxisName::B, std::f64::consts::FRAC_PI_2 + off),
+            ] {
+                state.q[machine.index_of(axis).unwrap()] = q;
+            }
+            let tip = machine.chain().ideal_tip_mm(&state);
+            let direction =
+                machine.chain().ideal_pose(&state).rotation * machine.chain().tool_axis();
+            let reached = machine.axes_at(tip.into(), direction.into()).unwrap();
+            assert!(
+                !reached.solutions.is_empty(),
+                "{structure} {off}: {reached:?}"
+            );
+            for found in &reached.solutions {
+                let miss = (machine.chain().ideal_tip_mm(found) - tip).norm();
+                assert!(miss < 1e-6, "{structure} {off}: {miss}");
+            }
+            if off > 1e-6 {
+                let z = machine.index_of(AxisName::Z).unwrap();
+                let near = |found: &State| (found.q[z] - 20.0).abs() < 1e-3;
+                assert!(
+                    reached.solutions.iter().any(near),
+                    "{structure} {off}: {reached:?}"
+                );
+            }
+        }
+    }
 }

@@ -18,35 +18,51 @@ fn degc(fahrenheit: f64) -> f64 {
     (fahrenheit - 32.0) / 1.8
 }
 
-/// A note on sensors that are never as cold as a shop is, and would be in the other unit.
+/// A note on sensors that are never as cold as a shop is, and would be in the other unit: beside the same sensor in other files, or, where
+/// it is as warm in all of them, beside the others.
 pub(super) fn of_all(files: &[Columns]) -> Option<String> {
     let first = files.first()?;
-    let coldest: Vec<f64> = (0..first.sensors.len())
-        .map(|sensor| {
-            let values = files.iter().flat_map(|file| file.degc[sensor].iter());
-            values.copied().fold(f64::INFINITY, f64::min)
-        })
-        .collect();
+    let coldest = |file: &Columns, sensor: usize| {
+        let values = file.degc.get(sensor).into_iter().flatten();
+        values.copied().fold(f64::INFINITY, f64::min)
+    };
     let is_warm = |coldest: f64| {
         coldest >= NEVER_COLDER_THAN_F && (COLD_DEGC[0]..=COLD_DEGC[1]).contains(&degc(coldest))
     };
-    let mut others: Vec<f64> = coldest.iter().copied().filter(|t| !is_warm(*t)).collect();
-    others.sort_by(f64::total_cmp);
-    // A motor that was never let cool is as warm; in the other unit it would not be as cold as the rest.
-    let middle = others.get(others.len() / 2);
-    let fits = |coldest: f64| middle.is_none_or(|other| (degc(coldest) - other).abs() <= APART_K);
-    let found: Vec<String> = (first.sensors.iter().zip(&coldest))
-        .filter(|(_, coldest)| is_warm(**coldest) && fits(**coldest))
-        .map(|(name, coldest)| {
-            format!(
-                "{name} is never below {coldest:.1}, which would be {:.1} °C",
-                degc(*coldest)
-            )
-        })
-        .collect();
+    let middle_of = |mut values: Vec<f64>| {
+        values.retain(|t| t.is_finite() && !is_warm(*t));
+        values.sort_by(f64::total_cmp);
+        values.get(values.len() / 2).copied()
+    };
+    let mut found = Vec::new();
+    for (sensor, name) in first.sensors.iter().enumerate() {
+        let warm: Vec<usize> = (0..files.len())
+            .filter(|file| is_warm(coldest(&files[*file], sensor)))
+            .collect();
+        let own = middle_of(files.iter().map(|file| coldest(file, sensor)).collect());
+        let fits = |file: &usize| {
+            let others = (0..first.sensors.len()).map(|other| coldest(&files[*file], other));
+            let beside = own.or_else(|| middle_of(others.collect()));
+            let here = degc(coldest(&files[*file], sensor));
+            beside.is_none_or(|other| (here - other).abs() <= APART_K)
+        };
+        let Some(file) = warm.iter().find(|file| fits(file)) else {
+            continue;
+        };
+        let lowest = coldest(&files[*file], sensor);
+        let place = if warm.len() < files.len() {
+            format!(" in file {} of {}", file + 1, files.len())
+        } else {
+            String::new()
+        };
+        found.push(format!(
+            "{name} is never below {lowest:.1}{place}, which would be {:.1} °C",
+            degc(lowest)
+        ));
+    }
     (!found.is_empty()).then(|| {
         format!(
-            "looks like degrees Fahrenheit under a head that says °C: {}. Terms for 1 K would be 1.8 times too small, and the reference temperature wrong",
+            "may be degrees Fahrenheit under a head that says °C: {}. Terms for 1 K would be 1.8 times too small, and the reference temperature wrong. A motor that is warm all the time looks the same",
             found.join("; ")
         )
     })
@@ -100,6 +116,14 @@ mod tests {
         let one = said(&[("bed", &[68.0, 70.0]), ("spindle", &[20.5, 31.0])]);
         assert!(
             one.contains("bed is never below 68.0") && !one.contains("spindle"),
+            "{one}"
+        );
+        // One file of three, in which all are as warm.
+        let files = [[20.0, 22.0], [20.5, 24.0], [68.5, 75.0]]
+            .map(|bed| columns(&[("bed", &bed), ("spindle", &bed)]));
+        let one = of_all(&files).unwrap_or_default();
+        assert!(
+            one.contains("bed is never below 68.5 in file 3 of 3, which would be 20.3 °C"),
             "{one}"
         );
         for machine in [
