@@ -88,6 +88,9 @@ impl Interpreter {
     }
 }
 
+/// By so much the radius of a half circle may be short by its rounding, mm, as LinuxCNC takes it.
+const ROUNDED_MM: f64 = 0.00127;
+
 /// The centre of an arc by its radius: a negative one means the longer way.
 pub(crate) fn centre_of(
     start: [f64; 2],
@@ -102,7 +105,8 @@ pub(crate) fn centre_of(
     }
     let rest = radius * radius - 0.25 * chord * chord;
     // A half circle whose numbers are rounded.
-    if rest < 0.0 && radius.abs() * (1.0 + 1e-4) < 0.5 * chord {
+    let short = 0.5 * chord - radius.abs();
+    if rest < 0.0 && short > (1e-4 * radius.abs()).max(ROUNDED_MM) {
         return Err("an arc whose radius R is too small for its end");
     }
     let height = rest.max(0.0).sqrt();

@@ -30,6 +30,8 @@ pub(crate) struct Outcome {
     pub(crate) row: Vec<Move>,
     /// Its axis words say where the axes stand (G92, G10 L20): they are the words at these places.
     pub(crate) presets: Option<Axes<Option<usize>>>,
+    /// The work offset that they set (G10 L20), if another one than that in force: its coordinates are theirs.
+    pub(crate) preset_system: Option<usize>,
     /// The program ends here.
     pub(crate) ends: bool,
     /// M98 or M99.
@@ -113,6 +115,13 @@ impl Interpreter {
     /// What lies between program and machine while this is switched on.
     pub(crate) fn frame_of(&self, modal: &Modal) -> Frame {
         modal.frame(self.tip.as_ref())
+    }
+
+    /// The coordinates that hold with another work offset.
+    pub(crate) fn frame_with(&self, system: usize) -> Frame {
+        let mut modal = self.modal.clone();
+        modal.system = system;
+        self.frame_of(&modal)
     }
 
     /// Takes up what was switched: from now on coordinates mean what it says.

@@ -198,9 +198,7 @@ impl Interpreter {
                     }
                     self.offset_is_from_place(system, axis, given.line);
                     // The offset with which the axis is where it is at this value.
-                    let mut before = self.modal.clone();
-                    before.system = system;
-                    let frame = self.frame_of(&before);
+                    let frame = self.frame_with(system);
                     let mut way = [0.0; 9];
                     way[axis] = frame.to_program(&self.position)[axis] - value;
                     let offset = &mut self.modal.offsets[system].offset;
@@ -210,6 +208,7 @@ impl Interpreter {
                 }
                 if kind == Some(20) {
                     outcome.presets = Some(given.places);
+                    outcome.preset_system = Some(system);
                 }
             }
             Some(1) => {

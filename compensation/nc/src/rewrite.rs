@@ -259,7 +259,7 @@ impl Rewriter {
             self.motion(motion, line, out)?;
             self.ends_part(1.0);
         } else if let Some(words) = &outcome.presets {
-            self.presets(words, line);
+            self.presets(words, outcome.preset_system, line);
         }
         if let Some(motion) = &outcome.motion {
             self.switches_radius &= !self.moves_in_plane(motion);

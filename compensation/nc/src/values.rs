@@ -55,12 +55,17 @@ impl Rewriter {
     }
 
     /// Words that say where the axes stand: there is a correction in the axes.
-    pub(crate) fn presets(&mut self, words: &Axes<Option<usize>>, line: Line<'_>) {
+    pub(crate) fn presets(
+        &mut self,
+        words: &Axes<Option<usize>>,
+        system: Option<usize>,
+        line: Line<'_>,
+    ) {
         let interpreter = &self.interpreter;
-        let carried = interpreter
-            .frame
-            .moved_in_program(&interpreter.position, &self.carried);
         let modal = &interpreter.modal;
+        // A work offset that is not in force may be turned otherwise.
+        let frame = interpreter.frame_with(system.unwrap_or(modal.system));
+        let carried = frame.moved_in_program(&interpreter.position, &self.carried);
         for axis in 0..9 {
             let Some(word) = line.word(words[axis]) else {
                 continue;

@@ -120,3 +120,19 @@ fn a_correction_is_taken_up_before_an_arc() {
     assert_eq!(arc("G91 G2 X20 I10"), ["G1 X-0.020", "G91 G2 X20 I10"]);
     assert_eq!(arc("G17 G2 X20 I10"), ["G1 X-0.020", "G17 G2 X19.980 I10"]);
 }
+
+/// Half a circle by a radius that its digits leave half a micrometre short, as LinuxCNC takes it.
+#[test]
+fn a_half_circle_whose_radius_is_rounded_is_one() {
+    for program in [
+        "G90 G0 X10.123 Y0 Z0\nG2 X13.124 Y0 R1.5 F100\n",
+        "G90 G0 X0 Y0 Z0\nG3 X0.101 Y0 R0.05 F100\n",
+        "G20 G90 G0 X0 Y0 Z0\nG2 X0.1251 Y0 R0.0625 F10\n",
+    ] {
+        assert_eq!(text("", program), program);
+        let moved = text("[errors]\nEXX = { poly = [10.0] }\n", program);
+        assert_eq!(moved.lines().count(), 2, "{moved}");
+    }
+    let short = b"G90 G0 X0 Y0 Z0\nG3 X0.105 Y0 R0.05 F100\n";
+    assert!(compensated("", short).is_err());
+}

@@ -56,6 +56,20 @@ fn are_near(found: &[[f64; 2]], expected: &[[f64; 2]]) {
     }
 }
 
+/// The value that G10 L20 sets is a place in the coordinates of its own offset, which may be turned otherwise than those in force: the correction
+/// that the axes carry is turned, too.
+#[test]
+fn a_turned_offset_is_set_with_its_own_correction() {
+    let errors = "[errors]\nEXX = { poly = [-1000] }\n";
+    let program = "G10 L2 P2 X0 Y0 Z0 R90\nG0 X10 Y20 Z0\nG10 L20 P2 X5 Y6\nG55\nG1 X7 Y6 F100\n";
+    let (out, found) = verified(errors, program);
+    // 1 mm along X of the machine is 1 mm against Y of the turned offset.
+    assert!(out.contains("G0 X11.000 Y20"), "{out}");
+    assert!(out.contains("G10 L20 P2 X5 Y5"), "{out}");
+    assert!(out.ends_with("G1 X7 Y5.000 F100\n"), "{out}");
+    assert!(found.after.max_um < 0.1, "{:?}", found.after);
+}
+
 /// The tool stays where it is while the offset in force changes under a shift: ways go on from there, places count with both.
 #[test]
 fn an_offset_in_force_changes_under_a_shift() {
