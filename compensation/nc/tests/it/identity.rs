@@ -1,7 +1,10 @@
 //! A machine without errors changes no byte, whatever the program.
 
 use volcomp_model::{Machine, Temperatures};
-use volcomp_nc::{Corrector, Dialect, Job, NcError, SetUp, Summary, compensate};
+use volcomp_nc::{
+    Corrector, Dialect, Job, NcError, SetUp, Strategy, Summary, Verification, Virtual, compensate,
+    verify,
+};
 
 pub(crate) const TRAVELS: &str = "name = \"m\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [-1000, 1000]\n[axes.Y]\ntravel = [-1000, 1000]\n[axes.Z]\ntravel = [-1000, 1000]\n";
 
@@ -25,6 +28,36 @@ pub(crate) fn compensated_in(
     };
     let summary = compensate(&mut &program[..], &mut out, job, |_| Ok(()))?;
     Ok((out, summary))
+}
+
+/// The result of a program on a machine that knows itself, and where the tool of that machine is with both; 1 µm is the tolerance of splits.
+pub(crate) fn verified_in(
+    dialect: Dialect,
+    [machine, setup, program]: [&str; 3],
+    strategy: Strategy,
+) -> Result<(String, Summary, Verification), NcError> {
+    let machine = Machine::parse(machine, "m.toml").expect("a good machine");
+    let setup = SetUp::parse(setup, "setup.toml").expect("a good set-up");
+    let none = Temperatures::new();
+    let corrector = Corrector::new(&machine, &none, 0.001)?;
+    let mut out = Vec::new();
+    let job = Job {
+        dialect,
+        strategy,
+        keep_shares: true,
+        ..Job::new(&corrector, &setup)
+    };
+    let summary = compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(()))?;
+    let of = Virtual {
+        truth: &machine,
+        temperatures: &none,
+        setup: &setup,
+        most_blocks: 100_000,
+        dialect,
+        part: None,
+    };
+    let found = verify(&mut program.as_bytes(), &mut &out[..], &summary.shares, of)?;
+    Ok((String::from_utf8(out).expect("text"), summary, found))
 }
 
 #[test]

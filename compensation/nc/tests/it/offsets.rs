@@ -1,37 +1,19 @@
 //! Work offsets and shifts as LinuxCNC keeps them: what is expected here is what its interpreter (`rs274 -g`) makes of the programs.
 
-use volcomp_model::{Machine, Temperatures};
-use volcomp_nc::{Corrector, Dialect, Job, SetUp, Verification, Virtual, compensate, verify};
+use volcomp_nc::{Dialect, SetUp, Strategy, Verification};
 
-use crate::identity::compensated_in;
+use crate::identity::{compensated_in, verified_in};
 
 const LINEAR: &str = "name = \"m\"\nstructure = \"w b X Y Z t\"\n[axes.X]\ntravel = [-5000, 5000]\n[axes.Y]\ntravel = [-5000, 5000]\n[axes.Z]\ntravel = [-5000, 5000]\n";
 const START: &str =
     "[work_offset.G54]\nX = 0\n[work_offset.G55]\nX = 0\n[start]\nX = 0\nY = 0\nZ = 0\n";
 
 fn verified(errors: &str, program: &str) -> (String, Verification) {
-    let machine = Machine::parse(&format!("{LINEAR}{errors}"), "m.toml").expect("a good machine");
-    let none = Temperatures::new();
-    let corrector = Corrector::new(&machine, &none, 0.001).expect("compiles");
-    let setup = SetUp::parse(START, "setup.toml").expect("a good set-up");
-    let mut out = Vec::new();
-    let job = Job {
-        keep_shares: true,
-        ..Job::new(&corrector, &setup)
-    };
-    let summary =
-        compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(())).expect("compensated");
-    let of = Virtual {
-        truth: &machine,
-        temperatures: &none,
-        setup: &setup,
-        most_blocks: 10_000,
-        dialect: Dialect::Rs274,
-        part: None,
-    };
-    let mut original = program.as_bytes();
-    let found = verify(&mut original, &mut &out[..], &summary.shares, of).expect("verified");
-    (String::from_utf8(out).expect("text"), found)
+    let machine = format!("{LINEAR}{errors}");
+    let texts = [&machine, START, program];
+    let (text, _, found) =
+        verified_in(Dialect::Rs274, texts, Strategy::Plain).expect("compensated and verified");
+    (text, found)
 }
 
 /// Where the axes of a machine without errors are at the end of each motion, mm.

@@ -1,49 +1,20 @@
 //! Play: a carriage that lags, as a virtual machine has it and as the result takes it up.
 
-use volcomp_model::{Machine, Temperatures};
-use volcomp_nc::{
-    Corrector, Dialect, Job, SetUp, Strategy, Verification, Virtual, compensate, verify,
-};
+use volcomp_nc::{Dialect, Strategy, Verification};
 
-use crate::identity::TRAVELS;
+use crate::identity::{TRAVELS, verified_in};
 
 const EXAMPLE: &str = include_str!("../../../../examples/table-tilting.toml");
 const CONE: &str = include_str!("../../../../examples/parts/cone.ngc");
 const CONE_SETUP: &str = include_str!("../../../../examples/parts/cone-setup.toml");
 
 fn verified(machine: &str, setup: &str, program: &str, strategy: Strategy) -> Verification {
-    verified_in(Dialect::Rs274, [machine, setup, program], strategy)
+    played(Dialect::Rs274, [machine, setup, program], strategy)
 }
 
-fn verified_in(
-    dialect: Dialect,
-    [machine, setup, program]: [&str; 3],
-    strategy: Strategy,
-) -> Verification {
-    let machine = Machine::parse(machine, "m.toml").expect("a good machine");
-    let (none, setup) = (
-        Temperatures::new(),
-        SetUp::parse(setup, "setup.toml").expect("a set-up"),
-    );
-    let corrector = Corrector::new(&machine, &none, 0.001).expect("compiles");
-    let mut out = Vec::new();
-    let job = Job {
-        dialect,
-        strategy,
-        keep_shares: true,
-        ..Job::new(&corrector, &setup)
-    };
-    let summary =
-        compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(())).expect("compensated");
-    let of = Virtual {
-        truth: &machine,
-        temperatures: &none,
-        setup: &setup,
-        most_blocks: 10_000,
-        dialect,
-        part: None,
-    };
-    verify(&mut program.as_bytes(), &mut &out[..], &summary.shares, of).expect("verified")
+fn played(dialect: Dialect, texts: [&str; 3], strategy: Strategy) -> Verification {
+    let (_, _, found) = verified_in(dialect, texts, strategy).expect("compensated and verified");
+    found
 }
 
 /// A carriage that lags by 4 µm stands still where its drive goes back by 1 µm, and where that comes again: on paper.
@@ -74,7 +45,7 @@ fn the_shorter_way_keeps_the_flank() {
     );
     let program =
         "G0 X0 Y100 Z0 A340\nA=DC(350)\nA=DC(10)\nA=DC(30)\nA=DC(10)\nA=DC(350)\nA=DC(330)\n";
-    let found = verified_in(Dialect::Siemens, [&lags, "", program], Strategy::Plain);
+    let found = played(Dialect::Siemens, [&lags, "", program], Strategy::Plain);
     let length = |um: [f64; 3]| um.iter().map(|um| um * um).sum::<f64>().sqrt();
     // Which way the table is off: along the circle about its centre.
     let off: Vec<f64> = found

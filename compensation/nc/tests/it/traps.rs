@@ -1,42 +1,22 @@
 //! Programs with which small corrections could do great harm: what a control would make of the result is worked out by hand, or by
 //! LinuxCNC's interpreter.
 
-use volcomp_model::{Machine, Temperatures};
-use volcomp_nc::{Corrector, Job, NcError, Note, SetUp, Summary, Virtual, compensate, verify};
+use volcomp_nc::{Dialect, NcError, Note, Strategy, Summary};
 
-use crate::identity::compensated;
+use crate::identity::{compensated, verified_in};
 
 const LINEAR: &str = "name = \"m\"\nstructure = \"w b X Y Z t\"\n[axes.X]\ntravel = [-5000, 5000]\n[axes.Y]\ntravel = [-5000, 5000]\n[axes.Z]\ntravel = [-5000, 5000]\n[errors]\n";
 const START: &str = "[work_offset.G54]\nX = 0\n[start]\nX = 0\nY = 0\nZ = 0\n";
 
 /// The result, and by how much the tool is off with it (µm).
 fn verified(errors: &str, program: &str) -> Result<(String, Summary, f64), NcError> {
-    let machine = Machine::parse(&format!("{LINEAR}{errors}"), "m.toml").expect("a good machine");
-    let none = Temperatures::new();
-    let corrector = Corrector::new(&machine, &none, 0.001)?;
-    let setup = SetUp::parse(START, "setup.toml").expect("a good set-up");
-    let mut out = Vec::new();
-    let job = Job {
-        keep_shares: true,
-        ..Job::new(&corrector, &setup)
-    };
-    let summary = compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(()))?;
-    let of = Virtual {
-        truth: &machine,
-        temperatures: &none,
-        setup: &setup,
-        most_blocks: 100_000,
-        dialect: volcomp_nc::Dialect::Rs274,
-        part: None,
-    };
-    let mut original = program.as_bytes();
-    let found = verify(&mut original, &mut &out[..], &summary.shares, of)?;
+    let machine = format!("{LINEAR}{errors}");
+    let texts = [&machine, START, program];
+    let (text, summary, found) = verified_in(Dialect::Rs274, texts, Strategy::Plain)?;
     assert!(
         found.after.max_um < found.before.max_um + 3.0,
-        "{program}{}{found:?}",
-        String::from_utf8_lossy(&out)
+        "{program}{text}{found:?}"
     );
-    let text = String::from_utf8(out).expect("text");
     Ok((text, summary, found.after.max_um))
 }
 
