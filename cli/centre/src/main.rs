@@ -1,0 +1,3 @@
+//! The `volcomp-centre` command.
+
+fn main() {}
