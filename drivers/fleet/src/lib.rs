@@ -2,16 +2,30 @@
 
 mod accept;
 mod identity;
+#[cfg(feature = "nats")]
+mod link;
 mod manifest;
+mod permissions;
 mod report;
+#[cfg(feature = "server")]
+pub mod server;
+#[cfg(feature = "nats")]
+mod streams;
 mod subjects;
 
 pub use accept::{Accepted, NotAccepted, Trust};
 pub use identity::{Identity, MachineId, SiteId, UnknownId};
+#[cfg(feature = "nats")]
+pub use link::{Kind, LinkError, LinkSettings, MachineLink};
 pub use manifest::{
     Desired, INLINE_LIMIT, Manifest, ModelRef, NotADesired, SigningKey, VerifyingKey,
 };
+pub use permissions::{
+    Cluster, MAX_PAYLOAD, MachineUser, NoConfiguration, Permissions, ServerSettings, ServerTls,
+};
 pub use report::{Acknowledgement, Condition, Envelope, Outcome};
+#[cfg(feature = "nats")]
+pub use streams::{Keeping, prepare, put_model};
 pub use subjects::{
     AUDIT_PREFIX, DESIRED_BUCKET, Subjects, TELEMETRY_PREFIX, models_bucket, streams_of,
 };

@@ -1,1 +1,12 @@
-//! Tests.
+//! Tests of the fleet's documents, and of its connections against a real `nats-server`.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    reason = "a test fails by panicking"
+)]
+
+mod acceptance;
+mod bench;
+mod permissions;
+mod server_2_9;

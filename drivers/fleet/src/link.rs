@@ -1,0 +1,319 @@
+//! The machine's side of the connection.
+//!
+//! A machine asks for one value of one key and hears it when it changes: no consumer, no watch, nothing at the server that
+//! has to be kept for it.
+
+use std::{sync::Arc, time::Duration};
+
+use async_nats::{
+    Client, ConnectOptions, HeaderMap, Subscriber,
+    jetstream::{self, Context},
+};
+use bytes::Bytes;
+use futures_util::StreamExt;
+use serde::Deserialize;
+use sha2::{Digest, Sha256};
+use tokio::{sync::Notify, time::timeout};
+
+use crate::{DESIRED_BUCKET, Identity, ModelRef, Subjects, models_bucket};
+
+/// The value is asked for so often, even where nothing was heard of a change.
+const ASK_EVERY: Duration = Duration::from_secs(60);
+/// A question is answered after so long, or not at all.
+const ANSWER_WITHIN: Duration = Duration::from_secs(5);
+/// The largest model that is fetched, bytes.
+const LARGEST_MODEL: u64 = 64 * 1024 * 1024;
+/// The longest pause between two tries to connect.
+const LONGEST_PAUSE: Duration = Duration::from_secs(10);
+
+/// The kind of a message of a machine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Kind {
+    /// The answer to a manifest.
+    Ack,
+    /// A record of the audit log.
+    Audit,
+    /// The short condition.
+    Condition,
+    /// The whole state.
+    Telemetry,
+}
+
+impl Kind {
+    /// Every kind.
+    pub const ALL: [Self; 4] = [Self::Ack, Self::Audit, Self::Condition, Self::Telemetry];
+
+    /// The last part of its subject.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ack => "ack",
+            Self::Audit => "audit",
+            Self::Condition => "condition",
+            Self::Telemetry => "telemetry",
+        }
+    }
+
+    /// The kind with this last part of its subject.
+    pub fn with_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
+    }
+}
+
+/// Why something did not get through. Trying again later is right in each case but for `Seed`.
+#[derive(Debug, thiserror::Error)]
+pub enum LinkError {
+    /// The seed of the user's nkey is none.
+    #[error("the nkey: expected the seed of a user, SU and 56 letters and digits")]
+    Seed,
+    /// The server is not reached, refuses, or does not answer in time.
+    #[error("{what}: {source}")]
+    Nats {
+        /// What was tried.
+        what: &'static str,
+        /// Why it failed.
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
+    /// The server did not answer in time.
+    #[error("{what}: no answer within {within:?}")]
+    Late {
+        /// What was tried.
+        what: &'static str,
+        /// The time that was waited.
+        within: Duration,
+    },
+    /// The object store holds no such model, or another one under its name.
+    #[error("the model {sha256} in the object store: {found}")]
+    Model {
+        /// The checksum that was asked for.
+        sha256: String,
+        /// What was found.
+        found: String,
+    },
+}
+
+pub(crate) fn failed(
+    what: &'static str,
+) -> impl FnOnce(Box<dyn std::error::Error + Send + Sync>) -> LinkError {
+    move |source| LinkError::Nats { what, source }
+}
+
+/// How to reach the server.
+#[derive(Clone, Debug)]
+pub struct LinkSettings {
+    /// The addresses of the servers, `nats://HOST:PORT` or `tls://HOST:PORT`, separated by commas.
+    pub url: String,
+    /// The seed of the nkey of the user.
+    pub seed: String,
+    /// A file with certificates that are trusted besides those of the system, PEM.
+    pub roots: Option<std::path::PathBuf>,
+}
+
+impl LinkSettings {
+    /// Options of a connection that is tried again for ever.
+    pub(crate) fn options(&self, again: &Arc<Notify>) -> Result<ConnectOptions, LinkError> {
+        nkeys::KeyPair::from_seed(&self.seed).map_err(|_| LinkError::Seed)?;
+        let again = Arc::clone(again);
+        let mut options = ConnectOptions::with_nkey(self.seed.clone())
+            .retry_on_initial_connect()
+            .max_reconnects(None)
+            .reconnect_delay_callback(|tries| {
+                let tries = u32::try_from(tries.min(8)).unwrap_or(8);
+                (Duration::from_millis(50) * 2_u32.pow(tries)).min(LONGEST_PAUSE)
+            })
+            .ping_interval(Duration::from_secs(10))
+            .event_callback(move |event| {
+                if matches!(event, async_nats::Event::Connected) {
+                    again.notify_one();
+                }
+                async {}
+            });
+        if let Some(roots) = &self.roots {
+            options = options.add_root_certificates(roots.clone());
+        }
+        Ok(options)
+    }
+
+    pub(crate) fn servers(&self) -> Vec<String> {
+        let servers = self.url.split(',').map(str::trim);
+        servers
+            .filter(|one| !one.is_empty())
+            .map(str::to_owned)
+            .collect()
+    }
+}
+
+/// The connection of one machine.
+pub struct MachineLink {
+    client: Client,
+    context: Context,
+    subjects: Subjects,
+    models: String,
+    desired: Subscriber,
+    /// Tells that the connection is there (again): what was said meanwhile has not been heard.
+    again: Arc<Notify>,
+    /// The checksum of the value that was given last.
+    last: Option<[u8; 32]>,
+}
+
+impl MachineLink {
+    /// Connects. Where the server is not there it goes on trying in the background.
+    ///
+    /// # Errors
+    /// A seed or an address that is none.
+    pub async fn connect(settings: &LinkSettings, identity: &Identity) -> Result<Self, LinkError> {
+        let again = Arc::new(Notify::new());
+        let subjects = Subjects::of(identity);
+        let options = settings
+            .options(&again)?
+            .name(identity.machine.as_str())
+            .custom_inbox_prefix(&subjects.inbox);
+        let client = options
+            .connect(settings.servers())
+            .await
+            .map_err(|e| failed("connecting")(e.into()))?;
+        let desired = client
+            .subscribe(subjects.desired.clone())
+            .await
+            .map_err(|e| failed("subscribing")(e.into()))?;
+        Ok(Self {
+            context: jetstream::new(client.clone()),
+            client,
+            subjects,
+            models: models_bucket(&identity.machine),
+            desired,
+            again,
+            last: None,
+        })
+    }
+
+    /// The next value of the key of this machine, once for each change and once after the start. Waits for it; giving up
+    /// waiting loses nothing.
+    pub async fn next_desired(&mut self) -> Bytes {
+        let mut ask = tokio::time::interval(ASK_EVERY);
+        ask.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+        loop {
+            let value = tokio::select! {
+                heard = self.desired.next() => match heard {
+                    Some(message) => Some(message.payload),
+                    None => std::future::pending().await,
+                },
+                () = self.again.notified() => self.ask().await,
+                _ = ask.tick() => self.ask().await,
+            };
+            if let Some(value) = value.filter(|value| !value.is_empty()) {
+                let checksum: [u8; 32] = Sha256::digest(&value).into();
+                if self.last.replace(checksum) != Some(checksum) {
+                    return value;
+                }
+            }
+        }
+    }
+
+    /// The value now; `None` where there is none or nobody answers, which is asked again later.
+    async fn ask(&self) -> Option<Bytes> {
+        let subject = format!(
+            "$JS.API.DIRECT.GET.KV_{DESIRED_BUCKET}.{}",
+            self.subjects.desired
+        );
+        let answer = timeout(ANSWER_WITHIN, self.client.request(subject, Bytes::new())).await;
+        let message = answer.ok()?.ok()?;
+        message.status.is_none().then_some(message.payload)
+    }
+
+    /// Fetches a model that is too large for its manifest. Its checksum is compared here.
+    ///
+    /// # Errors
+    /// The server does not answer, or has no such model.
+    pub async fn fetch_model(&self, model: &ModelRef) -> Result<String, LinkError> {
+        let wrong = |found: &str| LinkError::Model {
+            sha256: model.sha256.clone(),
+            found: found.to_owned(),
+        };
+        if model.bytes > LARGEST_MODEL {
+            return Err(wrong("larger than 64 MiB"));
+        }
+        // By direct questions: consumers of its own would let a machine have messages sent to any subject.
+        let stream = self
+            .context
+            .get_stream_no_info(format!("OBJ_{}", self.models))
+            .await
+            .map_err(|e| failed("the object store")(e.into()))?;
+        let name = encoded(&model.sha256);
+        let meta = stream
+            .direct_get_last_for_subject(format!("$O.{}.M.{name}", self.models))
+            .await
+            .map_err(|e| failed("the object store")(e.into()))?;
+        let meta: ObjectMeta =
+            serde_json::from_slice(&meta.payload).map_err(|_| wrong("not described"))?;
+        let chunks = format!("$O.{}.C.{}", self.models, meta.nuid);
+        let mut bytes = Vec::new();
+        let mut after = None;
+        for _ in 0..meta.chunks {
+            let chunk = stream
+                .direct_get_next_for_subject(chunks.clone(), after)
+                .await
+                .map_err(|e| failed("the object store")(e.into()))?;
+            after = Some(chunk.sequence + 1);
+            bytes.extend_from_slice(&chunk.payload);
+            if bytes.len() as u64 > model.bytes {
+                return Err(wrong("longer than its manifest says"));
+            }
+        }
+        if !model.is(&bytes) {
+            return Err(wrong("its checksum is another one"));
+        }
+        String::from_utf8(bytes).map_err(|_| wrong("it is no text"))
+    }
+
+    /// Sends a message and waits until the stream has stored it. The same `id` twice is stored once.
+    ///
+    /// # Errors
+    /// It is not known whether it was stored: send it again later with the same `id`.
+    pub async fn publish(&self, kind: Kind, id: &str, bytes: Bytes) -> Result<(), LinkError> {
+        let subject = match kind {
+            Kind::Ack => &self.subjects.ack,
+            Kind::Audit => &self.subjects.audit,
+            Kind::Condition => &self.subjects.condition,
+            Kind::Telemetry => &self.subjects.telemetry,
+        };
+        let mut headers = HeaderMap::new();
+        headers.insert("Nats-Msg-Id", id);
+        let stored = async {
+            let published = self
+                .context
+                .publish_with_headers(subject.clone(), headers, bytes)
+                .await;
+            match published {
+                Ok(stored) => stored
+                    .await
+                    .map(|_| ())
+                    .map_err(|e| failed("publishing")(e.into())),
+                Err(e) => Err(failed("publishing")(e.into())),
+            }
+        };
+        timeout(ANSWER_WITHIN, stored)
+            .await
+            .unwrap_or(Err(LinkError::Late {
+                what: "publishing",
+                within: ANSWER_WITHIN,
+            }))
+    }
+
+    /// Whether the server is connected now.
+    pub fn is_connected(&self) -> bool {
+        self.client.connection_state() == async_nats::connection::State::Connected
+    }
+}
+
+/// What the object store tells of an object, as far as it is needed here.
+#[derive(Deserialize)]
+struct ObjectMeta {
+    nuid: String,
+    chunks: u32,
+}
+
+/// The name of an object as it stands in a subject.
+fn encoded(name: &str) -> String {
+    use base64::Engine;
+    base64::engine::general_purpose::URL_SAFE.encode(name)
+}

@@ -1,0 +1,225 @@
+//! Who may do what at the NATS server: one place for the permissions, and the text of the server's configuration.
+//!
+//! A machine publishes on its own four subjects and reads its own key and its own object store. It cannot list, watch or
+//! delete anything, and hears nothing of another machine: the inboxes on which it is answered carry its name.
+
+use std::{collections::BTreeSet, fmt::Write, path::PathBuf};
+
+use crate::{DESIRED_BUCKET, Identity, Subjects, models_bucket};
+
+/// The largest message, bytes: a model of one MiB with its manifest, as JSON.
+pub const MAX_PAYLOAD: usize = 4 * 1024 * 1024;
+
+/// The subjects on which a user may publish, and to which it may subscribe.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Permissions {
+    /// It may publish on these.
+    pub publish: Vec<String>,
+    /// It may subscribe to these.
+    pub subscribe: Vec<String>,
+}
+
+impl Permissions {
+    /// What a machine may.
+    pub fn of_machine(identity: &Identity) -> Self {
+        let subjects = Subjects::of(identity);
+        let models = models_bucket(&identity.machine);
+        Self {
+            publish: vec![
+                subjects.condition,
+                subjects.telemetry,
+                subjects.audit,
+                subjects.ack,
+                // The latest value of its own key, and nothing else of that stream.
+                format!(
+                    "$JS.API.DIRECT.GET.KV_{DESIRED_BUCKET}.{}",
+                    subjects.desired
+                ),
+                // Its own object store, message by message. No consumer: it would have messages sent to any subject.
+                format!("$JS.API.DIRECT.GET.OBJ_{models}.>"),
+                format!("$JS.API.DIRECT.GET.OBJ_{models}"),
+            ],
+            subscribe: vec![subjects.desired, format!("{}.>", subjects.inbox)],
+        }
+    }
+
+    /// What a centre may: everything of the fleet.
+    pub fn of_centre() -> Self {
+        let everything = || vec![">".to_owned()];
+        Self {
+            publish: everything(),
+            subscribe: everything(),
+        }
+    }
+}
+
+/// A machine with the key of its user.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct MachineUser {
+    /// The machine.
+    pub identity: Identity,
+    /// The public nkey of its user, `U…`.
+    pub nkey: String,
+}
+
+/// The server's files for TLS.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ServerTls {
+    /// The certificate, PEM.
+    pub certificate: PathBuf,
+    /// Its key, PEM.
+    pub key: PathBuf,
+}
+
+/// A server among the others of its cluster.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Cluster {
+    /// The name of the cluster.
+    pub name: String,
+    /// The address on which the other servers reach this one.
+    pub listen: String,
+    /// The addresses of the servers of the cluster, `nats://HOST:PORT`.
+    pub routes: Vec<String>,
+}
+
+/// The settings of a NATS server.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ServerSettings {
+    /// The name of the server, one in its cluster.
+    pub name: String,
+    /// The address on which clients reach it.
+    pub listen: String,
+    /// The folder of its streams.
+    pub store: PathBuf,
+    /// TLS towards clients; `None`: in the clear, which is for a computer alone.
+    pub tls: Option<ServerTls>,
+    /// The cluster; `None`: one server alone.
+    pub cluster: Option<Cluster>,
+    /// The public nkeys of the centres.
+    pub centres: Vec<String>,
+    /// The machines.
+    pub machines: Vec<MachineUser>,
+}
+
+/// Why settings make no configuration.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NoConfiguration {
+    /// A text would break out of its quotation marks.
+    #[error(
+        "{what}: found {found:?}, expected a text without quotation marks, backslashes and control characters"
+    )]
+    Text {
+        /// The setting.
+        what: &'static str,
+        /// The text that was found.
+        found: String,
+    },
+    /// A key that is no public nkey of a user.
+    #[error(
+        "found the key {found:?}, expected the public nkey of a user: U and 55 letters and digits"
+    )]
+    Nkey {
+        /// The key that was found.
+        found: String,
+    },
+    /// One key for two users: the server could not tell them apart.
+    #[error("the key {found} stands for two users, expected one of its own for each")]
+    Twice {
+        /// The key that was found.
+        found: String,
+    },
+}
+
+impl ServerSettings {
+    /// The text of the configuration file of the server.
+    ///
+    /// # Errors
+    /// A text or a key that cannot stand in it.
+    pub fn text(&self) -> Result<String, NoConfiguration> {
+        let store = self.store.display().to_string();
+        let mut text = String::new();
+        // Writing to a string never fails.
+        let _ = write!(
+            text,
+            "server_name: {}\nlisten: {}\nmax_payload: {MAX_PAYLOAD}\njetstream {{ store_dir: {} }}\n",
+            quoted("name", &self.name)?,
+            quoted("listen", &self.listen)?,
+            quoted("store", &store)?,
+        );
+        if let Some(tls) = &self.tls {
+            let _ = writeln!(
+                text,
+                "tls {{ cert_file: {}, key_file: {} }}",
+                quoted("certificate", &tls.certificate.display().to_string())?,
+                quoted("key", &tls.key.display().to_string())?
+            );
+        }
+        if let Some(cluster) = &self.cluster {
+            let routes: Result<Vec<String>, NoConfiguration> = (cluster.routes.iter())
+                .map(|route| quoted("routes", route))
+                .collect();
+            let _ = writeln!(
+                text,
+                "cluster {{ name: {}, listen: {}, routes: [{}] }}",
+                quoted("cluster", &cluster.name)?,
+                quoted("cluster", &cluster.listen)?,
+                routes?.join(", ")
+            );
+        }
+        text.push_str("authorization {\n  users: [\n");
+        let mut seen = BTreeSet::new();
+        let centres = (self.centres.iter()).map(|nkey| (nkey, Permissions::of_centre()));
+        let machines = (self.machines.iter())
+            .map(|user| (&user.nkey, Permissions::of_machine(&user.identity)));
+        for (nkey, permissions) in centres.chain(machines) {
+            check_nkey(nkey)?;
+            if !seen.insert(nkey) {
+                return Err(NoConfiguration::Twice {
+                    found: nkey.clone(),
+                });
+            }
+            user(&mut text, nkey, &permissions);
+        }
+        text.push_str("  ]\n}\n");
+        Ok(text)
+    }
+}
+
+fn user(text: &mut String, nkey: &str, permissions: &Permissions) {
+    let list = |subjects: &[String]| {
+        let subjects: Vec<String> = subjects.iter().map(|one| format!("\"{one}\"")).collect();
+        subjects.join(", ")
+    };
+    let _ = writeln!(
+        text,
+        "    {{ nkey: {nkey}, permissions: {{ publish: [{}], subscribe: [{}] }} }}",
+        list(&permissions.publish),
+        list(&permissions.subscribe)
+    );
+}
+
+fn check_nkey(nkey: &str) -> Result<(), NoConfiguration> {
+    let fits = nkey.len() == 56
+        && nkey.starts_with('U')
+        && nkey
+            .bytes()
+            .all(|byte| byte.is_ascii_uppercase() || (b'2'..=b'7').contains(&byte));
+    if fits {
+        Ok(())
+    } else {
+        Err(NoConfiguration::Nkey {
+            found: nkey.to_owned(),
+        })
+    }
+}
+
+fn quoted(what: &'static str, text: &str) -> Result<String, NoConfiguration> {
+    let breaks_out = |c: char| c == '"' || c == '\\' || c.is_control();
+    if text.contains(breaks_out) {
+        return Err(NoConfiguration::Text {
+            what,
+            found: text.to_owned(),
+        });
+    }
+    Ok(format!("\"{text}\""))
+}

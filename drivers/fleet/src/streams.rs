@@ -1,0 +1,135 @@
+//! The buckets and streams at the server, made by the centre.
+//!
+//! A bucket is a stream by another name. It is made as one here, since the client's own way asks for facts that a server of
+//! version 2.9 does not tell.
+
+use std::time::Duration;
+
+use async_nats::jetstream::{Context, object_store, stream};
+
+use crate::{
+    AUDIT_PREFIX, DESIRED_BUCKET, LinkError, MachineId, SiteId, link::failed, models_bucket,
+    streams_of,
+};
+
+/// How many values of a key are kept.
+const HISTORY: i64 = 8;
+/// A message that comes twice within this time is stored once.
+const TWICE_WITHIN: Duration = Duration::from_secs(120);
+
+/// How long and how much the streams keep.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Keeping {
+    /// How many servers of the cluster hold each stream: 1, 3 or 5.
+    pub replicas: usize,
+    /// Conditions and telemetry are kept so long at the server.
+    pub telemetry: Duration,
+    /// Conditions and telemetry of a site are kept so far, bytes; the oldest go first.
+    pub telemetry_bytes: i64,
+    /// Audit records and acknowledgements are kept so long at the server.
+    pub audit: Duration,
+}
+
+impl Default for Keeping {
+    /// One server, a week of telemetry up to 4 GiB a site, a year of audit records.
+    fn default() -> Self {
+        const DAY: Duration = Duration::from_secs(86_400);
+        Self {
+            replicas: 1,
+            telemetry: 7 * DAY,
+            telemetry_bytes: 4 << 30,
+            audit: 366 * DAY,
+        }
+    }
+}
+
+/// Makes the bucket of what machines shall run, and the streams of these sites; what is there already is set as said here.
+///
+/// # Errors
+/// The server does not answer or does not allow it.
+pub async fn prepare(
+    context: &Context,
+    sites: &[SiteId],
+    keeping: Keeping,
+) -> Result<(), LinkError> {
+    let desired = stream::Config {
+        name: format!("KV_{DESIRED_BUCKET}"),
+        subjects: vec![format!("$KV.{DESIRED_BUCKET}.>")],
+        max_messages_per_subject: HISTORY,
+        max_messages: -1,
+        max_bytes: -1,
+        max_consumers: -1,
+        discard: stream::DiscardPolicy::New,
+        allow_rollup: true,
+        deny_delete: true,
+        allow_direct: true,
+        num_replicas: keeping.replicas,
+        ..Default::default()
+    };
+    create(context, desired).await?;
+    for site in sites {
+        for (name, subjects) in streams_of(site) {
+            let is_audit = name.starts_with(AUDIT_PREFIX);
+            let config = stream::Config {
+                name,
+                subjects,
+                max_messages: -1,
+                max_consumers: -1,
+                max_bytes: if is_audit {
+                    -1
+                } else {
+                    keeping.telemetry_bytes
+                },
+                max_age: if is_audit {
+                    keeping.audit
+                } else {
+                    keeping.telemetry
+                },
+                duplicate_window: TWICE_WITHIN,
+                num_replicas: keeping.replicas,
+                deny_delete: is_audit,
+                deny_purge: is_audit,
+                ..Default::default()
+            };
+            create(context, config).await?;
+        }
+    }
+    Ok(())
+}
+
+async fn create(context: &Context, config: stream::Config) -> Result<(), LinkError> {
+    let made = context.create_or_update_stream(config).await;
+    made.map(|_| ())
+        .map_err(|e| failed("making a stream")(e.into()))
+}
+
+/// Puts a model that is too large for its manifest into the object store of a machine, under its checksum.
+///
+/// # Errors
+/// The server does not answer or does not allow it.
+pub async fn put_model(
+    context: &Context,
+    machine: &MachineId,
+    sha256: &str,
+    model: &[u8],
+    replicas: usize,
+) -> Result<(), LinkError> {
+    let bucket = models_bucket(machine);
+    let store = match context.get_object_store(&bucket).await {
+        Ok(store) => store,
+        Err(_) => context
+            .create_object_store(object_store::Config {
+                bucket,
+                num_replicas: replicas,
+                ..Default::default()
+            })
+            .await
+            .map_err(|e| failed("making an object store")(e.into()))?,
+    };
+    let mut bytes = model;
+    store
+        .put(sha256, &mut bytes)
+        .await
+        .map(|_| ())
+        .map_err(|e| failed("storing a model")(e.into()))
+}

@@ -1,0 +1,149 @@
+//! Which manifests a machine accepts.
+
+use proptest::prelude::*;
+use volcomp_fleet::{Desired, Manifest, ModelRef, NotAccepted, SigningKey, Trust};
+use volcomp_vocabulary::AxisName;
+
+const MODEL: &str = "structure = \"w X' b Y Z t\"\n";
+
+fn key(seed: u8) -> SigningKey {
+    SigningKey::from_bytes(&[seed; 32])
+}
+
+fn manifest() -> Manifest {
+    Manifest {
+        machine: "mill-1".parse().unwrap(),
+        serial: "4711".to_owned(),
+        version: 5,
+        axes: vec![AxisName::X, AxisName::Y, AxisName::Z],
+        model: ModelRef::of(MODEL.as_bytes()),
+        enable: true,
+        confirm: None,
+        condition_s: None,
+        telemetry_s: None,
+        issued: String::new(),
+    }
+}
+
+fn trust() -> Trust {
+    Trust {
+        keys: vec![key(1).verifying_key(), key(2).verifying_key()],
+        machine: "mill-1".parse().unwrap(),
+        serial: "4711".to_owned(),
+        axes: vec![AxisName::X, AxisName::Y, AxisName::Z],
+        highest: 4,
+    }
+}
+
+fn signed(change: impl FnOnce(&mut Manifest)) -> Desired {
+    let mut manifest = manifest();
+    change(&mut manifest);
+    Desired::sign(&manifest, MODEL, &key(1)).unwrap()
+}
+
+#[test]
+fn one_that_any_trusted_key_signed_is_accepted() {
+    for seed in [1, 2] {
+        let desired = Desired::sign(&manifest(), MODEL, &key(seed)).unwrap();
+        let desired = Desired::parse(&desired.bytes().unwrap()).unwrap();
+        let accepted = trust().accept(&desired).unwrap();
+        assert_eq!(accepted.manifest, manifest());
+        assert_eq!(accepted.model.as_deref(), Some(MODEL));
+    }
+}
+
+#[test]
+fn each_reason_not_to_accept_one_is_told() {
+    let refused = |desired: &Desired| trust().accept(desired).unwrap_err();
+    let another = Desired::sign(&manifest(), MODEL, &key(3)).unwrap();
+    assert!(matches!(refused(&another), NotAccepted::Key { .. }));
+    let machine = signed(|m| m.machine = "mill-2".parse().unwrap());
+    assert!(matches!(refused(&machine), NotAccepted::Machine { .. }));
+    let serial = signed(|m| m.serial = "4712".to_owned());
+    assert!(matches!(refused(&serial), NotAccepted::Serial { .. }));
+    let axes = signed(|m| m.axes.swap(0, 1));
+    assert!(matches!(refused(&axes), NotAccepted::Axes { .. }));
+    for version in [0, 4] {
+        let old = signed(|m| m.version = version);
+        assert!(matches!(
+            refused(&old),
+            NotAccepted::Version { found, highest: 4 } if found == version
+        ));
+    }
+    let mut model = signed(|_| {});
+    model.model = Some(MODEL.replace('Z', "W"));
+    assert!(matches!(refused(&model), NotAccepted::Model));
+    let mut manifest = signed(|_| {});
+    manifest.manifest = manifest.manifest.replace("\"version\":5", "\"version\":9");
+    assert!(matches!(refused(&manifest), NotAccepted::Signature));
+    let mut short = signed(|_| {});
+    short.signature.truncate(40);
+    assert!(matches!(refused(&short), NotAccepted::Document(_)));
+}
+
+/// The point of order 1 verifies anything for a verifier that does not look: `verify_strict` does.
+#[test]
+fn a_key_of_small_order_verifies_nothing() {
+    use base64::{Engine, engine::general_purpose::STANDARD};
+    let mut neutral = [0; 32];
+    neutral[0] = 1;
+    let mut signature = [0; 64];
+    signature[0] = 1;
+    let mut desired = signed(|_| {});
+    desired.key = STANDARD.encode(neutral);
+    desired.signature = STANDARD.encode(signature);
+    let mut trust = trust();
+    trust.keys = vec![volcomp_fleet::VerifyingKey::from_bytes(&neutral).unwrap()];
+    assert!(matches!(
+        trust.accept(&desired),
+        Err(NotAccepted::Signature)
+    ));
+}
+
+/// A signature made for something else than a manifest fits none.
+#[test]
+fn the_bare_manifest_signed_is_not_enough() {
+    use base64::{Engine, engine::general_purpose::STANDARD};
+    use ed25519_dalek::Signer;
+    let mut desired = signed(|_| {});
+    let bare = key(1).sign(desired.manifest.as_bytes());
+    desired.signature = STANDARD.encode(bare.to_bytes());
+    assert!(matches!(
+        trust().accept(&desired),
+        Err(NotAccepted::Signature)
+    ));
+}
+
+proptest! {
+    /// Whatever byte is changed on the way, the manifest that is accepted is the one that was signed, with its model.
+    #[test]
+    fn a_byte_that_is_changed_changes_nothing_that_is_accepted(at in 0_usize..2000, to in any::<u8>()) {
+        let mut bytes = signed(|_| {}).bytes().unwrap();
+        let length = bytes.len();
+        bytes[at % length] = to;
+        if let Ok(desired) = Desired::parse(&bytes)
+            && let Ok(accepted) = trust().accept(&desired)
+        {
+            prop_assert_eq!(accepted.manifest, manifest());
+            if let Some(model) = accepted.model {
+                prop_assert_eq!(model, MODEL);
+            }
+        }
+    }
+
+    #[test]
+    fn anything_can_be_parsed_without_a_panic(bytes in proptest::collection::vec(any::<u8>(), 0..300)) {
+        if let Ok(desired) = Desired::parse(&bytes) {
+            prop_assert!(trust().accept(&desired).is_err());
+        }
+    }
+
+    /// Only what can stand in a subject without meaning anything there is a name.
+    #[test]
+    fn names_have_no_dots_stars_or_blanks(text in ".{0,70}") {
+        if let Ok(name) = text.parse::<volcomp_fleet::MachineId>() {
+            prop_assert!(!name.as_str().contains(['.', '*', '>', ' ', '$']));
+            prop_assert!(!name.as_str().is_empty() && name.as_str().len() <= 64);
+        }
+    }
+}

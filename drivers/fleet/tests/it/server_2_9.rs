@@ -1,0 +1,268 @@
+//! What the fleet relies on, against the `nats-server` that is installed (Debian 12 has 2.9): buckets, direct questions,
+//! object stores, permissions.
+
+use std::time::Duration;
+
+use async_nats::jetstream;
+use bytes::Bytes;
+use futures_util::StreamExt;
+use tokio::time::timeout;
+use volcomp_fleet::{Identity, Kind, MachineLink, ModelRef, put_model};
+
+use crate::bench::Bench;
+
+const SOON: Duration = Duration::from_secs(5);
+/// What does not come within this time is taken as refused.
+const NEVER: Duration = Duration::from_millis(400);
+
+fn runtime() -> tokio::runtime::Runtime {
+    tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .enable_all()
+        .build()
+        .unwrap()
+}
+
+async fn bucket(context: &jetstream::Context) -> jetstream::kv::Store {
+    context.get_key_value("desired").await.unwrap()
+}
+
+async fn link(bench: &Bench, machine: usize) -> MachineLink {
+    MachineLink::connect(&bench.link(machine), &bench.machines[machine].0)
+        .await
+        .unwrap()
+}
+
+#[test]
+fn a_machine_hears_its_key_at_the_start_and_at_each_change() {
+    let Some(bench) = Bench::start() else { return };
+    runtime().block_on(async {
+        let context = bench.prepared().await;
+        let store = bucket(&context).await;
+        store.put("mill-a", "first".into()).await.unwrap();
+        store.put("mill-b", "other".into()).await.unwrap();
+        let mut link = link(&bench, 0).await;
+        let next = async |link: &mut MachineLink| timeout(SOON, link.next_desired()).await.unwrap();
+        assert_eq!(next(&mut link).await, "first");
+        store.put("mill-b", "not for a".into()).await.unwrap();
+        store.put("mill-a", "second".into()).await.unwrap();
+        assert_eq!(next(&mut link).await, "second");
+        // The same again is no change.
+        store.put("mill-a", "second".into()).await.unwrap();
+        store.put("mill-a", "third".into()).await.unwrap();
+        assert_eq!(next(&mut link).await, "third");
+    });
+}
+
+#[test]
+fn a_machine_that_was_cut_off_hears_what_was_said_meanwhile() {
+    let Some(mut bench) = Bench::start() else {
+        return;
+    };
+    runtime().block_on(async {
+        let context = bench.prepared().await;
+        bucket(&context)
+            .await
+            .put("mill-a", "before".into())
+            .await
+            .unwrap();
+        let mut link = link(&bench, 0).await;
+        assert_eq!(timeout(SOON, link.next_desired()).await.unwrap(), "before");
+        bench.stop();
+        let error = link.publish(Kind::Condition, "1-1", "lost?".into()).await;
+        assert!(error.is_err(), "nobody has stored it");
+        bench.restart();
+        bucket(&context)
+            .await
+            .put("mill-a", "after".into())
+            .await
+            .unwrap();
+        assert_eq!(
+            timeout(4 * SOON, link.next_desired()).await.unwrap(),
+            "after"
+        );
+        // What was not acknowledged is sent again: it is there once.
+        for _ in 0..2 {
+            let sent = link.publish(Kind::Condition, "1-1", "once".into()).await;
+            sent.unwrap();
+        }
+        let stream = context.get_stream("telemetry-berlin").await.unwrap();
+        assert_eq!(stream.cached_info().state.messages, 1);
+    });
+}
+
+#[test]
+fn a_large_model_comes_from_the_object_store_whole_or_not_at_all() {
+    let Some(bench) = Bench::start() else { return };
+    runtime().block_on(async {
+        let context = bench.prepared().await;
+        let text = "# a line of a large model\n".repeat(60_000);
+        let model = ModelRef::of(text.as_bytes());
+        let (identity, _) = &bench.machines[0];
+        let link = link(&bench, 0).await;
+        assert!(link.fetch_model(&model).await.is_err(), "not there yet");
+        let put = async |text: &str| {
+            put_model(
+                &context,
+                &identity.machine,
+                &model.sha256,
+                text.as_bytes(),
+                1,
+            )
+            .await
+        };
+        put(&text).await.unwrap();
+        assert_eq!(link.fetch_model(&model).await.unwrap(), text);
+        // Tampered in the store: another content under the same name.
+        let other = text.replacen("line", "lime", 1);
+        put(&other).await.unwrap();
+        let error = link.fetch_model(&model).await.unwrap_err().to_string();
+        assert!(error.contains("checksum"), "{error}");
+    });
+}
+
+/// With the credentials of machine A: everything that is not its own is refused by the server.
+#[test]
+fn stolen_credentials_touch_nothing_else() {
+    let Some(bench) = Bench::start() else { return };
+    runtime().block_on(async {
+        let context = bench.prepared().await;
+        let store = bucket(&context).await;
+        store.put("mill-a", "a".into()).await.unwrap();
+        store.put("mill-b", "b".into()).await.unwrap();
+        for (identity, _) in &bench.machines {
+            put_model(&context, &identity.machine, "model", b"content", 1)
+                .await
+                .unwrap();
+        }
+        let thief = bench.stolen(0).await;
+        let own = thief
+            .request(
+                "$JS.API.DIRECT.GET.KV_desired.$KV.desired.mill-a",
+                Bytes::new(),
+            )
+            .await
+            .unwrap();
+        assert_eq!(own.payload, "a", "its own key is answered");
+        for subject in [
+            "$JS.API.DIRECT.GET.KV_desired.$KV.desired.mill-b",
+            "$JS.API.DIRECT.GET.KV_desired",
+            "$JS.API.STREAM.MSG.GET.KV_desired",
+            "$JS.API.STREAM.INFO.KV_desired",
+            "$JS.API.STREAM.PURGE.KV_desired",
+            "$JS.API.STREAM.DELETE.KV_desired",
+            "$JS.API.STREAM.UPDATE.KV_desired",
+            "$JS.API.STREAM.CREATE.mine",
+            "$JS.API.STREAM.NAMES",
+            "$JS.API.INFO",
+            "$JS.API.STREAM.INFO.telemetry-berlin",
+            "$JS.API.DIRECT.GET.telemetry-berlin",
+            "$JS.API.STREAM.MSG.GET.telemetry-berlin",
+            "$JS.API.STREAM.INFO.OBJ_models-mill-b",
+            "$JS.API.DIRECT.GET.OBJ_models-mill-b.$O.models-mill-b.M.bW9kZWw=",
+            "$JS.API.STREAM.MSG.GET.OBJ_models-mill-b",
+            "$JS.API.STREAM.DELETE.OBJ_models-mill-a",
+            "$JS.API.STREAM.PURGE.OBJ_models-mill-a",
+            // A consumer of its own would send messages to a subject of the thief's choice.
+            "$JS.API.CONSUMER.CREATE.OBJ_models-mill-a",
+            "$JS.API.CONSUMER.CREATE.OBJ_models-mill-a.one.>",
+            "$JS.API.CONSUMER.DURABLE.CREATE.OBJ_models-mill-a.one",
+            "$JS.API.CONSUMER.CREATE.KV_desired.one.$KV.desired.mill-a",
+        ] {
+            let answer = timeout(NEVER, thief.request(subject, Bytes::new())).await;
+            assert!(!matches!(answer, Ok(Ok(_))), "{subject}: {answer:?}");
+        }
+        // Subscriptions: everything, and another machine's.
+        for subject in [
+            ">",
+            "*.*.*.*",
+            "$KV.desired.mill-b",
+            "$KV.desired.>",
+            "_INBOX_mill-b.>",
+            "_INBOX.>",
+            "volcomp.berlin.mill-b.condition",
+            "volcomp.berlin.mill-a.condition",
+        ] {
+            let mut heard = thief.subscribe(subject).await.unwrap();
+            thief.flush().await.unwrap();
+            store.put("mill-b", "secret".into()).await.unwrap();
+            link(&bench, 1)
+                .await
+                .publish(Kind::Condition, subject, "of b".into())
+                .await
+                .unwrap();
+            let message = timeout(NEVER, heard.next()).await;
+            assert!(!matches!(message, Ok(Some(_))), "{subject}: {message:?}");
+        }
+        // Publications: another's subjects, its key, its objects.
+        let before = messages(&context).await;
+        for subject in [
+            "$KV.desired.mill-a",
+            "$KV.desired.mill-b",
+            "volcomp.berlin.mill-b.condition",
+            "volcomp.berlin.mill-b.ack",
+            "volcomp.paris.mill-a.condition",
+            "$O.models-mill-a.M.bW9kZWw=",
+            "$O.models-mill-b.M.bW9kZWw=",
+        ] {
+            thief.publish(subject, "forged".into()).await.unwrap();
+        }
+        thief.flush().await.unwrap();
+        tokio::time::sleep(NEVER).await;
+        assert_eq!(messages(&context).await, before);
+    });
+}
+
+/// The numbers of messages of every stream.
+async fn messages(context: &jetstream::Context) -> Vec<(String, u64)> {
+    let mut streams = context.streams();
+    let mut found = Vec::new();
+    while let Some(stream) = streams.next().await {
+        let info = stream.unwrap();
+        found.push((info.config.name, info.state.last_sequence));
+    }
+    found.sort();
+    found
+}
+
+/// The server does not ask whether a machine may publish on the subject to which it has an answer sent. So a thief can have
+/// an answer of the server stored as the value of another machine's key; what it says is not the thief's to choose, no
+/// machine accepts it, and a value that the centre did not put is seen by its revision.
+#[test]
+fn an_answer_that_is_sent_elsewhere_is_no_manifest() {
+    let Some(bench) = Bench::start() else { return };
+    runtime().block_on(async {
+        let context = bench.prepared().await;
+        let store = bucket(&context).await;
+        store.put("mill-a", "a".into()).await.unwrap();
+        store.put("mill-b", "b".into()).await.unwrap();
+        let mut machine = link(&bench, 1).await;
+        assert_eq!(timeout(SOON, machine.next_desired()).await.unwrap(), "b");
+        let thief = bench.stolen(0).await;
+        thief
+            .publish_with_reply(
+                "volcomp.berlin.mill-a.condition",
+                "$KV.desired.mill-b",
+                "forged".into(),
+            )
+            .await
+            .unwrap();
+        thief.flush().await.unwrap();
+        if let Ok(value) = timeout(SOON, machine.next_desired()).await {
+            assert!(volcomp_fleet::Desired::parse(&value).is_err(), "{value:?}");
+            assert!(!value.windows(6).any(|part| part == b"forged"));
+        }
+    });
+}
+
+#[test]
+fn a_seed_that_is_none_is_told() {
+    let settings = volcomp_fleet::LinkSettings {
+        url: "nats://127.0.0.1:1".to_owned(),
+        seed: "SU".to_owned(),
+        roots: None,
+    };
+    let identity: &Identity = &crate::bench::identity("mill-a");
+    let connected = runtime().block_on(MachineLink::connect(&settings, identity));
+    assert!(matches!(connected, Err(volcomp_fleet::LinkError::Seed)));
+}
