@@ -9,6 +9,8 @@ mod permissions;
 mod report;
 #[cfg(feature = "server")]
 pub mod server;
+mod spool;
+mod spool_file;
 #[cfg(feature = "nats")]
 mod streams;
 mod subjects;
@@ -24,6 +26,7 @@ pub use permissions::{
     Cluster, MAX_PAYLOAD, MachineUser, NoConfiguration, Permissions, ServerSettings, ServerTls,
 };
 pub use report::{Acknowledgement, Condition, Envelope, Outcome};
+pub use spool::{Lane, Spool, SpoolLimits, Waiting};
 #[cfg(feature = "nats")]
 pub use streams::{Keeping, prepare, put_model};
 pub use subjects::{

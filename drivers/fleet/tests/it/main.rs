@@ -10,3 +10,4 @@ mod acceptance;
 mod bench;
 mod permissions;
 mod server_2_9;
+mod spool;

@@ -1,0 +1,306 @@
+//! Messages that wait for the server: in memory while it is there, on disk while it is not, bounded in both.
+//!
+//! State: the messages that wait. What is on disk outlives the program. A message is given out until it is told to be
+//! stored, so after a crash some are given out again: their id tells them apart.
+
+use std::{
+    collections::VecDeque,
+    io,
+    path::{Path, PathBuf},
+};
+
+use crate::spool_file::{self, Record};
+
+/// So many messages of a lane wait in memory before they go to disk: a server that is there costs no write.
+const IN_MEMORY: usize = 64;
+/// Where the disk takes nothing, so many messages of a lane are kept in memory; then the oldest are dropped.
+const WITHOUT_DISK: usize = 1024;
+/// A file on disk holds so much at the most, bytes (but for a single message that is larger).
+const FILE: usize = 256 * 1024;
+
+/// Which messages are dropped first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Lane {
+    /// Acknowledgements and audit records: given out first, and never dropped for telemetry.
+    Kept,
+    /// Conditions and telemetry.
+    Passing,
+}
+
+/// How much waits at the most.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SpoolLimits {
+    /// Acknowledgements and audit records on disk, bytes.
+    pub kept_bytes: u64,
+    /// Conditions and telemetry on disk, bytes.
+    pub passing_bytes: u64,
+}
+
+impl Default for SpoolLimits {
+    /// 16 MiB and 64 MiB: about a day of conditions and telemetry.
+    fn default() -> Self {
+        Self {
+            kept_bytes: 16 << 20,
+            passing_bytes: 64 << 20,
+        }
+    }
+}
+
+/// A message that waits.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Waiting {
+    /// The last part of its subject: `ack`, `audit`, `condition` or `telemetry`.
+    pub kind: String,
+    /// Its id, by which the server and the centre know one that comes twice.
+    pub id: String,
+    /// What it says.
+    pub bytes: Vec<u8>,
+}
+
+/// The messages that wait for the server.
+#[derive(Debug)]
+pub struct Spool {
+    kept: Queue,
+    passing: Queue,
+    /// The lane of the message that was given out last.
+    given: Option<Lane>,
+}
+
+impl Spool {
+    /// Opens the folder and finds what was left there. A file that was torn by a crash gives its whole messages.
+    ///
+    /// # Errors
+    /// The folder cannot be made or read.
+    pub fn open(folder: &Path, limits: SpoolLimits) -> io::Result<Self> {
+        Ok(Self {
+            kept: Queue::open(folder.join("kept"), limits.kept_bytes)?,
+            passing: Queue::open(folder.join("passing"), limits.passing_bytes)?,
+            given: None,
+        })
+    }
+
+    /// Takes a message. It never fails: where there is no room the oldest of its lane is dropped, which
+    /// [`dropped`](Self::dropped) counts.
+    pub fn push(&mut self, lane: Lane, message: Waiting) {
+        self.lane(lane).push(message);
+    }
+
+    /// The message that is to be sent next, the same until [`done`](Self::done).
+    pub fn first(&mut self) -> Option<&Waiting> {
+        let lane = match self.given {
+            Some(lane) => lane,
+            None if self.kept.first().is_some() => Lane::Kept,
+            None => Lane::Passing,
+        };
+        let first = match lane {
+            Lane::Kept => self.kept.first(),
+            Lane::Passing => self.passing.first(),
+        };
+        self.given = first.is_some().then_some(lane);
+        first
+    }
+
+    /// The message that [`first`](Self::first) gave is stored at the server.
+    pub fn done(&mut self) {
+        if let Some(lane) = self.given.take() {
+            self.lane(lane).done();
+        }
+    }
+
+    /// How many messages were dropped since the start, for want of room.
+    pub fn dropped(&self) -> u64 {
+        self.kept.dropped + self.passing.dropped
+    }
+
+    /// Why the disk takes nothing now; `None`: it does, or was not needed.
+    pub fn trouble(&self) -> Option<&str> {
+        self.kept
+            .trouble
+            .as_deref()
+            .or(self.passing.trouble.as_deref())
+    }
+
+    /// Writes to disk what waits in memory, for the end of the program.
+    pub fn flush(&mut self) {
+        self.given = None;
+        for queue in [&mut self.kept, &mut self.passing] {
+            queue.take_back();
+            queue.spill();
+        }
+    }
+
+    fn lane(&mut self, lane: Lane) -> &mut Queue {
+        match lane {
+            Lane::Kept => &mut self.kept,
+            Lane::Passing => &mut self.passing,
+        }
+    }
+}
+
+/// One lane: files, the oldest first; of the oldest file what it holds; then what is in memory.
+#[derive(Debug)]
+struct Queue {
+    folder: PathBuf,
+    limit: u64,
+    /// The numbers and lengths of the files that have not been read yet, the oldest first.
+    files: VecDeque<(u64, u64)>,
+    /// The number of the file that is being given out, until all of it is done.
+    open: Option<u64>,
+    /// What is left of it.
+    front: VecDeque<Waiting>,
+    /// The message that is given out, and whether it came from the open file. It has left its place, so that nothing which is
+    /// dropped meanwhile can be mistaken for it.
+    given: Option<(Waiting, bool)>,
+    /// What came last.
+    memory: VecDeque<Waiting>,
+    /// The number of the next file.
+    next_file: u64,
+    dropped: u64,
+    trouble: Option<String>,
+}
+
+impl Queue {
+    fn open(folder: PathBuf, limit: u64) -> io::Result<Self> {
+        std::fs::create_dir_all(&folder)?;
+        let mut files: Vec<(u64, u64)> = Vec::new();
+        for entry in std::fs::read_dir(&folder)? {
+            let entry = entry?;
+            let name = entry.file_name();
+            let number = name.to_str().and_then(|name| name.strip_suffix(".spool"));
+            if let Some(number) = number.and_then(|number| number.parse().ok()) {
+                files.push((number, entry.metadata()?.len()));
+            }
+        }
+        files.sort_unstable();
+        Ok(Self {
+            next_file: files
+                .last()
+                .map_or(0, |(number, _)| number.saturating_add(1)),
+            files: files.into(),
+            folder,
+            limit,
+            open: None,
+            front: VecDeque::new(),
+            given: None,
+            memory: VecDeque::new(),
+            dropped: 0,
+            trouble: None,
+        })
+    }
+
+    fn path(&self, number: u64) -> PathBuf {
+        self.folder.join(format!("{number:012}.spool"))
+    }
+
+    fn push(&mut self, message: Waiting) {
+        self.memory.push_back(message);
+        // Where the disk failed it is tried again with every message that does not fit.
+        if self.memory.len() > IN_MEMORY {
+            self.spill();
+        }
+        while self.memory.len() > WITHOUT_DISK {
+            self.memory.pop_front();
+            self.dropped += 1;
+        }
+    }
+
+    /// From memory to files; the oldest files go where there is no room.
+    fn spill(&mut self) {
+        while !self.memory.is_empty() {
+            let mut bytes = Vec::new();
+            let mut count = 0;
+            for message in &self.memory {
+                if count > 0 && bytes.len() + message.bytes.len() > FILE {
+                    break;
+                }
+                spool_file::append(
+                    &mut bytes,
+                    Record {
+                        kind: &message.kind,
+                        id: &message.id,
+                        bytes: &message.bytes,
+                    },
+                );
+                count += 1;
+            }
+            let length = bytes.len() as u64;
+            self.make_room(length);
+            let path = self.path(self.next_file);
+            if let Err(e) = std::fs::write(&path, &bytes) {
+                // A part of it may be there: it would be given out besides what is still in memory.
+                let _ = std::fs::remove_file(&path);
+                self.trouble = Some(format!("{}: {e}", path.display()));
+                return;
+            }
+            self.trouble = None;
+            self.files.push_back((self.next_file, length));
+            self.next_file = self.next_file.saturating_add(1);
+            self.memory.drain(..count);
+        }
+    }
+
+    fn make_room(&mut self, length: u64) {
+        let held = |files: &VecDeque<(u64, u64)>| files.iter().map(|file| file.1).sum::<u64>();
+        while held(&self.files) + length > self.limit {
+            let Some((number, _)) = self.files.pop_front() else {
+                return;
+            };
+            let path = self.path(number);
+            if let Ok(bytes) = std::fs::read(&path) {
+                self.dropped += spool_file::records(&bytes).count() as u64;
+            }
+            let _ = std::fs::remove_file(path);
+        }
+    }
+
+    fn first(&mut self) -> Option<&Waiting> {
+        if self.given.is_none() {
+            self.given = self.next();
+        }
+        self.given.as_ref().map(|(message, _)| message)
+    }
+
+    fn next(&mut self) -> Option<(Waiting, bool)> {
+        while self.front.is_empty() {
+            self.close();
+            let Some((number, _)) = self.files.pop_front() else {
+                return self.memory.pop_front().map(|message| (message, false));
+            };
+            self.open = Some(number);
+            if let Ok(bytes) = std::fs::read(self.path(number)) {
+                let records = spool_file::records(&bytes);
+                self.front = records
+                    .map(|record| Waiting {
+                        kind: record.kind.to_owned(),
+                        id: record.id.to_owned(),
+                        bytes: record.bytes.to_vec(),
+                    })
+                    .collect();
+            }
+        }
+        self.front.pop_front().map(|message| (message, true))
+    }
+
+    fn done(&mut self) {
+        self.given = None;
+        if self.front.is_empty() {
+            self.close();
+        }
+    }
+
+    /// Back to its place: what is in the open file is on disk anyway.
+    fn take_back(&mut self) {
+        match self.given.take() {
+            Some((message, true)) => self.front.push_front(message),
+            Some((message, false)) => self.memory.push_front(message),
+            None => {}
+        }
+    }
+
+    /// The file that was given out is no longer needed.
+    fn close(&mut self) {
+        if let Some(number) = self.open.take() {
+            let _ = std::fs::remove_file(self.path(number));
+        }
+    }
+}

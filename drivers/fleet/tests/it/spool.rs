@@ -1,0 +1,159 @@
+//! Messages that wait for the server.
+
+use std::path::Path;
+
+use volcomp_fleet::{Lane, Spool, SpoolLimits, Waiting};
+
+fn message(kind: &str, number: usize, length: usize) -> Waiting {
+    Waiting {
+        kind: kind.to_owned(),
+        id: format!("{kind}-{number}"),
+        bytes: vec![u8::try_from(number % 251).unwrap(); length],
+    }
+}
+
+fn open(folder: &Path) -> Spool {
+    Spool::open(folder, SpoolLimits::default()).unwrap()
+}
+
+fn all(spool: &mut Spool) -> Vec<String> {
+    let mut ids = Vec::new();
+    while let Some(message) = spool.first() {
+        ids.push(message.id.clone());
+        spool.done();
+    }
+    ids
+}
+
+fn files(folder: &Path) -> usize {
+    let count = |lane: &str| std::fs::read_dir(folder.join(lane)).unwrap().count();
+    count("kept") + count("passing")
+}
+
+#[test]
+fn messages_come_out_once_in_their_order_and_the_kept_ones_first() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut spool = open(folder.path());
+    for number in 0..500 {
+        spool.push(Lane::Passing, message("condition", number, 100));
+        if number % 100 == 0 {
+            spool.push(Lane::Kept, message("audit", number, 100));
+        }
+    }
+    assert!(files(folder.path()) > 0, "more waits than memory holds");
+    let kept = (0..5).map(|number| format!("audit-{}", number * 100));
+    let passing = (0..500).map(|number| format!("condition-{number}"));
+    let expected: Vec<String> = kept.chain(passing).collect();
+    assert_eq!(all(&mut spool), expected);
+    assert_eq!((spool.dropped(), files(folder.path())), (0, 0));
+}
+
+/// One that is on its way is not changed for another by one that comes meanwhile.
+#[test]
+fn the_message_given_out_stays_until_it_is_done() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut spool = open(folder.path());
+    spool.push(Lane::Passing, message("condition", 1, 10));
+    assert_eq!(spool.first().unwrap().id, "condition-1");
+    spool.push(Lane::Kept, message("audit", 1, 10));
+    assert_eq!(spool.first().unwrap().id, "condition-1");
+    spool.done();
+    assert_eq!(all(&mut spool), ["audit-1"]);
+}
+
+#[test]
+fn a_server_that_is_there_costs_no_write() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut spool = open(folder.path());
+    for number in 0..1000 {
+        spool.push(Lane::Passing, message("condition", number, 100));
+        assert_eq!(spool.first().unwrap().id, format!("condition-{number}"));
+        spool.done();
+        assert_eq!(files(folder.path()), 0);
+    }
+}
+
+#[test]
+fn what_was_flushed_outlives_the_program_and_what_was_done_does_not_come_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut spool = open(folder.path());
+    for number in 0..300 {
+        spool.push(Lane::Passing, message("condition", number, 100));
+    }
+    spool.flush();
+    let mut spool = open(folder.path());
+    let first = spool.first().unwrap().id.clone();
+    assert_eq!(first, "condition-0");
+    assert_eq!(all(&mut spool).len(), 300);
+    assert_eq!(all(&mut open(folder.path())), [""; 0]);
+}
+
+/// A program that is killed while it gives out a file gives out that file again: nothing is lost, ids tell the rest.
+#[test]
+fn a_crash_loses_nothing_that_was_on_disk() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut spool = open(folder.path());
+    for number in 0..300 {
+        spool.push(Lane::Passing, message("condition", number, 100));
+    }
+    spool.flush();
+    for _ in 0..10 {
+        assert!(spool.first().is_some());
+        spool.done();
+    }
+    drop(spool);
+    let again = all(&mut open(folder.path()));
+    let expected: Vec<String> = (10..300)
+        .map(|number| format!("condition-{number}"))
+        .collect();
+    assert_eq!(again[again.len() - expected.len()..], expected[..]);
+}
+
+#[test]
+fn telemetry_is_dropped_from_its_oldest_and_never_an_audit_record_for_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let limits = SpoolLimits {
+        kept_bytes: 1 << 20,
+        passing_bytes: 64 << 10,
+    };
+    let mut spool = Spool::open(folder.path(), limits).unwrap();
+    for number in 0..20 {
+        spool.push(Lane::Kept, message("audit", number, 100));
+    }
+    for number in 0..5000 {
+        spool.push(Lane::Passing, message("condition", number, 100));
+    }
+    spool.flush();
+    let on_disk: u64 = std::fs::read_dir(folder.path().join("passing"))
+        .unwrap()
+        .map(|entry| entry.unwrap().metadata().unwrap().len())
+        .sum();
+    assert!(on_disk <= limits.passing_bytes, "{on_disk}");
+    let ids = all(&mut spool);
+    assert_eq!(ids.iter().filter(|id| id.starts_with("audit")).count(), 20);
+    assert_eq!(ids.last().unwrap(), "condition-4999", "the newest stay");
+    let left = ids.len() - 20;
+    assert_eq!(spool.dropped(), 5000 - left as u64, "every one is counted");
+}
+
+/// A folder that takes no file, as on a full disk: messages wait in memory, bounded, and go on when it takes files again.
+#[test]
+fn a_disk_that_takes_nothing_is_told_and_ends_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut spool = open(folder.path());
+    let lane = folder.path().join("passing");
+    std::fs::remove_dir(&lane).unwrap();
+    for number in 0..3000 {
+        spool.push(Lane::Passing, message("condition", number, 100));
+    }
+    assert!(spool.trouble().is_some());
+    assert!(spool.dropped() > 0);
+    std::fs::create_dir(&lane).unwrap();
+    spool.push(Lane::Passing, message("condition", 3000, 100));
+    assert_eq!(spool.trouble(), None);
+    let dropped = usize::try_from(spool.dropped()).unwrap();
+    let expected: Vec<String> = (dropped..=3000)
+        .map(|number| format!("condition-{number}"))
+        .collect();
+    assert_eq!(all(&mut spool), expected);
+}
