@@ -1,3 +1,0 @@
-//! The `volcomp-centre` command.
-
-fn main() {}
