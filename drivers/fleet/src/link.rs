@@ -151,6 +151,10 @@ pub struct MachineLink {
     desired: Subscriber,
     /// Tells that the connection is there (again): what was said meanwhile has not been heard.
     again: Arc<Notify>,
+    /// Tells that the value is to be asked for without any other cause.
+    ask_every: tokio::time::Interval,
+    /// The value is to be asked for, and no answer has come yet.
+    due: bool,
     /// The checksum of the value that was given last.
     last: Option<[u8; 32]>,
 }
@@ -175,7 +179,12 @@ impl MachineLink {
             .subscribe(subjects.desired.clone())
             .await
             .map_err(|e| failed("subscribing")(e.into()))?;
+        let mut ask_every =
+            tokio::time::interval_at(tokio::time::Instant::now() + ASK_EVERY, ASK_EVERY);
+        ask_every.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         Ok(Self {
+            ask_every,
+            due: true,
             context: jetstream::new(client.clone()),
             client,
             subjects,
@@ -187,18 +196,24 @@ impl MachineLink {
     }
 
     /// The next value of the key of this machine, once for each change and once after the start. Waits for it; giving up
-    /// waiting loses nothing.
+    /// waiting loses nothing and asks the server nothing.
     pub async fn next_desired(&mut self) -> Bytes {
-        let mut ask = tokio::time::interval(ASK_EVERY);
-        ask.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         loop {
-            let value = tokio::select! {
-                heard = self.desired.next() => match heard {
-                    Some(message) => Some(message.payload),
-                    None => std::future::pending().await,
-                },
-                () = self.again.notified() => self.ask().await,
-                _ = ask.tick() => self.ask().await,
+            // A change that is heard while the answer is under way is given next time. Should an older value come after a
+            // newer one, its version tells.
+            let value = if self.due {
+                let answer = self.ask().await;
+                self.due = false;
+                answer
+            } else {
+                tokio::select! {
+                    heard = self.desired.next() => match heard {
+                        Some(message) => Some(message.payload),
+                        None => std::future::pending().await,
+                    },
+                    () = self.again.notified() => { self.due = true; None }
+                    _ = self.ask_every.tick() => { self.due = true; None }
+                }
             };
             if let Some(value) = value.filter(|value| !value.is_empty()) {
                 let checksum: [u8; 32] = Sha256::digest(&value).into();

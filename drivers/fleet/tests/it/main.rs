@@ -8,6 +8,7 @@
 
 mod acceptance;
 mod bench;
+mod fuzz_corpus;
 mod permissions;
 mod server_2_9;
 mod spool;
