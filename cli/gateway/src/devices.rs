@@ -16,11 +16,13 @@ use volcomp_focas::{
 use volcomp_guard::Limits;
 use volcomp_port::{Controller, Description, DeviceError, DigitalIo, Thermometer};
 use volcomp_runtime::{BarrierSettings, PathSettings};
+use volcomp_sinumerik::SinumerikConfig;
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Um, Urad};
 
 use crate::config::{ControllerConfig, ThermometerConfig};
-use crate::documents::{OnlinePlan, PmcPlan};
+use crate::documents::{OnlinePlan, OpcUaPlan, PmcPlan};
 use crate::online;
+use crate::sinumerik;
 
 /// A bridge on CAN tells what is applied in messages of its own, which it sends when it likes: so late at the most a
 /// correction shows in them. How old such a message may be, or one with positions, flags or temperatures, is for the guard to
@@ -39,6 +41,7 @@ enum Kind {
     Focas(Box<FocasConfig>),
     Can(BridgeConfig),
     Lines(Lines),
+    Sinumerik(Box<SinumerikConfig>),
 }
 
 /// One axis on digital lines.
@@ -61,6 +64,7 @@ impl ControllerDevice {
         let kind = match address.scheme {
             Scheme::Focas => Kind::Focas(Box::new(focas(&address, config)?)),
             Scheme::Can => Kind::Can(can(&address, config, channel("can"))?),
+            Scheme::OpcUa => Kind::Sinumerik(Box::new(sinumerik::controller(&address, config)?)),
             Scheme::Gpio | Scheme::Modbus | Scheme::ModbusRtu => {
                 Kind::Lines(lines(config, channel("digital"))?)
             }
@@ -80,6 +84,7 @@ impl ControllerDevice {
                 .on(digital_lines(&self.address)?)?
                 .description()
                 .clone()),
+            Kind::Sinumerik(config) => config.describe().map_err(|error| error.of(config.device())),
         }
     }
 
@@ -98,6 +103,7 @@ impl ControllerDevice {
                 Box::new(lines.on(gpio_port(&self.address)?)?)
             }
             Kind::Lines(lines) => Box::new(lines.on(digital_modules(&self.address)?)?),
+            Kind::Sinumerik(config) => sinumerik::open(config)?,
         })
     }
 
@@ -111,8 +117,10 @@ impl ControllerDevice {
         own: &ControllerConfig,
         limits: Option<&Limits>,
     ) -> Result<Option<OnlinePlan>, DeviceError> {
-        let Kind::Focas(config) = &self.kind else {
-            return Ok(None);
+        let config = match &self.kind {
+            Kind::Focas(config) => config,
+            Kind::Sinumerik(config) => return sinumerik::online(config, limits).map(Some),
+            Kind::Can(_) | Kind::Lines(_) => return Ok(None),
         };
         let found = inspect(config).map_err(|error| error.of(config.device()))?;
         let barrier = own.barrier.as_ref().zip(limits).map(|(barrier, limits)| {
@@ -125,6 +133,7 @@ impl ControllerDevice {
         Ok(Some(OnlinePlan {
             url: self.address.text.clone(),
             axes: found.axes.iter().map(char::to_string).collect(),
+            fastest_per_min: None,
             shift_in_use,
             shift_words,
             barrier: barrier.transpose()?,
@@ -156,6 +165,7 @@ impl ControllerDevice {
         let behind = match self.kind {
             Kind::Can(_) => CAN_READ_BACK.min(longest_read_back(period)),
             Kind::Focas(_) | Kind::Lines(_) => period,
+            Kind::Sinumerik(ref config) => config.server.read_back().min(longest_read_back(period)),
         };
         // A frame waits for the control's scan, and is seen in the report after another one.
         let behind = config
@@ -179,6 +189,9 @@ impl ControllerDevice {
                 // A control tells three decimals, or as many as it has for corrections.
                 Kind::Focas(focas) => (focas.axes.iter().chain(&focas.reads))
                     .map(|name| (*name, focas.position_step(*name)))
+                    .collect(),
+                Kind::Sinumerik(config) => (config.axes.iter().chain(&config.reads))
+                    .map(|name| (*name, config.position_step(*name)))
                     .collect(),
             },
             read_back_cycles: usize::try_from(cycles).unwrap_or(usize::MAX).max(1),
@@ -222,7 +235,7 @@ impl ControllerDevice {
     pub fn overlap(&self) -> Option<[Block; 2]> {
         match &self.kind {
             Kind::Focas(config) => config.overlap(),
-            Kind::Can(_) | Kind::Lines(_) => None,
+            Kind::Can(_) | Kind::Lines(_) | Kind::Sinumerik(_) => None,
         }
     }
 
@@ -232,6 +245,14 @@ impl ControllerDevice {
         match (&self.kind, &other.kind) {
             (Kind::Focas(own), Kind::Focas(others)) => own.overlap_with(others),
             _ => None,
+        }
+    }
+
+    /// How the server of a SINUMERIK control is asked, and its nodes; `None`: another device.
+    pub fn opc_ua(&self) -> Option<OpcUaPlan> {
+        match &self.kind {
+            Kind::Sinumerik(config) => Some(sinumerik::plan(config)),
+            Kind::Focas(_) | Kind::Can(_) | Kind::Lines(_) => None,
         }
     }
 
@@ -354,6 +375,8 @@ pub struct ThermometerDevice {
     address: Address,
     /// The table of signals, on CAN.
     table: Option<SignalTable>,
+    /// How the server of a SINUMERIK control is reached, and the nodes of the sensors.
+    sinumerik: Option<sinumerik::Temperatures>,
     names: Vec<String>,
     /// The name of the configuration that the device does not have, and those that it has.
     strange: Option<(String, Vec<String>)>,
@@ -372,7 +395,7 @@ impl ThermometerDevice {
     /// A URL or names that make no sense, a device without temperatures.
     pub fn new(config: &ThermometerConfig) -> Result<Self, DeviceError> {
         let address = Address::parse(&config.url)?;
-        let mut strange = None;
+        let (mut strange, mut server) = (None, None);
         let (table, names) = match address.scheme {
             Scheme::Modbus | Scheme::ModbusRtu => {
                 (None, thermometer_names(&address, &config.names)?)
@@ -388,16 +411,21 @@ impl ThermometerDevice {
                 };
                 (Some(table), names)
             }
+            Scheme::OpcUa => {
+                server = Some(sinumerik::Temperatures::new(&address, config)?);
+                (None, config.names.clone())
+            }
             Scheme::Focas | Scheme::Gpio => {
                 return Err(address.unsupported(
                     "this device has no temperatures",
-                    "expected modbus://, modbus-rtu:// or can://",
+                    "expected modbus://, modbus-rtu://, can:// or opc.tcp://",
                 ));
             }
         };
         Ok(Self {
             address,
             table,
+            sinumerik: server,
             names,
             strange,
         })
@@ -432,6 +460,9 @@ impl ThermometerDevice {
     /// # Errors
     /// A device that cannot be opened.
     pub fn open(&self) -> Result<Box<dyn Thermometer>, DeviceError> {
+        if let Some(sinumerik) = &self.sinumerik {
+            return sinumerik.open();
+        }
         Ok(match &self.table {
             Some(table) => Box::new(CanThermometer::new(
                 CanSocket::open(&self.address.host)?,

@@ -24,6 +24,7 @@ pub mod run;
 pub mod service;
 pub mod signals;
 pub mod simulate;
+mod sinumerik;
 pub mod text;
 mod times;
 

@@ -68,6 +68,10 @@ fn devices(address: &Address) -> BTreeSet<String> {
     match address.scheme {
         Scheme::Focas => hosts(&address.host, address.port.unwrap_or(FOCAS_PORT)),
         Scheme::Modbus => hosts(&address.host, address.port.unwrap_or(MODBUS_PORT)),
+        Scheme::OpcUa => hosts(
+            &address.host,
+            address.port.unwrap_or(volcomp_sinumerik::PORT),
+        ),
         Scheme::ModbusRtu => {
             let path = std::fs::canonicalize(&address.path);
             let path = path.map_or_else(|_| address.path.clone(), |p| p.display().to_string());

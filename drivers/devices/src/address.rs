@@ -18,15 +18,18 @@ pub enum Scheme {
     Can,
     /// Lines of GPIO chips, such as `gpio://?position=CHIP:LINES&correction=CHIP:LINES`.
     Gpio,
+    /// A SINUMERIK control on OPC UA, such as `opc.tcp://HOST:4840`.
+    OpcUa,
 }
 
 impl Scheme {
-    const NAMES: [(&'static str, Self); 5] = [
+    const NAMES: [(&'static str, Self); 6] = [
         ("focas", Self::Focas),
         ("modbus", Self::Modbus),
         ("modbus-rtu", Self::ModbusRtu),
         ("can", Self::Can),
         ("gpio", Self::Gpio),
+        ("opc.tcp", Self::OpcUa),
     ];
 
     /// The keys behind the question mark.
@@ -37,6 +40,7 @@ impl Scheme {
             Self::ModbusRtu => &["unit", "profile", "names", "baud", "parity", "stop"],
             Self::Can => &["dbc"],
             Self::Gpio => &["position", "correction"],
+            Self::OpcUa => &[],
         }
     }
 }
@@ -64,7 +68,7 @@ impl Address {
     /// No URL, an unknown scheme or key, a host or path that is missing.
     pub fn parse(text: &str) -> Result<Self, DeviceError> {
         let wrong = |what: String, remedy: &str| DeviceError::address(text, what, remedy);
-        let forms = "expected focas://HOST, modbus://HOST?profile=…, modbus-rtu:///dev/…?profile=…, can://INTERFACE or gpio://?position=…";
+        let forms = "expected focas://HOST, modbus://HOST?profile=…, modbus-rtu:///dev/…?profile=…, can://INTERFACE, gpio://?position=… or opc.tcp://HOST";
         let url =
             Url::parse(text).map_err(|e| wrong(format!("this is no device URL: {e}"), forms))?;
         let known = Scheme::NAMES.iter().find(|(name, _)| *name == url.scheme());
@@ -94,7 +98,10 @@ impl Address {
             path: url.path().to_owned(),
             keys,
         };
-        let needs_host = matches!(scheme, Scheme::Focas | Scheme::Modbus | Scheme::Can);
+        let needs_host = matches!(
+            scheme,
+            Scheme::Focas | Scheme::Modbus | Scheme::Can | Scheme::OpcUa
+        );
         if needs_host && address.host.is_empty() {
             return Err(wrong("the host or interface is missing".to_owned(), forms));
         }

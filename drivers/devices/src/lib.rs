@@ -15,6 +15,8 @@ mod list;
 mod modbus;
 mod probe;
 mod probed;
+#[cfg(feature = "sinumerik")]
+mod sinumerik;
 
 pub use address::{Address, Scheme};
 #[cfg(feature = "can")]

@@ -8,7 +8,8 @@ use volcomp_port::DeviceError;
     feature = "focas",
     feature = "modbus",
     feature = "can",
-    feature = "gpio"
+    feature = "gpio",
+    feature = "sinumerik"
 ))]
 use crate::address::Scheme;
 use crate::{address::Address, probed::Probe};
@@ -27,11 +28,14 @@ pub fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError>
         Scheme::Can => crate::can::probe(address, at_most),
         #[cfg(feature = "gpio")]
         Scheme::Gpio => crate::gpio::probe(address, at_most),
+        #[cfg(feature = "sinumerik")]
+        Scheme::OpcUa => crate::sinumerik::probe(address, at_most),
         #[cfg(not(all(
             feature = "focas",
             feature = "modbus",
             feature = "can",
-            feature = "gpio"
+            feature = "gpio",
+            feature = "sinumerik"
         )))]
         _ => {
             // Without any bus nothing waits.

@@ -35,7 +35,8 @@ impl Probe {
         feature = "focas",
         feature = "modbus",
         feature = "can",
-        feature = "gpio"
+        feature = "gpio",
+        feature = "sinumerik"
     ))]
     pub(crate) fn of(device: &str) -> Self {
         Self {

@@ -1,6 +1,6 @@
 //! The tables `[[controller]]` and `[[thermometer]]`.
 
-use std::{collections::BTreeMap, ops::RangeInclusive, time::Duration};
+use std::{collections::BTreeMap, ops::RangeInclusive, path::Path, time::Duration};
 
 use volcomp_devices::{Address, Scheme};
 use volcomp_digital_io::{
@@ -14,12 +14,13 @@ use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement, MAX_AXES};
 
 use super::{
     AreaConfig, BarrierConfig, ControllerConfig, ControllerKind, DigitalConfig, ThermometerConfig,
-    is_blank, kinds,
+    is_blank, kinds, sinumerik,
 };
 
 pub(super) fn controller(
     section: &Section<'_>,
     cycle_ms: f64,
+    folder: &Path,
 ) -> Result<ControllerConfig, InputError> {
     kinds::check(section)?;
     let fixed = match section.section("fixed")? {
@@ -64,6 +65,14 @@ pub(super) fn controller(
     }
     let not_driven = section.optional("not_driven", letters)?;
     let (only_thermal, hold) = terms_and_hold(section, cycle_ms)?;
+    let table = section.section("sinumerik")?;
+    let table = table
+        .map(|table| sinumerik::table(&table, folder))
+        .transpose()?;
+    let table = table.unwrap_or_default();
+    if kinds::address(section)?.scheme == Scheme::OpcUa && !written.is_empty() {
+        sinumerik::check_path(section, only_thermal, hold, &table)?;
+    }
     Ok(ControllerConfig {
         url: kinds::address(section)?.text,
         channel: section.optional("channel", |value| match value.text()? {
@@ -95,6 +104,7 @@ pub(super) fn controller(
             .map(|section| digital(&section, &names))
             .transpose()?
             .unwrap_or_default(),
+        sinumerik: table,
     })
 }
 
@@ -381,12 +391,42 @@ fn digital(section: &Section<'_>, axes: &[AxisName]) -> Result<DigitalConfig, In
     })
 }
 
-pub(super) fn thermometer(section: &Section<'_>) -> Result<ThermometerConfig, InputError> {
-    section.allow(&["url", "names"])?;
+pub(super) fn thermometer(
+    section: &Section<'_>,
+    folder: &Path,
+) -> Result<ThermometerConfig, InputError> {
+    let address = kinds::address(section)?;
+    let is_sinumerik = address.scheme == Scheme::OpcUa;
+    section.allow(&["url", "names", "nodes", "sinumerik"])?;
+    for key in ["nodes", "sinumerik"] {
+        if let Some(value) = section.get(key).filter(|_| !is_sinumerik) {
+            return Err(value.error(
+                "found this key for another thermometer than a SINUMERIK control, expected it only for opc.tcp://",
+            ));
+        }
+    }
     let names = section.require("names")?.texts()?;
+    let mut nodes = Vec::new();
+    if is_sinumerik {
+        let value = section.require("nodes")?;
+        nodes.extend(value.texts()?.into_iter().map(str::to_owned));
+        if nodes.len() != names.len() || nodes.is_empty() {
+            return Err(value.error(format!(
+                "found {} nodes for {} names, expected one node for each name",
+                nodes.len(),
+                names.len()
+            )));
+        }
+    }
+    let table = section.section("sinumerik")?;
+    let table = table
+        .map(|table| sinumerik::server(&table, folder))
+        .transpose()?;
     Ok(ThermometerConfig {
-        url: kinds::address(section)?.text,
+        url: address.text,
         names: names.into_iter().map(str::to_owned).collect(),
+        nodes,
+        sinumerik: table.unwrap_or_default(),
     })
 }
 

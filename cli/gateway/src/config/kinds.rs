@@ -13,12 +13,14 @@ pub enum ControllerKind {
     Can,
     /// Words on digital lines, `gpio://`, `modbus://` or `modbus-rtu://`.
     Lines,
+    /// A SINUMERIK control over OPC UA, `opc.tcp://`.
+    Sinumerik,
 }
 
-use ControllerKind::{Can, Focas, Lines};
+use ControllerKind::{Can, Focas, Lines, Sinumerik};
 
 /// The keys of `[[controller]]`, and the kinds of controllers that use each of them.
-pub const CONTROLLER_KEYS: [(&str, &[ControllerKind]); 19] = [
+pub const CONTROLLER_KEYS: [(&str, &[ControllerKind]); 20] = [
     ("url", &ControllerKind::ALL),
     ("channel", &ControllerKind::ALL),
     ("axes", &ControllerKind::ALL),
@@ -31,17 +33,26 @@ pub const CONTROLLER_KEYS: [(&str, &[ControllerKind]); 19] = [
     ("test_shift", &ControllerKind::ALL),
     ("unwatched", &ControllerKind::ALL),
     ("unseen", &ControllerKind::ALL),
-    ("resolution_um", &[Focas, Lines]),
-    ("resolution_urad", &[Focas, Lines]),
+    ("resolution_um", &[Focas, Lines, Sinumerik]),
+    ("resolution_urad", &[Focas, Lines, Sinumerik]),
     ("area", &[Focas]),
     ("heartbeat", &[Focas]),
     ("referenced", &[Focas]),
     ("barrier", &[Focas, Can]),
     ("digital", &[Lines]),
+    ("sinumerik", &[Sinumerik]),
 ];
 
 /// The keys that a controller which is only read can use.
-const KEYS_OF_A_READER: [&str; 6] = ["url", "axes", "reads", "referenced", "unseen", "digital"];
+const KEYS_OF_A_READER: [&str; 7] = [
+    "url",
+    "axes",
+    "reads",
+    "referenced",
+    "unseen",
+    "digital",
+    "sinumerik",
+];
 
 /// Refuses keys about corrections at a controller that writes none.
 pub(super) fn check_reader(section: &Section<'_>) -> Result<(), InputError> {
@@ -60,13 +71,14 @@ pub(super) fn check_reader(section: &Section<'_>) -> Result<(), InputError> {
 
 impl ControllerKind {
     /// Every kind of controller that a configuration can name.
-    pub const ALL: [Self; 3] = [Focas, Can, Lines];
+    pub const ALL: [Self; 4] = [Focas, Can, Lines, Sinumerik];
 
     /// The kind of the controllers of this scheme.
     pub fn of(scheme: Scheme) -> Self {
         match scheme {
             Scheme::Focas => Focas,
             Scheme::Can => Can,
+            Scheme::OpcUa => Sinumerik,
             Scheme::Gpio | Scheme::Modbus | Scheme::ModbusRtu => Lines,
         }
     }
@@ -76,6 +88,7 @@ impl ControllerKind {
         match self {
             Focas => "a FANUC control (focas://)",
             Can => "a bridge on CAN (can://)",
+            Sinumerik => "a SINUMERIK control (opc.tcp://)",
             Lines => "digital lines (gpio://, modbus://, modbus-rtu://)",
         }
     }

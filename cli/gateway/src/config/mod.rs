@@ -20,6 +20,7 @@ mod controller;
 mod dashboard;
 mod guard;
 mod kinds;
+mod sinumerik;
 mod stated;
 
 pub use controller::MissingKey;
@@ -27,6 +28,7 @@ use controller::{check_latches, controller, thermometer};
 use dashboard::{dashboard, realtime};
 use guard::guard;
 pub use kinds::{CONTROLLER_KEYS, ControllerKind};
+pub use sinumerik::{ServerConfig, SinumerikTable};
 pub use stated::StatedKeys;
 
 /// Everything that a configuration says. Paths are relative to its folder.
@@ -108,6 +110,8 @@ pub struct ControllerConfig {
     pub referenced: Option<Option<PmcAddress>>,
     /// The words on digital lines.
     pub digital: DigitalConfig,
+    /// SINUMERIK: how the server is reached, and its nodes.
+    pub sinumerik: SinumerikTable,
 }
 
 /// The table `[controller.barrier]`: the barrier in the control, as its program is set.
@@ -172,6 +176,10 @@ pub struct ThermometerConfig {
     /// The names of its sensors: on Modbus in the order of its channels, on CAN a choice among those of the DBC file; none:
     /// all of them.
     pub names: Vec<String>,
+    /// SINUMERIK: the node of each of them.
+    pub nodes: Vec<String>,
+    /// SINUMERIK: how the server is reached.
+    pub sinumerik: ServerConfig,
 }
 
 /// The table `[dashboard]`: where it listens, and who may use it.
@@ -263,7 +271,7 @@ impl Config {
         let [shortest_ms, longest_ms] = [ceiling::SHORTEST_CYCLE, ceiling::LONGEST_CYCLE]
             .map(|cycle| cycle.as_secs_f64() * 1e3);
         let cycle_ms = root.number_or("cycle_ms", shortest_ms..=longest_ms, 4.0)?;
-        let controllers = root.tables("controller", |table| controller(table, cycle_ms))?;
+        let controllers = root.tables("controller", |table| controller(table, cycle_ms, folder))?;
         if controllers.is_empty() {
             return Err(root.error("found no [[controller]], expected at least one"));
         }
@@ -298,7 +306,7 @@ impl Config {
                 .map(|section| guard(&section, cycle_ms))
                 .transpose()?,
             controllers,
-            thermometers: root.tables("thermometer", thermometer)?,
+            thermometers: root.tables("thermometer", |table| thermometer(table, folder))?,
             dashboard: root
                 .section("dashboard")?
                 .map(|section| dashboard(&section, folder))

@@ -17,8 +17,8 @@ pub use history::{History, HistoryPoint};
 pub use map::{ErrorMap, MapAxis};
 pub use plan::{
     AuditPlan, AxisPlan, BarrierPlan, CheckFailure, ControllerPlan, DashboardPlan, GuardPlan,
-    MachinePlan, OnlineBarrier, OnlineBarrierAxis, OnlinePlan, PlanDocument, PmcPlan, SensorPlan,
-    Source, Stated, ThermometerPlan, TokenPlan,
+    MachinePlan, OnlineBarrier, OnlineBarrierAxis, OnlinePlan, OpcUaPlan, PlanDocument, PmcPlan,
+    SensorPlan, Source, Stated, ThermometerPlan, TokenPlan,
 };
 pub use record::{
     Broken, ConfirmedLimits, Details, Event, LastOutput, LimitChanges, Record, Standing, Start,

@@ -88,6 +88,10 @@ pub struct OnlinePlan {
     pub url: String,
     /// The letters of the control's axes.
     pub axes: Vec<String>,
+    /// SINUMERIK: how fast each axis takes a changed correction at the most (MD32760 times MD32000), mm/min or rev/min;
+    /// missing for others, and axes for which the control does not tell.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fastest_per_min: Option<BTreeMap<String, f64>>,
     /// Whether the extended external machine zero point shift is in use (parameter 1203#0); null: the control does not
     /// tell.
     pub shift_in_use: Option<bool>,
@@ -204,6 +208,9 @@ pub struct ControllerPlan {
     /// FANUC controls: the addresses in the PMC that are written and read.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pmc: Option<PmcPlan>,
+    /// SINUMERIK controls: how the server is asked, and its nodes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub opc_ua: Option<OpcUaPlan>,
     /// Its axes that correct, in the order X Y Z A B C U V W.
     pub axes: Vec<AxisPlan>,
     /// The largest correction of each of them that the machine file asks for over a grid of the travels, without what
@@ -254,6 +261,30 @@ pub struct PmcPlan {
     pub heartbeat: Option<String>,
     /// The byte whose bits say which axes are referenced; null: not asked, the axes are taken to be referenced.
     pub referenced: Option<String>,
+}
+
+/// How the OPC UA server of a SINUMERIK control is asked. Node ids are patterns: `{axis}` is the number of an axis in the
+/// control, `{db}` 30 more.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct OpcUaPlan {
+    /// The namespace of the nodes.
+    pub namespace: String,
+    /// Who logs in; null: nobody, anonymous.
+    pub user: Option<String>,
+    /// How messages are protected: `none`, `sign` or `sign-and-encrypt`.
+    pub security: String,
+    /// The time from one reading to the next, ms.
+    pub period_ms: f64,
+    /// How long a request may take, ms.
+    pub time_out_ms: f64,
+    /// Whether the server's source timestamps make positions older.
+    pub source_timestamps: bool,
+    /// The nodes of positions.
+    pub positions: String,
+    /// The nodes of SD43900, the correction.
+    pub settings: String,
+    /// Whether a positive SD43900 moves an axis in its positive direction (`adds`) or not (`subtracts`).
+    pub sign: String,
 }
 
 /// The limits and properties of one axis of a controller, in µm for linear and µrad for rotary axes.

@@ -144,6 +144,7 @@ fn controllers(plan: &Plan) -> Vec<ControllerPlan> {
                 |name: AxisName, what: &str| source_of(config, device, &key(&of_kind(name, what)));
             ControllerPlan {
                 pmc: device.pmc(),
+                opc_ua: device.opc_ua(),
                 ..of_controller(plan, path, channel, controller.fixed.clone(), source)
             }
         });
@@ -167,6 +168,7 @@ fn of_reader(description: &Description, device: &ControllerDevice) -> Controller
         hold_ms: None,
         barrier: None,
         pmc: device.pmc(),
+        opc_ua: device.opc_ua(),
         axes: Vec::new(),
         needs: BTreeMap::new(),
         held: Vec::new(),
@@ -250,6 +252,7 @@ fn of_controller(
             .then(|| round(path.limits.hold.as_secs_f64() * 1e3)),
         barrier: barrier(path),
         pmc: None,
+        opc_ua: None,
         axes,
         needs: if path.only_thermal {
             BTreeMap::new()

@@ -5,8 +5,8 @@ use std::path::Path;
 use crate::{
     config::Config,
     documents::{
-        AxisPlan, BarrierPlan, ControllerPlan, GuardPlan, OnlineBarrier, PlanDocument, PmcPlan,
-        Source, Stated,
+        AxisPlan, BarrierPlan, ControllerPlan, GuardPlan, OnlineBarrier, OpcUaPlan, PlanDocument,
+        PmcPlan, Source, Stated,
     },
 };
 
@@ -64,12 +64,20 @@ pub(super) fn text(plan: &PlanDocument, config: &Config) -> String {
     for control in plan.online.iter().flatten() {
         lines.plain("control", &control.url);
         lines.plain("  axes", &control.axes.join(" "));
-        let words = match (control.shift_in_use, control.shift_words) {
-            (Some(true), Some(first)) => format!("from R{first} on (parameter 1280)"),
-            (Some(false), _) => "not in use (parameter 1203#0)".to_owned(),
-            _ => "not told".to_owned(),
-        };
-        lines.plain("  shift words", &words);
+        if let Some(fastest) = &control.fastest_per_min {
+            lines.plain("  SD43900", "in use (MD32750)");
+            for (axis, per_min) in fastest {
+                let per_min = format!("{per_min} mm/min or rev/min at the most");
+                lines.plain(&format!("    axis {axis}"), &per_min);
+            }
+        } else {
+            let words = match (control.shift_in_use, control.shift_words) {
+                (Some(true), Some(first)) => format!("from R{first} on (parameter 1280)"),
+                (Some(false), _) => "not in use (parameter 1203#0)".to_owned(),
+                _ => "not told".to_owned(),
+            };
+            lines.plain("  shift words", &words);
+        }
         if let Some(barrier) = &control.barrier {
             lines.online_barrier(barrier);
         }
@@ -203,6 +211,9 @@ impl Lines {
         if let Some(pmc) = &controller.pmc {
             self.pmc(pmc);
         }
+        if let Some(opc_ua) = &controller.opc_ua {
+            self.opc_ua(opc_ua);
+        }
         let mut axes: Vec<&AxisPlan> = controller.axes.iter().collect();
         if let Some(barrier) = &controller.barrier {
             axes.sort_by_key(|axis| barrier.axes.iter().position(|name| *name == axis.name));
@@ -257,6 +268,28 @@ impl Lines {
         let layout = format!("{}: {} in this order", barrier.layout, letters.join(" "));
         self.plain("    layout", &layout);
         self.plain("    scan", &format!("{} ms", barrier.scan_ms));
+    }
+
+    fn opc_ua(&mut self, opc_ua: &OpcUaPlan) {
+        let every = format!(
+            "every {} ms, answers within {} ms",
+            opc_ua.period_ms, opc_ua.time_out_ms
+        );
+        self.plain("  read and written", &every);
+        let user = opc_ua.user.as_deref().unwrap_or("anonymous");
+        self.plain("    user", &format!("{user}, security {}", opc_ua.security));
+        self.plain(
+            "    ages",
+            if opc_ua.source_timestamps {
+                "by the server's timestamps"
+            } else {
+                "by the exchange"
+            },
+        );
+        self.plain("    namespace", &opc_ua.namespace);
+        self.plain("    positions", &opc_ua.positions);
+        self.plain("    corrections", &opc_ua.settings);
+        self.plain("    sign", &opc_ua.sign);
     }
 
     fn online_barrier(&mut self, barrier: &OnlineBarrier) {

@@ -5,7 +5,7 @@ use std::path::Path;
 use volcomp_gateway::config::{CONTROLLER_KEYS, Config, ControllerKind};
 
 /// A URL of each scheme, and its kind.
-const URLS: [(&str, ControllerKind); 5] = [
+const URLS: [(&str, ControllerKind); 6] = [
     ("focas://192.0.2.10:8193", ControllerKind::Focas),
     ("can://can0", ControllerKind::Can),
     (
@@ -20,6 +20,7 @@ const URLS: [(&str, ControllerKind); 5] = [
         "modbus-rtu:///dev/ttyUSB0?profile=WAGO-750-8DI/8DO",
         ControllerKind::Lines,
     ),
+    ("opc.tcp://192.0.2.20:4840", ControllerKind::Sinumerik),
 ];
 
 /// A good value of a key, and the axis for which it is one.
@@ -35,6 +36,7 @@ fn value(key: &str, kind: ControllerKind) -> (&'static str, &'static str) {
         "reads" => ("[\"A\", \"C\"]", "X"),
         "not_driven" => ("[\"A\"]", "X"),
         "terms" => ("[\"thermal\"]", "X"),
+        "hold_ms" if kind == ControllerKind::Sinumerik => ("1500.0", "X"),
         "hold_ms" => ("100.0", "X"),
         "includes_correction" | "test_shift" | "unwatched" => ("true", "X"),
         "resolution_um" => ("1.0", "X"),
@@ -42,10 +44,24 @@ fn value(key: &str, kind: ControllerKind) -> (&'static str, &'static str) {
         "area" => ("{ pmc = \"R\", first = 100, width = 2 }", "X"),
         "heartbeat" => ("{ pmc = \"R\", at = 120 }", "X"),
         "referenced" => ("false", "X"),
+        "sinumerik" => ("{ numbers = [1] }", "X"),
         "digital" => ("{ position_bits = 8 }", "X"),
         "unseen" => ("[\"alarm\", \"referenced\"]", "X"),
         other => panic!("no value for the key {other}"),
     }
+}
+
+/// What a controller of this kind needs besides a key.
+fn needed(key: &str, kind: ControllerKind) -> String {
+    if kind != ControllerKind::Sinumerik {
+        return String::new();
+    }
+    let needed = ["terms", "hold_ms"]
+        .into_iter()
+        .filter(|needed| *needed != key);
+    needed
+        .map(|needed| format!("{needed} = {}\n", value(needed, kind).0))
+        .collect()
 }
 
 #[test]
@@ -63,7 +79,8 @@ fn every_key_with_every_kind_of_controller() {
             }
             let (value, axis) = value(key, kind);
             let text = format!(
-                "machine = \"m.toml\"\n[[controller]]\nurl = \"{url}\"\naxes = [\"{axis}\"]\n{key} = {value}\n"
+                "machine = \"m.toml\"\n[[controller]]\nurl = \"{url}\"\naxes = [\"{axis}\"]\n{key} = {value}\n{}",
+                needed(key, kind)
             );
             let found = Config::parse(&text, "G.toml", Path::new("")).map_err(|e| e.to_string());
             if kinds.contains(&kind) {
@@ -79,8 +96,8 @@ fn every_key_with_every_kind_of_controller() {
             }
         }
     }
-    // 17 keys and 5 URLs: seven keys on one kind or two of the three.
-    assert_eq!([taken, refused], [66, 19]);
+    // 18 keys and 6 URLs: eight keys on one kind, two or three of the four.
+    assert_eq!([taken, refused], [79, 29]);
 }
 
 /// A controller that is only read has no use for keys about corrections.
@@ -106,7 +123,15 @@ fn a_controller_that_is_only_read_has_no_keys_about_corrections() {
             assert!(message.contains(says), "{message}");
         }
         for (key, kinds) in CONTROLLER_KEYS {
-            let reads = ["url", "axes", "reads", "referenced", "unseen", "digital"];
+            let reads = [
+                "url",
+                "axes",
+                "reads",
+                "referenced",
+                "unseen",
+                "digital",
+                "sinumerik",
+            ];
             if reads.contains(&key) || !kinds.contains(&kind) {
                 continue;
             }

@@ -31,6 +31,8 @@ mod rehearse;
 mod reload;
 mod shipped;
 mod silent;
+#[cfg(feature = "sinumerik")]
+mod sinumerik;
 mod standing;
 mod texts;
 mod three_of_five;

@@ -1,0 +1,273 @@
+//! SINUMERIK controls over OPC UA: what their configuration means, and opening them in builds that can.
+
+use std::{collections::BTreeMap, os::unix::fs::PermissionsExt, path::Path};
+
+use volcomp_devices::Address;
+use volcomp_guard::Limits;
+use volcomp_port::{Controller, DeviceError, Thermometer};
+use volcomp_sinumerik::{Security, Server, Sign, SinumerikConfig, User};
+use volcomp_vocabulary::{Um, Urad};
+
+use crate::{
+    config::{ControllerConfig, ServerConfig, ThermometerConfig},
+    documents::{OnlinePlan, OpcUaPlan, round},
+};
+
+/// The control of a `[[controller]]`.
+///
+/// # Errors
+/// A password file that others may read or that cannot be read, a build without OPC UA.
+pub(crate) fn controller(
+    address: &Address,
+    config: &ControllerConfig,
+) -> Result<SinumerikConfig, DeviceError> {
+    let table = &config.sinumerik;
+    let mut control = SinumerikConfig::new(server(address, &table.server)?, &config.axes);
+    if let Some(channel) = &config.channel
+        && *channel != control.channel
+    {
+        let expected = format!(
+            "expected {:?}, the only channel of a SINUMERIK control",
+            control.channel
+        );
+        return Err(address.wrong(format!("channel: found {channel:?}"), expected));
+    }
+    control.reads.clone_from(&config.reads);
+    control.numbers.clone_from(&table.numbers);
+    control.nodes = table.nodes.clone();
+    control.sign = table.sign;
+    control.includes_correction = config.includes_correction;
+    if let Some(um) = config.resolution_um {
+        control.step_linear = Um(um).to_mm();
+    }
+    if let Some(urad) = config.resolution_urad {
+        control.step_rotary = Urad(urad).to_rad();
+    }
+    Ok(control)
+}
+
+fn server(address: &Address, config: &ServerConfig) -> Result<Server, DeviceError> {
+    if cfg!(not(feature = "sinumerik")) {
+        return Err(address.unsupported(
+            "this build of the gateway has no OPC UA",
+            "build it with the feature `sinumerik`",
+        ));
+    }
+    let mut server = Server::new(&*address.text);
+    if let Some(namespace) = &config.namespace {
+        server.namespace.clone_from(namespace);
+    }
+    server.user = match (&config.user, &config.password_file) {
+        (Some(name), Some(file)) => Some(User {
+            name: name.clone(),
+            password: password(address, file)?,
+        }),
+        _ => None,
+    };
+    server.security = config.security;
+    server.pki.clone_from(&config.certificates);
+    server.period = config.period;
+    server.time_out = config.time_out;
+    server.source_timestamps = config.source_timestamps;
+    Ok(server)
+}
+
+/// The first line of a file that nobody but its owner may read.
+fn password(address: &Address, file: &Path) -> Result<String, DeviceError> {
+    let shown = file.display();
+    let wrong = |error: std::io::Error| {
+        address
+            .wrong(
+                format!("password_file {shown}: {error}"),
+                "expected a file with the password in its first line",
+            )
+            .caused_by(error)
+    };
+    let mode = std::fs::metadata(file).map_err(wrong)?.permissions().mode() & 0o777;
+    if mode & 0o077 > 0 {
+        return Err(address.wrong(
+            format!("password_file {shown}: found mode {mode:04o}"),
+            "expected 0600: nobody but its owner may read it",
+        ));
+    }
+    let text = std::fs::read_to_string(file).map_err(wrong)?;
+    Ok(text.lines().next().unwrap_or_default().to_owned())
+}
+
+/// How the server is asked, for the plan.
+pub(crate) fn plan(config: &SinumerikConfig) -> OpcUaPlan {
+    let server = &config.server;
+    OpcUaPlan {
+        namespace: server.namespace.clone(),
+        user: server.user.as_ref().map(|user| user.name.clone()),
+        security: match server.security {
+            Security::None => "none",
+            Security::Sign => "sign",
+            Security::SignAndEncrypt => "sign-and-encrypt",
+        }
+        .to_owned(),
+        period_ms: round(server.period.as_secs_f64() * 1e3),
+        time_out_ms: round(server.time_out.as_secs_f64() * 1e3),
+        source_timestamps: server.source_timestamps,
+        positions: config.nodes.position.clone(),
+        settings: config.nodes.setting.clone(),
+        sign: match config.sign {
+            Sign::Adds => "adds",
+            Sign::Subtracts => "subtracts",
+        }
+        .to_owned(),
+    }
+}
+
+/// Temperatures of a control, as they are configured.
+#[derive(Clone, Debug)]
+pub(crate) struct Temperatures {
+    #[cfg_attr(
+        not(feature = "sinumerik"),
+        expect(dead_code, reason = "only opened with OPC UA")
+    )]
+    server: Server,
+    #[cfg_attr(
+        not(feature = "sinumerik"),
+        expect(dead_code, reason = "only opened with OPC UA")
+    )]
+    sensors: Vec<(String, String)>,
+}
+
+impl Temperatures {
+    /// The temperatures of a `[[thermometer]]`.
+    ///
+    /// # Errors
+    /// As [`controller`].
+    pub(crate) fn new(address: &Address, config: &ThermometerConfig) -> Result<Self, DeviceError> {
+        let sensors = config
+            .names
+            .iter()
+            .cloned()
+            .zip(config.nodes.iter().cloned());
+        Ok(Self {
+            server: server(address, &config.sinumerik)?,
+            sensors: sensors.collect(),
+        })
+    }
+}
+
+#[cfg(feature = "sinumerik")]
+mod opened {
+    use super::{
+        BTreeMap, Controller, DeviceError, Limits, OnlinePlan, SinumerikConfig, Temperatures,
+        Thermometer, round,
+    };
+    use volcomp_sinumerik::{Sensor, SinumerikController, SinumerikThermometer, inspect};
+    use volcomp_vocabulary::AxisKind;
+
+    /// Opens a control: connecting happens in the background.
+    ///
+    /// # Errors
+    /// A configuration that the driver refuses.
+    pub(crate) fn open(config: &SinumerikConfig) -> Result<Box<dyn Controller>, DeviceError> {
+        Ok(Box::new(SinumerikController::new(config.clone())?))
+    }
+
+    impl Temperatures {
+        /// Opens them: connecting happens in the background.
+        ///
+        /// # Errors
+        /// A server that the driver refuses.
+        pub(crate) fn open(&self) -> Result<Box<dyn Thermometer>, DeviceError> {
+            let sensor = |(name, node): &(String, String)| Sensor {
+                name: name.clone(),
+                node: node.clone(),
+            };
+            let sensors: Vec<Sensor> = self.sensors.iter().map(sensor).collect();
+            Ok(Box::new(SinumerikThermometer::new(
+                self.server.clone(),
+                &sensors,
+            )?))
+        }
+    }
+
+    /// What the control tells about itself. Nothing is written.
+    ///
+    /// # Errors
+    /// It cannot be reached, or does not take corrections.
+    pub(crate) fn online(
+        config: &SinumerikConfig,
+        limits: Option<&Limits>,
+    ) -> Result<OnlinePlan, DeviceError> {
+        let found = inspect(config).map_err(|error| error.of(config.device()))?;
+        let mut notes = found.notes;
+        let mut fastest = BTreeMap::new();
+        for (place, axis) in found.axes.iter().enumerate() {
+            let Some(per_min) = axis.fastest_per_min else {
+                continue;
+            };
+            fastest.insert(axis.axis.to_string(), round(per_min));
+            let slew = limits
+                .filter(|limits| place < limits.count)
+                .map(|limits| limits.axes[place].slew_per_s);
+            // Where a revolution a minute is meant nothing is compared: the slews of rotary axes are tiny.
+            if let Some(slew) =
+                slew.filter(|slew| axis.axis.kind() == AxisKind::Linear && slew * 60.0 > per_min)
+            {
+                notes.push(format!(
+                    "axis {}: the control takes a correction at {per_min} mm/min at the most (MD32760 times MD32000), and slew_um_per_s asks for {} mm/min: the axis comes behind",
+                    axis.axis,
+                    round(slew * 60.0)
+                ));
+            }
+        }
+        Ok(OnlinePlan {
+            url: config.device().to_owned(),
+            axes: found
+                .axes
+                .iter()
+                .map(|axis| axis.name.clone().unwrap_or_else(|| axis.axis.to_string()))
+                .collect(),
+            fastest_per_min: Some(fastest),
+            shift_in_use: None,
+            shift_words: None,
+            barrier: None,
+            notes,
+        })
+    }
+}
+
+#[cfg(feature = "sinumerik")]
+pub(crate) use opened::{online, open};
+
+/// A configuration that needs OPC UA was refused before: [`server`].
+#[cfg(not(feature = "sinumerik"))]
+mod opened {
+    use super::{
+        Controller, DeviceError, Limits, OnlinePlan, SinumerikConfig, Temperatures, Thermometer,
+    };
+
+    fn unsupported(device: &str) -> DeviceError {
+        DeviceError::unsupported(
+            device,
+            "this build has no OPC UA",
+            "build it with the feature `sinumerik`",
+        )
+    }
+
+    pub(crate) fn open(config: &SinumerikConfig) -> Result<Box<dyn Controller>, DeviceError> {
+        Err(unsupported(config.device()))
+    }
+
+    pub(crate) fn online(
+        config: &SinumerikConfig,
+        _limits: Option<&Limits>,
+    ) -> Result<OnlinePlan, DeviceError> {
+        Err(unsupported(config.device()))
+    }
+
+    impl Temperatures {
+        pub(crate) fn open(&self) -> Result<Box<dyn Thermometer>, DeviceError> {
+            Err(unsupported("opc.tcp"))
+        }
+    }
+}
+
+#[cfg(not(feature = "sinumerik"))]
+pub(crate) use opened::{online, open};

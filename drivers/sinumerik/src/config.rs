@@ -1,0 +1,172 @@
+//! How a control is corrected.
+
+use std::time::Duration;
+
+use volcomp_port::{Axis, Description, Heartbeat, ShownStates};
+use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement, Mm, Rad, Um};
+
+use crate::{
+    error::SinumerikError,
+    nodes::Nodes,
+    server::{SHORTEST_PERIOD, Server},
+};
+
+/// The name of the way by which corrections reach the axes: SD43900.
+pub const CHANNEL: &str = "temperature-compensation";
+/// Positions are taken to have so many mm or deg in their last digit.
+const THIRD_DECIMAL: f64 = 0.001;
+
+/// How the setting data moves an axis.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Sign {
+    /// A positive value moves the axis in its positive direction.
+    #[default]
+    Adds,
+    /// A positive value moves the axis in its negative direction.
+    Subtracts,
+}
+
+impl Sign {
+    /// The factor from a correction to the value that is written.
+    pub fn factor(self) -> f64 {
+        match self {
+            Self::Adds => 1.0,
+            Self::Subtracts => -1.0,
+        }
+    }
+}
+
+/// How a control is corrected: by the position-independent part K0 of its temperature compensation, setting data 43900 of
+/// each axis. Only what changes slowly can go this way.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SinumerikConfig {
+    /// The server of the control.
+    pub server: Server,
+    /// The axes to correct, in channel order.
+    pub axes: Vec<AxisName>,
+    /// Axes of which only the positions are read.
+    pub reads: Vec<AxisName>,
+    /// The numbers of these axes in the control, from 1: of `axes`, then of `reads`; empty: 1, 2, 3 and so on.
+    pub numbers: Vec<u16>,
+    /// The node ids.
+    pub nodes: Nodes,
+    /// The name of the way by which corrections reach the axes.
+    pub channel: String,
+    /// How the setting data moves an axis.
+    pub sign: Sign,
+    /// The smallest step of a correction of a linear axis.
+    pub step_linear: Mm,
+    /// The smallest step of a correction of a rotary axis.
+    pub step_rotary: Rad,
+    /// Whether the positions that the control tells contain the correction.
+    pub includes_correction: bool,
+}
+
+impl SinumerikConfig {
+    /// Corrections in steps of 0.1 µm and 0.0001 deg, axes numbered from 1, the node ids of [`Nodes::default`].
+    pub fn new(server: Server, axes: &[AxisName]) -> Self {
+        Self {
+            server,
+            axes: axes.to_vec(),
+            reads: Vec::new(),
+            numbers: Vec::new(),
+            nodes: Nodes::default(),
+            channel: CHANNEL.to_owned(),
+            sign: Sign::Adds,
+            step_linear: Um(0.1).to_mm(),
+            step_rotary: Deg(0.0001).to_rad(),
+            includes_correction: false,
+        }
+    }
+
+    /// The device as messages name it.
+    pub fn device(&self) -> &str {
+        &self.server.url
+    }
+
+    /// The smallest step of the positions of an axis: the third decimal of mm and deg, or the step of its corrections, where
+    /// that is coarser.
+    pub fn position_step(&self, name: AxisName) -> Displacement {
+        let decimal = match name.kind() {
+            AxisKind::Linear => THIRD_DECIMAL,
+            AxisKind::Rotary => Deg(THIRD_DECIMAL).to_rad().0,
+        };
+        Displacement::new(name.kind(), decimal.max(self.step(name).mm_or_rad()))
+    }
+
+    /// The smallest step of the corrections of an axis.
+    pub fn step(&self, name: AxisName) -> Displacement {
+        match name.kind() {
+            AxisKind::Linear => Displacement::Length(self.step_linear),
+            AxisKind::Rotary => Displacement::Angle(self.step_rotary),
+        }
+    }
+
+    /// The axes with their numbers in the control: those that are written, then those that are only read.
+    pub(crate) fn numbered(&self) -> impl Iterator<Item = (AxisName, u16)> {
+        let names = self.axes.iter().chain(&self.reads).copied();
+        let number = |place: usize| match self.numbers.get(place) {
+            Some(number) => *number,
+            // There are nine axes at the most.
+            None => u16::try_from(place + 1).unwrap_or(u16::MAX),
+        };
+        names
+            .enumerate()
+            .map(move |(place, name)| (name, number(place)))
+    }
+
+    /// The description of the controller that this configuration makes, without connecting.
+    ///
+    /// Nothing at the control notices when nothing is written any more: the setting data stays. So it is
+    /// [`Heartbeat::Unwatched`], and the shortest cycle is that of the server's sampling: each cycle writes once at the most.
+    ///
+    /// # Errors
+    /// The first thing in the configuration that is wrong.
+    pub fn describe(&self) -> Result<Description, SinumerikError> {
+        let axis = |&name: &AxisName| Axis {
+            name,
+            includes_correction: self.includes_correction,
+            resolution: self.step(name),
+            largest: None,
+        };
+        let description = Description {
+            device: self.server.url.clone(),
+            channel: self.channel.clone(),
+            axes: self.axes.iter().map(axis).collect(),
+            reads: self.reads.clone(),
+            heartbeat: Heartbeat::Unwatched,
+            barrier: false,
+            tells_applied: !self.axes.is_empty(),
+            shown: ShownStates {
+                referenced: self.nodes.referenced.is_some(),
+                alarm: self.nodes.alarm.is_some(),
+                emergency_stop: self.nodes.emergency_stop.is_some(),
+            },
+            sees_other_gateways: false,
+            shortest_cycle: SHORTEST_PERIOD,
+        };
+        description.check()?;
+        self.server.check()?;
+        let count = self.axes.len() + self.reads.len();
+        self.nodes.check(count)?;
+        let mut distinct = self.numbers.clone();
+        distinct.sort_unstable();
+        distinct.dedup();
+        let fits = distinct.len() == count && self.numbers.len() == count && distinct[0] > 0;
+        if !self.numbers.is_empty() && !fits {
+            return Err(SinumerikError::Numbers {
+                found: self.numbers.clone(),
+                axes: count,
+            });
+        }
+        Ok(description)
+    }
+}
+
+/// How far behind the axis a correction is that is read and written once in `period`, at this speed: speed times period.
+///
+/// A correction that depends on the position is wrong by as much as it changes on that way; one that depends on
+/// temperatures alone is not.
+pub fn lag(speed_mm_per_s: f64, period: Duration) -> Mm {
+    Mm(speed_mm_per_s * period.as_secs_f64())
+}

@@ -1,0 +1,136 @@
+//! What can go wrong with a control.
+
+use std::time::Duration;
+
+use volcomp_port::{DeviceError, UnfitAxes};
+use volcomp_vocabulary::AxisName;
+
+use crate::server::SHORTEST_PERIOD;
+
+/// Why a control cannot be described, reached, read or written.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SinumerikError {
+    /// The axes are none that a controller can have.
+    #[error(transparent)]
+    Axes(#[from] UnfitAxes),
+    /// As many numbers as axes are needed, each once and from 1.
+    #[error(
+        "numbers: found {found:?}, expected {axes} different numbers from 1 on, one for each axis"
+    )]
+    Numbers {
+        /// The numbers that were found.
+        found: Vec<u16>,
+        /// How many axes there are.
+        axes: usize,
+    },
+    /// A pattern of node ids is empty and must not be.
+    #[error("nodes.{key}: found an empty text, expected a node id")]
+    EmptyPattern {
+        /// The key of the pattern.
+        key: &'static str,
+    },
+    /// A pattern names one node for several axes.
+    #[error(
+        "nodes.{key}: found {found:?}, expected {{axis}} or {{db}} in it: every axis has its own node"
+    )]
+    OnePattern {
+        /// The key of the pattern.
+        key: &'static str,
+        /// The pattern.
+        found: String,
+    },
+    /// Faster reading than the control's server samples.
+    #[error("period: found {} ms, expected {} ms or more: the server of the control samples no faster", .0.as_secs_f64() * 1e3, SHORTEST_PERIOD.as_millis())]
+    Period(Duration),
+    /// A deadline of requests that makes no sense.
+    #[error("time-out: found {} ms, expected 10 ms to 60 s", .0.as_secs_f64() * 1e3)]
+    TimeOut(Duration),
+    /// A secure connection needs a folder with certificates.
+    #[error(
+        "security: found a secured connection without a folder of certificates (pki), expected one"
+    )]
+    NoCertificates,
+    /// The client cannot be set up as it is configured.
+    #[error("the OPC UA client cannot be set up: {0}")]
+    Client(String),
+    /// There is no connection.
+    #[error("no connection: {0}")]
+    Connect(String),
+    /// The server did not answer in time, so the session is given up.
+    #[error("no answer within {} ms, so the session is given up", .0.as_secs_f64() * 1e3)]
+    TimedOut(Duration),
+    /// The server has no such namespace.
+    #[error("found the namespaces {}, expected {wanted} among them", found.join(", "))]
+    NoNamespace {
+        /// The namespace that is configured.
+        wanted: String,
+        /// The namespaces of the server.
+        found: Vec<String>,
+    },
+    /// A node cannot be read, or is no number.
+    #[error("node {node}: {found}, expected a value that can be read")]
+    Node {
+        /// The node id.
+        node: String,
+        /// What the server says of it.
+        found: String,
+    },
+    /// The control ignores the correction of an axis.
+    #[error(
+        "axis {axis}: MD32750 $MA_TEMP_COMP_TYPE is {found}, expected bit 0 set (1 or 3): the control ignores SD43900 otherwise, and nothing that is written would move the axis; set it at the control and make it active there"
+    )]
+    SwitchedOff {
+        /// The axis.
+        axis: AxisName,
+        /// The value of the machine data.
+        found: u32,
+    },
+    /// The control's axis of this number has another name.
+    #[error(
+        "axis {axis}: the control calls axis {number} {found:?}, expected a name that begins with {axis}; state other numbers, or another pattern nodes.name"
+    )]
+    OtherAxis {
+        /// The axis of the configuration.
+        axis: AxisName,
+        /// Its number in the control.
+        number: u16,
+        /// The name that the control tells.
+        found: String,
+    },
+    /// An answer that the protocol does not allow.
+    #[error("broken answer: {0}")]
+    Answer(&'static str),
+}
+
+impl SinumerikError {
+    /// The error of a device of this URL.
+    pub fn of(self, device: impl Into<String>) -> DeviceError {
+        let text = self.to_string();
+        let (found, expected) = text.split_once(", expected ").map_or(
+            (
+                text.clone(),
+                "check the address, the cable and the server's log".to_owned(),
+            ),
+            |(found, expected)| (found.to_owned(), format!("expected {expected}")),
+        );
+        let make = match &self {
+            Self::Axes(_)
+            | Self::Numbers { .. }
+            | Self::EmptyPattern { .. }
+            | Self::OnePattern { .. }
+            | Self::Period(_)
+            | Self::TimeOut(_)
+            | Self::NoCertificates
+            | Self::Client(_) => DeviceError::option,
+            Self::Connect(_) => DeviceError::open,
+            Self::TimedOut(_) => DeviceError::no_answer,
+            Self::NoNamespace { .. }
+            | Self::Node { .. }
+            | Self::SwitchedOff { .. }
+            | Self::OtherAxis { .. }
+            | Self::Answer(_) => DeviceError::protocol,
+        };
+        make(device.into(), found, expected).caused_by(self)
+    }
+}

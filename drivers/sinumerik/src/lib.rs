@@ -1,0 +1,20 @@
+#![doc = include_str!("../README.md")]
+
+mod config;
+mod error;
+mod nodes;
+#[cfg(feature = "opc-ua")]
+mod opc_ua;
+mod reading;
+pub mod s7;
+mod server;
+
+pub use config::{CHANNEL, Sign, SinumerikConfig, lag};
+pub use error::SinumerikError;
+pub use nodes::Nodes;
+#[cfg(feature = "opc-ua")]
+pub use opc_ua::{
+    InspectedAxis, Inspection, Sensor, SinumerikController, SinumerikThermometer, inspect, look,
+};
+pub use reading::{Reading, Value, is_switched_on};
+pub use server::{PORT, SHORTEST_PERIOD, Security, Server, User};

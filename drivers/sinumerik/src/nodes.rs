@@ -1,0 +1,85 @@
+//! Which nodes of a control are read and written: patterns of node ids.
+
+use crate::error::SinumerikError;
+
+/// Patterns of the node ids (the string after `s=`) of one control. `{axis}` stands for the number of an axis in the
+/// control, from 1; `{db}` for the data block that the PLC keeps for that axis, 30 + its number.
+///
+/// The defaults are those of the manuals of 840D sl where these show them (positions), and otherwise formed like ids
+/// that they show (machine and setting data). **None was tried on a real control**: browse the server and compare.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Nodes {
+    /// The position of an axis, mm or deg: `/Channel/GeometricAxis/actToolBasePos[u1,{axis}]`.
+    pub position: String,
+    /// The letter with which the name of an axis begins; empty: not compared.
+    pub name: String,
+    /// Setting data 43900 of an axis, the correction, mm or deg.
+    pub setting: String,
+    /// Machine data 32750 of an axis, the kind of its temperature compensation.
+    pub kind: String,
+    /// Machine data 32760 of an axis: which part of its largest speed a changed correction may take; empty: not told.
+    pub share: String,
+    /// Machine data 32000 of an axis, its largest speed, mm/min or rev/min; empty: not told.
+    pub speed: String,
+    /// Whether the emergency stop is pressed: anything but 0 and false; `None`: the control does not show it.
+    pub emergency_stop: Option<String>,
+    /// Whether an alarm is on: anything but 0 and false; `None`: the control does not show it.
+    pub alarm: Option<String>,
+    /// Whether an axis is referenced: 0 and false are not; `None`: the control does not show it.
+    pub referenced: Option<String>,
+}
+
+impl Default for Nodes {
+    fn default() -> Self {
+        let text = str::to_owned;
+        Self {
+            position: text("/Channel/GeometricAxis/actToolBasePos[u1,{axis}]"),
+            name: text("/Channel/GeometricAxis/name[u1,{axis}]"),
+            setting: text("/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_ABS_VALUE[u{axis}]"),
+            kind: text("/NC/_N_AX_TEA_ACX/$MA_TEMP_COMP_TYPE[u{axis}]"),
+            share: text("/NC/_N_AX_TEA_ACX/$MA_COMP_ADD_VELO_FACTOR[u{axis}]"),
+            speed: text("/NC/_N_AX_TEA_ACX/$MA_MAX_AX_VELO[u{axis}]"),
+            emergency_stop: None,
+            alarm: None,
+            referenced: None,
+        }
+    }
+}
+
+impl Nodes {
+    /// The node id of a pattern for the axis of this number.
+    pub fn of_axis(pattern: &str, number: u16) -> String {
+        pattern
+            .replace("{axis}", &number.to_string())
+            .replace("{db}", &(u32::from(number) + 30).to_string())
+    }
+
+    /// Checks that the patterns tell the axes apart.
+    pub(crate) fn check(&self, axes: usize) -> Result<(), SinumerikError> {
+        let needed = [
+            ("position", &self.position),
+            ("setting", &self.setting),
+            ("kind", &self.kind),
+        ];
+        for (key, pattern) in needed {
+            if pattern.is_empty() {
+                return Err(SinumerikError::EmptyPattern { key });
+            }
+        }
+        let of_axes = needed.into_iter().chain([
+            ("name", &self.name),
+            ("share", &self.share),
+            ("speed", &self.speed),
+        ]);
+        for (key, pattern) in of_axes.chain(self.referenced.iter().map(|p| ("referenced", p))) {
+            let tells = pattern.contains("{axis}") || pattern.contains("{db}");
+            if axes > 1 && !pattern.is_empty() && !tells {
+                return Err(SinumerikError::OnePattern {
+                    key,
+                    found: pattern.clone(),
+                });
+            }
+        }
+        Ok(())
+    }
+}

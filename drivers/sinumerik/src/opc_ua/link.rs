@@ -1,0 +1,297 @@
+//! One open session with the server of a control: values out, settings in, each within a deadline.
+
+use std::{
+    sync::Arc,
+    time::{Duration, Instant},
+};
+
+use opcua::{
+    client::{
+        Client, ClientBuilder, IdentityToken, Session, UARequest,
+        services::{Read, Write},
+    },
+    crypto::SecurityPolicy,
+    types::{
+        AttributeId, DataValue, EndpointDescription, MessageSecurityMode, NodeId, ReadValueId,
+        StatusCode, TimestampsToReturn, Variant, WriteValue,
+    },
+};
+use tokio::task::JoinHandle;
+
+use super::socket::Resetting;
+use crate::{
+    error::SinumerikError,
+    reading::Value,
+    server::{PORT, Security, Server},
+};
+
+/// Faults with which a server refuses to write, and that say nothing against the session.
+const REFUSALS: [StatusCode; 6] = [
+    StatusCode::BadUserAccessDenied,
+    StatusCode::BadNotWritable,
+    StatusCode::BadWriteNotSupported,
+    StatusCode::BadTypeMismatch,
+    StatusCode::BadOutOfRange,
+    StatusCode::BadInvalidState,
+];
+
+/// An open session. Dropped, its connection is reset, and what was not delivered is thrown away.
+pub(super) struct Link {
+    session: Arc<Session>,
+    /// The task that carries messages.
+    events: JoinHandle<StatusCode>,
+    namespace: u16,
+    time_out: Duration,
+}
+
+/// The answer to a reading.
+pub(super) struct Answer {
+    pub(super) values: Vec<DataValue>,
+    /// The server's time at which it answered, in ticks of 100 ns.
+    ticks: i64,
+    pub(super) begun: Instant,
+    pub(super) ended: Instant,
+}
+
+impl Link {
+    /// Connects, logs in, and looks up the namespace.
+    pub(super) async fn open(server: &Server) -> Result<Self, SinumerikError> {
+        // Connecting is some exchanges one after the other.
+        let at_most = server.time_out * 4;
+        let opened = tokio::time::timeout(at_most, Self::connect(server)).await;
+        let mut link = opened.map_err(|_| SinumerikError::TimedOut(at_most))??;
+        link.namespace = link.find_namespace(&server.namespace).await?;
+        Ok(link)
+    }
+
+    async fn connect(server: &Server) -> Result<Self, SinumerikError> {
+        let client = client(server)?;
+        let (policy, mode) = match server.security {
+            Security::None => (SecurityPolicy::None, MessageSecurityMode::None),
+            Security::Sign => (SecurityPolicy::Basic256Sha256, MessageSecurityMode::Sign),
+            Security::SignAndEncrypt => (
+                SecurityPolicy::Basic256Sha256,
+                MessageSecurityMode::SignAndEncrypt,
+            ),
+        };
+        let wanted = EndpointDescription::from((server.url.as_str(), policy.to_str(), mode));
+        let identity = match &server.user {
+            None => IdentityToken::Anonymous,
+            Some(user) => IdentityToken::UserName(user.name.clone(), user.password.clone().into()),
+        };
+        let connect = |error: opcua::types::Error| SinumerikError::Connect(error.to_string());
+        let endpoints = client
+            .get_server_endpoints_from_url(server.url.as_str())
+            .await
+            .map_err(connect)?;
+        let (session, events) = client
+            .session_builder()
+            .with_endpoints(endpoints)
+            .with_connector(Resetting {
+                address: address(&server.url)?,
+                time_out: server.time_out,
+            })
+            .connect_to_matching_endpoint(wanted)
+            .map_err(connect)?
+            .user_identity_token(identity)
+            .build(client.certificate_store().clone())
+            .map_err(connect)?;
+        // A session that is lost is not made again behind our back: what it said before must not be taken for new.
+        session.disable_reconnects();
+        let mut link = Self {
+            session,
+            events: events.spawn(),
+            namespace: 0,
+            time_out: server.time_out,
+        };
+        tokio::select! {
+            is_open = link.session.wait_for_connection() => {
+                if is_open { Ok(link) } else { Err(SinumerikError::Connect("the session ended".to_owned())) }
+            }
+            ended = &mut link.events => {
+                let why = ended.map_or_else(|e| e.to_string(), |status| status.to_string());
+                Err(SinumerikError::Connect(why))
+            }
+        }
+    }
+
+    async fn find_namespace(&self, wanted: &str) -> Result<u16, SinumerikError> {
+        const NAMESPACE_ARRAY: u32 = 2255;
+        let answer = self.ask(vec![NodeId::new(0, NAMESPACE_ARRAY)]).await?;
+        let uris: Vec<String> = match answer.values.into_iter().next().and_then(|v| v.value) {
+            Some(Variant::Array(array)) => array.values.iter().map(ToString::to_string).collect(),
+            _ => return Err(SinumerikError::Answer("a NamespaceArray that is no array")),
+        };
+        let index = uris.iter().position(|uri| uri == wanted);
+        let index = index.and_then(|index| u16::try_from(index).ok());
+        index.ok_or_else(|| SinumerikError::NoNamespace {
+            wanted: wanted.to_owned(),
+            found: uris,
+        })
+    }
+
+    fn id(&self, node: &str) -> NodeId {
+        NodeId::new(self.namespace, node)
+    }
+
+    /// Reads nodes of the control, fresh from their source.
+    pub(super) async fn read(&self, nodes: &[String]) -> Result<Answer, SinumerikError> {
+        self.ask(nodes.iter().map(|node| self.id(node)).collect())
+            .await
+    }
+
+    async fn ask(&self, nodes: Vec<NodeId>) -> Result<Answer, SinumerikError> {
+        let count = nodes.len();
+        let values = nodes
+            .into_iter()
+            .map(|node| ReadValueId::new(node, AttributeId::Value));
+        let read = Read::new(&self.session)
+            .nodes_to_read(values.collect())
+            .timestamps_to_return(TimestampsToReturn::Both)
+            .max_age(0.0)
+            .timeout(self.time_out);
+        let begun = Instant::now();
+        let response = self.within(read.send(self.session.channel())).await?;
+        let values = response.results.unwrap_or_default();
+        if values.len() != count {
+            return Err(SinumerikError::Answer(
+                "another number of values than of nodes",
+            ));
+        }
+        Ok(Answer {
+            values,
+            ticks: response.response_header.timestamp.ticks(),
+            begun,
+            ended: Instant::now(),
+        })
+    }
+
+    /// Writes nodes of the control: the status of each.
+    pub(super) async fn write(
+        &self,
+        values: impl Iterator<Item = (&String, Variant)>,
+    ) -> Result<Vec<StatusCode>, SinumerikError> {
+        let values = values.map(|(node, value)| {
+            // Without a status and without timestamps: many servers refuse to write those.
+            let value = DataValue {
+                value: Some(value),
+                ..DataValue::null()
+            };
+            WriteValue::new(
+                self.id(node),
+                AttributeId::Value,
+                opcua::types::NumericRange::None,
+                value,
+            )
+        });
+        let write = Write::new(&self.session)
+            .nodes_to_write(values.collect())
+            .timeout(self.time_out);
+        match self.answered(write.send(self.session.channel())).await? {
+            Ok(response) => Ok(response.results.unwrap_or_default()),
+            // Refused as a whole: the session goes on.
+            Err(error) if REFUSALS.contains(&error.status()) => Ok(vec![error.status()]),
+            Err(error) => Err(SinumerikError::Connect(error.to_string())),
+        }
+    }
+
+    /// An answer within the deadline, and from a session that lives.
+    async fn within<T>(
+        &self,
+        request: impl Future<Output = Result<T, opcua::types::Error>>,
+    ) -> Result<T, SinumerikError> {
+        let answer = self.answered(request).await?;
+        answer.map_err(|error| SinumerikError::Connect(error.to_string()))
+    }
+
+    /// What the server answers within the deadline, which may be that it does not.
+    async fn answered<T>(
+        &self,
+        request: impl Future<Output = Result<T, opcua::types::Error>>,
+    ) -> Result<Result<T, opcua::types::Error>, SinumerikError> {
+        match tokio::time::timeout(self.time_out, request).await {
+            Err(_) => Err(SinumerikError::TimedOut(self.time_out)),
+            Ok(Err(error)) if error.status() == StatusCode::BadTimeout => {
+                Err(SinumerikError::TimedOut(self.time_out))
+            }
+            Ok(answer) => Ok(answer),
+        }
+    }
+
+    /// Ends the session in good order, for a control that admits only a few.
+    pub(super) async fn close(self) {
+        // One that does not answer is dropped all the same.
+        let _ = tokio::time::timeout(self.time_out, self.session.disconnect()).await;
+    }
+}
+
+impl Drop for Link {
+    fn drop(&mut self) {
+        self.events.abort();
+    }
+}
+
+impl Answer {
+    /// The values as numbers with their ages.
+    pub(super) fn numbers(&self) -> Vec<Value> {
+        self.values.iter().map(|value| self.number(value)).collect()
+    }
+
+    fn number(&self, value: &DataValue) -> Value {
+        let is_good = value.status.is_none_or(|status| status.is_good());
+        let number = match value.value.as_ref().filter(|_| is_good) {
+            Some(Variant::Boolean(is_on)) => Some(f64::from(u8::from(*is_on))),
+            Some(other) => other.as_f64(),
+            None => None,
+        };
+        let age = value.source_timestamp.map(|source| {
+            let ticks = self.ticks.saturating_sub(source.ticks());
+            // One of the future is as new as can be.
+            Duration::from_nanos(u64::try_from(ticks).unwrap_or(0).saturating_mul(100))
+        });
+        Value { number, age }
+    }
+}
+
+fn client(server: &Server) -> Result<Client, SinumerikError> {
+    let ms = |time: Duration| u32::try_from(time.as_millis()).unwrap_or(u32::MAX);
+    let mut builder = ClientBuilder::new()
+        .application_name("volcomp")
+        .application_uri("urn:volcomp")
+        .product_uri("urn:volcomp")
+        .session_name("volcomp")
+        .session_retry_limit(0)
+        .request_timeout(server.time_out)
+        // A control keeps a session of a gateway that has gone away for this time: it admits only a few.
+        .session_timeout(ms(Duration::from_secs(10)))
+        .keep_alive_interval(Duration::from_secs(2))
+        // Clocks of controls are set by hand.
+        .ignore_clock_skew(true)
+        .trust_server_certs(server.security == Security::None)
+        .verify_server_certs(server.security != Security::None);
+    if let Some(pki) = &server.pki {
+        builder = builder
+            .pki_dir(pki)
+            .certificate_path("own/cert.der")
+            .private_key_path("private/private.pem");
+    }
+    builder
+        .client()
+        .map_err(|errors| SinumerikError::Client(errors.join("; ")))
+}
+
+/// Host and port of a URL.
+fn address(url: &str) -> Result<String, SinumerikError> {
+    let rest = url.strip_prefix("opc.tcp://").unwrap_or(url);
+    let authority = rest.split('/').next().unwrap_or_default();
+    let has_port = authority.rsplit_once(':').is_some_and(|(host, port)| {
+        !host.is_empty() && port.parse::<u16>().is_ok() && !port.contains(']')
+    });
+    match (authority.is_empty(), has_port) {
+        (true, _) => Err(SinumerikError::Client(format!(
+            "found {url}, expected opc.tcp://HOST:{PORT}"
+        ))),
+        (false, true) => Ok(authority.to_owned()),
+        (false, false) => Ok(format!("{authority}:{PORT}")),
+    }
+}

@@ -1,0 +1,12 @@
+//! The connection over OPC UA: a thread of its own for each control, which reads in periods and writes what is asked for.
+
+mod controller;
+mod inspection;
+mod link;
+mod socket;
+mod thermometer;
+mod worker;
+
+pub use controller::SinumerikController;
+pub use inspection::{InspectedAxis, Inspection, inspect, look};
+pub use thermometer::{Sensor, SinumerikThermometer};

@@ -1,0 +1,104 @@
+//! The TCP connection below OPC UA. However it is closed, nothing that was written and not delivered yet reaches the control
+//! afterwards: a request that was written before a cable was pulled must not move an axis when the cable is back.
+
+use std::{sync::Arc, time::Duration};
+
+use opcua::{
+    client::{
+        ConnectionSource,
+        transport::{
+            Connector, RequestRecv, SecureChannelState, StreamConnection, StreamConnector,
+            TcpTransport, TransportConfiguration,
+        },
+    },
+    core::comms::tcp_codec::TcpCodec,
+    types::{DecodingOptions, EndpointDescription, Error, StatusCode},
+};
+use rustix::net::sockopt::set_socket_linger;
+use tokio::{
+    io::{ReadHalf, WriteHalf},
+    net::TcpStream,
+};
+use tokio_util::codec::FramedRead;
+
+/// Makes connections that are reset when they are closed.
+pub(super) struct Resetting {
+    /// Host and port.
+    pub(super) address: String,
+    /// What stays unacknowledged for this time ends the connection.
+    pub(super) time_out: Duration,
+}
+
+/// A connector of one URL.
+pub(super) struct ResettingConnector {
+    address: String,
+    time_out: Duration,
+    endpoint_url: String,
+}
+
+impl ConnectionSource for Resetting {
+    type Builder = ResettingConnector;
+
+    fn get_connector(&self, endpoint: &EndpointDescription) -> Result<ResettingConnector, Error> {
+        Ok(ResettingConnector {
+            address: self.address.clone(),
+            time_out: self.time_out,
+            endpoint_url: endpoint.endpoint_url.as_ref().to_owned(),
+        })
+    }
+}
+
+impl Connector for ResettingConnector {
+    type Transport = TcpTransport;
+
+    async fn connect(
+        &self,
+        channel: Arc<SecureChannelState>,
+        outgoing: RequestRecv,
+        config: TransportConfiguration,
+    ) -> Result<TcpTransport, Error> {
+        let (address, time_out) = (self.address.clone(), self.time_out);
+        let open = move |url: String, decoding: DecodingOptions| {
+            open(address.clone(), time_out, url, decoding)
+        };
+        StreamConnector::new(open, self.endpoint_url.clone())
+            .connect(channel, outgoing, config)
+            .await
+    }
+
+    fn default_endpoint(&self) -> EndpointDescription {
+        EndpointDescription::from(self.endpoint_url.as_str())
+    }
+}
+
+type Halves = StreamConnection<ReadHalf<TcpStream>, WriteHalf<TcpStream>>;
+
+async fn open(
+    address: String,
+    time_out: Duration,
+    url: String,
+    decoding: DecodingOptions,
+) -> Result<Halves, Error> {
+    let failed = |error: std::io::Error| {
+        Error::new(
+            StatusCode::BadCommunicationError,
+            format!("{address}: {error}"),
+        )
+    };
+    let stream = TcpStream::connect(&address).await.map_err(failed)?;
+    stream.set_nodelay(true).map_err(failed)?;
+    set_socket_linger(&stream, Some(Duration::ZERO)).map_err(|e| failed(e.into()))?;
+    #[cfg(target_os = "linux")]
+    {
+        let ms = u32::try_from(time_out.as_millis())
+            .unwrap_or(u32::MAX)
+            .max(1);
+        // Where the kernel cannot do it, the deadlines of requests remain.
+        let _ = rustix::net::sockopt::set_tcp_user_timeout(&stream, ms);
+    }
+    #[cfg(not(target_os = "linux"))]
+    let _ = time_out;
+    let (reader, writer) = tokio::io::split(stream);
+    let reader = FramedRead::new(reader, TcpCodec::new(decoding));
+    Ok(StreamConnection::new(reader, writer, url))
+}

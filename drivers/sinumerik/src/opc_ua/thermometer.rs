@@ -1,0 +1,135 @@
+//! Temperatures of a control's PLC, kept up to date by a thread of its own.
+
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::{Duration, Instant},
+};
+
+use volcomp_port::{
+    DeviceError, Published, Publisher, Reason, Temperature, Thermometer, published,
+};
+
+use super::{controller::start, link::Link};
+use crate::{error::SinumerikError, server::Server};
+
+/// A temperature of a control.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Sensor {
+    /// Its name.
+    pub name: String,
+    /// The node id with the temperature in °C, such as `/Plc/DB5.DBD0:REAL`.
+    pub node: String,
+}
+
+/// Temperatures of a control, read once in a period of its server, or in a second where that is longer.
+pub struct SinumerikThermometer {
+    published: Published,
+    ends: Arc<AtomicBool>,
+}
+
+impl SinumerikThermometer {
+    /// Begins to ask. A control that does not answer is asked again and again; its sensors are bad until then.
+    ///
+    /// # Errors
+    /// A server that makes no sense, or there is no thread.
+    pub fn new(server: Server, sensors: &[Sensor]) -> Result<Self, DeviceError> {
+        let device = server.url.clone();
+        server.check().map_err(|error| error.of(&*device))?;
+        let names = sensors.iter().map(|sensor| sensor.name.clone()).collect();
+        let (publisher, published) = published(&*device, names);
+        let ends = Arc::new(AtomicBool::new(false));
+        let asker = Asker {
+            nodes: sensors.iter().map(|sensor| sensor.node.clone()).collect(),
+            latest: vec![Temperature::NOT_READ; sensors.len()],
+            server,
+            publisher,
+            ends: Arc::clone(&ends),
+        };
+        start(&device, asker.run())?;
+        Ok(Self { published, ends })
+    }
+}
+
+impl Thermometer for SinumerikThermometer {
+    fn device(&self) -> &str {
+        self.published.device()
+    }
+
+    fn names(&self) -> &[String] {
+        self.published.names()
+    }
+
+    fn latest(&mut self) -> &[Temperature] {
+        self.published.latest()
+    }
+}
+
+impl Drop for SinumerikThermometer {
+    fn drop(&mut self) {
+        self.ends.store(true, Ordering::Release);
+    }
+}
+
+struct Asker {
+    server: Server,
+    nodes: Vec<String>,
+    latest: Vec<Temperature>,
+    publisher: Publisher,
+    ends: Arc<AtomicBool>,
+}
+
+impl Asker {
+    async fn run(mut self) {
+        let mut pause = Duration::ZERO;
+        let mut logged = String::new();
+        while !self.ends.load(Ordering::Acquire) {
+            let begun = Instant::now();
+            let Err(error) = self.session().await else {
+                return;
+            };
+            let text = error.of(&*self.server.url).to_string();
+            if text != logged {
+                tracing::warn!("{text}");
+                logged = text;
+            }
+            let now = Instant::now();
+            self.latest.fill(Temperature::bad(Reason::NoAnswer, now));
+            self.publisher.publish(&self.latest);
+            pause = self.server.backoff.next(pause, begun.elapsed());
+            self.rest(pause).await;
+        }
+    }
+
+    async fn rest(&self, pause: Duration) {
+        let end = Instant::now() + pause;
+        while !self.ends.load(Ordering::Acquire) && Instant::now() < end {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+    }
+
+    async fn session(&mut self) -> Result<(), SinumerikError> {
+        let link = Link::open(&self.server).await?;
+        let every = self.server.period.max(Duration::from_secs(1));
+        while !self.ends.load(Ordering::Acquire) {
+            let answer = link.read(&self.nodes).await?;
+            let middle = answer.begun + answer.ended.saturating_duration_since(answer.begun) / 2;
+            for (into, value) in self.latest.iter_mut().zip(answer.numbers()) {
+                let age = value.age.filter(|_| self.server.source_timestamps);
+                let taken = middle
+                    .checked_sub(age.unwrap_or_default())
+                    .unwrap_or(answer.begun);
+                *into = match value.number {
+                    Some(degc) => Temperature::good(degc, taken),
+                    None => Temperature::bad(Reason::Reported, taken),
+                };
+            }
+            self.publisher.publish(&self.latest);
+            self.rest(every).await;
+        }
+        link.close().await;
+        Ok(())
+    }
+}

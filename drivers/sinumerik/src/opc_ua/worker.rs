@@ -1,0 +1,221 @@
+//! The thread of a control. State: the session, what was written last, and what was read last.
+
+use std::{
+    sync::{
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering},
+    },
+    time::{Duration, Instant},
+};
+
+use opcua::types::{StatusCode, Variant};
+use triple_buffer::{Input, Output};
+use volcomp_port::{DeviceError, Snapshot};
+use volcomp_vocabulary::PerChannel;
+
+use super::{
+    inspection::{self, Inspection},
+    link::Link,
+};
+use crate::{config::SinumerikConfig, error::SinumerikError, reading::Reading};
+
+/// So often it is looked whether something is to be written: without a lock nobody can wake this thread.
+const LOOK_EVERY: Duration = Duration::from_millis(2);
+
+/// Corrections that are to be written, mm and rad.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Order {
+    /// Counts up; 0: nothing was asked for yet.
+    pub(super) number: u64,
+    pub(super) corrections: PerChannel<f64>,
+    /// Not sent after this.
+    pub(super) deadline: Option<Instant>,
+}
+
+/// What is known of the control.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Latest {
+    /// Whether there is a session.
+    pub(super) connected: bool,
+    /// What the last reading said; it stays where later ones fail, and grows old.
+    pub(super) snapshot: Option<Snapshot>,
+}
+
+/// What both sides see.
+#[derive(Default)]
+pub(super) struct Shared {
+    pub(super) ends: AtomicBool,
+    /// The status with which the last write was refused; 0: it was not.
+    pub(super) refused: AtomicU32,
+    pub(super) opened: AtomicU64,
+    pub(super) written: AtomicU64,
+    pub(super) missed: AtomicU64,
+    trouble: Mutex<Trouble>,
+}
+
+#[derive(Default)]
+struct Trouble {
+    error: Option<DeviceError>,
+    found: Option<Inspection>,
+}
+
+impl Shared {
+    /// Why there is no connection. Takes a lock: not for a cycle.
+    pub(super) fn last_error(&self) -> Option<DeviceError> {
+        self.trouble
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .error
+            .clone()
+    }
+
+    /// What the control told when the session was opened. Takes a lock: not for a cycle.
+    pub(super) fn found(&self) -> Option<Inspection> {
+        self.trouble
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .found
+            .clone()
+    }
+
+    fn note(&self, error: Option<DeviceError>, found: Option<Inspection>) {
+        let mut trouble = self.trouble.lock().unwrap_or_else(PoisonError::into_inner);
+        *trouble = Trouble { error, found };
+    }
+}
+
+pub(super) struct Worker {
+    pub(super) config: SinumerikConfig,
+    pub(super) reading: Reading,
+    pub(super) orders: Output<Order>,
+    pub(super) latest: Input<Latest>,
+    pub(super) shared: Arc<Shared>,
+}
+
+impl Worker {
+    /// Connects, reads and writes until the controller is dropped.
+    pub(super) async fn run(mut self) {
+        let mut pause = Duration::ZERO;
+        // Every trouble is logged once, not at every try.
+        let mut logged = String::new();
+        while !self.ends() {
+            let begun = Instant::now();
+            let error = match self.session().await {
+                Ok(()) => return,
+                Err(error) => error.of(self.config.device()),
+            };
+            self.latest.write(Latest::default());
+            let text = error.to_string();
+            if text != logged {
+                tracing::warn!("{text}");
+                logged = text;
+            }
+            self.shared.note(Some(error), None);
+            pause = self.config.server.backoff.next(pause, begun.elapsed());
+            self.rest(pause).await;
+        }
+    }
+
+    fn ends(&self) -> bool {
+        self.shared.ends.load(Ordering::Acquire)
+    }
+
+    async fn rest(&self, pause: Duration) {
+        let end = Instant::now() + pause;
+        while !self.ends() && Instant::now() < end {
+            tokio::time::sleep(LOOK_EVERY * 5).await;
+        }
+    }
+
+    /// One session, from its opening to its end.
+    async fn session(&mut self) -> Result<(), SinumerikError> {
+        let link = Link::open(&self.config.server).await?;
+        let opened = inspection::opened(&link, &self.config).await?;
+        for note in &opened.notes {
+            tracing::warn!("{}: {note}", self.config.device());
+        }
+        self.shared.note(None, Some(opened));
+        self.shared.opened.fetch_add(1, Ordering::Relaxed);
+        // What was asked for before this session is out of date.
+        let mut seen = self.orders.read().number;
+        let mut acknowledged = None;
+        let mut snapshot = None;
+        let mut due = Instant::now();
+        while !self.ends() {
+            let order = *self.orders.read();
+            if order.number != seen {
+                seen = order.number;
+                self.carry_out(&link, &order, snapshot.as_ref(), &mut acknowledged)
+                    .await?;
+            }
+            if Instant::now() >= due {
+                due = Instant::now() + self.config.server.period;
+                snapshot = self.read(&link).await?.or(snapshot);
+                self.latest.write(Latest {
+                    connected: true,
+                    snapshot,
+                });
+            }
+            tokio::time::sleep(LOOK_EVERY).await;
+        }
+        link.close().await;
+        Ok(())
+    }
+
+    /// What the control says now; `None` where a node has no good number, which is heard of no further than by its age.
+    async fn read(&self, link: &Link) -> Result<Option<Snapshot>, SinumerikError> {
+        let answer = link.read(self.reading.nodes()).await?;
+        match self
+            .reading
+            .snapshot(&answer.numbers(), answer.begun, answer.ended)
+        {
+            Ok(snapshot) => Ok(Some(snapshot)),
+            Err(SinumerikError::Node { .. }) => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Writes what is asked for, where it is not too late and not so already.
+    async fn carry_out(
+        &self,
+        link: &Link,
+        order: &Order,
+        snapshot: Option<&Snapshot>,
+        acknowledged: &mut Option<PerChannel<f64>>,
+    ) -> Result<(), SinumerikError> {
+        let reading = &self.reading;
+        let values = reading.values(&self.config, &order.corrections);
+        let read_back = snapshot.and_then(|snapshot| snapshot.applied);
+        let stands = read_back.map(|applied| reading.values(&self.config, &applied));
+        if *acknowledged == Some(values) && stands == Some(values) {
+            return Ok(());
+        }
+        if order
+            .deadline
+            .is_none_or(|deadline| Instant::now() >= deadline)
+        {
+            self.shared.missed.fetch_add(1, Ordering::Relaxed);
+            return Ok(());
+        }
+        let settings = reading.settings().iter().zip(&values);
+        let settings = settings.map(|(node, value)| (node, Variant::Double(*value)));
+        let statuses = link.write(settings).await?;
+        let refused = statuses.iter().find(|status| !status.is_good());
+        let bad = match (refused, statuses.len() == reading.settings().len()) {
+            (Some(status), _) => status.bits(),
+            (None, false) => StatusCode::BadUnexpectedError.bits(),
+            (None, true) => 0,
+        };
+        if bad != 0 && self.shared.refused.load(Ordering::Relaxed) != bad {
+            let status = StatusCode::from(bad);
+            tracing::warn!(
+                "{}: SD43900 cannot be written: {status}",
+                self.config.device()
+            );
+        }
+        self.shared.refused.store(bad, Ordering::Release);
+        self.shared.written.fetch_add(1, Ordering::Relaxed);
+        *acknowledged = (bad == 0).then_some(values);
+        Ok(())
+    }
+}

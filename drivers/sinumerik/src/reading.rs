@@ -1,0 +1,212 @@
+//! What is read in every period, and what the answers say: plain data in, plain data out.
+
+use std::time::{Duration, Instant};
+
+use volcomp_port::{ControllerState, Snapshot};
+use volcomp_vocabulary::{AxisName, Deg, PerChannel};
+
+use crate::{
+    config::{Sign, SinumerikConfig},
+    error::SinumerikError,
+    nodes::Nodes,
+};
+
+/// One value of an answer.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Value {
+    /// The number, 1 for true; `None` where the server has none, or none that it calls good.
+    pub number: Option<f64>,
+    /// How long before the answer it was sampled, by the server's own clock; `None` where the server does not tell.
+    pub age: Option<Duration>,
+}
+
+/// The nodes that are read in every period, and how their values become a [`Snapshot`].
+#[derive(Clone, Debug)]
+pub struct Reading {
+    nodes: Vec<String>,
+    /// All axes, those that are written first.
+    axes: Vec<AxisName>,
+    written: usize,
+    sign: Sign,
+    source_timestamps: bool,
+    referenced: bool,
+    emergency_stop: bool,
+    alarm: bool,
+}
+
+impl Reading {
+    /// The reading of a configuration.
+    pub fn new(config: &SinumerikConfig) -> Self {
+        let nodes = &config.nodes;
+        let axes: Vec<(AxisName, u16)> = config.numbered().collect();
+        let written = config.axes.len();
+        let mut ids = Vec::new();
+        let mut of = |pattern: &str, axes: &[(AxisName, u16)]| {
+            ids.extend(
+                axes.iter()
+                    .map(|(_, number)| Nodes::of_axis(pattern, *number)),
+            );
+        };
+        of(&nodes.position, &axes);
+        of(&nodes.setting, &axes[..written]);
+        of(&nodes.kind, &axes[..written]);
+        if let Some(referenced) = &nodes.referenced {
+            of(referenced, &axes);
+        }
+        ids.extend(nodes.emergency_stop.iter().chain(&nodes.alarm).cloned());
+        Self {
+            nodes: ids,
+            axes: axes.into_iter().map(|(name, _)| name).collect(),
+            written,
+            sign: config.sign,
+            source_timestamps: config.server.source_timestamps,
+            referenced: nodes.referenced.is_some(),
+            emergency_stop: nodes.emergency_stop.is_some(),
+            alarm: nodes.alarm.is_some(),
+        }
+    }
+
+    /// The node ids, in the order in which their values are expected.
+    pub fn nodes(&self) -> &[String] {
+        &self.nodes
+    }
+
+    /// The node ids of the settings, in the order of the axes that are written.
+    pub fn settings(&self) -> &[String] {
+        &self.nodes[self.axes.len()..self.axes.len() + self.written]
+    }
+
+    /// The snapshot of an answer that was asked for at `begun` and was there at `ended`.
+    ///
+    /// Positions are as old as the server's source timestamps say, before the middle of the exchange; states likewise.
+    /// What the server says of the age of a setting is when it was written last: it held in the middle of the exchange.
+    ///
+    /// # Errors
+    /// Too few values, a position or a setting that is no number; [`SinumerikError::SwitchedOff`].
+    pub fn snapshot(
+        &self,
+        values: &[Value],
+        begun: Instant,
+        ended: Instant,
+    ) -> Result<Snapshot, SinumerikError> {
+        if values.len() != self.nodes.len() {
+            return Err(SinumerikError::Answer(
+                "another number of values than of nodes",
+            ));
+        }
+        let half = ended.saturating_duration_since(begun) / 2;
+        let middle = begun + half;
+        let (positions, rest) = values.split_at(self.axes.len());
+        let (settings, rest) = rest.split_at(self.written);
+        let (kinds, states) = rest.split_at(self.written);
+        for (place, kind) in kinds.iter().enumerate() {
+            let found = self.number(kind, self.axes.len() + self.written + place)?;
+            is_switched_on(self.axes[place], found)?;
+        }
+        let mut at = PerChannel::ZERO;
+        for (place, value) in positions.iter().enumerate() {
+            at[place] = from_control(self.axes[place], self.number(value, place)?);
+        }
+        let mut applied = PerChannel::ZERO;
+        for (place, value) in settings.iter().enumerate() {
+            let setting = self.number(value, self.axes.len() + place)?;
+            applied[place] = self.sign.factor() * from_control(self.axes[place], setting);
+        }
+        let held = |values: &[Value]| {
+            let ages = values.iter().filter_map(|value| value.age);
+            let oldest = ages.filter(|_| self.source_timestamps).max();
+            // Before the clock began nothing was measured.
+            middle
+                .checked_sub(oldest.unwrap_or_default())
+                .unwrap_or(begun)
+        };
+        Ok(Snapshot {
+            positions: at,
+            taken: held(positions),
+            uncertainty: half,
+            state: self.state(states),
+            state_taken: held(states),
+            applied: (self.written > 0).then_some(applied),
+            report: None,
+            correction_taken: middle,
+        })
+    }
+
+    fn number(&self, value: &Value, place: usize) -> Result<f64, SinumerikError> {
+        let number = value.number.filter(|number| number.is_finite());
+        number.ok_or_else(|| SinumerikError::Node {
+            node: self.nodes[place].clone(),
+            found: "no good number".to_owned(),
+        })
+    }
+
+    /// The states; one that is missing stands in the sense that forbids, one that no node shows as if all were well.
+    fn state(&self, values: &[Value]) -> ControllerState {
+        let (referenced, rest) = values.split_at(if self.referenced { self.axes.len() } else { 0 });
+        let is_on = |value: &Value| value.number.map(|number| number != 0.0);
+        let mut rest = rest.iter();
+        let mut flag = |is_shown: bool| {
+            let value = if is_shown { rest.next() } else { None };
+            is_shown && value.and_then(is_on).unwrap_or(true)
+        };
+        let emergency_stop = flag(self.emergency_stop);
+        let alarm = flag(self.alarm);
+        ControllerState {
+            referenced: referenced.iter().all(|value| is_on(value) == Some(true)),
+            alarm,
+            emergency_stop,
+        }
+    }
+
+    /// The values to write for corrections in mm and rad, in steps of `config`: mm and deg, in the order of
+    /// [`Reading::settings`].
+    pub fn values(
+        &self,
+        config: &SinumerikConfig,
+        corrections: &PerChannel<f64>,
+    ) -> PerChannel<f64> {
+        PerChannel::from_fn(|place| {
+            let Some(&name) = self.axes.get(place).filter(|_| place < self.written) else {
+                return 0.0;
+            };
+            let step = config.step(name).mm_or_rad();
+            let rounded = (corrections[place] / step).round() * step;
+            self.sign.factor() * to_control(name, rounded)
+        })
+    }
+}
+
+/// Whether bit 0 of MD32750 is set.
+///
+/// # Errors
+/// [`SinumerikError::SwitchedOff`].
+pub fn is_switched_on(axis: AxisName, md32750: f64) -> Result<(), SinumerikError> {
+    // Whatever is no small whole number has no bit 0.
+    let whole = if (0.0..=f64::from(u16::MAX)).contains(&md32750) {
+        md32750 as u32
+    } else {
+        0
+    };
+    if whole & 1 == 1 {
+        return Ok(());
+    }
+    Err(SinumerikError::SwitchedOff { axis, found: whole })
+}
+
+/// mm and rad from the control's mm and deg.
+fn from_control(axis: AxisName, value: f64) -> f64 {
+    if axis.is_rotary() {
+        Deg(value).to_rad().0
+    } else {
+        value
+    }
+}
+
+/// The control's mm and deg from mm and rad.
+fn to_control(axis: AxisName, value: f64) -> f64 {
+    if axis.is_rotary() {
+        value.to_degrees()
+    } else {
+        value
+    }
+}

@@ -1,0 +1,387 @@
+//! The driver on a control that behaves, and on one that does not.
+
+use std::time::{Duration, Instant};
+
+use volcomp_port::{Backoff, Controller, Fault, Snapshot};
+use volcomp_sinumerik::{
+    Nodes, Server, Sign, SinumerikConfig, SinumerikController, SinumerikError, User, inspect, look,
+};
+use volcomp_test_support::until;
+use volcomp_vocabulary::{AxisName, PerChannel};
+
+use crate::peer::{PATIENCE, Peer};
+
+const XYZ: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
+
+fn config(url: &str) -> SinumerikConfig {
+    let mut server = Server::new(url);
+    // The machine on which this runs may be loaded.
+    server.time_out = Duration::from_secs(5);
+    server.backoff = Backoff {
+        first: Duration::from_millis(50),
+        most: Duration::from_millis(200),
+    };
+    let mut config = SinumerikConfig::new(server, &XYZ);
+    config.nodes.emergency_stop = Some("/Plc/DB10.DBX106.1".to_owned());
+    config.nodes.alarm = Some("/Plc/DB10.DBX109.0".to_owned());
+    config.nodes.referenced = Some("/Plc/DB{db}.DBX60.4".to_owned());
+    config
+}
+
+fn open(config: SinumerikConfig) -> SinumerikController {
+    let mut controller = SinumerikController::new(config).unwrap();
+    controller.wait(PATIENCE).unwrap();
+    controller
+}
+
+fn soon() -> Instant {
+    Instant::now() + PATIENCE
+}
+
+fn read(controller: &mut SinumerikController) -> Snapshot {
+    controller.read(soon()).expect("a connected control")
+}
+
+/// A snapshot whose readings began after now.
+fn next(controller: &mut SinumerikController) -> Snapshot {
+    let now = Instant::now();
+    until("a new reading", PATIENCE, || {
+        controller
+            .read(soon())
+            .is_ok_and(|s| s.correction_taken - s.uncertainty > now)
+    });
+    read(controller)
+}
+
+#[test]
+fn positions_states_and_corrections() {
+    let Some(mut peer) = Peer::start(&["--at", "X=100.5,Y=-20", "--md32000", "12000"]) else {
+        return;
+    };
+    let mut controller = open(config(&peer.url));
+    let found = controller.inspection().expect("a session");
+    assert_eq!(found.notes, [""; 0]);
+    assert_eq!(found.axes[1].name.as_deref(), Some("Y"));
+    assert_eq!(found.axes[1].fastest_per_min, Some(120.0));
+
+    let snapshot = read(&mut controller);
+    assert_eq!(snapshot.positions, PerChannel::leading([100.5, -20.0, 0.0]));
+    assert!(snapshot.state.referenced && !snapshot.state.alarm && !snapshot.state.emergency_stop);
+    assert_eq!(snapshot.applied, Some(PerChannel::ZERO));
+
+    // Rounded to steps of 0.1 µm; the axis moves the way that the control's sign says.
+    let wanted = PerChannel::leading([-0.03004, 0.00005, 0.007]);
+    controller.apply(&wanted, soon()).unwrap();
+    until("the correction is read back", PATIENCE, || {
+        let applied = read(&mut controller).applied.unwrap();
+        (applied[0] + 0.03).abs() < 1e-9 && (applied[2] - 0.007).abs() < 1e-9
+    });
+    until("the axis has it", PATIENCE, || {
+        peer.number("correction_um", "X") == -30.0
+    });
+    assert_eq!(read(&mut controller).positions[0], 100.5);
+
+    // What stands already is not written again.
+    let [written, missed] = controller.writes();
+    controller.apply(&wanted, soon()).unwrap();
+    next(&mut controller);
+    next(&mut controller);
+    assert_eq!(controller.writes(), [written, missed]);
+    // What somebody else has changed is.
+    peer.type_in("set X=0");
+    until("the change is seen", PATIENCE, || {
+        read(&mut controller).applied.unwrap()[0] == 0.0
+    });
+    controller.apply(&wanted, soon()).unwrap();
+    until("it is written again", PATIENCE, || {
+        peer.number("setting_um", "X") == -30.0
+    });
+    // What is too late is not sent.
+    let [written, _] = controller.writes();
+    controller.apply(&PerChannel::ZERO, Instant::now()).unwrap();
+    until("it was too late", PATIENCE, || {
+        controller.writes() == [written, 1]
+    });
+    assert_eq!(peer.number("setting_um", "X"), -30.0);
+
+    for (command, check) in [
+        (
+            "alarm on",
+            (|s: &Snapshot| s.state.alarm) as fn(&Snapshot) -> bool,
+        ),
+        ("estop on", |s| s.state.emergency_stop),
+        ("unreferenced on", |s| !s.state.referenced),
+    ] {
+        peer.type_in(command);
+        until(command, PATIENCE, || check(&read(&mut controller)));
+    }
+}
+
+#[test]
+fn the_sign_is_that_of_the_configuration_and_rotary_axes_are_in_degrees() {
+    let Some(mut peer) = Peer::start(&["--axes", "X,C", "--at", "X=1,C=90", "--sign", "-1"]) else {
+        return;
+    };
+    let mut config = config(&peer.url);
+    config.axes = vec![AxisName::X, AxisName::C];
+    config.sign = Sign::Subtracts;
+    let mut controller = open(config);
+    let step = controller.description().axes[1].step();
+    assert!((read(&mut controller).positions[1] - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
+    let wanted = PerChannel::leading([0.01, 4.0 * step]);
+    controller.apply(&wanted, soon()).unwrap();
+    until("it is read back as it was wanted", PATIENCE, || {
+        let applied = read(&mut controller).applied.unwrap();
+        (applied[0] - 0.01).abs() < 1e-9 && (applied[1] - 4.0 * step).abs() < 1e-12
+    });
+    // The setting is negative, and the axis goes in the direction of the correction.
+    assert_eq!(peer.number("setting_um", "X"), -10.0);
+    until("the axis has it", PATIENCE, || {
+        peer.number("correction_um", "X") == 10.0
+    });
+    assert!((peer.number("true_deg", "C") - 90.0004).abs() < 1e-6);
+}
+
+#[test]
+fn a_control_that_ignores_what_is_written_is_refused() {
+    let Some(mut peer) = Peer::start(&["--md32750", "2"]) else {
+        return;
+    };
+    let error = inspect(&config(&peer.url)).unwrap_err();
+    assert_eq!(
+        error,
+        SinumerikError::SwitchedOff {
+            axis: AxisName::X,
+            found: 2
+        }
+    );
+    let mut controller = SinumerikController::new(config(&peer.url)).unwrap();
+    let mut text = String::new();
+    until("it is told", PATIENCE, || {
+        text = controller
+            .last_error()
+            .map(|error| error.to_string())
+            .unwrap_or_default();
+        !text.is_empty()
+    });
+    assert!(
+        text.contains("axis X: MD32750 $MA_TEMP_COMP_TYPE is 2; expected bit 0 set (1 or 3): the control ignores SD43900"),
+        "{text}"
+    );
+    assert_eq!(
+        controller.apply(&PerChannel::leading([0.01]), soon()),
+        Err(Fault::NotConnected)
+    );
+    // Switched on it is taken; switched off while it runs it is not.
+    peer.type_in("md32750 3");
+    until("it connects", PATIENCE, || controller.read(soon()).is_ok());
+    peer.type_in("md32750 0");
+    until("it is noticed", PATIENCE, || {
+        controller.read(soon()) == Err(Fault::NotConnected)
+    });
+    assert!(peer.report().contains("\"written\": 0"));
+}
+
+#[test]
+fn other_axes_other_namespaces_and_strangers_are_refused() {
+    let Some(peer) = Peer::start(&["--axes", "X,Z,Y", "--user", "gateway:key"]) else {
+        return;
+    };
+    let mut wrong = config(&peer.url);
+    assert!(
+        matches!(inspect(&wrong), Err(SinumerikError::Connect(_))),
+        "anonymous"
+    );
+    let user = |password: &str| {
+        let (name, password) = ("gateway".to_owned(), password.to_owned());
+        Some(User { name, password })
+    };
+    wrong.server.user = user("lock");
+    assert!(
+        matches!(inspect(&wrong), Err(SinumerikError::Connect(_))),
+        "another password"
+    );
+    wrong.server.user = user("key");
+    assert_eq!(
+        format!("{:?}", wrong.server.user.as_ref().unwrap()),
+        "User { name: \"gateway\", .. }"
+    );
+    let error = inspect(&wrong).unwrap_err();
+    assert_eq!(
+        error,
+        SinumerikError::OtherAxis {
+            axis: AxisName::Y,
+            number: 2,
+            found: "Z".to_owned()
+        }
+    );
+    let mut right = wrong.clone();
+    right.numbers = vec![1, 3, 2];
+    assert_eq!(inspect(&right).unwrap().axes[1].number, 3);
+    let mut nowhere = right.clone();
+    nowhere.nodes.position = "/Channel/Other/actToolBasePos[u1,{axis}]".to_owned();
+    let error = inspect(&nowhere).unwrap_err().to_string();
+    assert!(
+        error.contains("/Channel/Other/actToolBasePos[u1,1]: BadNodeIdUnknown"),
+        "{error}"
+    );
+    right.server.namespace = "urn:elsewhere".to_owned();
+    let error = inspect(&right).unwrap_err().to_string();
+    assert!(
+        error.contains("SinumerikVarProvider, expected urn:elsewhere among them"),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_sampler_that_stands_makes_positions_old() {
+    let Some(mut peer) = Peer::start(&["--stroke-mm", "100", "--period-s", "2"]) else {
+        return;
+    };
+    let mut controller = open(config(&peer.url));
+    let age = |snapshot: &Snapshot| snapshot.correction_taken.duration_since(snapshot.taken);
+    assert!(age(&read(&mut controller)) < Duration::from_secs(1));
+    for fault in ["stall", "frozen-timestamps"] {
+        peer.type_in(&format!("{fault} on"));
+        until(fault, PATIENCE, || {
+            age(&read(&mut controller)) > Duration::from_secs(1)
+        });
+        // What is applied is as young as the exchange all the same.
+        assert!(next(&mut controller).applied.is_some());
+        peer.type_in(&format!("{fault} off"));
+        until("fresh again", PATIENCE, || {
+            age(&read(&mut controller)) < Duration::from_secs(1)
+        });
+    }
+    // Without timestamps the exchange is all that is known.
+    peer.type_in("no-timestamps on");
+    let snapshot = next(&mut controller);
+    next(&mut controller);
+    assert!(age(&snapshot) <= snapshot.uncertainty + Duration::from_secs(1));
+    // A server that lies about them is only found out by axes that should move: here nothing tells.
+    peer.type_in("stick on");
+    let [first, second] = [next(&mut controller), next(&mut controller)];
+    assert_eq!(age(&second), Duration::ZERO);
+    let _ = first;
+}
+
+#[test]
+fn source_timestamps_can_be_left_out() {
+    let Some(mut peer) = Peer::start(&[]) else {
+        return;
+    };
+    let mut config = config(&peer.url);
+    config.server.source_timestamps = false;
+    let mut controller = open(config);
+    peer.type_in("stall on");
+    std::thread::sleep(Duration::from_millis(1100));
+    let snapshot = next(&mut controller);
+    assert_eq!(snapshot.taken, snapshot.correction_taken);
+}
+
+#[test]
+fn writes_that_are_dropped_refused_or_lied_about() {
+    let Some(mut peer) = Peer::start(&["--drop-writes"]) else {
+        return;
+    };
+    let mut controller = open(config(&peer.url));
+    let wanted = PerChannel::leading([0.005]);
+    controller.apply(&wanted, soon()).unwrap();
+    until("it was answered", PATIENCE, || controller.writes()[0] == 1);
+    assert_eq!(next(&mut controller).applied, Some(PerChannel::ZERO));
+    // It is sent again as long as it does not stand.
+    controller.apply(&wanted, soon()).unwrap();
+    until("it was answered again", PATIENCE, || {
+        controller.writes()[0] == 2
+    });
+
+    peer.type_in("drop-writes off");
+    peer.type_in("refuse-writes on");
+    until("it is refused", PATIENCE, || {
+        matches!(
+            controller.apply(&wanted, soon()),
+            Err(Fault::Refused { .. })
+        )
+    });
+    peer.type_in("refuse-writes off");
+    until("it lands", PATIENCE, || {
+        let _ = controller.apply(&wanted, soon());
+        read(&mut controller).applied.unwrap()[0] == 0.005
+    });
+    until("nothing is refused any more", PATIENCE, || {
+        controller.apply(&wanted, soon()).is_ok()
+    });
+    peer.type_in("read-back X=12");
+    until("what the control says is told", PATIENCE, || {
+        read(&mut controller).applied.unwrap()[0] == 0.012
+    });
+}
+
+#[test]
+fn silence_resets_the_session_and_nothing_waits_for_it() {
+    let Some(mut peer) = Peer::start(&[]) else {
+        return;
+    };
+    let mut config = config(&peer.url);
+    config.server.time_out = Duration::from_millis(700);
+    let mut controller = open(config);
+    let before = controller.sessions();
+    peer.type_in("pause 2");
+    controller
+        .apply(
+            &PerChannel::leading([0.02]),
+            Instant::now() + Duration::from_secs(1),
+        )
+        .unwrap();
+    until("the session is given up", PATIENCE, || {
+        assert_no_alloc::assert_no_alloc(|| controller.read(soon())) == Err(Fault::NotConnected)
+    });
+    until("another one is made", PATIENCE, || {
+        controller.read(soon()).is_ok()
+    });
+    assert!(controller.sessions() > before);
+    // What was asked for in the session before is not sent in this one.
+    let [written, missed] = controller.writes();
+    next(&mut controller);
+    next(&mut controller);
+    assert_eq!(controller.writes(), [written, missed]);
+
+    peer.type_in("disconnect");
+    until("it is noticed", PATIENCE, || {
+        controller.read(soon()).is_err()
+    });
+    until("another one is made", PATIENCE, || {
+        controller.read(soon()).is_ok()
+    });
+    assert_no_alloc::assert_no_alloc(|| {
+        controller
+            .apply(&PerChannel::leading([0.001]), soon())
+            .unwrap();
+    });
+    until("it lands", PATIENCE, || {
+        read(&mut controller).applied.unwrap()[0] == 0.001
+    });
+}
+
+#[test]
+fn nobody_there() {
+    let port = volcomp_test_support::free_port();
+    let url = format!("opc.tcp://127.0.0.1:{port}");
+    assert!(matches!(
+        inspect(&config(&url)),
+        Err(SinumerikError::Connect(_))
+    ));
+    let mut controller = SinumerikController::new(config(&url)).unwrap();
+    assert_eq!(controller.read(soon()), Err(Fault::NotConnected));
+    let error = controller.wait(Duration::from_millis(500)).unwrap_err();
+    assert!(!error.is_input(), "{error}");
+}
+
+#[test]
+fn a_control_about_which_nothing_is_known_is_looked_at() {
+    let Some(peer) = Peer::start(&["--axes", "X,C", "--at", "X=3.5,C=90"]) else {
+        return;
+    };
+    let found = look(&config(&peer.url).server, &Nodes::default()).unwrap();
+    assert_eq!(found, [("X".to_owned(), 3.5), ("C".to_owned(), 90.0)]);
+}

@@ -1,0 +1,11 @@
+//! The driver against a simulated control on another OPC UA library, and S7 against a simulated one of ours.
+
+mod controller;
+mod peer;
+mod reading;
+mod s7;
+mod thermometer;
+
+/// Ends the run on an allocation where one is forbidden.
+#[global_allocator]
+static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;

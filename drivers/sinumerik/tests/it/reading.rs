@@ -1,0 +1,133 @@
+//! What an answer says, and configurations that make no sense.
+
+use std::time::{Duration, Instant};
+
+use volcomp_sinumerik::{
+    Nodes, Reading, Security, Server, SinumerikConfig, SinumerikError, Value, lag,
+};
+use volcomp_vocabulary::AxisName;
+
+fn config() -> SinumerikConfig {
+    let mut config = SinumerikConfig::new(Server::new("opc.tcp://192.0.2.7:4840"), &[AxisName::X]);
+    config.reads = vec![AxisName::C];
+    config.nodes.referenced = Some("/Plc/DB{db}.DBX60.4".to_owned());
+    config.nodes.alarm = Some("/Alarm".to_owned());
+    config
+}
+
+fn values(numbers: &[f64]) -> Vec<Value> {
+    let of = |number: &f64| Value {
+        number: Some(*number),
+        age: None,
+    };
+    numbers.iter().map(of).collect()
+}
+
+#[test]
+fn each_value_has_its_place() {
+    let reading = Reading::new(&config());
+    assert_eq!(
+        reading.nodes(),
+        [
+            "/Channel/GeometricAxis/actToolBasePos[u1,1]",
+            "/Channel/GeometricAxis/actToolBasePos[u1,2]",
+            "/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_ABS_VALUE[u1]",
+            "/NC/_N_AX_TEA_ACX/$MA_TEMP_COMP_TYPE[u1]",
+            "/Plc/DB31.DBX60.4",
+            "/Plc/DB32.DBX60.4",
+            "/Alarm",
+        ]
+    );
+    let now = Instant::now();
+    let later = now + Duration::from_millis(20);
+    let good = values(&[12.5, 180.0, -0.01, 1.0, 1.0, 1.0, 0.0]);
+    let snapshot = reading.snapshot(&good, now, later).unwrap();
+    assert_eq!(snapshot.positions[0], 12.5);
+    assert!((snapshot.positions[1] - std::f64::consts::PI).abs() < 1e-12);
+    assert_eq!(snapshot.applied.unwrap()[0], -0.01);
+    assert_eq!(snapshot.taken, now + Duration::from_millis(10));
+    assert!(snapshot.state.referenced && !snapshot.state.alarm && !snapshot.state.emergency_stop);
+
+    // The oldest position counts; the time at which a setting was written does not.
+    let mut aged = good.clone();
+    aged[1].age = Some(Duration::from_millis(7));
+    aged[2].age = Some(Duration::from_secs(1000));
+    let snapshot = reading.snapshot(&aged, now, later).unwrap();
+    assert_eq!(snapshot.taken, now + Duration::from_millis(3));
+    assert_eq!(snapshot.correction_taken, now + Duration::from_millis(10));
+
+    // A state that is missing forbids.
+    let mut missing = good.clone();
+    missing[5].number = None;
+    missing[6].number = None;
+    let state = reading.snapshot(&missing, now, later).unwrap().state;
+    assert!(!state.referenced && state.alarm);
+    // A position or a setting that is missing, or no number, is no reading.
+    for place in [0, 1, 2, 3] {
+        for number in [None, Some(f64::NAN)] {
+            let mut missing = good.clone();
+            missing[place].number = number;
+            let error = reading.snapshot(&missing, now, later).unwrap_err();
+            assert!(
+                matches!(error, SinumerikError::Node { .. }),
+                "{place}: {error}"
+            );
+        }
+    }
+    for kind in [0.0, 2.0, 4.0, -1.0, 1e300] {
+        let mut off = good.clone();
+        off[3].number = Some(kind);
+        let error = reading.snapshot(&off, now, later).unwrap_err();
+        assert!(
+            matches!(error, SinumerikError::SwitchedOff { .. }),
+            "{kind}: {error}"
+        );
+    }
+    assert!(reading.snapshot(&good[1..], now, later).is_err());
+}
+
+#[test]
+fn configurations_that_make_no_sense() {
+    assert!(config().describe().is_ok());
+    let refused = |change: &dyn Fn(&mut SinumerikConfig)| {
+        let mut config = config();
+        change(&mut config);
+        config.describe().unwrap_err().to_string()
+    };
+    let period = refused(&|c| c.server.period = Duration::from_millis(50));
+    assert_eq!(
+        period,
+        "period: found 50 ms, expected 100 ms or more: the server of the control samples no faster"
+    );
+    let secured = refused(&|c| c.server.security = Security::SignAndEncrypt);
+    assert!(
+        secured.contains("without a folder of certificates"),
+        "{secured}"
+    );
+    let one = refused(&|c| c.nodes.setting = "/NC/$SA".to_owned());
+    assert!(
+        one.contains("nodes.setting: found \"/NC/$SA\", expected {axis} or {db}"),
+        "{one}"
+    );
+    assert!(refused(&|c| c.nodes.kind = String::new()).contains("nodes.kind: found an empty text"));
+    for numbers in [vec![1], vec![1, 1], vec![0, 1], vec![1, 2, 3]] {
+        assert!(
+            refused(&|c| c.numbers.clone_from(&numbers)).contains("expected 2 different numbers")
+        );
+    }
+    assert!(refused(&|c| c.reads = vec![AxisName::X]).contains("found twice"));
+    assert!(
+        refused(&|c| c.server.time_out = Duration::from_millis(1)).contains("time-out: found 1 ms")
+    );
+    assert_eq!(
+        Nodes::of_axis("/Plc/DB{db}.DBX{axis}.0", 4),
+        "/Plc/DB34.DBX4.0"
+    );
+}
+
+#[test]
+fn what_a_tenth_of_a_second_costs() {
+    // 10 m/min for 100 ms.
+    let lag = lag(10_000.0 / 60.0, Duration::from_millis(100));
+    assert!((lag.0 - 16.667).abs() < 1e-3);
+}
