@@ -14,11 +14,9 @@ use tokio_rustls::rustls::{
     pki_types::{CertificateDer, ServerName, pem::PemObject},
 };
 
-use crate::{
-    config::DashboardConfig,
-    documents::Status,
-    error::{CertificateError, GatewayError},
-};
+use volcomp_web::{CertificateError, TlsError};
+
+use crate::{config::DashboardConfig, documents::Status, error::GatewayError};
 
 /// A gateway that answers later counts as one that does not.
 const AT_MOST: Duration = Duration::from_secs(3);
@@ -78,7 +76,7 @@ fn encrypted(
     address: SocketAddr,
     certificate: &Path,
 ) -> Result<StreamOwned<ClientConnection, TcpStream>, GatewayError> {
-    let wrong = |source: CertificateError| GatewayError::Certificate {
+    let wrong = |source: CertificateError| TlsError::Certificate {
         file: certificate.to_owned(),
         source,
     };

@@ -11,6 +11,7 @@ use volcomp_model::ModelError;
 use volcomp_port::DeviceError;
 use volcomp_runtime::{PlanError, StartError};
 use volcomp_vocabulary::AxisName;
+use volcomp_web::TlsError;
 
 use crate::plan_keys::by_keys;
 
@@ -139,22 +140,9 @@ pub enum GatewayError {
         /// The address and port.
         listen: SocketAddr,
     },
-    /// A certificate or key that is none, or that do not belong together.
-    #[error("{}: {source}", file.display())]
-    Certificate {
-        /// The path of the file.
-        file: PathBuf,
-        /// The reason why it is refused.
-        source: CertificateError,
-    },
-    /// Names for which no certificate can be made.
-    #[error("{names}: {source}")]
-    CertificateNames {
-        /// The names, as they were given.
-        names: String,
-        /// The reason why no certificate is made.
-        source: rcgen::Error,
-    },
+    /// A certificate that cannot be used or made.
+    #[error(transparent)]
+    Tls(#[from] TlsError),
     /// A line of the token file.
     #[error("{}:{line}: {source}", file.display())]
     Token {
@@ -296,18 +284,6 @@ pub enum GatewayError {
     },
 }
 
-/// The reason why a certificate or key is refused.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum CertificateError {
-    /// The file cannot be read or is no PEM of that kind.
-    #[error(transparent)]
-    Pem(#[from] tokio_rustls::rustls::pki_types::pem::Error),
-    /// TLS does not take it.
-    #[error(transparent)]
-    Tls(#[from] tokio_rustls::rustls::Error),
-}
-
 /// The reason why a line of a token file is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
@@ -426,6 +402,7 @@ impl GatewayError {
             | Self::Start(_)
             | Self::Answer { .. }
             | Self::Rehearsal { .. }
+            | Self::Tls(TlsError::Write { .. })
             | Self::System { .. } => 1,
             Self::Place(_)
             | Self::Model(_)
@@ -441,8 +418,7 @@ impl GatewayError {
             | Self::SensorBlank { .. }
             | Self::NoTls { .. }
             | Self::NoToken { .. }
-            | Self::Certificate { .. }
-            | Self::CertificateNames { .. }
+            | Self::Tls(_)
             | Self::Token { .. }
             | Self::TokenMode { .. }
             | Self::AuditDir { .. }

@@ -154,7 +154,11 @@ fn serve(
     let listener = tokio::net::TcpListener::from_std(listener)
         .map_err(|e| GatewayError::system("dashboard", e))?;
     drop(guard);
-    runtime.spawn(http::serve(listener, tls, Arc::new(dashboard)));
+    runtime.spawn(http::serve(
+        listener,
+        tls,
+        http::router(Arc::new(dashboard)),
+    ));
     Ok(runtime)
 }
 

@@ -1,14 +1,11 @@
 //! The dashboard: pages, state, events, history, metrics, requests.
 
-mod hosts;
 mod map;
 mod routes;
-mod server;
 mod shared;
-pub mod tls;
 mod tokens;
 
-pub use server::serve;
+pub use routes::router;
 pub use shared::Dashboard;
-pub use tls::Tls;
 pub use tokens::{Denied, Holder, Role, Tokens};
+pub use volcomp_web::{Tls, serve, tls};

@@ -23,10 +23,12 @@ use tokio::{sync::oneshot, time::MissedTickBehavior};
 use tokio_stream::{StreamExt, wrappers::IntervalStream};
 
 use super::{
-    hosts, map,
+    map,
     shared::{Dashboard, MAX_STREAMS, StreamSlot},
     tokens::{Denied, Role},
 };
+use volcomp_web::{headers, hosts};
+
 use crate::{
     documents::{Confirmation, Refusal, Status, TokenPlan},
     metrics,
@@ -57,7 +59,7 @@ const PAGES: [(&str, &str, &str); 5] = [
     (
         "/plot.js",
         "text/javascript; charset=utf-8",
-        include_str!("../../web/plot.js"),
+        volcomp_web::PLOT_JS,
     ),
     (
         "/style.css",
@@ -72,7 +74,7 @@ const PAGES: [(&str, &str, &str); 5] = [
 ];
 
 /// The routes of pages, reading and operating.
-pub(super) fn router(dashboard: Shared) -> Router {
+pub fn router(dashboard: Shared) -> Router {
     let read = Router::new()
         .route("/api/state", get(state))
         .route("/api/events", get(events))
@@ -123,19 +125,7 @@ async fn every_request(State(dashboard): State<Shared>, request: Request, next: 
         ),
         None => refuse(StatusCode::BAD_REQUEST, "no Host header"),
     };
-    let headers = response.headers_mut();
-    for (name, value) in [
-        (
-            header::CONTENT_SECURITY_POLICY,
-            "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
-        ),
-        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
-        (header::X_FRAME_OPTIONS, "DENY"),
-        (header::REFERRER_POLICY, "no-referrer"),
-        (header::CACHE_CONTROL, "no-store"),
-    ] {
-        headers.insert(name, HeaderValue::from_static(value));
-    }
+    headers::put(response.headers_mut());
     response
 }
 

@@ -1,8 +1,8 @@
-//! Connections of the dashboard: how many at one time, how slow, and with TLS where others can listen.
+//! Connections: how many at one time, how slow, and with TLS where others can listen.
 
-use std::{collections::VecDeque, net::SocketAddr, sync::Arc, time::Duration};
+use std::{collections::VecDeque, net::SocketAddr, time::Duration};
 
-use axum::Extension;
+use axum::{Extension, Router};
 use hyper::server::conn::http1;
 use hyper_util::{
     rt::{TokioIo, TokioTimer},
@@ -14,26 +14,25 @@ use tokio::{
     task::AbortHandle,
 };
 
-use super::{routes, shared::Dashboard, tls::Tls};
+use crate::Tls;
 
 /// The largest number of connections at one time. With another one the oldest ends: clients that do not read, or send
-/// nothing, so keep nobody from disarming.
+/// nothing, so keep nobody else out.
 const MAX_CONNECTIONS: usize = 64;
 /// The header of a request must be whole after so long; between requests a connection may idle as long.
 const HEADER_WITHIN: Duration = Duration::from_secs(5);
 /// The handshake of TLS must be done after so long.
 const HANDSHAKE_WITHIN: Duration = Duration::from_secs(5);
 
-/// Serves until the runtime ends.
-pub async fn serve(listener: TcpListener, tls: Option<Tls>, dashboard: Arc<Dashboard>) {
-    let router = routes::router(dashboard);
+/// Serves until the runtime ends. Every request has the address from which it comes as an `Extension<SocketAddr>`.
+pub async fn serve(listener: TcpListener, tls: Option<Tls>, router: Router) {
     let mut open: VecDeque<AbortHandle> = VecDeque::new();
     loop {
         let (stream, from) = match listener.accept().await {
             Ok(accepted) => accepted,
             Err(e) => {
                 // Out of descriptors: some will be given back.
-                tracing::warn!("dashboard: {e}");
+                tracing::warn!("page: {e}");
                 tokio::time::sleep(Duration::from_millis(100)).await;
                 continue;
             }
@@ -50,19 +49,19 @@ pub async fn serve(listener: TcpListener, tls: Option<Tls>, dashboard: Arc<Dashb
     }
 }
 
-async fn connection(stream: TcpStream, from: SocketAddr, tls: Option<Tls>, router: axum::Router) {
+async fn connection(stream: TcpStream, from: SocketAddr, tls: Option<Tls>, router: Router) {
     let _ = stream.set_nodelay(true);
     match tls {
         None => exchange(stream, router).await,
         Some(tls) => match tokio::time::timeout(HANDSHAKE_WITHIN, tls.accept(stream)).await {
             Ok(Ok(stream)) => exchange(stream, router).await,
-            Ok(Err(e)) => tracing::debug!("dashboard: {from}: {e}"),
-            Err(_) => tracing::debug!("dashboard: {from}: no TLS handshake"),
+            Ok(Err(e)) => tracing::debug!("page: {from}: {e}"),
+            Err(_) => tracing::debug!("page: {from}: no TLS handshake"),
         },
     }
 }
 
-async fn exchange(stream: impl AsyncRead + AsyncWrite + Unpin, router: axum::Router) {
+async fn exchange(stream: impl AsyncRead + AsyncWrite + Unpin, router: Router) {
     let served = http1::Builder::new()
         .timer(TokioTimer::new())
         .header_read_timeout(HEADER_WITHIN)
@@ -71,6 +70,6 @@ async fn exchange(stream: impl AsyncRead + AsyncWrite + Unpin, router: axum::Rou
         .serve_connection(TokioIo::new(stream), TowerToHyperService::new(router))
         .await;
     if let Err(e) = served {
-        tracing::debug!("dashboard: {e}");
+        tracing::debug!("page: {e}");
     }
 }

@@ -1,4 +1,4 @@
-//! The certificate of the dashboard: read, and made.
+//! The certificate of a page: read, and made.
 
 use std::{
     fs::OpenOptions,
@@ -17,7 +17,47 @@ use tokio_rustls::{
     },
 };
 
-use crate::error::{CertificateError, GatewayError};
+/// Why there is no TLS.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum TlsError {
+    /// A certificate or key that is none, or that do not belong together.
+    #[error("{}: {source}", file.display())]
+    Certificate {
+        /// The path of the file.
+        file: PathBuf,
+        /// The reason why it is refused.
+        source: CertificateError,
+    },
+    /// Names for which no certificate can be made.
+    #[error("{names}: {source}")]
+    Names {
+        /// The names, as they were given.
+        names: String,
+        /// The reason why no certificate is made.
+        source: rcgen::Error,
+    },
+    /// A file or folder that cannot be written.
+    #[error("{}: {source}", file.display())]
+    Write {
+        /// The path of the file or folder.
+        file: PathBuf,
+        /// Why the operating system refused it.
+        source: std::io::Error,
+    },
+}
+
+/// The reason why a certificate or key is refused.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CertificateError {
+    /// The file cannot be read or is no PEM of that kind.
+    #[error(transparent)]
+    Pem(#[from] tokio_rustls::rustls::pki_types::pem::Error),
+    /// TLS does not take it.
+    #[error(transparent)]
+    Tls(#[from] tokio_rustls::rustls::Error),
+}
 
 /// The acceptor that turns a TCP connection into one with TLS.
 pub type Tls = TlsAcceptor;
@@ -26,8 +66,8 @@ pub type Tls = TlsAcceptor;
 ///
 /// # Errors
 /// Files that cannot be read or do not belong together.
-pub fn acceptor(certificate: &Path, key: &Path) -> Result<Tls, GatewayError> {
-    let wrong = |path: &Path, source: CertificateError| GatewayError::Certificate {
+pub fn acceptor(certificate: &Path, key: &Path) -> Result<Tls, TlsError> {
+    let wrong = |path: &Path, source: CertificateError| TlsError::Certificate {
         file: path.to_owned(),
         source,
     };
@@ -50,22 +90,26 @@ pub fn acceptor(certificate: &Path, key: &Path) -> Result<Tls, GatewayError> {
 ///
 /// # Errors
 /// Names that are none, a folder that cannot be written, files that are there already.
-pub fn make(dir: &Path, names: &[String]) -> Result<[PathBuf; 2], GatewayError> {
-    let pair = rcgen::generate_simple_self_signed(names.to_vec()).map_err(|source| {
-        GatewayError::CertificateNames {
+pub fn make(dir: &Path, names: &[String]) -> Result<[PathBuf; 2], TlsError> {
+    let pair =
+        rcgen::generate_simple_self_signed(names.to_vec()).map_err(|source| TlsError::Names {
             names: names.join(", "),
             source,
-        }
-    })?;
+        })?;
     let [certificate, key] = ["certificate.pem", "key.pem"].map(|name| dir.join(name));
     let write = |path: &Path, mode: u32, text: &str| {
         let mut options = OpenOptions::new();
         let file = options.write(true).create_new(true).mode(mode).open(path);
         file.and_then(|mut file| file.write_all(text.as_bytes()))
-            .map_err(|e| GatewayError::system(path.display().to_string(), e))
+            .map_err(failed(path))
     };
-    std::fs::create_dir_all(dir).map_err(|e| GatewayError::system(dir.display().to_string(), e))?;
+    std::fs::create_dir_all(dir).map_err(failed(dir))?;
     write(&key, 0o600, &pair.signing_key.serialize_pem())?;
     write(&certificate, 0o644, &pair.cert.pem())?;
     Ok([certificate, key])
+}
+
+fn failed(file: &Path) -> impl FnOnce(std::io::Error) -> TlsError {
+    let file = file.to_owned();
+    move |source| TlsError::Write { file, source }
 }

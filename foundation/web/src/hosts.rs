@@ -1,10 +1,10 @@
-//! Which names a browser may ask for: a page of somebody else must not reach the gateway by a name of its own
+//! Which names a browser may ask for: a page of somebody else must not reach this program by a name of its own
 //! (DNS rebinding).
 
 use std::net::IpAddr;
 
-/// Whether a Host header names this gateway: an address, localhost, or a configured name; any port.
-pub(super) fn is_known(host: &str, known: &[String]) -> bool {
+/// Whether a Host header names this program: an address, localhost, or a configured name; any port.
+pub fn is_known(host: &str, known: &[String]) -> bool {
     let name = without_port(host);
     let address = name.trim_start_matches('[').trim_end_matches(']');
     address.parse::<IpAddr>().is_ok()

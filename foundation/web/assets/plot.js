@@ -1,10 +1,18 @@
 "use strict";
 // Drawing on canvases: lines over time, bars, a map. Every function takes a canvas and plain numbers.
 
-const ink = "#10181f", line = "#c3ccd4", soft = "#52606d";
+let ink = "#10181f", line = "#c3ccd4", soft = "#52606d";
+
+/** Takes the colours of the page, which may be light or dark. */
+function takeColours() {
+  const style = getComputedStyle(document.documentElement);
+  const of = (name, otherwise) => style.getPropertyValue(name).trim() || otherwise;
+  [ink, line, soft] = [of("--ink", ink), of("--line", line), of("--soft", soft)];
+}
 
 /** A context in CSS pixels, cleared; its size. */
 function surface(canvas) {
+  takeColours();
   const ratio = window.devicePixelRatio || 1;
   const { clientWidth: width, clientHeight: height } = canvas;
   if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {

@@ -1,0 +1,13 @@
+#![doc = include_str!("../README.md")]
+
+pub mod headers;
+pub mod hosts;
+mod server;
+pub mod tls;
+
+pub use server::serve;
+pub use tls::{CertificateError, Tls, TlsError};
+
+/// The script that draws lines over time, bars and maps on canvases, in the colours `--ink`, `--line` and `--soft` of the
+/// page's style sheet.
+pub const PLOT_JS: &str = include_str!("../assets/plot.js");

@@ -1,0 +1,91 @@
+//! What is served, over plain connections and TLS, and what is refused.
+
+use std::time::Duration;
+
+use axum::{Extension, Router, routing::get};
+use tokio::{
+    io::{AsyncReadExt, AsyncWriteExt},
+    net::{TcpListener, TcpStream},
+};
+use volcomp_web::{TlsError, tls};
+
+async fn from(Extension(from): Extension<std::net::SocketAddr>) -> String {
+    from.ip().to_string()
+}
+
+async fn answer(mut stream: TcpStream, request: &str) -> String {
+    stream.write_all(request.as_bytes()).await.expect("sent");
+    let mut answer = Vec::new();
+    let _ = stream.read_to_end(&mut answer).await;
+    String::from_utf8_lossy(&answer).into_owned()
+}
+
+#[tokio::test]
+async fn a_request_knows_where_it_comes_from() {
+    let listener = TcpListener::bind("127.0.0.1:0").await.expect("free");
+    let address = listener.local_addr().expect("bound");
+    tokio::spawn(volcomp_web::serve(
+        listener,
+        None,
+        Router::new().route("/", get(from)),
+    ));
+    let ask = "GET / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n";
+    let stream = TcpStream::connect(address).await.expect("served");
+    assert!(answer(stream, ask).await.ends_with("127.0.0.1"));
+}
+
+/// With more clients than are served at one time, the oldest is given up, and the newest is answered.
+#[tokio::test]
+async fn clients_that_hang_keep_nobody_out() {
+    let listener = TcpListener::bind("127.0.0.1:0").await.expect("free");
+    let address = listener.local_addr().expect("bound");
+    tokio::spawn(volcomp_web::serve(
+        listener,
+        None,
+        Router::new().route("/", get(from)),
+    ));
+    let mut hang = Vec::new();
+    for _ in 0..100 {
+        let mut client = TcpStream::connect(address).await.expect("served");
+        client.write_all(b"GET / HT").await.expect("sent");
+        hang.push(client);
+    }
+    let ask = "GET / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n";
+    let stream = TcpStream::connect(address).await.expect("served");
+    let said = tokio::time::timeout(Duration::from_secs(60), answer(stream, ask)).await;
+    assert!(said.expect("in time").starts_with("HTTP/1.1 200"));
+}
+
+#[tokio::test]
+async fn plain_text_to_a_page_with_tls_is_not_answered() {
+    let dir = tempfile::tempdir().expect("writable");
+    let names = ["localhost".to_owned()];
+    let [certificate, key] = tls::make(dir.path(), &names).expect("made");
+    // What is there is not overwritten.
+    assert!(matches!(
+        tls::make(dir.path(), &names),
+        Err(TlsError::Write { .. })
+    ));
+    let acceptor = tls::acceptor(&certificate, &key).expect("ours");
+    let listener = TcpListener::bind("127.0.0.1:0").await.expect("free");
+    let address = listener.local_addr().expect("bound");
+    tokio::spawn(volcomp_web::serve(
+        listener,
+        Some(acceptor),
+        Router::new().route("/", get(from)),
+    ));
+    let stream = TcpStream::connect(address).await.expect("served");
+    let ask = "GET / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n";
+    assert!(!answer(stream, ask).await.contains("200"));
+}
+
+#[test]
+fn files_that_are_no_certificates_are_named() {
+    let dir = tempfile::tempdir().expect("writable");
+    let file = dir.path().join("x.pem");
+    std::fs::write(&file, "nothing").expect("writable");
+    let Err(error) = tls::acceptor(&file, &file) else {
+        panic!("it is no certificate");
+    };
+    assert!(error.to_string().contains("x.pem"), "{error}");
+}
