@@ -13,7 +13,7 @@ use volcomp_runtime::{PlanError, StartError};
 use volcomp_vocabulary::AxisName;
 use volcomp_web::TlsError;
 
-use crate::plan_keys::by_keys;
+use crate::{plan_keys::by_keys, together::Common};
 
 /// Why a gateway does not start, or does not do what it is asked.
 #[derive(Debug, thiserror::Error)]
@@ -274,6 +274,62 @@ pub enum GatewayError {
         /// How many were rehearsed.
         count: usize,
     },
+    /// Two machines of one process have something in common of which each needs one of its own.
+    #[error(
+        "{file}: {} and {} have in common: {common}; expected one of its own for each",
+        machines[0],
+        machines[1]
+    )]
+    InCommon {
+        /// The path of the file of several machines.
+        file: String,
+        /// The names of the two; the overview counts as one.
+        machines: [String; 2],
+        /// What they have in common.
+        common: Common,
+    },
+    /// The configuration of one of several machines is wrong.
+    #[error("machine {name}: {source}")]
+    OfMachine {
+        /// The name of the machine.
+        name: String,
+        /// What is wrong.
+        source: Box<GatewayError>,
+    },
+    /// A name that none of several machines has.
+    #[error("{file}: --machine: found {found:?}, expected one of {expected}")]
+    NoSuchMachine {
+        /// The path of the file of several machines.
+        file: String,
+        /// The name that was found.
+        found: String,
+        /// The names that there are.
+        expected: String,
+    },
+    /// Several machines where one is needed.
+    #[error("{file} holds several machines, expected --machine NAME with one of {names}")]
+    WhichMachine {
+        /// The path of the file of several machines.
+        file: String,
+        /// The names of the machines.
+        names: String,
+    },
+    /// A machine is named, and there is only one.
+    #[error("{file}: found --machine {name}, but this is the configuration of one machine")]
+    OnlyMachine {
+        /// The path of the configuration.
+        file: String,
+        /// The name that was found.
+        name: String,
+    },
+    /// Machines that did not start, or ended by a fault of the program, as far as they were not started again.
+    #[error("{what}")]
+    Failed {
+        /// Which, and why.
+        what: String,
+        /// The exit status of the program.
+        status: u8,
+    },
     /// Something of the operating system.
     #[error("{what}: {source}")]
     System {
@@ -396,6 +452,8 @@ impl GatewayError {
     /// The exit status of the program: 2 when the call or a file is wrong, 1 when the work failed.
     pub fn status(&self) -> u8 {
         match self {
+            Self::OfMachine { source, .. } => source.status(),
+            Self::Failed { status, .. } => *status,
             Self::Device(_)
             | Self::Locked { .. }
             | Self::FolderLocked { .. }
@@ -428,6 +486,10 @@ impl GatewayError {
             | Self::Reload(_)
             | Self::Read { .. }
             | Self::NoSuchFault { .. }
+            | Self::InCommon { .. }
+            | Self::NoSuchMachine { .. }
+            | Self::WhichMachine { .. }
+            | Self::OnlyMachine { .. }
             | Self::NoLimits { .. }
             | Self::Barrier { .. }
             | Self::BuiltInBarrier { .. } => 2,

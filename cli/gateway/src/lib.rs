@@ -1,15 +1,18 @@
 #![doc = include_str!("../README.md")]
 
 pub mod audit;
+pub mod check;
 pub mod client;
 pub mod config;
 pub mod devices;
 pub mod documents;
 pub mod error;
+pub mod glance;
 pub mod history;
 pub mod http;
 mod identity;
 mod lock;
+pub mod machine;
 mod metrics;
 mod observe;
 mod online;
@@ -25,8 +28,11 @@ pub mod service;
 pub mod signals;
 pub mod simulate;
 mod sinumerik;
+pub mod slot;
+mod supervise;
 pub mod text;
 mod times;
+pub mod together;
 
 /// Bytes as hexadecimal digits.
 fn hex(bytes: &[u8]) -> String {

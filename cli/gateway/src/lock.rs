@@ -46,6 +46,23 @@ pub(crate) fn lock(config: &Config) -> Result<Vec<UnixListener>, GatewayError> {
     Ok(locks)
 }
 
+/// The devices that a configuration needs for itself: URL, and name of the device that it reaches. The serial lines of
+/// thermometers are among them, on which two cannot ask at one time; other thermometers may be asked by many.
+pub(crate) fn reached(config: &Config) -> BTreeSet<(String, String)> {
+    let controllers = config.controllers.iter().map(|c| (&c.url, false));
+    let thermometers = config.thermometers.iter().map(|t| (&t.url, true));
+    let addresses = controllers.chain(thermometers).filter_map(|(url, reads)| {
+        let address = Address::parse(url).ok()?;
+        (!reads || address.scheme == Scheme::ModbusRtu).then_some((url, address))
+    });
+    addresses
+        .flat_map(|(url, address)| {
+            let named = |device| (url.clone(), device);
+            devices(&address).into_iter().map(named).collect::<Vec<_>>()
+        })
+        .collect()
+}
+
 /// Locks the folder of the audit log, in which a gateway remembers what it has written, confirmed and been told.
 fn lock_folder(folder: &Path) -> Result<UnixListener, GatewayError> {
     let shown = folder.display().to_string();

@@ -4,8 +4,8 @@ use std::{io::Write, net::SocketAddr, path::PathBuf, process::ExitCode, time::Du
 
 use clap::{Parser, Subcommand, ValueEnum};
 use volcomp_gateway::{
-    client,
-    config::{Config, DashboardConfig},
+    check, client,
+    config::{ConfigFile, DashboardConfig},
     documents::CheckFailure,
     error::GatewayError,
     http::tls,
@@ -17,18 +17,21 @@ use volcomp_gateway::{
 
 const EXAMPLES: &str = "Examples:
   volcomp-gateway                                     a simulated machine on http://127.0.0.1:8080
-  volcomp-gateway --config /etc/volcomp/gateway.toml  the machine of a configuration";
+  volcomp-gateway --config /etc/volcomp/gateway.toml  the machine of a configuration
+  volcomp-gateway --config shop.toml                  several machines, each on its own";
 const CHECK_EXAMPLES: &str = "Examples:
   volcomp-gateway check gateway.toml                  what will be corrected, and within which limits
   volcomp-gateway check gateway.toml --json | jq .notes
-  volcomp-gateway check gateway.toml --online         compares with what the controls tell, too";
+  volcomp-gateway check gateway.toml --online         compares with what the controls tell, too
+  volcomp-gateway check shop.toml --machine mill-2    one machine of several";
 const REHEARSE_EXAMPLES: &str = "Examples:
   volcomp-gateway rehearse gateway.toml > rehearsal.txt       every fault, to be filed
   volcomp-gateway rehearse gateway.toml --fault late_write    one fault alone
   volcomp-gateway rehearse gateway.toml --json | jq .passed";
 const STATUS_EXAMPLES: &str = "Examples:
   volcomp-gateway status                              the gateway on http://127.0.0.1:8080
-  volcomp-gateway status --config /etc/volcomp/gateway.toml --token-file viewer --json";
+  volcomp-gateway status --config /etc/volcomp/gateway.toml --token-file viewer --json
+  volcomp-gateway status --config shop.toml --machine mill-2";
 const TLS_EXAMPLES: &str = "Examples:
   volcomp-gateway tls-init localhost 127.0.0.1
   volcomp-gateway tls-init gateway.shop.lan 192.0.2.30 --output /etc/volcomp";
@@ -53,19 +56,19 @@ struct Arguments {
 
 #[derive(clap::Args)]
 struct RunArguments {
-    /// The TOML file of the configuration
+    /// The TOML file of the configuration, or that of several machines
     #[arg(long, conflicts_with = "simulate")]
     config: Option<PathBuf>,
     /// Simulate a machine, which is what happens without a configuration
     #[arg(long)]
     simulate: bool,
-    /// The address and port of the dashboard, instead of the configured one
+    /// The address and port of the dashboard, of several machines that of the overview, instead of the configured one
     #[arg(long)]
     listen: Option<SocketAddr>,
-    /// A file with lines NAME ROLE TOKEN, mode 0600, instead of the configured one
+    /// A file with lines NAME ROLE TOKEN, mode 0600, of several machines that of the overview, instead of the configured one
     #[arg(long)]
     token_file: Option<PathBuf>,
-    /// The folder of the audit log, instead of the configured one
+    /// The folder of the audit log, instead of the configured one; of several machines each has a folder of its name in it
     #[arg(long)]
     audit_dir: Option<PathBuf>,
     /// The time of a cycle of the simulation, ms
@@ -87,8 +90,11 @@ enum Command {
     /// Check a configuration without opening a device, and print what it means
     #[command(after_help = CHECK_EXAMPLES)]
     Check {
-        /// The TOML file of the configuration
+        /// The TOML file of the configuration, or that of several machines
         config: PathBuf,
+        /// Of several machines only this one
+        #[arg(long, value_name = "NAME")]
+        machine: Option<String>,
         /// Print one JSON document
         #[arg(long)]
         json: bool,
@@ -106,8 +112,11 @@ enum Command {
     /// Exit status: 0 no rule was broken, 1 a rule was broken, 2 the configuration or the call is wrong.
     #[command(after_help = REHEARSE_EXAMPLES)]
     Rehearse {
-        /// The TOML file of the configuration
+        /// The TOML file of the configuration, or that of several machines
         config: PathBuf,
+        /// Which of several machines
+        #[arg(long, value_name = "NAME")]
+        machine: Option<String>,
         /// Print one JSON document
         #[arg(long)]
         json: bool,
@@ -121,9 +130,12 @@ enum Command {
     /// Print the state of a running gateway
     #[command(after_help = STATUS_EXAMPLES)]
     Status {
-        /// The configuration with which it runs
+        /// The configuration with which it runs, or the file of several machines
         #[arg(long)]
         config: Option<PathBuf>,
+        /// Of several machines this one; without it all of them at a glance
+        #[arg(long, value_name = "NAME", requires = "config")]
+        machine: Option<String>,
         /// The address and port of its dashboard
         #[arg(long)]
         listen: Option<SocketAddr>,
@@ -199,31 +211,22 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
         }
         Some(Command::Check {
             config,
+            machine,
             json,
             online,
-        }) => {
-            let plan = Plan::new(Config::read(&config)?)?;
-            let found = if online {
-                plan.online()?
-            } else {
-                plan.document()
-            };
-            print(&if json {
-                document(&found)?
-            } else {
-                plan.text_of(&found)
-            })
-        }
+        }) => print(&check::check(&config, machine.as_deref(), online, json)?),
         Some(Command::Rehearse {
             config,
+            machine,
             json,
             seed,
             fault,
         }) => {
             let rehearsal = Rehearsal::of(seed, &fault)?;
-            let found = rehearsal.run(&Plan::new(Config::read(&config)?)?)?;
+            let config = ConfigFile::read(&config)?.machine(machine.as_deref())?;
+            let found = rehearsal.run(&Plan::new(config)?)?;
             print(&if json {
-                document(&found)?
+                check::line(&found)?
             } else {
                 rehearse::text(&found, columns())
             })?;
@@ -231,38 +234,11 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
         }
         Some(Command::Status {
             config,
+            machine,
             listen,
             token_file,
             json,
-        }) => {
-            let mut dashboard = match config {
-                Some(path) => DashboardConfig::read(&path).map_err(GatewayError::status_without)?,
-                None => DashboardConfig::default(),
-            };
-            if let Some(listen) = listen {
-                dashboard.listen = listen;
-            }
-            let token = match token_file {
-                Some(path) => {
-                    let text = std::fs::read_to_string(&path).map_err(|e| GatewayError::Read {
-                        file: path.display().to_string(),
-                        source: e,
-                    })?;
-                    // A token alone, or a line of the gateway's own file.
-                    text.lines()
-                        .next()
-                        .and_then(|line| line.split_whitespace().last())
-                        .map(str::to_owned)
-                }
-                None => None,
-            };
-            let status = client::ask(&dashboard, token.as_deref())?;
-            print(&if json {
-                document(&status)?
-            } else {
-                text::text(&status)
-            })
-        }
+        }) => print(&status(config, machine, listen, token_file, json)?),
         Some(Command::TlsInit { names, output }) => {
             let [certificate, key] = tls::make(&output, &names)?;
             print(&format!(
@@ -274,11 +250,49 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
     }
 }
 
-/// A document as one line.
-fn document(document: &impl serde::Serialize) -> Result<String, GatewayError> {
-    let text = serde_json::to_string(document);
-    let text = text.map_err(|e| GatewayError::system("JSON", e.into()))?;
-    Ok(text + "\n")
+/// What a running gateway answers.
+fn status(
+    config: Option<PathBuf>,
+    machine: Option<String>,
+    listen: Option<SocketAddr>,
+    token_file: Option<PathBuf>,
+    json: bool,
+) -> Result<String, GatewayError> {
+    let (mut dashboard, is_overview) = match config {
+        Some(path) => client::address(&path, machine.as_deref())?,
+        None => (DashboardConfig::default(), false),
+    };
+    if let Some(listen) = listen {
+        dashboard.listen = listen;
+    }
+    let token = match token_file {
+        Some(path) => {
+            let text = std::fs::read_to_string(&path).map_err(|e| GatewayError::Read {
+                file: path.display().to_string(),
+                source: e,
+            })?;
+            // A token alone, or a line of the gateway's own file.
+            text.lines()
+                .next()
+                .and_then(|line| line.split_whitespace().last())
+                .map(str::to_owned)
+        }
+        None => None,
+    };
+    if is_overview {
+        let overview = client::ask_overview(&dashboard, token.as_deref())?;
+        return if json {
+            check::line(&overview)
+        } else {
+            Ok(text::overview(&overview))
+        };
+    }
+    let status = client::ask(&dashboard, token.as_deref())?;
+    if json {
+        check::line(&status)
+    } else {
+        Ok(text::text(&status))
+    }
 }
 
 /// To standard output; a reader that has gone away is no failure.

@@ -1,8 +1,17 @@
-//! The requests of the whole process to the operating system: locked memory and processors that stay awake.
+//! What the whole process asks of the operating system: locked memory, processors that stay awake, and what the service
+//! manager hears.
 
-use std::{fs::File, io::Write};
+use std::{
+    fs::File,
+    io::Write,
+    time::{Duration, Instant},
+};
 
 use rustix::mm::{MlockAllFlags, mlockall};
+use sd_notify::NotifyState;
+
+/// Life is proven as often without a service manager that waits for it.
+const NOBODY_WAITS: Duration = Duration::from_secs(4);
 
 /// Memory that stays locked and processors that stay awake, for the whole process and as long as this lives.
 pub struct Process {
@@ -33,5 +42,88 @@ impl Process {
             _awake: awake.ok(),
             lacking,
         }
+    }
+}
+
+/// The time within which the service manager must hear that the process lives.
+pub(crate) fn proven_within() -> Duration {
+    sd_notify::watchdog_enabled().unwrap_or(NOBODY_WAITS)
+}
+
+/// What the service manager was told last. Where there is none nobody hears it.
+pub(crate) struct Manager {
+    begun: Instant,
+    is_ready: bool,
+    status: String,
+    /// The proofs of life so far, of each machine.
+    proofs: Vec<u64>,
+}
+
+impl Manager {
+    /// Nothing was told yet.
+    pub(crate) fn new() -> Self {
+        Self {
+            begun: Instant::now(),
+            is_ready: false,
+            status: String::new(),
+            proofs: Vec::new(),
+        }
+    }
+
+    /// It is ready: once, and as soon as everything is on its way no more, or has been for `patience`.
+    pub(crate) fn ready(&mut self, is_settled: bool, patience: Duration) {
+        if !self.is_ready && (is_settled || self.begun.elapsed() > patience) {
+            self.is_ready = true;
+            tell(&NotifyState::Ready);
+        }
+    }
+
+    /// It begins to stop.
+    pub(crate) fn stopping(&self) {
+        tell(&NotifyState::Stopping);
+    }
+
+    /// How the machines are, in words, where that has changed.
+    pub(crate) fn status(&mut self, status: String) {
+        if status != self.status {
+            tell(&NotifyState::Status(&status));
+            self.status = status;
+        }
+    }
+
+    /// Feeds the watchdog where a machine has proven since the last call that it lives.
+    pub(crate) fn feed(&mut self, proofs: Vec<u64>) {
+        if self.lives(proofs) {
+            tell(&NotifyState::Watchdog);
+        }
+    }
+
+    /// Whether one machine at least has proven since the last call that it lives.
+    fn lives(&mut self, proofs: Vec<u64>) -> bool {
+        let lives = !self.proofs.is_empty() && proofs != self.proofs;
+        self.proofs = proofs;
+        lives
+    }
+}
+
+/// The socket to the service manager takes what is told without waiting.
+fn tell(state: &NotifyState<'_>) {
+    let _ = sd_notify::notify(std::slice::from_ref(state));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Manager;
+
+    /// A machine that hangs does not end the others, and none that lives is needed for the process to be started anew.
+    #[test]
+    fn the_watchdog_is_fed_while_one_machine_lives() {
+        let mut manager = Manager::new();
+        assert!(!manager.lives(vec![0, 0]), "nothing is proven yet");
+        assert!(manager.lives(vec![1, 1]));
+        assert!(manager.lives(vec![1, 2]), "the first one hangs");
+        assert!(manager.lives(vec![1, 3]));
+        assert!(!manager.lives(vec![1, 3]), "both hang");
+        assert!(manager.lives(vec![2, 3]), "the first one is back");
     }
 }

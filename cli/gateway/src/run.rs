@@ -1,207 +1,141 @@
-//! From a call to a running gateway, and to its end.
+//! From a call to running machines, and to their end.
 
-use std::{
-    io::Write,
-    net::TcpListener,
-    path::Path,
-    sync::{Arc, atomic::AtomicUsize},
-    time::Duration,
-};
-
-use volcomp_guard::Reasons;
-use volcomp_port::Description;
-use volcomp_runtime::{DisarmSwitch, Model, Report, monotonic, start};
-use volcomp_vocabulary::{MAX_AXES, PerAxis};
+use std::{io::Write, path::Path, sync::Arc};
 
 use crate::{
-    audit::{AuditLog, Found, boot_id},
-    config::Config,
-    documents::{LastOutput, Status},
+    config::{ConfigFile, MachineEntry, Several},
     error::GatewayError,
-    http::{self, Dashboard, Tls},
-    lock::lock,
-    observe::{self, Facts},
+    glance::Places,
+    http::{self, Door, Overviewed},
+    machine::Machine,
     options::Options,
-    plan::{Opened, Plan},
-    process::Process,
-    published::published,
-    request::{Ask, Asked, Asks, queue},
-    service::{Parts, Service, standing},
-    signals::{Heard, Signal},
-    times::Times,
+    plan,
+    process::{Process, proven_within},
+    signals::Heard,
+    slot::Slot,
+    supervise::{Member, supervise},
+    together,
 };
 
 /// Runs until it is told to stop.
 ///
 /// # Errors
-/// Why it does not start. Once it runs, troubles are states and log lines.
+/// Why it does not start. Once it runs, troubles are states and log lines; at its end, the machines that did not run.
 pub fn run(options: &Options) -> Result<(), GatewayError> {
-    let plan = Plan::new(options.configuration()?)?;
-    let process = Process::prepare();
-    let listener = listen(&plan.config)?;
-    let _locks = lock(&plan.config)?;
-    let (audit, found) = open_audit(&plan.config)?;
-    let Opened {
-        config,
-        mut cycle,
-        model,
-        controllers,
-        sensors,
-        truth,
-        tokens,
-        tls,
-    } = plan.open()?;
-    // What is not remembered is not zero: the device tells it, or a person has to look.
-    let unknown = || (PerAxis::from_fn(|_| f64::NAN), Duration::ZERO);
-    let remembered = last_output(&config.audit_dir.join("output.json"), &model, &controllers);
-    let (output, age) = remembered.unwrap_or_else(unknown);
-    cycle.restore(&output, age);
-    let (handle, lacking) = start(cycle, config.realtime)?;
-    for lacking in process.lacking.iter().chain(&lacking) {
-        tracing::warn!("{lacking}");
+    if let Some(path) = &options.config
+        && let ConfigFile::Several(several) = ConfigFile::read(path)?
+    {
+        return run_several(path, &several, options);
     }
-    let facts = Facts {
-        model: &model,
-        controllers: &controllers,
-        sensors: &sensors,
-        truth: truth.as_ref(),
-        auto_arm: config.auto_arm,
-        cycle: config.cycle,
+    let machine = Machine {
+        name: None,
+        options: options.clone(),
+        proven_within: proven_within(),
     };
-    let first: Status = observe::status(&facts, &Report::default(), &Times::default());
-    let switch = handle.disarm_switch();
-    let stops = switch.clone();
-    let signals = Heard::new(move || stops.end())?;
-    let (publisher, published) = published(first, Arc::clone(&model), handle.pulse());
-    let (asks, asked) = queue();
+    let member = Member {
+        plan: Ok(machine.plan()?),
+        machine,
+        slot: Arc::default(),
+    };
+    let _process = prepare();
+    let signals = heard(std::slice::from_ref(&member))?;
+    supervise(vec![member], &signals, || {})
+}
+
+fn run_several(path: &Path, several: &Several, options: &Options) -> Result<(), GatewayError> {
+    let members = members(several, options);
+    let mut several = several.clone();
+    if let Some(listen) = options.listen {
+        several.dashboard.listen = listen;
+    }
+    if let Some(file) = &options.token_file {
+        several.dashboard.token_file = Some(file.clone());
+    }
+    together(&several, &members)?;
+    let (tokens, tls) = plan::dashboard(&several.dashboard)?;
+    let _process = prepare();
+    let listener = http::listen(several.dashboard.listen)?;
     let address = listener
         .local_addr()
         .map_err(|e| GatewayError::system("dashboard", e))?;
     let scheme = if tls.is_some() { "https" } else { "http" };
-    let dashboard = Dashboard {
-        published,
-        controllers: controllers.len(),
-        asks: asks.clone(),
-        switch: switch.clone(),
-        tokens,
-        hosts: config.dashboard.hosts.clone(),
-        reading_needs_token: !config.dashboard.listen.ip().is_loopback(),
-        streams: AtomicUsize::new(0),
+    let places: Places = members
+        .iter()
+        .map(|m| {
+            (
+                m.machine.name.clone().unwrap_or_default(),
+                Arc::clone(&m.slot),
+            )
+        })
+        .collect();
+    let overviewed = Overviewed {
+        places,
+        door: Arc::new(Door::new(&several.dashboard, tokens)),
     };
-    let parts = Parts {
-        handle,
-        forbids: Reasons::NO_LIMITS.when(config.guard.is_none()),
-        options: options.clone(),
-        controllers,
-        sensors,
-        model,
-        truth,
-        standing: standing::read(&config.audit_dir),
-        config,
-    };
-    let mut service = Service::new(parts, audit, publisher, asked)?;
-    service.started(&found);
-    let runtime = serve(listener, tls, dashboard)?;
+    let signals = heard(&members)?;
+    let runtime = http::runtime(listener, |listener| {
+        http::serve_overview(listener, tls, Arc::new(overviewed))
+    })?;
     // Nobody may be reading.
     let _ = writeln!(std::io::stdout(), "listening on {scheme}://{address}");
-    let _ = sd_notify::notify(&[sd_notify::NotifyState::Ready]);
-    until_stopped(&mut service, &signals, &asks, &switch);
+    let ended = supervise(members, &signals, || tell_other_machines(path, &several));
     runtime.shutdown_background();
-    Ok(())
+    ended
 }
 
-/// Turns until SIGTERM or SIGINT; SIGHUP reloads. A second signal ends a stop at once.
-fn until_stopped(service: &mut Service, signals: &Heard, asks: &Asks, switch: &DisarmSwitch) {
-    loop {
-        while let Some(signal) = signals.next() {
-            if signal == Signal::Stop {
-                service.stop(&mut || signals.stops());
-                return;
-            }
-            let reload = Asked::new(Ask::Reload(None), "signal", None, switch);
-            if asks.try_send(reload).is_err() {
-                tracing::warn!("reload: too many requests wait");
-            }
+/// The machines of a file, each with the plan of its configuration.
+pub(crate) fn members(several: &Several, options: &Options) -> Vec<Member> {
+    let member = |entry: &MachineEntry| {
+        let machine = Machine {
+            name: Some(entry.name.clone()),
+            options: Options {
+                config: Some(entry.config.clone()),
+                audit_dir: options.audit_dir.as_ref().map(|dir| dir.join(&entry.name)),
+                ..Options::default()
+            },
+            proven_within: proven_within(),
+        };
+        Member {
+            plan: machine.plan(),
+            machine,
+            slot: Arc::new(Slot::default()),
         }
-        service.turn();
-    }
-}
-
-/// The socket of the dashboard.
-fn listen(config: &Config) -> Result<TcpListener, GatewayError> {
-    let address = config.dashboard.listen;
-    TcpListener::bind(address)
-        .and_then(|listener| listener.set_nonblocking(true).map(|()| listener))
-        .map_err(|e| GatewayError::system(format!("dashboard {address}"), e))
-}
-
-/// A runtime with one worker for the dashboard.
-fn serve(
-    listener: TcpListener,
-    tls: Option<Tls>,
-    dashboard: Dashboard,
-) -> Result<tokio::runtime::Runtime, GatewayError> {
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(1)
-        .max_blocking_threads(1)
-        .thread_name("volcomp-http")
-        .thread_stack_size(512 * 1024)
-        .enable_io()
-        .enable_time()
-        .build()
-        .map_err(|e| GatewayError::system("dashboard", e))?;
-    let guard = runtime.enter();
-    let listener = tokio::net::TcpListener::from_std(listener)
-        .map_err(|e| GatewayError::system("dashboard", e))?;
-    drop(guard);
-    runtime.spawn(http::serve(
-        listener,
-        tls,
-        http::router(Arc::new(dashboard)),
-    ));
-    Ok(runtime)
-}
-
-/// The audit log, and what was found when it was opened.
-fn open_audit(config: &Config) -> Result<(AuditLog, Found), GatewayError> {
-    let (audit, found) = AuditLog::open(&config.audit_dir)
-        .map_err(|e| GatewayError::system(config.audit_dir.display().to_string(), e))?;
-    if found.cut_bytes > 0 {
-        tracing::warn!(
-            "audit log: a torn tail of {} bytes was cut after {} records",
-            found.cut_bytes,
-            found.records
-        );
-    }
-    if let Some((line, aside)) = &found.broken {
-        tracing::error!(
-            "audit log: line {line} does not belong to the chain: the file is now {}",
-            aside.display()
-        );
-    }
-    Ok((audit, found))
-}
-
-/// The last output that was stored (mm, rad), and how long ago; `None` where none was, it cannot be read, is of another
-/// boot of the computer, of other axes or of other controllers. Where the program did not come to its end it may have
-/// sent another one afterwards: then what was sent last is no number.
-fn last_output(
-    path: &Path,
-    model: &Model,
-    controllers: &[Description],
-) -> Option<(PerAxis<f64>, Duration)> {
-    let text = std::fs::read_to_string(path).ok()?;
-    let output: LastOutput = serde_json::from_str(&text).ok()?;
-    let fits = output.boot == boot_id()
-        && (output.axes, output.controllers) == LastOutput::belongs_to(model, controllers)
-        && output.correction.len() <= MAX_AXES
-        && output.correction.iter().all(|value| value.is_finite());
-    let written = Duration::try_from_secs_f64(output.monotonic_s).unwrap_or_default();
-    let age = monotonic().saturating_sub(written);
-    let of = |axis: usize| match output.correction.get(axis) {
-        Some(value) if output.ended => *value,
-        Some(_) => f64::NAN,
-        None => 0.0,
     };
-    fits.then(|| (PerAxis::from_fn(of), age))
+    several.machines.iter().map(member).collect()
+}
+
+/// Refuses what two machines have in common, as far as their configurations are right.
+pub(crate) fn together(several: &Several, members: &[Member]) -> Result<(), GatewayError> {
+    let entries = several.machines.iter().zip(members);
+    let planned = entries.filter_map(|(entry, member)| {
+        let config = &member.plan.as_ref().ok()?.config;
+        Some((entry.name.as_str(), entry.config.as_path(), config))
+    });
+    together::check(several, &planned.collect::<Vec<_>>())
+}
+
+/// The signals, of which one to stop acts on every machine at once.
+fn heard(members: &[Member]) -> Result<Heard, GatewayError> {
+    let slots: Vec<Arc<Slot>> = members.iter().map(|m| Arc::clone(&m.slot)).collect();
+    Heard::new(move || slots.iter().for_each(|slot| slot.stop()))
+}
+
+fn prepare() -> Process {
+    let process = Process::prepare();
+    for lacking in &process.lacking {
+        tracing::warn!("{lacking}");
+    }
+    process
+}
+
+/// Says that machines which were added to the file, or taken out of it, need a restart.
+fn tell_other_machines(path: &Path, running: &Several) {
+    match ConfigFile::read(path) {
+        Ok(ConfigFile::Several(now)) if now.machines == running.machines => {}
+        Ok(_) => tracing::warn!(
+            "{}: [[machine]] changed: restart the gateway for that",
+            running.file
+        ),
+        Err(e) => tracing::warn!("reload: {e}"),
+    }
 }

@@ -2,8 +2,9 @@
 //! doing or waiting for.
 
 use std::{
-    sync::mpsc::{Receiver, channel},
+    sync::mpsc::{Receiver, RecvTimeoutError, channel},
     thread,
+    time::Duration,
 };
 
 use signal_hook::{
@@ -58,14 +59,17 @@ impl Heard {
         Ok(Self { told, handle })
     }
 
-    /// The next signal that came and was not taken yet.
-    pub fn next(&self) -> Option<Signal> {
-        self.told.try_recv().ok()
-    }
-
-    /// Takes all that came: whether one of them was a signal to stop.
-    pub fn stops(&self) -> bool {
-        self.told.try_iter().any(|signal| signal == Signal::Stop)
+    /// The next signal that came and was not taken yet; waits for one for at most `wait`.
+    pub fn next(&self, wait: Duration) -> Option<Signal> {
+        match self.told.recv_timeout(wait) {
+            Ok(signal) => Some(signal),
+            Err(RecvTimeoutError::Timeout) => None,
+            // The thread that hears is gone, and no signal comes any more.
+            Err(RecvTimeoutError::Disconnected) => {
+                thread::sleep(wait);
+                None
+            }
+        }
     }
 }
 

@@ -24,7 +24,7 @@ pub use clock::{monotonic, thread_time, tick};
 pub use cycle::{Cycle, Spent};
 pub use error::{OrderRefusal, PlanError, StartError};
 pub use model::{LargestMove, Model, ModelCorrection, ModelWanted, rotary_step_error};
-pub use path::ControlPath;
+pub use path::{ControlPath, next_owner};
 pub use plan::{LeftOut, PathPlan, SHIFT_STEPS, WhyLeftOut};
 pub use reader::{PositionReader, ReaderPlan};
 pub use realtime::{DisarmSwitch, Handle, Order, Pulse, start};

@@ -98,8 +98,8 @@ impl ControlPath {
         })
     }
 
-    /// The path of a plan with a barrier as another run of the program has it, under this owner number instead of the one
-    /// that this run drew: for rehearsals of a restart. Without a barrier nothing changes.
+    /// The path of a plan with a barrier under this owner number instead of the one that this run of the program drew: for one of
+    /// several machines ([`next_owner`]), and for rehearsals of a restart. Without a barrier nothing changes.
     ///
     /// # Errors
     /// Axes that cannot be those of a barrier: none for a plan that was not changed since it was made.
@@ -403,6 +403,17 @@ pub(crate) fn interlock_of(
         emergency_stop: shown.emergency_stop,
     };
     said.at_age(age, hold, shown)
+}
+
+/// An owner number for the next machine of this process ([`ControlPath::with_owner`]): another one with every call, and not
+/// those of other runs of the program, so that a barrier tells two machines of one process apart, should both reach it.
+pub fn next_owner() -> u16 {
+    use std::sync::atomic::{AtomicU16, Ordering};
+    static NEXT: AtomicU16 = AtomicU16::new(1);
+    let numbers = u32::from(u16::MAX);
+    let moved = u32::from(owner() - 1) + u32::from(NEXT.fetch_add(1, Ordering::Relaxed));
+    // Below 65535, so it fits; never 0.
+    u16::try_from(moved % numbers).map_or(1, |number| number + 1)
 }
 
 /// A number that tells this run of the program from others: drawn once at the start, never 0.

@@ -13,6 +13,7 @@ use tokio::{
     net::{TcpListener, TcpStream},
     task::AbortHandle,
 };
+use tracing::Instrument;
 
 use crate::Tls;
 
@@ -44,7 +45,7 @@ pub async fn serve(listener: TcpListener, tls: Option<Tls>, router: Router) {
             oldest.abort();
         }
         let (router, tls) = (router.clone().layer(Extension(from)), tls.clone());
-        let served = tokio::spawn(connection(stream, from, tls, router));
+        let served = tokio::spawn(connection(stream, from, tls, router).in_current_span());
         open.push_back(served.abort_handle());
     }
 }

@@ -77,7 +77,11 @@ impl Clerk {
         };
         thread::Builder::new()
             .name("volcomp-audit".to_owned())
-            .spawn(move || desk.run(&work))?;
+            .spawn({
+                // What it logs is of the machine of whoever starts it.
+                let span = tracing::Span::current();
+                move || span.in_scope(|| desk.run(&work))
+            })?;
         Ok(Self { tasks, health })
     }
 

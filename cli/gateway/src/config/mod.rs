@@ -20,6 +20,7 @@ mod controller;
 mod dashboard;
 mod guard;
 mod kinds;
+mod several;
 mod sinumerik;
 mod stated;
 
@@ -28,8 +29,22 @@ use controller::{check_latches, controller, thermometer};
 use dashboard::{dashboard, realtime};
 use guard::guard;
 pub use kinds::{CONTROLLER_KEYS, ControllerKind};
+pub use several::{ConfigFile, MachineEntry, Several};
 pub use sinumerik::{ServerConfig, SinumerikTable};
 pub use stated::StatedKeys;
+
+/// The keys of the root of a configuration.
+const ROOT_KEYS: [&str; 9] = [
+    "machine",
+    "cycle_ms",
+    "auto_arm",
+    "guard",
+    "controller",
+    "thermometer",
+    "dashboard",
+    "audit",
+    "realtime",
+];
 
 /// Everything that a configuration says. Paths are relative to its folder.
 #[derive(Clone, Debug, PartialEq)]
@@ -254,20 +269,12 @@ impl Config {
     }
 
     fn decode(root: &Section<'_>, file: &str, folder: &Path) -> Result<Self, InputError> {
-        root.allow_in(
-            FileKind::Gateway,
-            &[
-                "machine",
-                "cycle_ms",
-                "auto_arm",
-                "guard",
-                "controller",
-                "thermometer",
-                "dashboard",
-                "audit",
-                "realtime",
-            ],
-        )?;
+        if several::holds_several(root) {
+            return Err(root.require("machine")?.error(
+                "found [[machine]], which holds several machines, expected the configuration of one",
+            ));
+        }
+        root.allow_in(FileKind::Gateway, &ROOT_KEYS)?;
         let [shortest_ms, longest_ms] = [ceiling::SHORTEST_CYCLE, ceiling::LONGEST_CYCLE]
             .map(|cycle| cycle.as_secs_f64() * 1e3);
         let cycle_ms = root.number_or("cycle_ms", shortest_ms..=longest_ms, 4.0)?;

@@ -7,6 +7,7 @@
 mod answer;
 mod history;
 mod map;
+mod overview;
 mod plan;
 mod record;
 mod rehearsal;
@@ -15,10 +16,11 @@ mod state;
 pub use answer::{Answer, Confirmation, Question, Refusal, Reloaded, Settled};
 pub use history::{History, HistoryPoint};
 pub use map::{ErrorMap, MapAxis};
+pub use overview::{Glance, Overview, PhaseName};
 pub use plan::{
     AuditPlan, AxisPlan, BarrierPlan, CheckFailure, ControllerPlan, DashboardPlan, GuardPlan,
-    MachinePlan, OnlineBarrier, OnlineBarrierAxis, OnlinePlan, OpcUaPlan, PlanDocument, PmcPlan,
-    SensorPlan, Source, Stated, ThermometerPlan, TokenPlan,
+    MachinePlan, MachinesPlan, MemberPlan, OnlineBarrier, OnlineBarrierAxis, OnlinePlan, OpcUaPlan,
+    OverviewPlan, PlanDocument, PmcPlan, SensorPlan, Source, Stated, ThermometerPlan, TokenPlan,
 };
 pub use record::{
     Broken, ConfirmedLimits, Details, Event, LastOutput, LimitChanges, Record, Standing, Start,
@@ -41,11 +43,13 @@ pub fn schemas() -> Vec<(&'static str, Schema)> {
         ("gateway-answer.json", schema_for!(Answer)),
         ("gateway-audit-record.json", schema_for!(Record)),
         ("gateway-check.json", schema_for!(PlanDocument)),
+        ("gateway-check-machines.json", schema_for!(MachinesPlan)),
         ("gateway-confirmation.json", schema_for!(Confirmation)),
         ("gateway-error.json", schema_for!(CheckFailure)),
         ("gateway-history.json", schema_for!(History)),
         ("gateway-last-output.json", schema_for!(LastOutput)),
         ("gateway-map.json", schema_for!(ErrorMap)),
+        ("gateway-overview.json", schema_for!(Overview)),
         ("gateway-rehearsal.json", schema_for!(RehearsalDocument)),
         ("gateway-standing.json", schema_for!(Standing)),
         ("gateway-state.json", schema_for!(Status)),

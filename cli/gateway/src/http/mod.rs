@@ -1,11 +1,17 @@
 //! The dashboard: pages, state, events, history, metrics, requests.
 
+mod door;
 mod map;
+mod overview;
 mod routes;
+mod server;
 mod shared;
 mod tokens;
 
+pub use door::Door;
+pub use overview::{Overviewed, serve_overview};
 pub use routes::router;
+pub(crate) use server::{listen, runtime};
 pub use shared::Dashboard;
 pub use tokens::{Denied, Holder, Role, Tokens};
 pub use volcomp_web::{Tls, serve, tls};

@@ -10,9 +10,9 @@ use std::{
 use axum::{
     Extension, Json, Router,
     body::Bytes,
-    extract::{DefaultBodyLimit, Request, State},
-    http::{HeaderMap, HeaderValue, StatusCode, header},
-    middleware::{self, Next},
+    extract::{DefaultBodyLimit, State},
+    http::{HeaderMap, StatusCode, header},
+    middleware,
     response::{
         IntoResponse, Response,
         sse::{Event, KeepAlive, Sse},
@@ -23,22 +23,21 @@ use tokio::{sync::oneshot, time::MissedTickBehavior};
 use tokio_stream::{StreamExt, wrappers::IntervalStream};
 
 use super::{
+    door::{self, bearer, refuse},
     map,
     shared::{Dashboard, MAX_STREAMS, StreamSlot},
-    tokens::{Denied, Role},
+    tokens::Role,
 };
 use volcomp_web::{headers, hosts};
 
 use crate::{
-    documents::{Confirmation, Refusal, Status, TokenPlan},
+    documents::{Confirmation, Status},
     metrics,
     request::{Ask, Asked},
 };
 
 /// The largest body of a request, bytes.
 const MAX_BODY: usize = 64 * 1024;
-/// A request must be answered after so long, by the service too.
-const AT_MOST: Duration = Duration::from_secs(10);
 /// The time between two events of a stream.
 const EVENT_EVERY: Duration = Duration::from_millis(100);
 
@@ -82,100 +81,31 @@ pub fn router(dashboard: Shared) -> Router {
         .route("/api/map", get(error_map))
         .route("/metrics", get(prometheus))
         .layer(middleware::from_fn_with_state(
-            Arc::clone(&dashboard),
-            may_view,
+            Arc::clone(&dashboard.door),
+            door::may_view,
         ));
     let operate = Router::new()
         .route("/api/arm", post(arm))
         .route("/api/disarm", post(disarm))
         .route("/api/acknowledge", post(acknowledge))
         .route("/api/reload", post(reload))
-        .route("/api/token", get(token));
+        .route(
+            "/api/token",
+            get(door::token).with_state(Arc::clone(&dashboard.door)),
+        );
     let pages = PAGES
         .iter()
         .fold(Router::new(), |router, &(path, kind, text)| {
-            router.route(path, get(move || page(kind, text)))
+            router.route(path, get(async move || door::page(kind, text)))
         });
     read.merge(operate)
         .merge(pages)
         .layer(DefaultBodyLimit::max(MAX_BODY))
         .layer(middleware::from_fn_with_state(
-            Arc::clone(&dashboard),
-            every_request,
+            Arc::clone(&dashboard.door),
+            door::every_request,
         ))
         .with_state(dashboard)
-}
-
-/// Host, time, and the headers of every answer.
-async fn every_request(State(dashboard): State<Shared>, request: Request, next: Next) -> Response {
-    let host = request
-        .headers()
-        .get(header::HOST)
-        .and_then(|host| host.to_str().ok());
-    let mut response = match host {
-        Some(host) if hosts::is_known(host, &dashboard.hosts) => {
-            match tokio::time::timeout(AT_MOST, next.run(request)).await {
-                Ok(response) => response,
-                Err(_) => refuse(StatusCode::REQUEST_TIMEOUT, "the request took too long"),
-            }
-        }
-        Some(_) => refuse(
-            StatusCode::MISDIRECTED_REQUEST,
-            "this name is not configured: add it to [dashboard] hosts",
-        ),
-        None => refuse(StatusCode::BAD_REQUEST, "no Host header"),
-    };
-    headers::put(response.headers_mut());
-    response
-}
-
-/// Where reading needs a token, it is asked for.
-async fn may_view(
-    State(dashboard): State<Shared>,
-    Extension(from): Extension<SocketAddr>,
-    request: Request,
-    next: Next,
-) -> Response {
-    if dashboard.reading_needs_token
-        && let Err(denied) =
-            dashboard
-                .tokens
-                .check(from.ip(), bearer(request.headers()), Role::View)
-    {
-        return denied.into_response();
-    }
-    next.run(request).await
-}
-
-fn bearer(headers: &HeaderMap) -> Option<&str> {
-    let value = headers.get(header::AUTHORIZATION)?.to_str().ok()?;
-    let (scheme, token) = value.split_once(' ')?;
-    scheme
-        .eq_ignore_ascii_case("bearer")
-        .then_some(token.trim())
-}
-
-fn refuse(status: StatusCode, why: &str) -> Response {
-    (status, Json(Refusal::new(why))).into_response()
-}
-
-impl IntoResponse for Denied {
-    fn into_response(self) -> Response {
-        match self {
-            Self::NoneConfigured => refuse(StatusCode::NOT_FOUND, "no token is configured"),
-            Self::Unknown => refuse(StatusCode::UNAUTHORIZED, "a valid token is needed"),
-            Self::Role => refuse(StatusCode::FORBIDDEN, "this token does not allow it"),
-            Self::TooMany => refuse(
-                StatusCode::TOO_MANY_REQUESTS,
-                "too many wrong tokens: wait a minute",
-            ),
-        }
-    }
-}
-
-#[expect(clippy::unused_async, reason = "handlers are asynchronous")]
-async fn page(kind: &'static str, text: &'static str) -> Response {
-    ([(header::CONTENT_TYPE, kind)], text).into_response()
 }
 
 async fn state(State(dashboard): State<Shared>) -> Response {
@@ -185,7 +115,7 @@ async fn state(State(dashboard): State<Shared>) -> Response {
 /// The state of now, with what the dashboard knows of its tokens.
 fn latest(dashboard: &Dashboard) -> Status {
     let mut status = dashboard.published.latest();
-    let mut holders = dashboard.tokens.holders();
+    let mut holders = dashboard.door.tokens.holders();
     status.operable = holders.any(|holder| holder.role == Role::Operate);
     status
 }
@@ -266,25 +196,6 @@ async fn reload(
     operate(dashboard, from.0.ip(), &headers, &body, Ask::Reload).await
 }
 
-/// Whose token this is and what it allows, so that a wrong one is found before it is needed.
-async fn token(
-    State(dashboard): State<Shared>,
-    Extension(from): Extension<SocketAddr>,
-    headers: HeaderMap,
-) -> Response {
-    match dashboard
-        .tokens
-        .check(from.ip(), bearer(&headers), Role::View)
-    {
-        Ok(holder) => Json(TokenPlan {
-            name: holder.name,
-            role: holder.role.name().to_owned(),
-        })
-        .into_response(),
-        Err(denied) => denied.into_response(),
-    }
-}
-
 /// Whoever may operate asks the service; the body may confirm a model.
 async fn operate(
     State(dashboard): State<Shared>,
@@ -293,7 +204,8 @@ async fn operate(
     body: &Bytes,
     ask: impl FnOnce(Option<String>) -> Ask,
 ) -> Response {
-    let holder = match dashboard.tokens.check(from, bearer(headers), Role::Operate) {
+    let tokens = &dashboard.door.tokens;
+    let holder = match tokens.check(from, bearer(headers), Role::Operate) {
         Ok(holder) => holder,
         Err(denied) => return denied.into_response(),
     };

@@ -7,7 +7,7 @@ use std::sync::{
 
 use volcomp_runtime::DisarmSwitch;
 
-use super::tokens::Tokens;
+use super::door::Door;
 use crate::{published::Published, request::Asks};
 
 /// The largest number of event streams at one time.
@@ -23,12 +23,8 @@ pub struct Dashboard {
     pub asks: Asks,
     /// The order to disarm, which waits for no service.
     pub switch: DisarmSwitch,
-    /// Who may do what.
-    pub tokens: Tokens,
-    /// Host names, besides addresses, under which browsers may ask.
-    pub hosts: Vec<String>,
-    /// Whether reading needs a token, since others can reach the dashboard.
-    pub reading_needs_token: bool,
+    /// Who is let in.
+    pub door: Arc<Door>,
     /// The number of event streams that are open.
     pub streams: AtomicUsize,
 }

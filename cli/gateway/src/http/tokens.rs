@@ -12,7 +12,10 @@ use std::{
 use sha2::{Digest, Sha256};
 use subtle::ConstantTimeEq;
 
-use crate::error::{GatewayError, TokenError};
+use crate::{
+    documents::TokenPlan,
+    error::{GatewayError, TokenError},
+};
 
 /// After so many wrong tokens from one address within [`WRONG_IN`] no further wrong one is looked at.
 const WRONG: u32 = 5;
@@ -144,6 +147,15 @@ impl Tokens {
     /// Whose the tokens are, in the order of the file.
     pub fn holders(&self) -> impl Iterator<Item = &Holder> {
         self.holders.iter().map(|(holder, _)| holder)
+    }
+
+    /// The tokens as a plan shows them.
+    pub fn plan(&self) -> Vec<TokenPlan> {
+        let plan = |holder: &Holder| TokenPlan {
+            name: holder.name.clone(),
+            role: holder.role.name().to_owned(),
+        };
+        self.holders().map(plan).collect()
     }
 
     /// Whether there is no token.

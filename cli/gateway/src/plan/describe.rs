@@ -16,7 +16,7 @@ use crate::{
     devices::ControllerDevice,
     documents::{
         AuditPlan, AxisPlan, BarrierPlan, ControllerPlan, DashboardPlan, GuardPlan, MachinePlan,
-        PlanDocument, SensorPlan, Source, Stated, ThermometerPlan, TokenPlan, round,
+        PlanDocument, SensorPlan, Source, Stated, ThermometerPlan, round,
     },
 };
 
@@ -50,14 +50,7 @@ pub(super) fn document(plan: &Plan) -> PlanDocument {
             ),
             tls: plan.tls.is_some(),
             reading_needs_token: !config.dashboard.listen.ip().is_loopback(),
-            tokens: plan
-                .tokens
-                .holders()
-                .map(|holder| TokenPlan {
-                    name: holder.name.clone(),
-                    role: holder.role.name().to_owned(),
-                })
-                .collect(),
+            tokens: plan.tokens.plan(),
         },
         audit: AuditPlan {
             dir: stated(config, "audit.dir", config.audit_dir.display().to_string()),

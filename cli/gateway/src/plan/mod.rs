@@ -9,10 +9,11 @@ use volcomp_runtime::{
     BarrierSettings, ControlPath, Cycle, GuardSettings, MAX_SENSORS, Model, PathPlan, PathSettings,
     PlanError, PositionReader, ReaderPlan, Sensors,
     guard::{ControlTimeOut, Limits},
+    next_owner,
 };
 
 use crate::{
-    config::{Config, is_blank},
+    config::{Config, DashboardConfig, is_blank},
     devices::{ControllerDevice, ThermometerDevice},
     documents::PlanDocument,
     error::GatewayError,
@@ -115,7 +116,7 @@ impl Plan {
                 },
             });
         }
-        let (tokens, tls) = dashboard(&config)?;
+        let (tokens, tls) = dashboard(&config.dashboard)?;
         audit_folder::check(&config.audit_dir)?;
         Ok(Self {
             structure: machine.chain().structure().to_string(),
@@ -167,12 +168,14 @@ impl Plan {
         let described = self.descriptions().cloned().collect();
         let (controllers, thermometers, truth) =
             self.devices.open().map_err(GatewayError::Device)?;
+        // Each start of each machine has a number of its own.
+        let owner = next_owner();
         let mut controllers = controllers.into_iter();
         let paths = controllers
             .by_ref()
             .take(self.paths.len())
             .zip(&self.paths)
-            .map(|(controller, path)| ControlPath::new(controller, path))
+            .map(|(controller, path)| ControlPath::new(controller, path)?.with_owner(path, owner))
             .collect::<Result<Vec<_>, _>>()
             .map_err(plan)?;
         let readers = controllers
@@ -416,8 +419,9 @@ fn paths(
 }
 
 /// Tokens and certificate. Where others can reach the dashboard it needs both.
-fn dashboard(config: &Config) -> Result<(Tokens, Option<Tls>), GatewayError> {
-    let dashboard = &config.dashboard;
+pub(crate) fn dashboard(
+    dashboard: &DashboardConfig,
+) -> Result<(Tokens, Option<Tls>), GatewayError> {
     let listen = dashboard.listen;
     let tls = dashboard
         .tls

@@ -44,6 +44,7 @@ mod worker;
 use arming::Comparing;
 use lags::Lags;
 use requests::Underway;
+pub use watchdog::Life;
 use watchdog::Watchdog;
 use worker::Worker;
 
@@ -78,6 +79,10 @@ pub struct Parts {
     pub standing: Standing,
     /// The reasons that forbid arming from the start.
     pub forbids: Reasons,
+    /// Where it is proven that cycles come on time, several times within `proven_within`.
+    pub life: Life,
+    /// The time of the watchdog of the service manager.
+    pub proven_within: Duration,
 }
 
 /// The service. State: what runs, which requests are under way, and whether its log can be written.
@@ -162,7 +167,7 @@ impl Service {
             },
             lags: Lags::new(&parts.model, &parts.sensors),
             watchdog: Watchdog::new(
-                sd_notify::watchdog_enabled(),
+                parts.proven_within,
                 parts.config.cycle,
                 pulse.patience(),
                 now,
@@ -218,24 +223,47 @@ impl Service {
         }
     }
 
-    /// Ramps to zero for at most the configured time, then ends the control thread. `hurry` tells to end it at once.
-    pub fn stop(&mut self, hurry: &mut dyn FnMut() -> bool) {
+    /// Ramps to zero for at most the configured time, then ends the control thread; `false`: it hangs. `hurry` tells to end
+    /// it at once.
+    pub fn stop(&mut self, hurry: &mut dyn FnMut() -> bool) -> bool {
         // Stopping waits for nothing: all else comes after the order.
         self.switch.end();
-        let guard = self.parts.config.guard.as_ref();
-        let end = Instant::now() + guard.map_or(Duration::ZERO, |guard| guard.stop);
-        let _ = sd_notify::notify(&[sd_notify::NotifyState::Stopping]);
         self.tells |= Reasons::STOPPING;
         self.tell_thread();
-        let before = *self.parts.handle.report();
-        let state = before.state.into();
+        let state = self.parts.handle.report().state.into();
         let _ = self.log("signal", "stop", Event::Request { state });
+        let has_ended = self.ramp_out(hurry, |service| {
+            service.answer_last();
+            service.look();
+        });
+        self.answer_last();
+        self.write_end("signal", "stopped");
+        has_ended
+    }
+
+    /// After a fault of the program in the service itself: ramps to zero, ends the control thread and writes that down. Nothing
+    /// of the service is trusted any more but the control thread and the log. `false`: the control thread hangs.
+    pub fn abandon(&mut self, hurry: &mut dyn FnMut() -> bool) -> bool {
+        self.switch.end();
+        let has_ended = self.ramp_out(hurry, |_| {});
+        self.write_end("gateway", "failed");
+        has_ended
+    }
+
+    /// Waits until nothing is applied any more, for at most the configured time or until `hurry`, then ends the control thread.
+    fn ramp_out(
+        &mut self,
+        hurry: &mut dyn FnMut() -> bool,
+        mut meanwhile: impl FnMut(&mut Self),
+    ) -> bool {
+        let guard = self.parts.config.guard.as_ref();
+        let end = Instant::now() + guard.map_or(Duration::ZERO, |guard| guard.stop);
+        let before = self.parts.handle.report().cycle;
         while Instant::now() < end && !hurry() {
-            self.answer_last();
-            self.look();
+            meanwhile(self);
             let report = self.parts.handle.report();
             // Two cycles: the order may have come in the middle of one.
-            let seen = report.cycle > before.cycle + 2;
+            let seen = report.cycle > before + 2;
             // A correction beyond the limit waits for a person.
             let at_rest = match report.state {
                 State::Disarmed | State::Faulted(Cause::BeyondLimit) => true,
@@ -247,10 +275,15 @@ impl Service {
             }
             std::thread::sleep(Duration::from_millis(5));
         }
-        if !self.parts.handle.stop_within(END) {
+        let has_ended = self.parts.handle.stop_within(END);
+        if !has_ended {
             tracing::error!("the control thread hangs: what is applied now is not known");
         }
-        self.answer_last();
+        has_ended
+    }
+
+    /// Writes down what is left at the end.
+    fn write_end(&mut self, who: &str, what: &str) {
         let report = *self.parts.handle.report();
         self.write_output(&report, true);
         self.write_standing();
@@ -260,11 +293,11 @@ impl Service {
             left_um,
             left_urad,
         };
-        let _ = self.log("signal", "stopped", Event::Stop(stop));
+        let _ = self.log(who, what, Event::Stop(stop));
         if !self.clerk.settle(END) {
             tracing::error!("the disk of the audit log does not answer: the last records are lost");
         }
-        tracing::info!(state = report.state.name(), "stopped");
+        tracing::info!(state = report.state.name(), "{what}");
     }
 
     /// Hands over a record. A log that cannot be written forbids arming.
@@ -362,7 +395,7 @@ impl Service {
         }
         let is_silent = self.parts.handle.pulse().silence().is_some();
         if self.watchdog.is_due(is_silent, now) {
-            let _ = sd_notify::notify(&[sd_notify::NotifyState::Watchdog]);
+            self.parts.life.prove();
         }
         let report = *self.parts.handle.report();
         self.lags.follow(&report);

@@ -1,14 +1,37 @@
-//! The watchdog of the service manager: it is fed only while cycles come on time.
+//! The proof that a machine lives, for whoever feeds the watchdog of the service manager: given only while cycles come on
+//! time.
 
-use std::time::{Duration, Instant};
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering},
+    },
+    time::{Duration, Instant},
+};
 
 use volcomp_runtime::Timing;
+
+/// How often a machine has proven that its cycles come on time.
+#[derive(Clone, Debug, Default)]
+pub struct Life(Arc<AtomicU64>);
+
+impl Life {
+    /// The number of proofs so far.
+    pub fn proofs(&self) -> u64 {
+        self.0.load(Ordering::Relaxed)
+    }
+
+    /// Proves it once more.
+    pub(super) fn prove(&self) {
+        self.0.fetch_add(1, Ordering::Relaxed);
+    }
+}
 
 /// On time are cycles of which none stayed away for longer than `patience`, and of which there were at least a third of
 /// what the period asks for.
 pub(super) struct Watchdog {
-    /// How often it is fed; `None`: nobody waits for it.
-    interval: Option<Duration>,
+    /// How often it is proven.
+    interval: Duration,
     period: Duration,
     patience: Duration,
     /// Since when cycles have been on time.
@@ -18,16 +41,11 @@ pub(super) struct Watchdog {
 }
 
 impl Watchdog {
-    /// A watchdog that must hear something within `time`; `None`: there is none.
-    pub(super) fn new(
-        time: Option<Duration>,
-        period: Duration,
-        patience: Duration,
-        now: Instant,
-    ) -> Self {
+    /// A watchdog that must hear something within `time`.
+    pub(super) fn new(time: Duration, period: Duration, patience: Duration, now: Instant) -> Self {
         Self {
             // A stretch that was late costs as long again, and the next one must still be in time.
-            interval: time.map(|time| (time / 4).min(Duration::from_secs(1))),
+            interval: (time / 4).min(Duration::from_secs(1)),
             period,
             patience,
             since: now,
@@ -43,17 +61,14 @@ impl Watchdog {
         }
     }
 
-    /// Whether it is to be fed now; `is_silent`: the control thread has run no cycle for too long.
+    /// Whether life is proven now; `is_silent`: the control thread has run no cycle for too long.
     pub(super) fn is_due(&mut self, is_silent: bool, now: Instant) -> bool {
-        let Some(interval) = self.interval else {
-            return false;
-        };
         if is_silent {
             self.begin(now);
             return false;
         }
         let stretch = now.saturating_duration_since(self.since);
-        if stretch < interval {
+        if stretch < self.interval {
             return false;
         }
         let expected = stretch.as_secs_f64() / self.period.as_secs_f64();
@@ -78,7 +93,7 @@ mod tests {
     /// `every` ms, and from which one further period is missing at 5 s for so many ms.
     fn fed(every: u32, gap_ms: u32) -> u32 {
         let begun = Instant::now();
-        let mut dog = Watchdog::new(Some(400 * MS), 4 * MS, 100 * MS, begun);
+        let mut dog = Watchdog::new(400 * MS, 4 * MS, 100 * MS, begun);
         let (mut fed, mut last) = (0, 0);
         for ms in 1..10_000_u32 {
             let now = begun + ms * MS;

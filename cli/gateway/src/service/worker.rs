@@ -25,10 +25,12 @@ impl Worker {
         }
         let (tell, told) = sync_channel(1);
         let busy = Arc::clone(&self.0);
+        // What it logs is of the machine of whoever starts it.
+        let span = tracing::Span::current();
         let begun = thread::Builder::new()
             .name("volcomp-files".to_owned())
             .spawn(move || {
-                let result = work();
+                let result = span.in_scope(work);
                 busy.store(false, Ordering::Release);
                 // Whoever asked may have given up.
                 let _ = tell.send(result);

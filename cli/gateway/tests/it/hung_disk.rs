@@ -60,7 +60,7 @@ impl Rig {
 }
 
 /// The library that lets the disk hang; `None` where there is no compiler.
-fn preloaded(dir: &Path) -> Option<PathBuf> {
+pub(crate) fn preloaded(dir: &Path) -> Option<PathBuf> {
     let library = dir.join("hung_disk.so");
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/it/hung_disk.c");
     let built = Command::new("cc")

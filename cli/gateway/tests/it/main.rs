@@ -29,6 +29,8 @@ mod program;
 mod records;
 mod rehearse;
 mod reload;
+mod several;
+mod several_files;
 mod shipped;
 mod silent;
 #[cfg(feature = "sinumerik")]

@@ -122,18 +122,11 @@ impl Program {
 
     /// Bytes as they are, and what comes back until the other side closes.
     pub(crate) fn raw(&self, bytes: &[u8]) -> String {
-        let mut stream = self.connect();
-        // The other side may close in the middle of it.
-        let _ = stream.write_all(bytes);
-        let mut answer = Vec::new();
-        let _ = stream.read_to_end(&mut answer);
-        String::from_utf8_lossy(&answer).into_owned()
+        exchange(self.address, bytes)
     }
 
     pub(crate) fn connect(&self) -> TcpStream {
-        let stream = TcpStream::connect(self.address).expect("it listens");
-        stream.set_read_timeout(Some(PATIENCE)).expect("a time");
-        stream
+        connect(self.address)
     }
 
     pub(crate) fn request(
@@ -213,6 +206,22 @@ impl Program {
             .unwrap_or_else(|| panic!("it does not end\n{}", self.log()))
             .code()
     }
+}
+
+fn connect(address: SocketAddr) -> TcpStream {
+    let stream = TcpStream::connect(address).expect("it listens");
+    stream.set_read_timeout(Some(PATIENCE)).expect("a time");
+    stream
+}
+
+/// Bytes to an address, and what comes back until the other side closes.
+pub(crate) fn exchange(address: SocketAddr, bytes: &[u8]) -> String {
+    let mut stream = connect(address);
+    // The other side may close in the middle of it.
+    let _ = stream.write_all(bytes);
+    let mut answer = Vec::new();
+    let _ = stream.read_to_end(&mut answer);
+    String::from_utf8_lossy(&answer).into_owned()
 }
 
 pub(crate) fn answer(text: &str) -> Answer {

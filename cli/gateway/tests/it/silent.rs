@@ -16,11 +16,11 @@ use serde_json::{Value, json};
 use volcomp_gateway::{
     audit::AuditLog,
     documents::Standing,
-    http::{self, Dashboard, Tokens},
+    http::{self, Dashboard, Door, Tokens},
     options::Options,
     published::published,
     request::queue,
-    service::{Parts, Service},
+    service::{Life, Parts, Service},
     simulate::{self, Simulation},
 };
 use volcomp_guard::Reasons;
@@ -85,9 +85,11 @@ fn gateway() -> Gateway {
         controllers: 1,
         asks,
         switch: handle.disarm_switch(),
-        tokens: Tokens::parse(&tokens).expect("a token"),
-        hosts: Vec::new(),
-        reading_needs_token: false,
+        door: Arc::new(Door {
+            tokens: Tokens::parse(&tokens).expect("a token"),
+            hosts: Vec::new(),
+            reading_needs_token: false,
+        }),
         streams: AtomicUsize::new(0),
     };
     let (audit, _) = AuditLog::open(dir.path()).expect("new");
@@ -101,6 +103,8 @@ fn gateway() -> Gateway {
         truth: None,
         standing: Standing::default(),
         forbids: Reasons::NONE,
+        life: Life::default(),
+        proven_within: Duration::from_secs(4),
     };
     let mut service = Service::new(parts, audit, publisher, asked).expect("a thread");
     let ends = Arc::new(AtomicBool::new(false));

@@ -1,0 +1,137 @@
+//! Who is let in: host names, tokens, time, and the headers of every answer. The same for a machine's dashboard and the
+//! overview of several.
+
+use std::{net::SocketAddr, sync::Arc, time::Duration};
+
+use axum::{
+    Extension, Json,
+    extract::{Request, State},
+    http::{HeaderMap, StatusCode, header},
+    middleware::Next,
+    response::{IntoResponse, Response},
+};
+
+use volcomp_web::{headers, hosts};
+
+use super::tokens::{Denied, Role, Tokens};
+use crate::{
+    config::DashboardConfig,
+    documents::{Refusal, TokenPlan},
+};
+
+/// A request must be answered after so long, by the service too.
+const AT_MOST: Duration = Duration::from_secs(10);
+
+/// Who is let in.
+pub struct Door {
+    /// Who may do what.
+    pub tokens: Tokens,
+    /// Host names, besides addresses, under which browsers may ask.
+    pub hosts: Vec<String>,
+    /// Whether reading needs a token, since others can reach it.
+    pub reading_needs_token: bool,
+}
+
+impl Door {
+    /// The door of a configured dashboard, with its tokens.
+    pub fn new(config: &DashboardConfig, tokens: Tokens) -> Self {
+        Self {
+            tokens,
+            hosts: config.hosts.clone(),
+            reading_needs_token: !config.listen.ip().is_loopback(),
+        }
+    }
+}
+
+/// Host, time, and the headers of every answer.
+pub(super) async fn every_request(
+    State(door): State<Arc<Door>>,
+    request: Request,
+    next: Next,
+) -> Response {
+    let host = request
+        .headers()
+        .get(header::HOST)
+        .and_then(|host| host.to_str().ok());
+    let mut response = match host {
+        Some(host) if hosts::is_known(host, &door.hosts) => {
+            match tokio::time::timeout(AT_MOST, next.run(request)).await {
+                Ok(response) => response,
+                Err(_) => refuse(StatusCode::REQUEST_TIMEOUT, "the request took too long"),
+            }
+        }
+        Some(_) => refuse(
+            StatusCode::MISDIRECTED_REQUEST,
+            "this name is not configured: add it to [dashboard] hosts",
+        ),
+        None => refuse(StatusCode::BAD_REQUEST, "no Host header"),
+    };
+    headers::put(response.headers_mut());
+    response
+}
+
+/// Where reading needs a token, it is asked for.
+pub(super) async fn may_view(
+    State(door): State<Arc<Door>>,
+    Extension(from): Extension<SocketAddr>,
+    request: Request,
+    next: Next,
+) -> Response {
+    if door.reading_needs_token
+        && let Err(denied) = door
+            .tokens
+            .check(from.ip(), bearer(request.headers()), Role::View)
+    {
+        return denied.into_response();
+    }
+    next.run(request).await
+}
+
+/// Whose token this is and what it allows, so that a wrong one is found before it is needed.
+pub(super) async fn token(
+    State(door): State<Arc<Door>>,
+    Extension(from): Extension<SocketAddr>,
+    headers: HeaderMap,
+) -> Response {
+    match door.tokens.check(from.ip(), bearer(&headers), Role::View) {
+        Ok(holder) => Json(TokenPlan {
+            name: holder.name,
+            role: holder.role.name().to_owned(),
+        })
+        .into_response(),
+        Err(denied) => denied.into_response(),
+    }
+}
+
+/// The token of a request.
+pub(super) fn bearer(headers: &HeaderMap) -> Option<&str> {
+    let value = headers.get(header::AUTHORIZATION)?.to_str().ok()?;
+    let (scheme, token) = value.split_once(' ')?;
+    scheme
+        .eq_ignore_ascii_case("bearer")
+        .then_some(token.trim())
+}
+
+/// A refusal in words.
+pub(super) fn refuse(status: StatusCode, why: &str) -> Response {
+    (status, Json(Refusal::new(why))).into_response()
+}
+
+/// A file of a page.
+pub(super) fn page(kind: &'static str, text: &'static str) -> Response {
+    ([(header::CONTENT_TYPE, kind)], text).into_response()
+}
+
+impl IntoResponse for Denied {
+    fn into_response(self) -> Response {
+        match self {
+            Self::NoneConfigured => refuse(StatusCode::NOT_FOUND, "no token is configured"),
+            Self::Unknown => refuse(StatusCode::UNAUTHORIZED, "a valid token is needed"),
+            Self::Role => refuse(StatusCode::FORBIDDEN, "this token does not allow it"),
+            Self::TooMany => refuse(
+                StatusCode::TOO_MANY_REQUESTS,
+                "too many wrong tokens: wait a minute",
+            ),
+        }
+    }
+}

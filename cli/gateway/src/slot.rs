@@ -1,0 +1,173 @@
+//! The place of a machine in the process: what is ordered goes in, how it is comes out. State: the orders so far, and the
+//! phase. An order to stop waits for no lock.
+
+use std::{
+    net::SocketAddr,
+    os::unix::net::UnixListener,
+    sync::{
+        Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, AtomicU32, Ordering},
+    },
+};
+
+use volcomp_runtime::DisarmSwitch;
+
+use crate::{published::Published, service::Life};
+
+/// The place of one machine.
+#[derive(Default)]
+pub struct Slot {
+    /// How often stopping was ordered.
+    stops: AtomicU32,
+    /// How often reading everything again was ordered.
+    reloads: AtomicU32,
+    /// The order to disarm, as soon as there is a control thread.
+    switch: Mutex<Option<DisarmSwitch>>,
+    phase: Mutex<Phase>,
+    life: Life,
+    /// The control thread hangs: it is not started a second time.
+    hangs: AtomicBool,
+    /// What keeps other programs from a device whose control thread hangs.
+    kept: Mutex<Vec<UnixListener>>,
+}
+
+/// How far a machine is.
+#[derive(Clone, Default)]
+pub enum Phase {
+    /// Files are read and devices opened; nothing can be written yet.
+    #[default]
+    Starting,
+    /// The control thread is being started.
+    Launching,
+    /// It runs.
+    Running(Live),
+    /// It does not run.
+    Failed(Failure),
+    /// It was told to stop, and has.
+    Ended,
+}
+
+/// What others reach of a machine that runs.
+#[derive(Clone)]
+pub struct Live {
+    /// Its state.
+    pub published: Published,
+    /// Where its dashboard listens.
+    pub address: SocketAddr,
+    /// Whether its dashboard speaks TLS.
+    pub tls: bool,
+}
+
+/// Why a machine does not run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Failure {
+    /// The reason in words.
+    pub what: String,
+    /// The exit status that goes with it.
+    pub status: u8,
+    /// Whether it is started again by itself; otherwise with the next order to reload, where its files are mended.
+    pub again: bool,
+}
+
+impl Live {
+    /// The URL of its dashboard.
+    pub fn url(&self) -> String {
+        let scheme = if self.tls { "https" } else { "http" };
+        format!("{scheme}://{}", self.address)
+    }
+}
+
+impl Slot {
+    /// Orders to stop: the correction goes out from the next cycle on. A second order ends the machine at once.
+    pub fn stop(&self) {
+        self.stops.fetch_add(1, Ordering::SeqCst);
+        // Whoever holds the lock puts a switch in, and looks at the order afterwards.
+        if let Ok(switch) = self.switch.try_lock()
+            && let Some(switch) = &*switch
+        {
+            switch.end();
+        }
+    }
+
+    /// How often stopping was ordered.
+    pub fn stops(&self) -> u32 {
+        self.stops.load(Ordering::SeqCst)
+    }
+
+    /// Orders to read configuration and machine file again; a machine that does not run is started again.
+    pub fn reload(&self) {
+        self.reloads.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// How often that was ordered.
+    pub fn reloads(&self) -> u32 {
+        self.reloads.load(Ordering::Relaxed)
+    }
+
+    /// How far it is.
+    pub fn phase(&self) -> Phase {
+        lock(&self.phase).clone()
+    }
+
+    /// The proof that its cycles come on time.
+    pub fn life(&self) -> &Life {
+        &self.life
+    }
+
+    /// It is on its way to another phase.
+    pub(crate) fn set(&self, phase: Phase) {
+        *lock(&self.phase) = phase;
+    }
+
+    /// Asked before the control thread is started: `false` where it has been given up, and must not be.
+    pub(crate) fn launch(&self) -> bool {
+        let mut phase = lock(&self.phase);
+        let may = matches!(*phase, Phase::Starting) && self.stops() == 0;
+        *phase = if may { Phase::Launching } else { Phase::Ended };
+        may
+    }
+
+    /// Gives up a machine whose devices are still being opened.
+    pub(crate) fn give_up(&self) {
+        let mut phase = lock(&self.phase);
+        if matches!(*phase, Phase::Starting) {
+            *phase = Phase::Ended;
+        }
+    }
+
+    /// The control thread was started: an order to stop that came meanwhile acts now.
+    pub(crate) fn launched(&self, switch: &DisarmSwitch) {
+        *lock(&self.switch) = Some(switch.clone());
+        if self.stops() > 0 {
+            switch.end();
+        }
+    }
+
+    /// The control thread hangs: the locks of its devices are held until the process ends, and it is not started again.
+    pub(crate) fn keep(&self, locks: Vec<UnixListener>) {
+        self.hangs.store(true, Ordering::Relaxed);
+        lock(&self.kept).extend(locks);
+    }
+
+    /// Whether its control thread hangs.
+    pub(crate) fn hangs(&self) -> bool {
+        self.hangs.load(Ordering::Relaxed)
+    }
+}
+
+impl Phase {
+    /// Whether it does not run, and is on no way to that.
+    pub(crate) fn is_over(&self) -> bool {
+        matches!(self, Self::Failed(_) | Self::Ended)
+    }
+
+    /// Whether it is still on its way.
+    pub(crate) fn is_starting(&self) -> bool {
+        matches!(self, Self::Starting | Self::Launching)
+    }
+}
+
+/// Nothing that holds one of these locks can panic in the middle of a change.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

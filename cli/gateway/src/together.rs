@@ -1,0 +1,186 @@
+//! What two machines of one process must not have in common: a device, the folder of an audit log, the address of a
+//! dashboard, a configuration.
+
+use std::{
+    collections::{BTreeSet, HashMap},
+    ffi::OsString,
+    fmt,
+    net::{IpAddr, SocketAddr},
+    os::unix::fs::MetadataExt,
+    path::{Path, PathBuf},
+    thread,
+};
+
+use crate::{
+    config::{Config, Several},
+    error::GatewayError,
+    lock,
+};
+
+/// Something of which every machine needs one of its own.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Common {
+    /// The configuration itself.
+    Config(PathBuf),
+    /// A device, by the URLs under which the two machines name it.
+    Device([String; 2]),
+    /// The folder of the audit log.
+    Folder(PathBuf),
+    /// The address of the dashboard; of the second as well, where it is another one that overlaps.
+    Dashboard([SocketAddr; 2]),
+}
+
+impl fmt::Display for Common {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Config(path) => write!(f, "config = {path:?}"),
+            Self::Device([one, other]) if one == other => write!(f, "the device {one}"),
+            Self::Device([one, other]) => write!(f, "one device, {one} and {other}"),
+            Self::Folder(path) => write!(f, "[audit] dir = {path:?}"),
+            Self::Dashboard([one, other]) if one == other => {
+                write!(f, "[dashboard] listen = {one}")
+            }
+            Self::Dashboard([one, other]) => {
+                write!(f, "one port, [dashboard] listen = {one} and {other}")
+            }
+        }
+    }
+}
+
+/// One machine: its name, the path of its configuration, and what that says.
+pub(crate) type Member<'a> = (&'a str, &'a Path, &'a Config);
+
+/// Refuses what two machines, or a machine and the overview, have in common.
+pub(crate) fn check(several: &Several, members: &[Member<'_>]) -> Result<(), GatewayError> {
+    let refused = |one: &str, other: &str, common: Common| GatewayError::InCommon {
+        file: several.file.clone(),
+        machines: [one, other].map(str::to_owned),
+        common,
+    };
+    let mut files: HashMap<PathBuf, &str> = HashMap::new();
+    for (name, path, _) in members {
+        if let Some(before) = files.insert(canonical(path), name) {
+            return Err(refused(before, name, Common::Config((*path).to_owned())));
+        }
+    }
+    let mut devices: HashMap<String, (&str, String)> = HashMap::new();
+    for ((name, ..), reached) in members.iter().zip(all_reached(members)) {
+        for (url, device) in reached {
+            let before = devices.insert(device, (name, url.clone()));
+            if let Some((other, before)) = before.filter(|(other, _)| other != name) {
+                return Err(refused(other, name, Common::Device([before, url])));
+            }
+        }
+    }
+    let mut folders: HashMap<Folder, &str> = HashMap::new();
+    for (name, _, config) in members {
+        if let Some(before) = folders.insert(Folder::of(&config.audit_dir), name) {
+            let folder = Common::Folder(config.audit_dir.clone());
+            return Err(refused(before, name, folder));
+        }
+    }
+    let mut listening = vec![("the overview", several.dashboard.listen)];
+    for (name, _, config) in members {
+        let listen = config.dashboard.listen;
+        for (before, other) in &listening {
+            if overlap(*other, listen) {
+                return Err(refused(before, name, Common::Dashboard([*other, listen])));
+            }
+        }
+        listening.push((name, listen));
+    }
+    Ok(())
+}
+
+/// The devices that each machine reaches, with the URLs that lead there. A host whose name nobody resolves takes its time, and
+/// takes it beside the others.
+fn all_reached(members: &[Member<'_>]) -> Vec<BTreeSet<(String, String)>> {
+    thread::scope(|scope| {
+        let asked: Vec<_> = members
+            .iter()
+            .map(|(_, _, config)| scope.spawn(|| lock::reached(config)))
+            .collect();
+        let told = asked.into_iter().map(|asked| asked.join());
+        told.map(Result::unwrap_or_default).collect()
+    })
+}
+
+/// Two sockets of which the second could not be had. Port 0 is one that is free.
+fn overlap(one: SocketAddr, other: SocketAddr) -> bool {
+    let [a, b] = [one, other].map(|address| address.ip().to_canonical());
+    let all = |ip: IpAddr| ip.is_unspecified();
+    one.port() == other.port() && one.port() != 0 && (a == b || all(a) || all(b))
+}
+
+/// A folder by what it is, not by its spelling: by its number where it is there, otherwise by the folder in which it would be
+/// made and the rest of its path.
+#[derive(PartialEq, Eq, Hash)]
+struct Folder {
+    number: Option<(u64, u64)>,
+    below: Vec<OsString>,
+}
+
+impl Folder {
+    fn of(path: &Path) -> Self {
+        let mut below = Vec::new();
+        for above in path.ancestors() {
+            let found = if above == Path::new("") {
+                Path::new(".").metadata()
+            } else {
+                above.metadata()
+            };
+            if let Ok(found) = found {
+                below.reverse();
+                return Self {
+                    number: Some((found.dev(), found.ino())),
+                    below,
+                };
+            }
+            below.extend(above.file_name().map(OsString::from));
+        }
+        below.reverse();
+        Self {
+            number: None,
+            below,
+        }
+    }
+}
+
+fn canonical(path: &Path) -> PathBuf {
+    path.canonicalize().unwrap_or_else(|_| path.to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_that_one_socket_covers_overlap() {
+        let overlap = |one: &str, other: &str| {
+            let [one, other] = [one, other].map(|text| text.parse().expect("an address"));
+            assert_eq!(super::overlap(one, other), super::overlap(other, one));
+            super::overlap(one, other)
+        };
+        assert!(overlap("127.0.0.1:8080", "127.0.0.1:8080"));
+        assert!(overlap("0.0.0.0:8080", "127.0.0.1:8080"));
+        assert!(overlap("[::]:8080", "192.0.2.7:8080"));
+        assert!(overlap("[::ffff:127.0.0.1]:8080", "127.0.0.1:8080"));
+        assert!(!overlap("127.0.0.1:8080", "127.0.0.1:8081"));
+        assert!(!overlap("127.0.0.1:8080", "127.0.0.2:8080"));
+        assert!(!overlap("127.0.0.1:0", "127.0.0.1:0"));
+    }
+
+    #[test]
+    fn a_folder_is_one_under_every_spelling() {
+        let dir = tempfile::tempdir().expect("writable");
+        let there = dir.path().join("there");
+        std::fs::create_dir(&there).expect("writable");
+        let link = dir.path().join("link");
+        std::os::unix::fs::symlink(&there, &link).expect("writable");
+        let same = |a: &Path, b: &Path| Folder::of(a) == Folder::of(b);
+        assert!(same(&there, &link));
+        assert!(same(&there.join("new/audit"), &link.join("new/audit")));
+        assert!(!same(&there.join("new"), &there));
+        assert!(!same(&there.join("one"), &there.join("two")));
+    }
+}
