@@ -27,6 +27,13 @@ pub fn log_file(dir: &Path) -> PathBuf {
     dir.join(CURRENT)
 }
 
+/// The files of the log that are there, from the oldest to the one that is written now.
+pub fn log_files(dir: &Path) -> Vec<PathBuf> {
+    let old = (1..=KEPT).rev().map(|n| dir.join(format!("audit.{n}.log")));
+    let all = old.chain([log_file(dir)]);
+    all.filter(|path| path.is_file()).collect()
+}
+
 /// The state of the log when it was opened.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Found {

@@ -330,6 +330,40 @@ pub enum GatewayError {
         /// The exit status of the program.
         status: u8,
     },
+    /// A configuration with a centre for a build that knows none.
+    #[error(
+        "{file}: [fleet]: this build of volcomp-gateway has no fleet, expected one that was built with the feature `fleet` (cargo build -p volcomp-gateway --features fleet), or a configuration without this table"
+    )]
+    NoFleet {
+        /// The path of the configuration file.
+        file: String,
+    },
+    /// The file of an nkey that others may read.
+    #[error("{}: found mode {mode:03o}, expected 600: others may read the key", file.display())]
+    NkeyMode {
+        /// The path of the file.
+        file: PathBuf,
+        /// The mode of the file.
+        mode: u32,
+    },
+    /// The file of an nkey that holds none.
+    #[error("{}: expected the seed of an nkey of a user: SU and 56 capital letters and digits", file.display())]
+    Nkey {
+        /// The path of the file.
+        file: PathBuf,
+    },
+    /// The certificates of the fleet's servers cannot be used.
+    #[error("{}: expected certificates as PEM", file.display())]
+    FleetCa {
+        /// The path of the file.
+        file: PathBuf,
+    },
+    /// Another gateway on this computer keeps what its centre sent in the same folder.
+    #[error("[fleet] dir: another gateway on this computer uses the folder {}, expected one of its own", .folder.display())]
+    FleetFolderLocked {
+        /// The folder.
+        folder: PathBuf,
+    },
     /// Something of the operating system.
     #[error("{what}: {source}")]
     System {
@@ -416,6 +450,8 @@ pub enum FixedKey {
     Audit,
     /// The scheduling of the control thread.
     Realtime,
+    /// The table `[fleet]`: the centre, and who this machine is.
+    Fleet,
     /// The keys of `[guard]` that are not limits of the correction.
     GuardTimes,
 }
@@ -429,6 +465,7 @@ impl fmt::Display for FixedKey {
             Self::Dashboard => "[dashboard]",
             Self::Audit => "[audit]",
             Self::Realtime => "[realtime]",
+            Self::Fleet => "[fleet]",
             Self::GuardTimes => "[guard] hand_back_s, rotary_step_um or a key of temperatures",
         })
     }
@@ -457,6 +494,7 @@ impl GatewayError {
             Self::Device(_)
             | Self::Locked { .. }
             | Self::FolderLocked { .. }
+            | Self::FleetFolderLocked { .. }
             | Self::Start(_)
             | Self::Answer { .. }
             | Self::Rehearsal { .. }
@@ -491,6 +529,10 @@ impl GatewayError {
             | Self::WhichMachine { .. }
             | Self::OnlyMachine { .. }
             | Self::NoLimits { .. }
+            | Self::NoFleet { .. }
+            | Self::NkeyMode { .. }
+            | Self::Nkey { .. }
+            | Self::FleetCa { .. }
             | Self::Barrier { .. }
             | Self::BuiltInBarrier { .. } => 2,
         }

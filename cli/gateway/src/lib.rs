@@ -7,6 +7,8 @@ pub mod config;
 pub mod devices;
 pub mod documents;
 pub mod error;
+#[cfg(feature = "fleet")]
+pub mod fleet;
 pub mod glance;
 pub mod history;
 pub mod http;

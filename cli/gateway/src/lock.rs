@@ -79,6 +79,18 @@ fn lock_folder(folder: &Path) -> Result<UnixListener, GatewayError> {
     })
 }
 
+/// Locks the folder in which a gateway keeps what its centre has sent.
+///
+/// # Errors
+/// Another gateway on this computer uses it.
+#[cfg(feature = "fleet")]
+pub(crate) fn lock_fleet(folder: &Path) -> Result<UnixListener, GatewayError> {
+    lock_folder(folder).map_err(|error| match error {
+        GatewayError::FolderLocked { folder } => GatewayError::FleetFolderLocked { folder },
+        other => other,
+    })
+}
+
 /// The names of the devices that an address reaches, the same for all its spellings. One that cannot be found now, such
 /// as a host whose name nobody resolves, has the name by which it is called.
 fn devices(address: &Address) -> BTreeSet<String> {

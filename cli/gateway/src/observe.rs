@@ -83,6 +83,8 @@ pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times) -> Statu
         uptime_s: round(report.now.as_secs_f64()),
         age_ms: 0.0,
         cycle: cycle(facts, report, times),
+        // Whoever publishes the state knows the fleet.
+        fleet: None,
     };
     let known = |index: usize| report.known >> index & 1 == 1;
     let active = report.paths.get(report.active);

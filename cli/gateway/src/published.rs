@@ -8,7 +8,7 @@ use std::{
 use volcomp_runtime::{Model, Pulse};
 
 use crate::{
-    documents::{History, Status},
+    documents::{FleetState, History, Status},
     history::Trend,
     observe,
 };
@@ -36,6 +36,8 @@ struct Shared {
     trend: Mutex<Trend>,
     /// The latest state, and the time of its cycle.
     latest: Mutex<(Arc<Status>, Instant)>,
+    /// The fleet as this machine sees it; `None`: it is in none.
+    fleet: Mutex<Option<FleetState>>,
 }
 
 /// Both sides, with a first state. `pulse` tells whether the control thread lives.
@@ -44,6 +46,7 @@ pub fn published(first: Status, model: Arc<Model>, pulse: Pulse) -> (Publisher, 
         model: Mutex::new(model),
         trend: Mutex::default(),
         latest: Mutex::new((Arc::new(first), Instant::now())),
+        fleet: Mutex::default(),
     });
     let reader = Published {
         shared: Arc::clone(&shared),
@@ -80,7 +83,20 @@ impl Published {
         if let Some(silence) = self.pulse.silence().or(stale) {
             observe::silence(&mut status, silence);
         }
+        status.fleet.clone_from(&lock(&self.shared.fleet));
         status
+    }
+
+    /// Publishes how it stands with the fleet.
+    pub fn set_fleet(&self, state: FleetState) {
+        *lock(&self.shared.fleet) = Some(state);
+    }
+
+    /// Publishes a change of how it stands with the fleet.
+    pub fn tell_fleet(&self, change: impl FnOnce(&mut FleetState)) {
+        if let Some(state) = lock(&self.shared.fleet).as_mut() {
+            change(state);
+        }
     }
 
     /// The model that corrects, without its temperatures.

@@ -1,6 +1,7 @@
 //! The requests of a person or a program to the service.
 
 use std::{
+    path::PathBuf,
     sync::{
         Arc,
         atomic::{AtomicUsize, Ordering},
@@ -28,6 +29,35 @@ pub enum Ask {
     Acknowledge,
     /// Read configuration and machine file again; with the hash of a model that a person confirms.
     Reload(Option<String>),
+    /// What the centre of the fleet has decided.
+    Centre(CentreAsk),
+}
+
+/// What the centre of a fleet asks of the service.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum CentreAsk {
+    /// Correct by this machine file from now on; with the hash of a model that a person has confirmed at the centre.
+    Take {
+        /// The machine file, on disk and checked against its checksum.
+        machine: PathBuf,
+        /// The hash that was confirmed.
+        confirm: Option<String>,
+    },
+    /// Ramp the correction to zero, and forbid arming from now on.
+    Disable,
+    /// Allow arming again.
+    Enable,
+    /// Write down that a manifest was refused, and why.
+    Refused(String),
+    /// Write down and show that what was accepted before cannot be used, and why.
+    Damaged(String),
+}
+
+impl Ask {
+    /// Whether it disarms, which is carried out when the request is made.
+    pub fn disarms(&self) -> bool {
+        matches!(self, Self::Disarm | Self::Centre(CentreAsk::Disable))
+    }
 }
 
 /// A request, and where its answer goes. Disarming is ordered already when a request for it has been made: the service
@@ -41,7 +71,7 @@ pub struct Asked {
 }
 
 impl Asked {
-    /// A request of `who`: the name of a token, `signal` or `auto_arm`. Without an `answer` it is answered into the log
+    /// A request of `who`: the name of a token, `signal`, `auto_arm` or `centre` with the beginning of a key. Without an `answer` it is answered into the log
     /// of the program. A request to disarm is carried out here and now.
     pub fn new(
         ask: Ask,
@@ -49,7 +79,7 @@ impl Asked {
         answer: Option<oneshot::Sender<Reply>>,
         switch: &DisarmSwitch,
     ) -> Self {
-        if ask == Ask::Disarm {
+        if ask.disarms() {
             switch.disarm();
         }
         Self {
@@ -94,7 +124,7 @@ impl Asks {
     /// # Errors
     /// Too many wait, or the service has ended: the request comes back.
     pub fn try_send(&self, asked: Asked) -> Result<(), TrySendError<Asked>> {
-        if asked.ask == Ask::Disarm {
+        if asked.ask.disarms() {
             return self.asked.try_send(asked);
         }
         let more = |waiting| (waiting < WAITING).then_some(waiting + 1);
@@ -119,7 +149,7 @@ impl Queue {
     /// None came in this time, or nobody can ask any more.
     pub fn recv_timeout(&self, wait: Duration) -> Result<Asked, RecvTimeoutError> {
         let asked = self.asked.recv_timeout(wait)?;
-        if asked.ask != Ask::Disarm {
+        if !asked.ask.disarms() {
             self.others.fetch_sub(1, Ordering::Relaxed);
         }
         Ok(asked)

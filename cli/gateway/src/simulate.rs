@@ -240,6 +240,7 @@ pub fn config() -> Config {
             cpu: None,
             reference: false,
         },
+        fleet: None,
     }
 }
 

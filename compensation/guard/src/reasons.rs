@@ -89,12 +89,16 @@ reasons! {
     /// Another path shows a correction that it should not have.
     STANDBY_HOLDS = informs, "a standby path holds a correction";
     // What a person has decided, or has to.
+    /// The centre of the fleet has disabled the correction.
+    DISABLED_BY_CENTRE = forbids, "disabled by the centre";
     /// A person disarmed it: it does not arm by itself, also after a restart.
     DISARMED_BY_PERSON = informs, "disarmed by a person: it does not arm by itself";
     /// The machine file or the limits are not those that were confirmed last.
     MUST_CONFIRM = informs, "machine file or limits must be confirmed";
     /// The configuration or the machine file on disk was refused or waits for a confirmation: the one from before holds.
     NOT_RELOADED = informs, "files on disk not taken over";
+    /// The machine file that the centre has put in force cannot be used: the one of the configuration corrects.
+    CENTRE_FILE = informs, "machine file of the centre damaged: the configured one holds";
     // What follows from the causes above.
     /// Positions are so old that the correction goes to zero.
     POSITIONS_LOST = forbids, "positions lost";

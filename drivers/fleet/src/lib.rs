@@ -18,14 +18,14 @@ mod subjects;
 pub use accept::{Accepted, NotAccepted, Trust};
 pub use identity::{Identity, MachineId, SiteId, UnknownId};
 #[cfg(feature = "nats")]
-pub use link::{Kind, LinkError, LinkSettings, MachineLink};
+pub use link::{Kind, LinkError, LinkSettings, MachineLink, MachineSender};
 pub use manifest::{
-    Desired, INLINE_LIMIT, Manifest, ModelRef, NotADesired, SigningKey, VerifyingKey,
+    Desired, INLINE_LIMIT, Manifest, ModelRef, NotADesired, SigningKey, VerifyingKey, trusted_key,
 };
 pub use permissions::{
     Cluster, MAX_PAYLOAD, MachineUser, NoConfiguration, Permissions, ServerSettings, ServerTls,
 };
-pub use report::{Acknowledgement, Condition, Envelope, Outcome};
+pub use report::{Acknowledgement, AuditLine, Condition, Envelope, Outcome};
 pub use spool::{Lane, Spool, SpoolLimits, Waiting};
 #[cfg(feature = "nats")]
 pub use streams::{Keeping, prepare, put_model};

@@ -25,6 +25,8 @@ const ANSWER_WITHIN: Duration = Duration::from_secs(5);
 const LARGEST_MODEL: u64 = 64 * 1024 * 1024;
 /// The longest pause between two tries to connect.
 const LONGEST_PAUSE: Duration = Duration::from_secs(10);
+/// So many values wait to be looked at; where more come the latest is asked for later.
+const VALUES_WAITING: usize = 8;
 
 /// The kind of a message of a machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -109,9 +111,23 @@ pub struct LinkSettings {
 }
 
 impl LinkSettings {
+    /// Whether the seed is one, without connecting; and the public key that belongs to it, by which the server knows the user.
+    ///
+    /// # Errors
+    /// It is none.
+    pub fn public_key(&self) -> Result<String, LinkError> {
+        let user = nkeys::KeyPair::from_seed(&self.seed).map_err(|_| LinkError::Seed)?;
+        let key = user.public_key();
+        if key.starts_with('U') {
+            Ok(key)
+        } else {
+            Err(LinkError::Seed)
+        }
+    }
+
     /// Options of a connection that is tried again for ever.
     pub(crate) fn options(&self, again: &Arc<Notify>) -> Result<ConnectOptions, LinkError> {
-        nkeys::KeyPair::from_seed(&self.seed).map_err(|_| LinkError::Seed)?;
+        self.public_key()?;
         let again = Arc::clone(again);
         let mut options = ConnectOptions::with_nkey(self.seed.clone())
             .retry_on_initial_connect()
@@ -121,6 +137,7 @@ impl LinkSettings {
                 (Duration::from_millis(50) * 2_u32.pow(tries)).min(LONGEST_PAUSE)
             })
             .ping_interval(Duration::from_secs(10))
+            .subscription_capacity(VALUES_WAITING)
             .event_callback(move |event| {
                 if matches!(event, async_nats::Event::Connected) {
                     again.notify_one();
@@ -142,12 +159,18 @@ impl LinkSettings {
     }
 }
 
-/// The connection of one machine.
-pub struct MachineLink {
+/// What a machine sends and fetches over its connection. Copies share the connection.
+#[derive(Clone)]
+pub struct MachineSender {
     client: Client,
     context: Context,
     subjects: Subjects,
     models: String,
+}
+
+/// The connection of one machine.
+pub struct MachineLink {
+    sender: MachineSender,
     desired: Subscriber,
     /// Tells that the connection is there (again): what was said meanwhile has not been heard.
     again: Arc<Notify>,
@@ -185,14 +208,21 @@ impl MachineLink {
         Ok(Self {
             ask_every,
             due: true,
-            context: jetstream::new(client.clone()),
-            client,
-            subjects,
-            models: models_bucket(&identity.machine),
+            sender: MachineSender {
+                context: jetstream::new(client.clone()),
+                client,
+                subjects,
+                models: models_bucket(&identity.machine),
+            },
             desired,
             again,
             last: None,
         })
+    }
+
+    /// What sends and fetches over this connection, beside whoever waits for values.
+    pub fn sender(&self) -> MachineSender {
+        self.sender.clone()
     }
 
     /// The next value of the key of this machine, once for each change and once after the start. Waits for it; giving up
@@ -202,7 +232,7 @@ impl MachineLink {
             // A change that is heard while the answer is under way is given next time. Should an older value come after a
             // newer one, its version tells.
             let value = if self.due {
-                let answer = self.ask().await;
+                let answer = self.sender.ask().await;
                 self.due = false;
                 answer
             } else {
@@ -224,6 +254,29 @@ impl MachineLink {
         }
     }
 
+    /// As [`MachineSender::fetch_model`].
+    ///
+    /// # Errors
+    /// The server does not answer, or has no such model.
+    pub async fn fetch_model(&self, model: &ModelRef) -> Result<String, LinkError> {
+        self.sender.fetch_model(model).await
+    }
+
+    /// As [`MachineSender::publish`].
+    ///
+    /// # Errors
+    /// It is not known whether it was stored: send it again later with the same `id`.
+    pub async fn publish(&self, kind: Kind, id: &str, bytes: Bytes) -> Result<(), LinkError> {
+        self.sender.publish(kind, id, bytes).await
+    }
+
+    /// Whether the server is connected now.
+    pub fn is_connected(&self) -> bool {
+        self.sender.is_connected()
+    }
+}
+
+impl MachineSender {
     /// The value now; `None` where there is none or nobody answers, which is asked again later.
     async fn ask(&self) -> Option<Bytes> {
         let subject = format!(

@@ -102,6 +102,9 @@ pub enum NotADesired {
         /// How many bytes it must be.
         bytes: usize,
     },
+    /// A public key that is no point of the curve, or one for which everybody can sign.
+    #[error("key: expected a public key of Ed25519 that only its owner can sign for")]
+    WeakKey,
 }
 
 impl Desired {
@@ -147,6 +150,16 @@ impl Desired {
         let holds = key.verify_strict(&signed_bytes(&self.manifest), &signature);
         Ok(holds.is_ok().then_some(key))
     }
+}
+
+/// A public key whose signatures are to be trusted, as `trusted_keys` of a machine and [`Desired::key`] have it.
+///
+/// # Errors
+/// No base64 of 32 bytes, or no key that only its owner can sign for.
+pub fn trusted_key(text: &str) -> Result<VerifyingKey, NotADesired> {
+    let bytes: [u8; 32] = decode(text, "key", 32)?;
+    let key = VerifyingKey::from_bytes(&bytes).ok();
+    key.filter(|key| !key.is_weak()).ok_or(NotADesired::WeakKey)
 }
 
 fn decode<const N: usize>(

@@ -51,6 +51,16 @@ pub struct Condition {
     pub faults: u64,
 }
 
+/// A record of the audit log, as it stands in the log of the machine. Each names the checksum of the one before, so that one
+/// that is missing or was changed is seen.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct AuditLine {
+    /// SHA-256 over the checksum of the record before, a line feed, and `record`; 64 hexadecimal digits.
+    pub checksum: String,
+    /// The record, JSON of `docs/schema/gateway-audit-record.json`, byte by byte as it was written.
+    pub record: String,
+}
+
 /// What became of a manifest.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "outcome", rename_all = "kebab-case")]

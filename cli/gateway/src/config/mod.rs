@@ -18,6 +18,7 @@ use crate::error::GatewayError;
 
 mod controller;
 mod dashboard;
+mod fleet;
 mod guard;
 mod kinds;
 mod several;
@@ -27,6 +28,8 @@ mod stated;
 pub use controller::MissingKey;
 use controller::{check_latches, controller, thermometer};
 use dashboard::{dashboard, realtime};
+pub use fleet::FleetConfig;
+use fleet::fleet;
 use guard::guard;
 pub use kinds::{CONTROLLER_KEYS, ControllerKind};
 pub use several::{ConfigFile, MachineEntry, Several};
@@ -34,7 +37,7 @@ pub use sinumerik::{ServerConfig, SinumerikTable};
 pub use stated::StatedKeys;
 
 /// The keys of the root of a configuration.
-const ROOT_KEYS: [&str; 9] = [
+const ROOT_KEYS: [&str; 10] = [
     "machine",
     "cycle_ms",
     "auto_arm",
@@ -44,6 +47,7 @@ const ROOT_KEYS: [&str; 9] = [
     "dashboard",
     "audit",
     "realtime",
+    "fleet",
 ];
 
 /// Everything that a configuration says. Paths are relative to its folder.
@@ -71,6 +75,8 @@ pub struct Config {
     pub audit_dir: PathBuf,
     /// How the control thread is scheduled.
     pub realtime: Realtime,
+    /// The centre of the fleet; `None`: the gateway has none.
+    pub fleet: Option<FleetConfig>,
 }
 
 /// FOCAS: the words of the shifts in the PMC, `area`.
@@ -245,14 +251,37 @@ pub(crate) fn is_blank(name: &str) -> bool {
 }
 
 impl Config {
-    /// Reads a configuration file.
+    /// Reads a configuration file. Where a centre has put a machine file in force, that one takes the place of the configured
+    /// one.
     ///
     /// # Errors
     /// A file that cannot be read, or with file, line and key what is wrong in it.
     pub fn read(path: &Path) -> Result<Self, GatewayError> {
         let folder = path.parent().unwrap_or(Path::new(""));
         let file = path.display().to_string();
-        Ok(Document::read(path)?.decode(|root| Self::decode(&root, &file, folder))?)
+        let config = Document::read(path)?.decode(|root| Self::decode(&root, &file, folder))?;
+        Ok(config.with_machine_of_centre())
+    }
+
+    /// The configuration with the machine file that the centre has put in force, where there is one.
+    #[cfg(feature = "fleet")]
+    fn with_machine_of_centre(mut self) -> Self {
+        let in_force = self.fleet.as_ref().and_then(crate::fleet::machine_in_force);
+        if let Some(machine) = in_force {
+            self.machine = machine;
+        }
+        self
+    }
+
+    #[cfg(not(feature = "fleet"))]
+    fn with_machine_of_centre(self) -> Self {
+        self
+    }
+
+    /// Whether the machine file is one that the centre has put in force.
+    pub(crate) fn is_machine_of_centre(&self) -> bool {
+        let fleet = self.fleet.as_ref();
+        fleet.is_some_and(|fleet| self.machine.starts_with(&fleet.dir))
     }
 
     /// Takes the text of a configuration; paths in it are relative to `folder`.
@@ -329,6 +358,10 @@ impl Config {
                     cpu: None,
                     reference: false,
                 }),
+            fleet: root
+                .section("fleet")?
+                .map(|section| fleet(&section, folder))
+                .transpose()?,
         })
     }
 }

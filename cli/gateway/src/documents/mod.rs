@@ -18,9 +18,10 @@ pub use history::{History, HistoryPoint};
 pub use map::{ErrorMap, MapAxis};
 pub use overview::{Glance, Overview, PhaseName};
 pub use plan::{
-    AuditPlan, AxisPlan, BarrierPlan, CheckFailure, ControllerPlan, DashboardPlan, GuardPlan,
-    MachinePlan, MachinesPlan, MemberPlan, OnlineBarrier, OnlineBarrierAxis, OnlinePlan, OpcUaPlan,
-    OverviewPlan, PlanDocument, PmcPlan, SensorPlan, Source, Stated, ThermometerPlan, TokenPlan,
+    AuditPlan, AxisPlan, BarrierPlan, CheckFailure, ControllerPlan, DashboardPlan, FleetPlan,
+    GuardPlan, MachinePlan, MachinesPlan, MemberPlan, OnlineBarrier, OnlineBarrierAxis, OnlinePlan,
+    OpcUaPlan, OverviewPlan, PlanDocument, PmcPlan, SensorPlan, Source, Stated, ThermometerPlan,
+    TokenPlan,
 };
 pub use record::{
     Broken, ConfirmedLimits, Details, Event, LastOutput, LimitChanges, Record, Standing, Start,
@@ -31,8 +32,8 @@ pub use rehearsal::{
     RehearsedLimits, RehearsedPath,
 };
 pub use state::{
-    ByAxis, ControllerState, CycleTimes, MachineState, PathState, ProvenName, SchemeName,
-    SensorState, StateName, Status, StretchTimes, round,
+    ByAxis, ControllerState, CycleTimes, FleetState, MachineState, PathState, ProvenName,
+    SchemeName, SensorState, StateName, Status, StretchTimes, round,
 };
 
 use schemars::{Schema, schema_for};

@@ -75,10 +75,40 @@ pub struct PlanDocument {
     pub dashboard: DashboardPlan,
     /// Where the audit log is kept.
     pub audit: AuditPlan,
+    /// The centre of the fleet; missing where there is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fleet: Option<FleetPlan>,
     /// What the controls told when they were asked (`--online`), in the order of the configuration; only those are listed
     /// whose bus has something to compare. Missing where nobody asked.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub online: Option<Vec<OnlinePlan>>,
+}
+
+/// The centre of the fleet, and what it has put in force.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct FleetPlan {
+    /// The addresses of the servers, separated by commas.
+    pub url: String,
+    /// The site.
+    pub site: String,
+    /// The name of the machine in the fleet.
+    pub machine: String,
+    /// The serial number of the machine tool.
+    pub serial: String,
+    /// The public nkey by which the server knows the machine.
+    pub nkey: String,
+    /// The public keys whose manifests count, base64.
+    pub trusted_keys: Vec<String>,
+    /// The folder of what was accepted and of what waits to be sent.
+    pub dir: Stated<String>,
+    /// The file with certificates that are trusted besides those of the system.
+    pub ca: Option<String>,
+    /// The version of the manifest whose machine file corrects; 0: the configured machine file does.
+    pub version: u64,
+    /// The version of the highest manifest that was accepted; 0: none was.
+    pub accepted: u64,
+    /// Whether the centre allows correcting.
+    pub enabled: bool,
 }
 
 /// What a control told about itself when it was asked.

@@ -24,7 +24,8 @@ pub struct Record {
     pub monotonic_s: f64,
     /// Wall time, ISO 8601 in UTC.
     pub time: String,
-    /// Who asked for it: the name of a token, `signal`, `auto_arm`, or `gateway` for what happened by itself.
+    /// Who asked for it: the name of a token, `signal`, `auto_arm`, `centre` with the beginning of its key, `unknown` for a
+    /// manifest that no trusted key has signed, or `gateway` for what happened by itself.
     pub who: String,
     /// The event in a few words.
     pub what: String,

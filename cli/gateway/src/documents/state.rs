@@ -168,6 +168,34 @@ pub struct Status {
     pub age_ms: f64,
     /// How long cycles took.
     pub cycle: CycleTimes,
+    /// How it stands with the centre of the fleet; only where `[fleet]` is configured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fleet: Option<FleetState>,
+}
+
+/// How it stands with the centre of the fleet.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct FleetState {
+    /// The site.
+    pub site: String,
+    /// The name of the machine in the fleet.
+    pub machine: String,
+    /// Whether the server is connected now.
+    pub connected: bool,
+    /// The version of the manifest whose machine file corrects; 0: the configured machine file does.
+    pub version: u64,
+    /// The version of the highest manifest that was accepted; 0: none was.
+    pub accepted: u64,
+    /// Whether the centre allows correcting.
+    pub enabled: bool,
+    /// What became of the highest manifest; null while that is not known.
+    pub outcome: Option<String>,
+    /// Why the highest manifest is not in force yet, or what was damaged at the start; it is tried again.
+    pub trouble: Option<String>,
+    /// Why messages to the centre wait; null while they are sent.
+    pub waiting: Option<String>,
+    /// How many messages were dropped since the start, for want of room.
+    pub dropped: u64,
 }
 
 /// The machine whose model corrects.

@@ -98,6 +98,8 @@ impl Machine {
             switch,
             runtime,
             locks,
+            #[cfg(feature = "fleet")]
+            fleet,
         } = started;
         let mut hurry = || slot.stops() > 1;
         let turned = catch_unwind(AssertUnwindSafe(|| {
@@ -123,6 +125,9 @@ impl Machine {
         if !has_ended {
             slot.keep(locks);
         }
+        // What was to be told last is sent or kept.
+        #[cfg(feature = "fleet")]
+        drop(fleet);
         runtime.shutdown_background();
         if has_panicked {
             Err(Failure::panicked())

@@ -39,6 +39,9 @@ pub(super) struct Started {
     pub(super) runtime: tokio::runtime::Runtime,
     /// One gateway for each device.
     pub(super) locks: Vec<UnixListener>,
+    /// The threads that speak with the centre, as long as this is held.
+    #[cfg(feature = "fleet")]
+    pub(super) fleet: Option<crate::fleet::Fleet>,
 }
 
 /// Starts a machine; `None`: it was told to stop before anything could be written.
@@ -93,6 +96,8 @@ pub(super) fn start(
         address,
         tls: tls.is_some(),
     };
+    #[cfg(feature = "fleet")]
+    let fleet = crate::fleet::start(&config, &published, &asks, &switch)?;
     let dashboard = Dashboard {
         published,
         controllers: controllers.len(),
@@ -103,7 +108,7 @@ pub(super) fn start(
     };
     let parts = Parts {
         handle,
-        forbids: Reasons::NO_LIMITS.when(config.guard.is_none()),
+        forbids: Reasons::NO_LIMITS.when(config.guard.is_none()) | forbids_of_centre(&config),
         options: machine.options.clone(),
         controllers,
         sensors,
@@ -133,7 +138,19 @@ pub(super) fn start(
         switch,
         runtime,
         locks,
+        #[cfg(feature = "fleet")]
+        fleet,
     }))
+}
+
+/// What the centre of the fleet said last about correcting at all.
+fn forbids_of_centre(config: &Config) -> Reasons {
+    #[cfg(feature = "fleet")]
+    let forbids = crate::fleet::forbids(config);
+    // Without the feature there is no plan of a configuration with a centre.
+    #[cfg(not(feature = "fleet"))]
+    let forbids = Reasons::NONE.when(config.fleet.is_some());
+    forbids
 }
 
 /// The audit log, and what was found when it was opened.

@@ -55,12 +55,13 @@ pub(super) fn document(plan: &Plan) -> PlanDocument {
         audit: AuditPlan {
             dir: stated(config, "audit.dir", config.audit_dir.display().to_string()),
         },
+        fleet: (plan.fleet.as_ref()).and_then(|fleet| fleet.document(config)),
         online: None,
     }
 }
 
 /// A value that the configuration states or leaves to its default.
-fn stated<T>(config: &Config, key: &str, value: T) -> Stated<T> {
+pub(super) fn stated<T>(config: &Config, key: &str, value: T) -> Stated<T> {
     let source = if config.states(key) {
         Source::Configuration
     } else {

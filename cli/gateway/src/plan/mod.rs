@@ -23,6 +23,7 @@ use crate::{
 
 mod audit_folder;
 mod describe;
+mod fleet;
 mod needs;
 mod notes;
 mod overlap;
@@ -42,6 +43,7 @@ pub struct Plan {
     pub tls: Option<Tls>,
     /// The names of the temperatures, in order.
     pub sensors: Vec<String>,
+    fleet: Option<fleet::Checked>,
     structure: String,
     thermal: Thermal,
     /// What is odd about the machine file, though it may be meant.
@@ -118,7 +120,9 @@ impl Plan {
         }
         let (tokens, tls) = dashboard(&config.dashboard)?;
         audit_folder::check(&config.audit_dir)?;
+        let fleet = fleet::check(&config)?;
         Ok(Self {
+            fleet,
             structure: machine.chain().structure().to_string(),
             thermal: machine.thermal().clone(),
             machine_notes: machine.notes(),

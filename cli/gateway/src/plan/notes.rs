@@ -14,6 +14,9 @@ pub(super) fn notes(
     sensors: &[SensorPlan],
 ) -> Vec<String> {
     let mut notes = plan.machine_notes.clone();
+    if let Some(fleet) = &plan.fleet {
+        notes.extend(fleet.notes(&plan.config));
+    }
     match guard {
         None => notes.push("[guard] is missing: it will not arm".to_owned()),
         Some(guard) => {

@@ -5,8 +5,8 @@ use std::path::Path;
 use crate::{
     config::Config,
     documents::{
-        AxisPlan, BarrierPlan, ControllerPlan, GuardPlan, OnlineBarrier, OpcUaPlan, PlanDocument,
-        PmcPlan, Source, Stated,
+        AxisPlan, BarrierPlan, ControllerPlan, FleetPlan, GuardPlan, OnlineBarrier, OpcUaPlan,
+        PlanDocument, PmcPlan, Source, Stated,
     },
 };
 
@@ -61,6 +61,9 @@ pub(super) fn text(plan: &PlanDocument, config: &Config) -> String {
         lines.plain(&format!("  token {}", token.name), &token.role);
     }
     lines.stated("audit log", &plan.audit.dir, Clone::clone);
+    if let Some(fleet) = &plan.fleet {
+        lines.fleet(fleet);
+    }
     for control in plan.online.iter().flatten() {
         lines.plain("control", &control.url);
         lines.plain("  axes", &control.axes.join(" "));
@@ -128,6 +131,39 @@ impl Lines {
         }
         self.text += &line;
         self.text += "\n";
+    }
+
+    fn fleet(&mut self, fleet: &FleetPlan) {
+        let servers = fleet.url.split(',').map(str::trim);
+        let mut label = "fleet";
+        for server in servers {
+            self.plain(std::mem::take(&mut label), server);
+        }
+        self.plain("  machine", &format!("{} at {}", fleet.machine, fleet.site));
+        self.plain("  serial number", &fleet.serial);
+        self.plain("  nkey", &fleet.nkey);
+        for key in &fleet.trusted_keys {
+            self.plain("  trusts", key);
+        }
+        if let Some(ca) = &fleet.ca {
+            self.plain("  certificates", ca);
+        }
+        self.stated("  folder", &fleet.dir, Clone::clone);
+        let version = match (fleet.version, fleet.accepted) {
+            (0, 0) => "none yet: the configured machine file corrects".to_owned(),
+            (0, accepted) => format!("none of {accepted}: the configured machine file corrects"),
+            (version, accepted) if version == accepted => format!("{version} is in force"),
+            (version, accepted) => format!("{version} is in force, {accepted} was accepted"),
+        };
+        self.plain("  manifest", &version);
+        self.plain(
+            "  correcting",
+            if fleet.enabled {
+                "allowed"
+            } else {
+                "disabled by the centre"
+            },
+        );
     }
 
     fn guard(&mut self, guard: &GuardPlan, plan: &PlanDocument) {

@@ -185,6 +185,12 @@ impl Service {
         ]
     }
 
+    /// Writes down that a model is the confirmed one. The limits are not: nobody has asked about them.
+    pub(super) fn keep_confirmed_machine(&self, model: &Model) -> Receipt {
+        let [machine, _] = self.confirmed_paths();
+        self.clerk.keep(machine, model.text.clone())
+    }
+
     /// Whether the record is written; then the order is given, unless somebody disarmed meanwhile.
     pub(super) fn recorded(&mut self, mut step: Recording, who: &str, disarms: u64) -> Progress {
         let state = self.parts.handle.report().state;

@@ -33,6 +33,7 @@ use crate::{
 };
 
 mod arming;
+mod candidate;
 mod effect;
 mod lags;
 mod reload;
@@ -113,6 +114,8 @@ pub struct Service {
     tells: Reasons,
     /// Whether it was armed once, or a person took over.
     auto_arm_done: bool,
+    /// Whether a person has armed, disarmed or acknowledged: from then on nothing else arms.
+    person_decides: bool,
     auto_arm_after: Instant,
     output: LatestOutput,
     lags: Lags,
@@ -159,6 +162,7 @@ impl Service {
             tried_again: now,
             tells: Reasons::NONE,
             auto_arm_done: parts.standing.disarmed_by.is_some(),
+            person_decides: parts.standing.disarmed_by.is_some(),
             auto_arm_after: now,
             output: LatestOutput {
                 at: now,

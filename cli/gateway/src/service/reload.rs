@@ -29,18 +29,40 @@ use crate::{
 };
 
 /// What a reload would take, and the question that comes first.
-type Planned = Result<(Box<Plan>, Option<Question>), GatewayError>;
+pub(super) type Planned = Result<(Box<Plan>, Option<Question>), GatewayError>;
+
+/// Whose machine file it is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Whose {
+    /// That of the configuration, which is read again with it.
+    Configured,
+    /// One that the centre of the fleet has sent, with the hash that a person has confirmed there; nothing else changes.
+    Centre(Option<String>),
+}
 
 /// The files under way.
 pub(super) struct Reading {
+    whose: Whose,
     told: Receiver<Planned>,
     until: Instant,
 }
 
-/// A plan that is taken as soon as its record is written.
+impl Reading {
+    /// Files that are read by what `told` comes from.
+    pub(super) fn new(whose: Whose, told: Receiver<Planned>) -> Self {
+        Self {
+            whose,
+            told,
+            until: Instant::now() + FILES,
+        }
+    }
+}
+
+/// A plan that is taken as soon as its record is written, and what else must be.
 pub(super) struct Keeping {
+    whose: Whose,
     plan: Box<Plan>,
-    record: Receipt,
+    receipts: Vec<Receipt>,
     until: Instant,
 }
 
@@ -54,23 +76,24 @@ impl Service {
         let opened = self.parts.controllers.clone();
         let work = move || plan_again(&options, &old, &opened, &model, &limits, judge.as_ref());
         let told = self.worker.begin(work).ok_or_else(disk_silent)?;
-        Ok(Step::Reading(Reading {
-            told,
-            until: Instant::now() + FILES,
-        }))
+        Ok(Step::Reading(Reading::new(Whose::Configured, told)))
     }
 
     /// Whether the files are read; if what they say may be taken, its record is begun.
     pub(super) fn planned(&mut self, step: Reading, who: &str) -> Progress {
+        let whose = step.whose.clone();
         let planned = match step.told.try_recv() {
             Ok(planned) => planned,
             Err(TryRecvError::Empty) if Instant::now() < step.until => {
                 return Progress::Waits(Step::Reading(step));
             }
-            Err(_) => return Progress::Done(self.not_reloaded(disk_silent())),
+            Err(_) => return Progress::Done(self.not_taken(&whose, disk_silent())),
         };
         let plan = match planned {
             Ok((plan, None)) => plan,
+            Ok((_, Some(question))) if whose != Whose::Configured => {
+                return Progress::Done(self.centre_must_confirm(who, question));
+            }
             Ok((_, Some(question))) => {
                 tracing::warn!("reload: {} must be confirmed", question.model);
                 self.must_confirm(true);
@@ -82,7 +105,7 @@ impl Service {
             Err(e) => {
                 let _ = self.log(who, "reload refused", Event::Refused(e.to_string()));
                 tracing::warn!("reload: {e}");
-                return Progress::Done(self.not_reloaded(refused(422, e.to_string())));
+                return Progress::Done(self.not_taken(&whose, refused(422, e.to_string())));
             }
         };
         let to = plan.config.guard.as_ref().map(identity::limits);
@@ -91,40 +114,56 @@ impl Service {
             to: plan.model.hash.clone(),
             limits: identity::changes(&self.limits(), &to.unwrap_or_default()),
         };
-        let record = self.log(who, "reload", event);
+        let mut receipts = vec![self.log(who, "reload", event)];
+        if matches!(&whose, Whose::Centre(Some(hash)) if *hash == plan.model.hash) {
+            receipts.push(self.keep_confirmed_machine(&plan.model));
+        }
         Progress::Next(Step::Keeping(Box::new(Keeping {
+            whose,
             plan,
-            record,
+            receipts,
             until: Instant::now() + FILES,
         })))
     }
 
     /// Whether the record is written; then the plan is taken.
-    pub(super) fn kept(&mut self, step: Keeping) -> Progress {
-        match step.record.written() {
-            Some(true) => {}
-            None if Instant::now() < step.until => {
-                return Progress::Waits(Step::Keeping(Box::new(step)));
-            }
-            Some(false) | None => {
-                let reply = no_log(self.last_state, self.clerk.trouble());
-                return Progress::Done(self.not_reloaded(reply));
+    pub(super) fn kept(&mut self, mut step: Keeping) -> Progress {
+        let whose = step.whose.clone();
+        while let Some(receipt) = step.receipts.last() {
+            match receipt.written() {
+                // A receipt tells once.
+                Some(true) => drop(step.receipts.pop()),
+                None if Instant::now() < step.until => {
+                    return Progress::Waits(Step::Keeping(Box::new(step)));
+                }
+                Some(false) | None => {
+                    let reply = no_log(self.last_state, self.clerk.trouble());
+                    return Progress::Done(self.not_taken(&whose, reply));
+                }
             }
         }
         // Limits and model are taken together or not at all, and not by a thread that hangs.
         let handle = &self.parts.handle;
         let is_silent = handle.pulse().silence().is_some();
         if is_silent || handle.room() <= step.plan.limits().len() {
-            return Progress::Done(self.not_reloaded(no_orders()));
+            return Progress::Done(self.not_taken(&whose, no_orders()));
         }
         let plan = *step.plan;
-        let unchanged =
-            plan.config == self.parts.config && plan.model.hash == self.parts.model.hash;
-        if !unchanged {
+        let is_configured = whose == Whose::Configured;
+        let unchanged = plan.model.hash == self.parts.model.hash
+            && (plan.config == self.parts.config || !is_configured);
+        if unchanged {
+            self.parts.config.machine = plan.config.machine;
+        } else {
             self.take(plan);
         }
-        self.tells = self.tells.without(Reasons::NOT_RELOADED);
-        self.must_confirm(false);
+        match whose {
+            Whose::Configured => {
+                self.tells = self.tells.without(Reasons::NOT_RELOADED);
+                self.must_confirm(false);
+            }
+            Whose::Centre(_) => self.centre_took(),
+        }
         Progress::Done(Reply {
             status: 200,
             answer: Answer::Reloaded(Reloaded {
@@ -132,6 +171,14 @@ impl Service {
                 unchanged,
             }),
         })
+    }
+
+    /// The answer where nothing was taken.
+    fn not_taken(&mut self, whose: &Whose, reply: Reply) -> Reply {
+        match whose {
+            Whose::Configured => self.not_reloaded(reply),
+            Whose::Centre(_) => reply,
+        }
     }
 
     /// The answer of a reload that took nothing, which is told beside it.
@@ -184,12 +231,29 @@ fn plan_again(
     if options.config.is_none() {
         return Err(ReloadError::BuiltIn.into());
     }
-    let config = options.configuration()?;
+    let mut config = options.configuration()?;
+    if config.guard.is_some() {
+        can_change(old, &config)?;
+    }
+    // What the centre has put in force is its own to change.
+    if old.is_machine_of_centre() {
+        config.machine.clone_from(&old.machine);
+    }
+    plan_with(config, opened, model, limits, judge)
+}
+
+/// Plans another configuration for the devices that are open.
+pub(super) fn plan_with(
+    config: Config,
+    opened: &[Description],
+    model: &Model,
+    limits: &ConfirmedLimits,
+    judge: Option<&Judge>,
+) -> Planned {
     let Some(guard) = &config.guard else {
         let file = config.file;
         return Err(ReloadError::NoGuard { file }.into());
     };
-    can_change(old, &config)?;
     let new_limits = identity::limits(guard);
     let plan = Plan::new(config)?;
     let is_other = |(now, opened): &(&Description, &Description)| now != opened;
@@ -235,6 +299,7 @@ fn can_change(old: &Config, config: &Config) -> Result<(), ReloadError> {
         (config.dashboard == old.dashboard, FixedKey::Dashboard),
         (config.audit_dir == old.audit_dir, FixedKey::Audit),
         (config.realtime == old.realtime, FixedKey::Realtime),
+        (config.fleet == old.fleet, FixedKey::Fleet),
         (guard, FixedKey::GuardTimes),
     ];
     match same.into_iter().find(|(same, _)| !same) {

@@ -15,7 +15,7 @@ use super::{
 };
 use crate::{
     documents::{Answer, Event, Refusal, Settled},
-    request::{Ask, Asked, Reply},
+    request::{Ask, Asked, CentreAsk, Reply},
 };
 
 /// A request has taken effect after so long, or it has none.
@@ -75,9 +75,14 @@ impl Service {
     /// Takes a request on. Disarming was ordered when it was made.
     pub(super) fn take_on(&mut self, asked: Asked) {
         // From here on a person decides.
-        self.auto_arm_done |= !matches!(asked.ask, Ask::Reload(_));
+        let decides = !matches!(asked.ask, Ask::Reload(_) | Ask::Centre(_));
+        self.person_decides |= decides;
+        self.auto_arm_done |= decides;
         match asked.ask {
-            Ask::Arm(_) | Ask::Reload(_) => self.waiting.push_back(asked),
+            Ask::Arm(_) | Ask::Reload(_) | Ask::Centre(CentreAsk::Take { .. }) => {
+                self.waiting.push_back(asked);
+            }
+            Ask::Centre(_) => self.centre_asks(asked),
             Ask::Disarm => {
                 let effect = self.ordered(Request::Disarm);
                 self.write_disarming(&asked);
@@ -136,12 +141,12 @@ impl Service {
     }
 
     /// Writes a request down with the state that it finds. Nobody waits for it.
-    fn write_down(&mut self, who: &str, what: &str) {
+    pub(super) fn write_down(&mut self, who: &str, what: &str) {
         let state = self.parts.handle.report().state.into();
         let _ = self.log(who, what, Event::Request { state });
     }
 
-    fn begin(&mut self, asked: Asked, step: Step) {
+    pub(super) fn begin(&mut self, asked: Asked, step: Step) {
         self.underway.push(Underway {
             who: asked.who,
             answer: asked.answer,
@@ -203,8 +208,11 @@ impl Service {
             let step = match &mut asked.ask {
                 Ask::Arm(confirm) => self.compare(confirm.take()),
                 Ask::Reload(confirm) => self.read_again(confirm.take()),
+                Ask::Centre(CentreAsk::Take { machine, confirm }) => {
+                    self.read_candidate(std::mem::take(machine), confirm.take())
+                }
                 // They do not wait.
-                Ask::Disarm | Ask::Acknowledge => return,
+                Ask::Disarm | Ask::Acknowledge | Ask::Centre(_) => return,
             };
             match step {
                 Ok(step) => self.begin(asked, step),
@@ -318,7 +326,7 @@ fn may_not_end(report: &Report) -> bool {
 }
 
 /// Gives the answer to whoever asked.
-fn finish(who: &str, answer: Option<oneshot::Sender<Reply>>, reply: Reply) {
+pub(super) fn finish(who: &str, answer: Option<oneshot::Sender<Reply>>, reply: Reply) {
     match answer {
         // Whoever asked may have gone.
         Some(to) => drop(to.send(reply)),
@@ -358,7 +366,7 @@ pub(super) fn settled(status: u16, state: State, reasons: Reasons, error: Option
 }
 
 /// An answer for the log of the program.
-fn in_words(answer: &Answer) -> String {
+pub(super) fn in_words(answer: &Answer) -> String {
     match answer {
         Answer::Question(question) => {
             let size = |size: Option<f64>| {

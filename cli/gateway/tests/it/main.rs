@@ -16,6 +16,13 @@ mod edges;
 mod effective;
 mod faults;
 mod five_axes;
+#[cfg(feature = "fleet")]
+mod fleet;
+#[cfg(feature = "fleet")]
+mod fleet_bench;
+mod fleet_config;
+#[cfg(feature = "fleet")]
+mod fleet_faults;
 mod fuzz_corpus;
 mod held_back;
 mod http;

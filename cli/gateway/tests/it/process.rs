@@ -14,7 +14,7 @@ use crate::{
 };
 
 /// Shifts of X over time while something is done.
-fn watched(control: &Simulator, act: impl FnOnce() + Send) -> Vec<(Instant, f64)> {
+pub(crate) fn watched(control: &Simulator, act: impl FnOnce() + Send) -> Vec<(Instant, f64)> {
     let done = std::sync::atomic::AtomicBool::new(false);
     std::thread::scope(|scope| {
         let watch = scope.spawn(|| {
@@ -33,7 +33,7 @@ fn watched(control: &Simulator, act: impl FnOnce() + Send) -> Vec<(Instant, f64)
 }
 
 /// Over any window no more than the slew rate, a step, and five cycles that were late.
-fn no_step(trace: &[(Instant, f64)]) {
+pub(crate) fn no_step(trace: &[(Instant, f64)]) {
     for (index, (then, was)) in trace.iter().enumerate() {
         for (now, is) in &trace[index..] {
             let window = now.duration_since(*then);

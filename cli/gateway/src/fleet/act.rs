@@ -1,0 +1,362 @@
+//! Puts manifests in force, one after the other: on disk first, then its machine file, then the request to the service, then
+//! on disk that it is in force. What fails for want of a disk, a server or a cycle is tried again; what is refused is not.
+
+use std::{sync::Arc, time::Duration};
+
+use tokio::{
+    sync::{
+        mpsc::{Receiver, UnboundedReceiver, UnboundedSender},
+        oneshot,
+    },
+    time::Instant,
+};
+use volcomp_fleet::{Acknowledgement, LinkError, MachineSender, Outcome};
+use volcomp_runtime::DisarmSwitch;
+
+use super::{
+    Shared,
+    hear::{Heard, Judged, who},
+    store::{Held, Kept, Standing, Store},
+};
+use crate::{
+    documents::{Answer, Question},
+    request::{Ask, Asked, Asks, CentreAsk, Reply},
+};
+
+/// What could not be done is tried again after so long.
+const AGAIN: Duration = Duration::from_secs(2);
+
+/// What became of a manifest, in words.
+pub(super) fn in_words(outcome: &Outcome) -> String {
+    match outcome {
+        Outcome::Activated => "in force".to_owned(),
+        Outcome::NeedsConfirmation { hash, worst_um, .. } => {
+            format!("must be confirmed: {hash} moves a linear axis by up to {worst_um} µm")
+        }
+        Outcome::Refused { why } => format!("refused: {why}"),
+    }
+}
+
+/// Something that is tried again later, in words.
+struct Later(String);
+
+/// The side that acts. State: what stands in the folder, and the manifest at hand.
+pub(super) struct Actor {
+    store: Store,
+    asks: Asks,
+    switch: DisarmSwitch,
+    shared: Arc<Shared>,
+    acknowledge: UnboundedSender<Acknowledgement>,
+    standing: Standing,
+    active: Option<Held>,
+    /// The manifest at hand, until its outcome is known and on disk.
+    at_hand: Option<Judged>,
+    /// Whether the manifest at hand is on disk.
+    is_kept: bool,
+    /// When it is tried again.
+    again: Instant,
+    /// What was damaged at the start, until it is told.
+    damage: Option<String>,
+    /// The last refusal that was written down, so that a flood of the same is written once.
+    refusal: String,
+}
+
+impl Actor {
+    pub(super) fn new(
+        store: Store,
+        kept: Kept,
+        asks: Asks,
+        switch: DisarmSwitch,
+        shared: Arc<Shared>,
+        acknowledge: UnboundedSender<Acknowledgement>,
+    ) -> Self {
+        if let Some(newest) = &kept.newest {
+            let manifest = &newest.manifest;
+            shared.set_pace(manifest.condition_s, manifest.telemetry_s);
+        }
+        // Whoever ended between accepting and putting in force goes on here.
+        let is_open = kept.standing.outcome.is_none();
+        let at_hand = kept.newest.filter(|_| is_open).map(|held| Judged {
+            held,
+            model: None,
+            value_sha256: String::new(),
+        });
+        Self {
+            store,
+            asks,
+            switch,
+            shared,
+            acknowledge,
+            standing: kept.standing,
+            active: kept.active,
+            at_hand,
+            is_kept: true,
+            again: Instant::now(),
+            damage: kept.damage,
+            refusal: String::new(),
+        }
+    }
+
+    /// Acts for ever.
+    pub(super) async fn run(
+        mut self,
+        sender: MachineSender,
+        mut accepted: UnboundedReceiver<Box<Judged>>,
+        mut others: Receiver<Heard>,
+    ) {
+        if let Some(what) = self.damage.take() {
+            self.tell(CentreAsk::Damaged(what), "gateway".to_owned());
+        }
+        loop {
+            tokio::select! {
+                biased;
+                new = accepted.recv() => match new {
+                    Some(new) => self.begin(*new),
+                    None => return,
+                },
+                Some(other) = others.recv() => self.answer(other),
+                () = tokio::time::sleep_until(self.again), if self.at_hand.is_some() => {
+                    self.go_on(&sender).await;
+                }
+            }
+        }
+    }
+
+    /// A new manifest takes the place of the one at hand.
+    fn begin(&mut self, new: Judged) {
+        let manifest = &new.held.manifest;
+        tracing::info!(version = manifest.version, "fleet: manifest accepted");
+        self.shared
+            .set_pace(manifest.condition_s, manifest.telemetry_s);
+        self.standing.highest = manifest.version;
+        self.standing.disabled |= !manifest.enable;
+        self.standing.outcome = None;
+        self.at_hand = Some(new);
+        self.is_kept = false;
+        self.again = Instant::now();
+        self.show(None);
+    }
+
+    /// A value that changes nothing is answered.
+    fn answer(&mut self, other: Heard) {
+        match other {
+            Heard::New(new) => self.begin(*new),
+            Heard::Again(again) => match (&self.standing.outcome, &mut self.at_hand) {
+                (Some(outcome), _) => {
+                    let outcome = outcome.clone();
+                    self.acknowledge(self.standing.highest, again.value_sha256, outcome);
+                }
+                // It was begun before the start, or its machine file is missing: now it may have come.
+                (None, Some(at_hand)) => {
+                    at_hand.value_sha256 = again.value_sha256;
+                    at_hand.model = again.model.or(at_hand.model.take());
+                }
+                (None, None) => {
+                    self.at_hand = Some(*again);
+                    self.is_kept = false;
+                    self.again = Instant::now();
+                }
+            },
+            Heard::Refused {
+                version,
+                value_sha256,
+                who,
+                why,
+            } => {
+                if self.refusal != why {
+                    self.refusal.clone_from(&why);
+                    self.tell(CentreAsk::Refused(why.clone()), who);
+                }
+                self.acknowledge(version, value_sha256, Outcome::Refused { why });
+            }
+        }
+    }
+
+    /// One try to put the manifest at hand in force.
+    async fn go_on(&mut self, sender: &MachineSender) {
+        let Some(at_hand) = self.at_hand.clone() else {
+            return;
+        };
+        match self.put_in_force(at_hand, sender).await {
+            Ok((value_sha256, outcome)) => {
+                tracing::info!(
+                    version = self.standing.highest,
+                    "fleet: {}",
+                    in_words(&outcome)
+                );
+                self.at_hand = None;
+                self.refusal.clear();
+                self.acknowledge(self.standing.highest, value_sha256, outcome);
+                self.show(None);
+            }
+            Err(Later(why)) => {
+                tracing::warn!("fleet: {why}: tried again");
+                self.again = Instant::now() + AGAIN;
+                self.show(Some(why));
+            }
+        }
+    }
+
+    async fn put_in_force(
+        &mut self,
+        at_hand: Judged,
+        sender: &MachineSender,
+    ) -> Result<(String, Outcome), Later> {
+        let held = at_hand.held;
+        if !self.is_kept {
+            let standing = self.standing.clone();
+            self.on_disk(&held, move |store, held| store.keep(held, &standing))
+                .await?;
+            self.is_kept = true;
+        }
+        let outcome = match self.bring_machine(&held, at_hand.model, sender).await? {
+            Some(why) => Outcome::Refused { why },
+            None => self.take(&held).await?,
+        };
+        let mut standing = self.standing.clone();
+        standing.outcome = Some(outcome.clone());
+        let is_active = outcome == Outcome::Activated;
+        if is_active {
+            standing.active = Some(held.manifest.version);
+            standing.disabled = !held.manifest.enable;
+        }
+        let mut kept = vec![held.clone()];
+        kept.extend(self.active.clone().filter(|_| !is_active));
+        let next = standing.clone();
+        self.on_disk(&held, move |store, _| {
+            store.stand(&next)?;
+            store.tidy(&kept.iter().collect::<Vec<_>>());
+            Ok(())
+        })
+        .await?;
+        self.standing = standing;
+        if is_active {
+            self.shared
+                .version
+                .store(held.manifest.version, std::sync::atomic::Ordering::Relaxed);
+            if held.manifest.enable {
+                self.ask(CentreAsk::Enable, &held).await?;
+            }
+            self.active = Some(held);
+        }
+        Ok((at_hand.value_sha256, outcome))
+    }
+
+    /// Has the machine file on disk, whole; `Some`: why there is none to be had.
+    async fn bring_machine(
+        &self,
+        held: &Held,
+        model: Option<String>,
+        sender: &MachineSender,
+    ) -> Result<Option<String>, Later> {
+        let manifest = held.manifest.clone();
+        let store = self.store.clone();
+        let there = tokio::task::spawn_blocking(move || store.has_machine(&manifest)).await;
+        if there.unwrap_or(false) {
+            return Ok(None);
+        }
+        let text = match model {
+            Some(text) => text,
+            None => match sender.fetch_model(&held.manifest.model).await {
+                Ok(text) => text,
+                Err(error @ LinkError::Model { .. }) => return Ok(Some(error.to_string())),
+                Err(error) => return Err(Later(error.to_string())),
+            },
+        };
+        self.on_disk(held, move |store, held| {
+            store.keep_machine(&held.manifest, &text)
+        })
+        .await?;
+        Ok(None)
+    }
+
+    /// Asks the service to correct by the machine file.
+    async fn take(&self, held: &Held) -> Result<Outcome, Later> {
+        let ask = CentreAsk::Take {
+            machine: self.store.machine(&held.manifest),
+            confirm: held.manifest.confirm.clone(),
+        };
+        let reply = self.ask(ask, held).await?;
+        match (reply.status, reply.answer) {
+            (200, _) => Ok(Outcome::Activated),
+            (_, Answer::Question(question)) => Ok(needs_confirmation(&question)),
+            (422, Answer::Refusal(refusal)) => Ok(Outcome::Refused { why: refusal.error }),
+            (_, Answer::Refusal(refusal)) => Err(Later(refusal.error)),
+            (status, Answer::Settled(settled)) => {
+                let why = settled.error.unwrap_or_else(|| settled.reasons.join(", "));
+                Err(Later(format!("{status}: {why}")))
+            }
+            (status, Answer::Reloaded(_)) => Err(Later(format!("answer {status}"))),
+        }
+    }
+
+    async fn ask(&self, ask: CentreAsk, held: &Held) -> Result<Reply, Later> {
+        let (answer, answered) = oneshot::channel();
+        let who = who(&held.desired.key);
+        let asked = Asked::new(Ask::Centre(ask), who, Some(answer), &self.switch);
+        if self.asks.try_send(asked).is_err() {
+            return Err(Later("too many requests wait".to_owned()));
+        }
+        answered
+            .await
+            .map_err(|_| Later("the gateway is stopping".to_owned()))
+    }
+
+    /// Something for the audit log, whose answer nobody waits for.
+    fn tell(&self, ask: CentreAsk, who: String) {
+        let asked = Asked::new(Ask::Centre(ask), who, None, &self.switch);
+        if self.asks.try_send(asked).is_err() {
+            tracing::warn!("fleet: too many requests wait");
+        }
+    }
+
+    /// Work that may wait for the disk.
+    async fn on_disk(
+        &self,
+        held: &Held,
+        work: impl FnOnce(&Store, &Held) -> std::io::Result<()> + Send + 'static,
+    ) -> Result<(), Later> {
+        let (store, held) = (self.store.clone(), held.clone());
+        let done = tokio::task::spawn_blocking(move || work(&store, &held)).await;
+        let later = |why: String| Later(format!("what was accepted cannot be kept on disk: {why}"));
+        match done {
+            Ok(done) => done.map_err(|e| later(e.to_string())),
+            Err(e) => Err(later(e.to_string())),
+        }
+    }
+
+    fn acknowledge(&self, version: u64, value_sha256: String, outcome: Outcome) {
+        // After a restart it is answered when the value comes again.
+        if value_sha256.is_empty() {
+            return;
+        }
+        let acknowledgement = Acknowledgement {
+            version,
+            value_sha256,
+            outcome,
+        };
+        // Whoever sends has ended only where the gateway ends.
+        let _ = self.acknowledge.send(acknowledgement);
+    }
+
+    /// Shows where it is.
+    fn show(&self, trouble: Option<String>) {
+        let standing = &self.standing;
+        self.shared.published.tell_fleet(|state| {
+            state.version = standing.active.unwrap_or(0);
+            state.accepted = standing.highest;
+            state.enabled = !standing.disabled;
+            state.outcome = standing.outcome.as_ref().map(in_words);
+            state.trouble = trouble;
+        });
+    }
+}
+
+fn needs_confirmation(question: &Question) -> Outcome {
+    let text = |size: Option<f64>| size.map_or_else(String::new, |size| format!("{size:.1}"));
+    Outcome::NeedsConfirmation {
+        hash: question.model.clone(),
+        worst_um: text(question.worst_corner_um),
+        worst_urad: text(question.worst_corner_urad),
+    }
+}

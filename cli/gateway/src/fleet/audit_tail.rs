@@ -1,0 +1,256 @@
+//! The records of the audit log that the centre has not been sent yet, read from the log itself: what is on disk is sent, in its
+//! order, and what is not is not.
+
+use std::{
+    collections::VecDeque,
+    fs::{self, File},
+    io::{Read, Seek, SeekFrom},
+    os::unix::fs::MetadataExt,
+    path::{Path, PathBuf},
+};
+
+use serde::{Deserialize, Serialize};
+use volcomp_fleet::AuditLine;
+
+use crate::audit::{log_files, replace_file};
+
+/// So much is read at once, bytes.
+const PIECE: u64 = 256 * 1024;
+
+/// How far the log has been sent: up to the record with this checksum.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+struct Cursor {
+    checksum: String,
+}
+
+/// A place in the log.
+#[derive(Clone, Copy)]
+struct Place {
+    inode: u64,
+    offset: u64,
+}
+
+/// Reads a log behind whoever writes it. State: how far it has been read and sent.
+pub(super) struct AuditTail {
+    folder: PathBuf,
+    cursor_file: PathBuf,
+    sent: Cursor,
+    written: Cursor,
+    /// Where reading goes on; `None`: behind the record of the cursor, which has to be found.
+    place: Option<Place>,
+    lines: VecDeque<AuditLine>,
+}
+
+impl AuditTail {
+    pub(super) fn new(folder: PathBuf, cursor_file: PathBuf) -> Self {
+        let text = fs::read_to_string(&cursor_file).unwrap_or_default();
+        let sent: Cursor = serde_json::from_str(&text).unwrap_or_default();
+        Self {
+            folder,
+            cursor_file,
+            written: sent.clone(),
+            sent,
+            place: None,
+            lines: VecDeque::new(),
+        }
+    }
+
+    /// The next record, the same until [`done`](Self::done).
+    pub(super) fn first(&mut self) -> Option<&AuditLine> {
+        if self.lines.is_empty() {
+            self.read();
+        }
+        self.lines.front()
+    }
+
+    /// The record that [`first`](Self::first) gave is stored at the server.
+    pub(super) fn done(&mut self) {
+        if let Some(line) = self.lines.pop_front() {
+            self.sent.checksum = line.checksum;
+        }
+    }
+
+    /// Writes down how far it was sent. What is sent twice after a crash has the same id.
+    pub(super) fn keep(&mut self) {
+        if self.sent == self.written {
+            return;
+        }
+        let text = serde_json::to_string(&self.sent).unwrap_or_default();
+        // Where that fails some records are sent again after a restart.
+        if replace_file(&self.cursor_file, &text).is_ok() {
+            self.written = self.sent.clone();
+        }
+    }
+
+    /// Reads on, from file to file.
+    fn read(&mut self) {
+        let files: Vec<(PathBuf, u64)> = log_files(&self.folder)
+            .into_iter()
+            .filter_map(|path| Some((path.clone(), fs::metadata(path).ok()?.ino())))
+            .collect();
+        let mut place = match self.place.or_else(|| self.found(&files)) {
+            Some(place) => place,
+            None => return,
+        };
+        // A file that was rotated away is gone with what was in it: the centre sees that by the numbers.
+        let mut index = (files.iter())
+            .position(|(_, inode)| *inode == place.inode)
+            .unwrap_or_else(|| {
+                place.offset = 0;
+                0
+            });
+        while self.lines.is_empty()
+            && let Some((path, inode)) = files.get(index)
+        {
+            place.inode = *inode;
+            let (lines, read) = lines_at(path, &mut place.offset);
+            self.lines.extend(lines);
+            place.offset += read;
+            let is_last = index + 1 == files.len();
+            if self.lines.is_empty() && read == 0 {
+                if is_last {
+                    break;
+                }
+                index += 1;
+                place.offset = 0;
+            }
+        }
+        self.place = Some(place);
+    }
+
+    /// The place behind the last record that was sent. Where that is not found all there is has to be sent; where nothing was
+    /// ever sent, the current file.
+    fn found(&self, files: &[(PathBuf, u64)]) -> Option<Place> {
+        let (_, current) = files.last()?;
+        if self.sent.checksum.is_empty() {
+            return Some(Place {
+                inode: *current,
+                offset: 0,
+            });
+        }
+        for (path, inode) in files.iter().rev() {
+            let mut at = 0;
+            loop {
+                let (lines, read) = lines_at(path, &mut at);
+                let mut end = at;
+                for line in &lines {
+                    // A checksum, a blank, the record and a line feed.
+                    end += (line.checksum.len() + line.record.len() + 2) as u64;
+                    if line.checksum == self.sent.checksum {
+                        return Some(Place {
+                            inode: *inode,
+                            offset: end,
+                        });
+                    }
+                }
+                if read == 0 {
+                    break;
+                }
+                at += read;
+            }
+        }
+        let (_, oldest) = files.first()?;
+        Some(Place {
+            inode: *oldest,
+            offset: 0,
+        })
+    }
+}
+
+/// The whole lines of a file from an offset on, as far as one piece goes, and how many bytes they take. An offset beyond the
+/// end, after a record that was cut off again, becomes the end.
+fn lines_at(path: &Path, offset: &mut u64) -> (Vec<AuditLine>, u64) {
+    let mut piece = || -> std::io::Result<Vec<u8>> {
+        let mut file = File::open(path)?;
+        *offset = file.metadata()?.len().min(*offset);
+        file.seek(SeekFrom::Start(*offset))?;
+        let mut bytes = Vec::new();
+        file.take(PIECE).read_to_end(&mut bytes)?;
+        Ok(bytes)
+    };
+    let bytes = piece().unwrap_or_default();
+    let is_full = bytes.len() as u64 == PIECE;
+    let end = match bytes.iter().rposition(|byte| *byte == b'\n') {
+        Some(last) => last + 1,
+        // No record is as long as that: it is none.
+        None if is_full => bytes.len(),
+        None => 0,
+    };
+    let lines = String::from_utf8_lossy(&bytes[..end]);
+    let lines = lines.lines().filter_map(|line| {
+        let (checksum, record) = line.split_once(' ')?;
+        Some(AuditLine {
+            checksum: checksum.to_owned(),
+            record: record.to_owned(),
+        })
+    });
+    (lines.collect(), end as u64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        audit::AuditLog,
+        documents::{ByAxis, Details, Event},
+    };
+
+    fn details() -> Details {
+        Details {
+            model: String::new(),
+            output_um: ByAxis::new(),
+            output_urad: ByAxis::new(),
+            what: Event::Nothing,
+        }
+    }
+
+    fn sent(tail: &mut AuditTail) -> Vec<String> {
+        let mut whats = Vec::new();
+        while let Some(line) = tail.first() {
+            let record: serde_json::Value = serde_json::from_str(&line.record).expect("JSON");
+            whats.push(record["what"].as_str().expect("text").to_owned());
+            tail.done();
+        }
+        tail.keep();
+        whats
+    }
+
+    /// Over rotations and restarts each record is given once, in order; the chain can be followed by whoever gets it.
+    #[test]
+    fn every_record_once_over_rotations_and_restarts() {
+        let dir = tempfile::tempdir().expect("writable");
+        let (log, _) = AuditLog::open(dir.path()).expect("writable");
+        let mut log = log.rotating_at(2000);
+        let cursor = dir.path().join("cursor.json");
+        let open = || AuditTail::new(dir.path().to_owned(), cursor.clone());
+        let mut tail = open();
+        let mut expected = Vec::new();
+        let mut found = Vec::new();
+        for number in 0..60 {
+            let what = format!("event {number}");
+            log.append("test", &what, details()).expect("writable");
+            expected.push(what);
+            if number % 7 == 3 {
+                found.extend(sent(&mut tail));
+            }
+            if number % 13 == 5 {
+                tail = open();
+            }
+        }
+        found.extend(sent(&mut tail));
+        assert_eq!(found, expected);
+        assert_eq!(sent(&mut open()), [""; 0], "nothing twice");
+    }
+
+    /// A line that is half written is not given before it is whole.
+    #[test]
+    fn a_torn_end_waits() {
+        let dir = tempfile::tempdir().expect("writable");
+        let mut tail = AuditTail::new(dir.path().to_owned(), dir.path().join("cursor.json"));
+        let log = crate::audit::log_file(dir.path());
+        fs::write(&log, "aa {\"what\":\"one\"}\nbb {\"wh").expect("writable");
+        assert_eq!(sent(&mut tail), ["one"]);
+        fs::write(&log, "aa {\"what\":\"one\"}\nbb {\"what\":\"two\"}\n").expect("writable");
+        assert_eq!(sent(&mut tail), ["two"]);
+    }
+}

@@ -1,0 +1,296 @@
+//! The machine as a part of a fleet: what its centre wants, taken only from keys that it trusts, and what it tells its centre.
+//!
+//! Two threads: one hears manifests and puts them in force, one tells and sends. Neither touches the cycle: they speak to
+//! the service by requests, as the dashboard does, and read the state that it publishes. A disk that hangs holds up neither
+//! the order to disarm nor the service. State: the folder of [`store`], and what waits for the server.
+
+use std::{
+    io,
+    sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering},
+    },
+    thread::{self, JoinHandle},
+    time::{Duration, Instant},
+};
+
+use tokio::sync::{mpsc, watch};
+use volcomp_fleet::{Acknowledgement, LinkSettings, MachineLink, MachineSender};
+use volcomp_guard::Reasons;
+use volcomp_runtime::DisarmSwitch;
+
+use crate::{
+    config::{Config, FleetConfig},
+    documents::FleetState,
+    error::GatewayError,
+    lock,
+    published::Published,
+    request::Asks,
+};
+
+mod act;
+mod audit_tail;
+mod hear;
+mod store;
+mod tell;
+
+use act::Actor;
+use hear::Hearer;
+use store::Store;
+use tell::Teller;
+
+/// The seconds between two conditions where the manifest does not say.
+const CONDITION_S: u64 = 1;
+/// The seconds between two whole states where the manifest does not say.
+const TELEMETRY_S: u64 = 10;
+/// A connection that cannot even be begun is tried again after so long.
+const AGAIN: Duration = Duration::from_secs(10);
+/// The end waits so long for the last messages.
+const END: Duration = Duration::from_secs(2);
+
+/// The machine file that the centre has put in force; `None`: none, or it is damaged.
+pub(crate) fn machine_in_force(config: &FleetConfig) -> Option<std::path::PathBuf> {
+    let store = Store::new(config);
+    let active = store.read(config).active?;
+    Some(store.machine(&active.manifest))
+}
+
+/// What of the folder is told by `check`: the version in force, the highest that was accepted, whether the centre allows
+/// correcting, and what is damaged.
+pub(crate) fn standing(config: &FleetConfig) -> (u64, u64, bool, Option<String>) {
+    let kept = Store::new(config).read(config);
+    (
+        kept.standing.active.unwrap_or(0),
+        kept.standing.highest,
+        !kept.standing.disabled,
+        kept.damage,
+    )
+}
+
+/// What the centre said last about correcting at all.
+pub(crate) fn forbids(config: &Config) -> Reasons {
+    let disabled = |fleet| Store::new(fleet).read(fleet).standing.disabled;
+    Reasons::DISABLED_BY_CENTRE.when(config.fleet.as_ref().is_some_and(disabled))
+}
+
+/// What both threads know.
+pub(crate) struct Shared {
+    pub(crate) published: Published,
+    /// The version of the manifest in force.
+    version: AtomicU64,
+    condition_s: AtomicU64,
+    telemetry_s: AtomicU64,
+}
+
+impl Shared {
+    fn version(&self) -> u64 {
+        self.version.load(Ordering::Relaxed)
+    }
+
+    /// The times between two conditions and two whole states, at least a second each.
+    fn pace(&self) -> [Duration; 2] {
+        [&self.condition_s, &self.telemetry_s]
+            .map(|s| Duration::from_secs(s.load(Ordering::Relaxed).max(1)))
+    }
+
+    fn set_pace(&self, condition_s: Option<u32>, telemetry_s: Option<u32>) {
+        let set = |to: &AtomicU64, value: Option<u32>, default| {
+            to.store(value.map_or(default, u64::from), Ordering::Relaxed);
+        };
+        set(&self.condition_s, condition_s, CONDITION_S);
+        set(&self.telemetry_s, telemetry_s, TELEMETRY_S);
+    }
+}
+
+/// The two threads. They end when this is dropped.
+pub struct Fleet {
+    stop: watch::Sender<bool>,
+    threads: Vec<JoinHandle<()>>,
+    _lock: std::os::unix::net::UnixListener,
+}
+
+/// Begins to be a part of the fleet.
+///
+/// # Errors
+/// The folder cannot be made or belongs to another gateway, or the operating system gives no thread.
+pub fn start(
+    config: &Config,
+    published: &Published,
+    asks: &Asks,
+    switch: &DisarmSwitch,
+) -> Result<Option<Fleet>, GatewayError> {
+    let Some(fleet) = &config.fleet else {
+        return Ok(None);
+    };
+    let shown = fleet.dir.display().to_string();
+    let failed = |e| GatewayError::system(shown.clone(), e);
+    let store = Store::new(fleet);
+    store.make().map_err(failed)?;
+    let lock = lock::lock_fleet(&fleet.dir)?;
+    let kept = store.read(fleet);
+    let shared = Arc::new(Shared {
+        published: published.clone(),
+        version: AtomicU64::new(kept.standing.active.unwrap_or(0)),
+        condition_s: AtomicU64::new(CONDITION_S),
+        telemetry_s: AtomicU64::new(TELEMETRY_S),
+    });
+    published.set_fleet(FleetState {
+        site: fleet.identity.site.to_string(),
+        machine: fleet.identity.machine.to_string(),
+        connected: false,
+        version: kept.standing.active.unwrap_or(0),
+        accepted: kept.standing.highest,
+        enabled: !kept.standing.disabled,
+        outcome: kept.standing.outcome.as_ref().map(act::in_words),
+        trouble: kept.damage.clone(),
+        waiting: None,
+        dropped: 0,
+    });
+    let settings = settings(fleet)?;
+    let (stop, stopped) = watch::channel(false);
+    let (acknowledge, acknowledged) = mpsc::unbounded_channel::<Acknowledgement>();
+    let (link_told, link) = watch::channel(None);
+    let model = published.model();
+    let actor = Actor::new(
+        store.clone(),
+        kept.clone(),
+        asks.clone(),
+        switch.clone(),
+        Arc::clone(&shared),
+        acknowledge,
+    );
+    let hearer = Hearer::new(
+        fleet,
+        model.axes.clone(),
+        &kept,
+        asks.clone(),
+        switch.clone(),
+    );
+    let identity = fleet.identity.clone();
+    let until = stopped.clone();
+    let known = Arc::clone(&shared);
+    let hearing = spawn("volcomp-fleet", async move {
+        let work = async {
+            let link = connected(&settings, &identity, &link_told, &known).await;
+            hear::hear(link, hearer, actor).await;
+        };
+        until_stopped(until, work).await;
+    })
+    .map_err(failed)?;
+    let teller = Teller::new(store, config.audit_dir.clone(), Arc::clone(&shared), link);
+    let telling = spawn("volcomp-told", teller.run(acknowledged, stopped)).map_err(failed)?;
+    Ok(Some(Fleet {
+        stop,
+        threads: vec![hearing, telling],
+        _lock: lock,
+    }))
+}
+
+/// How the server is reached, with the seed from its file.
+///
+/// # Errors
+/// A file that others may read, or that holds no seed.
+pub(crate) fn settings(config: &FleetConfig) -> Result<LinkSettings, GatewayError> {
+    use std::os::unix::fs::PermissionsExt;
+    let file = &config.nkey_file;
+    let unread = |source| GatewayError::Read {
+        file: file.display().to_string(),
+        source,
+    };
+    let mode = std::fs::metadata(file)
+        .map_err(unread)?
+        .permissions()
+        .mode()
+        & 0o777;
+    // The service manager keeps the folder of its credentials private; their modes may show an access list.
+    let is_credential =
+        std::env::var_os("CREDENTIALS_DIRECTORY").is_some_and(|folder| file.starts_with(folder));
+    if mode & 0o077 > 0 && !is_credential {
+        let file = file.clone();
+        return Err(GatewayError::NkeyMode { file, mode });
+    }
+    let seed = std::fs::read_to_string(file).map_err(unread)?;
+    let settings = LinkSettings {
+        url: config.url.clone(),
+        seed: seed.trim().to_owned(),
+        roots: config.ca.clone(),
+    };
+    let is_seed = settings.public_key().is_ok();
+    is_seed
+        .then_some(settings)
+        .ok_or_else(|| GatewayError::Nkey { file: file.clone() })
+}
+
+/// A connection, begun again where that fails, and told to whoever sends over it.
+async fn connected(
+    settings: &LinkSettings,
+    identity: &volcomp_fleet::Identity,
+    told: &watch::Sender<Option<MachineSender>>,
+    shared: &Shared,
+) -> MachineLink {
+    loop {
+        match MachineLink::connect(settings, identity).await {
+            Ok(link) => {
+                // Nobody may be listening any more.
+                let _ = told.send(Some(link.sender()));
+                return link;
+            }
+            Err(error) => {
+                tracing::error!("fleet: {error}");
+                let trouble = error.to_string();
+                shared
+                    .published
+                    .tell_fleet(|state| state.trouble = Some(trouble));
+            }
+        }
+        tokio::time::sleep(AGAIN).await;
+    }
+}
+
+/// A thread with a runtime of its own for one piece of work.
+fn spawn(
+    name: &str,
+    work: impl Future<Output = ()> + Send + 'static,
+) -> io::Result<JoinHandle<()>> {
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .max_blocking_threads(2)
+        .build()?;
+    thread::Builder::new().name(name.to_owned()).spawn(move || {
+        runtime.block_on(work);
+        // What hangs on a disk is left to itself.
+        runtime.shutdown_background();
+    })
+}
+
+/// Works until the gateway ends.
+async fn until_stopped(mut stopped: watch::Receiver<bool>, work: impl Future<Output = ()>) {
+    tokio::select! {
+        // Nobody can stop it any more: that is the end, too.
+        _ = stopped.wait_for(|stop| *stop) => {}
+        () = work => {}
+    }
+}
+
+impl Fleet {
+    /// Has what can be sent at once sent and the rest written to disk, and waits for that, not for ever.
+    fn stop_all(&mut self) {
+        let _ = self.stop.send(true);
+        let end = Instant::now() + END;
+        for thread in self.threads.drain(..) {
+            while !thread.is_finished() && Instant::now() < end {
+                thread::sleep(Duration::from_millis(2));
+            }
+            if thread.is_finished() {
+                // A panic was printed when it happened.
+                let _ = thread.join();
+            }
+        }
+    }
+}
+
+impl Drop for Fleet {
+    fn drop(&mut self) {
+        self.stop_all();
+    }
+}

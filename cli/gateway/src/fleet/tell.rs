@@ -1,0 +1,361 @@
+//! Tells the centre: conditions, whole states, records of the audit log and acknowledgements, each until the server has stored
+//! it. While the server is away they wait, bounded, in memory and on disk; a disk that is full or hangs holds up nothing but
+//! this.
+
+use std::{
+    path::PathBuf,
+    pin::Pin,
+    sync::Arc,
+    time::{Duration, SystemTime, UNIX_EPOCH},
+};
+
+use serde::Serialize;
+use tokio::{
+    sync::{mpsc::UnboundedReceiver, watch},
+    time::{Instant, sleep, sleep_until},
+};
+use volcomp_fleet::{
+    Acknowledgement, Condition, Envelope, Kind, Lane, LinkError, MachineSender, Spool, SpoolLimits,
+    Waiting,
+};
+
+use super::{Shared, audit_tail::AuditTail, store::Store};
+use crate::documents::Status;
+
+/// How often the log and the connection are looked at.
+const LOOK: Duration = Duration::from_millis(200);
+/// After a message that did not get through the next try comes after so long.
+const PAUSE: Duration = Duration::from_secs(1);
+/// A folder that cannot be opened is tried again after so long, and the cursor of the log is written so often.
+const KEEP: Duration = Duration::from_secs(5);
+/// So many acknowledgements wait while the folder cannot be opened.
+const WITHOUT_FOLDER: usize = 64;
+/// At the end messages are sent for so long.
+const END: Duration = Duration::from_secs(1);
+
+/// Where a message on its way came from.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Source {
+    Spool,
+    Log,
+}
+
+type Sending = Pin<Box<dyn Future<Output = (Source, Result<(), LinkError>)> + Send>>;
+
+/// The side that tells. State: the number of the last message, and what waits.
+pub(super) struct Teller {
+    store: Store,
+    shared: Arc<Shared>,
+    link: watch::Receiver<Option<MachineSender>>,
+    log: AuditTail,
+    spool: Option<Spool>,
+    /// What waits while there is no folder.
+    unspooled: Vec<Waiting>,
+    dropped: u64,
+    /// The record on its way, with its envelope: sent again it is the same.
+    record: Option<Waiting>,
+    instance: String,
+    number: u64,
+    begun: Instant,
+    next: [Instant; 2],
+    kept_at: Instant,
+    pause_until: Instant,
+    trouble: Option<String>,
+}
+
+impl Teller {
+    pub(super) fn new(
+        store: Store,
+        audit_dir: PathBuf,
+        shared: Arc<Shared>,
+        link: watch::Receiver<Option<MachineSender>>,
+    ) -> Self {
+        let now = Instant::now();
+        Self {
+            log: AuditTail::new(audit_dir, store.audit_cursor()),
+            store,
+            shared,
+            link,
+            spool: None,
+            unspooled: Vec::new(),
+            dropped: 0,
+            record: None,
+            instance: instance(),
+            number: 0,
+            begun: now,
+            next: [now; 2],
+            kept_at: now,
+            pause_until: now,
+            trouble: None,
+        }
+    }
+
+    /// Tells until it is stopped.
+    pub(super) async fn run(
+        mut self,
+        mut acknowledged: UnboundedReceiver<Acknowledgement>,
+        mut stopped: watch::Receiver<bool>,
+    ) {
+        let mut sending: Option<Sending> = None;
+        self.open();
+        while !*stopped.borrow_and_update() {
+            if sending.is_none() {
+                sending = self.begin_sending();
+            }
+            let due = self.next[0].min(self.next[1]);
+            tokio::select! {
+                changed = stopped.changed() => if changed.is_err() { break },
+                Some(told) = acknowledged.recv() => self.acknowledge(&told),
+                () = sleep_until(due) => self.look_at_state(),
+                (source, sent) = on_its_way(&mut sending) => {
+                    sending = None;
+                    self.sent(source, sent);
+                }
+                () = sleep(LOOK) => {}
+            }
+            self.keep();
+        }
+        self.end(sending, acknowledged).await;
+    }
+
+    /// The last messages, and what is left goes to disk.
+    async fn end(
+        mut self,
+        mut sending: Option<Sending>,
+        mut acknowledged: UnboundedReceiver<Acknowledgement>,
+    ) {
+        while let Ok(told) = acknowledged.try_recv() {
+            self.acknowledge(&told);
+        }
+        let until = Instant::now() + END;
+        self.pause_until = Instant::now();
+        while Instant::now() < until {
+            if sending.is_none() {
+                sending = self.begin_sending();
+            }
+            if sending.is_none() {
+                break;
+            }
+            tokio::select! {
+                (source, sent) = on_its_way(&mut sending) => {
+                    sending = None;
+                    if sent.is_err() {
+                        break;
+                    }
+                    self.sent(source, sent);
+                }
+                () = sleep_until(until) => break,
+            }
+        }
+        self.log.keep();
+        if let Some(spool) = &mut self.spool {
+            spool.flush();
+        }
+    }
+
+    /// Opens the folder of what waits.
+    fn open(&mut self) {
+        match Spool::open(&self.store.spool(), SpoolLimits::default()) {
+            Ok(spool) => {
+                self.spool = Some(spool);
+                for waiting in std::mem::take(&mut self.unspooled) {
+                    self.push(Lane::Kept, waiting);
+                }
+            }
+            Err(e) => self.trouble = Some(format!("{}: {e}", self.store.spool().display())),
+        }
+    }
+
+    fn push(&mut self, lane: Lane, message: Waiting) {
+        match &mut self.spool {
+            Some(spool) => spool.push(lane, message),
+            None if lane == Lane::Kept && self.unspooled.len() < WITHOUT_FOLDER => {
+                self.unspooled.push(message);
+            }
+            None => self.dropped += 1,
+        }
+    }
+
+    /// A message of this start of the gateway.
+    fn message<T: Serialize>(&mut self, kind: Kind, body: T) -> Option<Waiting> {
+        let status_model = self.shared.published.model().hash.clone();
+        self.number += 1;
+        let wall = SystemTime::now().duration_since(UNIX_EPOCH);
+        let envelope = Envelope {
+            instance: self.instance.clone(),
+            number: self.number,
+            uptime_s: self.begun.elapsed().as_secs_f64(),
+            wall_s: wall.unwrap_or_default().as_secs_f64(),
+            version: self.shared.version(),
+            model: status_model,
+            body,
+        };
+        Some(Waiting {
+            kind: kind.name().to_owned(),
+            id: format!("{}-{}", self.instance, self.number),
+            bytes: serde_json::to_vec(&envelope).ok()?,
+        })
+    }
+
+    fn acknowledge(&mut self, told: &Acknowledgement) {
+        if let Some(message) = self.message(Kind::Ack, told) {
+            self.push(Lane::Kept, message);
+        }
+    }
+
+    /// The condition and the whole state, where they are due.
+    fn look_at_state(&mut self) {
+        let now = Instant::now();
+        let pace = self.shared.pace();
+        let is_due = self.next.map(|next| next <= now);
+        let status = self.shared.published.latest();
+        if is_due[0]
+            && let Some(message) = self.message(Kind::Condition, condition(&status))
+        {
+            self.push(Lane::Passing, message);
+        }
+        if is_due[1]
+            && let Some(message) = self.message(Kind::Telemetry, &status)
+        {
+            self.push(Lane::Passing, message);
+        }
+        for ((next, pace), is_due) in self.next.iter_mut().zip(pace).zip(is_due) {
+            if is_due {
+                // Those that were missed are not made up for.
+                *next = (*next + pace).max(now);
+            }
+            // The pace may have become a faster one.
+            *next = (*next).min(now + pace);
+        }
+    }
+
+    /// Sends the next message, where there is one and a server: acknowledgements, then the log, then what passes.
+    fn begin_sending(&mut self) -> Option<Sending> {
+        let link = self.link.borrow().clone()?;
+        if !link.is_connected() || Instant::now() < self.pause_until {
+            return None;
+        }
+        let waiting = self.spool.as_mut().and_then(|spool| spool.first().cloned());
+        let is_passing = |message: &Waiting| {
+            let kind = Kind::with_name(&message.kind);
+            matches!(kind, None | Some(Kind::Condition | Kind::Telemetry))
+        };
+        let kept = waiting.clone().filter(|message| !is_passing(message));
+        let (source, message) = match kept {
+            Some(message) => (Source::Spool, message),
+            None => match self.next_record() {
+                Some(record) => (Source::Log, record),
+                None => (Source::Spool, waiting?),
+            },
+        };
+        // One of another version of the gateway has no other kind.
+        let kind = Kind::with_name(&message.kind).unwrap_or(Kind::Telemetry);
+        Some(Box::pin(async move {
+            let sent = link.publish(kind, &message.id, message.bytes.into()).await;
+            (source, sent)
+        }))
+    }
+
+    /// The next record of the log. Its id is that of the record, so that one which is sent again after a crash is known.
+    fn next_record(&mut self) -> Option<Waiting> {
+        if self.record.is_none() {
+            let line = self.log.first()?.clone();
+            let id = format!("audit-{}", line.checksum);
+            self.record = self.message(Kind::Audit, line);
+            if let Some(record) = &mut self.record {
+                record.id = id;
+            }
+        }
+        self.record.clone()
+    }
+
+    fn sent(&mut self, source: Source, sent: Result<(), LinkError>) {
+        match (sent, source) {
+            (Ok(()), Source::Spool) => {
+                if let Some(spool) = &mut self.spool {
+                    spool.done();
+                }
+                self.trouble = None;
+            }
+            (Ok(()), Source::Log) => {
+                self.record = None;
+                self.log.done();
+                self.trouble = None;
+            }
+            (Err(error), _) => {
+                let error = error.to_string();
+                if self.trouble.as_ref() != Some(&error) {
+                    tracing::warn!("fleet: {error}");
+                }
+                self.trouble = Some(error);
+                self.pause_until = Instant::now() + PAUSE;
+            }
+        }
+    }
+
+    /// From time to time: the folder, the cursor of the log, and what others see of it.
+    fn keep(&mut self) {
+        if self.kept_at.elapsed() > KEEP {
+            self.kept_at = Instant::now();
+            self.log.keep();
+            if self.spool.is_none() {
+                self.open();
+            }
+        }
+        let connected = (self.link.borrow().as_ref()).is_some_and(MachineSender::is_connected);
+        let of_disk = self.spool.as_ref().and_then(Spool::trouble);
+        let waiting = match of_disk {
+            Some(trouble) => Some(trouble.to_owned()),
+            None if !connected => Some("the server is not connected".to_owned()),
+            None => self.trouble.clone(),
+        };
+        let dropped = self.dropped + self.spool.as_ref().map_or(0, Spool::dropped);
+        self.shared.published.tell_fleet(|state| {
+            state.connected = connected;
+            state.waiting = waiting;
+            state.dropped = dropped;
+        });
+    }
+}
+
+/// The end of what is on its way; never, where nothing is.
+async fn on_its_way(sending: &mut Option<Sending>) -> (Source, Result<(), LinkError>) {
+    match sending {
+        Some(sending) => sending.await,
+        None => std::future::pending().await,
+    }
+}
+
+/// A number that no other start of a gateway has.
+fn instance() -> String {
+    let mut bytes = [0; 8];
+    match rustix::rand::getrandom(&mut bytes, rustix::rand::GetRandomFlags::empty()) {
+        Ok(_) => crate::hex(&bytes),
+        // The kernel has no random numbers yet: those of the process and the time since the boot differ, too.
+        Err(_) => format!(
+            "{:08x}{:08x}",
+            std::process::id(),
+            volcomp_runtime::monotonic().as_nanos() & 0xffff_ffff
+        ),
+    }
+}
+
+/// The state in short.
+fn condition(status: &Status) -> Condition {
+    let length = |error: [f64; 3]| error.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let temperatures = status.temperatures.iter();
+    Condition {
+        state: status.state.name().to_owned(),
+        reasons: status.reasons.clone(),
+        armed: status.armed,
+        correction_um: status.correction_um.clone(),
+        correction_urad: status.correction_urad.clone(),
+        residual_um: status.residual_um.map(length),
+        temperatures_degc: temperatures
+            .map(|sensor| (sensor.name.clone(), sensor.degc))
+            .collect(),
+        cycle_p99_us: status.cycle.p99_us,
+        overruns: status.cycle.overruns,
+        faults: status.faults,
+    }
+}

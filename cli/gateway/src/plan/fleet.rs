@@ -1,0 +1,114 @@
+//! Whether the table `[fleet]` can be used, and what the centre has put in force so far.
+
+use super::describe::stated;
+use crate::{config::Config, documents::FleetPlan, error::GatewayError};
+
+/// What was found of the fleet.
+#[cfg_attr(
+    not(feature = "fleet"),
+    expect(dead_code, reason = "this build finds none")
+)]
+pub(super) struct Checked {
+    /// The public nkey of the machine.
+    nkey: String,
+    version: u64,
+    accepted: u64,
+    enabled: bool,
+    damage: Option<String>,
+}
+
+/// Checks the files that `[fleet]` names.
+///
+/// # Errors
+/// This build knows no fleet, or a file cannot be used.
+#[cfg(feature = "fleet")]
+pub(super) fn check(config: &Config) -> Result<Option<Checked>, GatewayError> {
+    use tokio_rustls::rustls::pki_types::{CertificateDer, pem::PemObject};
+    let Some(fleet) = &config.fleet else {
+        return Ok(None);
+    };
+    let settings = crate::fleet::settings(fleet)?;
+    let nkey = settings.public_key().map_err(|_| GatewayError::Nkey {
+        file: fleet.nkey_file.clone(),
+    })?;
+    if let Some(ca) = &fleet.ca {
+        let mut found = CertificateDer::pem_file_iter(ca).into_iter().flatten();
+        if !matches!(found.next(), Some(Ok(_))) {
+            return Err(GatewayError::FleetCa { file: ca.clone() });
+        }
+    }
+    let (version, accepted, enabled, damage) = crate::fleet::standing(fleet);
+    Ok(Some(Checked {
+        nkey,
+        version,
+        accepted,
+        enabled,
+        damage,
+    }))
+}
+
+/// Refuses a fleet, which this build does not know.
+///
+/// # Errors
+/// This build knows no fleet.
+#[cfg(not(feature = "fleet"))]
+pub(super) fn check(config: &Config) -> Result<Option<Checked>, GatewayError> {
+    match &config.fleet {
+        None => Ok(None),
+        Some(_) => Err(GatewayError::NoFleet {
+            file: config.file.clone(),
+        }),
+    }
+}
+
+impl Checked {
+    /// The fleet as a part of the plan.
+    pub(super) fn document(&self, config: &Config) -> Option<FleetPlan> {
+        use base64::{Engine, engine::general_purpose::STANDARD};
+        let fleet = config.fleet.as_ref()?;
+        Some(FleetPlan {
+            url: fleet.url.clone(),
+            site: fleet.identity.site.to_string(),
+            machine: fleet.identity.machine.to_string(),
+            serial: fleet.serial.clone(),
+            nkey: self.nkey.clone(),
+            trusted_keys: (fleet.trusted_keys.iter())
+                .map(|key| STANDARD.encode(key.as_bytes()))
+                .collect(),
+            dir: stated(config, "fleet.dir", fleet.dir.display().to_string()),
+            ca: fleet.ca.as_ref().map(|ca| ca.display().to_string()),
+            version: self.version,
+            accepted: self.accepted,
+            enabled: self.enabled,
+        })
+    }
+
+    /// What should be read before the first start.
+    pub(super) fn notes(&self, config: &Config) -> Vec<String> {
+        let Some(fleet) = &config.fleet else {
+            return Vec::new();
+        };
+        let mut notes = Vec::new();
+        let is_here = |host: &str| {
+            ["127.", "localhost", "[::1]"]
+                .iter()
+                .any(|own| host.starts_with(own))
+        };
+        let mut in_the_clear = fleet.servers().filter(|server| {
+            server
+                .strip_prefix("nats://")
+                .is_some_and(|host| !is_here(host))
+        });
+        if let Some(server) = in_the_clear.next() {
+            notes.push(format!(
+                "[fleet] url: {server} is reached in the clear: others on the way can read machine files and states, though they cannot change what is taken; tls:// closes that"
+            ));
+        }
+        if let Some(damage) = &self.damage {
+            notes.push(format!(
+                "[fleet] dir: {damage}: the configured machine file corrects until the centre sends one again"
+            ));
+        }
+        notes
+    }
+}

@@ -1,0 +1,221 @@
+//! A machine of a fleet, with a centre at a real `nats-server` and a simulated control: what it takes, and that no axis steps.
+
+use std::time::Duration;
+
+use crate::{
+    controlled::control,
+    fleet_bench::{Centre, compensating, corrects_y, machine_with, wait},
+    process::{no_step, watched},
+    program::path,
+};
+
+fn says(state: &serde_json::Value, words: &str) -> bool {
+    state["reasons"].to_string().contains(words)
+}
+
+/// A small change goes through the ramp, a large one waits for its confirmation, one that a person confirmed is taken; no axis
+/// ever moves faster than the slew. After a restart without the centre the machine runs on what it has accepted.
+#[test]
+fn a_roll_out_ramps_and_asks_and_outlives_the_centre() {
+    let Some(mut centre) = Centre::start() else {
+        return;
+    };
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let config = centre.configuration(dir.path(), &control, "auto_arm = true");
+    let trace = watched(&control, || {
+        let mut program = compensating(dir.path(), &config);
+        corrects_y(&program, -20.0);
+        centre.roll_out(1, &machine_with(25.0));
+        centre.acknowledged(1, "activated");
+        corrects_y(&program, -25.0);
+        assert_eq!(program.state()["fleet"]["version"], 1);
+        // 75 µm more: nobody has confirmed that.
+        let large = machine_with(100.0);
+        centre.roll_out(2, &large);
+        let asked = centre.acknowledged(2, "needs-confirmation");
+        assert_eq!(asked["worst_um"], "75.0");
+        corrects_y(&program, -25.0);
+        let state = program.state();
+        assert_eq!(state["fleet"]["version"], 1);
+        assert_eq!(state["fleet"]["accepted"], 2);
+        let mut confirmed = centre.manifest(3, &large);
+        confirmed.confirm = asked["hash"].as_str().map(str::to_owned);
+        centre.send(&confirmed, &large);
+        centre.acknowledged(3, "activated");
+        corrects_y(&program, -100.0);
+        let audit = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
+        use base64::{Engine, engine::general_purpose::STANDARD};
+        let key = STANDARD.encode(centre.key.verifying_key().to_bytes());
+        let who = format!("\"who\":\"centre {}\",\"what\":\"reload\"", &key[..8]);
+        assert_eq!(audit.matches(&who).count(), 2, "{who} in {audit}");
+        // The centre is gone for good; the machine does not need it, nor a machine file of its own.
+        centre.stop();
+        program.signal("TERM");
+        assert_eq!(program.end(), Some(0));
+        drop(program);
+        std::fs::remove_file(dir.path().join("machine.toml")).expect("there");
+        let program = compensating(dir.path(), &config);
+        corrects_y(&program, -100.0);
+        let fleet = program.state()["fleet"].clone();
+        assert_eq!(fleet["connected"], false, "{fleet}");
+        assert_eq!(fleet["version"], 3, "{fleet}");
+    });
+    assert!(trace.len() > 500);
+    no_step(&trace);
+}
+
+/// What the centre disables ramps out at once, does not arm again by itself, by a person or after a restart, and comes back when
+/// the centre enables it.
+#[test]
+fn what_the_centre_disables_stays_disarmed_until_it_enables() {
+    let Some(centre) = Centre::start() else {
+        return;
+    };
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let config = centre.configuration(dir.path(), &control, "auto_arm = true");
+    let model = machine_with(25.0);
+    {
+        let program = compensating(dir.path(), &config);
+        let mut manifest = centre.manifest(1, &model);
+        manifest.enable = false;
+        centre.send(&manifest, &model);
+        let state = program.wait_for("disarmed");
+        assert!(says(&state, "disabled by the centre"), "{state}");
+        centre.acknowledged(1, "activated");
+        let refused = program.arm();
+        assert_eq!(refused.status, 409, "{}", refused.body);
+        assert!(says(&refused.json(), "disabled by the centre"));
+        assert_eq!(program.state()["state"], "disarmed");
+    }
+    let program = crate::program::Program::start(dir.path(), &["--config", path(&config)]);
+    program.watch();
+    let state = wait(&program, "it says so after the restart", |state| {
+        says(state, "disabled by the centre") && state["error_um"].is_array()
+    });
+    assert_eq!(state["state"], "disarmed");
+    assert_eq!(control.world().shifts(), [0.0; 3]);
+    centre.roll_out(2, &model);
+    // Nobody but the centre stood against it: it arms itself, as configured.
+    program.wait_for("compensating");
+    corrects_y(&program, -25.0);
+    assert_eq!(program.state()["fleet"]["enabled"], true);
+}
+
+/// What is not signed for this machine, or older, or damaged changes nothing, and each reason is told.
+#[test]
+fn rogue_values_change_nothing() {
+    let Some(centre) = Centre::start() else {
+        return;
+    };
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let config = centre.configuration(dir.path(), &control, "auto_arm = true");
+    let program = compensating(dir.path(), &config);
+    let first = centre.roll_out(5, &machine_with(22.0));
+    centre.acknowledged(5, "activated");
+    centre.roll_out(6, &machine_with(25.0));
+    centre.acknowledged(6, "activated");
+    corrects_y(&program, -25.0);
+    let refused = |version: u64, words: &str| {
+        let why = centre.refused(version, words);
+        assert!(why.len() < 400, "{why}");
+    };
+    // Replayed, with a trusted signature.
+    centre.put(&first);
+    refused(5, "its version is 5, and 6 has been accepted before");
+    let model = machine_with(28.0);
+    let another = volcomp_fleet::SigningKey::from_bytes(&[8; 32]);
+    let stranger = volcomp_fleet::Desired::sign(&centre.manifest(7, &model), &model, &another);
+    centre.put(&stranger.expect("plain").bytes().expect("plain"));
+    refused(7, "a key that is not trusted");
+    let mut serial = centre.manifest(8, &model);
+    serial.serial = "4712".to_owned();
+    centre.send(&serial, &model);
+    refused(8, "the serial number \"4712\"");
+    let mut axes = centre.manifest(9, &model);
+    axes.axes.swap(0, 1);
+    centre.send(&axes, &model);
+    refused(9, "meant for the axes");
+    let manifest = centre.manifest(10, &model);
+    let mut tampered =
+        volcomp_fleet::Desired::sign(&manifest, &model, &centre.key).expect("plain data");
+    tampered.model = Some(machine_with(29.0));
+    centre.put(&tampered.bytes().expect("plain data"));
+    refused(10, "does not fit the checksum");
+    // Garbage, and as much of it as the server takes.
+    centre.put(b"\xff\x00 no JSON");
+    refused(0, "the document of the manifest");
+    let huge = format!("{{\"{}\": 1}}", "x".repeat(3_900_000));
+    centre.put(huge.as_bytes());
+    refused(0, "unknown field");
+    // In the object store another content than the manifest names.
+    let large = format!("{model}#{}\n", "-".repeat(volcomp_fleet::INLINE_LIMIT));
+    let manifest = centre.manifest(11, &large);
+    centre.store(&manifest.model.sha256, &large.replace("28.0", "88.0"));
+    centre.send(&manifest, &large);
+    refused(11, "its checksum is another one");
+    // A machine file that is none, well signed.
+    let no_machine = "structure = \"w X' b Y Z t\"\n[axes.X]\n";
+    centre.roll_out(12, no_machine);
+    refused(12, "travel");
+    let state = program.state();
+    assert_eq!(state["state"], "compensating");
+    assert_eq!(state["correction_um"]["Y"], -25.0);
+    assert_eq!(state["fleet"]["version"], 6);
+    // And what is right is taken, from the object store, too.
+    let manifest = centre.manifest(13, &large);
+    centre.store(&manifest.model.sha256, &large);
+    centre.send(&manifest, &large);
+    centre.acknowledged(13, "activated");
+    corrects_y(&program, -28.0);
+}
+
+/// Killed between accepting and putting in force, it goes on after the restart; the same manifest again changes nothing.
+#[test]
+fn a_restart_between_accepting_and_putting_in_force_goes_on() {
+    let Some(mut centre) = Centre::start() else {
+        return;
+    };
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let config = centre.configuration(dir.path(), &control, "auto_arm = true");
+    let model = machine_with(25.0);
+    let large = format!("{model}#{}\n", "-".repeat(volcomp_fleet::INLINE_LIMIT));
+    let manifest = centre.manifest(1, &large);
+    {
+        let mut program = compensating(dir.path(), &config);
+        // Its machine file is not there yet: it is accepted, and waits.
+        centre.send(&manifest, &large);
+        wait(&program, "it is accepted", |state| {
+            state["fleet"]["accepted"] == 1 && state["fleet"]["trouble"].is_string()
+        });
+        assert_eq!(program.state()["correction_um"]["Y"], -20.0);
+        program.running.kill();
+    }
+    centre.store(&manifest.model.sha256, &large);
+    let program = compensating(dir.path(), &config);
+    centre.acknowledged(1, "activated");
+    corrects_y(&program, -25.0);
+    // The server is killed and comes back: the same value again is no news.
+    let arming = program.log().matches("state=\"arming\"").count();
+    centre.stop();
+    wait(&program, "it notices", |state| {
+        state["fleet"]["connected"] == false
+    });
+    centre.restart();
+    wait(&program, "it is back", |state| {
+        state["fleet"]["connected"] == true
+    });
+    centre.send(&manifest, &large);
+    centre.roll_out(2, &machine_with(26.0));
+    centre.acknowledged(2, "activated");
+    corrects_y(&program, -26.0);
+    assert_eq!(
+        program.log().matches("state=\"arming\"").count(),
+        arming + 1,
+        "one ramp for one change: {}",
+        program.log()
+    );
+}

@@ -1,0 +1,279 @@
+//! A centre at a real `nats-server` and the configuration of a machine of its fleet.
+
+use std::{
+    path::{Path, PathBuf},
+    time::{Duration, Instant},
+};
+
+use serde_json::Value;
+use volcomp_fleet::{
+    Desired, Identity, Keeping, MachineUser, Manifest, ModelRef, ServerSettings, SigningKey,
+    server::{Server, free_address, program},
+};
+use volcomp_focas::simulator::Simulator;
+use volcomp_vocabulary::AxisName;
+
+use crate::{
+    controlled::configuration,
+    program::{MACHINE, Program, path},
+};
+
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A server with a centre and one machine.
+pub(crate) struct Centre {
+    pub(crate) server: Option<Server>,
+    settings: ServerSettings,
+    folder: tempfile::TempDir,
+    centre: nkeys::KeyPair,
+    machine: nkeys::KeyPair,
+    identity: Identity,
+    pub(crate) key: SigningKey,
+    runtime: tokio::runtime::Runtime,
+}
+
+/// The machine file with another straightness of X in Y, µm.
+pub(crate) fn machine_with(eyx_um: f64) -> String {
+    MACHINE.replace("EYX = 20.0", &format!("EYX = {eyx_um:.1}"))
+}
+
+impl Centre {
+    /// A running server; `None` where it is not installed, which fails under CI.
+    pub(crate) fn start() -> Option<Self> {
+        if program().is_none() {
+            volcomp_test_support::peers::not_run("nats-server");
+            return None;
+        }
+        let folder = tempfile::tempdir().expect("writable");
+        let [centre, machine] = [nkeys::KeyPair::new_user(), nkeys::KeyPair::new_user()];
+        let identity = Identity {
+            site: "berlin".parse().expect("a name"),
+            machine: "mill-1".parse().expect("a name"),
+        };
+        let settings = ServerSettings {
+            name: "one".to_owned(),
+            listen: free_address().expect("an address"),
+            store: folder.path().join("streams"),
+            tls: None,
+            cluster: None,
+            centres: vec![centre.public_key()],
+            machines: vec![MachineUser {
+                identity: identity.clone(),
+                nkey: machine.public_key(),
+            }],
+        };
+        let runtime = tokio::runtime::Builder::new_multi_thread()
+            .worker_threads(1)
+            .enable_all()
+            .build()
+            .expect("a runtime");
+        let mut bench = Self {
+            server: None,
+            settings,
+            folder,
+            centre,
+            machine,
+            identity,
+            key: SigningKey::from_bytes(&[7; 32]),
+            runtime,
+        };
+        bench.restart();
+        bench.prepare();
+        Some(bench)
+    }
+
+    /// Ends the server as a power cut does.
+    pub(crate) fn stop(&mut self) {
+        self.server = None;
+    }
+
+    pub(crate) fn restart(&mut self) {
+        let server = Server::start(&self.settings, self.folder.path());
+        self.server = Some(server.expect("it starts"));
+    }
+
+    fn context(&self) -> async_nats::jetstream::Context {
+        let url = format!("nats://{}", self.settings.listen);
+        let seed = self.centre.seed().expect("a seed");
+        let client = self.runtime.block_on(async move {
+            async_nats::ConnectOptions::with_nkey(seed)
+                .connect(url)
+                .await
+                .expect("it listens")
+        });
+        async_nats::jetstream::new(client)
+    }
+
+    fn prepare(&self) {
+        let context = self.context();
+        let sites = [self.identity.site.clone()];
+        let made = volcomp_fleet::prepare(&context, &sites, Keeping::default());
+        self.runtime.block_on(made).expect("streams");
+    }
+
+    /// Puts bytes under the key of the machine.
+    pub(crate) fn put(&self, value: &[u8]) {
+        let context = self.context();
+        let value = value.to_vec();
+        self.runtime.block_on(async move {
+            let acknowledged = context
+                .publish("$KV.desired.mill-1", value.into())
+                .await
+                .expect("sent");
+            acknowledged.await.expect("stored");
+        });
+    }
+
+    /// Puts a model into the object store of the machine under the checksum of another text perhaps.
+    pub(crate) fn store(&self, sha256: &str, text: &str) {
+        let context = self.context();
+        let put =
+            volcomp_fleet::put_model(&context, &self.identity.machine, sha256, text.as_bytes(), 1);
+        self.runtime.block_on(put).expect("stored");
+    }
+
+    /// A manifest of this machine.
+    pub(crate) fn manifest(&self, version: u64, model: &str) -> Manifest {
+        Manifest {
+            machine: self.identity.machine.clone(),
+            serial: "4711".to_owned(),
+            version,
+            axes: vec![AxisName::X, AxisName::Y, AxisName::Z],
+            model: ModelRef::of(model.as_bytes()),
+            enable: true,
+            confirm: None,
+            condition_s: Some(1),
+            telemetry_s: Some(1),
+            issued: "a test".to_owned(),
+        }
+    }
+
+    /// Signs a manifest and puts it under the key of the machine; its value.
+    pub(crate) fn send(&self, manifest: &Manifest, model: &str) -> Vec<u8> {
+        let desired = Desired::sign(manifest, model, &self.key).expect("plain data");
+        let value = desired.bytes().expect("plain data");
+        self.put(&value);
+        value
+    }
+
+    /// Signs a version of the manifest of a machine file and puts it under the key of the machine.
+    pub(crate) fn roll_out(&self, version: u64, model: &str) -> Vec<u8> {
+        self.send(&self.manifest(version, model), model)
+    }
+
+    /// Everything that a stream holds: the last part of the subject, and the document.
+    pub(crate) fn told(&self, stream: &str) -> Vec<(String, Value)> {
+        let context = self.context();
+        let name = format!("{stream}-berlin");
+        self.runtime.block_on(async move {
+            let stream = context.get_stream(name).await.expect("it is there");
+            let state = &stream.cached_info().state;
+            let mut messages = Vec::new();
+            for sequence in state.first_sequence.max(1)..=state.last_sequence {
+                let message = stream.get_raw_message(sequence).await.expect("it is there");
+                let kind = message.subject.rsplit('.').next().unwrap_or("").to_owned();
+                let document = serde_json::from_slice(&message.payload).expect("JSON");
+                messages.push((kind, document));
+            }
+            messages
+        })
+    }
+
+    /// The bodies of a kind in a stream, in their order.
+    pub(crate) fn bodies(&self, stream: &str, kind: &str) -> Vec<Value> {
+        let told = self.told(stream).into_iter();
+        let of_kind = told.filter(|(found, _)| found == kind);
+        of_kind
+            .map(|(_, document)| document["body"].clone())
+            .collect()
+    }
+
+    /// Waits for an acknowledgement of a version with this outcome.
+    pub(crate) fn acknowledged(&self, version: u64, outcome: &str) -> Value {
+        let end = Instant::now() + PATIENCE;
+        loop {
+            let acks = self.bodies("audit", "ack");
+            let fits = |ack: &&Value| ack["version"] == version && ack["outcome"] == outcome;
+            if let Some(ack) = acks.iter().find(fits) {
+                return ack.clone();
+            }
+            assert!(
+                Instant::now() < end,
+                "no {outcome} of version {version}: {acks:?}"
+            );
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    /// Waits until a version was refused for a reason with these words; the reason.
+    pub(crate) fn refused(&self, version: u64, words: &str) -> String {
+        let end = Instant::now() + PATIENCE;
+        loop {
+            let acks = self.bodies("audit", "ack");
+            let whys = acks.iter().filter(|ack| ack["version"] == version);
+            let mut whys = whys.filter_map(|ack| ack["why"].as_str());
+            if let Some(why) = whys.find(|why| why.contains(words)) {
+                return why.to_owned();
+            }
+            assert!(
+                Instant::now() < end,
+                "version {version} is not refused for {words:?}: {acks:?}"
+            );
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    /// The configuration of the machine, with `[fleet]`, in a folder.
+    pub(crate) fn configuration(&self, dir: &Path, control: &Simulator, more: &str) -> PathBuf {
+        use base64::{Engine, engine::general_purpose::STANDARD};
+        use std::os::unix::fs::PermissionsExt;
+        let config = configuration(dir, control, more);
+        let seed = dir.join("nkey");
+        std::fs::write(&seed, self.machine.seed().expect("a seed") + "\n").expect("writable");
+        std::fs::set_permissions(&seed, std::fs::Permissions::from_mode(0o600)).expect("ours");
+        let key = STANDARD.encode(self.key.verifying_key().to_bytes());
+        let text = std::fs::read_to_string(&config).expect("readable");
+        let text = format!(
+            r#"{text}
+[fleet]
+url = "nats://{}"
+site = "berlin"
+machine = "mill-1"
+serial = "4711"
+nkey_file = "nkey"
+trusted_keys = ["{key}"]
+dir = "fleet"
+"#,
+            self.settings.listen
+        );
+        std::fs::write(&config, text).expect("writable");
+        config
+    }
+}
+
+/// A gateway of the fleet that compensates.
+pub(crate) fn compensating(dir: &Path, config: &Path) -> Program {
+    let program = Program::start(dir, &["--config", path(config)]);
+    program.wait_for("compensating");
+    program
+}
+
+/// Waits until a state is as wanted, and fails with `what` otherwise.
+pub(crate) fn wait(program: &Program, what: &str, done: impl Fn(&Value) -> bool) -> Value {
+    let end = Instant::now() + PATIENCE;
+    loop {
+        let state = program.state();
+        if done(&state) {
+            return state;
+        }
+        assert!(Instant::now() < end, "{what}: {state}\n{}", program.log());
+        std::thread::sleep(Duration::from_millis(30));
+    }
+}
+
+/// Waits until the correction of Y that the control applies is this, µm.
+pub(crate) fn corrects_y(program: &Program, um: f64) {
+    wait(program, &format!("Y is corrected by {um} µm"), |state| {
+        state["correction_um"]["Y"] == um
+    });
+}

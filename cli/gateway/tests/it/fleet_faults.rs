@@ -1,0 +1,322 @@
+//! What goes wrong in a fleet: no server, a full disk, damaged files, wrong clocks, a machine that is there twice.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+use volcomp_gateway::audit::verify;
+
+use crate::{
+    controlled::control,
+    fleet_bench::{Centre, compensating, corrects_y, machine_with, wait},
+    process::{no_step, watched},
+    program::{Program, path},
+};
+
+fn says(state: &serde_json::Value, words: &str) -> bool {
+    state["reasons"].to_string().contains(words)
+}
+
+/// The numbers of the messages of each start of a gateway.
+fn numbers(centre: &Centre) -> BTreeMap<String, BTreeSet<u64>> {
+    let mut numbers: BTreeMap<String, BTreeSet<u64>> = BTreeMap::new();
+    for stream in ["telemetry", "audit"] {
+        for (_, document) in centre.told(stream) {
+            let instance = document["instance"].as_str().expect("text").to_owned();
+            let number = document["number"].as_u64().expect("a number");
+            assert!(
+                numbers.entry(instance).or_default().insert(number),
+                "twice: {document}"
+            );
+        }
+    }
+    numbers
+}
+
+/// Without a server at the start it corrects all the same; what it told meanwhile comes later, all of it, and once. The records of
+/// the audit log come in their order with their chain.
+#[test]
+fn what_was_told_while_the_centre_was_away_comes_later() {
+    let Some(mut centre) = Centre::start() else {
+        return;
+    };
+    centre.stop();
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let config = centre.configuration(dir.path(), &control, "auto_arm = true");
+    let mut program = compensating(dir.path(), &config);
+    let fleet = program.state()["fleet"].clone();
+    assert_eq!(fleet["connected"], false);
+    assert!(fleet["waiting"].is_string(), "{fleet}");
+    let before = program.state()["uptime_s"].as_f64().expect("a time");
+    wait(&program, "it goes on for some seconds", |state| {
+        state["uptime_s"].as_f64() > Some(before + 4.0)
+    });
+    centre.restart();
+    centre.roll_out(1, &machine_with(25.0));
+    centre.acknowledged(1, "activated");
+    // And away once more, in the middle of it.
+    centre.stop();
+    wait(&program, "it notices", |state| {
+        state["fleet"]["connected"] == false
+    });
+    corrects_y(&program, -25.0);
+    assert_eq!(program.post("/api/disarm", "").status, 200);
+    centre.restart();
+    wait(&program, "it is back, and nothing waits", |state| {
+        state["fleet"]["connected"] == true && state["fleet"]["waiting"].is_null()
+    });
+    program.signal("TERM");
+    assert_eq!(program.end(), Some(0));
+    let audit = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
+    let sent: Vec<String> = (centre.bodies("audit", "audit").iter())
+        .map(|line| {
+            let of = |key: &str| line[key].as_str().expect("text").to_owned();
+            format!("{} {}\n", of("checksum"), of("record"))
+        })
+        .collect();
+    let sent = sent.concat();
+    let verified = verify(sent.as_bytes());
+    assert_eq!(verified.broken, None, "{sent}");
+    // Its end came after the server had closed, perhaps; nothing in between is missing.
+    assert!(audit.starts_with(&sent), "{audit}\nsent:\n{sent}");
+    assert!(sent.contains("\"what\":\"disarm\""), "{sent}");
+    let numbers = numbers(&centre);
+    assert_eq!(numbers.len(), 1, "one start: {numbers:?}");
+    for numbers in numbers.values() {
+        let last = numbers.last().copied().expect("some");
+        assert_eq!(numbers.len() as u64, last, "none is missing: {numbers:?}");
+    }
+    let conditions = centre.bodies("telemetry", "condition");
+    assert!(conditions.len() > 5, "{}", conditions.len());
+    assert!(
+        conditions.iter().any(|told| told["state"] == "compensating"
+            && told["correction_um"]["Y"] == -20.0
+            && told["armed"] == true),
+        "{conditions:?}"
+    );
+    let whole = centre.bodies("telemetry", "telemetry");
+    let last = whole.last().expect("some");
+    crate::documents::validate("gateway-state.json", last);
+}
+
+/// A machine that is there twice runs twice, and the centre sees two starts that tell at once.
+#[test]
+fn a_machine_that_is_there_twice_is_seen() {
+    let Some(centre) = Centre::start() else {
+        return;
+    };
+    let model = machine_with(25.0);
+    centre.roll_out(1, &model);
+    let [one, two] = [(); 2].map(|()| tempfile::tempdir().expect("writable"));
+    let controls = [control(), control()];
+    let configs = [(&one, &controls[0]), (&two, &controls[1])]
+        .map(|(dir, control)| centre.configuration(dir.path(), control, "auto_arm = true"));
+    let programs = [
+        compensating(one.path(), &configs[0]),
+        compensating(two.path(), &configs[1]),
+    ];
+    for program in &programs {
+        corrects_y(program, -25.0);
+    }
+    volcomp_test_support::until("both tell", std::time::Duration::from_secs(60), || {
+        let numbers = numbers(&centre);
+        numbers.len() == 2 && numbers.values().all(|numbers| numbers.len() > 5)
+    });
+}
+
+const FAKETIME: &str = "/usr/lib/x86_64-linux-gnu/faketime/libfaketimeMT.so.1";
+
+/// Ten years slow and ten years fast: the same manifests are taken, in the same way.
+#[test]
+fn no_clock_decides() {
+    if !Path::new(FAKETIME).exists() {
+        volcomp_test_support::peers::not_run("faketime");
+        return;
+    }
+    let Some(centre) = Centre::start() else {
+        return;
+    };
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let config = centre.configuration(dir.path(), &control, "auto_arm = true");
+    let first = centre.roll_out(1, &machine_with(22.0));
+    for (version, skew) in [(2, "-3650d"), (3, "+3650d")] {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"));
+        command
+            .env("LD_PRELOAD", FAKETIME)
+            .env("FAKETIME", skew)
+            .env("FAKETIME_DONT_FAKE_MONOTONIC", "1");
+        let program = Program::spawn(command, dir.path(), &["--config", path(&config)]);
+        program.wait_for("compensating");
+        let um = 22.0 + f64::from(version);
+        centre.roll_out(
+            u64::from(u8::try_from(version).expect("small")),
+            &machine_with(um),
+        );
+        centre.acknowledged(
+            u64::from(u8::try_from(version).expect("small")),
+            "activated",
+        );
+        corrects_y(&program, -um);
+        // A clock that is wrong makes nothing old new.
+        centre.put(&first);
+        centre.refused(1, "has been accepted before");
+    }
+    let years: BTreeSet<i64> = (centre.told("telemetry").iter())
+        .filter_map(|(_, document)| document["wall_s"].as_f64())
+        .map(|seconds| seconds as i64 / 31_557_600)
+        .collect();
+    assert!(
+        years
+            .last()
+            .zip(years.first())
+            .is_some_and(|(last, first)| last - first > 15),
+        "the clocks were wrong: {years:?}"
+    );
+}
+
+/// A small file system of its own; gone when it is dropped.
+struct Small(PathBuf);
+
+impl Small {
+    /// `None` where nothing can be mounted, which fails under CI.
+    fn mounted(folder: &Path) -> Option<Self> {
+        std::fs::create_dir_all(folder).expect("writable");
+        let mounted = Command::new("mount")
+            .args(["-t", "tmpfs", "-o", "size=256k", "tmpfs"])
+            .arg(folder)
+            .status();
+        if !mounted.is_ok_and(|status| status.success()) {
+            volcomp_test_support::peers::not_run("the right to mount");
+            return None;
+        }
+        Some(Self(folder.to_owned()))
+    }
+
+    fn fill(&self) -> PathBuf {
+        use std::io::Write;
+        let path = self.0.join("filler");
+        let mut file = std::fs::File::create(&path).expect("writable");
+        while file.write_all(&[0; 1024]).is_ok() {}
+        while file.write_all(&[0]).is_ok() {}
+        path
+    }
+}
+
+impl Drop for Small {
+    fn drop(&mut self) {
+        // Nothing else can be done here.
+        let _ = Command::new("umount").arg("-l").arg(&self.0).status();
+    }
+}
+
+/// On a full disk nothing new is put in force, since it could not be kept; disarming waits for no disk. It goes on when there is
+/// room again, and the machine is corrected all the while.
+#[test]
+fn a_full_disk_takes_nothing_new_and_holds_up_no_disarming() {
+    let Some(centre) = Centre::start() else {
+        return;
+    };
+    let dir = tempfile::tempdir().expect("writable");
+    let Some(disk) = Small::mounted(&dir.path().join("fleet")) else {
+        return;
+    };
+    let control = control();
+    let config = centre.configuration(dir.path(), &control, "auto_arm = true");
+    let mut program = compensating(dir.path(), &config);
+    centre.roll_out(1, &machine_with(22.0));
+    centre.acknowledged(1, "activated");
+    corrects_y(&program, -22.0);
+    let filler = disk.fill();
+    centre.roll_out(2, &machine_with(25.0));
+    wait(&program, "it says that it cannot be kept", |state| {
+        let trouble = state["fleet"]["trouble"].as_str().unwrap_or("");
+        trouble.contains("cannot be kept on disk")
+    });
+    let state = program.state();
+    assert_eq!(state["state"], "compensating", "{state}");
+    assert_eq!(state["correction_um"]["Y"], -22.0, "{state}");
+    assert_eq!(state["fleet"]["version"], 1, "{state}");
+    // A restart on the full disk: what was kept is whole.
+    program.running.kill();
+    drop(program);
+    let program = compensating(dir.path(), &config);
+    corrects_y(&program, -22.0);
+    let model = machine_with(26.0);
+    let mut manifest = centre.manifest(3, &model);
+    manifest.enable = false;
+    centre.send(&manifest, &model);
+    program.wait_for("disarmed");
+    std::fs::remove_file(&filler).expect("there");
+    centre.acknowledged(3, "activated");
+    drop(program);
+    let program = Program::start(dir.path(), &["--config", path(&config)]);
+    program.watch();
+    let state = program.state();
+    assert!(says(&state, "disabled by the centre"), "{state}");
+    assert_eq!(state["fleet"]["version"], 3, "{state}");
+    drop(program);
+}
+
+/// A machine file that was changed on the machine's own disk is not used: the configured one is, it is told, and the centre's
+/// is fetched again.
+#[test]
+fn a_damaged_machine_file_is_told_and_fetched_again() {
+    let Some(mut centre) = Centre::start() else {
+        return;
+    };
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let config = centre.configuration(dir.path(), &control, "auto_arm = true");
+    {
+        let mut program = compensating(dir.path(), &config);
+        centre.roll_out(4, &machine_with(25.0));
+        centre.acknowledged(4, "activated");
+        corrects_y(&program, -25.0);
+        program.signal("TERM");
+        assert_eq!(program.end(), Some(0));
+    }
+    centre.stop();
+    let folder = dir.path().join("fleet");
+    let files = || {
+        std::fs::read_dir(&folder)
+            .expect("there")
+            .map(|entry| entry.expect("one").path())
+    };
+    let machine = files().find(|path| path.extension().is_some_and(|end| end == "toml"));
+    let machine = machine.expect("kept");
+    let text = std::fs::read_to_string(&machine).expect("readable");
+    std::fs::write(&machine, text.replace("25.0", "125.0")).expect("writable");
+    let trace = watched(&control, || {
+        // 20 and not 25 µm moves the axes by less than would have to be confirmed.
+        let program = compensating(dir.path(), &config);
+        let state = wait(&program, "it says so", |state| {
+            says(state, "machine file of the centre damaged")
+        });
+        assert_eq!(state["fleet"]["version"], 0, "{state}");
+        corrects_y(&program, -20.0);
+        let audit = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
+        assert!(audit.contains("files of the fleet damaged"), "{audit}");
+        centre.restart();
+        corrects_y(&program, -25.0);
+        wait(&program, "all is well again", |state| {
+            !says(state, "machine file of the centre damaged") && state["fleet"]["version"] == 4
+        });
+    });
+    no_step(&trace);
+    // Everything of the folder is garbage: as after a loss, but nothing corrects before the centre allows it.
+    for path in files().filter(|path| path.is_file()).collect::<Vec<_>>() {
+        std::fs::write(path, "garbage").expect("writable");
+    }
+    centre.stop();
+    let program = Program::start(dir.path(), &["--config", path(&config)]);
+    let state = wait(&program, "it says so", |state| {
+        says(state, "machine file of the centre damaged") && says(state, "disabled by the centre")
+    });
+    assert_eq!(state["armed"], false, "{state}");
+    centre.restart();
+    corrects_y(&program, -25.0);
+}
