@@ -18,6 +18,8 @@ pub mod options;
 pub mod peers;
 mod ports;
 mod running;
+#[cfg(feature = "structured-text")]
+pub mod structured_text;
 #[cfg(feature = "structures")]
 pub mod structures;
 

@@ -17,7 +17,6 @@ mod selector;
 mod sequences;
 mod slow_ways;
 mod states;
-mod structured_text;
 mod temperature;
 mod vector;
 mod world;

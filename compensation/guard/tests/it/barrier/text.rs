@@ -6,9 +6,9 @@ use volcomp_guard::{
     barrier::{Barrier, Counts, DigitalLines, Frame, Layout, REPORT_WORDS, Settings},
     vocabulary::{AxisName, PerChannel},
 };
+use volcomp_test_support::structured_text::Block;
 
 use super::words;
-use crate::structured_text::Block;
 
 const TEXT: &str = include_str!("../../../../../docs/src/plc/barrier.st");
 

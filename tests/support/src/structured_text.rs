@@ -1,8 +1,9 @@
-//! An interpreter for the part of Structured Text (IEC 61131-3) that the shipped programs are written in: DINT and BOOL,
-//! arrays of them from 0, assignments, IF, FOR, the usual operators and ABS. A value outside of a DINT, a place outside of
-//! an array and a division by zero are errors, so a program that runs here does not depend on what a control does then.
+//! An interpreter for the part of Structured Text (IEC 61131-3) that the shipped programs are written in: DINT, INT and
+//! BOOL, arrays of them from 0, assignments, IF, FOR, the usual operators and ABS. A value outside of its type, a place
+//! outside of an array, a division by zero and one of a negative number are errors, so a program that runs here does not
+//! depend on what a control does then.
 
-use std::collections::HashMap;
+use std::{collections::HashMap, ops::RangeInclusive};
 
 #[derive(Clone, Debug, PartialEq)]
 enum Token {
@@ -55,7 +56,7 @@ fn tokens(text: &str) -> Result<Vec<Token>, String> {
 #[derive(Clone, Debug)]
 enum Expression {
     Number(i64),
-    Place(String, Option<Box<Expression>>),
+    Place(usize, Option<Box<Expression>>),
     Abs(Box<Expression>),
     Not(Box<Expression>),
     Minus(Box<Expression>),
@@ -64,26 +65,46 @@ enum Expression {
 
 #[derive(Clone, Debug)]
 enum Statement {
-    Assign(String, Option<Expression>, Expression),
+    Assign(usize, Option<Expression>, Expression),
     If(Vec<(Expression, Vec<Statement>)>, Vec<Statement>),
-    For(String, Expression, Expression, Vec<Statement>),
+    For(usize, Expression, Expression, Vec<Statement>),
 }
 
+/// A variable: a single value is an array of one place.
+#[derive(Clone, Debug)]
+struct Variable {
+    name: String,
+    /// What a place may hold.
+    range: RangeInclusive<i64>,
+    places: Vec<i64>,
+}
+
+const DINT: RangeInclusive<i64> = i32::MIN as i64..=i32::MAX as i64;
+const INT: RangeInclusive<i64> = i16::MIN as i64..=i16::MAX as i64;
+const BOOL: RangeInclusive<i64> = 0..=1;
+
 /// A function block with its variables.
-pub(crate) struct Block {
-    variables: HashMap<String, Vec<i64>>,
+#[derive(Clone, Debug)]
+pub struct Block {
+    variables: Vec<Variable>,
+    named: HashMap<String, usize>,
     body: Vec<Statement>,
 }
 
 impl Block {
-    pub(crate) fn parse(text: &str) -> Result<Self, String> {
+    /// Reads a function block.
+    ///
+    /// # Errors
+    /// What in the text is not of the subset, and names that are not declared.
+    pub fn parse(text: &str) -> Result<Self, String> {
         let mut parser = Parser {
             tokens: tokens(text)?,
             at: 0,
+            named: HashMap::new(),
         };
         parser.word("FUNCTION_BLOCK")?;
         parser.name()?;
-        let mut variables = HashMap::new();
+        let mut variables: Vec<Variable> = Vec::new();
         while parser
             .peek_word()
             .is_some_and(|word| word.starts_with("VAR"))
@@ -95,37 +116,61 @@ impl Block {
             while parser.peek_word() != Some("END_VAR") {
                 let name = parser.name()?;
                 parser.sign(":")?;
-                let length = parser.type_length()?;
+                let (range, length) = parser.type_()?;
                 parser.sign(";")?;
-                if variables.insert(name.clone(), vec![0; length]).is_some() {
+                let slot = variables.len();
+                if parser.named.insert(name.clone(), slot).is_some() {
                     return Err(format!("{name} is declared twice"));
                 }
+                let places = vec![0; length];
+                variables.push(Variable {
+                    name,
+                    range,
+                    places,
+                });
             }
             parser.at += 1;
         }
         let body = parser.statements(&["END_FUNCTION_BLOCK"])?;
         parser.word("END_FUNCTION_BLOCK")?;
-        Ok(Self { variables, body })
+        let named = parser.named;
+        Ok(Self {
+            variables,
+            named,
+            body,
+        })
     }
 
-    pub(crate) fn set(&mut self, name: &str, at: usize, value: i64) {
-        self.variables
-            .get_mut(name)
-            .expect("a variable of the text")[at] = value;
+    /// Sets a place of a variable; a single value has place 0.
+    pub fn set(&mut self, name: &str, at: usize, value: i64) {
+        let slot = self.slot(name);
+        let variable = &mut self.variables[slot];
+        assert!(variable.range.contains(&value), "{name} := {value}");
+        variable.places[at] = value;
     }
 
-    pub(crate) fn get(&self, name: &str, at: usize) -> i64 {
-        self.variables[name][at]
+    /// What is in a place of a variable; a single value has place 0.
+    pub fn get(&self, name: &str, at: usize) -> i64 {
+        self.variables[self.slot(name)].places[at]
     }
 
-    pub(crate) fn run(&mut self) -> Result<(), String> {
+    /// Runs the body once.
+    ///
+    /// # Errors
+    /// What a control may do in one way or another: see the top of this file.
+    pub fn run(&mut self) -> Result<(), String> {
         run(&self.body, &mut self.variables)
+    }
+
+    fn slot(&self, name: &str) -> usize {
+        *self.named.get(name).expect("a variable of the text")
     }
 }
 
 struct Parser {
     tokens: Vec<Token>,
     at: usize,
+    named: HashMap<String, usize>,
 }
 
 impl Parser {
@@ -171,22 +216,33 @@ impl Parser {
         }
     }
 
-    /// The number of places of `DINT`, `BOOL` or `ARRAY[0..n] OF DINT`.
-    fn type_length(&mut self) -> Result<usize, String> {
+    /// The slot of a variable that is declared.
+    fn declared(&self, name: &str) -> Result<usize, String> {
+        let slot = self.named.get(name).copied();
+        slot.ok_or(format!("{name} is not declared"))
+    }
+
+    /// What a place may hold, and how many places there are, of `DINT`, `INT`, `BOOL` or `ARRAY[0..n] OF` one of them.
+    fn type_(&mut self) -> Result<(RangeInclusive<i64>, usize), String> {
         match self.name()?.as_str() {
-            "DINT" | "BOOL" => Ok(1),
+            "DINT" => Ok((DINT, 1)),
+            "INT" => Ok((INT, 1)),
+            "BOOL" => Ok((BOOL, 1)),
             "ARRAY" => {
                 self.sign("[")?;
                 let (first, dots, last) = (self.next(), self.next(), self.next());
                 self.sign("]")?;
                 self.word("OF")?;
-                self.word("DINT")?;
+                let (range, _) = self.type_()?;
                 match (first, dots, last) {
                     (
                         Some(Token::Number(0)),
                         Some(Token::Sign("..")),
                         Some(Token::Number(last)),
-                    ) => usize::try_from(last + 1).map_err(|e| e.to_string()),
+                    ) => {
+                        let length = usize::try_from(last + 1).map_err(|e| e.to_string())?;
+                        Ok((range, length))
+                    }
                     found => Err(format!("{found:?}")),
                 }
             }
@@ -226,7 +282,8 @@ impl Parser {
                 Ok(Statement::If(cases, otherwise))
             }
             "FOR" => {
-                let variable = self.name()?;
+                let name = self.name()?;
+                let variable = self.declared(&name)?;
                 self.sign(":=")?;
                 let from = self.expression(0)?;
                 self.word("TO")?;
@@ -238,11 +295,12 @@ impl Parser {
                 Ok(Statement::For(variable, from, to, body))
             }
             _ => {
+                let variable = self.declared(&name)?;
                 let place = self.place()?;
                 self.sign(":=")?;
                 let value = self.expression(0)?;
                 self.sign(";")?;
-                Ok(Statement::Assign(name, place, value))
+                Ok(Statement::Assign(variable, place, value))
             }
         }
     }
@@ -304,26 +362,36 @@ impl Parser {
                     self.sign(")")?;
                     Ok(Expression::Abs(Box::new(inner)))
                 }
-                _ => Ok(Expression::Place(word, self.place()?.map(Box::new))),
+                _ => {
+                    let variable = self.declared(&word)?;
+                    Ok(Expression::Place(variable, self.place()?.map(Box::new)))
+                }
             },
             found => Err(format!("expected a value, found {found:?}")),
         }
     }
 }
 
-type Variables = HashMap<String, Vec<i64>>;
+/// The place of a variable that an index means.
+fn place(variable: &Variable, at: i64) -> Result<usize, String> {
+    let place = usize::try_from(at).ok();
+    place
+        .filter(|place| *place < variable.places.len())
+        .ok_or(format!("{}[{at}] is outside of the array", variable.name))
+}
 
-fn run(statements: &[Statement], variables: &mut Variables) -> Result<(), String> {
+fn run(statements: &[Statement], variables: &mut [Variable]) -> Result<(), String> {
     for statement in statements {
         match statement {
-            Statement::Assign(name, at, expression) => {
+            Statement::Assign(slot, at, expression) => {
                 let at = at.as_ref().map_or(Ok(0), |at| value(at, variables))?;
                 let new = value(expression, variables)?;
-                let places = variables
-                    .get_mut(name)
-                    .ok_or(format!("{name} is not declared"))?;
-                let place = usize::try_from(at).ok().and_then(|at| places.get_mut(at));
-                *place.ok_or(format!("{name}[{at}] is outside of the array"))? = new;
+                let variable = &mut variables[*slot];
+                let place = place(variable, at)?;
+                if !variable.range.contains(&new) {
+                    return Err(format!("{} := {new}", variable.name));
+                }
+                variable.places[place] = new;
             }
             Statement::If(cases, otherwise) => {
                 let mut chosen = otherwise;
@@ -335,12 +403,10 @@ fn run(statements: &[Statement], variables: &mut Variables) -> Result<(), String
                 }
                 run(chosen, variables)?;
             }
-            Statement::For(name, from, to, body) => {
+            Statement::For(slot, from, to, body) => {
                 let (from, to) = (value(from, variables)?, value(to, variables)?);
                 for at in from..=to {
-                    variables
-                        .get_mut(name)
-                        .ok_or(format!("{name} is not declared"))?[0] = at;
+                    variables[*slot].places[0] = at;
                     run(body, variables)?;
                 }
             }
@@ -349,16 +415,13 @@ fn run(statements: &[Statement], variables: &mut Variables) -> Result<(), String
     Ok(())
 }
 
-fn value(expression: &Expression, variables: &Variables) -> Result<i64, String> {
+fn value(expression: &Expression, variables: &[Variable]) -> Result<i64, String> {
     let result = match expression {
         Expression::Number(number) => *number,
-        Expression::Place(name, at) => {
+        Expression::Place(slot, at) => {
             let at = at.as_ref().map_or(Ok(0), |at| value(at, variables))?;
-            let places = variables
-                .get(name)
-                .ok_or(format!("{name} is not declared"))?;
-            let place = usize::try_from(at).ok().and_then(|at| places.get(at));
-            *place.ok_or(format!("{name}[{at}] is outside of the array"))?
+            let variable = &variables[*slot];
+            variable.places[place(variable, at)?]
         }
         Expression::Abs(inner) => value(inner, variables)?.abs(),
         Expression::Not(inner) => i64::from(value(inner, variables)? == 0),
@@ -388,35 +451,58 @@ fn value(expression: &Expression, variables: &Variables) -> Result<i64, String> 
             }
         }
     };
-    i32::try_from(result).map_err(|_| format!("{result} is no DINT"))?;
-    Ok(result)
+    if DINT.contains(&result) {
+        Ok(result)
+    } else {
+        Err(format!("{result} is no DINT"))
+    }
 }
 
-#[test]
-fn the_interpreter_reckons_as_the_language_does() {
-    let text = "FUNCTION_BLOCK T VAR a : DINT; b : ARRAY[0..2] OF DINT; c : BOOL; END_VAR
-        a := 2 + 3 * -4; (* a comment *)
-        FOR a := 1 TO 2 DO b[a] := 7 MOD (a + 1) + 10 / 4; END_FOR;
-        IF a = 3 OR a > 5 THEN b[0] := 1; ELSIF NOT (a <> 2) AND TRUE THEN b[0] := 2; ELSE b[0] := 3; END_IF;
-        c := ABS(-3) = 3;
-        END_FUNCTION_BLOCK";
-    let mut block = Block::parse(text).expect("a program");
-    block.run().expect("runs");
-    let b: Vec<i64> = (0..3).map(|at| block.get("b", at)).collect();
-    assert_eq!((b, block.get("c", 0)), (vec![2, 3, 3], 1));
-    for wrong in [
-        "a := 2147483647 + 1;",
-        "a := 1 / 0;",
-        "b[3] := 0;",
-        "x := 1;",
-        "a := (0 - 7) MOD 2;",
-    ] {
-        let text = format!(
-            "FUNCTION_BLOCK T VAR a : DINT; b : ARRAY[0..2] OF DINT; END_VAR {wrong} END_FUNCTION_BLOCK"
-        );
-        assert!(
-            Block::parse(&text).expect("a program").run().is_err(),
-            "{wrong}"
-        );
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_interpreter_reckons_as_the_language_does() {
+        let text = "FUNCTION_BLOCK T VAR a : DINT; b : ARRAY[0..2] OF DINT; c : BOOL; d : ARRAY[0..1] OF INT; END_VAR
+            a := 2 + 3 * -4; (* a comment *)
+            FOR a := 1 TO 2 DO b[a] := 7 MOD (a + 1) + 10 / 4; END_FOR;
+            IF a = 3 OR a > 5 THEN b[0] := 1; ELSIF NOT (a <> 2) AND TRUE THEN b[0] := 2; ELSE b[0] := 3; END_IF;
+            c := ABS(-3) = 3;
+            d[1] := -32768;
+            END_FUNCTION_BLOCK";
+        let mut block = Block::parse(text).expect("a program");
+        block.run().expect("runs");
+        let b: Vec<i64> = (0..3).map(|at| block.get("b", at)).collect();
+        assert_eq!((b, block.get("c", 0)), (vec![2, 3, 3], 1));
+        assert_eq!([block.get("d", 0), block.get("d", 1)], [0, -32768]);
+    }
+
+    #[test]
+    fn what_controls_do_differently_is_refused() {
+        let parsed = |body: &str| {
+            Block::parse(&format!(
+                "FUNCTION_BLOCK T VAR a : DINT; b : ARRAY[0..2] OF DINT; c : BOOL; d : INT; END_VAR {body} END_FUNCTION_BLOCK"
+            ))
+        };
+        for wrong in [
+            "a := 2147483647 + 1;",
+            "a := 1 / 0;",
+            "b[3] := 0;",
+            "a := b[0 - 1];",
+            "a := (0 - 7) MOD 2;",
+            "c := 2;",
+            "d := 32768;",
+        ] {
+            assert!(parsed(wrong).expect("a program").run().is_err(), "{wrong}");
+        }
+        for unknown in [
+            "x := 1;",
+            "a := x;",
+            "FOR x := 0 TO 1 DO END_FOR;",
+            "WHILE TRUE DO",
+        ] {
+            assert!(parsed(unknown).is_err(), "{unknown}");
+        }
     }
 }
