@@ -1,0 +1,323 @@
+//! The map of a machine.
+
+use volcomp_kinematics::{Chain, CorrectionOptions, State, correct};
+use volcomp_model::{Machine, MachineErrors, Temperatures};
+use volcomp_vocabulary::{AxisName, Direction, Displacement};
+
+use crate::{
+    Field, GRID_AXES, GridAxis, NoMap, OUTPUTS, Output, Request, Sensitivity, Table, TablesError,
+    build, sample::lattice, sample::spread,
+};
+
+/// Travel of the axes that a map does not go over is looked at in so many poses.
+const POSES: u32 = 2000;
+
+/// What a map of a machine is wanted to be.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MapOptions {
+    /// The axes that the map goes over; none: the linear axes of the machine.
+    pub grid: Vec<AxisName>,
+    /// Where the other axes stand, mm or deg; those that are not named at 0.
+    pub others: Vec<(AxisName, f64)>,
+    /// A step of the position that the control's program has, mm for linear axes.
+    pub position_step_mm: f64,
+    /// The same for rotary axes, deg.
+    pub position_step_deg: f64,
+    /// A step of the correction, mm.
+    pub output_step_mm: f64,
+    /// The largest correction, mm.
+    pub limit_mm: f64,
+    /// The largest error of the map, mm.
+    pub within_mm: f64,
+    /// The words that the control has for one map.
+    pub words: usize,
+    /// The number of the map, 1 to 65535.
+    pub counter: u16,
+}
+
+impl Default for MapOptions {
+    /// Over the linear axes, positions in 1 µm and 0.001 deg, corrections in 1 µm up to 250 µm, within 1 µm, in 2500 words.
+    fn default() -> Self {
+        Self {
+            grid: Vec::new(),
+            others: Vec::new(),
+            position_step_mm: 0.001,
+            position_step_deg: 0.001,
+            output_step_mm: 0.001,
+            limit_mm: 0.25,
+            within_mm: 0.001,
+            words: 2500,
+            counter: 1,
+        }
+    }
+}
+
+/// The map of a machine at held temperatures, and what it leaves aside.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MapOfMachine {
+    /// The map.
+    pub table: Table,
+    /// The axes that are held, and where: mm or deg.
+    pub held: Vec<(AxisName, f64)>,
+    /// How much the correction differs at the most when the held axes stand elsewhere in their travel, mm; `None` where none is held.
+    pub elsewhere_mm: Option<f64>,
+    /// What a kelvin at each sensor changes.
+    pub sensitivities: Vec<Sensitivity>,
+}
+
+/// The corrections of a machine with the errors that stand still.
+struct MachineField<'a> {
+    chain: &'a Chain,
+    source: MachineErrors<'a>,
+    options: CorrectionOptions,
+    grid: Vec<(AxisName, usize)>,
+    outputs: Vec<usize>,
+    held: State,
+    bidirectional: bool,
+}
+
+impl MachineField<'_> {
+    fn at(&self, state: &State) -> [f64; OUTPUTS] {
+        let found = correct(self.chain, &self.source, state, &self.options);
+        let mut correction = [0.0; OUTPUTS];
+        for (into, index) in correction.iter_mut().zip(&self.outputs) {
+            *into = found.delta[*index];
+        }
+        correction
+    }
+
+    fn state(&self, at: &[f64; GRID_AXES], directions: [Option<Direction>; GRID_AXES]) -> State {
+        let mut state = self.held;
+        for ((&(name, index), at), direction) in self.grid.iter().zip(at).zip(directions) {
+            state.q[index] = Displacement::from_coordinate(name.kind(), *at).mm_or_rad();
+            state.approach[index] = direction;
+        }
+        state
+    }
+}
+
+impl Field for MachineField<'_> {
+    fn correction_mm(
+        &self,
+        at: &[f64; GRID_AXES],
+        directions: &[Option<Direction>; GRID_AXES],
+    ) -> [f64; OUTPUTS] {
+        self.at(&self.state(at, *directions))
+    }
+
+    fn is_bidirectional(&self) -> bool {
+        self.bidirectional
+    }
+}
+
+impl MapOfMachine {
+    /// The map of a machine with the tool that is in its spindle, at these temperatures.
+    ///
+    /// It corrects the position of the tool with the linear axes that may move (`correct` of the machine file); the direction of
+    /// the tool is left as it is. A rotary axis is held where it is said to stand, or, where it is named, one of the axes of the grid.
+    ///
+    /// # Errors
+    /// As [`build`]; axes that the machine does not have or that correct nothing.
+    pub fn new(
+        machine: &Machine,
+        temperatures: &Temperatures,
+        options: &MapOptions,
+    ) -> Result<Self, TablesError> {
+        let grid = if options.grid.is_empty() {
+            let mut linear: Vec<AxisName> = machine
+                .axes()
+                .iter()
+                .map(|axis| axis.name)
+                .filter(|name| !name.is_rotary())
+                .collect();
+            linear.sort_unstable_by_key(|name| name.index());
+            linear
+        } else {
+            options.grid.clone()
+        };
+        let held = machine.state(&options.others)?;
+        let mut places = Vec::new();
+        let mut axes = Vec::new();
+        for &name in &grid {
+            let index = machine.index_of(name)?;
+            let travel = machine.axes()[index].travel;
+            let step = if name.is_rotary() {
+                options.position_step_deg
+            } else {
+                options.position_step_mm
+            };
+            places.push((name, index));
+            axes.push(GridAxis { name, travel, step });
+        }
+        let outputs = correcting(machine);
+        if outputs.is_empty() {
+            return Err(NoMap::Axes.into());
+        }
+        let names: Vec<AxisName> = outputs
+            .iter()
+            .map(|&index| machine.axes()[index].name)
+            .collect();
+        let field = MachineField {
+            chain: machine.chain(),
+            source: machine.source(temperatures),
+            options: CorrectionOptions::of(&names),
+            grid: places,
+            outputs,
+            held,
+            bidirectional: machine
+                .errors()
+                .any(|(_, curve)| !matches!(curve, volcomp_model::curve::ErrorCurve::Single(_))),
+        };
+        let request = Request {
+            axes,
+            outputs: names
+                .iter()
+                .map(|&name| Output {
+                    name,
+                    step_mm: options.output_step_mm,
+                    limit_mm: options.limit_mm,
+                })
+                .collect(),
+            within_mm: options.within_mm,
+            words: options.words,
+            counter: options.counter,
+            model: model_number(machine),
+        };
+        let table = build(&request, &field)?;
+        let others: Vec<usize> = (0..machine.axes().len())
+            .filter(|index| field.grid.iter().all(|(_, place)| place != index))
+            .collect();
+        let held = others.iter().map(|&index| {
+            let name = machine.axes()[index].name;
+            (
+                name,
+                Displacement::new(name.kind(), field.held.q[index]).mm_or_deg(),
+            )
+        });
+        Ok(Self {
+            table,
+            held: held.collect(),
+            elsewhere_mm: elsewhere_mm(machine, &field, &request, &others),
+            sensitivities: sensitivities(machine, temperatures, &field, &request),
+        })
+    }
+}
+
+/// The places of the linear axes that a correction of linear axes alone moves.
+fn correcting(machine: &Machine) -> Vec<usize> {
+    let names: Vec<AxisName> = match machine.correct() {
+        Some(names) => names.to_vec(),
+        None => machine.axes().iter().map(|axis| axis.name).collect(),
+    };
+    let linear: Vec<AxisName> = names.into_iter().filter(|name| !name.is_rotary()).collect();
+    let correctors = CorrectionOptions::of(&linear).correctors(machine.chain());
+    let mut places = correctors.linear().to_vec();
+    places.sort_unstable_by_key(|&index| machine.axes()[index].name.index());
+    places.truncate(OUTPUTS);
+    places
+}
+
+/// The first 32 bits of the checksum of the machine file.
+fn model_number(machine: &Machine) -> u32 {
+    let checksum = machine.checksum();
+    let digits = checksum
+        .strip_prefix("sha256:")
+        .and_then(|digits| digits.get(..8));
+    // Hexadecimal digits, so it is a number.
+    digits
+        .and_then(|first| u32::from_str_radix(first, 16).ok())
+        .unwrap_or(0)
+}
+
+fn largest(a: [f64; OUTPUTS], b: [f64; OUTPUTS]) -> f64 {
+    let squares = a.iter().zip(b).map(|(a, b)| (a - b).powi(2));
+    squares.sum::<f64>().sqrt()
+}
+
+/// How much the correction differs at the most where the held axes stand elsewhere.
+fn elsewhere_mm(
+    machine: &Machine,
+    field: &MachineField<'_>,
+    request: &Request,
+    others: &[usize],
+) -> Option<f64> {
+    const PRIMES: [u32; 14] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43];
+    if others.is_empty() {
+        return None;
+    }
+    let share = |[low, high]: [f64; 2], number: u32, place: usize| {
+        low + (high - low) * spread(number, PRIMES[place % PRIMES.len()])
+    };
+    let poses = (1..=POSES).map(|number| {
+        let mut at = [0.0; GRID_AXES];
+        for (place, (at, axis)) in at.iter_mut().zip(&request.axes).enumerate() {
+            *at = share(axis.travel, number, place);
+        }
+        let here = field.state(&at, [None; GRID_AXES]);
+        let mut there = here;
+        for (place, &index) in others.iter().enumerate() {
+            let axis = &machine.axes()[index];
+            let at = share(axis.travel, number, GRID_AXES + place);
+            there.q[index] = Displacement::from_coordinate(axis.name.kind(), at).mm_or_rad();
+        }
+        largest(field.at(&here), field.at(&there))
+    });
+    Some(poses.fold(0.0, f64::max))
+}
+
+/// What a kelvin at each sensor changes at the most.
+fn sensitivities(
+    machine: &Machine,
+    temperatures: &Temperatures,
+    field: &MachineField<'_>,
+    request: &Request,
+) -> Vec<Sensitivity> {
+    let thermal = machine.thermal();
+    let mut found = Vec::new();
+    for sensor in thermal.sensors() {
+        let mut around = temperatures.clone();
+        // A sensor that nobody named counts as at the reference: its terms are zero there.
+        for name in thermal.sensors() {
+            around
+                .entry(name.to_owned())
+                .or_insert(thermal.reference_degc);
+        }
+        let degc = around
+            .get(sensor)
+            .copied()
+            .unwrap_or(thermal.reference_degc);
+        let at = |degc: f64| {
+            let mut temperatures = around.clone();
+            temperatures.insert(sensor.to_owned(), degc);
+            temperatures
+        };
+        let source = |temperatures: &Temperatures| MachineField {
+            chain: field.chain,
+            source: machine.source(temperatures),
+            options: field.options.clone(),
+            grid: field.grid.clone(),
+            outputs: field.outputs.clone(),
+            held: field.held,
+            bidirectional: false,
+        };
+        let [here, warmer, colder] = [
+            source(&at(degc)),
+            source(&at(degc + 1.0)),
+            source(&at(degc - 1.0)),
+        ];
+        let changes = lattice(request.axes.len(), 5).map(|shares| {
+            let mut place = [0.0; GRID_AXES];
+            for ((place, axis), share) in place.iter_mut().zip(&request.axes).zip(shares) {
+                *place = axis.travel[0] + share * (axis.travel[1] - axis.travel[0]);
+            }
+            let state = here.state(&place, [None; GRID_AXES]);
+            let now = here.at(&state);
+            largest(now, warmer.at(&state)).max(largest(now, colder.at(&state)))
+        });
+        found.push(Sensitivity {
+            sensor: sensor.to_owned(),
+            mm_per_k: changes.fold(0.0, f64::max),
+        });
+    }
+    found
+}

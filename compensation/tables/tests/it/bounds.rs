@@ -1,0 +1,285 @@
+//! The bound against closed forms.
+
+use volcomp_tables::{
+    Field, GRID_AXES, HEADER_WORDS, OUTPUTS, Position, Table, TablesError, build,
+    vocabulary::Direction,
+};
+
+use crate::world::request;
+
+/// What rounding leaves at the most: 64 parts of 1 µm, the value and one rounding for each axis.
+fn rounding_mm(axes: usize, outputs: usize) -> f64 {
+    0.5 * (1.0 + axes as f64) * (outputs as f64).sqrt() * 0.001 / 64.0
+}
+
+/// What the position within a cell is rounded by at the most: half a place along each axis, by the steepest slope.
+fn places_mm(table: &Table) -> f64 {
+    let header = table.map.header();
+    let lines = header.lines[..header.grid.count()].iter();
+    let places: f64 = lines.map(|lines| 0.5e-3 * f64::from(lines.part)).sum();
+    table.steepest * places
+}
+
+fn counts(table: &Table) -> Vec<u16> {
+    let header = table.map.header();
+    header.lines[..header.grid.count()]
+        .iter()
+        .map(|lines| lines.count)
+        .collect()
+}
+
+#[test]
+fn a_product_is_exact_on_two_lines() {
+    // 100 µm at the far corner: linear along each axis, so two lines along each are enough.
+    let field = |at: &[f64; GRID_AXES]| [0.1 * at[0] * at[1] * at[2] * 1e-9, 0.0, 0.0];
+    let table = build(&request(3, 1, 0.1), &field).expect("a map");
+    assert_eq!(counts(&table), [2, 2, 2]);
+    assert!(
+        table.misfit.max_mm <= rounding_mm(3, 1) + places_mm(&table),
+        "{:?}",
+        table.misfit
+    );
+    assert_eq!(table.map.words().len(), HEADER_WORDS + 8);
+    // 100 µm over 1000 mm, at the far sides.
+    assert!((table.steepest - 1e-4).abs() < 1e-6);
+}
+
+#[test]
+fn a_square_needs_as_many_lines_as_its_second_derivative_says() {
+    // f'' = 8·peak/L², so the error between lines h apart is h²/8·f'' = peak·(h/L)²: 80 µm over 1000 mm within 1 µm is
+    // sqrt(80) = 8.94 gaps, which is nine.
+    let field = |at: &[f64; GRID_AXES]| [0.08 * (at[0] / 1000.0).powi(2) * 4.0, 0.0, 0.0];
+    for within_um in [4.0, 1.0, 0.3] {
+        let table = build(&request(1, 1, within_um), &field).expect("a map");
+        let gaps = f64::from(counts(&table)[0] - 1);
+        let h = 1000.0 / gaps;
+        let closed_mm = h * h / 8.0 * (8.0 * 0.08 / 1e6);
+        let rounding = rounding_mm(1, 1) + places_mm(&table);
+        assert!(
+            (table.misfit.max_mm - closed_mm).abs() <= rounding + 1e-6,
+            "{within_um}: {:?}, {closed_mm}",
+            table.misfit
+        );
+        assert!(table.misfit.max_mm <= within_um * 1e-3);
+        // Not a third more than are needed.
+        let needed = (80.0 / within_um).sqrt().ceil();
+        assert!(
+            gaps >= needed && gaps <= 1.3 * needed + 1.0,
+            "{within_um}: {gaps}, {needed}"
+        );
+    }
+}
+
+#[test]
+fn the_root_of_the_mean_square_is_that_of_the_parabola() {
+    // Between two lines x(h - x)·f''/2: maximum h²/8·f'', mean square (h²·f'')²/120, so rms/max = sqrt(8/15).
+    let field = |at: &[f64; GRID_AXES]| [0.2 * (at[0] / 1000.0).powi(2), 0.0, 0.0];
+    let mut wanted = request(1, 1, 5.0);
+    wanted.words = 100;
+    let table = build(&wanted, &field).expect("a map");
+    let ratio = table.misfit.rms_mm / table.misfit.max_mm;
+    assert!((ratio - (8.0_f64 / 15.0).sqrt()).abs() < 0.02, "{ratio}");
+    // Where it is: halfway between two lines.
+    let lines = &table.map.header().lines[0];
+    let gap = (table.misfit.at[0] - lines.at(0)) / (lines.at(1) - lines.at(0));
+    assert!((gap.fract() - 0.5).abs() < 0.2, "{gap}");
+}
+
+#[test]
+fn a_jump_between_the_lines_is_found() {
+    // A bump 3 mm wide, away from every lattice that a power of two makes: the bound must hold there, too, or be refused.
+    let field = |at: &[f64; GRID_AXES]| {
+        let from = (at[0] - 377.3) / 3.0;
+        [0.02 * (-from * from).exp(), 0.0, 0.0]
+    };
+    match build(&request(1, 1, 1.0), &field) {
+        Ok(table) => {
+            for step in 370_000..385_000 {
+                let mut position = Position::default();
+                position.steps[0] = step;
+                let found = table.map.correction_mm(&position)[0];
+                let wanted = field(&[f64::from(step) * 1e-3, 0.0, 0.0, 0.0, 0.0])[0];
+                assert!((found - wanted).abs() < 1.3e-3, "{step}: {found}, {wanted}");
+            }
+        }
+        Err(TablesError::Memory { .. }) => {}
+        Err(other) => panic!("{other}"),
+    }
+}
+
+#[test]
+fn what_the_memory_has_no_room_for_is_told_with_what_it_takes() {
+    let field = |at: &[f64; GRID_AXES]| {
+        let wave = |x: f64| 0.03 * (x / 400.0).sin();
+        [wave(at[0]), wave(at[1]), wave(at[2])]
+    };
+    let mut wanted = request(3, 3, 0.8);
+    wanted.words = 1000;
+    let refused = build(&wanted, &field).expect_err("three waves of 2.5 m");
+    let TablesError::Memory {
+        needed: Some(needed),
+        reached_um: Some(reached_um),
+        words: 1000,
+        ..
+    } = refused
+    else {
+        panic!("{refused}")
+    };
+    assert!(reached_um > 0.8, "{reached_um}");
+    let said = refused.to_string();
+    assert!(
+        said.starts_with("0.8 µm need ") && said.contains("lines along X "),
+        "{said}"
+    );
+    // What it says is so: both ways.
+    wanted.words = needed;
+    let table = build(&wanted, &field).expect("as many words as it takes");
+    assert!(table.map.words().len() <= needed && table.misfit.max_mm <= 0.0008);
+    wanted.words = 1000;
+    wanted.within_mm = 1.05 * reached_um * 1e-3;
+    let table = build(&wanted, &field).expect("the error that it said");
+    assert!(table.map.words().len() <= 1000);
+    // Room for nothing.
+    wanted.words = 60;
+    let refused = build(&wanted, &field).expect_err("no room");
+    assert!(
+        matches!(
+            refused,
+            TablesError::Memory {
+                reached_um: None,
+                ..
+            }
+        ),
+        "{refused}"
+    );
+}
+
+#[test]
+fn a_bound_that_no_grid_keeps_is_told() {
+    let field = |_: &[f64; GRID_AXES]| [0.01, 0.0, 0.0];
+    let refused = build(&request(1, 1, 0.005), &field).expect_err("finer than the parts");
+    assert!(
+        matches!(refused, TablesError::Unreachable { .. }),
+        "{refused}"
+    );
+}
+
+#[test]
+fn what_makes_no_sense_is_refused() {
+    let flat = |_: &[f64; GRID_AXES]| [0.01, 0.0, 0.0];
+    let mut wanted = request(1, 1, 1.0);
+    wanted.axes[0].travel = [0.0, f64::NAN];
+    assert!(matches!(
+        build(&wanted, &flat),
+        Err(TablesError::Number { .. })
+    ));
+    let mut wanted = request(1, 1, f64::NAN);
+    assert!(matches!(
+        build(&wanted, &flat),
+        Err(TablesError::Number { .. })
+    ));
+    wanted.within_mm = 0.001;
+    wanted.axes[0].step = 0.000_000_1;
+    assert!(matches!(
+        build(&wanted, &flat),
+        Err(TablesError::Number { .. })
+    ));
+    let mut wanted = request(1, 1, 1.0);
+    wanted.outputs[0].limit_mm = 0.005;
+    let refused = build(&wanted, &flat).expect_err("10 µm");
+    assert_eq!(
+        refused.to_string(),
+        "the correction of X is 10.0 µm at X=0, expected 5 µm at the most"
+    );
+    wanted.outputs[0].limit_mm = 2.001;
+    assert!(matches!(
+        build(&wanted, &flat),
+        Err(TablesError::Number { .. })
+    ));
+    let infinite = |_: &[f64; GRID_AXES]| [f64::NAN, 0.0, 0.0];
+    assert!(matches!(
+        build(&request(1, 1, 1.0), &infinite),
+        Err(TablesError::BeyondLimit { .. })
+    ));
+    let mut none = request(1, 1, 1.0);
+    none.axes.clear();
+    assert!(matches!(build(&none, &flat), Err(TablesError::Map(_))));
+}
+
+/// A screw with play: 8 µm constant, and 2 µm more at the far end.
+struct Play {
+    varies_mm: f64,
+}
+
+impl Field for Play {
+    fn correction_mm(
+        &self,
+        at: &[f64; GRID_AXES],
+        directions: &[Option<Direction>; GRID_AXES],
+    ) -> [f64; OUTPUTS] {
+        let half = 0.004 + 0.5 * self.varies_mm * at[0] / 1000.0;
+        let side = directions[0].map_or(0.0, Direction::sign);
+        [0.05 * at[0] / 1000.0 + half * side, 0.0, 0.0]
+    }
+
+    fn is_bidirectional(&self) -> bool {
+        true
+    }
+}
+
+#[test]
+fn a_constant_reversal_is_in_the_map_and_the_rest_counts() {
+    let table = build(&request(1, 1, 1.0), &Play { varies_mm: 0.0 }).expect("a map");
+    assert_eq!(table.map.header().reversal[0][0], 4 * 64);
+    assert!(
+        table.misfit.max_mm <= 2.0 * rounding_mm(1, 1) + places_mm(&table),
+        "{:?}",
+        table.misfit
+    );
+    // Half of the 2 µm that it varies by, either way from the middle: 0.5 µm.
+    let table = build(&request(1, 1, 1.0), &Play { varies_mm: 0.002 }).expect("a map");
+    assert!(
+        (table.misfit.max_mm - 0.0005).abs() <= 2.0 * rounding_mm(1, 1),
+        "{:?}",
+        table.misfit
+    );
+    assert!(table.misfit.directions[0].is_some());
+    let refused = build(&request(1, 1, 0.4), &Play { varies_mm: 0.002 }).expect_err("0.5 µm");
+    assert!(
+        matches!(refused, TablesError::Unreachable { .. }),
+        "{refused}"
+    );
+}
+
+#[test]
+fn five_axes_are_looked_up_too() {
+    let field = |at: &[f64; GRID_AXES]| {
+        let all: f64 = at.iter().map(|x| x / 1000.0).product();
+        [0.1 * all, 0.05 * at[3] / 1000.0, 0.0]
+    };
+    let table = build(&request(5, 2, 0.2), &field).expect("a map");
+    assert_eq!(counts(&table), [2; 5]);
+    let position = Position {
+        steps: [500_000; GRID_AXES],
+        ..Position::default()
+    };
+    let found = table.map.correction_mm(&position);
+    assert!(
+        (found[0] - 0.1 / 32.0).abs() < 1e-4 && (found[1] - 0.025).abs() < 1e-4,
+        "{found:?}"
+    );
+}
+
+#[test]
+fn beyond_the_grid_its_end_holds() {
+    let field = |at: &[f64; GRID_AXES]| [0.1 * at[0] / 1000.0, 0.0, 0.0];
+    let table = build(&request(1, 1, 0.5), &field).expect("a map");
+    let at = |steps: i32| {
+        let mut position = Position::default();
+        position.steps[0] = steps;
+        table.map.correction_mm(&position)[0]
+    };
+    assert_eq!([at(-5_000_000), at(i32::MIN)], [at(0); 2]);
+    assert_eq!([at(1_500_000), at(i32::MAX)], [at(1_000_000); 2]);
+    assert!((at(1_000_000) - 0.1).abs() < 1e-5);
+}

@@ -1,0 +1,131 @@
+//! Words, bytes and heads.
+
+use proptest::prelude::*;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use volcomp_tables::{ByteOrder, HEADER_WORDS, Header, Map, NoMap, axes_of};
+
+use crate::world;
+
+fn some_map(seed: u64) -> (Map, u16) {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let settings = world::settings(&mut rng);
+    let counter = rng.random_range(1..=u16::MAX);
+    (world::map(&mut rng, &settings, counter), settings.machine)
+}
+
+proptest! {
+    #[test]
+    fn an_image_comes_back(seed: u64, high_first: bool) {
+        let (map, machine) = some_map(seed);
+        let order = if high_first { ByteOrder::HighFirst } else { ByteOrder::LowFirst };
+        let image = map.image(machine, order);
+        prop_assert_eq!(image.len(), 2 * (map.words().len() + 2));
+        prop_assert_eq!(Map::from_image(&image, machine), Ok(map));
+    }
+
+    #[test]
+    fn no_bytes_make_a_panic(bytes: Vec<u8>, head: bool) {
+        let mut bytes = bytes;
+        if head && bytes.len() > 4 {
+            bytes[..4].copy_from_slice(&[0x4D, 0x56, 1, 0]);
+        }
+        let _ = Map::from_image(&bytes, 1);
+    }
+
+    #[test]
+    fn a_damaged_image_is_refused(seed: u64, at: prop::sample::Index, to: u8) {
+        let (map, machine) = some_map(seed);
+        let mut image = map.image(machine, ByteOrder::LowFirst);
+        let at = at.index(image.len());
+        prop_assume!(image[at] != to);
+        image[at] = to;
+        // 0 and 65535 weigh the same to the checksum: one part of a step.
+        let found = Map::from_image(&image, machine);
+        let same_weight = found.as_ref().is_ok_and(|found| {
+            let pairs = found.words().iter().zip(map.words());
+            pairs.into_iter().all(|(a, b)| a == b || [*a, *b] == [0, 65535] || [*a, *b] == [65535, 0])
+        });
+        prop_assert!(found.is_err() || same_weight);
+    }
+
+    #[test]
+    fn a_head_comes_back(seed: u64) {
+        let (map, _) = some_map(seed);
+        let header = *map.header();
+        prop_assert_eq!(Header::decode(&header.encode()), Ok(header));
+        let names: Vec<_> = axes_of(header.grid).collect();
+        prop_assert_eq!(names.len(), header.grid.count());
+        let again = volcomp_tables::Layout::of(names);
+        prop_assert_eq!(again, Ok(header.grid));
+    }
+}
+
+#[test]
+fn what_is_no_map_is_told() {
+    let (map, machine) = some_map(3);
+    let image = map.image(machine, ByteOrder::LowFirst);
+    let wrong = |at: usize, to: u8| {
+        let mut image = image.clone();
+        image[at] = to;
+        Map::from_image(&image, machine)
+            .expect_err("damaged")
+            .to_string()
+    };
+    assert_eq!(
+        wrong(0, 0),
+        "the first word is 0x5600, expected 0x564d (VM): this is no map of volcomp"
+    );
+    assert_eq!(wrong(2, 2), "layout version 2, expected 1");
+    assert_eq!(
+        wrong(18, 65),
+        "an output step has 65 parts, expected 1 to 64"
+    );
+    let last = image.len() - 1;
+    assert_eq!(
+        wrong(last, image[last] ^ 1),
+        "the checksum does not fit: the map is damaged, or for the machine of another number"
+    );
+    assert_eq!(Map::from_image(&image, machine ^ 1), Err(NoMap::Checksum));
+    assert_eq!(
+        Map::from_image(&image[1..], machine),
+        Err(NoMap::OddBytes {
+            found: image.len() - 1
+        })
+    );
+    let short = Map::from_image(&image[..image.len() - 2], machine);
+    let words = map.words().len();
+    assert_eq!(
+        short,
+        Err(NoMap::Count {
+            found: words - 1,
+            expected: words
+        })
+    );
+    assert_eq!(
+        Map::from_words(&[0; HEADER_WORDS - 1]),
+        Err(NoMap::Short {
+            found: HEADER_WORDS - 1
+        })
+    );
+}
+
+/// The kept inputs of the fuzz target `map`.
+#[test]
+fn the_corpus_is_read_and_refused_as_its_names_say() {
+    let folder = volcomp_test_support::root().join("tests/fuzz/corpus/map");
+    let mut seen = [0; 2];
+    for entry in std::fs::read_dir(folder).expect("the corpus") {
+        let path = entry.expect("an entry").path();
+        let name = path
+            .file_name()
+            .expect("a name")
+            .to_string_lossy()
+            .into_owned();
+        let bytes = std::fs::read(&path).expect("read");
+        let is_valid = name.starts_with("valid-");
+        assert_eq!(Map::from_image(&bytes, 1).is_ok(), is_valid, "{name}");
+        seen[usize::from(is_valid)] += 1;
+    }
+    assert!(seen.iter().all(|count| *count >= 2), "{seen:?}");
+}
