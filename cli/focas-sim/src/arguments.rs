@@ -6,7 +6,7 @@ use clap::Parser;
 use volcomp_focas::simulator::Options;
 use volcomp_vocabulary::AxisName;
 
-use crate::{barrier::BarrierArguments, error::SimError};
+use crate::{barrier::BarrierArguments, error::SimError, measure::Settling};
 
 const EXAMPLES: &str = "\
 Typed commands, one a line on standard input, while it runs:
@@ -23,6 +23,7 @@ Typed commands, one a line on standard input, while it runs:
   steps                 print the largest step of each axis in one scan so far
   steps reset           forget these steps
   report                print the state now
+  run                   go through the program, with --report
   help                  print these commands
   quit                  end the simulator
 
@@ -31,7 +32,10 @@ Examples:
       A control whose axes stand still, on 127.0.0.1:8193, with the barrier of machine 4711.
   focas-sim --truth examples/table-tilting.toml --program examples/table-tilting-moves.csv
       Five axes that move, on a machine that has the errors of the machine file. Each second a line tells where they
-      are (mm, deg) and how far the tool misses without → with the correction: its tip (µm) and its axis (µrad).";
+      are (mm, deg) and how far the tool misses without → with the correction: its tip (µm) and its axis (µrad).
+  focas-sim --truth T.toml --program diagonals.csv --report targets.csv --wait
+      Stands until `run` is typed, goes through the program once, and stands at each target until the correction has
+      settled; targets.csv gets a row for each. `volcomp diagonals --targets diagonals.csv` writes such a program.";
 
 /// A simulated FANUC control: axes that move, PMC memory, and machine zero point shifts that move the axes
 ///
@@ -55,9 +59,17 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "POSITION", conflicts_with = "stroke_mm")]
     pub(crate) at: Option<String>,
     /// Moves to go through again and again, CSV: axis letters (mm, deg), optionally feed (mm/min, or deg/min where only
-    /// rotary axes move; default 2000) and dwell_s (time to stand there; default 0)
+    /// rotary axes move; default 2000), dwell_s (time to stand there; default 0) and line (see --report)
     #[arg(long, value_name = "FILE", conflicts_with = "stroke_mm")]
     pub(crate) program: Option<PathBuf>,
+    /// Acceleration of the moves of a program, mm/s² (rad/s² where only rotary axes move)
+    #[arg(
+        long,
+        value_name = "MM_PER_S2",
+        default_value_t = 1000.0,
+        requires = "program"
+    )]
+    acceleration_mm_s2: f64,
     /// Move every axis to and fro by so much, mm or deg
     #[arg(long, value_name = "MM", default_value_t = 0.0)]
     pub(crate) stroke_mm: f64,
@@ -68,6 +80,21 @@ pub(crate) struct Arguments {
     /// misses without and with the correction, at the reference temperature
     #[arg(long, value_name = "MACHINE")]
     pub(crate) truth: Option<PathBuf>,
+    /// Go through the program once, stand at each target until the correction has settled, and write into this file
+    /// where the axes are, what is applied, and how far the tool misses: a CSV table, or JSON documents, one a line, where
+    /// the name ends in .json. Then the range of the deviation along each line (rows with the same name in the column
+    /// line) is printed, as ISO 230-6 has it for diagonals
+    #[arg(long, value_name = "FILE", requires = "program", requires = "truth")]
+    pub(crate) report: Option<PathBuf>,
+    /// Stand at the first target until the command run is typed
+    #[arg(long, requires = "report")]
+    pub(crate) wait: bool,
+    /// A correction that has not changed for so long has settled, s; with a barrier, frames must have come meanwhile
+    #[arg(long, value_name = "S", default_value_t = 0.2, requires = "report")]
+    settle_s: f64,
+    /// Longest time that a target waits for that, s; then it is written down as not settled
+    #[arg(long, value_name = "S", default_value_t = 10.0, requires = "report")]
+    settle_at_most_s: f64,
     /// Seconds between two such lines; 0 prints none [default: 1 with --truth, else 0]
     #[arg(long, value_name = "S")]
     report_s: Option<f64>,
@@ -172,6 +199,29 @@ impl Arguments {
     /// Time until what is written can be read back.
     pub(crate) fn read_back_delay(&self) -> Result<Duration, SimError> {
         duration("--readback-ms", self.readback_ms, 1e-3)
+    }
+
+    /// Acceleration of the moves of a program.
+    pub(crate) fn acceleration_mm_s2(&self) -> Result<f64, SimError> {
+        let found = self.acceleration_mm_s2;
+        if (1.0..=1e6).contains(&found) {
+            Ok(found)
+        } else {
+            Err(SimError::input(
+                "--acceleration-mm-s2",
+                found.to_string(),
+                "1 to 1000000",
+            ))
+        }
+    }
+
+    /// When a correction has settled at a target.
+    pub(crate) fn settling(&self, axes: &[AxisName]) -> Result<Settling, SimError> {
+        Ok(Settling {
+            stands: duration("--settle-s", self.settle_s, 1.0)?,
+            at_most: duration("--settle-at-most-s", self.settle_at_most_s, 1.0)?,
+            barrier: self.barrier.reports(axes)?,
+        })
     }
 
     /// Time between two lines of report; `None`: none is printed.

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use volcomp_focas::simulator::{BarrierLadder, Ladder};
-use volcomp_guard::barrier::{Program, Protection};
+use volcomp_guard::barrier::{Layout, Program, Protection};
 use volcomp_port::Axis;
 use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement, Mm, Um, Urad};
 
@@ -97,16 +97,30 @@ impl BarrierArguments {
         }
     }
 
+    /// The axes that the barrier corrects.
+    fn corrected<'a>(&'a self, axes: &'a [AxisName]) -> &'a [AxisName] {
+        if self.barrier_axes.is_empty() {
+            axes
+        } else {
+            &self.barrier_axes
+        }
+    }
+
+    /// Whose report the barrier publishes: the machine and its axes; `None` with `--no-barrier`.
+    pub(crate) fn reports(&self, axes: &[AxisName]) -> Result<Option<(u16, Layout)>, SimError> {
+        if self.no_barrier {
+            return Ok(None);
+        }
+        let layout = Layout::of(self.corrected(axes).iter().copied())?;
+        Ok(Some((self.machine_number, layout)))
+    }
+
     /// The ladder with the barrier for a control with these axes; `None` with `--no-barrier`.
     pub(crate) fn ladder(&self, axes: &[AxisName]) -> Result<Option<Ladder>, SimError> {
         if self.no_barrier {
             return Ok(None);
         }
-        let corrected = if self.barrier_axes.is_empty() {
-            axes
-        } else {
-            &self.barrier_axes
-        };
+        let corrected = self.corrected(axes);
         let mut slots = Vec::new();
         for name in corrected {
             let slot = axes.iter().position(|axis| axis == name);

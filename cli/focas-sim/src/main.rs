@@ -4,11 +4,15 @@ mod arguments;
 mod axis_log;
 mod barrier;
 mod error;
+mod measure;
 mod motion;
 mod operator;
+mod program;
 mod report;
 mod standard_input;
+mod targets;
 mod truth;
+mod walk;
 
 use std::{
     io::Write,
@@ -28,9 +32,12 @@ use crate::{
     arguments::Arguments,
     axis_log::AxisLog,
     error::SimError,
+    measure::Measurement,
     operator::Command,
     report::{Reporter, Steps},
+    targets::Sheet,
     truth::Truth,
+    walk::Walk,
 };
 
 /// How often it is looked in which direction the axes move.
@@ -56,7 +63,9 @@ fn run(arguments: &Arguments) -> Result<(), SimError> {
     if let Some(truth) = &truth {
         truth.check(&axes)?;
     }
-    let mut world = world(arguments, &axes)?;
+    let truth = truth.map(Arc::new);
+    let (mut world, walk) = world(arguments, &axes)?;
+    let measurement = measurement(arguments, &axes, walk, truth.clone())?;
     let mut axis_log = None;
     if let Some(path) = &arguments.axis_log {
         let (log, writer) = AxisLog::create(path, &axes)?;
@@ -70,7 +79,7 @@ fn run(arguments: &Arguments) -> Result<(), SimError> {
     let interrupted = end.clone();
     ctrlc::set_handler(move || {
         // The other end is gone where it is ending already.
-        let _ = interrupted.send(());
+        let _ = interrupted.send(Ok(()));
     })
     .map_err(|e| SimError::System {
         what: "signals",
@@ -88,11 +97,24 @@ fn run(arguments: &Arguments) -> Result<(), SimError> {
     let _ = output.flush();
 
     let (now, asked) = channel();
+    let (run, told) = channel();
+    if let Some(measurement) = measurement {
+        if !arguments.wait {
+            // The other end is here.
+            let _ = run.send(());
+        }
+        measure(measurement, &simulator, told, end.clone())?;
+    }
     start("focas-sim typed", {
-        let (simulator, now) = (Arc::clone(&simulator), now.clone());
+        let asks = Asks {
+            now: now.clone(),
+            run: run.clone(),
+            end,
+        };
+        let simulator = Arc::clone(&simulator);
         let (axes, json) = (axes.clone(), arguments.json);
         move || {
-            typed(&simulator, &now, &end, || {
+            typed(&simulator, &asks, || {
                 print_steps(&axes, &simulator, json);
             });
         }
@@ -114,12 +136,57 @@ fn run(arguments: &Arguments) -> Result<(), SimError> {
         })?;
     }
     // It goes on where standard input ends: the report must keep somebody who could ask for a line.
-    let _now = now;
+    let _asks = (now, run);
     // An error says that nobody is left who could end it: then it is the end, too.
-    let _ = ended.recv();
+    let ended = ended.recv().unwrap_or(Ok(()));
     print_steps(&axes, &simulator, arguments.json);
     simulator.world().scan_log = None;
-    axis_log.map_or(Ok(()), AxisLog::end)
+    ended.and(axis_log.map_or(Ok(()), AxisLog::end))
+}
+
+/// What measures at the targets of the program, where the call asks for it.
+fn measurement(
+    arguments: &Arguments,
+    axes: &[AxisName],
+    walk: Option<Arc<Walk>>,
+    truth: Option<Arc<Truth>>,
+) -> Result<Option<Measurement>, SimError> {
+    let (Some(file), Some(walk)) = (&arguments.report, walk) else {
+        return Ok(None);
+    };
+    Ok(Some(Measurement {
+        walk,
+        settling: arguments.settling(axes)?,
+        reporter: Reporter::new(axes.to_vec(), truth),
+        sheet: Sheet::create(file, axes)?,
+        json: arguments.json,
+    }))
+}
+
+/// Measures whenever it is `told` to; where that fails it is the end.
+fn measure(
+    measurement: Measurement,
+    simulator: &Arc<Simulator>,
+    told: Receiver<()>,
+    end: Sender<Result<(), SimError>>,
+) -> Result<(), SimError> {
+    let simulator = Arc::clone(simulator);
+    start("focas-sim measure", move || {
+        if let Err(error) = measurement.run(&simulator, &told) {
+            // The other end is gone where it is ending already.
+            let _ = end.send(Err(error));
+        }
+    })
+}
+
+/// Whom a typed command is passed on to.
+struct Asks {
+    /// Prints a line of the report.
+    now: Sender<()>,
+    /// Goes through the program.
+    run: Sender<()>,
+    /// Ends the simulator.
+    end: Sender<Result<(), SimError>>,
 }
 
 /// Prints the largest steps of the axes; a reader that has gone away is no reason to fail.
@@ -131,18 +198,19 @@ fn print_steps(axes: &[AxisName], simulator: &Simulator, json: bool) {
 }
 
 /// The machine and the memory of the control as they are at the start.
-fn world(arguments: &Arguments, axes: &[AxisName]) -> Result<World, SimError> {
+fn world(arguments: &Arguments, axes: &[AxisName]) -> Result<(World, Option<Arc<Walk>>), SimError> {
     let letters: Vec<char> = axes.iter().map(|axis| axis.letter()).collect();
     let mut world = World::new(&letters);
     world.readback_delay = arguments.read_back_delay()?;
     world.shift.in_positions = true;
-    world.motion = motion::motion(arguments, axes)?;
+    let (motion, walk) = motion::motion(arguments, axes)?;
+    world.motion = motion;
     world.scan = arguments.barrier.scan()?;
     world.ladder = arguments.barrier.ladder(axes)?;
     Command::Alarm(arguments.alarm).change(&mut world);
     Command::EmergencyStop(arguments.estop).change(&mut world);
     Command::Unreferenced(arguments.unreferenced).change(&mut world);
-    Ok(world)
+    Ok((world, walk))
 }
 
 fn start(name: &str, work: impl FnOnce() + Send + 'static) -> Result<(), SimError> {
@@ -153,19 +221,24 @@ fn start(name: &str, work: impl FnOnce() + Send + 'static) -> Result<(), SimErro
     })
 }
 
-/// Does what is typed; `now` asks for a line of the report, `steps` prints the largest steps, `end` ends the program.
-fn typed(simulator: &Simulator, now: &Sender<()>, end: &Sender<()>, steps: impl Fn()) {
+/// Does what is typed; `steps` prints the largest steps.
+fn typed(simulator: &Simulator, asks: &Asks, steps: impl Fn()) {
     standard_input::lines(|line| {
         match line.parse::<Command>() {
             Err(message) => eprintln!("error: {message}"),
             Ok(Command::Help) => eprintln!("{}", Arguments::typed_commands()),
             Ok(Command::Report) => {
                 // Whoever listens is there until the end.
-                let _ = now.send(());
+                let _ = asks.now.send(());
+            }
+            Ok(Command::Run) => {
+                if asks.run.send(()).is_err() {
+                    eprintln!("error: found `run`, expected it with --report only");
+                }
             }
             Ok(Command::Steps) => steps(),
             Ok(Command::Quit) => {
-                let _ = end.send(());
+                let _ = asks.end.send(Ok(()));
                 return false;
             }
             Ok(command) => command.act(simulator),

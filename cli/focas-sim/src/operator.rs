@@ -27,12 +27,13 @@ pub(crate) enum Command {
     Steps,
     ResetSteps,
     Report,
+    Run,
     Help,
     Quit,
 }
 
 /// The commands that need more words, or take others than were found, and their forms.
-const FORMS: [(&str, &str); 13] = [
+const FORMS: [(&str, &str); 14] = [
     ("alarm", "alarm on or alarm off"),
     ("estop", "estop on or estop off"),
     ("unreferenced", "unreferenced on or unreferenced off"),
@@ -48,6 +49,7 @@ const FORMS: [(&str, &str); 13] = [
     ("power", "power alone"),
     ("reset", "reset alone"),
     ("report", "report alone"),
+    ("run", "run alone"),
     ("quit", "quit alone"),
 ];
 
@@ -80,10 +82,11 @@ impl FromStr for Command {
             ["steps"] => Ok(Self::Steps),
             ["steps", "reset"] => Ok(Self::ResetSteps),
             ["report"] => Ok(Self::Report),
+            ["run"] => Ok(Self::Run),
             ["help"] => Ok(Self::Help),
             ["quit"] => Ok(Self::Quit),
             _ => Err(form_of(&words).map_or_else(|| format!(
-                "found `{}`, expected one of alarm, estop, unreferenced, pause, disconnect, clear, power, reset, write, freeze, steps, report, help, quit",
+                "found `{}`, expected one of alarm, estop, unreferenced, pause, disconnect, clear, power, reset, write, freeze, steps, report, run, help, quit",
                 line.trim()
             ), |form| format!("found `{}`, expected {form}", line.trim()))),
         }
@@ -116,7 +119,7 @@ impl Command {
         match self {
             Self::Disconnect => simulator.disconnect_all(),
             Self::Power => simulator.power_up(),
-            Self::Steps | Self::Report | Self::Help | Self::Quit => {}
+            Self::Steps | Self::Report | Self::Run | Self::Help | Self::Quit => {}
             other => other.change(&mut simulator.world()),
         }
     }
@@ -137,7 +140,8 @@ impl Command {
             Self::Reset => world.reset(),
             Self::Write(at, bytes) => world.set(PmcArea::R, at, &bytes),
             Self::Power => world.power_up(),
-            Self::Disconnect | Self::Steps | Self::Report | Self::Help | Self::Quit => {}
+            Self::Disconnect | Self::Steps | Self::Report | Self::Run | Self::Help | Self::Quit => {
+            }
         }
     }
 }

@@ -1,6 +1,6 @@
 //! The lines of the report: where the axes stand, which shifts are applied, how far the tool misses.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, sync::Arc};
 
 use serde::Serialize;
 use volcomp_focas::simulator::Simulator;
@@ -11,30 +11,36 @@ use crate::{
     truth::{Miss, Place, Truth},
 };
 
+/// What the end of one move may be away from the beginning of the next by its last digits, mm or deg: no travel.
+const NO_TRAVEL: f64 = 1e-9;
+
 /// Values of linear axes under one key, values of rotary axes under another.
-type ByLetter = BTreeMap<AxisName, f64>;
+pub(crate) type ByLetter = BTreeMap<AxisName, f64>;
 
 /// One line of the report.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct Report {
     /// Time since the start, s.
-    time_s: f64,
+    pub(crate) time_s: f64,
     /// Where linear axes are commanded to be, mm.
-    positions_mm: ByLetter,
+    pub(crate) positions_mm: ByLetter,
     /// Where rotary axes are commanded to be, deg.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
-    positions_deg: ByLetter,
+    pub(crate) positions_deg: ByLetter,
     /// Applied shifts of linear axes, µm.
-    correction_um: ByLetter,
+    pub(crate) correction_um: ByLetter,
     /// Applied shifts of rotary axes, µrad.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
-    correction_urad: ByLetter,
+    pub(crate) correction_urad: ByLetter,
     /// How far the tool misses without shifts.
     #[serde(skip_serializing_if = "Option::is_none")]
-    error: Option<Miss>,
+    pub(crate) error: Option<Miss>,
     /// How far the tool misses with the shifts.
     #[serde(skip_serializing_if = "Option::is_none")]
-    residual: Option<Miss>,
+    pub(crate) residual: Option<Miss>,
+    /// Where the tip of the ideal machine is in workpiece axes, mm; zero where the machine is not known.
+    #[serde(skip)]
+    pub(crate) ideal_tip_mm: [f64; 3],
 }
 
 /// The largest step of the shift of each axis from one scan of the control to the next.
@@ -85,13 +91,13 @@ impl Steps {
 /// The maker of the report lines; it is called often enough to know in which direction each axis moved last.
 pub(crate) struct Reporter {
     axes: Vec<AxisName>,
-    truth: Option<Truth>,
+    truth: Option<Arc<Truth>>,
     last: Vec<f64>,
     approach: Vec<Option<Direction>>,
 }
 
 impl Reporter {
-    pub(crate) fn new(axes: Vec<AxisName>, truth: Option<Truth>) -> Self {
+    pub(crate) fn new(axes: Vec<AxisName>, truth: Option<Arc<Truth>>) -> Self {
         Self {
             last: Vec::new(),
             approach: vec![None; axes.len()],
@@ -111,9 +117,9 @@ impl Reporter {
             .iter_mut()
             .zip(commanded.iter().zip(&self.last))
         {
-            if now > before {
+            if *now > before + NO_TRAVEL {
                 *approach = Some(Direction::Positive);
-            } else if now < before {
+            } else if *now < before - NO_TRAVEL {
                 *approach = Some(Direction::Negative);
             }
         }
@@ -130,14 +136,14 @@ impl Reporter {
     pub(crate) fn report(&mut self, simulator: &Simulator) -> Report {
         let time_s = simulator.world().elapsed().as_secs_f64();
         let [commanded, shifts] = self.look(simulator);
-        let misses = self.truth.as_ref().map(|truth| {
-            truth.misses(&Place {
-                axes: &self.axes,
-                commanded: &commanded,
-                shifts: &shifts,
-                approach: &self.approach,
-            })
-        });
+        let place = Place {
+            axes: &self.axes,
+            commanded: &commanded,
+            shifts: &shifts,
+            approach: &self.approach,
+        };
+        let truth = self.truth.as_ref();
+        let misses = truth.map(|truth| truth.misses(&place));
         let by_letter = |rotary: bool, values: &[f64], number: &dyn Fn(Displacement) -> f64| {
             let pairs = self.axes.iter().zip(values);
             pairs
@@ -158,6 +164,7 @@ impl Reporter {
             correction_urad: corrections(true),
             error: misses.map(|[error, _]| rounded_miss(error)),
             residual: misses.map(|[_, residual]| rounded_miss(residual)),
+            ideal_tip_mm: truth.map_or([0.0; 3], |truth| truth.ideal_tip_mm(&place)),
         }
     }
 }
@@ -200,7 +207,7 @@ impl Report {
 }
 
 /// Items behind a head, blanks between, in lines of 80 columns at the most.
-fn wrapped(head: &str, items: &[String]) -> String {
+pub(crate) fn wrapped(head: &str, items: &[String]) -> String {
     const COLUMNS: usize = 80;
     let (mut text, mut column) = (head.to_owned(), head.chars().count());
     for item in items {
@@ -218,7 +225,7 @@ fn wrapped(head: &str, items: &[String]) -> String {
 }
 
 /// Three digits behind the point.
-fn rounded(value: f64) -> f64 {
+pub(crate) fn rounded(value: f64) -> f64 {
     (value * 1e3).round() / 1e3
 }
 
@@ -252,6 +259,7 @@ mod tests {
                 correction_urad: all(rotary, -1234.5),
                 error: truth,
                 residual: truth,
+                ideal_tip_mm: [0.0; 3],
             };
             let text = report.text();
             for line in text.lines() {

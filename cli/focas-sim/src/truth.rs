@@ -84,6 +84,12 @@ impl Truth {
         })
     }
 
+    /// Where the tip of the ideal machine is in workpiece axes, mm.
+    pub(crate) fn ideal_tip_mm(&self, place: &Place<'_>) -> [f64; 3] {
+        let state = self.state(place, false);
+        self.machine.chain().ideal_tip_mm(&state).into()
+    }
+
     fn state(&self, place: &Place<'_>, shifted: bool) -> State {
         let mut state = State::default();
         let values = place.commanded.iter().zip(place.shifts);

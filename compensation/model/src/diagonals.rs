@@ -23,22 +23,18 @@ pub struct Diagonal {
 /// The body diagonals of ISO 230-6 by the directions of motion of X, Y, Z: `P` from the lower to the upper end of travel.
 pub const BODY_DIAGONALS: [&str; 4] = ["PPP", "NPP", "PNP", "PPN"];
 
-/// The four body diagonals over the travels of X, Y and Z, all other axes at `others` (mm or deg) or else at 0: the tip's error
-/// (actual − ideal) along the ideal diagonal, minus its value at the first target.
-///
-/// `errors` are the machine's own or another's; `command` gives the state that is commanded for a
-/// target: the target itself, or the target with a correction added. `points` targets, both ends included; fewer than
-/// 2 count as 2.
+/// The targets of the four body diagonals over the travels of X, Y and Z, by the name of the diagonal, in the order of
+/// [`BODY_DIAGONALS`]: `points` on each at equal distances, both ends included, all other axes at `others` (mm or deg) or
+/// else at 0. Fewer than 2 points count as 2.
 ///
 /// # Errors
-/// [`ModelError::NoSuchAxis`] when one of X, Y, Z is missing, what [`Machine::state`] refuses of `others`, [`ModelError::TooMany`] for more than 1 000 000 targets.
-pub fn diagonals<S: ErrorSource>(
+/// [`ModelError::NoSuchAxis`] when one of X, Y, Z is missing, what [`Machine::state`] refuses of `others`,
+/// [`ModelError::TooMany`] for more than 1 000 000 targets.
+pub fn diagonal_targets(
     machine: &Machine,
-    errors: &S,
     points: usize,
     others: &[(AxisName, f64)],
-    command: impl Fn(&State) -> State,
-) -> Result<Vec<Diagonal>, ModelError> {
+) -> Result<[(&'static str, Vec<State>); 4], ModelError> {
     let mut linear = [(0, [0.0; 2]); 3];
     for (place, name) in linear
         .iter_mut()
@@ -56,7 +52,7 @@ pub fn diagonals<S: ErrorSource>(
         });
     }
     let points = points.max(2);
-    let diagonal = |name: &'static str| {
+    Ok(BODY_DIAGONALS.map(|name| {
         let target = |index: usize| {
             let share = index as f64 / (points - 1) as f64;
             let mut state = others;
@@ -70,20 +66,42 @@ pub fn diagonals<S: ErrorSource>(
             }
             state
         };
-        let chain = machine.chain();
-        let tip = |state: &State| chain.ideal_tip_mm(state);
-        let unit = (tip(&target(points - 1)) - tip(&target(0)))
-            .try_normalize(0.0)
+        (name, (0..points).map(target).collect())
+    }))
+}
+
+/// The four body diagonals over the travels of X, Y and Z, all other axes at `others` (mm or deg) or else at 0: the tip's error
+/// (actual − ideal) along the ideal diagonal, minus its value at the first target.
+///
+/// `errors` are the machine's own or another's; `command` gives the state that is commanded for a
+/// target: the target itself, or the target with a correction added. `points` targets, both ends included; fewer than
+/// 2 count as 2.
+///
+/// # Errors
+/// As of [`diagonal_targets`].
+pub fn diagonals<S: ErrorSource>(
+    machine: &Machine,
+    errors: &S,
+    points: usize,
+    others: &[(AxisName, f64)],
+    command: impl Fn(&State) -> State,
+) -> Result<Vec<Diagonal>, ModelError> {
+    let chain = machine.chain();
+    let tip = |state: &State| chain.ideal_tip_mm(state);
+    let diagonal = |(name, targets): (&'static str, Vec<State>)| {
+        let ends = targets.first().zip(targets.last());
+        let unit = ends
+            .and_then(|(from, to)| (tip(to) - tip(from)).try_normalize(0.0))
             .unwrap_or_default();
-        let along_um = |index: usize| {
-            let ideal = target(index);
-            let actual = actual_pose(chain, errors, &command(&ideal))
+        let along_um = |ideal: &State| {
+            let actual = actual_pose(chain, errors, &command(ideal))
                 .transform_point(&chain.tool_tip_mm())
                 - chain.workpiece_origin_mm();
-            (actual - tip(&ideal)).dot(&unit) * 1e3
+            (actual - tip(ideal)).dot(&unit) * 1e3
         };
-        let first = along_um(0);
-        let deviation_um: Vec<f64> = (0..points).map(|index| along_um(index) - first).collect();
+        let along_um: Vec<f64> = targets.iter().map(along_um).collect();
+        let first = along_um.first().copied().unwrap_or(0.0);
+        let deviation_um: Vec<f64> = along_um.iter().map(|value| value - first).collect();
         let range_um = range(&deviation_um);
         Diagonal {
             name,
@@ -91,7 +109,8 @@ pub fn diagonals<S: ErrorSource>(
             range_um,
         }
     };
-    Ok(BODY_DIAGONALS.into_iter().map(diagonal).collect())
+    let targets = diagonal_targets(machine, points, others)?;
+    Ok(targets.into_iter().map(diagonal).collect())
 }
 
 fn range(values: &[f64]) -> f64 {

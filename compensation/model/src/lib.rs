@@ -30,7 +30,7 @@ mod watch;
 pub use axis::Axis;
 pub use columns::axis_of_head;
 pub use curve_file::write_curve;
-pub use diagonals::{BODY_DIAGONALS, Diagonal, corrected, diagonals, quantised};
+pub use diagonals::{BODY_DIAGONALS, Diagonal, corrected, diagonal_targets, diagonals, quantised};
 pub use ensemble::{Ensemble, Scatter};
 pub use error::{CorrectRefusal, ErrorRefusal, ModelError, ThermalRefusal};
 pub use inverse::Reached;

@@ -2,6 +2,8 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod targets;
+
 use std::{
     io::{BufRead, BufReader, Write},
     path::PathBuf,
@@ -367,6 +369,7 @@ fn wrong_calls_are_refused() {
     let feed = program("feed.csv", "X,feed\n1,0\n");
     let dwell = program("dwell.csv", "X,dwell_s\n1,-1\n");
     let short = program("short.csv", "X,Y\n1\n");
+    let good = program("good.csv", "X\n1\n");
     let truth = examples().join("table-tilting.toml");
     let truth = truth.to_str().unwrap();
     for (arguments, expected) in [
@@ -412,6 +415,13 @@ fn wrong_calls_are_refused() {
             "--barrier-axes: found X,C, expected axes of X,Y,Z",
         ),
         (&["--barrier-axes", "X,X"], "every one once"),
+        (
+            &["--acceleration-mm-s2", "0", "--program", &good],
+            "--acceleration-mm-s2: found 0, expected 1 to 1000000",
+        ),
+        (&["--report", "r.csv", "--program", &good], "--truth"),
+        (&["--report", "r.csv", "--truth", truth], "--program"),
+        (&["--wait", "--program", &good], "--report"),
         (&["--truth", "none.toml"], "none.toml"),
         (&["--truth", truth, "--axes", "X,Y,Z"], "the axis A too"),
     ] {

@@ -285,7 +285,7 @@ impl World {
     }
 
     /// How long the axes have been moving: the time since the start without emergency stops.
-    fn moved_for(&self) -> Duration {
+    pub fn moved_for(&self) -> Duration {
         let moves = || self.elapsed().saturating_sub(self.stood);
         self.stopped_at.unwrap_or_else(moves)
     }

@@ -52,6 +52,13 @@ impl Path {
         Self { segments, starts_s }
     }
 
+    /// When the axes arrive where this move of the program leads, counted from 0: the time since the start, without what
+    /// they then stand there. `None`: there is no such move.
+    pub fn arrival(&self, index: usize) -> Option<Duration> {
+        let (segment, start_s) = (self.segments.get(index)?, self.starts_s.get(index)?);
+        Duration::try_from_secs_f64(start_s + segment.duration_s()).ok()
+    }
+
     /// Where the axes are at a time since the start, mm and rad.
     pub fn at(&self, elapsed: Duration) -> PerChannel<f64> {
         let period = self.starts_s[self.starts_s.len() - 1];

@@ -1,0 +1,212 @@
+//! Measuring at the targets of a program: at each one the machine stands until the correction there has settled.
+
+use std::{
+    io::Write,
+    sync::mpsc::Receiver,
+    thread,
+    time::{Duration, Instant},
+};
+
+use volcomp_focas::simulator::{Ladder, Simulator, World};
+use volcomp_guard::barrier::{Layout, Report as BarrierReport};
+
+use crate::{
+    error::SimError,
+    program::Stop,
+    report::{Reporter, rounded},
+    targets::{Line, Pass, Sheet, Target},
+    walk::Walk,
+};
+
+/// How often it is looked where the machine is and what it applies.
+const LOOK: Duration = Duration::from_millis(5);
+/// So many frames are seen to be taken while a correction stands before it counts as settled: one alone may have been
+/// computed before the machine stood.
+const FRAMES: u32 = 3;
+
+/// When a correction has settled.
+#[derive(Clone, Copy)]
+pub(crate) struct Settling {
+    /// It has not changed for so long.
+    pub(crate) stands: Duration,
+    /// What is waited for it at most; then the target is told as it is.
+    pub(crate) at_most: Duration,
+    /// The machine and the axes of the barrier, where there is one.
+    pub(crate) barrier: Option<(u16, Layout)>,
+}
+
+/// What goes through the program, whenever it is told to.
+pub(crate) struct Measurement {
+    pub(crate) walk: std::sync::Arc<Walk>,
+    pub(crate) settling: Settling,
+    pub(crate) reporter: Reporter,
+    pub(crate) sheet: Sheet,
+    pub(crate) json: bool,
+}
+
+impl Measurement {
+    /// Goes through the program once for each word that comes, until nobody can tell any more.
+    pub(crate) fn run(
+        mut self,
+        simulator: &Simulator,
+        told: &Receiver<()>,
+    ) -> Result<(), SimError> {
+        let mut pass = 0;
+        while told.recv().is_ok() {
+            pass += 1;
+            let pass = self.pass(pass, simulator)?;
+            let line = if self.json { pass.json() } else { pass.text() };
+            // A reader that has gone away is no reason to end.
+            let mut output = std::io::stdout();
+            let _ = writeln!(output, "{line}").and_then(|()| output.flush());
+        }
+        Ok(())
+    }
+
+    fn pass(&mut self, pass: u32, simulator: &Simulator) -> Result<Pass, SimError> {
+        let mut targets = Vec::new();
+        for index in 0..self.walk.stops.len() {
+            self.go_to(index, simulator);
+            let dwell = self.walk.dwells.get(index).copied().unwrap_or_default();
+            match self.walk.stops.get(index).cloned() {
+                Some(Stop::Target(line)) => {
+                    let (settled, stood) = self.settle(dwell, simulator);
+                    let target = Target {
+                        pass,
+                        number: targets.len() + 1,
+                        line,
+                        settled,
+                        stood_s: rounded(stood.as_secs_f64()),
+                        report: self.reporter.report(simulator),
+                    };
+                    self.sheet.write(&target)?;
+                    targets.push(target);
+                }
+                Some(Stop::OnTheWay) | None => thread::sleep(dwell),
+            }
+        }
+        Ok(Pass {
+            number: pass,
+            targets: targets.len(),
+            not_settled: targets.iter().filter(|target| !target.settled).count(),
+            lines: Line::of(&targets),
+        })
+    }
+
+    /// Goes to the end of a move, and notes in which direction each axis went.
+    fn go_to(&mut self, index: usize, simulator: &Simulator) {
+        self.walk.go_to(index, simulator.world().moved_for());
+        while !self.walk.has_arrived(simulator.world().moved_for()) {
+            self.reporter.watch(simulator);
+            thread::sleep(LOOK);
+        }
+        self.reporter.watch(simulator);
+    }
+
+    /// Waits until the correction has settled: whether it has, and how long it took.
+    fn settle(&self, dwell: Duration, simulator: &Simulator) -> (bool, Duration) {
+        let arrived = Instant::now();
+        let mut standing = Standing::since(arrived, self.seen(simulator));
+        loop {
+            thread::sleep(LOOK);
+            standing.look(self.seen(simulator));
+            let settled = standing.is_settled(self.settling.stands);
+            let stood = arrived.elapsed();
+            if stood >= dwell && (settled || stood >= self.settling.at_most) {
+                return (settled, stood);
+            }
+        }
+    }
+
+    fn seen(&self, simulator: &Simulator) -> Seen {
+        let mut world = simulator.world();
+        Seen {
+            shifts: world.shift_counts(),
+            sender: self
+                .settling
+                .barrier
+                .and_then(|barrier| sender(&mut world, barrier)),
+        }
+    }
+}
+
+/// Whose frames the barrier takes, and the last one that it took; `None`: nobody's.
+fn sender(world: &mut World, (machine, axes): (u16, Layout)) -> Option<(u16, u16)> {
+    let Some(Ladder::Barrier(ladder)) = &world.ladder else {
+        return None;
+    };
+    let at = ladder.report;
+    let words = world.words(at, BarrierReport::length(axes));
+    let report = BarrierReport::decode(machine, axes, &words)?;
+    (report.owner != 0).then_some((report.owner, report.sequence))
+}
+
+/// What is seen of the corrections at one moment.
+#[derive(Clone, Debug, PartialEq)]
+struct Seen {
+    shifts: Vec<i64>,
+    sender: Option<(u16, u16)>,
+}
+
+/// For how long the corrections have been as they are.
+struct Standing {
+    since: Instant,
+    seen: Seen,
+    frames: u32,
+}
+
+impl Standing {
+    fn since(since: Instant, seen: Seen) -> Self {
+        Self {
+            since,
+            seen,
+            frames: 0,
+        }
+    }
+
+    fn look(&mut self, seen: Seen) {
+        let owner = |seen: &Seen| seen.sender.map(|(owner, _)| owner);
+        if seen.shifts != self.seen.shifts || owner(&seen) != owner(&self.seen) {
+            *self = Self::since(Instant::now(), seen);
+        } else if seen != self.seen {
+            self.frames += 1;
+            self.seen = seen;
+        }
+    }
+
+    fn is_settled(&self, stands: Duration) -> bool {
+        let heard = self.seen.sender.is_none() || self.frames >= FRAMES;
+        heard && self.since.elapsed() >= stands
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn seen(shift: i64, sender: Option<(u16, u16)>) -> Seen {
+        Seen {
+            shifts: vec![shift],
+            sender,
+        }
+    }
+
+    /// A correction that stands because nobody has written since is not settled; one that changes begins anew; and
+    /// where no barrier has a sender the time alone counts.
+    #[test]
+    fn settled_is_what_was_confirmed_while_it_stood() {
+        let none = Duration::ZERO;
+        let mut standing = Standing::since(Instant::now(), seen(5, Some((9, 1))));
+        standing.look(seen(5, Some((9, 1))));
+        assert!(!standing.is_settled(none));
+        for sequence in 2..=4 {
+            standing.look(seen(5, Some((9, sequence))));
+        }
+        assert!(standing.is_settled(none));
+        assert!(!standing.is_settled(Duration::MAX));
+        standing.look(seen(6, Some((9, 5))));
+        assert!(!standing.is_settled(none));
+        standing.look(seen(6, None));
+        assert!(standing.is_settled(none));
+    }
+}

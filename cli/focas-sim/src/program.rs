@@ -1,0 +1,124 @@
+//! A program of the simulated machine: the moves of a CSV file, and the lines along which it is measured.
+
+use std::{path::Path as FilePath, time::Duration};
+
+use volcomp_document::CsvTable;
+use volcomp_port::simulated::Move;
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement, PerChannel};
+
+use crate::{error::SimError, motion::letters};
+
+/// Feed of a row without one, mm/min or deg/min.
+const DEFAULT_FEED_PER_MIN: f64 = 2000.0;
+
+/// The moves of a program, and what the end of each one is.
+pub(crate) struct Program {
+    pub(crate) moves: Vec<Move>,
+    pub(crate) stops: Vec<Stop>,
+}
+
+/// What a place is where a move ends.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Stop {
+    /// A target at which is measured, and the line to which it belongs.
+    Target(Option<String>),
+    /// A place on the way, where nothing is measured: its row has a column for a line and names none.
+    OnTheWay,
+}
+
+impl Program {
+    /// Reads a program: the moves in mm and rad, axes without a column at `stands` (mm, deg).
+    pub(crate) fn read(
+        file: &FilePath,
+        axes: &[AxisName],
+        stands: &[f64],
+    ) -> Result<Self, SimError> {
+        let name = file.display().to_string();
+        let text = std::fs::read_to_string(file).map_err(|source| SimError::Read {
+            file: name.clone(),
+            source,
+        })?;
+        let table = CsvTable::parse(&name, &text)?;
+        let letters_of_axes: Vec<String> = axes.iter().map(AxisName::to_string).collect();
+        let mut known: Vec<&str> = letters_of_axes.iter().map(String::as_str).collect();
+        known.extend(["feed", "dwell_s", "line"]);
+        if let Some(unknown) = table.names_besides(&known).first() {
+            let message = format!(
+                "found the column `{unknown}`, expected {}, feed, dwell_s or line",
+                letters(axes)
+            );
+            return Err(table.header_error(message).into());
+        }
+        let columns = letters_of_axes.iter().map(|name| table.column(name));
+        let columns = columns.collect::<Result<Vec<_>, _>>()?;
+        let (feeds, dwells) = (table.column("feed")?, table.column("dwell_s")?);
+        let of_lines = table.column("line")?;
+        let mut program = Self {
+            moves: Vec::new(),
+            stops: Vec::new(),
+        };
+        let mut coordinates: Vec<Vec<f64>> = Vec::new();
+        for row in table.rows() {
+            let mut to = stands.to_vec();
+            for (coordinate, column) in to.iter_mut().zip(&columns) {
+                if let Some(column) = column {
+                    *coordinate = row.cell(*column).number()?;
+                }
+            }
+            let feed_per_min = feeds.map_or(Ok(DEFAULT_FEED_PER_MIN), |column| {
+                let cell = row.cell(column);
+                match cell.number()? {
+                    feed if feed > 0.0 => Ok(feed),
+                    feed => Err(cell.error(format!("found {feed}, expected a positive number"))),
+                }
+            })?;
+            let dwell = dwells.map_or(Ok(Duration::ZERO), |column| {
+                let (cell, seconds) = (row.cell(column), row.cell(column).number()?);
+                let wrong = |_| cell.error(format!("found {seconds}, expected a time, s"));
+                Duration::try_from_secs_f64(seconds).map_err(wrong)
+            })?;
+            let line = of_lines.map(|column| row.cell(column).text().trim());
+            program.stops.push(match line {
+                Some("") => Stop::OnTheWay,
+                line => Stop::Target(line.map(str::to_owned)),
+            });
+            program.moves.push(Move {
+                to: inside(axes, &to),
+                // Until it is known where the move comes from.
+                feed_per_s: feed_per_min,
+                dwell,
+            });
+            coordinates.push(to);
+        }
+        if program.moves.is_empty() {
+            let message = "found no rows, expected at least one position";
+            return Err(table.header_error(message).into());
+        }
+        let before = coordinates.iter().cycle().skip(coordinates.len() - 1);
+        for (step, (from, to)) in program.moves.iter_mut().zip(before.zip(&coordinates)) {
+            step.feed_per_s = feed_per_s(axes, from, to, step.feed_per_s);
+        }
+        Ok(program)
+    }
+}
+
+/// Coordinates in mm and deg as a path has them: mm and rad.
+fn inside(axes: &[AxisName], coordinates: &[f64]) -> PerChannel<f64> {
+    let mut values = PerChannel::ZERO;
+    for ((value, axis), coordinate) in values.iter_mut().zip(axes).zip(coordinates) {
+        *value = Displacement::from_coordinate(axis.kind(), *coordinate).mm_or_rad();
+    }
+    values
+}
+
+/// The feed of a move in mm/s, or in rad/s where only rotary axes move.
+fn feed_per_s(axes: &[AxisName], from: &[f64], to: &[f64], feed_per_min: f64) -> f64 {
+    let mut moved = axes.iter().zip(from.iter().zip(to));
+    let slides = moved.any(|(axis, (from, to))| !axis.is_rotary() && from != to);
+    let kind = if slides {
+        AxisKind::Linear
+    } else {
+        AxisKind::Rotary
+    };
+    Displacement::from_coordinate(kind, feed_per_min / 60.0).mm_or_rad()
+}

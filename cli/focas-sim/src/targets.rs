@@ -1,0 +1,302 @@
+//! What was measured at the targets of a program: the file of them, and how far the tool is off along each line.
+
+use std::{
+    fs::File,
+    io::{BufWriter, Write},
+    path::Path,
+};
+
+use serde::Serialize;
+use volcomp_vocabulary::{AxisKind, AxisName};
+
+use crate::{
+    error::SimError,
+    report::{Report, rounded, wrapped},
+    truth::Miss,
+};
+
+/// One target, where the correction has settled.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct Target {
+    /// Counts the times that the program was gone through, from 1.
+    pub(crate) pass: u32,
+    /// Counts the targets of the program, from 1.
+    #[serde(rename = "target")]
+    pub(crate) number: usize,
+    /// The line to which the target belongs.
+    pub(crate) line: Option<String>,
+    /// Whether the correction had settled.
+    pub(crate) settled: bool,
+    /// How long the machine had stood there, s.
+    pub(crate) stood_s: f64,
+    #[serde(flatten)]
+    pub(crate) report: Report,
+}
+
+/// How far the tool tip is off along a line of targets.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct Line {
+    #[serde(rename = "line")]
+    pub(crate) name: String,
+    pub(crate) targets: usize,
+    /// Largest minus smallest deviation along the line, as it would be without correction, µm.
+    pub(crate) range_without_um: f64,
+    /// The same with the correction that was applied, µm.
+    pub(crate) range_um: f64,
+}
+
+/// What one way through the program has shown.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct Pass {
+    #[serde(rename = "pass")]
+    pub(crate) number: u32,
+    pub(crate) targets: usize,
+    /// Targets at which the correction had not settled in time.
+    pub(crate) not_settled: usize,
+    pub(crate) lines: Vec<Line>,
+}
+
+impl Line {
+    /// The lines among these targets, in the order in which they begin.
+    pub(crate) fn of(targets: &[Target]) -> Vec<Self> {
+        let mut lines: Vec<(&str, Vec<&Report>)> = Vec::new();
+        for target in targets {
+            let Some(name) = target.line.as_deref() else {
+                continue;
+            };
+            match lines.iter_mut().find(|(found, _)| *found == name) {
+                Some((_, reports)) => reports.push(&target.report),
+                None => lines.push((name, vec![&target.report])),
+            }
+        }
+        let of = |(name, reports): (&str, Vec<&Report>)| {
+            let unit = direction(&reports);
+            let range = |miss: fn(&Report) -> Option<Miss>| {
+                let along = reports.iter().filter_map(|report| miss(report));
+                let along = along.map(|miss| dot(&miss.position_um, &unit));
+                let ends = along.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], at| {
+                    [low.min(at), high.max(at)]
+                });
+                rounded((ends[1] - ends[0]).max(0.0))
+            };
+            Self {
+                name: name.to_owned(),
+                targets: reports.len(),
+                range_without_um: range(|report| report.error),
+                range_um: range(|report| report.residual),
+            }
+        };
+        lines.into_iter().map(of).collect()
+    }
+}
+
+/// The direction from the first to the last target of a line; zero where they are one place.
+fn direction(reports: &[&Report]) -> [f64; 3] {
+    let ends = reports.first().zip(reports.last());
+    let way = ends.map_or([0.0; 3], |(from, to)| {
+        std::array::from_fn(|i| to.ideal_tip_mm[i] - from.ideal_tip_mm[i])
+    });
+    let length = dot(&way, &way).sqrt();
+    way.map(|part| if length > 0.0 { part / length } else { 0.0 })
+}
+
+fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+impl Pass {
+    /// The lines for people.
+    pub(crate) fn text(&self) -> String {
+        let of = |line: &Line| {
+            let Line {
+                name,
+                range_without_um: before,
+                range_um: after,
+                ..
+            } = line;
+            format!("{name} {before:.1} → {after:.1} µm")
+        };
+        let targets = format!("{} targets", self.targets);
+        let mut items = vec![match self.not_settled {
+            0 => targets,
+            count => format!("{targets}, {count} not settled"),
+        }];
+        items.extend(self.lines.iter().map(of));
+        let last = items.len() - 1;
+        for item in &mut items[..last] {
+            item.push(';');
+        }
+        wrapped(&format!("pass {}:", self.number), &items)
+    }
+
+    /// The line for programs.
+    pub(crate) fn json(&self) -> String {
+        // Keys are names, numbers are numbers: this cannot fail.
+        serde_json::to_string(self).unwrap_or_default()
+    }
+}
+
+/// The file of the targets: a row for each as soon as it is measured.
+pub(crate) struct Sheet {
+    output: BufWriter<File>,
+    file: String,
+    /// The axes whose columns a table has; `None`: JSON documents, one a line.
+    table: Option<Vec<AxisName>>,
+}
+
+impl Sheet {
+    /// Makes the file: JSON documents where its name ends in `.json`, else a table.
+    pub(crate) fn create(path: &Path, axes: &[AxisName]) -> Result<Self, SimError> {
+        let file = path.display().to_string();
+        let made = File::create(path).map_err(|source| SimError::Write {
+            file: file.clone(),
+            source,
+        })?;
+        let json = path.extension().is_some_and(|ending| ending == "json");
+        let mut sheet = Self {
+            output: BufWriter::new(made),
+            file,
+            table: (!json).then(|| axes.to_vec()),
+        };
+        if let Some(axes) = &sheet.table {
+            let head = head(axes);
+            sheet.line(&head)?;
+        }
+        Ok(sheet)
+    }
+
+    /// Writes a target.
+    pub(crate) fn write(&mut self, target: &Target) -> Result<(), SimError> {
+        let line = match &self.table {
+            Some(axes) => row(axes, target),
+            // Keys are letters and names, numbers are numbers: this cannot fail.
+            None => serde_json::to_string(target).unwrap_or_default(),
+        };
+        self.line(&line)
+    }
+
+    fn line(&mut self, line: &str) -> Result<(), SimError> {
+        let written = writeln!(self.output, "{line}").and_then(|()| self.output.flush());
+        written.map_err(|source| SimError::Write {
+            file: self.file.clone(),
+            source,
+        })
+    }
+}
+
+fn head(axes: &[AxisName]) -> String {
+    let mut cells: Vec<String> = ["pass", "target", "line", "settled", "stood_s"]
+        .map(str::to_owned)
+        .into();
+    cells.extend(axes.iter().map(AxisName::to_string));
+    cells.extend(axes.iter().map(|axis| match axis.kind() {
+        AxisKind::Linear => format!("{axis}_um"),
+        AxisKind::Rotary => format!("{axis}_urad"),
+    }));
+    for miss in ["error", "residual"] {
+        let parts = ["x_um", "y_um", "z_um", "axis_urad"];
+        cells.extend(parts.map(|part| format!("{miss}_{part}")));
+    }
+    cells.join(",")
+}
+
+fn row(axes: &[AxisName], target: &Target) -> String {
+    let report = &target.report;
+    let mut cells = vec![
+        target.pass.to_string(),
+        target.number.to_string(),
+        quoted(target.line.as_deref().unwrap_or_default()),
+        u8::from(target.settled).to_string(),
+        number(target.stood_s),
+    ];
+    for values in [
+        [&report.positions_mm, &report.positions_deg],
+        [&report.correction_um, &report.correction_urad],
+    ] {
+        cells.extend(axes.iter().map(|axis| {
+            let value = values[usize::from(axis.is_rotary())].get(axis);
+            number(value.copied().unwrap_or_default())
+        }));
+    }
+    for miss in [report.error, report.residual].into_iter().flatten() {
+        cells.extend(miss.position_um.map(number));
+        cells.push(number(miss.tool_axis_urad));
+    }
+    cells.join(",")
+}
+
+fn number(value: f64) -> String {
+    format!("{value:.3}")
+}
+
+/// A cell of a table, in quotation marks where it would be taken for several.
+fn quoted(text: &str) -> String {
+    if text.contains([',', ';', '"', '\n', '\r']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text.to_owned()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn target(line: Option<&str>, x_mm: f64, error_um: f64, residual_um: f64) -> Target {
+        let miss = |x: f64| {
+            Some(Miss {
+                position_um: [x, 1000.0 * x_mm, -7.0],
+                tool_axis_urad: 0.0,
+            })
+        };
+        Target {
+            pass: 1,
+            number: 1,
+            line: line.map(str::to_owned),
+            settled: true,
+            stood_s: 0.2,
+            report: Report {
+                error: miss(error_um),
+                residual: miss(residual_um),
+                ideal_tip_mm: [x_mm, 5.0, 0.0],
+                ..Report::default()
+            },
+        }
+    }
+
+    /// Along X: what lies across does not count, nor what is the same everywhere, nor targets of no line.
+    #[test]
+    fn ranges_are_along_the_line_from_its_lowest_to_its_highest() {
+        let targets = [
+            target(Some("a"), 0.0, 10.0, 10.0),
+            target(None, 50.0, 900.0, 900.0),
+            target(Some("a"), 50.0, 4.0, 10.5),
+            target(Some("b"), 50.0, 1.0, 1.0),
+            target(Some("a"), 100.0, 30.0, 9.0),
+        ];
+        let lines = Line::of(&targets);
+        let told: Vec<_> = lines
+            .iter()
+            .map(|line| {
+                (
+                    line.name.as_str(),
+                    line.targets,
+                    line.range_without_um,
+                    line.range_um,
+                )
+            })
+            .collect();
+        assert_eq!(told, [("a", 3, 26.0, 1.5), ("b", 1, 0.0, 0.0)]);
+    }
+
+    #[test]
+    fn a_name_with_a_comma_is_one_cell() {
+        let axes = [AxisName::X, AxisName::C];
+        let row = row(&axes, &target(Some("a, \"b\""), 1.0, 2.0, 3.0));
+        assert!(
+            row.starts_with("1,1,\"a, \"\"b\"\"\",1,0.200,0.000,0.000,"),
+            "{row}"
+        );
+        assert_eq!(head(&axes).split(',').count(), 5 + 4 + 8);
+    }
+}

@@ -1,0 +1,215 @@
+//! Measuring at the targets of a program, against numbers found by hand.
+
+use std::{fs, path::Path};
+
+use serde_json::Value;
+use volcomp_focas::PmcArea;
+use volcomp_test_support::machines::gantry;
+
+use super::{PATIENCE, Simulator};
+
+/// X is too long by 50 µm a metre and bends Y by 10 µm everywhere.
+const ERRORS: &str = "[errors]\nEXX = { poly = [0.0, 0.05] }\nEYX = 10.0\n";
+
+/// A folder with the machine and a program, and the call that goes through it.
+struct Shop {
+    folder: tempfile::TempDir,
+}
+
+impl Shop {
+    fn new(program: &str) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let truth = gantry([[0.0, 200.0]; 3]) + ERRORS;
+        fs::write(folder.path().join("truth.toml"), truth).unwrap();
+        fs::write(folder.path().join("program.csv"), program).unwrap();
+        Self { folder }
+    }
+
+    fn path(&self, name: &str) -> String {
+        self.folder.path().join(name).to_str().unwrap().to_owned()
+    }
+
+    fn start(&self, report: &str, more: &[&str]) -> Simulator {
+        let [truth, program, report] = ["truth.toml", "program.csv", report].map(|n| self.path(n));
+        let arguments = [
+            "--truth",
+            &truth,
+            "--program",
+            &program,
+            "--report",
+            &report,
+            "--report-s",
+            "0",
+            "--acceleration-mm-s2",
+            "100000",
+            "--json",
+        ];
+        Simulator::start(&[&arguments[..], more].concat())
+    }
+}
+
+/// The rows of a table by the names of its columns.
+fn rows(file: &Path) -> Vec<Vec<(String, String)>> {
+    let text = fs::read_to_string(file).unwrap();
+    let mut lines = text.lines();
+    let head: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let row = |line: &str| {
+        let cells: Vec<&str> = line.split(',').collect();
+        assert_eq!(cells.len(), head.len(), "{line}");
+        let named = head.iter().zip(cells);
+        named
+            .map(|(n, c)| ((*n).to_owned(), c.to_owned()))
+            .collect()
+    };
+    lines.map(row).collect()
+}
+
+fn number(row: &[(String, String)], name: &str) -> f64 {
+    let cell = row.iter().find(|(found, _)| found == name).unwrap();
+    cell.1
+        .parse()
+        .unwrap_or_else(|_| panic!("{name}: {cell:?}"))
+}
+
+/// Two lines and a place on the way; the second pass with a correction of -4 µm on X and +3 µm on Y. Along the diagonal
+/// of the plane 200 × 150 mm the error of X counts with 0.8, 8 µm at its end; what is the same everywhere does not count.
+#[test]
+fn the_range_along_a_line_is_the_one_found_by_hand() {
+    let program = "line,X,Y,Z,feed\nalong,0,0,0,60000\nalong,100,0,0,60000\nalong,200,0,0,60000\n\
+                   ,100,50,100,60000\nacross,0,0,0,60000\nacross,200,150,0,60000\n";
+    let shop = Shop::new(program);
+    let mut simulator = shop.start("targets.csv", &["--wait", "--no-barrier"]);
+    simulator.type_line("run");
+    let first = simulator.json();
+    let line = |line: &str, targets: u32, um: f64| serde_json::json!({"line": line, "targets": targets, "range_without_um": um, "range_um": um});
+    let expected = serde_json::json!({
+        "pass": 1, "targets": 5, "not_settled": 0, "lines": [line("along", 3, 10.0), line("across", 2, 8.0)],
+    });
+    assert_eq!(first, expected);
+    let words = [0xfc, 0xff, 0x03, 0x00];
+    let mut client = simulator.client();
+    client.write_pmc(PmcArea::R, 100, &words).unwrap();
+    simulator.type_line("run");
+    let second = simulator.json();
+    assert_eq!(second["pass"], 2);
+    for (found, range) in second["lines"].as_array().unwrap().iter().zip([10.0, 8.0]) {
+        let of = |name: &str| found[name].as_f64().unwrap();
+        // The error is that of the place where the axes really are: 4 µm of X change it by 0.0002 µm.
+        assert!((of("range_um") - range).abs() < 0.002, "{found}");
+        assert_eq!(of("range_without_um"), range);
+    }
+    let rows = rows(&shop.folder.path().join("targets.csv"));
+    assert_eq!(rows.len(), 10);
+    for (index, row) in rows.iter().enumerate() {
+        let corrected = index >= 5;
+        let x = number(row, "X");
+        assert_eq!(number(row, "settled"), 1.0);
+        assert!(number(row, "stood_s") >= 0.2);
+        let [dx, dy] = if corrected { [-4.0, 3.0] } else { [0.0, 0.0] };
+        assert_eq!([number(row, "X_um"), number(row, "Y_um")], [dx, dy]);
+        for (name, value) in [
+            ("error_x_um", 0.05 * x),
+            ("error_y_um", 10.0),
+            ("residual_x_um", 0.05 * x + dx),
+            ("residual_y_um", 10.0 + dy),
+            ("residual_z_um", 0.0),
+        ] {
+            assert!((number(row, name) - value).abs() < 0.002, "{name}: {row:?}");
+        }
+    }
+}
+
+/// Without a column of lines every row is a target; without `--wait` it begins by itself; `.json` makes documents.
+#[test]
+fn documents_come_one_a_line() {
+    let shop = Shop::new("X,feed,dwell_s\n0,60000,0\n200,60000,0.4\n");
+    let mut simulator = shop.start("targets.json", &[]);
+    let pass = simulator.json();
+    assert_eq!(
+        (&pass["targets"], &pass["lines"]),
+        (&2.into(), &Value::Array(vec![]))
+    );
+    let text = fs::read_to_string(shop.folder.path().join("targets.json")).unwrap();
+    let targets: Vec<Value> = text
+        .lines()
+        .map(|l| serde_json::from_str(l).unwrap())
+        .collect();
+    assert_eq!(targets.len(), 2);
+    assert_eq!(targets[1]["positions_mm"]["X"], 200.0);
+    assert_eq!(
+        targets[1]["residual"]["position_um"],
+        serde_json::json!([10.0, 10.0, 0.0])
+    );
+    assert!(targets[1]["stood_s"].as_f64().unwrap() >= 0.4);
+    simulator.type_line("quit");
+    assert_eq!(simulator.end(), Some(0));
+}
+
+/// In an emergency stop the machine stays on its way, and no target is measured.
+#[test]
+fn nothing_is_measured_while_the_machine_stands_on_its_way() {
+    // 200 mm at 10 mm/s.
+    let shop = Shop::new("line,X,feed\na,0,60000\na,200,600\n");
+    let mut simulator = shop.start("targets.csv", &["--wait", "--no-barrier"]);
+    let file = shop.folder.path().join("targets.csv");
+    let mut client = simulator.client();
+    let mut x = move || {
+        client
+            .positions(volcomp_focas::PositionKind::Machine, 3)
+            .unwrap()[0]
+    };
+    simulator.type_line("run");
+    super::until("it moves", || x() > 1.0);
+    simulator.type_line("estop on");
+    let mut before = -1.0;
+    super::until("it stands", || {
+        std::thread::sleep(std::time::Duration::from_millis(100));
+        let now = x();
+        std::mem::replace(&mut before, now) == now
+    });
+    assert!(before < 199.0, "{before} mm");
+    assert_eq!(rows(&file).len(), 1);
+    simulator.type_line("estop off");
+    volcomp_test_support::until("the second target", 3 * PATIENCE, || rows(&file).len() == 2);
+}
+
+/// For people, in lines that fit; and what is typed without a report is refused in words.
+#[test]
+fn people_are_told_in_words() {
+    let shop = Shop::new("line,X,feed\nPPP,0,60000\nPPP,200,60000\n");
+    let [truth, program, report] = ["truth.toml", "program.csv", "r.csv"].map(|n| shop.path(n));
+    let arguments = [
+        "--truth",
+        &truth,
+        "--program",
+        &program,
+        "--report-s",
+        "0",
+        "--report",
+    ];
+    let mut simulator = Simulator::start(&[&arguments[..], &[&report]].concat());
+    assert_eq!(simulator.line(), "pass 1: 2 targets; PPP 10.0 → 10.0 µm\n");
+}
+
+#[test]
+fn the_file_that_cannot_be_written_is_named() {
+    let shop = Shop::new("X\n0\n");
+    let [truth, program] = ["truth.toml", "program.csv"].map(|name| shop.path(name));
+    let output = std::process::Command::new(env!("CARGO_BIN_EXE_focas-sim"))
+        .args([
+            "--truth",
+            &truth,
+            "--program",
+            &program,
+            "--report",
+            "/dev/null/x.csv",
+        ])
+        .output()
+        .unwrap();
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(
+        message.contains("/dev/null/x.csv: cannot be written"),
+        "{message}"
+    );
+}
