@@ -9,6 +9,7 @@ mod calls;
 mod clock;
 mod controlled;
 mod cycle;
+mod diagonals;
 mod disarmed_at_once;
 mod documents;
 mod edge_paths;

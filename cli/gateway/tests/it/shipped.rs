@@ -63,7 +63,7 @@ impl Control {
 }
 
 /// The simulator beside the gateway that is tested; built where only the gateway was.
-fn simulator() -> PathBuf {
+pub(crate) fn simulator() -> PathBuf {
     let gateway = Path::new(env!("CARGO_BIN_EXE_volcomp-gateway"));
     let folder = gateway.parent().expect("a folder");
     let simulator = folder.join("focas-sim");
