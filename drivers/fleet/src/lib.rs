@@ -1,6 +1,10 @@
 #![doc = include_str!("../README.md")]
 
 mod accept;
+#[cfg(feature = "nats")]
+mod collect;
+#[cfg(feature = "nats")]
+mod hub;
 mod identity;
 #[cfg(feature = "nats")]
 mod link;
@@ -16,6 +20,10 @@ mod streams;
 mod subjects;
 
 pub use accept::{Accepted, NotAccepted, Trust};
+#[cfg(feature = "nats")]
+pub use collect::{Batch, Collection, Received};
+#[cfg(feature = "nats")]
+pub use hub::{DesiredWatch, Found, Heard, Hub};
 pub use identity::{Identity, MachineId, SiteId, UnknownId};
 #[cfg(feature = "nats")]
 pub use link::{Kind, LinkError, LinkSettings, MachineLink, MachineSender};

@@ -1,0 +1,270 @@
+//! From messages of machines to rows of the store: each message once, all of a batch in one transaction, and what they say of
+//! each machine now.
+//!
+//! State: the gateways of each machine, and the last of each machine. It is what the store holds: where a transaction fails,
+//! nothing of it has happened here either.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde::de::DeserializeOwned;
+use volcomp_fleet::{Acknowledgement, Condition, Envelope, Kind, MachineId, Received};
+
+use crate::{
+    instance::{Header, Instances},
+    point,
+    records::Live,
+    rollout::Seen,
+    store::{Store, StoreError, Value, ingest as rows},
+};
+
+/// A machine as it is heard.
+#[derive(Clone, Debug, Default)]
+pub struct Heard {
+    /// The last of it.
+    pub live: Option<Live>,
+    /// Its gateways.
+    pub instances: Instances,
+    /// What happened since the last look.
+    pub since: Since,
+}
+
+/// What was heard since the last look.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Since {
+    /// How many conditions.
+    pub conditions: u64,
+    /// The guard was faulted: its reasons.
+    pub faulted: Option<String>,
+    /// The sum of the residuals that were known, µm, and how many.
+    pub residual: (f64, u64),
+    /// How many messages could not be read, and why the last could not.
+    pub unreadable: u64,
+    /// Why the last could not be read.
+    pub why_unreadable: String,
+}
+
+/// What a batch brought beside rows.
+#[derive(Debug, Default)]
+pub struct Taken {
+    /// Messages that were new.
+    pub stored: u64,
+    /// Messages that were stored before.
+    pub twice: u64,
+    /// Answers to manifests.
+    pub answers: Vec<(MachineId, Acknowledgement)>,
+}
+
+/// Takes what machines say.
+#[derive(Default)]
+pub struct Ingest {
+    machines: BTreeMap<MachineId, Heard>,
+}
+
+impl Ingest {
+    /// Goes on with what the store holds.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn of(store: &Store) -> Result<Self, StoreError> {
+        let mut machines: BTreeMap<MachineId, Heard> = BTreeMap::new();
+        for live in store.live()? {
+            let heard = machines.entry(live.machine.clone()).or_default();
+            heard.live = Some(live);
+        }
+        for (machine, instance) in store.instances()? {
+            let heard = machines.entry(machine).or_default();
+            heard.instances.each.push(instance);
+        }
+        Ok(Self { machines })
+    }
+
+    /// Stores a batch: when this returns, all of it is on disk, or none of it.
+    ///
+    /// # Errors
+    /// The database refuses. The same batch may be given again.
+    pub fn take(&mut self, store: &Store, batch: &[Received]) -> Result<Taken, StoreError> {
+        let mut changed: BTreeMap<MachineId, Heard> = BTreeMap::new();
+        let taken = store.write(|database| {
+            let mut taken = Taken::default();
+            for message in batch {
+                let name = &message.identity.machine;
+                if !changed.contains_key(name) {
+                    let heard = self.machines.get(name).cloned().unwrap_or_default();
+                    changed.insert(name.clone(), heard);
+                }
+                // It was put there just now.
+                if let Some(heard) = changed.get_mut(name) {
+                    one(database, &mut taken, heard, message)?;
+                }
+            }
+            for (machine, heard) in &changed {
+                rows::put_live(database, heard.live.as_ref())?;
+                let before = self.machines.get(machine);
+                for instance in &heard.instances.each {
+                    let same =
+                        before.is_some_and(|before| before.instances.each.contains(instance));
+                    if !same {
+                        rows::put_instance(database, machine, instance)?;
+                    }
+                }
+                for gone in before.iter().flat_map(|before| &before.instances.each) {
+                    let mut kept = heard.instances.each.iter();
+                    if !kept.any(|one| one.instance == gone.instance) {
+                        rows::remove_instance(database, machine, &gone.instance)?;
+                    }
+                }
+            }
+            Ok(taken)
+        })?;
+        self.machines.append(&mut changed);
+        Ok(taken)
+    }
+
+    /// Every machine that was ever heard.
+    pub fn machines(&self) -> impl Iterator<Item = (&MachineId, &Heard)> {
+        self.machines.iter()
+    }
+
+    /// What a roll-out sees of each machine, and what happened since the last look, which begins anew. A machine counts as
+    /// heard where its last message is no older than `fresh_s`.
+    pub fn look(&mut self, now_s: f64, fresh_s: f64) -> BTreeMap<MachineId, (Seen, Since)> {
+        let look = |(machine, heard): (&MachineId, &mut Heard)| {
+            let since = std::mem::take(&mut heard.since);
+            let live = heard.live.as_ref();
+            let fresh = live.is_some_and(|live| now_s - live.heard_s <= fresh_s);
+            let (sum, count) = since.residual;
+            let seen = Seen {
+                heard: since.conditions > 0 || fresh,
+                version: live.map_or(0, |live| live.version),
+                faulted: since.faulted.clone(),
+                residual_um: (count > 0).then(|| sum / count as f64),
+            };
+            (machine.clone(), (seen, since))
+        };
+        self.machines.iter_mut().map(look).collect()
+    }
+
+    /// Counts the messages that are missing for good. To be called once a minute.
+    pub fn count_missing(&mut self) {
+        for heard in self.machines.values_mut() {
+            let missing = heard.instances.count_missing();
+            if let Some(live) = &mut heard.live {
+                live.lost = missing;
+            }
+        }
+    }
+
+    /// Forgets a machine.
+    pub fn forget(&mut self, known: &BTreeSet<MachineId>) {
+        self.machines.retain(|machine, _| known.contains(machine));
+    }
+}
+
+fn one(
+    database: &mut dyn crate::store::Database,
+    taken: &mut Taken,
+    heard: &mut Heard,
+    message: &Received,
+) -> Result<(), StoreError> {
+    let machine = &message.identity.machine;
+    let read = match message.kind {
+        Kind::Condition => read(message).map(Body::Condition),
+        Kind::Telemetry => read(message).map(Body::Telemetry),
+        Kind::Audit => read(message).map(Body::Record),
+        Kind::Ack => read(message).map(Body::Answer),
+    };
+    let body = match read {
+        Ok(body) => body,
+        Err(error) => {
+            // What cannot be read is kept as it is, for a person.
+            heard.since.unreadable += 1;
+            heard.since.why_unreadable = format!("{}: {error}", message.kind.name());
+            let text = String::from_utf8_lossy(&message.bytes);
+            let text: String = text.chars().take(1000).collect();
+            let document = serde_json::json!({ "unreadable": text, "why": error.to_string() });
+            return rows::add_record(database, machine, message.stored_s, &document.to_string());
+        }
+    };
+    let header = body.header(message);
+    let Some(at_s) = heard.instances.take(&header) else {
+        taken.twice += 1;
+        return Ok(());
+    };
+    taken.stored += 1;
+    let live = heard.live.get_or_insert_with(|| Live {
+        machine: machine.clone(),
+        heard_s: message.stored_s,
+        instance: String::new(),
+        version: 0,
+        model: String::new(),
+        condition: None,
+        lost: 0,
+    });
+    live.heard_s = live.heard_s.max(message.stored_s);
+    match body {
+        Body::Condition(envelope) => {
+            let condition = envelope.body;
+            let text = serde_json::to_string(&point::of(&condition, at_s))?;
+            rows::add_recent(database, machine, at_s, text)?;
+            heard.since.conditions += 1;
+            if condition.state == "faulted" {
+                heard.since.faulted = Some(condition.reasons.join("; "));
+            }
+            if let Some(um) = condition.residual_um.filter(|um| um.is_finite()) {
+                heard.since.residual.0 += um;
+                heard.since.residual.1 += 1;
+            }
+            live.instance = envelope.instance;
+            live.version = envelope.version;
+            live.model = envelope.model;
+            live.condition = Some(condition);
+        }
+        Body::Telemetry(envelope) => {
+            rows::add_telemetry(database, machine, at_s, envelope.body.get())?;
+        }
+        Body::Record(_) => {
+            let text = String::from_utf8_lossy(&message.bytes);
+            rows::add_record(database, machine, at_s, &text)?;
+        }
+        Body::Answer(envelope) => {
+            rows::answer(database, machine, message.stored_s, &envelope.body)?;
+            taken.answers.push((machine.clone(), envelope.body));
+        }
+    }
+    Ok(())
+}
+
+fn read<T: DeserializeOwned>(message: &Received) -> Result<Envelope<T>, serde_json::Error> {
+    serde_json::from_slice(&message.bytes)
+}
+
+/// What a message says.
+enum Body {
+    Condition(Envelope<Condition>),
+    Telemetry(Envelope<Box<serde_json::value::RawValue>>),
+    Record(Envelope<serde::de::IgnoredAny>),
+    Answer(Envelope<Acknowledgement>),
+}
+
+impl Body {
+    fn header(&self, message: &Received) -> Header<'_> {
+        let (instance, number, uptime_s, passes) = match self {
+            Self::Condition(one) => (&one.instance, one.number, one.uptime_s, true),
+            Self::Telemetry(one) => (&one.instance, one.number, one.uptime_s, true),
+            Self::Record(one) => (&one.instance, one.number, one.uptime_s, false),
+            Self::Answer(one) => (&one.instance, one.number, one.uptime_s, false),
+        };
+        Header {
+            instance,
+            number,
+            uptime_s,
+            stored_s: message.stored_s,
+            passing: passes.then_some(message.sequence),
+        }
+    }
+}
+
+/// A name of a machine as a parameter.
+pub(crate) fn named(machine: &MachineId) -> Value {
+    machine.as_str().into()
+}

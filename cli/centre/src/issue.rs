@@ -1,0 +1,148 @@
+//! Issuing a manifest: a version that is higher than every one before, signed, and stored with its value in one transaction.
+//! From the store it goes to the server, now or as soon as that is there.
+
+use volcomp_fleet::{Desired, MachineId, Manifest, ModelRef};
+
+use crate::{
+    clock::now_s,
+    keys::Key,
+    models::{NoModel, fits},
+    records::{Machine, Model, Version},
+    store::{
+        Database, Issued, Store, StoreError,
+        models::{add_version, next_version},
+    },
+};
+
+/// Why nothing is issued.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum NotIssued {
+    /// The store refuses.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The model does not fit the machine.
+    #[error(transparent)]
+    Model(#[from] NoModel),
+    /// There is no such machine or model.
+    #[error("found no {what} {name}")]
+    Missing {
+        /// The kind of thing.
+        what: &'static str,
+        /// Its name.
+        name: String,
+    },
+    /// The machine has no model yet.
+    #[error("{machine} has no model yet: expected a roll-out first")]
+    NoModelYet {
+        /// The machine.
+        machine: MachineId,
+    },
+    /// The manifest cannot be written.
+    #[error(transparent)]
+    Manifest(#[from] volcomp_fleet::NotADesired),
+}
+
+/// What is to be issued.
+#[derive(Clone, Debug)]
+pub struct Order<'a> {
+    /// For this machine.
+    pub machine: &'a Machine,
+    /// This model.
+    pub model: &'a Model,
+    /// With this text.
+    pub text: &'a str,
+    /// The hash that a person has confirmed.
+    pub confirm: Option<String>,
+    /// In this roll-out.
+    pub rollout: Option<u64>,
+    /// By this person.
+    pub by: &'a str,
+}
+
+/// Issues a manifest within a transaction.
+pub(crate) fn issue(
+    database: &mut dyn Database,
+    key: &Key,
+    order: &Order<'_>,
+) -> Result<Issued, NotIssued> {
+    let Order { machine, model, .. } = order;
+    fits(model, machine)?;
+    let name = &machine.identity.machine;
+    let now_s = now_s();
+    let manifest = Manifest {
+        machine: name.clone(),
+        serial: machine.serial.clone(),
+        version: next_version(database, name)?,
+        axes: machine.axes.clone(),
+        model: ModelRef::of(order.text.as_bytes()),
+        enable: machine.enable,
+        confirm: order.confirm.clone(),
+        condition_s: machine.condition_s,
+        telemetry_s: machine.telemetry_s,
+        issued: format!("{now_s:.0} s since 1970, {}", order.by),
+    };
+    let value = Desired::sign(&manifest, order.text, &key.key)?.bytes()?;
+    let version = Version {
+        machine: name.clone(),
+        version: manifest.version,
+        model: model.sha256.clone(),
+        enable: manifest.enable,
+        confirm: manifest.confirm,
+        value_sha256: ModelRef::of(&value).sha256,
+        rollout: order.rollout,
+        issued_s: now_s,
+        by: order.by.to_owned(),
+        outcome: None,
+        answered_s: None,
+    };
+    // It is JSON, so it is a text.
+    let value = String::from_utf8_lossy(&value).into_owned();
+    add_version(database, &version, &value)?;
+    Ok(Issued {
+        machine: name.clone(),
+        version: version.version,
+        model: version.model,
+        value,
+    })
+}
+
+/// Issues the model that a machine has once more, with the settings that it has now: after it was enabled or disabled, or
+/// its intervals were changed. The running centre sends it within a second.
+///
+/// # Errors
+/// There is no such machine, or it has no model.
+pub fn reissue(
+    store: &Store,
+    key: &Key,
+    machine: &MachineId,
+    by: &str,
+) -> Result<Issued, NotIssued> {
+    let missing = |what, name: &str| NotIssued::Missing {
+        what,
+        name: name.to_owned(),
+    };
+    let known = store
+        .machine(machine)?
+        .ok_or_else(|| missing("machine", machine.as_str()))?;
+    let last = store
+        .issued(machine)?
+        .ok_or_else(|| NotIssued::NoModelYet {
+            machine: machine.clone(),
+        })?;
+    let model = store
+        .model(&last.model)?
+        .ok_or_else(|| missing("model", &last.model))?;
+    let text = store
+        .model_text(&last.model)?
+        .ok_or_else(|| missing("model", &last.model))?;
+    let order = Order {
+        machine: &known,
+        model: &model,
+        text: &text,
+        confirm: None,
+        rollout: None,
+        by,
+    };
+    store.write(|database| issue(database, key, &order))
+}

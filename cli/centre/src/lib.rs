@@ -1,0 +1,23 @@
+#![doc = include_str!("../README.md")]
+
+pub mod clock;
+pub mod ingest;
+pub mod instance;
+pub mod intervals;
+pub mod issue;
+pub mod keys;
+pub mod models;
+mod point;
+pub mod records;
+pub mod rollout;
+pub mod store;
+
+/// Bytes as hexadecimal digits in lower case.
+pub(crate) fn hex(bytes: &[u8]) -> String {
+    use std::fmt::Write;
+    bytes.iter().fold(String::new(), |mut text, byte| {
+        // Writing to a string never fails.
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
+}

@@ -1,0 +1,166 @@
+//! What the store needs of a database: statements with parameters, rows, transactions.
+//!
+//! Every statement is written once, in the SQL that SQLite and PostgreSQL have in common, with parameters `?1`, `?2`, … .
+
+use super::StoreError;
+
+/// A value of a parameter or of a column.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Value {
+    /// Nothing.
+    Null,
+    /// A whole number (BIGINT).
+    Int(i64),
+    /// A number (DOUBLE PRECISION).
+    Real(f64),
+    /// A text (TEXT).
+    Text(String),
+}
+
+macro_rules! from {
+    ($from:ty, $value:ident => $to:expr) => {
+        impl From<$from> for Value {
+            fn from($value: $from) -> Self {
+                $to
+            }
+        }
+    };
+}
+
+from!(i64, value => Self::Int(value));
+from!(u32, value => Self::Int(i64::from(value)));
+// A number beyond i64 is none that this program makes: it is held at the end.
+from!(u64, value => Self::Int(i64::try_from(value).unwrap_or(i64::MAX)));
+from!(bool, value => Self::Int(i64::from(value)));
+from!(f64, value => Self::Real(value));
+from!(String, value => Self::Text(value));
+from!(&str, value => Self::Text(value.to_owned()));
+
+impl<T: Into<Self>> From<Option<T>> for Value {
+    fn from(value: Option<T>) -> Self {
+        value.map_or(Self::Null, Into::into)
+    }
+}
+
+/// A row of an answer.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row(pub Vec<Value>);
+
+impl Row {
+    fn wrong(&self, column: usize, expected: &'static str) -> StoreError {
+        StoreError::Column {
+            column,
+            found: format!("{:?}", self.0.get(column)),
+            expected,
+        }
+    }
+
+    /// A whole number that is not negative.
+    ///
+    /// # Errors
+    /// The column is another thing.
+    pub fn count(&self, column: usize) -> Result<u64, StoreError> {
+        match self.0.get(column) {
+            Some(Value::Int(value)) => {
+                u64::try_from(*value).map_err(|_| self.wrong(column, "a count"))
+            }
+            _ => Err(self.wrong(column, "a count")),
+        }
+    }
+
+    /// A number.
+    ///
+    /// # Errors
+    /// The column is another thing.
+    pub fn real(&self, column: usize) -> Result<f64, StoreError> {
+        match self.0.get(column) {
+            Some(Value::Real(value)) => Ok(*value),
+            Some(Value::Int(value)) => Ok(*value as f64),
+            _ => Err(self.wrong(column, "a number")),
+        }
+    }
+
+    /// A text.
+    ///
+    /// # Errors
+    /// The column is another thing.
+    pub fn text(&self, column: usize) -> Result<&str, StoreError> {
+        match self.0.get(column) {
+            Some(Value::Text(value)) => Ok(value),
+            _ => Err(self.wrong(column, "a text")),
+        }
+    }
+
+    /// Whether there is nothing in the column.
+    pub fn is_null(&self, column: usize) -> bool {
+        matches!(self.0.get(column), None | Some(Value::Null))
+    }
+
+    /// A column that may hold nothing, read by one of the other functions.
+    ///
+    /// # Errors
+    /// The column is another thing.
+    pub fn optional<'a, T>(
+        &'a self,
+        column: usize,
+        read: impl FnOnce(&'a Self, usize) -> Result<T, StoreError>,
+    ) -> Result<Option<T>, StoreError> {
+        if self.is_null(column) {
+            Ok(None)
+        } else {
+            read(self, column).map(Some)
+        }
+    }
+
+    /// A document: JSON in a text.
+    ///
+    /// # Errors
+    /// The column is another thing, or another document.
+    pub fn json<T: serde::de::DeserializeOwned>(&self, column: usize) -> Result<T, StoreError> {
+        Ok(serde_json::from_str(self.text(column)?)?)
+    }
+}
+
+/// A connection to a database.
+pub trait Database: Send {
+    /// Executes a statement, and tells how many rows it changed.
+    ///
+    /// # Errors
+    /// The database refuses.
+    fn execute(&mut self, sql: &str, parameters: &[Value]) -> Result<u64, StoreError>;
+
+    /// The rows of a question.
+    ///
+    /// # Errors
+    /// The database refuses.
+    fn rows(&mut self, sql: &str, parameters: &[Value]) -> Result<Vec<Row>, StoreError>;
+}
+
+impl dyn Database + '_ {
+    /// The first row of a question.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn first(&mut self, sql: &str, parameters: &[Value]) -> Result<Option<Row>, StoreError> {
+        Ok(self.rows(sql, parameters)?.into_iter().next())
+    }
+
+    /// Does several things as one: all of them, or nothing.
+    ///
+    /// # Errors
+    /// What the work says, or the database refuses.
+    pub fn transaction<T, E: From<StoreError>>(
+        &mut self,
+        work: impl FnOnce(&mut Self) -> Result<T, E>,
+    ) -> Result<T, E> {
+        self.execute("BEGIN", &[])?;
+        match work(self).and_then(|done| Ok(self.execute("COMMIT", &[]).map(|_| done)?)) {
+            Ok(done) => Ok(done),
+            Err(error) => {
+                // It may be gone already: the first reason is the one to be told.
+                let _ = self.execute("ROLLBACK", &[]);
+                Err(error)
+            }
+        }
+    }
+}

@@ -1,0 +1,71 @@
+//! Machines in the store.
+
+use serde_json::json;
+use volcomp_fleet::MachineId;
+
+use super::{Store, StoreError, audit};
+use crate::records::Machine;
+
+impl Store {
+    /// Registers a machine, or changes what is known of it.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn put_machine(&self, machine: &Machine, by: &str) -> Result<(), StoreError> {
+        let name = machine.identity.machine.as_str();
+        let document = serde_json::to_string(machine)?;
+        self.write(|database| {
+            database.execute(
+                "INSERT INTO machines (machine, site, document) VALUES (?1, ?2, ?3)
+                 ON CONFLICT (machine) DO UPDATE SET site = excluded.site, document = excluded.document",
+                &[
+                    name.into(),
+                    machine.identity.site.as_str().into(),
+                    document.into(),
+                ],
+            )?;
+            audit::append(database, by, "machine.put", name, json!(machine))
+        })
+    }
+
+    /// A machine.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn machine(&self, machine: &MachineId) -> Result<Option<Machine>, StoreError> {
+        self.read(|database| {
+            let row = database.first(
+                "SELECT document FROM machines WHERE machine = ?1",
+                &[machine.as_str().into()],
+            )?;
+            row.map(|row| row.json(0)).transpose()
+        })
+    }
+
+    /// Every machine, by its name.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn machines(&self) -> Result<Vec<Machine>, StoreError> {
+        self.read(|database| {
+            let rows = database.rows("SELECT document FROM machines ORDER BY machine", &[])?;
+            rows.iter().map(|row| row.json(0)).collect()
+        })
+    }
+
+    /// Forgets a machine. Its versions and its history stay. Tells whether it was there.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn remove_machine(&self, machine: &MachineId, by: &str) -> Result<bool, StoreError> {
+        self.write(|database| {
+            let name = || vec![machine.as_str().into()];
+            let removed = database.execute("DELETE FROM machines WHERE machine = ?1", &name())?;
+            database.execute("DELETE FROM live WHERE machine = ?1", &name())?;
+            if removed > 0 {
+                audit::append(database, by, "machine.remove", machine.as_str(), json!({}))?;
+            }
+            Ok(removed > 0)
+        })
+    }
+}

@@ -1,0 +1,116 @@
+//! The store: everything that the centre remembers, in SQLite or PostgreSQL, behind one interface.
+//!
+//! State: two connections to the database, one that writes and one that reads. Every function waits for the disk, so an
+//! asynchronous program calls them on a thread that may wait. Several programs may have one database open.
+
+pub(crate) mod alarms;
+pub(crate) mod audit;
+mod database;
+mod history;
+pub(crate) mod ingest;
+mod machines;
+pub(crate) mod models;
+pub(crate) mod rollouts;
+mod schema;
+mod sqlite;
+
+use std::{
+    path::Path,
+    sync::{Mutex, MutexGuard, PoisonError},
+};
+
+pub use database::{Database, Row, Value};
+pub use history::Keep;
+pub use models::Issued;
+
+/// Why the store does not do what it is asked.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum StoreError {
+    /// SQLite refuses.
+    #[error("the database: {0}")]
+    Sqlite(#[from] rusqlite::Error),
+    /// A document in the database is none of ours.
+    #[error("a document in the database: {0}")]
+    Document(#[from] serde_json::Error),
+    /// A column holds something else.
+    #[error("column {column} of an answer of the database: found {found}, expected {expected}")]
+    Column {
+        /// The place of the column, from 0.
+        column: usize,
+        /// What it holds.
+        found: String,
+        /// What it should hold.
+        expected: &'static str,
+    },
+    /// A newer program has changed the database.
+    #[error(
+        "the database has {found} steps of its schema, this program knows {known}: expected a program as new as the one that wrote it"
+    )]
+    Newer {
+        /// The steps that it has.
+        found: u64,
+        /// The steps that this program knows.
+        known: u64,
+    },
+    /// A machine has its turn in a roll-out that is not over.
+    #[error(
+        "{machine} has its turn in roll-out {rollout}, which is not over: expected that one done or aborted first"
+    )]
+    Rollout {
+        /// The machine.
+        machine: String,
+        /// The number of that roll-out.
+        rollout: u64,
+    },
+    /// What is asked for is not there.
+    #[error("found no {what} {name}")]
+    Missing {
+        /// The kind of thing.
+        what: &'static str,
+        /// Its name.
+        name: String,
+    },
+}
+
+/// Everything that the centre remembers.
+pub struct Store {
+    writer: Mutex<Box<dyn Database>>,
+    reader: Mutex<Box<dyn Database>>,
+}
+
+impl Store {
+    /// Opens a SQLite file, and makes it where it is not there.
+    ///
+    /// # Errors
+    /// The file cannot be opened, or is of a newer program.
+    pub fn open(path: &Path) -> Result<Self, StoreError> {
+        let mut writer: Box<dyn Database> = Box::new(sqlite::Sqlite::open(path)?);
+        schema::bring_up(writer.as_mut())?;
+        Ok(Self {
+            writer: Mutex::new(writer),
+            reader: Mutex::new(Box::new(sqlite::Sqlite::open(path)?)),
+        })
+    }
+
+    /// Reads.
+    pub(crate) fn read<T>(
+        &self,
+        work: impl FnOnce(&mut dyn Database) -> Result<T, StoreError>,
+    ) -> Result<T, StoreError> {
+        work(lock(&self.reader).as_mut())
+    }
+
+    /// Writes, all of it or nothing.
+    pub(crate) fn write<T, E: From<StoreError>>(
+        &self,
+        work: impl FnOnce(&mut dyn Database) -> Result<T, E>,
+    ) -> Result<T, E> {
+        lock(&self.writer).as_mut().transaction(work)
+    }
+}
+
+/// A thread that ended with the connection in its hands has left no transaction that could be committed.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

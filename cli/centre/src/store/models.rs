@@ -1,0 +1,243 @@
+//! Models, and the versions that were issued of them.
+
+use serde_json::json;
+use volcomp_fleet::{Acknowledgement, MachineId};
+
+use super::{
+    Store, StoreError, audit,
+    database::{Database, Row},
+};
+use crate::records::{Model, Version};
+
+/// The newest signed value of a machine.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Issued {
+    /// The machine.
+    pub machine: MachineId,
+    /// The version in it.
+    pub version: u64,
+    /// The checksum of its model.
+    pub model: String,
+    /// The bytes that stand under the machine's key.
+    pub value: String,
+}
+
+impl Store {
+    /// Adds a model with its text. Tells whether it is new.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn add_model(&self, model: &Model, text: &str) -> Result<bool, StoreError> {
+        let document = serde_json::to_string(model)?;
+        self.write(|database| {
+            let added = database.execute(
+                "INSERT INTO models (sha256, document, text) VALUES (?1, ?2, ?3) ON CONFLICT (sha256) DO NOTHING",
+                &[model.sha256.as_str().into(), document.into(), text.into()],
+            )?;
+            if added > 0 {
+                audit::append(database, &model.by, "model.add", &model.sha256, json!(model))?;
+            }
+            Ok(added > 0)
+        })
+    }
+
+    /// The model whose checksum begins so; `None`: there is none, or more than one.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn model(&self, beginning: &str) -> Result<Option<Model>, StoreError> {
+        if beginning.is_empty() || !beginning.bytes().all(|byte| byte.is_ascii_hexdigit()) {
+            return Ok(None);
+        }
+        self.read(|database| {
+            let rows = database.rows(
+                "SELECT document FROM models WHERE sha256 LIKE ?1 LIMIT 2",
+                &[format!("{}%", beginning.to_ascii_lowercase()).into()],
+            )?;
+            match rows.as_slice() {
+                [row] => Ok(Some(row.json(0)?)),
+                _ => Ok(None),
+            }
+        })
+    }
+
+    /// The text of the model with this checksum.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn model_text(&self, sha256: &str) -> Result<Option<String>, StoreError> {
+        self.read(|database| {
+            let row = database.first(
+                "SELECT text FROM models WHERE sha256 = ?1",
+                &[sha256.into()],
+            )?;
+            row.map(|row| row.text(0).map(str::to_owned)).transpose()
+        })
+    }
+
+    /// Every model, the newest first.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn models(&self) -> Result<Vec<Model>, StoreError> {
+        let mut models: Vec<Model> = self.read(|database| {
+            let rows = database.rows("SELECT document FROM models", &[])?;
+            rows.iter().map(|row| row.json(0)).collect()
+        })?;
+        models.sort_by(|one, other| other.added_s.total_cmp(&one.added_s));
+        Ok(models)
+    }
+
+    /// Every version of a machine, the newest first.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn versions(&self, machine: &MachineId) -> Result<Vec<Version>, StoreError> {
+        self.read(|database| {
+            let rows = database.rows(
+                "SELECT document FROM versions WHERE machine = ?1 ORDER BY version DESC",
+                &[machine.as_str().into()],
+            )?;
+            rows.iter().map(|row| row.json(0)).collect()
+        })
+    }
+
+    /// What a machine shall run: its newest signed value.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn issued(&self, machine: &MachineId) -> Result<Option<Issued>, StoreError> {
+        self.read(|database| {
+            let row = database.first(
+                "SELECT machine, version, model, value FROM desired WHERE machine = ?1",
+                &[machine.as_str().into()],
+            )?;
+            row.as_ref().map(issued).transpose()
+        })
+    }
+
+    /// The newest version of every machine, with what became of it.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn newest_versions(&self) -> Result<Vec<Version>, StoreError> {
+        self.read(|database| {
+            let rows = database.rows(
+                "SELECT versions.document FROM desired JOIN versions
+                 ON versions.machine = desired.machine AND versions.version = desired.version",
+                &[],
+            )?;
+            rows.iter().map(|row| row.json(0)).collect()
+        })
+    }
+}
+
+fn issued(row: &Row) -> Result<Issued, StoreError> {
+    Ok(Issued {
+        machine: machine(row, 0)?,
+        version: row.count(1)?,
+        model: row.text(2)?.to_owned(),
+        value: row.text(3)?.to_owned(),
+    })
+}
+
+/// A name of a machine in a column.
+pub(super) fn machine(row: &Row, column: usize) -> Result<MachineId, StoreError> {
+    row.text(column)?.parse().map_err(|_| StoreError::Column {
+        column,
+        found: format!("{:?}", row.0.get(column)),
+        expected: "the name of a machine",
+    })
+}
+
+/// The version that the next manifest of a machine gets: above every one that was issued here, and above the one that the
+/// machine says is in force, which another centre may have issued.
+pub(crate) fn next_version(
+    database: &mut dyn Database,
+    machine: &MachineId,
+) -> Result<u64, StoreError> {
+    let name = || [machine.as_str().into()];
+    let issued = database.first(
+        "SELECT coalesce(max(version), 0) FROM versions WHERE machine = ?1",
+        &name(),
+    )?;
+    let issued = issued.map_or(Ok(0), |row| row.count(0))?;
+    let live = database.first("SELECT document FROM live WHERE machine = ?1", &name())?;
+    let live: Option<crate::records::Live> = live.map(|row| row.json(0)).transpose()?;
+    Ok(issued.max(live.map_or(0, |live| live.version)) + 1)
+}
+
+/// Adds a version with its signed value, which takes the place of the one before.
+pub(crate) fn add_version(
+    database: &mut dyn Database,
+    version: &Version,
+    value: &str,
+) -> Result<(), StoreError> {
+    let machine = || version.machine.as_str().into();
+    database.execute(
+        "INSERT INTO versions (machine, version, model, rollout, value_sha256, document)
+         VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
+        &[
+            machine(),
+            version.version.into(),
+            version.model.as_str().into(),
+            version.rollout.into(),
+            version.value_sha256.as_str().into(),
+            serde_json::to_string(version)?.into(),
+        ],
+    )?;
+    database.execute(
+        "INSERT INTO desired (machine, version, model, value) VALUES (?1, ?2, ?3, ?4)
+         ON CONFLICT (machine) DO UPDATE SET version = excluded.version, model = excluded.model, value = excluded.value",
+        &[
+            machine(),
+            version.version.into(),
+            version.model.as_str().into(),
+            value.into(),
+        ],
+    )?;
+    audit::append(
+        database,
+        &version.by,
+        "version.issue",
+        version.machine.as_str(),
+        json!(version),
+    )
+}
+
+/// Writes an answer of a machine to the version that it answers. An answer to a value that was never issued here changes no
+/// version.
+pub(crate) fn answer(
+    database: &mut dyn Database,
+    machine: &MachineId,
+    at_s: f64,
+    answer: &Acknowledgement,
+) -> Result<(), StoreError> {
+    database.execute(
+        "INSERT INTO acknowledgements (machine, at_s, version, document) VALUES (?1, ?2, ?3, ?4)",
+        &[
+            machine.as_str().into(),
+            at_s.into(),
+            answer.version.into(),
+            serde_json::to_string(answer)?.into(),
+        ],
+    )?;
+    let key = || [machine.as_str().into(), answer.value_sha256.as_str().into()];
+    let row = database.first(
+        "SELECT document FROM versions WHERE machine = ?1 AND value_sha256 = ?2",
+        &key(),
+    )?;
+    let Some(row) = row else { return Ok(()) };
+    let mut version: Version = row.json(0)?;
+    version.outcome = Some(answer.outcome.clone());
+    version.answered_s = Some(at_s);
+    database.execute(
+        "UPDATE versions SET document = ?3 WHERE machine = ?1 AND value_sha256 = ?2",
+        &[
+            machine.as_str().into(),
+            answer.value_sha256.as_str().into(),
+            serde_json::to_string(&version)?.into(),
+        ],
+    )?;
+    Ok(())
+}

@@ -1,0 +1,159 @@
+//! Roll-outs in the store. The program that runs the centre moves them on; any program may write a wish, which that one
+//! takes up.
+
+use serde_json::json;
+
+use super::{Store, StoreError, audit, database::Database};
+use crate::rollout::{Phase, Rollout, Wish};
+
+impl Store {
+    /// Starts a roll-out: `make` is told its number.
+    ///
+    /// # Errors
+    /// The database refuses, or a machine of it has its turn in another roll-out that is not over.
+    pub fn start_rollout(&self, make: impl FnOnce(u64) -> Rollout) -> Result<Rollout, StoreError> {
+        self.write(|database| {
+            let row = database.first("SELECT coalesce(max(id), 0) + 1 FROM rollouts", &[])?;
+            let id = row.map_or(Ok(1), |row| row.count(0))?;
+            let rollout = make(id);
+            for other in open(database)? {
+                let shared = (rollout.turns.iter())
+                    .find(|turn| other.turns.iter().any(|one| one.machine == turn.machine));
+                if let Some(turn) = shared {
+                    return Err(StoreError::Rollout {
+                        machine: turn.machine.to_string(),
+                        rollout: other.id,
+                    });
+                }
+            }
+            database.execute(
+                "INSERT INTO rollouts (id, state, finished) VALUES (?1, ?2, ?3)",
+                &[
+                    id.into(),
+                    serde_json::to_string(&rollout)?.into(),
+                    rollout.phase.is_over().into(),
+                ],
+            )?;
+            audit::append(
+                database,
+                &rollout.by,
+                "rollout.start",
+                &id.to_string(),
+                json!({ "model": rollout.model, "machines": rollout.turns.len(), "rules": rollout.rules }),
+            )?;
+            Ok(rollout)
+        })
+    }
+
+    /// A roll-out.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn rollout(&self, id: u64) -> Result<Option<Rollout>, StoreError> {
+        self.read(|database| {
+            let row = database.first("SELECT state FROM rollouts WHERE id = ?1", &[id.into()])?;
+            row.map(|row| row.json(0)).transpose()
+        })
+    }
+
+    /// The last `count` roll-outs, the newest first.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn rollouts(&self, count: u32) -> Result<Vec<Rollout>, StoreError> {
+        self.read(|database| {
+            let rows = database.rows(
+                "SELECT state FROM rollouts ORDER BY id DESC LIMIT ?1",
+                &[count.into()],
+            )?;
+            rows.iter().map(|row| row.json(0)).collect()
+        })
+    }
+
+    /// The numbers of the roll-outs that are not over.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn open_rollouts(&self) -> Result<Vec<u64>, StoreError> {
+        self.read(|database| {
+            let rows = database.rows(
+                "SELECT id FROM rollouts WHERE finished = 0 ORDER BY id",
+                &[],
+            )?;
+            rows.iter().map(|row| row.count(0)).collect()
+        })
+    }
+
+    /// Writes down what a person wishes of a roll-out; the running centre takes it up within a second. A wish before it that
+    /// was not taken up yet is replaced.
+    ///
+    /// # Errors
+    /// The database refuses, or there is no such roll-out.
+    pub fn wish(&self, id: u64, wish: &Wish, by: &str) -> Result<(), StoreError> {
+        self.write(|database| {
+            let text = serde_json::to_string(&(wish, by))?;
+            let found = database.execute(
+                "UPDATE rollouts SET wish = ?2 WHERE id = ?1",
+                &[id.into(), text.into()],
+            )?;
+            if found == 0 {
+                return Err(StoreError::Missing {
+                    what: "roll-out",
+                    name: id.to_string(),
+                });
+            }
+            audit::append(database, by, "rollout.wish", &id.to_string(), json!(wish))
+        })
+    }
+}
+
+fn open(database: &mut dyn Database) -> Result<Vec<Rollout>, StoreError> {
+    let rows = database.rows("SELECT state FROM rollouts WHERE finished = 0", &[])?;
+    rows.iter().map(|row| row.json(0)).collect()
+}
+
+/// A roll-out with the wish that waits, which is taken.
+pub(crate) fn take(
+    database: &mut dyn Database,
+    id: u64,
+) -> Result<Option<(Rollout, Option<(Wish, String)>)>, StoreError> {
+    let row = database.first(
+        "SELECT state, wish FROM rollouts WHERE id = ?1",
+        &[id.into()],
+    )?;
+    let Some(row) = row else { return Ok(None) };
+    let wish = row.optional(1, |row, column| row.json(column))?;
+    if wish.is_some() {
+        database.execute(
+            "UPDATE rollouts SET wish = NULL WHERE id = ?1",
+            &[id.into()],
+        )?;
+    }
+    Ok(Some((row.json(0)?, wish)))
+}
+
+/// Stores where a roll-out stands. A change of its phase is written into the audit log.
+pub(crate) fn save(
+    database: &mut dyn Database,
+    rollout: &Rollout,
+    before: &Phase,
+) -> Result<(), StoreError> {
+    database.execute(
+        "UPDATE rollouts SET state = ?2, finished = ?3 WHERE id = ?1",
+        &[
+            rollout.id.into(),
+            serde_json::to_string(rollout)?.into(),
+            rollout.phase.is_over().into(),
+        ],
+    )?;
+    if *before != rollout.phase {
+        audit::append(
+            database,
+            "centre",
+            "rollout.phase",
+            &rollout.id.to_string(),
+            json!(rollout.phase),
+        )?;
+    }
+    Ok(())
+}

@@ -1,0 +1,79 @@
+//! The tables, in the SQL that SQLite and PostgreSQL have in common. Truth values are 0 and 1, documents are JSON in a text.
+
+use super::{StoreError, database::Database};
+
+/// Each step is one list of statements; a database knows how many of the steps it has. Steps are only ever added.
+const STEPS: &[&[&str]] = &[&[
+    "CREATE TABLE machines (machine TEXT PRIMARY KEY, site TEXT NOT NULL, document TEXT NOT NULL)",
+    // The text of a machine file, once.
+    "CREATE TABLE models (sha256 TEXT PRIMARY KEY, document TEXT NOT NULL, text TEXT NOT NULL)",
+    // What was issued, and what became of it.
+    "CREATE TABLE versions (machine TEXT NOT NULL, version BIGINT NOT NULL, model TEXT NOT NULL, rollout BIGINT,
+        value_sha256 TEXT NOT NULL, document TEXT NOT NULL, PRIMARY KEY (machine, version))",
+    // The newest signed value of each machine: what stands under its key.
+    "CREATE TABLE desired (machine TEXT PRIMARY KEY, version BIGINT NOT NULL, model TEXT NOT NULL, value TEXT NOT NULL)",
+    "CREATE TABLE rollouts (id BIGINT PRIMARY KEY, state TEXT NOT NULL, wish TEXT, finished BIGINT NOT NULL)",
+    "CREATE TABLE acknowledgements (machine TEXT NOT NULL, at_s DOUBLE PRECISION NOT NULL, version BIGINT NOT NULL,
+        document TEXT NOT NULL)",
+    "CREATE INDEX acknowledgements_of ON acknowledgements (machine, at_s)",
+    // Audit records of machines, for ever.
+    "CREATE TABLE records (machine TEXT NOT NULL, at_s DOUBLE PRECISION NOT NULL, document TEXT NOT NULL)",
+    "CREATE INDEX records_of ON records (machine, at_s)",
+    // Gateways that were heard: which of their messages are stored, as intervals.
+    "CREATE TABLE instances (machine TEXT NOT NULL, instance TEXT NOT NULL, first_s DOUBLE PRECISION NOT NULL,
+        document TEXT NOT NULL, PRIMARY KEY (machine, instance))",
+    // The last of each machine.
+    "CREATE TABLE live (machine TEXT PRIMARY KEY, document TEXT NOT NULL)",
+    // Conditions as they came, until their minute is closed: then in `raw`, a row for each machine and minute.
+    "CREATE TABLE recent (machine TEXT NOT NULL, at_s DOUBLE PRECISION NOT NULL, document TEXT NOT NULL)",
+    "CREATE INDEX recent_at ON recent (at_s)",
+    "CREATE TABLE raw (machine TEXT NOT NULL, minute BIGINT NOT NULL, document TEXT NOT NULL,
+        PRIMARY KEY (machine, minute))",
+    "CREATE TABLE minutes (machine TEXT NOT NULL, minute BIGINT NOT NULL, document TEXT NOT NULL,
+        PRIMARY KEY (machine, minute))",
+    "CREATE TABLE hours (machine TEXT NOT NULL, hour BIGINT NOT NULL, document TEXT NOT NULL,
+        PRIMARY KEY (machine, hour))",
+    // `hourly`: the first of its hour, which is kept longer.
+    "CREATE TABLE telemetry (machine TEXT NOT NULL, at_s DOUBLE PRECISION NOT NULL, hourly BIGINT NOT NULL,
+        document TEXT NOT NULL)",
+    "CREATE INDEX telemetry_of ON telemetry (machine, at_s)",
+    "CREATE TABLE alarms (id BIGINT PRIMARY KEY, machine TEXT, kind TEXT NOT NULL, text TEXT NOT NULL,
+        since_s DOUBLE PRECISION NOT NULL, until_s DOUBLE PRECISION, seen_by TEXT)",
+    "CREATE INDEX alarms_open ON alarms (until_s, machine)",
+    "CREATE TABLE audit (number BIGINT PRIMARY KEY, document TEXT NOT NULL)",
+    // People.
+    "CREATE TABLE users (name TEXT PRIMARY KEY, role TEXT NOT NULL, password TEXT NOT NULL, disabled BIGINT NOT NULL,
+        document TEXT NOT NULL)",
+    "CREATE TABLE sessions (token_sha256 TEXT PRIMARY KEY, name TEXT NOT NULL, since_s DOUBLE PRECISION NOT NULL,
+        until_s DOUBLE PRECISION NOT NULL, document TEXT NOT NULL)",
+]];
+
+/// Brings a database to the newest schema.
+pub(super) fn bring_up(database: &mut dyn Database) -> Result<(), StoreError> {
+    database.execute(
+        "CREATE TABLE IF NOT EXISTS schema (steps BIGINT NOT NULL)",
+        &[],
+    )?;
+    database.transaction(|database| {
+        let row = database.first("SELECT steps FROM schema", &[])?;
+        let done = row.map_or(Ok(0), |row| row.count(0))?;
+        let steps = STEPS.len() as u64;
+        if done > steps {
+            return Err(StoreError::Newer {
+                found: done,
+                known: steps,
+            });
+        }
+        for step in STEPS
+            .iter()
+            .skip(usize::try_from(done).unwrap_or(usize::MAX))
+        {
+            for statement in *step {
+                database.execute(statement, &[])?;
+            }
+        }
+        database.execute("DELETE FROM schema", &[])?;
+        database.execute("INSERT INTO schema (steps) VALUES (?1)", &[steps.into()])?;
+        Ok(())
+    })
+}

@@ -1,0 +1,82 @@
+//! SQLite: one file beside the centre.
+
+use std::{path::Path, time::Duration};
+
+use rusqlite::{
+    Connection,
+    types::{ToSqlOutput, ValueRef},
+};
+
+use super::{
+    StoreError,
+    database::{Database, Row, Value},
+};
+
+/// Another program (the command line) may hold the file so long.
+const BUSY: Duration = Duration::from_secs(30);
+/// Statements that are kept ready.
+const READY: usize = 128;
+
+/// A connection to a file.
+pub(crate) struct Sqlite(Connection);
+
+impl Sqlite {
+    /// Opens the file, and makes it where it is not there.
+    pub(crate) fn open(path: &Path) -> Result<Self, StoreError> {
+        let connection = Connection::open(path)?;
+        connection.busy_timeout(BUSY)?;
+        connection.set_prepared_statement_cache_capacity(READY);
+        // What was acknowledged to the server must outlive a power failure: every commit is on disk when it returns.
+        connection.execute_batch(
+            "PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA foreign_keys = ON; PRAGMA cache_size = -65536;",
+        )?;
+        Ok(Self(connection))
+    }
+}
+
+impl rusqlite::ToSql for Value {
+    fn to_sql(&self) -> rusqlite::Result<ToSqlOutput<'_>> {
+        Ok(ToSqlOutput::Borrowed(match self {
+            Self::Null => ValueRef::Null,
+            Self::Int(value) => ValueRef::Integer(*value),
+            Self::Real(value) => ValueRef::Real(*value),
+            Self::Text(value) => ValueRef::Text(value.as_bytes()),
+        }))
+    }
+}
+
+impl Database for Sqlite {
+    fn execute(&mut self, sql: &str, parameters: &[Value]) -> Result<u64, StoreError> {
+        // Deferred transactions that read first and write then would find the file held by another.
+        let sql = if sql == "BEGIN" {
+            "BEGIN IMMEDIATE"
+        } else {
+            sql
+        };
+        let mut statement = self.0.prepare_cached(sql)?;
+        Ok(statement.execute(rusqlite::params_from_iter(parameters))? as u64)
+    }
+
+    fn rows(&mut self, sql: &str, parameters: &[Value]) -> Result<Vec<Row>, StoreError> {
+        let mut statement = self.0.prepare_cached(sql)?;
+        let columns = statement.column_count();
+        let mut rows = statement.query(rusqlite::params_from_iter(parameters))?;
+        let mut found = Vec::new();
+        while let Some(row) = rows.next()? {
+            let values: Result<Vec<Value>, StoreError> = (0..columns)
+                .map(|column| {
+                    Ok(match row.get_ref(column)? {
+                        ValueRef::Null => Value::Null,
+                        ValueRef::Integer(value) => Value::Int(value),
+                        ValueRef::Real(value) => Value::Real(value),
+                        ValueRef::Text(value) | ValueRef::Blob(value) => {
+                            Value::Text(String::from_utf8_lossy(value).into_owned())
+                        }
+                    })
+                })
+                .collect();
+            found.push(Row(values?));
+        }
+        Ok(found)
+    }
+}
