@@ -4,7 +4,10 @@
 //! State: the gateways of each machine, and the last of each machine. It is what the store holds: where a transaction fails,
 //! nothing of it has happened here either.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    time::Instant,
+};
 
 use serde::de::DeserializeOwned;
 use volcomp_fleet::{Acknowledgement, Condition, Envelope, Kind, MachineId, Received};
@@ -26,6 +29,8 @@ pub struct Heard {
     pub instances: Instances,
     /// What happened since the last look.
     pub since: Since,
+    /// When a message was taken last, by a clock that does not jump; `None`: not since the start of the program.
+    pub taken: Option<Instant>,
 }
 
 /// What was heard since the last look.
@@ -55,9 +60,9 @@ pub struct Taken {
 }
 
 /// Takes what machines say.
-#[derive(Default)]
 pub struct Ingest {
     machines: BTreeMap<MachineId, Heard>,
+    start: Instant,
 }
 
 impl Ingest {
@@ -75,7 +80,10 @@ impl Ingest {
             let heard = machines.entry(machine).or_default();
             heard.instances.each.push(instance);
         }
-        Ok(Self { machines })
+        Ok(Self {
+            machines,
+            start: Instant::now(),
+        })
     }
 
     /// Stores a batch: when this returns, all of it is on disk, or none of it.
@@ -125,17 +133,26 @@ impl Ingest {
         self.machines.iter()
     }
 
+    /// A machine that was heard.
+    pub fn machine(&self, machine: &MachineId) -> Option<&Heard> {
+        self.machines.get(machine)
+    }
+
+    /// For how long a machine was not heard, s; before it was heard, since the start of the program.
+    pub fn quiet_s(&self, machine: &MachineId) -> f64 {
+        let taken = self.machines.get(machine).and_then(|heard| heard.taken);
+        taken.unwrap_or(self.start).elapsed().as_secs_f64()
+    }
+
     /// What a roll-out sees of each machine, and what happened since the last look, which begins anew. A machine counts as
-    /// heard where its last message is no older than `fresh_s`.
-    pub fn look(&mut self, now_s: f64, fresh_s: f64) -> BTreeMap<MachineId, (Seen, Since)> {
+    /// heard where its last message came within `fresh_s`.
+    pub fn look(&mut self, fresh_s: f64) -> BTreeMap<MachineId, (Seen, Since)> {
         let look = |(machine, heard): (&MachineId, &mut Heard)| {
             let since = std::mem::take(&mut heard.since);
-            let live = heard.live.as_ref();
-            let fresh = live.is_some_and(|live| now_s - live.heard_s <= fresh_s);
             let (sum, count) = since.residual;
             let seen = Seen {
-                heard: since.conditions > 0 || fresh,
-                version: live.map_or(0, |live| live.version),
+                heard: (heard.taken).is_some_and(|at| at.elapsed().as_secs_f64() <= fresh_s),
+                version: heard.live.as_ref().map_or(0, |live| live.version),
                 faulted: since.faulted.clone(),
                 residual_um: (count > 0).then(|| sum / count as f64),
             };
@@ -201,6 +218,7 @@ fn one(
         lost: 0,
     });
     live.heard_s = live.heard_s.max(message.stored_s);
+    heard.taken = Some(Instant::now());
     match body {
         Body::Condition(envelope) => {
             let condition = envelope.body;

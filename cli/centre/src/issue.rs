@@ -144,5 +144,5 @@ pub fn reissue(
         rollout: None,
         by,
     };
-    store.write(|database| issue(database, key, &order))
+    store.write_or(|database| issue(database, key, &order))
 }

@@ -1,6 +1,10 @@
 #![doc = include_str!("../README.md")]
 
 pub mod clock;
+pub mod command;
+pub mod config;
+pub mod drift;
+pub mod engine;
 pub mod ingest;
 pub mod instance;
 pub mod intervals;

@@ -1,3 +1,16 @@
 //! The `volcomp-centre` command: the control centre of many machine tools.
 
-fn main() {}
+use std::process::ExitCode;
+
+use clap::Parser;
+use volcomp_centre::command::Arguments;
+
+fn main() -> ExitCode {
+    match Arguments::parse().act() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::from(error.status())
+        }
+    }
+}

@@ -47,7 +47,7 @@ impl From<CalibrateError> for NoModel {
 }
 
 /// A model and its text, to be stored.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct NewModel {
     /// What is known of it.
     pub model: Model,

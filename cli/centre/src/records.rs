@@ -67,7 +67,7 @@ pub enum Origin {
 }
 
 /// A model: the text of a machine file, stored once under its checksum.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Model {
     /// SHA-256 of its text, 64 hexadecimal digits.
     pub sha256: String,

@@ -352,6 +352,12 @@ impl Rollout {
         self.next()
     }
 
+    /// Whether a machine has been sent nothing yet.
+    pub fn is_waiting(&self, machine: &MachineId) -> bool {
+        let mut turns = self.turns.iter();
+        turns.any(|turn| turn.machine == *machine && turn.step == Step::Waiting)
+    }
+
     fn turn(&mut self, machine: &MachineId) -> Option<&mut Turn> {
         self.turns.iter_mut().find(|turn| turn.machine == *machine)
     }

@@ -66,6 +66,7 @@ type Messages = ReadyChunks<BoxStream<'static, Result<Message, LinkError>>>;
 pub struct Collection {
     context: Context,
     stream: String,
+    again_after: Duration,
     messages: Option<Messages>,
 }
 
@@ -74,8 +75,16 @@ impl Collection {
         Self {
             context,
             stream,
+            again_after: AGAIN_AFTER,
             messages: None,
         }
+    }
+
+    /// The same, where what is not acknowledged comes again after this time; without it after 30 s.
+    #[must_use]
+    pub fn again_after(mut self, time: Duration) -> Self {
+        self.again_after = time;
+        self
     }
 
     /// The name of the stream.
@@ -90,7 +99,7 @@ impl Collection {
     pub async fn next(&mut self) -> Result<Batch, LinkError> {
         let next = match self.messages.take() {
             Some(messages) => Ok(messages),
-            None => self.begin().await,
+            None => begin(&self.context, &self.stream, self.again_after).await,
         };
         let mut messages = match next {
             Ok(messages) => messages,
@@ -135,37 +144,40 @@ impl Collection {
             }
         }
     }
+}
 
-    async fn begin(&self) -> Result<Messages, LinkError> {
-        let consumer = self
-            .context
-            .create_consumer_on_stream(
-                pull::Config {
-                    durable_name: Some(CONSUMER.to_owned()),
-                    ack_policy: AckPolicy::Explicit,
-                    ack_wait: AGAIN_AFTER,
-                    deliver_policy: DeliverPolicy::All,
-                    max_ack_pending: UNDER_WAY,
-                    max_deliver: -1,
-                    ..Default::default()
-                },
-                &self.stream,
-            )
-            .await
-            .map_err(|e| failed("a consumer")(e.into()))?;
-        let messages = consumer
-            .stream()
-            .max_messages_per_batch(BATCH)
-            .heartbeat(Duration::from_secs(5))
-            .expires(Duration::from_secs(30))
-            .messages()
-            .await
-            .map_err(|e| failed("collecting")(e.into()))?;
-        Ok(messages
-            .map(|message| message.map_err(|e| failed("collecting")(e.into())))
-            .boxed()
-            .ready_chunks(BATCH))
-    }
+async fn begin(
+    context: &Context,
+    stream: &str,
+    again_after: Duration,
+) -> Result<Messages, LinkError> {
+    let consumer = context
+        .create_consumer_on_stream(
+            pull::Config {
+                durable_name: Some(CONSUMER.to_owned()),
+                ack_policy: AckPolicy::Explicit,
+                ack_wait: again_after,
+                deliver_policy: DeliverPolicy::All,
+                max_ack_pending: UNDER_WAY,
+                max_deliver: -1,
+                ..Default::default()
+            },
+            stream,
+        )
+        .await
+        .map_err(|e| failed("a consumer")(e.into()))?;
+    let messages = consumer
+        .stream()
+        .max_messages_per_batch(BATCH)
+        .heartbeat(Duration::from_secs(5))
+        .expires(Duration::from_secs(30))
+        .messages()
+        .await
+        .map_err(|e| failed("collecting")(e.into()))?;
+    Ok(messages
+        .map(|message| message.map_err(|e| failed("collecting")(e.into())))
+        .boxed()
+        .ready_chunks(BATCH))
 }
 
 fn received(message: &Message) -> Option<Received> {

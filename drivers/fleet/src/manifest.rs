@@ -139,8 +139,12 @@ impl Desired {
         Ok(serde_json::to_vec(self)?)
     }
 
-    /// Whether the signature is that of the key which the document names, and which key that is.
-    pub(crate) fn signer(&self) -> Result<Option<VerifyingKey>, NotADesired> {
+    /// The key that has signed the manifest; `None`: the signature does not fit. Whether the key is trusted is another
+    /// question.
+    ///
+    /// # Errors
+    /// The key or the signature is no base64 of its length.
+    pub fn signer(&self) -> Result<Option<VerifyingKey>, NotADesired> {
         let key: [u8; 32] = decode(&self.key, "key", 32)?;
         let signature: [u8; 64] = decode(&self.signature, "signature", 64)?;
         let signature = ed25519_dalek::Signature::from_bytes(&signature);

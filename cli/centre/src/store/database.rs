@@ -144,23 +144,21 @@ impl dyn Database + '_ {
     pub fn first(&mut self, sql: &str, parameters: &[Value]) -> Result<Option<Row>, StoreError> {
         Ok(self.rows(sql, parameters)?.into_iter().next())
     }
+}
 
-    /// Does several things as one: all of them, or nothing.
-    ///
-    /// # Errors
-    /// What the work says, or the database refuses.
-    pub fn transaction<T, E: From<StoreError>>(
-        &mut self,
-        work: impl FnOnce(&mut Self) -> Result<T, E>,
-    ) -> Result<T, E> {
-        self.execute("BEGIN", &[])?;
-        match work(self).and_then(|done| Ok(self.execute("COMMIT", &[]).map(|_| done)?)) {
-            Ok(done) => Ok(done),
-            Err(error) => {
-                // It may be gone already: the first reason is the one to be told.
-                let _ = self.execute("ROLLBACK", &[]);
-                Err(error)
-            }
-        }
+/// Does several things as one: all of them, or nothing.
+pub(super) fn transaction<T, E: From<StoreError>>(
+    database: &mut dyn Database,
+    work: impl FnOnce(&mut dyn Database) -> Result<T, E>,
+) -> Result<T, E> {
+    database.execute("BEGIN", &[])?;
+    let done = work(database).and_then(|done| {
+        database.execute("COMMIT", &[])?;
+        Ok(done)
+    });
+    if done.is_err() {
+        // It may be gone already: the first reason is the one to be told.
+        let _ = database.execute("ROLLBACK", &[]);
     }
+    done
 }

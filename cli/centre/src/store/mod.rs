@@ -10,6 +10,8 @@ mod history;
 pub(crate) mod ingest;
 mod machines;
 pub(crate) mod models;
+#[cfg(feature = "postgres")]
+mod postgres;
 pub(crate) mod rollouts;
 mod schema;
 mod sqlite;
@@ -30,6 +32,10 @@ pub enum StoreError {
     /// SQLite refuses.
     #[error("the database: {0}")]
     Sqlite(#[from] rusqlite::Error),
+    /// PostgreSQL refuses.
+    #[cfg(feature = "postgres")]
+    #[error("the database: {0}")]
+    Postgres(#[from] ::postgres::Error),
     /// A document in the database is none of ours.
     #[error("a document in the database: {0}")]
     Document(#[from] serde_json::Error),
@@ -93,6 +99,31 @@ impl Store {
         })
     }
 
+    /// Opens a PostgreSQL database, and makes its tables where they are not there. Not to be called from a thread of an
+    /// asynchronous runtime.
+    ///
+    /// # Errors
+    /// The database is not reached, or is of a newer program.
+    #[cfg(feature = "postgres")]
+    pub fn open_postgres(place: &str) -> Result<Self, StoreError> {
+        let mut writer: Box<dyn Database> = Box::new(postgres::Postgres::open(place)?);
+        schema::bring_up(writer.as_mut())?;
+        Ok(Self {
+            writer: Mutex::new(writer),
+            reader: Mutex::new(Box::new(postgres::Postgres::open(place)?)),
+        })
+    }
+
+    /// Lets a SQLite file grow to so many pages and no further, as a full disk does: for tests.
+    ///
+    /// # Errors
+    /// The database refuses.
+    #[doc(hidden)]
+    pub fn limit_pages(&self, pages: u32) -> Result<(), StoreError> {
+        let sql = format!("PRAGMA max_page_count = {pages}");
+        lock(&self.writer).rows(&sql, &[]).map(|_| ())
+    }
+
     /// Reads.
     pub(crate) fn read<T>(
         &self,
@@ -102,11 +133,19 @@ impl Store {
     }
 
     /// Writes, all of it or nothing.
-    pub(crate) fn write<T, E: From<StoreError>>(
+    pub(crate) fn write<T>(
+        &self,
+        work: impl FnOnce(&mut dyn Database) -> Result<T, StoreError>,
+    ) -> Result<T, StoreError> {
+        self.write_or(work)
+    }
+
+    /// The same for work that may fail in ways of its own.
+    pub(crate) fn write_or<T, E: From<StoreError>>(
         &self,
         work: impl FnOnce(&mut dyn Database) -> Result<T, E>,
     ) -> Result<T, E> {
-        lock(&self.writer).as_mut().transaction(work)
+        database::transaction(lock(&self.writer).as_mut(), work)
     }
 }
 

@@ -116,6 +116,19 @@ impl Store {
         })
     }
 
+    /// The number of the newest version of every machine.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn newest_issued(&self) -> Result<Vec<(MachineId, u64)>, StoreError> {
+        self.read(|database| {
+            let rows = database.rows("SELECT machine, version FROM desired", &[])?;
+            rows.iter()
+                .map(|row| Ok((machine(row, 0)?, row.count(1)?)))
+                .collect()
+        })
+    }
+
     /// The newest version of every machine, with what became of it.
     ///
     /// # Errors

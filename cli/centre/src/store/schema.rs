@@ -1,6 +1,9 @@
 //! The tables, in the SQL that SQLite and PostgreSQL have in common. Truth values are 0 and 1, documents are JSON in a text.
 
-use super::{StoreError, database::Database};
+use super::{
+    StoreError,
+    database::{Database, transaction},
+};
 
 /// Each step is one list of statements; a database knows how many of the steps it has. Steps are only ever added.
 const STEPS: &[&[&str]] = &[&[
@@ -54,7 +57,7 @@ pub(super) fn bring_up(database: &mut dyn Database) -> Result<(), StoreError> {
         "CREATE TABLE IF NOT EXISTS schema (steps BIGINT NOT NULL)",
         &[],
     )?;
-    database.transaction(|database| {
+    transaction(database, |database| {
         let row = database.first("SELECT steps FROM schema", &[])?;
         let done = row.map_or(Ok(0), |row| row.count(0))?;
         let steps = STEPS.len() as u64;

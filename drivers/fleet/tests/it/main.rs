@@ -9,6 +9,7 @@
 mod acceptance;
 mod bench;
 mod fuzz_corpus;
+mod hub;
 mod permissions;
 mod server_2_9;
 mod spool;

@@ -1,0 +1,57 @@
+//! Why a command was not done.
+
+use crate::{
+    config::ConfigError, engine::EngineError, issue::NotIssued, keys::KeyError, models::NoModel,
+    store::StoreError,
+};
+
+/// Why a command was not done.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CommandError {
+    /// The configuration is wrong.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// A key or a secret.
+    #[error(transparent)]
+    Key(#[from] KeyError),
+    /// A model.
+    #[error(transparent)]
+    Model(#[from] NoModel),
+    /// What was asked for makes no sense.
+    #[error("{0}")]
+    Wrong(String),
+    /// The server's configuration cannot be written.
+    #[error(transparent)]
+    Server(#[from] volcomp_fleet::NoConfiguration),
+    /// The store.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The engine does not start.
+    #[error(transparent)]
+    Engine(#[from] EngineError),
+    /// Nothing was issued.
+    #[error(transparent)]
+    Issue(#[from] NotIssued),
+    /// The operating system.
+    #[error(transparent)]
+    Io(#[from] std::io::Error),
+    /// Something was found that a person must look at; it has been printed.
+    #[error("{0}")]
+    Found(String),
+}
+
+impl CommandError {
+    /// The exit status: 2 where the configuration or the call is wrong, 1 where the work failed.
+    pub fn status(&self) -> u8 {
+        match self {
+            Self::Config(_)
+            | Self::Key(_)
+            | Self::Model(_)
+            | Self::Wrong(_)
+            | Self::Server(_)
+            | Self::Store(StoreError::Missing { .. } | StoreError::Rollout { .. }) => 2,
+            Self::Store(_) | Self::Engine(_) | Self::Issue(_) | Self::Io(_) | Self::Found(_) => 1,
+        }
+    }
+}

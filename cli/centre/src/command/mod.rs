@@ -1,0 +1,129 @@
+//! The command line: what `volcomp-centre` is asked, and what it does.
+
+mod arguments;
+mod error;
+mod machines;
+mod models;
+mod rollouts;
+mod run;
+mod server;
+mod text;
+
+pub use arguments::Arguments;
+pub use error::CommandError;
+
+use std::{io::Write, path::Path, sync::Arc};
+
+use crate::{
+    config::{Config, StorePlace},
+    keys::Key,
+    store::Store,
+};
+
+use self::arguments::{Command, KeyCommand, MachineCommand, ModelCommand, RolloutCommand};
+
+impl Arguments {
+    /// Does what is asked.
+    ///
+    /// # Errors
+    /// Why it was not done.
+    pub fn act(self) -> Result<(), CommandError> {
+        let config = || Config::read(&self.config).map_err(CommandError::from);
+        let by = self.by.clone().unwrap_or_else(who);
+        match self.command {
+            Command::Run { log } => run::run(&config()?, log),
+            Command::Check => run::check(&config()?),
+            Command::NatsConfig => server::nats_config(&config()?),
+            Command::Audit { count } => server::audit(&config()?, count),
+            Command::Alarms { all, json } => server::alarms(&config()?, all, json),
+            Command::Key(KeyCommand::New { name }) => server::new_key(&config()?, &name),
+            Command::Key(KeyCommand::List) => server::list_keys(&config()?),
+            Command::Key(KeyCommand::Nkey { file }) => server::new_nkey(&file),
+            Command::Machine(MachineCommand::Add(add)) => machines::add(&config()?, *add, &by),
+            Command::Machine(MachineCommand::List { json }) => machines::list(&config()?, json),
+            Command::Machine(MachineCommand::Remove { machine }) => {
+                machines::remove(&config()?, &machine, &by)
+            }
+            Command::Machine(MachineCommand::Enable { machine }) => {
+                machines::enable(&config()?, &machine, true, &by)
+            }
+            Command::Machine(MachineCommand::Disable { machine }) => {
+                machines::enable(&config()?, &machine, false, &by)
+            }
+            Command::Model(ModelCommand::Add(add)) => models::add(&config()?, &add, &by),
+            Command::Model(ModelCommand::List { json }) => models::list(&config()?, json),
+            Command::Model(ModelCommand::Diff { one, other }) => {
+                models::diff(&config()?, &one, &other)
+            }
+            Command::Model(ModelCommand::Drift { machine }) => models::drift(&config()?, &machine),
+            Command::Rollout(RolloutCommand::Start(start)) => {
+                rollouts::start(&config()?, &start, &by)
+            }
+            Command::Rollout(RolloutCommand::Status { id, json }) => {
+                rollouts::status(&config()?, id, json)
+            }
+            Command::Rollout(RolloutCommand::Wish(wish)) => rollouts::wish(&config()?, wish, &by),
+        }
+    }
+}
+
+/// Who calls, as far as the environment tells.
+fn who() -> String {
+    let named = ["SUDO_USER", "USER", "LOGNAME"].iter();
+    let mut named = named.filter_map(|key| std::env::var(key).ok());
+    named
+        .find(|name| !name.is_empty())
+        .unwrap_or_else(|| "command line".to_owned())
+}
+
+/// Opens the store of a configuration.
+///
+/// # Errors
+/// It cannot be opened.
+pub fn open(config: &Config) -> Result<Arc<Store>, CommandError> {
+    let store = match &config.store {
+        StorePlace::File(file) => Store::open(file),
+        #[cfg(feature = "postgres")]
+        StorePlace::Postgres(place) => Store::open_postgres(place),
+        #[cfg(not(feature = "postgres"))]
+        StorePlace::Postgres(_) => {
+            return Err(CommandError::Wrong(
+                "this program was built without PostgreSQL".to_owned(),
+            ));
+        }
+    };
+    Ok(Arc::new(store?))
+}
+
+/// The key that signs.
+///
+/// # Errors
+/// There is none, or others can read it.
+pub fn signing_key(config: &Config) -> Result<Key, CommandError> {
+    Ok(Key::read(&config.keys.folder, &config.keys.sign_with)?)
+}
+
+/// Prints. A reader that has gone is no failure.
+fn print(text: &str) -> Result<(), CommandError> {
+    match std::io::stdout().lock().write_all(text.as_bytes()) {
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => Err(e.into()),
+        _ => Ok(()),
+    }
+}
+
+/// Prints a document.
+fn print_json<T: serde::Serialize>(document: &T) -> Result<(), CommandError> {
+    let text = serde_json::to_string_pretty(document).map_err(std::io::Error::from)?;
+    print(&format!("{text}\n"))
+}
+
+/// A name of a machine, as somebody has typed it.
+fn machine_named(text: &str) -> Result<volcomp_fleet::MachineId, CommandError> {
+    text.parse()
+        .map_err(|e| CommandError::Wrong(format!("the name of a machine: {e}")))
+}
+
+/// A file of an option, as people read it.
+fn shown(path: &Path) -> String {
+    path.display().to_string()
+}

@@ -1,0 +1,94 @@
+//! Models on the command line.
+
+use super::{CommandError, arguments::AddModel, machine_named, open, print, print_json, text};
+use crate::{
+    config::Config,
+    drift,
+    models::{Line, NewModel, compare},
+    records::Model,
+    store::Store,
+};
+
+pub(super) fn add(config: &Config, add: &AddModel, by: &str) -> Result<(), CommandError> {
+    let mut new = match (&add.file, &add.calibration) {
+        (Some(file), _) => NewModel::of_file(file, by)?,
+        (None, Some(path)) => NewModel::of_calibration(path, by)?,
+        (None, None) => {
+            return Err(CommandError::Wrong(
+                "found neither a machine file nor a calibration, expected one of them".to_owned(),
+            ));
+        }
+    };
+    if let Some(day) = &add.measured {
+        if drift::date_s(day).is_none() {
+            return Err(CommandError::Wrong(format!(
+                "--measured: found {day:?}, expected a day such as 2026-11-25"
+            )));
+        }
+        new.model.measured.clone_from(day);
+    }
+    let is_new = open(config)?.add_model(&new.model, &new.text)?;
+    let mut said = String::new();
+    for note in &new.model.notes {
+        said.push_str(&format!("note: {note}\n"));
+    }
+    let there = if is_new {
+        ""
+    } else {
+        " (it was there already)"
+    };
+    said.push_str(&format!("{} {}{there}\n", new.model.sha256, new.model.name));
+    print(&said)
+}
+
+pub(super) fn list(config: &Config, json: bool) -> Result<(), CommandError> {
+    let models = open(config)?.models()?;
+    if json {
+        print_json(&models)
+    } else {
+        print(&text::models(&models))
+    }
+}
+
+/// The model whose checksum begins so.
+pub(super) fn named(store: &Store, beginning: &str) -> Result<(Model, String), CommandError> {
+    let wrong = || {
+        CommandError::Wrong(format!(
+            "the model: found {beginning:?}, expected the beginning of one checksum of `model list`"
+        ))
+    };
+    let model = store.model(beginning)?.ok_or_else(wrong)?;
+    let text = store.model_text(&model.sha256)?.ok_or_else(wrong)?;
+    Ok((model, text))
+}
+
+pub(super) fn diff(config: &Config, one: &str, other: &str) -> Result<(), CommandError> {
+    let store = open(config)?;
+    let (_, one) = named(&store, one)?;
+    let (_, other) = named(&store, other)?;
+    let mut said = String::new();
+    for line in compare(&one, &other)? {
+        match line {
+            Line::Same(_) => {}
+            Line::Out(text) => said.push_str(&format!("- {text}\n")),
+            Line::In(text) => said.push_str(&format!("+ {text}\n")),
+        }
+    }
+    print(&said)
+}
+
+pub(super) fn drift(config: &Config, machine: &str) -> Result<(), CommandError> {
+    let store = open(config)?;
+    let name = machine_named(machine)?;
+    let mut stages = Vec::new();
+    for version in store.versions(&name)?.into_iter().rev() {
+        let (model, text) = named(&store, &version.model)?;
+        let seen = stages
+            .iter()
+            .any(|stage: &drift::Stage| stage.sha256 == model.sha256);
+        if !seen {
+            stages.push(drift::Stage::of(&model, &text)?);
+        }
+    }
+    print(&text::drift(&stages))
+}

@@ -1,0 +1,111 @@
+//! Roll-outs on the command line. The running centre moves them on.
+
+use volcomp_fleet::MachineId;
+
+use super::{
+    CommandError,
+    arguments::{StartRollout, WishCommand},
+    machine_named,
+    models::named,
+    open, print, print_json, text,
+};
+use crate::{
+    clock::now_s,
+    config::Config,
+    models::fits,
+    records::Machine,
+    rollout::{Rollout, Rules, Wish},
+    store::StoreError,
+};
+
+pub(super) fn start(config: &Config, start: &StartRollout, by: &str) -> Result<(), CommandError> {
+    let store = open(config)?;
+    let (model, _) = named(&store, &start.model)?;
+    let known = store.machines()?;
+    let chosen: Vec<&Machine> = if start.all {
+        known
+            .iter()
+            .filter(|one| fits(&model, one).is_ok())
+            .collect()
+    } else {
+        let mut chosen = Vec::new();
+        for name in &start.machine {
+            let name: MachineId = machine_named(name)?;
+            let mut known = known.iter();
+            let machine = known
+                .find(|machine| machine.identity.machine == name)
+                .ok_or_else(|| {
+                    CommandError::Wrong(format!("found no machine {name}: see `machine list`"))
+                })?;
+            fits(&model, machine)?;
+            chosen.push(machine);
+        }
+        chosen
+    };
+    if chosen.is_empty() {
+        return Err(CommandError::Wrong(format!(
+            "found no machine with the structure and the axes of the model {}",
+            model.name
+        )));
+    }
+    let mut machines: Vec<(MachineId, bool)> = Vec::new();
+    for machine in chosen {
+        let name = &machine.identity.machine;
+        if !machines.iter().any(|(known, _)| known == name) {
+            machines.push((name.clone(), machine.canary));
+        }
+    }
+    let rules = Rules {
+        soak_s: start.soak_s.unwrap_or(config.rollout.soak_s),
+        tolerate: start.tolerate.unwrap_or(config.rollout.tolerate),
+        ..config.rollout.clone()
+    };
+    if !(0.0..=1e7).contains(&rules.soak_s) {
+        return Err(CommandError::Wrong(format!(
+            "--soak-s: found {}, expected 0 to 10000000",
+            rules.soak_s
+        )));
+    }
+    let rollout = store.start_rollout(|id| {
+        let by = by.to_owned();
+        Rollout::new(id, model.sha256.clone(), &machines, rules, by, now_s())
+    })?;
+    print(&format!(
+        "roll-out {} of {} to {} machines is started; the running centre moves it on\n",
+        rollout.id,
+        model.name,
+        rollout.turns.len()
+    ))
+}
+
+pub(super) fn status(config: &Config, id: Option<u64>, json: bool) -> Result<(), CommandError> {
+    const LAST: u32 = 10;
+    let store = open(config)?;
+    let rollouts = match id {
+        Some(id) => vec![store.rollout(id)?.ok_or_else(|| StoreError::Missing {
+            what: "roll-out",
+            name: id.to_string(),
+        })?],
+        None => store.rollouts(LAST)?,
+    };
+    if json {
+        print_json(&rollouts)
+    } else {
+        print(&text::rollouts(&rollouts, id.is_some()))
+    }
+}
+
+pub(super) fn wish(config: &Config, wish: WishCommand, by: &str) -> Result<(), CommandError> {
+    let store = open(config)?;
+    let (id, wish) = match wish {
+        WishCommand::Pause { id } => (id, Wish::Pause),
+        WishCommand::Resume { id } => (id, Wish::Resume),
+        WishCommand::Stop { id } => (id, Wish::Abort),
+        WishCommand::Confirm { id, machine, hash } => {
+            let machine = machine_named(&machine)?;
+            (id, Wish::Confirm { machine, hash })
+        }
+    };
+    store.wish(id, &wish, by)?;
+    print("it is written down; the running centre takes it up\n")
+}

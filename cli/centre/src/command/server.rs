@@ -1,0 +1,109 @@
+//! Keys, the configuration of the server, the audit log, alarms.
+
+use std::path::Path;
+
+use nkeys::KeyPair;
+use volcomp_fleet::{MachineUser, ServerSettings};
+
+use super::{CommandError, open, print, print_json, text};
+use crate::{
+    config::Config,
+    keys::{Key, KeyError, read_secret, write_secret},
+};
+
+pub(super) fn new_key(config: &Config, name: &str) -> Result<(), CommandError> {
+    let key = Key::create(&config.keys.folder, name)?;
+    print(&format!("{} {}\n", key.name, key.public()))
+}
+
+pub(super) fn list_keys(config: &Config) -> Result<(), CommandError> {
+    let mut text = String::new();
+    for key in Key::all(&config.keys.folder)? {
+        let signs = if key.name == config.keys.sign_with {
+            " signs"
+        } else {
+            ""
+        };
+        text.push_str(&format!("{} {}{signs}\n", key.name, key.public()));
+    }
+    print(&text)
+}
+
+/// Draws an nkey, and writes its seed into a new file. Gives the public nkey.
+pub(super) fn draw_nkey(file: &Path) -> Result<String, CommandError> {
+    let pair = KeyPair::new_user();
+    let seed = pair.seed().map_err(|_| KeyError::Content {
+        file: file.to_owned(),
+        expected: "the seed of an nkey",
+    })?;
+    write_secret(file, &seed)?;
+    Ok(pair.public_key())
+}
+
+pub(super) fn new_nkey(file: &Path) -> Result<(), CommandError> {
+    print(&format!("{}\n", draw_nkey(file)?))
+}
+
+/// The seed of the nkey of the centre, with its public nkey.
+pub(super) fn centre_nkey(config: &Config) -> Result<(String, String), CommandError> {
+    let file = &config.nats.nkey_file;
+    let seed = read_secret(file)?.trim().to_owned();
+    let pair = KeyPair::from_seed(&seed).map_err(|_| KeyError::Content {
+        file: file.clone(),
+        expected: "the seed of the nkey of a user, SU and 56 letters and digits",
+    })?;
+    Ok((seed, pair.public_key()))
+}
+
+/// The settings of the server with every machine that has an nkey.
+pub(super) fn settings(config: &Config) -> Result<ServerSettings, CommandError> {
+    let (_, centre) = centre_nkey(config)?;
+    let machines = open(config)?.machines()?;
+    let server = &config.server;
+    Ok(ServerSettings {
+        name: server.name.clone(),
+        listen: server.listen.clone(),
+        store: server.store.clone(),
+        tls: server.tls.clone(),
+        cluster: server.cluster.clone(),
+        centres: vec![centre],
+        machines: (machines.into_iter())
+            .filter_map(|machine| {
+                Some(MachineUser {
+                    nkey: machine.nkey?,
+                    identity: machine.identity,
+                })
+            })
+            .collect(),
+    })
+}
+
+pub(super) fn nats_config(config: &Config) -> Result<(), CommandError> {
+    print(&settings(config)?.text()?)
+}
+
+pub(super) fn audit(config: &Config, count: u32) -> Result<(), CommandError> {
+    let store = open(config)?;
+    let records = store.audit_records(None, count)?;
+    print(&text::audit(&records))?;
+    match store.broken_audit()? {
+        None => Ok(()),
+        Some(number) => Err(CommandError::Found(format!(
+            "the audit log: record {number} does not follow from the one before: it, or one before it, was changed"
+        ))),
+    }
+}
+
+pub(super) fn alarms(config: &Config, all: bool, json: bool) -> Result<(), CommandError> {
+    let store = open(config)?;
+    let alarms = if all {
+        store.alarms(None, 1000)?
+    } else {
+        store.open_alarms()?
+    };
+    if json {
+        print_json(&alarms)
+    } else {
+        print(&text::alarms(&alarms))
+    }
+}

@@ -1,0 +1,214 @@
+//! What the command line prints for people.
+
+use std::collections::BTreeSet;
+
+use super::machines::Shown;
+use crate::{
+    drift::Stage,
+    records::{Alarm, AuditRecord, Model},
+    rollout::{Phase, Rollout, Step},
+};
+
+/// Columns, each as wide as its widest cell; the last as wide as it is.
+fn columns(rows: &[Vec<String>]) -> String {
+    let count = rows.iter().map(Vec::len).max().unwrap_or(0);
+    let width = |column: usize| {
+        let cells = rows.iter().filter_map(|row| row.get(column));
+        cells.map(|cell| cell.chars().count()).max().unwrap_or(0)
+    };
+    let widths: Vec<usize> = (0..count).map(width).collect();
+    let mut text = String::new();
+    for row in rows {
+        let cells: Vec<String> = (row.iter().zip(&widths))
+            .map(|(cell, width)| format!("{cell:<width$}"))
+            .collect();
+        text.push_str(cells.join("  ").trim_end());
+        text.push('\n');
+    }
+    text
+}
+
+fn row(cells: &[&str]) -> Vec<String> {
+    cells.iter().map(|cell| (*cell).to_owned()).collect()
+}
+
+/// The beginning of a checksum, long enough to be one.
+fn short(sha256: &str) -> &str {
+    sha256.get(..12).unwrap_or(sha256)
+}
+
+pub(super) fn machines(shown: &[Shown]) -> String {
+    let mut rows = vec![row(&[
+        "machine", "site", "state", "version", "model", "residual",
+    ])];
+    for one in shown {
+        let condition = one.live.as_ref().and_then(|live| live.condition.as_ref());
+        let state = condition.map_or("never heard", |condition| &condition.state);
+        let residual = condition.and_then(|condition| condition.residual_um);
+        let version = match (&one.live, &one.version) {
+            (Some(live), Some(version)) if live.version != version.version => {
+                format!("{} (shall {})", live.version, version.version)
+            }
+            (Some(live), _) => live.version.to_string(),
+            (None, Some(version)) => format!("- (shall {})", version.version),
+            (None, None) => "-".to_owned(),
+        };
+        let model = one
+            .version
+            .as_ref()
+            .map_or("-", |version| short(&version.model));
+        rows.push(row(&[
+            one.machine.identity.machine.as_str(),
+            one.machine.identity.site.as_str(),
+            state,
+            &version,
+            model,
+            &residual.map_or("-".to_owned(), |um| format!("{um:.1} µm")),
+        ]));
+    }
+    columns(&rows)
+}
+
+pub(super) fn models(models: &[Model]) -> String {
+    let mut rows = vec![row(&["model", "name", "structure", "measured", "by"])];
+    for model in models {
+        rows.push(row(&[
+            short(&model.sha256),
+            &model.name,
+            &model.structure,
+            if model.measured.is_empty() {
+                "-"
+            } else {
+                &model.measured
+            },
+            &model.by,
+        ]));
+    }
+    columns(&rows)
+}
+
+pub(super) fn alarms(alarms: &[Alarm]) -> String {
+    let mut text = String::new();
+    for alarm in alarms {
+        let of = (alarm.machine.as_ref()).map_or("centre", |machine| machine.as_str());
+        let over = if alarm.until_s.is_some() {
+            " (over)"
+        } else {
+            ""
+        };
+        text.push_str(&format!(
+            "{of}: {}{over}: {}\n",
+            alarm.kind.name(),
+            alarm.text
+        ));
+    }
+    text
+}
+
+pub(super) fn audit(records: &[AuditRecord]) -> String {
+    let mut rows = Vec::new();
+    for record in records.iter().rev() {
+        rows.push(row(&[
+            &record.number.to_string(),
+            &format!("{:.0}", record.at_s),
+            &record.by,
+            &record.action,
+            &record.object,
+        ]));
+    }
+    columns(&rows)
+}
+
+/// What a roll-out is doing, in words.
+fn phase(phase: &Phase) -> String {
+    match phase {
+        Phase::Running => "goes on".to_owned(),
+        Phase::Paused { by } => format!("is held by {by}"),
+        Phase::Stopped { why } => format!("has stopped: {why}"),
+        Phase::Aborted { by } => format!("was ended by {by}"),
+        Phase::Done => "is done".to_owned(),
+    }
+}
+
+fn step(step: &Step) -> String {
+    match step {
+        Step::Waiting => "waits for its wave".to_owned(),
+        Step::Sent { version, waited_s } => {
+            format!("version {version} is sent, no answer for {waited_s:.0} s")
+        }
+        Step::NeedsConfirmation {
+            version,
+            hash,
+            worst_um,
+            worst_urad,
+        } => {
+            let turns = if worst_urad.is_empty() {
+                String::new()
+            } else {
+                format!(" and {worst_urad} µrad")
+            };
+            format!(
+                "version {version} moves its axes by up to {worst_um} µm{turns}: to be confirmed with {hash}"
+            )
+        }
+        Step::Soaking {
+            version, soaked_s, ..
+        } => format!("version {version} is in force, watched for {soaked_s:.0} s"),
+        Step::Done { version } => format!("version {version} is in force"),
+        Step::Out { why, excused, .. } => {
+            let excused = if *excused { " (let go on)" } else { "" };
+            format!("out: {why}{excused}")
+        }
+    }
+}
+
+pub(super) fn rollouts(rollouts: &[Rollout], whole: bool) -> String {
+    let mut text = String::new();
+    for rollout in rollouts {
+        let done = (rollout.turns.iter())
+            .filter(|turn| matches!(turn.step, Step::Done { .. }))
+            .count();
+        text.push_str(&format!(
+            "roll-out {} of {} by {}: {done} of {} machines; it {}\n",
+            rollout.id,
+            short(&rollout.model),
+            rollout.by,
+            rollout.turns.len(),
+            phase(&rollout.phase),
+        ));
+        let rows = rollout.turns.iter().filter(|turn| {
+            whole || matches!(turn.step, Step::NeedsConfirmation { .. } | Step::Out { .. })
+        });
+        let rows: Vec<Vec<String>> = rows
+            .map(|turn| {
+                row(&[
+                    "",
+                    turn.machine.as_str(),
+                    &format!("wave {}", turn.wave),
+                    &step(&turn.step),
+                ])
+            })
+            .collect();
+        text.push_str(&columns(&rows));
+    }
+    text
+}
+
+pub(super) fn drift(stages: &[Stage]) -> String {
+    let parameters: BTreeSet<_> = stages
+        .iter()
+        .flat_map(|stage| stage.parameters.keys())
+        .collect();
+    let mut head = vec!["error".to_owned()];
+    head.extend(stages.iter().map(|stage| short(&stage.sha256).to_owned()));
+    let mut rows = vec![head];
+    for parameter in parameters {
+        let mut cells = vec![parameter.to_string()];
+        for stage in stages {
+            let value = stage.parameters.get(parameter);
+            cells.push(value.map_or("-".to_owned(), |value| format!("{value:.1}")));
+        }
+        rows.push(cells);
+    }
+    columns(&rows)
+}

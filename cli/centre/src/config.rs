@@ -1,0 +1,317 @@
+//! The configuration of the centre: `centre.toml`.
+
+use std::{
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+use volcomp_document::{Document, InputError, ReadError, Section, Value};
+use volcomp_fleet::{Cluster, Keeping, ServerTls};
+
+use crate::{rollout::Rules, store::Keep};
+
+/// A day, s.
+const DAY_S: f64 = 86_400.0;
+
+/// Why there is no configuration.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ConfigError {
+    /// A place in the file.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// The file cannot be read.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+}
+
+/// Where the centre remembers.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum StorePlace {
+    /// A SQLite file.
+    File(PathBuf),
+    /// A PostgreSQL database: `host=… dbname=…`.
+    Postgres(String),
+}
+
+/// The table `[nats]`: the server as a client sees it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NatsConfig {
+    /// The addresses, separated by commas.
+    pub url: String,
+    /// The file with the seed of the nkey of the centre, mode 0600.
+    pub nkey_file: PathBuf,
+    /// Certificates that are trusted besides those of the system, PEM.
+    pub ca: Option<PathBuf>,
+    /// How long and how much the server keeps.
+    pub keeping: Keeping,
+}
+
+/// The table `[keys]`: the keys that sign.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct KeysConfig {
+    /// The folder of the key files.
+    pub folder: PathBuf,
+    /// The name of the key that signs.
+    pub sign_with: String,
+}
+
+/// The table `[server]`: what `nats-config` writes beside the users.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ServerConfig {
+    /// The name of the server.
+    pub name: String,
+    /// The address on which clients reach it.
+    pub listen: String,
+    /// The folder of its streams.
+    pub store: PathBuf,
+    /// TLS towards clients.
+    pub tls: Option<ServerTls>,
+    /// The cluster.
+    pub cluster: Option<Cluster>,
+}
+
+/// The configuration.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Config {
+    /// The file that it was read from.
+    pub file: PathBuf,
+    /// Where the centre remembers.
+    pub store: StorePlace,
+    /// How long it remembers.
+    pub keep: Keep,
+    /// The server.
+    pub nats: NatsConfig,
+    /// The keys.
+    pub keys: KeysConfig,
+    /// The rules of roll-outs that state none.
+    pub rollout: Rules,
+    /// What `nats-config` writes.
+    pub server: ServerConfig,
+}
+
+impl Config {
+    /// Reads a configuration file. Paths in it are relative to its folder.
+    ///
+    /// # Errors
+    /// What is wrong, with file, line and key.
+    pub fn read(path: &Path) -> Result<Self, ConfigError> {
+        let folder = path.parent().unwrap_or(Path::new("."));
+        let document = Document::read(path)?;
+        let mut config = document.decode(|root| decode(&root, folder))?;
+        path.clone_into(&mut config.file);
+        Ok(config)
+    }
+}
+
+fn decode(root: &Section<'_>, folder: &Path) -> Result<Config, InputError> {
+    root.allow(&["store", "keep", "nats", "keys", "rollout", "server"])?;
+    let of = |key: &str| root.section(key);
+    let store = match of("store")? {
+        Some(section) => store(&section, folder)?,
+        None => StorePlace::File(folder.join("centre.db")),
+    };
+    let nats = match of("nats")? {
+        Some(section) => nats(&section, folder)?,
+        None => return Err(root.error("found no [nats], expected the table with its url")),
+    };
+    Ok(Config {
+        file: PathBuf::new(),
+        store,
+        keep: (of("keep")?.map(|section| keep(&section)).transpose()?).unwrap_or_default(),
+        nats,
+        keys: match of("keys")? {
+            Some(section) => keys(&section, folder)?,
+            None => KeysConfig {
+                folder: folder.join("keys"),
+                sign_with: "main".to_owned(),
+            },
+        },
+        rollout: (of("rollout")?.map(|section| rules(&section)).transpose()?).unwrap_or_default(),
+        server: match of("server")? {
+            Some(section) => server(&section, folder)?,
+            None => ServerConfig {
+                name: "centre".to_owned(),
+                listen: "127.0.0.1:4222".to_owned(),
+                store: folder.join("streams"),
+                tls: None,
+                cluster: None,
+            },
+        },
+    })
+}
+
+fn path(value: &Value<'_>, folder: &Path) -> Result<PathBuf, InputError> {
+    Ok(folder.join(value.text()?))
+}
+
+fn store(section: &Section<'_>, folder: &Path) -> Result<StorePlace, InputError> {
+    section.allow(&["file", "postgres"])?;
+    match (section.get("file"), section.get("postgres")) {
+        (Some(_), Some(postgres)) => {
+            Err(postgres.error("found file and postgres, expected one of them"))
+        }
+        (_, Some(postgres)) if cfg!(feature = "postgres") => {
+            Ok(StorePlace::Postgres(postgres.text()?.to_owned()))
+        }
+        (_, Some(postgres)) => Err(postgres.error(
+            "this program was built without PostgreSQL, expected `file`, or a program built with `--features postgres`",
+        )),
+        (Some(file), None) => Ok(StorePlace::File(path(&file, folder)?)),
+        (None, None) => Ok(StorePlace::File(folder.join("centre.db"))),
+    }
+}
+
+fn keep(section: &Section<'_>) -> Result<Keep, InputError> {
+    section.allow(&["raw_h", "minutes_d", "telemetry_h", "telemetry_hourly_d"])?;
+    let default = Keep::default();
+    let days = |key, default_s: f64| {
+        Ok::<_, InputError>(section.number_or(key, 1.0..=36_600.0, default_s / DAY_S)? * DAY_S)
+    };
+    let hours = |key, default_s: f64| {
+        Ok::<_, InputError>(section.number_or(key, 1.0..=8784.0, default_s / 3600.0)? * 3600.0)
+    };
+    Ok(Keep {
+        raw_s: hours("raw_h", default.raw_s)?,
+        minutes_s: days("minutes_d", default.minutes_s)?,
+        telemetry_s: hours("telemetry_h", default.telemetry_s)?,
+        telemetry_hourly_s: days("telemetry_hourly_d", default.telemetry_hourly_s)?,
+    })
+}
+
+fn nats(section: &Section<'_>, folder: &Path) -> Result<NatsConfig, InputError> {
+    section.allow(&[
+        "url",
+        "nkey_file",
+        "ca",
+        "replicas",
+        "telemetry_d",
+        "telemetry_gib",
+        "audit_d",
+    ])?;
+    let default = Keeping::default();
+    let days = |key, default: Duration| {
+        let days = section.number_or(key, 0.01..=3660.0, default.as_secs_f64() / DAY_S)?;
+        Ok::<_, InputError>(Duration::from_secs_f64(days * DAY_S))
+    };
+    let gib: i64 = section.whole_or("telemetry_gib", 1..=65_536, default.telemetry_bytes >> 30)?;
+    let replicas = match section.get("replicas") {
+        Some(value) => match value.whole(1..=5)? {
+            replicas @ (1 | 3 | 5) => replicas,
+            other => {
+                return Err(value.error(format!("found {other}, expected 1, 3 or 5")));
+            }
+        },
+        None => default.replicas,
+    };
+    Ok(NatsConfig {
+        url: section.require("url")?.text()?.to_owned(),
+        nkey_file: match section.get("nkey_file") {
+            Some(file) => path(&file, folder)?,
+            None => folder.join("centre.nkey"),
+        },
+        ca: section.optional("ca", |value| path(value, folder))?,
+        keeping: Keeping {
+            replicas,
+            telemetry: days("telemetry_d", default.telemetry)?,
+            telemetry_bytes: gib << 30,
+            audit: days("audit_d", default.audit)?,
+        },
+    })
+}
+
+fn keys(section: &Section<'_>, folder: &Path) -> Result<KeysConfig, InputError> {
+    section.allow(&["folder", "sign_with"])?;
+    Ok(KeysConfig {
+        folder: match section.get("folder") {
+            Some(value) => path(&value, folder)?,
+            None => folder.join("keys"),
+        },
+        sign_with: match section.get("sign_with") {
+            Some(value) => value.text()?.to_owned(),
+            None => "main".to_owned(),
+        },
+    })
+}
+
+fn rules(section: &Section<'_>) -> Result<Rules, InputError> {
+    section.allow(&[
+        "waves",
+        "soak_s",
+        "answer_s",
+        "tolerate",
+        "residual_ratio",
+        "residual_um",
+    ])?;
+    let default = Rules::default();
+    let waves = match section.get("waves") {
+        None => default.waves,
+        Some(value) => {
+            let waves: Result<Vec<u32>, InputError> = value
+                .items()?
+                .iter()
+                .map(|item| item.whole(1..=100))
+                .collect();
+            let waves = waves?;
+            if !waves.is_sorted() || waves.last() != Some(&100) {
+                return Err(value.error("expected percentages that rise to 100, such as [25, 100]"));
+            }
+            waves
+        }
+    };
+    Ok(Rules {
+        waves,
+        soak_s: section.number_or("soak_s", 0.0..=1e7, default.soak_s)?,
+        answer_s: section.number_or("answer_s", 1.0..=1e7, default.answer_s)?,
+        tolerate: section.whole_or("tolerate", 0..=1_000_000, default.tolerate)?,
+        residual_ratio: section.number_or("residual_ratio", 1.0..=1e3, default.residual_ratio)?,
+        residual_um: section.number_or("residual_um", 0.0..=1e4, default.residual_um)?,
+    })
+}
+
+fn server(section: &Section<'_>, folder: &Path) -> Result<ServerConfig, InputError> {
+    section.allow(&[
+        "name",
+        "listen",
+        "store",
+        "certificate",
+        "key",
+        "cluster",
+        "cluster_listen",
+        "routes",
+    ])?;
+    let text = |key: &str, default: &str| match section.get(key) {
+        Some(value) => value.text().map(str::to_owned),
+        None => Ok(default.to_owned()),
+    };
+    let tls = match (section.get("certificate"), section.get("key")) {
+        (Some(certificate), Some(key)) => Some(ServerTls {
+            certificate: path(&certificate, folder)?,
+            key: path(&key, folder)?,
+        }),
+        (None, None) => None,
+        _ => {
+            return Err(section.error("found one of certificate and key, expected both or neither"));
+        }
+    };
+    let cluster = match section.get("cluster") {
+        None => None,
+        Some(name) => Some(Cluster {
+            name: name.text()?.to_owned(),
+            listen: section.require("cluster_listen")?.text()?.to_owned(),
+            routes: (section.require("routes")?.texts()?.into_iter())
+                .map(str::to_owned)
+                .collect(),
+        }),
+    };
+    Ok(ServerConfig {
+        name: text("name", "centre")?,
+        listen: text("listen", "127.0.0.1:4222")?,
+        store: match section.get("store") {
+            Some(value) => path(&value, folder)?,
+            None => folder.join("streams"),
+        },
+        tls,
+        cluster,
+    })
+}

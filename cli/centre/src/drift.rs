@@ -1,0 +1,194 @@
+//! How a machine has changed from calibration to calibration, how machines compare, and when the next calibration is due.
+
+use std::{collections::BTreeMap, fmt};
+
+use volcomp_model::Machine as ModelMachine;
+use volcomp_vocabulary::ErrorName;
+
+use crate::{
+    models::NoModel,
+    records::{Machine, Model},
+};
+
+/// An error motion is looked at in so many steps over the travel.
+const STEPS: u32 = 100;
+/// A day, s.
+const DAY_S: f64 = 86_400.0;
+
+/// A parameter of a machine: a location error, or the range of an error motion over the travel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Parameter {
+    /// A location error, µm or µrad.
+    Location(ErrorName),
+    /// From the lowest to the highest value of an error motion over the travel, µm or µrad.
+    Range(ErrorName),
+}
+
+impl fmt::Display for Parameter {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (name, what) = match self {
+            Self::Location(name) => (name, ""),
+            Self::Range(name) => (name, "range of "),
+        };
+        write!(f, "{what}{name}, {}", name.component.unit())
+    }
+}
+
+/// A model in the life of a machine.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Stage {
+    /// The checksum of the model.
+    pub sha256: String,
+    /// When it was measured, or added where that is not known, s.
+    pub at_s: f64,
+    /// Its parameters, µm or µrad.
+    pub parameters: BTreeMap<Parameter, f64>,
+}
+
+impl Stage {
+    /// The stage of a model.
+    ///
+    /// # Errors
+    /// Its text is no machine file.
+    pub fn of(model: &Model, text: &str) -> Result<Self, NoModel> {
+        Ok(Self {
+            sha256: model.sha256.clone(),
+            at_s: date_s(&model.measured).unwrap_or(model.added_s),
+            parameters: parameters(text)?,
+        })
+    }
+}
+
+/// The parameters of a machine file, µm or µrad.
+///
+/// # Errors
+/// It is no machine file.
+pub fn parameters(text: &str) -> Result<BTreeMap<Parameter, f64>, NoModel> {
+    let machine = ModelMachine::parse(text, "model")?;
+    let mut found = BTreeMap::new();
+    for (name, value) in machine.locations() {
+        found.insert(Parameter::Location(*name), *value);
+    }
+    for (name, curve) in machine.errors() {
+        let place = machine.index_of(name.axis)?;
+        let [low, high] = machine.axes()[place].travel;
+        let mut coordinates = vec![0.0; machine.axes().len()];
+        let (mut lowest, mut highest) = (f64::INFINITY, f64::NEG_INFINITY);
+        for step in 0..=STEPS {
+            coordinates[place] = low + (high - low) * f64::from(step) / f64::from(STEPS);
+            let value = curve.value(place, &coordinates, None);
+            lowest = lowest.min(value);
+            highest = highest.max(value);
+        }
+        found.insert(Parameter::Range(name), highest - lowest);
+    }
+    Ok(found)
+}
+
+/// How fast each parameter changes, µm or µrad a year, by the straight line that fits the stages best; without two stages of
+/// different times, nothing.
+pub fn per_year(stages: &[Stage]) -> BTreeMap<Parameter, f64> {
+    let mut names: Vec<Parameter> = (stages.iter())
+        .flat_map(|stage| stage.parameters.keys().copied())
+        .collect();
+    names.sort();
+    names.dedup();
+    let slope = |name: Parameter| {
+        let points = stages.iter().filter_map(|stage| {
+            let value = stage.parameters.get(&name)?;
+            Some((stage.at_s / (365.25 * DAY_S), *value))
+        });
+        let points: Vec<(f64, f64)> = points.collect();
+        let count = points.len() as f64;
+        let (x, y) = points
+            .iter()
+            .fold((0.0, 0.0), |sum, point| (sum.0 + point.0, sum.1 + point.1));
+        let (x, y) = (x / count, y / count);
+        let (across, along) = points.iter().fold((0.0, 0.0), |sum, point| {
+            let away = point.0 - x;
+            (sum.0 + away * (point.1 - y), sum.1 + away * away)
+        });
+        (along > 0.0).then_some((name, across / along))
+    };
+    names.into_iter().filter_map(slope).collect()
+}
+
+/// How far the parameters of one machine lie from the median of machines of its kind, largest first, in µm or µrad: which of
+/// many has gone its own way.
+pub fn compared(own: &Stage, others: &[Stage]) -> Vec<(Parameter, f64)> {
+    let away = own.parameters.iter().filter_map(|(name, value)| {
+        let mut values: Vec<f64> = (others.iter())
+            .filter_map(|other| other.parameters.get(name).copied())
+            .collect();
+        values.sort_by(f64::total_cmp);
+        let middle = values.len() / 2;
+        let median = match values.len() {
+            0 => return None,
+            even if even % 2 == 0 => f64::midpoint(values[middle - 1], values[middle]),
+            _ => values[middle],
+        };
+        Some((*name, value - median))
+    });
+    let mut away: Vec<(Parameter, f64)> = away.collect();
+    away.sort_by(|one, other| other.1.abs().total_cmp(&one.1.abs()));
+    away
+}
+
+/// For how many days a calibration has been due; negative: it is due in so many days; `None`: never.
+///
+/// A calibration is as old as its measurements, where that is known, else as its model.
+pub fn due_days(machine: &Machine, model: &Model, now_s: f64) -> Option<f64> {
+    let interval = f64::from(machine.due_days?);
+    let measured_s = date_s(&model.measured).unwrap_or(model.added_s);
+    Some((now_s - measured_s) / DAY_S - interval)
+}
+
+/// The beginning of a day such as `2026-11-25`, s since 1970; `None`: it is no date.
+pub fn date_s(text: &str) -> Option<f64> {
+    let mut parts = text.splitn(3, '-');
+    let year: i64 = parts.next()?.parse().ok()?;
+    let month: i64 = parts.next()?.parse().ok()?;
+    let day: i64 = parts.next()?.parse().ok()?;
+    let fits =
+        (1970..=9999).contains(&year) && (1..=12).contains(&month) && (1..=31).contains(&day);
+    if !fits {
+        return None;
+    }
+    // Days since 1970 of the proleptic Gregorian calendar; the year begins in March, so that the leap day is its last.
+    let (year, month) = if month > 2 {
+        (year, month - 3)
+    } else {
+        (year - 1, month + 9)
+    };
+    let of_year = (153 * month + 2) / 5 + day - 1;
+    let days = 365 * year + year / 4 - year / 100 + year / 400 + of_year - 719_468;
+    Some(days as f64 * DAY_S)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn days_are_counted_as_date_does() {
+        // `date -u -d 2026-11-25 +%s` and so on.
+        for (text, s) in [
+            ("1970-01-01", 0.0),
+            ("2000-02-29", 951_782_400.0),
+            ("2026-11-25", 1_795_564_800.0),
+            ("2100-03-01", 4_107_542_400.0),
+        ] {
+            assert_eq!(date_s(text), Some(s), "{text}");
+        }
+        for text in [
+            "",
+            "2026",
+            "2026-13-01",
+            "2026-00-10",
+            "1969-12-31",
+            "2026-11-x",
+        ] {
+            assert_eq!(date_s(text), None, "{text}");
+        }
+    }
+}

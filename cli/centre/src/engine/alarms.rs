@@ -1,0 +1,171 @@
+//! Alarms: what is wrong now is compared with what is open, and the difference is written down.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    time::Instant,
+};
+
+use volcomp_fleet::MachineId;
+
+use super::{Engine, causes, writer::lock};
+use crate::{
+    clock::now_s,
+    drift::due_days,
+    ingest::Since,
+    records::{AlarmKind, Machine, Model, Version},
+    rollout::Phase,
+    store::{StoreError, alarms},
+};
+
+/// A text of an alarm that is open is written anew so often: it may tell an age.
+const SAY_EVERY_S: f64 = 60.0;
+
+type Key = (Option<MachineId>, AlarmKind);
+
+/// The alarms that are open: number, text, and when the text was written.
+#[derive(Default)]
+pub(super) struct Open {
+    open: Option<BTreeMap<Key, (u64, String, f64)>>,
+    unreadable: BTreeMap<MachineId, (Instant, String)>,
+    models: BTreeMap<String, Model>,
+}
+
+/// Raises, closes, and says more.
+pub(super) fn look(
+    engine: &Engine,
+    state: &mut Open,
+    machines: &[Machine],
+    since: &BTreeMap<MachineId, Since>,
+) -> Result<(), StoreError> {
+    let now = now_s();
+    for (machine, since) in since {
+        if since.unreadable > 0 {
+            let told = (Instant::now(), since.why_unreadable.clone());
+            state.unreadable.insert(machine.clone(), told);
+        }
+    }
+    let versions: BTreeMap<MachineId, Version> = (engine.store.newest_versions()?.into_iter())
+        .map(|version| (version.machine.clone(), version))
+        .collect();
+    learn_models(engine, &mut state.models, &versions)?;
+    let mut causes = of_machines(engine, state, machines, &versions, now);
+    of_centre(engine, &mut causes)?;
+    let open = match &mut state.open {
+        Some(open) => open,
+        None => {
+            let open = engine.store.open_alarms()?.into_iter();
+            state.open.insert(
+                open.map(|alarm| ((alarm.machine, alarm.kind), (alarm.id, alarm.text, now)))
+                    .collect(),
+            )
+        }
+    };
+    let gone: Vec<Key> = (open.keys())
+        .filter(|key| !causes.contains_key(key))
+        .cloned()
+        .collect();
+    let fresh = causes.iter().filter(|(key, text)| {
+        open.get(key).is_none_or(|(_, told, at_s)| {
+            told != *text && !(0.0..SAY_EVERY_S).contains(&(now - at_s))
+        })
+    });
+    let fresh: Vec<(&Key, &String)> = fresh.collect();
+    if gone.is_empty() && fresh.is_empty() {
+        return Ok(());
+    }
+    let known: &BTreeMap<Key, (u64, String, f64)> = open;
+    let ids = engine.store.write(|database| {
+        for key in &gone {
+            if let Some((id, ..)) = known.get(key) {
+                alarms::clear(database, *id, now)?;
+            }
+        }
+        let mut ids = Vec::new();
+        for ((machine, kind), text) in &fresh {
+            let key = (machine.clone(), *kind);
+            ids.push(match known.get(&key) {
+                Some((id, ..)) => {
+                    alarms::say(database, *id, text)?;
+                    *id
+                }
+                None => alarms::raise(database, machine.as_ref(), *kind, text, now)?,
+            });
+        }
+        Ok(ids)
+    })?;
+    for ((key, text), id) in fresh.into_iter().zip(ids) {
+        open.insert(key.clone(), (id, text.clone(), now));
+    }
+    for key in gone {
+        open.remove(&key);
+    }
+    Ok(())
+}
+
+/// Models are never changed: each is read once.
+fn learn_models(
+    engine: &Engine,
+    models: &mut BTreeMap<String, Model>,
+    versions: &BTreeMap<MachineId, Version>,
+) -> Result<(), StoreError> {
+    let used: BTreeSet<&String> = versions.values().map(|version| &version.model).collect();
+    for sha256 in &used {
+        if !models.contains_key(*sha256)
+            && let Some(model) = engine.store.model(sha256)?
+        {
+            models.insert((*sha256).clone(), model);
+        }
+    }
+    models.retain(|sha256, _| used.contains(sha256));
+    Ok(())
+}
+
+fn of_machines(
+    engine: &Engine,
+    state: &Open,
+    machines: &[Machine],
+    versions: &BTreeMap<MachineId, Version>,
+    now_s: f64,
+) -> BTreeMap<Key, String> {
+    let clobbered = lock(&engine.clobbered).clone();
+    let ingest = lock(&engine.ingest);
+    let mut found = BTreeMap::new();
+    for machine in machines {
+        let name = &machine.identity.machine;
+        let version = versions.get(name);
+        let model = version.and_then(|version| state.models.get(&version.model));
+        let unreadable = state.unreadable.get(name);
+        let causes = causes::of(&causes::Known {
+            machine,
+            heard: ingest.machine(name),
+            quiet_s: ingest.quiet_s(name),
+            version,
+            model,
+            clobbered_s: clobbered.get(name).map(|at| at.elapsed().as_secs_f64()),
+            unreadable: unreadable.map(|(at, why)| (at.elapsed().as_secs_f64(), why.as_str())),
+            due_days: model.and_then(|model| due_days(machine, model, now_s)),
+            now_s,
+        });
+        for (kind, text) in causes {
+            found.insert((Some(name.clone()), kind), text);
+        }
+    }
+    found
+}
+
+fn of_centre(engine: &Engine, causes: &mut BTreeMap<Key, String>) -> Result<(), StoreError> {
+    for (kind, text) in lock(&engine.troubles).iter() {
+        causes.insert((None, *kind), text.clone());
+    }
+    let mut stopped = Vec::new();
+    for id in engine.store.open_rollouts()? {
+        let phase = engine.store.rollout(id)?.map(|rollout| rollout.phase);
+        if let Some(Phase::Stopped { why }) = phase {
+            stopped.push(format!("Roll-out {id} has stopped: {why}."));
+        }
+    }
+    if !stopped.is_empty() {
+        causes.insert((None, AlarmKind::Rollout), stopped.join(" "));
+    }
+    Ok(())
+}

@@ -1,0 +1,176 @@
+//! What is wrong with a machine now, as a pure function of what is known of it: an alarm is open exactly while its cause is
+//! here.
+
+use std::collections::BTreeMap;
+
+use volcomp_fleet::Outcome;
+
+use crate::{
+    ingest::Heard,
+    records::{AlarmKind, Machine, Model, Version},
+};
+
+/// A machine is silent after so many intervals of its condition, …
+const INTERVALS: f64 = 5.0;
+/// … and not before this, s.
+const SILENT_S: f64 = 15.0;
+/// Two gateways were heard at a time: told for so long after the last time, s.
+const CLONED_S: f64 = 60.0;
+/// What happened at one moment is told for so long, s.
+const TOLD_S: f64 = 600.0;
+/// A machine may take so long to have in force what it shall, s.
+const BEHIND_S: f64 = 600.0;
+
+/// What is known of one machine.
+pub(super) struct Known<'a> {
+    pub(super) machine: &'a Machine,
+    pub(super) heard: Option<&'a Heard>,
+    /// It was not heard for so long, by a clock that does not jump, s.
+    pub(super) quiet_s: f64,
+    /// The newest version with its model.
+    pub(super) version: Option<&'a Version>,
+    pub(super) model: Option<&'a Model>,
+    /// A foreign value stood under its key so long ago, s.
+    pub(super) clobbered_s: Option<f64>,
+    /// A message could not be read so long ago, s, and why not.
+    pub(super) unreadable: Option<(f64, &'a str)>,
+    /// A calibration is due since so many days.
+    pub(super) due_days: Option<f64>,
+    pub(super) now_s: f64,
+}
+
+pub(super) fn of(known: &Known<'_>) -> BTreeMap<AlarmKind, String> {
+    let mut causes = BTreeMap::new();
+    if let Some(ago_s) = known.clobbered_s.filter(|ago_s| *ago_s < TOLD_S) {
+        causes.insert(
+            AlarmKind::Clobbered,
+            format!(
+                "A value that this centre did not put stood under its key {ago_s:.0} s ago; its own was put back. The machine refuses a foreign one, but somebody has access to the server who should not."
+            ),
+        );
+    }
+    if let Some((ago_s, why)) = known.unreadable.filter(|(ago_s, _)| *ago_s < TOLD_S) {
+        causes.insert(
+            AlarmKind::Unreadable,
+            format!("A message could not be read {ago_s:.0} s ago: {why}."),
+        );
+    }
+    if let Some(days) = known.due_days.filter(|days| *days >= 0.0) {
+        causes.insert(
+            AlarmKind::Due,
+            format!("The calibration has been due for {days:.0} days."),
+        );
+    }
+    of_version(known, &mut causes);
+    of_heard(known, &mut causes);
+    causes
+}
+
+fn of_version(known: &Known<'_>, causes: &mut BTreeMap<AlarmKind, String>) {
+    let Some(version) = known.version else { return };
+    match &version.outcome {
+        Some(Outcome::Refused { why }) => {
+            causes.insert(
+                AlarmKind::Refused,
+                format!("It has refused version {}: {why}.", version.version),
+            );
+        }
+        Some(Outcome::NeedsConfirmation {
+            worst_um,
+            worst_urad,
+            ..
+        }) => {
+            let turns = if worst_urad.is_empty() {
+                String::new()
+            } else {
+                format!(" and {worst_urad} µrad")
+            };
+            causes.insert(
+                AlarmKind::NeedsConfirmation,
+                format!(
+                    "Version {} moves the axes by up to {worst_um} µm{turns}: a person must confirm it.",
+                    version.version
+                ),
+            );
+        }
+        Some(Outcome::Activated) | None => {}
+    }
+    let Some(live) = known.heard.and_then(|heard| heard.live.as_ref()) else {
+        return;
+    };
+    let other = if live.version == version.version {
+        let shall = known.model.map(|model| &model.checksum);
+        (live.condition.is_some() && shall.is_some_and(|shall| *shall != live.model))
+            .then(|| format!("it corrects with the model {}", live.model))
+    } else {
+        let waits = version.outcome.is_none() || version.outcome == Some(Outcome::Activated);
+        (waits && known.now_s - version.issued_s > BEHIND_S)
+            .then(|| format!("version {} is in force", live.version))
+    };
+    if let Some(other) = other {
+        causes.insert(
+            AlarmKind::OtherModel,
+            format!(
+                "It shall run version {} of {}, and {other}.",
+                version.version,
+                known.model.map_or("a model", |model| &model.name)
+            ),
+        );
+    }
+}
+
+fn of_heard(known: &Known<'_>, causes: &mut BTreeMap<AlarmKind, String>) {
+    let Some(heard) = known.heard else { return };
+    let Some(live) = &heard.live else { return };
+    let interval_s = f64::from(known.machine.condition_s.unwrap_or(1));
+    if known.quiet_s > (INTERVALS * interval_s).max(SILENT_S) {
+        causes.insert(
+            AlarmKind::Silent,
+            "It is not heard. It goes on with the model that it has.".to_owned(),
+        );
+    }
+    if heard
+        .instances
+        .cloned_s
+        .is_some_and(|at_s| live.heard_s - at_s < CLONED_S)
+    {
+        let names: Vec<&str> = (heard.instances.heard_since(live.heard_s - CLONED_S))
+            .map(|one| one.instance.as_str())
+            .collect();
+        causes.insert(
+            AlarmKind::Clone,
+            format!(
+                "Gateways {} have its identity at a time: one of them is a copy.",
+                names.join(" and ")
+            ),
+        );
+    }
+    if live.lost > 0 {
+        causes.insert(
+            AlarmKind::Gap,
+            format!(
+                "{} messages are missing: it dropped them for want of room, or they were made by another gateway.",
+                live.lost
+            ),
+        );
+    }
+    let Some(condition) = &live.condition else {
+        return;
+    };
+    if condition.state == "faulted" {
+        causes.insert(
+            AlarmKind::Faulted,
+            format!("Its guard is faulted: {}.", condition.reasons.join("; ")),
+        );
+    }
+    let broken: Vec<&str> = (condition.temperatures_degc.iter())
+        .filter(|(_, degc)| degc.is_none())
+        .map(|(name, _)| name.as_str())
+        .collect();
+    if !broken.is_empty() {
+        causes.insert(
+            AlarmKind::Sensor,
+            format!("Temperatures are not used: {}.", broken.join(", ")),
+        );
+    }
+}

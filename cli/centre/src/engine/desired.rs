@@ -1,0 +1,154 @@
+//! What stands under the keys of the machines: what was issued is put there, and put back where somebody else has put
+//! something.
+
+use std::{collections::BTreeMap, sync::Arc, time::Duration, time::Instant};
+
+use bytes::Bytes;
+use futures_util::StreamExt;
+use volcomp_fleet::{Desired, DesiredWatch, Found, Heard, MachineId};
+
+use super::{Engine, blocking, writer::lock};
+use crate::{records::AlarmKind, store::Issued};
+
+/// So many values are under way at a time.
+const AT_A_TIME: usize = 64;
+/// A value that is not the centre's is looked at again after so long: it may have been overtaken by the next.
+const LOOK_AGAIN: Duration = Duration::from_millis(200);
+/// Where the connection fails it is tried again after so long.
+const AGAIN: Duration = Duration::from_secs(1);
+
+/// Puts every value that was issued and not put yet. What fails is tried again at the next look; the last failure is told.
+pub(super) async fn send(engine: &Arc<Engine>) -> Result<(), String> {
+    if !engine.is_connected() {
+        return Ok(());
+    }
+    let of_store = Arc::clone(engine);
+    let due = match blocking(move || due(&of_store)).await {
+        Ok(due) => due,
+        Err(error) => {
+            engine.trouble(AlarmKind::Store, Some(error.to_string()));
+            return Ok(());
+        }
+    };
+    let puts = due.into_iter().map(|issued| put(engine, issued));
+    let mut puts = futures_util::stream::iter(puts).buffer_unordered(AT_A_TIME);
+    let mut result = Ok(());
+    while let Some(done) = puts.next().await {
+        if let Err(error) = done {
+            result = Err(error.to_string());
+        }
+    }
+    result
+}
+
+/// What was issued, here or by another program, and does not stand under its key yet as far as is known.
+fn due(engine: &Engine) -> Result<Vec<Issued>, crate::store::StoreError> {
+    let newest = engine.store.newest_issued()?;
+    let newer = {
+        let put = lock(&engine.put);
+        let newer = newest
+            .into_iter()
+            .filter(|(machine, version)| put.get(machine).is_none_or(|(known, _)| known < version));
+        newer.map(|(machine, _)| machine).collect::<Vec<_>>()
+    };
+    let issued: Result<Vec<Option<Issued>>, _> = newer
+        .iter()
+        .map(|machine| engine.store.issued(machine))
+        .collect();
+    Ok(issued?.into_iter().flatten().collect())
+}
+
+async fn put(engine: &Engine, issued: Issued) -> Result<(), volcomp_fleet::LinkError> {
+    let value = Bytes::from(issued.value);
+    // The model first: a machine that reads the manifest asks for it at once.
+    let inline = Desired::parse(&value).is_ok_and(|desired| desired.model.is_some());
+    if !inline && let Ok(Some(text)) = engine.store.model_text(&issued.model) {
+        engine
+            .hub
+            .put_model(
+                &issued.machine,
+                &issued.model,
+                text.as_bytes(),
+                engine.settings.keeping.replicas,
+            )
+            .await?;
+    }
+    // After a start it may stand there already: the machine would hear nothing new.
+    if engine.hub.desired(&issued.machine).await?.as_ref() != Some(&value) {
+        engine
+            .hub
+            .put_desired(&issued.machine, value.clone())
+            .await?;
+    }
+    lock(&engine.put).insert(issued.machine, (issued.version, value));
+    Ok(())
+}
+
+/// Listens to the keys for ever.
+pub(super) async fn watch(engine: Arc<Engine>) {
+    loop {
+        match engine.hub.watch_desired().await {
+            Ok(watch) => listen(&engine, watch).await,
+            Err(error) => tracing::warn!("listening to the keys: {error}"),
+        }
+        tokio::time::sleep(AGAIN).await;
+    }
+}
+
+async fn listen(engine: &Engine, mut watch: DesiredWatch) {
+    while let Some(heard) = watch.next().await {
+        match heard {
+            Heard::Put(Found { machine, value }) => {
+                if is_other(engine, &machine, Some(&value)) {
+                    tokio::time::sleep(LOOK_AGAIN).await;
+                    restore(engine, &machine).await;
+                }
+            }
+            Heard::Connected => {
+                let machines: Vec<MachineId> = lock(&engine.put).keys().cloned().collect();
+                let mut looks = futures_util::stream::iter(machines)
+                    .map(|machine| async move { restore(engine, &machine).await })
+                    .buffer_unordered(AT_A_TIME);
+                while looks.next().await.is_some() {}
+            }
+        }
+    }
+}
+
+/// Whether a value is another one than this centre has put. Where it has put none, it has nothing to put back.
+fn is_other(engine: &Engine, machine: &MachineId, value: Option<&Bytes>) -> bool {
+    let put = lock(&engine.put);
+    let own: &BTreeMap<MachineId, (u64, Bytes)> = &put;
+    own.get(machine).is_some_and(|(_, own)| Some(own) != value)
+}
+
+/// Looks at what stands under a key, and puts the centre's value back where it is another one.
+async fn restore(engine: &Engine, machine: &MachineId) {
+    let result = async {
+        let value = engine.hub.desired(machine).await?;
+        if !is_other(engine, machine, value.as_ref()) {
+            return Ok(());
+        }
+        let own = lock(&engine.put).get(machine).map(|(_, own)| own.clone());
+        let Some(own) = own else { return Ok(()) };
+        if value.as_ref().is_none_or(|value| !is_own(engine, value)) {
+            tracing::error!("{machine}: a foreign value stood under its key, and is replaced");
+            lock(&engine.clobbered).insert(machine.clone(), Instant::now());
+        }
+        engine.hub.put_desired(machine, own).await
+    };
+    if let Err(error) = result.await {
+        // After the connection is there again every key is looked at.
+        tracing::warn!("{machine}: {error}");
+    }
+}
+
+/// Whether one of the keys of this centre has signed a value: it is an older one of its own, on its way.
+fn is_own(engine: &Engine, value: &[u8]) -> bool {
+    let signer = Desired::parse(value).and_then(|desired| desired.signer());
+    let Ok(Some(signer)) = signer else {
+        return false;
+    };
+    let mut own = engine.settings.own.iter();
+    own.any(|key| key.key.verifying_key() == signer)
+}

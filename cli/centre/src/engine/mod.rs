@@ -1,0 +1,280 @@
+//! The running centre: collects what machines say, sends them what they shall run, moves roll-outs on, raises alarms.
+//!
+//! Everything that must outlive the program is in the store, and everything that others want of the centre (the command line,
+//! the web page) they write into the store: the engine looks once a second. What is held here is what was heard just now.
+
+mod alarms;
+mod causes;
+mod desired;
+mod look;
+mod writer;
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::{
+        Arc, Mutex,
+        atomic::{AtomicBool, AtomicU64, Ordering},
+        mpsc,
+    },
+    time::{Duration, Instant},
+};
+
+use tokio::sync::oneshot;
+use volcomp_fleet::{Acknowledgement, Hub, Keeping, LinkError, LinkSettings, MachineId, SiteId};
+
+use self::writer::{Job, lock};
+use crate::{
+    ingest::Ingest,
+    keys::Key,
+    records::AlarmKind,
+    store::{Keep, Store, StoreError},
+};
+
+/// The engine looks at everything so often.
+const LOOK_EVERY: Duration = Duration::from_secs(1);
+/// So many batches wait for the writer.
+const WAITING: usize = 64;
+
+/// What the engine needs.
+pub struct Settings {
+    /// The server.
+    pub link: LinkSettings,
+    /// How long and how much the server keeps.
+    pub keeping: Keeping,
+    /// How long the store keeps what it keeps.
+    pub keep: Keep,
+    /// The key that signs.
+    pub key: Key,
+    /// Every key of this centre: a value that one of them has signed is its own.
+    pub own: Vec<Key>,
+}
+
+/// Why the engine does not start.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum EngineError {
+    /// The store refuses.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The connection is none.
+    #[error("the server: {0}")]
+    Link(#[from] LinkError),
+    /// The operating system gives no thread.
+    #[error("a thread: {0}")]
+    Thread(#[from] std::io::Error),
+}
+
+/// How much went through since the start.
+#[derive(Debug, Default)]
+pub struct Counts {
+    stored: AtomicU64,
+    twice: AtomicU64,
+}
+
+impl Counts {
+    fn add(&self, stored: u64, twice: u64) {
+        self.stored.fetch_add(stored, Ordering::Relaxed);
+        self.twice.fetch_add(twice, Ordering::Relaxed);
+    }
+
+    /// Messages that were stored.
+    pub fn stored(&self) -> u64 {
+        self.stored.load(Ordering::Relaxed)
+    }
+
+    /// Messages that came again and were stored already.
+    pub fn twice(&self) -> u64 {
+        self.twice.load(Ordering::Relaxed)
+    }
+}
+
+/// The running centre.
+pub struct Engine {
+    store: Arc<Store>,
+    hub: Hub,
+    settings: Settings,
+    ingest: Mutex<Ingest>,
+    /// Answers that no roll-out has heard of yet.
+    answers: Mutex<Vec<(MachineId, Acknowledgement)>>,
+    /// What stands under the keys as far as this centre has put it: the version and the bytes.
+    put: Mutex<BTreeMap<MachineId, (u64, bytes::Bytes)>>,
+    /// When a foreign value stood under a key.
+    clobbered: Mutex<BTreeMap<MachineId, Instant>>,
+    /// What the centre itself has trouble with.
+    troubles: Mutex<BTreeMap<AlarmKind, String>>,
+    /// How much went through.
+    pub counts: Counts,
+    ending: AtomicBool,
+}
+
+/// A running engine and the way to end it.
+pub struct Running {
+    engine: Arc<Engine>,
+    tasks: tokio::task::JoinHandle<()>,
+}
+
+impl Running {
+    /// What runs.
+    pub fn engine(&self) -> &Arc<Engine> {
+        &self.engine
+    }
+
+    /// Ends it. What was not stored yet was not acknowledged, and comes again.
+    pub async fn end(self) {
+        self.engine.ending.store(true, Ordering::Relaxed);
+        // It ends by itself within a look.
+        let _ = self.tasks.await;
+    }
+}
+
+impl Engine {
+    /// Starts the engine on the runtime of the caller. Where the server is not there it goes on trying.
+    ///
+    /// # Errors
+    /// The store cannot be read, or the settings of the connection are none.
+    pub async fn start(store: Arc<Store>, settings: Settings) -> Result<Running, EngineError> {
+        let hub = Hub::connect(&settings.link).await?;
+        let of_store = Arc::clone(&store);
+        let ingest = blocking(move || Ingest::of(&of_store)).await?;
+        let engine = Arc::new(Self {
+            store,
+            hub,
+            settings,
+            ingest: Mutex::new(ingest),
+            answers: Mutex::default(),
+            put: Mutex::default(),
+            clobbered: Mutex::default(),
+            troubles: Mutex::default(),
+            counts: Counts::default(),
+            ending: AtomicBool::new(false),
+        });
+        let (send, jobs) = mpsc::sync_channel(WAITING);
+        let of_thread = Arc::clone(&engine);
+        std::thread::Builder::new()
+            .name("writer".to_owned())
+            .spawn(move || writer::run(&of_thread, &jobs))?;
+        let tasks = tokio::spawn(run(Arc::clone(&engine), send));
+        Ok(Running { engine, tasks })
+    }
+
+    /// The store.
+    pub fn store(&self) -> &Arc<Store> {
+        &self.store
+    }
+
+    /// Whether the server is connected now.
+    pub fn is_connected(&self) -> bool {
+        self.hub.is_connected()
+    }
+
+    fn is_ending(&self) -> bool {
+        self.ending.load(Ordering::Relaxed)
+    }
+
+    /// What the centre itself has trouble with, or no longer.
+    fn trouble(&self, kind: AlarmKind, text: Option<String>) {
+        let mut troubles = lock(&self.troubles);
+        match text {
+            Some(text) => {
+                if troubles.get(&kind) != Some(&text) {
+                    tracing::error!("{}: {text}", kind.name());
+                }
+                troubles.insert(kind, text);
+            }
+            None => {
+                if troubles.remove(&kind).is_some() {
+                    tracing::info!("{}: it works again", kind.name());
+                }
+            }
+        }
+    }
+}
+
+/// Does what waits for a disk on a thread that may wait.
+async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> T {
+    match tokio::task::spawn_blocking(work).await {
+        Ok(done) => done,
+        // The work has panicked, or the program ends: so does whoever waits for it.
+        Err(error) => match error.try_into_panic() {
+            Ok(panic) => std::panic::resume_unwind(panic),
+            Err(_) => std::future::pending().await,
+        },
+    }
+}
+
+/// The look, once a second; the collections of the sites as they come; the keys.
+async fn run(engine: Arc<Engine>, jobs: mpsc::SyncSender<Job>) {
+    let mut tasks = tokio::task::JoinSet::new();
+    tasks.spawn(desired::watch(Arc::clone(&engine)));
+    let mut sites = BTreeSet::new();
+    let mut looks = tokio::time::interval(LOOK_EVERY);
+    looks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+    let mut state = look::State::new();
+    while !engine.is_ending() {
+        looks.tick().await;
+        for site in look::sites(&engine).await {
+            if !sites.contains(&site) && prepared(&engine, &site).await {
+                for collection in engine.hub.collections(&site) {
+                    tasks.spawn(collect(collection, jobs.clone()));
+                }
+                sites.insert(site);
+            }
+        }
+        state = look::look(&engine, state).await;
+        let sent = desired::send(&engine).await;
+        let trouble = match sent {
+            _ if !engine.is_connected() => Some("the server is not reached".to_owned()),
+            sent => sent.err(),
+        };
+        engine.trouble(AlarmKind::Server, trouble);
+    }
+    tasks.shutdown().await;
+}
+
+async fn prepared(engine: &Engine, site: &SiteId) -> bool {
+    let made = engine
+        .hub
+        .prepare(std::slice::from_ref(site), engine.settings.keeping)
+        .await;
+    if let Err(error) = &made {
+        tracing::warn!("the streams of {site}: {error}");
+    }
+    made.is_ok()
+}
+
+/// Takes what the machines of a site say, and acknowledges it when it is on disk.
+async fn collect(mut collection: volcomp_fleet::Collection, jobs: mpsc::SyncSender<Job>) {
+    loop {
+        let mut batch = match collection.next().await {
+            Ok(batch) => batch,
+            Err(error) => {
+                tracing::warn!("{}: {error}", collection.stream());
+                continue;
+            }
+        };
+        if batch.messages.is_empty() {
+            continue;
+        }
+        let (stored, waits) = oneshot::channel();
+        let mut job = Job {
+            messages: std::mem::take(&mut batch.messages),
+            stored,
+        };
+        // The queue of a thread that waits for a disk: full, it is tried again, and the server keeps what comes.
+        while let Err(error) = jobs.try_send(job) {
+            match error {
+                mpsc::TrySendError::Full(back) => {
+                    job = back;
+                    tokio::time::sleep(Duration::from_millis(5)).await;
+                }
+                mpsc::TrySendError::Disconnected(_) => return,
+            }
+        }
+        if waits.await.is_err() {
+            return;
+        }
+        if let Err(error) = batch.acknowledge().await {
+            tracing::warn!("{}: {error}", collection.stream());
+        }
+    }
+}

@@ -1,0 +1,153 @@
+//! The command line, without a server: what it prints, and its exit status.
+
+use std::{path::Path, process::Command};
+
+struct Called {
+    status: i32,
+    out: String,
+    err: String,
+}
+
+fn call(folder: &Path, arguments: &str) -> Called {
+    let output = Command::new(env!("CARGO_BIN_EXE_volcomp-centre"))
+        .current_dir(folder)
+        .args(["--by", "anna"])
+        .args(arguments.split_whitespace())
+        .output()
+        .unwrap();
+    Called {
+        status: output.status.code().unwrap(),
+        out: String::from_utf8(output.stdout).unwrap(),
+        err: String::from_utf8(output.stderr).unwrap(),
+    }
+}
+
+#[test]
+fn from_nothing_to_a_roll_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let done = |arguments: &str| {
+        let called = call(folder, arguments);
+        assert_eq!(called.status, 0, "{arguments}: {}", called.err);
+        called.out
+    };
+    let wrong = |arguments: &str, told: &str| {
+        let called = call(folder, arguments);
+        assert_eq!(
+            called.status, 2,
+            "{arguments}: {}{}",
+            called.out, called.err
+        );
+        assert!(called.err.contains(told), "{arguments}: {}", called.err);
+    };
+    wrong("check", "centre.toml");
+    std::fs::write(
+        folder.join("centre.toml"),
+        "[nats]\nurl = \"nats://127.0.0.1:4222\"\n",
+    )
+    .unwrap();
+    wrong("check", "main.key");
+    let public = done("key new main");
+    assert!(done("key list").starts_with(public.trim_end()));
+    wrong("key new main", "main.key");
+    wrong("key new ../main", "expected letters");
+    done("key nkey centre.nkey");
+    wrong("key nkey centre.nkey", "centre.nkey");
+    let gantry = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/gantry.toml");
+    let gantry = gantry.display();
+    let add = format!("--site berlin --serial 4711 --like {gantry}");
+    done(&format!(
+        "machine add mill-1 {add} --new-nkey mill-1.nkey --canary"
+    ));
+    done(&format!("machine add mill-2 {add}"));
+    wrong(&format!("machine add Mill {add}"), "lower-case");
+    let listed = done("machine list");
+    assert!(
+        listed.contains("mill-1") && listed.contains("never heard"),
+        "{listed}"
+    );
+    let checked = done("check");
+    assert!(checked.contains("note: mill-2 has no nkey"), "{checked}");
+    let server = done("nats-config");
+    assert!(
+        server.contains("volcomp.berlin.mill-1.condition"),
+        "{server}"
+    );
+    assert!(!server.contains("mill-2"), "{server}");
+    // What a seed is worth to others: nothing that is printed holds one.
+    let seed = std::fs::read_to_string(folder.join("mill-1.nkey")).unwrap();
+    assert!(!server.contains(seed.trim()));
+    let added = done(&format!("model add {gantry} --measured 2026-11-20"));
+    let model = added
+        .lines()
+        .last()
+        .unwrap()
+        .split(' ')
+        .next()
+        .unwrap()
+        .to_owned();
+    let short = &model[..8];
+    wrong(
+        &format!("model add {gantry} --measured yesterday"),
+        "expected a day",
+    );
+    assert!(done("model list").contains("2026-11-20"));
+    wrong(
+        "rollout start --model 00 --machine mill-1",
+        "expected the beginning of one checksum",
+    );
+    wrong(
+        &format!("rollout start --model {short} --machine mill-9"),
+        "found no machine",
+    );
+    let started = done(&format!("rollout start --model {short} --all"));
+    assert!(started.contains("roll-out 1"), "{started}");
+    wrong(
+        &format!("rollout start --model {short} --all"),
+        "roll-out 1",
+    );
+    let status = done("rollout status 1");
+    assert!(
+        status.contains("mill-1") && status.contains("waits for its wave"),
+        "{status}"
+    );
+    done("rollout pause 1");
+    wrong("rollout stop 2", "found no roll-out 2");
+    let log = done("audit");
+    assert!(
+        log.contains("rollout.start") && log.contains("anna"),
+        "{log}"
+    );
+    done("machine remove mill-2");
+    wrong("machine remove mill-2", "found no machine");
+    // A secret that others can read is none.
+    use std::os::unix::fs::PermissionsExt;
+    let open = std::fs::Permissions::from_mode(0o644);
+    std::fs::set_permissions(folder.join("keys/main.key"), open).unwrap();
+    wrong("check", "expected 600");
+}
+
+#[test]
+fn two_models_are_compared() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(folder.join("centre.toml"), "[nats]\nurl = \"nats://a:1\"\n").unwrap();
+    let add = |squareness: u32| {
+        let file = format!("{squareness}.toml");
+        std::fs::write(folder.join(&file), crate::support::model_text(squareness)).unwrap();
+        let called = call(folder, &format!("model add {file}"));
+        assert_eq!(called.status, 0, "{}", called.err);
+        called.out.lines().last().unwrap()[..12].to_owned()
+    };
+    let (one, other) = (add(7), add(9));
+    let called = call(folder, &format!("model diff {one} {other}"));
+    assert_eq!(called.status, 0, "{}", called.err);
+    let lines: Vec<&str> = called
+        .out
+        .lines()
+        .filter(|line| line.contains("EC0Y"))
+        .collect();
+    assert_eq!(lines.len(), 2, "{}", called.out);
+    assert!(lines[0].starts_with("- ") && lines[0].contains('7'));
+    assert!(lines[1].starts_with("+ ") && lines[1].contains('9'));
+}

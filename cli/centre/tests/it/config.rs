@@ -1,0 +1,97 @@
+//! The configuration file.
+
+use std::path::Path;
+
+use volcomp_centre::{
+    config::{Config, StorePlace},
+    rollout::Rules,
+    store::Keep,
+};
+
+fn read(text: &str) -> Result<Config, String> {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("centre.toml");
+    std::fs::write(&file, text).unwrap();
+    let strip = |text: String| text.replace(&format!("{}/", folder.path().display()), "");
+    Config::read(&file).map_err(|e| strip(e.to_string()))
+}
+
+/// The block of the book with every key.
+fn of_the_book() -> String {
+    let book = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/src/fleet.md");
+    let book = std::fs::read_to_string(book).unwrap();
+    let blocks = book.split("```toml\n").skip(1);
+    let mut blocks = blocks.map(|block| block.split("```").next().unwrap());
+    let block = blocks.find(|block| block.starts_with("# centre.toml"));
+    block.unwrap().to_owned()
+}
+
+#[test]
+fn the_book_shows_every_key_with_its_default() {
+    let shown = read(&of_the_book()).unwrap();
+    let bare = read("[nats]\nurl = \"nats://127.0.0.1:4222\"\n").unwrap();
+    assert_eq!(shown.keep, Keep::default());
+    assert_eq!(shown.keep, bare.keep);
+    assert_eq!(shown.rollout, Rules::default());
+    assert_eq!(shown.rollout, bare.rollout);
+    assert_eq!(shown.nats.keeping, bare.nats.keeping);
+    assert_eq!(shown.nats.url, bare.nats.url);
+    assert_eq!(shown.keys.sign_with, bare.keys.sign_with);
+    let StorePlace::File(file) = &shown.store else {
+        panic!("{:?}", shown.store);
+    };
+    assert!(file.ends_with("centre.db"));
+    // Every key that the program names where one is unknown stands in the book.
+    for table in ["nats", "store", "keep", "keys", "rollout", "server"] {
+        let text = format!("[nats]\nurl = \"nats://a:1\"\n[{table}]\n").replace(
+            "[nats]\nurl = \"nats://a:1\"\n[nats]\n",
+            "[nats]\nurl = \"nats://a:1\"\n",
+        );
+        let told = read(&format!("{text}zzzzzzzz = 1\n")).unwrap_err();
+        let expected = told.split("expected").nth(1).unwrap();
+        let block = of_the_book();
+        let section = block.split(&format!("[{table}]")).nth(1).unwrap();
+        let section = section.split("\n[").next().unwrap();
+        for key in expected.split(|c: char| !c.is_ascii_lowercase() && c != '_') {
+            if key.len() > 1 && key != "one" && key != "of" && key != "or" && key != "and" {
+                assert!(section.contains(key), "{table}.{key}: {told}");
+            }
+        }
+    }
+}
+
+#[test]
+fn mistakes_are_named_with_their_place() {
+    let nats = "[nats]\nurl = \"nats://a:1\"\n";
+    for (text, told) in [
+        ("", "centre.toml"),
+        (
+            "[nats]\nreplicas = 2\nurl = \"x\"\n",
+            "centre.toml:2: nats.replicas: found 2, expected 1, 3 or 5",
+        ),
+        (
+            "[rollout]\nwaves = [50, 20]\n[nats]\nurl = \"x\"\n",
+            "centre.toml:2: rollout.waves: expected percentages that rise to 100",
+        ),
+        (
+            "[rollout]\nwaves = [50]\n[nats]\nurl = \"x\"\n",
+            "rise to 100",
+        ),
+        (
+            "[server]\nkey = \"a\"\n[nats]\nurl = \"x\"\n",
+            "certificate and key, expected both or neither",
+        ),
+        (
+            "[store]\nfile = \"a\"\npostgres = \"b\"\n[nats]\nurl = \"x\"\n",
+            "expected one of them",
+        ),
+        (
+            "[server]\ncluster = \"a\"\n[nats]\nurl = \"x\"\n",
+            "cluster_listen",
+        ),
+    ] {
+        let found = read(text).unwrap_err();
+        assert!(found.contains(told), "{text}: {found}");
+    }
+    assert!(read(nats).is_ok());
+}

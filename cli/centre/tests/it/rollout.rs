@@ -1,0 +1,407 @@
+//! The state machine of roll-outs: what it does in the plain case, and what it never does whatever happens.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use proptest::prelude::*;
+use volcomp_centre::rollout::{Action, Event, Phase, Rollout, Rules, Seen, Step, Wish};
+use volcomp_fleet::{MachineId, Outcome};
+
+fn name(place: usize) -> MachineId {
+    format!("m{place}").parse().unwrap()
+}
+
+fn rules() -> Rules {
+    Rules {
+        waves: vec![50, 100],
+        soak_s: 20.0,
+        answer_s: 60.0,
+        tolerate: 1,
+        residual_ratio: 1.5,
+        residual_um: 2.0,
+    }
+}
+
+fn rollout(machines: usize, canaries: &[usize], rules: Rules) -> Rollout {
+    let machines: Vec<(MachineId, bool)> = (0..machines)
+        .map(|place| (name(place), canaries.contains(&place)))
+        .collect();
+    Rollout::new(
+        1,
+        "model".to_owned(),
+        &machines,
+        rules,
+        "anna".to_owned(),
+        0.0,
+    )
+}
+
+fn issued(actions: &[Action]) -> Vec<MachineId> {
+    let machines = actions
+        .iter()
+        .map(|Action::Issue { machine, .. }| machine.clone());
+    machines.collect()
+}
+
+/// Looks, with these residuals of machines that run a version.
+fn looked(elapsed_s: f64, seen: &[(usize, u64, f64)]) -> Event {
+    let seen = seen.iter().map(|(place, version, residual)| {
+        let seen = Seen {
+            heard: true,
+            version: *version,
+            faulted: None,
+            residual_um: Some(*residual),
+        };
+        (name(*place), seen)
+    });
+    Event::Looked {
+        elapsed_s,
+        seen: seen.collect(),
+    }
+}
+
+fn answered(place: usize, version: u64, outcome: Outcome) -> Event {
+    Event::Answered {
+        machine: name(place),
+        version,
+        outcome,
+    }
+}
+
+/// Issues what is asked, each machine with version 1 and a residual of 4 µm before.
+fn issue(rollout: &mut Rollout, actions: Vec<Action>) -> Vec<MachineId> {
+    let machines = issued(&actions);
+    for machine in &machines {
+        let none = rollout.step(Event::Issued {
+            machine: machine.clone(),
+            version: 1,
+            before_um: Some(4.0),
+        });
+        assert!(none.is_empty());
+    }
+    machines
+}
+
+fn step_of(rollout: &Rollout, place: usize) -> Step {
+    let mut turns = rollout.turns.iter();
+    turns
+        .find(|turn| turn.machine == name(place))
+        .unwrap()
+        .step
+        .clone()
+}
+
+#[test]
+fn canaries_then_waves_then_done() {
+    let mut rollout = rollout(5, &[3], rules());
+    let actions = rollout.step(looked(1.0, &[]));
+    assert_eq!(issue(&mut rollout, actions), [name(3)]);
+    assert!(rollout.step(answered(3, 1, Outcome::Activated)).is_empty());
+    // The soak: two looks of ten seconds.
+    assert!(rollout.step(looked(10.0, &[(3, 1, 4.0)])).is_empty());
+    let actions = rollout.step(looked(10.0, &[(3, 1, 4.0)]));
+    assert_eq!(issue(&mut rollout, actions), [name(0), name(1)]);
+    for place in [0, 1] {
+        rollout.step(answered(place, 1, Outcome::Activated));
+    }
+    let both = [(0, 1, 4.0), (1, 1, 4.0)];
+    assert!(rollout.step(looked(10.0, &both)).is_empty());
+    let actions = rollout.step(looked(10.0, &both));
+    assert_eq!(issue(&mut rollout, actions), [name(2), name(4)]);
+    // An acknowledgement that was lost: the condition tells the version that is in force.
+    let rest = [(2, 1, 4.0), (4, 1, 4.0)];
+    for _ in 0..3 {
+        rollout.step(looked(10.0, &rest));
+    }
+    assert_eq!(rollout.phase, Phase::Done);
+}
+
+#[test]
+fn a_gap_in_the_watching_shortens_no_soak() {
+    let mut rollout = rollout(2, &[0], rules());
+    let actions = rollout.step(looked(1.0, &[]));
+    issue(&mut rollout, actions);
+    rollout.step(answered(0, 1, Outcome::Activated));
+    // The centre was away for a day, or its clock jumped; the machine was silent for an hour.
+    for event in [
+        looked(86_400.0, &[(0, 1, 4.0)]),
+        looked(3600.0, &[]),
+        looked(f64::NAN, &[(0, 1, 4.0)]),
+        looked(-5.0, &[(0, 1, 4.0)]),
+    ] {
+        assert!(rollout.step(event).is_empty());
+    }
+    assert!(matches!(step_of(&rollout, 0), Step::Soaking { soaked_s, .. } if soaked_s == 10.0));
+}
+
+#[test]
+fn it_stops_for_what_speaks_against_the_model() {
+    let start = || {
+        let mut rollout = rollout(4, &[0], rules());
+        let actions = rollout.step(looked(1.0, &[]));
+        issue(&mut rollout, actions);
+        rollout
+    };
+    let stopped = |rollout: &Rollout, words: &str| {
+        let Phase::Stopped { why } = &rollout.phase else {
+            panic!("{:?}", rollout.phase);
+        };
+        assert!(why.contains(words), "{why}");
+    };
+    let mut refused = start();
+    let why = "its serial number".to_owned();
+    assert!(
+        refused
+            .step(answered(0, 1, Outcome::Refused { why }))
+            .is_empty()
+    );
+    stopped(&refused, "m0: it has refused it: its serial number");
+
+    let mut silent = start();
+    for _ in 0..7 {
+        assert!(silent.step(looked(10.0, &[])).is_empty());
+    }
+    stopped(&silent, "it has not answered");
+
+    let mut faulted = start();
+    faulted.step(answered(0, 1, Outcome::Activated));
+    let seen = Seen {
+        heard: true,
+        version: 1,
+        faulted: Some("a write did not land".to_owned()),
+        residual_um: None,
+    };
+    let seen = BTreeMap::from([(name(0), seen)]);
+    let event = Event::Looked {
+        elapsed_s: 1.0,
+        seen,
+    };
+    assert!(faulted.step(event).is_empty());
+    stopped(&faulted, "a write did not land");
+
+    let mut risen = start();
+    risen.step(answered(0, 1, Outcome::Activated));
+    assert!(risen.step(looked(10.0, &[(0, 1, 6.5)])).is_empty());
+    stopped(&risen, "from 4.0 µm to 6.5 µm");
+    // Half as much again, and 2 µm: either alone is not enough.
+    for fine_um in [6.0, 5.9] {
+        let mut fine = start();
+        fine.step(answered(0, 1, Outcome::Activated));
+        fine.step(looked(10.0, &[(0, 1, fine_um)]));
+        assert_eq!(fine.phase, Phase::Running);
+    }
+}
+
+#[test]
+fn a_person_confirms_holds_and_lets_go_on() {
+    let mut rollout = rollout(2, &[0], rules());
+    let wished = |wish| Event::Wished {
+        wish,
+        by: "bert".to_owned(),
+    };
+    let actions = rollout.step(looked(1.0, &[]));
+    issue(&mut rollout, actions);
+    let needs = Outcome::NeedsConfirmation {
+        hash: "abc".to_owned(),
+        worst_um: "120.0".to_owned(),
+        worst_urad: String::new(),
+    };
+    assert!(rollout.step(answered(0, 1, needs)).is_empty());
+    // It waits for the person, however long.
+    for _ in 0..100 {
+        assert!(rollout.step(looked(10.0, &[])).is_empty());
+    }
+    let confirm = |hash: &str| {
+        wished(Wish::Confirm {
+            machine: name(0),
+            hash: hash.to_owned(),
+        })
+    };
+    assert!(rollout.step(confirm("another")).is_empty());
+    let actions = rollout.step(confirm("abc"));
+    assert_eq!(
+        actions,
+        [Action::Issue {
+            machine: name(0),
+            confirm: Some("abc".to_owned())
+        }]
+    );
+    rollout.step(Event::Issued {
+        machine: name(0),
+        version: 2,
+        before_um: Some(99.0),
+    });
+    assert_eq!(rollout.turns[0].before_um, Some(4.0));
+    // The answer to the first version comes again, late.
+    let why = "its version".to_owned();
+    rollout.step(answered(0, 1, Outcome::Refused { why: why.clone() }));
+    assert_eq!(rollout.phase, Phase::Running);
+    rollout.step(wished(Wish::Pause));
+    rollout.step(answered(0, 2, Outcome::Activated));
+    for _ in 0..2 {
+        assert!(rollout.step(looked(10.0, &[(0, 2, 4.0)])).is_empty());
+    }
+    assert!(matches!(step_of(&rollout, 0), Step::Done { version: 2 }));
+    let actions = rollout.step(wished(Wish::Resume));
+    assert_eq!(issue(&mut rollout, actions), [name(1)]);
+    rollout.step(answered(1, 1, Outcome::Refused { why }));
+    assert!(matches!(rollout.phase, Phase::Stopped { .. }));
+    rollout.step(wished(Wish::Resume));
+    assert_eq!(rollout.phase, Phase::Done, "the one that is out is let go");
+}
+
+#[test]
+fn some_may_stay_out_behind_the_canaries() {
+    let mut rules = rules();
+    rules.soak_s = 0.0;
+    rules.waves = vec![100];
+    let mut rollout = rollout(4, &[0], rules);
+    let actions = rollout.step(looked(1.0, &[]));
+    issue(&mut rollout, actions);
+    let actions = rollout.step(answered(0, 1, Outcome::Activated));
+    assert_eq!(issue(&mut rollout, actions).len(), 3);
+    for place in [1, 2] {
+        rollout.step(answered(place, 1, Outcome::Activated));
+    }
+    for _ in 0..7 {
+        rollout.step(looked(10.0, &[]));
+    }
+    assert_eq!(rollout.phase, Phase::Done, "one may stay out");
+}
+
+#[derive(Clone, Debug)]
+enum Happens {
+    Look(u16, Vec<(u8, u8, u8)>),
+    Answer(u8, u8, u8),
+    Wish(u8, u8),
+    Fails(u8),
+}
+
+fn happens() -> impl Strategy<Value = Happens> {
+    prop_oneof![
+        4 => (0_u16..20, proptest::collection::vec((any::<u8>(), 0_u8..4, any::<u8>()), 0..6))
+            .prop_map(|(s, seen)| Happens::Look(s, seen)),
+        4 => (any::<u8>(), 0_u8..4, any::<u8>()).prop_map(|(m, v, o)| Happens::Answer(m, v, o)),
+        1 => (any::<u8>(), any::<u8>()).prop_map(|(w, m)| Happens::Wish(w, m)),
+        1 => any::<u8>().prop_map(Happens::Fails),
+    ]
+}
+
+fn event(happens: &Happens, machines: usize) -> Event {
+    let machine = |place: u8| name(usize::from(place) % machines);
+    match happens {
+        Happens::Look(s, seen) => Event::Looked {
+            elapsed_s: f64::from(*s),
+            seen: (seen.iter())
+                .map(|(place, version, odd)| {
+                    let seen = Seen {
+                        heard: odd % 8 > 0,
+                        version: u64::from(*version),
+                        faulted: (odd % 16 == 9).then(|| "fault".to_owned()),
+                        residual_um: (odd % 4 > 0).then(|| f64::from(*odd) / 10.0),
+                    };
+                    (machine(*place), seen)
+                })
+                .collect(),
+        },
+        Happens::Answer(place, version, odd) => Event::Answered {
+            machine: machine(*place),
+            version: u64::from(*version),
+            outcome: match odd % 4 {
+                0 => Outcome::Refused {
+                    why: "no".to_owned(),
+                },
+                1 => Outcome::NeedsConfirmation {
+                    hash: "h".to_owned(),
+                    worst_um: String::new(),
+                    worst_urad: String::new(),
+                },
+                _ => Outcome::Activated,
+            },
+        },
+        Happens::Wish(wish, place) => Event::Wished {
+            wish: match wish % 8 {
+                0 => Wish::Pause,
+                1 => Wish::Abort,
+                2..5 => Wish::Resume,
+                _ => Wish::Confirm {
+                    machine: machine(*place),
+                    hash: "h".to_owned(),
+                },
+            },
+            by: "bert".to_owned(),
+        },
+        Happens::Fails(place) => Event::NotIssued {
+            machine: machine(*place),
+            why: "no such model".to_owned(),
+        },
+    }
+}
+
+proptest! {
+    /// Whatever happens, in whatever order, with restarts between any two events.
+    #[test]
+    fn whatever_happens(
+        machines in 1_usize..8,
+        canaries in proptest::collection::vec(0_usize..8, 0..3),
+        waves in proptest::collection::vec(1_u32..=100, 0..4),
+        tolerate in 0_u32..3,
+        soak_s in prop_oneof![Just(0.0), Just(15.0)],
+        story in proptest::collection::vec(happens(), 0..120),
+    ) {
+        let mut waves = waves;
+        waves.sort_unstable();
+        let mut rollout = rollout(machines, &canaries, Rules { waves, tolerate, soak_s, ..rules() });
+        let mut sent: BTreeSet<MachineId> = BTreeSet::new();
+        let mut version = 0;
+        for happens in &story {
+            let before = rollout.clone();
+            // A centre that is started again goes on from what it has stored.
+            let text = serde_json::to_string(&rollout).unwrap();
+            rollout = serde_json::from_str(&text).unwrap();
+            prop_assert_eq!(&rollout, &before);
+            let actions = rollout.step(event(happens, machines));
+            if !actions.is_empty() {
+                prop_assert!(!rollout.phase.is_over());
+            }
+            for Action::Issue { machine, confirm } in actions {
+                let turn = rollout.turns.iter().find(|turn| turn.machine == machine).unwrap();
+                if confirm.is_none() {
+                    // Never while it is held or has stopped, and never twice.
+                    prop_assert_eq!(&rollout.phase, &Phase::Running);
+                    prop_assert!(sent.insert(machine.clone()), "{} twice", machine);
+                    // Never before everything of the waves before is over.
+                    for other in rollout.turns.iter().filter(|other| other.wave < turn.wave) {
+                        let over = matches!(other.step, Step::Done { .. } | Step::Out { .. });
+                        prop_assert!(over, "{:?} before {:?}", turn, other);
+                        // A canary that is out was let go by a person.
+                        if let Step::Out { excused, .. } = other.step {
+                            prop_assert!(excused || other.wave > 0);
+                        }
+                    }
+                    // Nothing that speaks against the model is passed over, nor more silent ones than may be.
+                    let out: Vec<bool> = rollout.turns.iter().filter_map(|turn| match turn.step {
+                        Step::Out { against, excused: false, .. } => Some(against),
+                        _ => None,
+                    }).collect();
+                    prop_assert!(!out.contains(&true));
+                    prop_assert!(out.len() <= tolerate as usize);
+                } else {
+                    prop_assert!(sent.contains(&machine), "only what was sent is confirmed");
+                }
+                version += 1;
+                rollout.step(Event::Issued { machine, version: version.min(3), before_um: Some(4.0) });
+            }
+            if before.phase.is_over() {
+                prop_assert_eq!(&rollout, &before, "what is over stays as it is");
+            }
+            if rollout.phase == Phase::Done {
+                let all = rollout.turns.iter().all(|turn| matches!(turn.step, Step::Done { .. } | Step::Out { .. }));
+                prop_assert!(all);
+            }
+        }
+        // Every machine is in it once.
+        let names: BTreeSet<&MachineId> = rollout.turns.iter().map(|turn| &turn.machine).collect();
+        prop_assert_eq!(names.len(), machines);
+        prop_assert!(rollout.turns.iter().any(|turn| turn.wave == 0));
+    }
+}

@@ -1,0 +1,269 @@
+//! The store and what goes into it.
+
+use serde_json::json;
+use volcomp_centre::{
+    ingest::Ingest,
+    records::Resolution,
+    rollout::{Rollout, Rules, Wish},
+    store::{Keep, Store, StoreError},
+};
+use volcomp_fleet::{Kind, MachineId, Received};
+
+use crate::support::{condition, envelope, identity, machine, model, model_text, received};
+
+fn store() -> (tempfile::TempDir, Store) {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::open(&folder.path().join("centre.db")).unwrap();
+    (folder, store)
+}
+
+fn mill() -> MachineId {
+    identity("mill-a").machine
+}
+
+/// A condition a second from `from_s` on, with a residual that is its number.
+fn conditions(numbers: std::ops::Range<u64>, from_s: f64) -> Vec<Received> {
+    let one = |number: u64| {
+        let envelope = envelope("run-1", number, condition(number as f64));
+        let at_s = from_s + number as f64;
+        received("mill-a", Kind::Condition, number + 1, at_s, &envelope)
+    };
+    numbers.map(one).collect()
+}
+
+#[test]
+fn machines_models_and_the_log_of_changes() {
+    let (folder, store) = store();
+    let mut mill = machine("mill-a");
+    store.put_machine(&mill, "anna").unwrap();
+    mill.canary = true;
+    store.put_machine(&mill, "bert").unwrap();
+    assert_eq!(store.machines().unwrap(), [mill.clone()]);
+    let new = model(7);
+    assert!(store.add_model(&new.model, &new.text).unwrap());
+    assert!(!store.add_model(&new.model, &new.text).unwrap(), "once");
+    assert_eq!(
+        store.model(&new.model.sha256[..8]).unwrap(),
+        Some(new.model.clone())
+    );
+    assert_eq!(
+        store.model_text(&new.model.sha256).unwrap(),
+        Some(model_text(7))
+    );
+    assert_eq!(store.model("").unwrap(), None);
+    assert_eq!(store.model("%").unwrap(), None);
+    // Another program has the same file open.
+    let other = Store::open(&folder.path().join("centre.db")).unwrap();
+    assert!(
+        other
+            .remove_machine(&mill.identity.machine, "carl")
+            .unwrap()
+    );
+    assert!(store.machines().unwrap().is_empty());
+    let log = store.audit_records(None, 10).unwrap();
+    let told: Vec<(&str, &str)> = log
+        .iter()
+        .map(|record| (record.by.as_str(), record.action.as_str()))
+        .collect();
+    assert_eq!(
+        told,
+        [
+            ("carl", "machine.remove"),
+            ("anna", "model.add"),
+            ("bert", "machine.put"),
+            ("anna", "machine.put"),
+        ]
+    );
+    assert_eq!(store.broken_audit().unwrap(), None);
+}
+
+#[test]
+fn a_record_of_the_log_that_was_changed_or_taken_out_is_seen() {
+    for (change, seen) in [
+        (
+            "UPDATE audit SET document = replace(document, 'anna', 'bert') WHERE number = 2",
+            2,
+        ),
+        ("DELETE FROM audit WHERE number = 2", 2),
+        ("UPDATE audit SET number = 9 WHERE number = 3", 3),
+    ] {
+        let (folder, store) = store();
+        for number in 0..4 {
+            let details = json!({ "number": number });
+            store.audit("anna", "test", "x", details).unwrap();
+        }
+        assert_eq!(store.broken_audit().unwrap(), None);
+        let thief = rusqlite::Connection::open(folder.path().join("centre.db")).unwrap();
+        thief.execute(change, []).unwrap();
+        assert_eq!(store.broken_audit().unwrap(), Some(seen), "{change}");
+    }
+}
+
+#[test]
+fn each_message_is_stored_once_and_the_history_has_its_means() {
+    let (folder, store) = store();
+    let mut ingest = Ingest::of(&store).unwrap();
+    // From the beginning of an hour on.
+    let from_s = 1_800_000_000.0;
+    let batch = conditions(0..90, from_s);
+    let taken = ingest.take(&store, &batch[..50]).unwrap();
+    assert_eq!((taken.stored, taken.twice), (50, 0));
+    // A part comes again, as after a lost acknowledgement, and as after a restart of the centre.
+    let taken = ingest.take(&store, &batch[40..60]).unwrap();
+    assert_eq!((taken.stored, taken.twice), (10, 10));
+    let store = {
+        drop(store);
+        Store::open(&folder.path().join("centre.db")).unwrap()
+    };
+    let mut ingest = Ingest::of(&store).unwrap();
+    let taken = ingest.take(&store, &batch).unwrap();
+    assert_eq!((taken.stored, taken.twice), (30, 60));
+    let history = |resolution| {
+        store
+            .history(&mill(), resolution, from_s, from_s + 7200.0, 1000)
+            .unwrap()
+    };
+    assert_eq!(history(Resolution::Raw).len(), 90);
+    assert_eq!(store.close_minutes(from_s + 60.0).unwrap(), 60);
+    assert_eq!(history(Resolution::Raw).len(), 90, "closed or not");
+    assert_eq!(store.close_minutes(from_s + 120.0).unwrap(), 30);
+    let minutes = history(Resolution::Minute);
+    let means: Vec<(u64, f64)> = (minutes.iter())
+        .map(|point| (point.count, point.residual_um.unwrap()))
+        .collect();
+    // The mean of 0 … 59, and of 60 … 89.
+    assert_eq!(means, [(60, 29.5), (30, 74.5)]);
+    assert_eq!(minutes[1].residual_max_um, Some(89.0));
+    let hours = history(Resolution::Hour);
+    assert_eq!((hours[0].count, hours[0].residual_um), (90, Some(44.5)));
+    assert_eq!(hours[0].temperatures_degc["scale X"], 21.5);
+    // Thirty come late into a minute that is closed: minute and hour are those of all.
+    ingest.take(&store, &conditions(90..120, from_s)).unwrap();
+    assert_eq!(store.close_minutes(from_s + 180.0).unwrap(), 30);
+    let minutes = history(Resolution::Minute);
+    assert_eq!((minutes[1].count, minutes[1].residual_um), (60, Some(89.5)));
+    let hours = history(Resolution::Hour);
+    assert_eq!((hours[0].count, hours[0].residual_um), (120, Some(59.5)));
+}
+
+#[test]
+fn what_is_old_is_forgotten_and_hours_stay() {
+    let (_folder, store) = store();
+    let mut ingest = Ingest::of(&store).unwrap();
+    let from_s = 1_800_000_000.0;
+    ingest.take(&store, &conditions(0..60, from_s)).unwrap();
+    let telemetry: Vec<Received> = (60..70)
+        .map(|number| {
+            let envelope = envelope("run-1", number, json!({ "number": number }));
+            let at_s = from_s + number as f64;
+            received("mill-a", Kind::Telemetry, number + 1, at_s, &envelope)
+        })
+        .collect();
+    ingest.take(&store, &telemetry).unwrap();
+    assert_eq!(store.telemetry(&mill()).unwrap().unwrap().1["number"], 69);
+    store.close_minutes(from_s + 60.0).unwrap();
+    let keep = Keep::default();
+    let points = |resolution| {
+        let points = store.history(&mill(), resolution, from_s, from_s + 60.0, 1000);
+        points.unwrap().len()
+    };
+    store.forget(keep, from_s + 3600.0).unwrap();
+    assert_eq!(points(Resolution::Raw), 60);
+    store.forget(keep, from_s + 2.0 * 86_400.0).unwrap();
+    assert_eq!(points(Resolution::Raw), 0);
+    assert_eq!(points(Resolution::Minute), 1);
+    // The first whole state of the hour is kept longer.
+    assert_eq!(store.telemetry(&mill()).unwrap().unwrap().1["number"], 60);
+    store.forget(keep, from_s + 40.0 * 86_400.0).unwrap();
+    assert_eq!(points(Resolution::Minute), 0);
+    assert_eq!(points(Resolution::Hour), 1);
+    assert_eq!(store.telemetry(&mill()).unwrap(), None);
+}
+
+/// A disk that is full: nothing of a batch is stored, nothing is forgotten of what was known, and it can be given again.
+#[test]
+fn a_batch_that_does_not_fit_is_stored_not_at_all() {
+    let (folder, store) = store();
+    let mut ingest = Ingest::of(&store).unwrap();
+    let from_s = 1_800_000_000.0;
+    ingest.take(&store, &conditions(0..10, from_s)).unwrap();
+    let full = |pages: u32| store.limit_pages(pages).unwrap();
+    full(1);
+    let large = conditions(10..2000, from_s);
+    let refused = ingest.take(&store, &large);
+    assert!(matches!(refused, Err(StoreError::Sqlite(_))), "{refused:?}");
+    let count = || {
+        let points = store.history(&mill(), Resolution::Raw, from_s, from_s + 3000.0, 10_000);
+        points.unwrap().len()
+    };
+    assert_eq!(count(), 10);
+    full(u32::MAX - 1);
+    let taken = ingest.take(&store, &large).unwrap();
+    assert_eq!((taken.stored, taken.twice), (1990, 0));
+    assert_eq!(count(), 2000);
+    drop(folder);
+}
+
+#[test]
+fn what_cannot_be_read_is_kept_for_a_person() {
+    let (_folder, store) = store();
+    let mut ingest = Ingest::of(&store).unwrap();
+    for (sequence, bytes) in [&b"no JSON"[..], b"{}", b"\xff\xfe", b"[1e999]"]
+        .iter()
+        .enumerate()
+    {
+        for kind in Kind::ALL {
+            let message = Received {
+                identity: identity("mill-a"),
+                kind,
+                sequence: sequence as u64,
+                stored_s: 1.0,
+                bytes: bytes.to_vec().into(),
+            };
+            let taken = ingest.take(&store, &[message]).unwrap();
+            assert_eq!((taken.stored, taken.answers.len()), (0, 0));
+        }
+    }
+    assert_eq!(store.machine_records(&mill(), 100).unwrap().len(), 16);
+    let looked = ingest.look(1.0);
+    assert_eq!(looked[&mill()].1.unreadable, 16);
+}
+
+#[test]
+fn a_machine_has_its_turn_in_one_roll_out_at_a_time() {
+    let (_folder, store) = store();
+    let start = |names: &[&str]| {
+        let machines: Vec<(MachineId, bool)> = (names.iter())
+            .map(|name| (name.parse().unwrap(), false))
+            .collect();
+        store.start_rollout(|id| {
+            let by = "anna".to_owned();
+            Rollout::new(id, "model".to_owned(), &machines, Rules::default(), by, 0.0)
+        })
+    };
+    assert_eq!(start(&["a", "b"]).unwrap().id, 1);
+    assert!(matches!(
+        start(&["b", "c"]),
+        Err(StoreError::Rollout { rollout: 1, .. })
+    ));
+    assert_eq!(start(&["c"]).unwrap().id, 2);
+    assert_eq!(store.open_rollouts().unwrap(), [1, 2]);
+    store.wish(1, &Wish::Abort, "anna").unwrap();
+    assert!(matches!(
+        store.wish(3, &Wish::Abort, "anna"),
+        Err(StoreError::Missing { .. })
+    ));
+}
+
+#[test]
+fn a_database_of_a_newer_program_is_left_alone() {
+    let (folder, store) = store();
+    drop(store);
+    let path = folder.path().join("centre.db");
+    let newer = rusqlite::Connection::open(&path).unwrap();
+    newer.execute("UPDATE schema SET steps = 99", []).unwrap();
+    assert!(matches!(
+        Store::open(&path),
+        Err(StoreError::Newer { found: 99, .. })
+    ));
+}

@@ -1,0 +1,101 @@
+//! What several tests need: messages as a gateway sends them, machines, models.
+
+use std::collections::BTreeMap;
+
+use volcomp_centre::{
+    models::NewModel,
+    records::{Machine, Origin},
+};
+use volcomp_fleet::{Acknowledgement, Condition, Envelope, Identity, Kind, Outcome, Received};
+use volcomp_vocabulary::AxisName;
+
+/// The text of a model; another number makes another model.
+pub(crate) fn model_text(number: u32) -> String {
+    format!(
+        "name = \"mill\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 500.0]\n[axes.Y]\ntravel = [0.0, 400.0]\n[axes.Z]\ntravel = [0.0, 300.0]\n[errors]\nEC0Y = {number}.0\n"
+    )
+}
+
+pub(crate) fn model(number: u32) -> NewModel {
+    let origin = Origin::File {
+        name: "mill.toml".to_owned(),
+    };
+    NewModel::of_text(model_text(number), "mill.toml", origin, "anna").unwrap()
+}
+
+pub(crate) fn identity(machine: &str) -> Identity {
+    Identity {
+        site: "berlin".parse().unwrap(),
+        machine: machine.parse().unwrap(),
+    }
+}
+
+pub(crate) fn machine(name: &str) -> Machine {
+    Machine {
+        identity: identity(name),
+        serial: format!("serial of {name}"),
+        structure: "w X' b Y Z t".to_owned(),
+        axes: vec![AxisName::X, AxisName::Y, AxisName::Z],
+        nkey: None,
+        address: String::new(),
+        control: String::new(),
+        enable: true,
+        canary: false,
+        due_days: None,
+        condition_s: None,
+        telemetry_s: None,
+        note: String::new(),
+    }
+}
+
+pub(crate) fn condition(residual_um: f64) -> Condition {
+    Condition {
+        state: "compensating".to_owned(),
+        reasons: Vec::new(),
+        armed: true,
+        correction_um: BTreeMap::from([(AxisName::X, 12.0), (AxisName::Y, -3.5)]),
+        correction_urad: BTreeMap::new(),
+        residual_um: Some(residual_um),
+        temperatures_degc: BTreeMap::from([("scale X".to_owned(), Some(21.5))]),
+        cycle_p99_us: 180.0,
+        overruns: 0,
+        faults: 2,
+    }
+}
+
+pub(crate) fn envelope<T>(instance: &str, number: u64, body: T) -> Envelope<T> {
+    Envelope {
+        instance: instance.to_owned(),
+        number,
+        uptime_s: number as f64,
+        wall_s: 0.0,
+        version: 0,
+        model: String::new(),
+        body,
+    }
+}
+
+/// A message as the stream hands it out.
+pub(crate) fn received<T: serde::Serialize>(
+    machine: &str,
+    kind: Kind,
+    sequence: u64,
+    stored_s: f64,
+    envelope: &Envelope<T>,
+) -> Received {
+    Received {
+        identity: identity(machine),
+        kind,
+        sequence,
+        stored_s,
+        bytes: serde_json::to_vec(envelope).unwrap().into(),
+    }
+}
+
+pub(crate) fn answer(version: u64, outcome: Outcome) -> Acknowledgement {
+    Acknowledgement {
+        version,
+        value_sha256: String::new(),
+        outcome,
+    }
+}

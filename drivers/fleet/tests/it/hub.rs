@@ -1,0 +1,133 @@
+//! The centre's side, against the `nats-server` that is installed.
+
+use std::time::Duration;
+
+use bytes::Bytes;
+use tokio::time::timeout;
+use volcomp_fleet::{Heard, Hub, Keeping, Kind, LinkSettings, MachineLink};
+
+use crate::bench::Bench;
+
+const SOON: Duration = Duration::from_secs(60);
+
+fn runtime() -> tokio::runtime::Runtime {
+    tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .enable_all()
+        .build()
+        .unwrap()
+}
+
+async fn hub(bench: &Bench) -> Hub {
+    let settings = LinkSettings {
+        url: bench.url(),
+        seed: bench.centre.seed().unwrap(),
+        roots: None,
+    };
+    let hub = Hub::connect(&settings).await.unwrap();
+    let site = bench.machines[0].0.site.clone();
+    hub.prepare(&[site], Keeping::default()).await.unwrap();
+    hub
+}
+
+#[test]
+fn what_is_not_acknowledged_comes_again_and_what_is_does_not() {
+    let Some(mut bench) = Bench::start() else {
+        return;
+    };
+    runtime().block_on(async {
+        let hub_one = hub(&bench).await;
+        let identity = bench.machines[0].0.clone();
+        let link = MachineLink::connect(&bench.link(0), &identity)
+            .await
+            .unwrap();
+        for number in 0..5 {
+            let id = format!("1-{number}");
+            let text = Bytes::from(format!("message {number}"));
+            link.publish(Kind::Condition, &id, text).await.unwrap();
+        }
+        let collection = |hub: &Hub| {
+            let [telemetry, _] = hub.collections(&identity.site);
+            telemetry.again_after(Duration::from_secs(2))
+        };
+        // As a centre that dies before it has stored anything.
+        let mut first = collection(&hub_one);
+        let batch = timeout(SOON, first.next()).await.unwrap().unwrap();
+        assert_eq!(batch.messages[0].bytes, "message 0");
+        assert_eq!(batch.messages[0].identity, identity);
+        assert_eq!(batch.messages[0].kind, Kind::Condition);
+        drop((batch, first, hub_one));
+        let hub_two = hub(&bench).await;
+        let mut second = collection(&hub_two);
+        let mut seen = std::collections::BTreeSet::new();
+        while seen.len() < 5 {
+            // A server that is not there yet is told as an error, and tried again.
+            let Ok(batch) = timeout(SOON, second.next()).await.unwrap() else {
+                continue;
+            };
+            seen.extend(batch.messages.iter().map(|message| message.sequence));
+            batch.acknowledge().await.unwrap();
+        }
+        // The server is restarted: what was acknowledged is not sent again, and what comes new is.
+        bench.stop();
+        bench.restart();
+        let end = tokio::time::Instant::now() + SOON;
+        while link
+            .publish(Kind::Condition, "1-5", "new".into())
+            .await
+            .is_err()
+        {
+            assert!(
+                tokio::time::Instant::now() < end,
+                "the server is not there again"
+            );
+        }
+        let batch = loop {
+            let next = timeout(SOON, second.next()).await.unwrap();
+            if let Ok(batch) = next
+                && !batch.messages.is_empty()
+            {
+                break batch;
+            }
+        };
+        assert_eq!(batch.messages.len(), 1);
+        assert_eq!(batch.messages[0].bytes, "new");
+    });
+}
+
+#[test]
+fn the_centre_hears_what_anybody_puts_under_a_key() {
+    let Some(bench) = Bench::start() else { return };
+    runtime().block_on(async {
+        let hub = hub(&bench).await;
+        let mut watch = hub.watch_desired().await.unwrap();
+        let machine = bench.machines[1].0.machine.clone();
+        assert_eq!(hub.desired(&machine).await.unwrap(), None);
+        hub.put_desired(&machine, "own".into()).await.unwrap();
+        assert_eq!(hub.desired(&machine).await.unwrap().unwrap(), "own");
+        // With the credentials of the other machine, by reflection.
+        let thief = bench.stolen(0).await;
+        thief
+            .publish_with_reply(
+                "volcomp.berlin.mill-a.condition",
+                "$KV.desired.mill-b",
+                "forged".into(),
+            )
+            .await
+            .unwrap();
+        thief.flush().await.unwrap();
+        let mut heard = Vec::new();
+        while heard.len() < 2 {
+            if let Heard::Put(found) = timeout(SOON, watch.next()).await.unwrap().unwrap() {
+                assert_eq!(found.machine, machine);
+                heard.push(found.value);
+            }
+        }
+        assert_eq!(heard[0], "own");
+        assert_ne!(heard[1], "own");
+        let found = hub.desired(&machine).await.unwrap().unwrap();
+        assert_eq!(found, heard[1]);
+        hub.put_desired(&machine, "own".into()).await.unwrap();
+        assert_eq!(hub.desired(&machine).await.unwrap().unwrap(), "own");
+    });
+}
