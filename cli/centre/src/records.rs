@@ -306,6 +306,7 @@ pub struct AuditRecord {
     pub object: String,
     /// Further facts.
     pub details: serde_json::Value,
-    /// SHA-256 of the record before and of this one, hexadecimal.
+    /// SHA-256 of the hash of the record before and of this one as it is stored, hexadecimal.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
     pub hash: String,
 }

@@ -122,7 +122,7 @@ pub struct Turn {
 
 /// How the whole stands.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(tag = "phase", rename_all = "kebab-case")]
+#[serde(tag = "is", rename_all = "kebab-case")]
 pub enum Phase {
     /// It goes on.
     Running,
@@ -166,7 +166,6 @@ pub struct Rollout {
     /// The rules.
     pub rules: Rules,
     /// How it stands.
-    #[serde(flatten)]
     pub phase: Phase,
     /// The turns, by wave.
     pub turns: Vec<Turn>,

@@ -1,5 +1,7 @@
 //! Running the centre, and checking what it needs.
 
+use std::io::IsTerminal;
+
 use volcomp_fleet::LinkSettings;
 
 use super::{
@@ -16,7 +18,9 @@ use crate::{
 };
 
 pub(super) fn run(config: &Config, log: LogForm) -> Result<(), CommandError> {
-    let lines = tracing_subscriber::fmt().with_writer(std::io::stderr);
+    let lines = tracing_subscriber::fmt()
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal());
     match log {
         LogForm::Text => lines.with_target(false).init(),
         LogForm::Json => lines.json().init(),

@@ -3,7 +3,10 @@
 use serde_json::Value as Json;
 use sha2::{Digest, Sha256};
 
-use super::{Store, StoreError, database::Database};
+use super::{
+    Store, StoreError,
+    database::{Database, Row},
+};
 use crate::{clock::now_s, records::AuditRecord};
 
 /// Appends a record, in the transaction of what it tells.
@@ -15,12 +18,14 @@ pub(crate) fn append(
     details: Json,
 ) -> Result<(), StoreError> {
     let last = database.first(
-        "SELECT document FROM audit ORDER BY number DESC LIMIT 1",
+        "SELECT number, hash FROM audit ORDER BY number DESC LIMIT 1",
         &[],
     )?;
-    let last: Option<AuditRecord> = last.map(|row| row.json(0)).transpose()?;
-    let (number, before) = last.map_or((1, String::new()), |last| (last.number + 1, last.hash));
-    let mut record = AuditRecord {
+    let (number, before) = match &last {
+        Some(row) => (row.count(0)? + 1, row.text(1)?),
+        None => (1, ""),
+    };
+    let document = serde_json::to_string(&AuditRecord {
         number,
         at_s: now_s(),
         by: by.to_owned(),
@@ -28,25 +33,27 @@ pub(crate) fn append(
         object: object.to_owned(),
         details,
         hash: String::new(),
-    };
-    record.hash = hash(&before, &record)?;
+    })?;
+    let hash = hash(before, &document);
     database.execute(
-        "INSERT INTO audit (number, document) VALUES (?1, ?2)",
-        &[number.into(), serde_json::to_string(&record)?.into()],
+        "INSERT INTO audit (number, document, hash) VALUES (?1, ?2, ?3)",
+        &[number.into(), document.into(), hash.into()],
     )?;
     Ok(())
 }
 
-/// The hash of a record after one with the hash `before`.
-fn hash(before: &str, record: &AuditRecord) -> Result<String, StoreError> {
-    let bare = AuditRecord {
-        hash: String::new(),
-        ..record.clone()
-    };
+/// The hash of a record, as the text that is stored, after one with the hash `before`.
+fn hash(before: &str, document: &str) -> String {
     let mut digest = Sha256::new();
     digest.update(before);
-    digest.update(serde_json::to_vec(&bare)?);
-    Ok(crate::hex(&digest.finalize()))
+    digest.update(document);
+    crate::hex(&digest.finalize())
+}
+
+fn record(row: &Row) -> Result<AuditRecord, StoreError> {
+    let mut record: AuditRecord = row.json(0)?;
+    row.text(1)?.clone_into(&mut record.hash);
+    Ok(record)
 }
 
 impl Store {
@@ -75,10 +82,10 @@ impl Store {
     ) -> Result<Vec<AuditRecord>, StoreError> {
         self.read(|database| {
             let rows = database.rows(
-                "SELECT document FROM audit WHERE number < ?1 ORDER BY number DESC LIMIT ?2",
+                "SELECT document, hash FROM audit WHERE number < ?1 ORDER BY number DESC LIMIT ?2",
                 &[before.unwrap_or(u64::MAX).into(), count.into()],
             )?;
-            rows.iter().map(|row| row.json(0)).collect()
+            rows.iter().map(record).collect()
         })
     }
 
@@ -93,7 +100,7 @@ impl Store {
         loop {
             let rows = self.read(|database| {
                 database.rows(
-                    "SELECT number, document FROM audit WHERE number >= ?1 ORDER BY number LIMIT ?2",
+                    "SELECT document, hash, number FROM audit WHERE number >= ?1 ORDER BY number LIMIT ?2",
                     &[expected.into(), PAGE.into()],
                 )
             })?;
@@ -101,10 +108,10 @@ impl Store {
                 return Ok(None);
             }
             for row in rows {
-                let record: AuditRecord = row.json(1)?;
+                let record = record(&row)?;
                 let follows = record.number == expected
-                    && row.count(0)? == expected
-                    && record.hash == hash(&before, &record)?;
+                    && row.count(2)? == expected
+                    && record.hash == hash(&before, row.text(0)?);
                 if !follows {
                     return Ok(Some(expected));
                 }

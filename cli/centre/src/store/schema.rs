@@ -43,7 +43,7 @@ const STEPS: &[&[&str]] = &[&[
     "CREATE TABLE alarms (id BIGINT PRIMARY KEY, machine TEXT, kind TEXT NOT NULL, text TEXT NOT NULL,
         since_s DOUBLE PRECISION NOT NULL, until_s DOUBLE PRECISION, seen_by TEXT)",
     "CREATE INDEX alarms_open ON alarms (until_s, machine)",
-    "CREATE TABLE audit (number BIGINT PRIMARY KEY, document TEXT NOT NULL)",
+    "CREATE TABLE audit (number BIGINT PRIMARY KEY, document TEXT NOT NULL, hash TEXT NOT NULL)",
     // People.
     "CREATE TABLE users (name TEXT PRIMARY KEY, role TEXT NOT NULL, password TEXT NOT NULL, disabled BIGINT NOT NULL,
         document TEXT NOT NULL)",

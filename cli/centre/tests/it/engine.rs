@@ -121,7 +121,7 @@ fn a_rise_of_the_residual_stops_the_roll_out_by_itself() {
         let mut gateways = Vec::new();
         let mut residuals = Vec::new();
         for place in 0..3 {
-            let plan = shop.plan(place, "run");
+            let plan = shop.plan(place, &format!("run-{place}"));
             residuals.push(Arc::clone(&plan.residual_um));
             let told = Told::default();
             gateways.push((told.clone(), tokio::spawn(gateway::run(plan, told))));

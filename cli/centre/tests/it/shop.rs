@@ -264,19 +264,19 @@ async fn pass(
 /// The numbers of the conditions of a machine that are stored, over all its runs: how many, and how many twice.
 pub(crate) fn stored(folder: &Path, machine: &str) -> u64 {
     let connection = rusqlite::Connection::open(folder.join("centre.db")).unwrap();
-    let recent: u64 = connection
+    let recent: i64 = connection
         .query_row(
             "SELECT count(*) FROM recent WHERE machine = ?1",
             [machine],
             |row| row.get(0),
         )
         .unwrap();
-    let closed: u64 = connection
+    let closed: i64 = connection
         .query_row(
             "SELECT coalesce(sum(json_array_length(document)), 0) FROM raw WHERE machine = ?1",
             [machine],
             |row| row.get(0),
         )
         .unwrap();
-    recent + closed
+    u64::try_from(recent + closed).unwrap()
 }

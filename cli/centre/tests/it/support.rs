@@ -6,7 +6,7 @@ use volcomp_centre::{
     models::NewModel,
     records::{Machine, Origin},
 };
-use volcomp_fleet::{Acknowledgement, Condition, Envelope, Identity, Kind, Outcome, Received};
+use volcomp_fleet::{Condition, Envelope, Identity, Kind, Received};
 use volcomp_vocabulary::AxisName;
 
 /// The text of a model; another number makes another model.
@@ -89,13 +89,5 @@ pub(crate) fn received<T: serde::Serialize>(
         sequence,
         stored_s,
         bytes: serde_json::to_vec(envelope).unwrap().into(),
-    }
-}
-
-pub(crate) fn answer(version: u64, outcome: Outcome) -> Acknowledgement {
-    Acknowledgement {
-        version,
-        value_sha256: String::new(),
-        outcome,
     }
 }
