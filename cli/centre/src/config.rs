@@ -8,6 +8,7 @@ use std::{
 use volcomp_document::{Document, InputError, ReadError, Section, Value};
 use volcomp_fleet::{Cluster, Keeping, ServerTls};
 
+pub use crate::config_page::PageConfig;
 use crate::{rollout::Rules, store::Keep};
 
 /// A day, s.
@@ -88,6 +89,8 @@ pub struct Config {
     pub rollout: Rules,
     /// What `nats-config` writes.
     pub server: ServerConfig,
+    /// The page; `None`: there is none.
+    pub page: Option<PageConfig>,
 }
 
 impl Config {
@@ -105,7 +108,7 @@ impl Config {
 }
 
 fn decode(root: &Section<'_>, folder: &Path) -> Result<Config, InputError> {
-    root.allow(&["store", "keep", "nats", "keys", "rollout", "server"])?;
+    root.allow(&["store", "keep", "nats", "keys", "rollout", "server", "page"])?;
     let of = |key: &str| root.section(key);
     let store = match of("store")? {
         Some(section) => store(&section, folder)?,
@@ -127,6 +130,7 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<Config, InputError> {
                 sign_with: "main".to_owned(),
             },
         },
+        page: (of("page")?.map(|section| PageConfig::decode(&section, folder))).transpose()?,
         rollout: (of("rollout")?.map(|section| rules(&section)).transpose()?).unwrap_or_default(),
         server: match of("server")? {
             Some(section) => server(&section, folder)?,

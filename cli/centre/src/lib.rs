@@ -3,18 +3,25 @@
 pub mod clock;
 pub mod command;
 pub mod config;
+mod config_page;
+pub mod demo;
+pub mod discover;
 pub mod drift;
 pub mod engine;
+pub mod form;
+pub mod http;
 pub mod ingest;
 pub mod instance;
 pub mod intervals;
 pub mod issue;
 pub mod keys;
+pub mod map;
 pub mod models;
 mod point;
 pub mod records;
 pub mod rollout;
 pub mod store;
+pub mod users;
 
 /// Bytes as hexadecimal digits in lower case.
 pub(crate) fn hex(bytes: &[u8]) -> String {

@@ -94,7 +94,7 @@ function drawBars(canvas, bins) {
     context.fillStyle = "#0b4f8a";
     context.fillRect(index * each + 2, bottom - tall, each - 4, tall);
     context.fillStyle = soft;
-    const label = edge < 1000 ? `${edge}` : `${Math.round(edge / 1000)}k`;
+    const label = edge < 1000 ? `${edge}` : `${+(edge / 1000).toPrecision(3)}k`;
     if (each > 34 || index % 2 === 0) context.fillText(label, Math.min((index + 0.5) * each, width - 20), height - 4);
   });
 }
@@ -121,11 +121,11 @@ function ticks([low, high], count) {
 
 /**
  * Rows of values over the travels of two axes ({name, travel}), with their positions in mm, and a cross at `here`
- * ([mm, mm] or null). Returns the value of the darkest shade.
+ * ([mm, mm] or null). Returns the value of the darkest shade, which is `scale` where that is given.
  */
-function drawMap(canvas, rows, [across, up], here) {
+function drawMap(canvas, rows, [across, up], here, scale) {
   const { context, width, height } = surface(canvas);
-  const largest = roundUp(Math.max(...rows.flat()), [1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10]);
+  const largest = scale || roundUp(Math.max(...rows.flat()), [1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10]);
   const left = 70, bottom = height - 40, top = 10, right = width - 14;
   const x = (mm) => left + (right - left) * (mm - across.travel[0]) / (across.travel[1] - across.travel[0]);
   const y = (mm) => bottom - (bottom - top) * (mm - up.travel[0]) / (up.travel[1] - up.travel[0]);

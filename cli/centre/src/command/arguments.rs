@@ -1,8 +1,10 @@
 //! What the command line takes.
 
-use std::path::PathBuf;
+use std::{net::SocketAddr, path::PathBuf};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+
+use super::{discover::DiscoverArguments, user::UserCommand};
 
 const EXAMPLES: &str = "Examples:
   volcomp-centre key new main
@@ -53,6 +55,26 @@ pub(super) enum Command {
     /// Keys that sign, and nkeys of users of the server
     #[command(subcommand)]
     Key(KeyCommand),
+    /// Users of the page: add, list, change, remove
+    #[command(subcommand)]
+    User(UserCommand),
+    /// Make a self-signed certificate and its key for the page
+    TlsInit {
+        /// Host names and addresses under which browsers will ask for it
+        #[arg(required = true)]
+        names: Vec<String>,
+        /// The folder for certificate.pem and key.pem
+        #[arg(long, short, default_value = ".")]
+        output: PathBuf,
+    },
+    /// Find controls, modules and gateways in stated subnets; nothing is written to them
+    Discover(DiscoverArguments),
+    /// Show it: a server, three simulated machines and the page; nothing is kept
+    Demo {
+        /// The address and port of the page
+        #[arg(long, default_value = "127.0.0.1:8460")]
+        listen: SocketAddr,
+    },
     /// Print the configuration of the NATS server, with every machine that has an nkey
     NatsConfig,
     /// Print what is wrong

@@ -33,6 +33,12 @@ pub enum CommandError {
     /// Nothing was issued.
     #[error(transparent)]
     Issue(#[from] NotIssued),
+    /// The certificate of the page.
+    #[error(transparent)]
+    Tls(#[from] volcomp_web::TlsError),
+    /// The demonstration.
+    #[error(transparent)]
+    Demo(#[from] crate::demo::DemoError),
     /// The operating system.
     #[error(transparent)]
     Io(#[from] std::io::Error),
@@ -50,8 +56,14 @@ impl CommandError {
             | Self::Model(_)
             | Self::Wrong(_)
             | Self::Server(_)
+            | Self::Tls(_)
             | Self::Store(StoreError::Missing { .. } | StoreError::Rollout { .. }) => 2,
-            Self::Store(_) | Self::Engine(_) | Self::Issue(_) | Self::Io(_) | Self::Found(_) => 1,
+            Self::Store(_)
+            | Self::Demo(_)
+            | Self::Engine(_)
+            | Self::Issue(_)
+            | Self::Io(_)
+            | Self::Found(_) => 1,
         }
     }
 }

@@ -1,13 +1,17 @@
 //! The command line: what `volcomp-centre` is asked, and what it does.
 
 mod arguments;
+mod demo;
+mod discover;
 mod error;
 mod machines;
 mod models;
+mod page;
 mod rollouts;
 mod run;
 mod server;
 mod text;
+mod user;
 
 pub use arguments::Arguments;
 pub use error::CommandError;
@@ -32,6 +36,17 @@ impl Arguments {
         let by = self.by.clone().unwrap_or_else(who);
         match self.command {
             Command::Run { log } => run::run(&config()?, log),
+            Command::Demo { listen } => demo::act(listen),
+            Command::Discover(discover) => discover::act(&discover),
+            Command::User(user) => user::act(&config()?, user, &by),
+            Command::TlsInit { names, output } => {
+                let [certificate, key] = volcomp_web::tls::make(&output, &names)?;
+                print(&format!(
+                    "tls_certificate = {:?}\ntls_key = {:?}\n",
+                    shown(&certificate),
+                    shown(&key)
+                ))
+            }
             Command::Check => run::check(&config()?),
             Command::NatsConfig => server::nats_config(&config()?),
             Command::Audit { count } => server::audit(&config()?, count),

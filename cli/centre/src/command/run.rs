@@ -7,7 +7,7 @@ use volcomp_fleet::LinkSettings;
 use super::{
     CommandError,
     arguments::LogForm,
-    open, print,
+    open, page, print,
     server::{centre_nkey, settings},
     shown, signing_key,
 };
@@ -44,9 +44,16 @@ pub(super) fn run(config: &Config, log: LogForm) -> Result<(), CommandError> {
         .build()?;
     runtime.block_on(async {
         let running = Engine::start(store.clone(), engine).await?;
+        let page = match &config.page {
+            Some(page) => Some(page::serve(page, &store).await?),
+            None => None,
+        };
         tracing::info!("the centre runs");
         ended().await?;
         tracing::info!("the centre ends");
+        for task in page.iter().flatten() {
+            task.abort();
+        }
         running.end().await;
         Ok::<_, CommandError>(())
     })?;
@@ -54,7 +61,7 @@ pub(super) fn run(config: &Config, log: LogForm) -> Result<(), CommandError> {
 }
 
 /// Waits for a signal to end.
-async fn ended() -> std::io::Result<()> {
+pub(super) async fn ended() -> std::io::Result<()> {
     use tokio::signal::unix::{SignalKind, signal};
     let mut terminate = signal(SignalKind::terminate())?;
     let mut interrupt = signal(SignalKind::interrupt())?;

@@ -8,6 +8,7 @@ pub(crate) mod audit;
 mod database;
 mod history;
 pub(crate) mod ingest;
+mod live;
 mod machines;
 pub(crate) mod models;
 #[cfg(feature = "postgres")]
@@ -15,6 +16,7 @@ mod postgres;
 pub(crate) mod rollouts;
 mod schema;
 mod sqlite;
+mod users;
 
 use std::{
     path::Path,
@@ -24,6 +26,7 @@ use std::{
 pub use database::{Database, Row, Value};
 pub use history::Keep;
 pub use models::Issued;
+pub use users::Changed;
 
 /// Why the store does not do what it is asked.
 #[derive(Debug, thiserror::Error)]

@@ -6,10 +6,16 @@
     reason = "a test fails by panicking"
 )]
 
+mod browser;
 mod command;
 mod config;
+mod demo;
+mod discover;
 mod engine;
+mod form;
 mod gateway;
+mod http;
+mod page;
 mod rollout;
 mod shop;
 mod store;

@@ -1,0 +1,42 @@
+//! The page beside the running centre.
+
+use std::sync::Arc;
+
+use tokio::{net::TcpListener, task::JoinHandle};
+use volcomp_web::tls;
+
+use super::CommandError;
+use crate::{
+    config_page::PageConfig,
+    http::{Face, FaceSettings, router},
+    store::Store,
+};
+
+/// Serves the page on the runtime of the caller.
+pub(super) async fn serve(
+    config: &PageConfig,
+    store: &Arc<Store>,
+) -> Result<[JoinHandle<()>; 2], CommandError> {
+    let acceptor = match &config.tls {
+        Some((certificate, key)) => Some(tls::acceptor(certificate, key)?),
+        None => None,
+    };
+    let listener = TcpListener::bind(config.listen).await?;
+    let scheme = if acceptor.is_some() { "https" } else { "http" };
+    tracing::info!("the page is on {scheme}://{}", listener.local_addr()?);
+    if store.users()?.is_empty() {
+        tracing::warn!("nobody can log in: volcomp-centre user add NAME --role admin");
+    }
+    let face = Face::new(
+        Arc::clone(store),
+        FaceSettings {
+            hosts: config.hosts.clone(),
+            secure: acceptor.is_some(),
+            ..FaceSettings::default()
+        },
+    );
+    Ok([
+        tokio::spawn(Arc::clone(&face).refresh()),
+        tokio::spawn(volcomp_web::serve(listener, acceptor, router(&face))),
+    ])
+}

@@ -1,0 +1,275 @@
+//! The demonstration: a server, three simulated machines and the page, in a folder that is removed at the end.
+
+mod machine;
+
+use std::{
+    net::{SocketAddr, TcpListener as StdListener},
+    path::Path,
+    sync::Arc,
+};
+
+use tempfile::TempDir;
+use tokio::task::JoinHandle;
+use volcomp_fleet::{
+    Identity, Keeping, LinkSettings, MachineUser, ServerSettings,
+    server::{Server, ServerError, free_address},
+};
+
+use self::machine::Simulated;
+use crate::{
+    clock::now_s,
+    engine::{Engine, EngineError, Running, Settings},
+    http::{Face, FaceSettings, router},
+    keys::Key,
+    models::{NewModel, NoModel},
+    records::{Machine, Origin},
+    rollout::{Rollout, Rules},
+    store::{Keep, Store, StoreError},
+    users::{Password, Role, Token, hash},
+};
+
+/// The machines: name, serial number, control, model.
+const MACHINES: [(&str, &str, &str, &str); 3] = [
+    (
+        "mill-1",
+        "4711",
+        "FANUC, simulated",
+        include_str!("../demo/mill-1.toml"),
+    ),
+    (
+        "mill-2",
+        "0815",
+        "SINUMERIK, simulated",
+        include_str!("../demo/mill-2.toml"),
+    ),
+    (
+        "five-1",
+        "2026",
+        "FANUC, simulated",
+        include_str!("../demo/five-1.toml"),
+    ),
+];
+const SITE: &str = "demo";
+const ADMIN: &str = "demo";
+
+/// Why there is no demonstration.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum DemoError {
+    /// The server does not run.
+    #[error(transparent)]
+    Server(#[from] ServerError),
+    /// A file, a folder or a socket.
+    #[error("{what}: {source}")]
+    Io {
+        /// What it was.
+        what: String,
+        /// Why it failed.
+        source: std::io::Error,
+    },
+    /// The store refuses.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The engine does not start.
+    #[error(transparent)]
+    Engine(#[from] EngineError),
+    /// A built-in model is none.
+    #[error(transparent)]
+    Model(#[from] NoModel),
+    /// There are no random numbers, or keys.
+    #[error("a key: {0}")]
+    Key(String),
+}
+
+fn io(what: impl Into<String>) -> impl FnOnce(std::io::Error) -> DemoError {
+    let what = what.into();
+    |source| DemoError::Io { what, source }
+}
+
+/// A running demonstration, to be ended with [`Demo::end`]. The server ends and the folder goes when it is dropped.
+pub struct Demo {
+    /// The address of the page.
+    pub address: SocketAddr,
+    /// The name with which to log in.
+    pub user: &'static str,
+    /// The password, drawn for this demonstration.
+    pub password: String,
+    engine: Option<Running>,
+    tasks: Vec<JoinHandle<()>>,
+    /// Ended before the folder is removed.
+    server: Option<Server>,
+    folder: TempDir,
+}
+
+impl Demo {
+    /// Starts it on the runtime of the caller; the page listens on `listen`.
+    ///
+    /// # Errors
+    /// What is missing, or does not start.
+    pub async fn start(listen: SocketAddr) -> Result<Self, DemoError> {
+        let folder = tempfile::tempdir().map_err(io("a temporary folder"))?;
+        let std = StdListener::bind(listen).map_err(io(format!("the page on {listen}")))?;
+        std.set_nonblocking(true).map_err(io("the page"))?;
+        let address = std.local_addr().map_err(io("the page"))?;
+        let listener = tokio::net::TcpListener::from_std(std).map_err(io("the page"))?;
+
+        let pair = || nkeys::KeyPair::new_user();
+        let seed = |pair: &nkeys::KeyPair| pair.seed().map_err(|e| DemoError::Key(e.to_string()));
+        let centre = pair();
+        let machines: Vec<(Machine, nkeys::KeyPair, &str)> = MACHINES
+            .iter()
+            .map(|(name, serial, control, model)| {
+                let user = pair();
+                registered(name, serial, control, model, &user)
+                    .map(|machine| (machine, user, *model))
+            })
+            .collect::<Result<_, _>>()?;
+        let users = machines.iter().map(|(machine, user, _)| MachineUser {
+            identity: machine.identity.clone(),
+            nkey: user.public_key(),
+        });
+        let settings = ServerSettings {
+            name: "demo".to_owned(),
+            listen: free_address().map_err(io("the server"))?,
+            store: folder.path().join("server"),
+            tls: None,
+            cluster: None,
+            centres: vec![centre.public_key()],
+            machines: users.collect(),
+        };
+        let at = folder.path().to_owned();
+        let started = tokio::task::spawn_blocking(move || Server::start(&settings, &at)).await;
+        let server = started.map_err(|e| DemoError::Key(e.to_string()))??;
+
+        let (store, password) = prepared(folder.path(), &machines)?;
+        let link = |seed: String| LinkSettings {
+            url: server.url(),
+            seed,
+            roots: None,
+        };
+        let key = Key::create(folder.path(), "demo").map_err(|e| DemoError::Key(e.to_string()))?;
+        let trusted = key.key.verifying_key();
+        let settings = Settings {
+            link: link(seed(&centre)?),
+            keeping: Keeping::default(),
+            keep: Keep::default(),
+            own: vec![key.clone()],
+            key,
+        };
+        let engine = Engine::start(Arc::clone(&store), settings).await?;
+        let mut tasks = Vec::new();
+        for (machine, user, model) in &machines {
+            let simulated = Simulated::new(machine, model, trusted)?;
+            tasks.push(tokio::spawn(simulated.run(link(seed(user)?))));
+        }
+        let face = Face::new(
+            Arc::clone(&store),
+            FaceSettings {
+                notice: "Demonstration: simulated machines, nothing is kept".to_owned(),
+                ..FaceSettings::default()
+            },
+        );
+        tasks.push(tokio::spawn(Arc::clone(&face).refresh()));
+        tasks.push(tokio::spawn(volcomp_web::serve(
+            listener,
+            None,
+            router(&face),
+        )));
+        Ok(Self {
+            address,
+            user: ADMIN,
+            password,
+            engine: Some(engine),
+            tasks,
+            server: Some(server),
+            folder,
+        })
+    }
+
+    /// The folder of everything that it keeps while it runs.
+    pub fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
+    /// The number of the process of the server.
+    pub fn server_id(&self) -> Option<u32> {
+        self.server.as_ref().map(Server::id)
+    }
+
+    /// Ends it in order.
+    pub async fn end(mut self) {
+        for task in &self.tasks {
+            task.abort();
+        }
+        if let Some(engine) = self.engine.take() {
+            engine.end().await;
+        }
+    }
+}
+
+fn registered(
+    name: &str,
+    serial: &str,
+    control: &str,
+    model: &str,
+    user: &nkeys::KeyPair,
+) -> Result<Machine, DemoError> {
+    let wrong = |e: volcomp_fleet::UnknownId| DemoError::Key(e.to_string());
+    let NewModel { model, .. } = NewModel::of_text(model.to_owned(), name, Origin::Form, ADMIN)?;
+    Ok(Machine {
+        identity: Identity {
+            site: SITE.parse().map_err(wrong)?,
+            machine: name.parse().map_err(wrong)?,
+        },
+        serial: serial.to_owned(),
+        structure: model.structure,
+        axes: model.axes,
+        nkey: Some(user.public_key()),
+        address: "this computer".to_owned(),
+        control: control.to_owned(),
+        enable: true,
+        canary: false,
+        due_days: Some(365),
+        condition_s: None,
+        telemetry_s: Some(5),
+        note: String::new(),
+    })
+}
+
+/// A store with the machines, their models on the way to them, and an admin with a password drawn here.
+fn prepared(
+    folder: &Path,
+    machines: &[(Machine, nkeys::KeyPair, &str)],
+) -> Result<(Arc<Store>, String), DemoError> {
+    let store = Store::open(&folder.join("centre.sqlite"))?;
+    let drawn = Token::draw().map_err(|e| DemoError::Key(e.to_string()))?;
+    // 80 bits, in groups that can be typed.
+    let letters: Vec<char> = drawn.text().chars().take(20).collect();
+    let groups: Vec<String> = letters
+        .chunks(5)
+        .map(|group| group.iter().collect())
+        .collect();
+    let password = groups.join("-");
+    let key = |e: &dyn std::fmt::Display| DemoError::Key(e.to_string());
+    let chosen = Password::chosen(password.clone()).map_err(|e| key(&e))?;
+    let hashed = hash(&chosen).map_err(|e| key(&e))?;
+    let admin = ADMIN.parse().map_err(|e| key(&e))?;
+    store.add_user(&admin, Role::Admin, &hashed, "centre", "demo")?;
+    for (machine, _, text) in machines {
+        store.put_machine(machine, ADMIN)?;
+        let name = machine.identity.machine.to_string();
+        let mut new = NewModel::of_text((*text).to_owned(), &name, Origin::Form, ADMIN)?;
+        "2026-03-02".clone_into(&mut new.model.measured);
+        store.add_model(&new.model, &new.text)?;
+        let chosen = [(machine.identity.machine.clone(), true)];
+        let rules = Rules {
+            soak_s: 30.0,
+            ..Rules::default()
+        };
+        store.start_rollout(|number| {
+            let (model, by) = (new.model.sha256.clone(), ADMIN.to_owned());
+            Rollout::new(number, model, &chosen, rules, by, now_s())
+        })?;
+    }
+    Ok((Arc::new(store), password))
+}

@@ -1,0 +1,101 @@
+//! A Modbus module: what it tells of itself (function 43, MEI type 14, read device identification).
+
+use std::{io, net::SocketAddr};
+
+use tokio::{
+    io::{AsyncReadExt, AsyncWriteExt},
+    net::TcpStream,
+};
+
+use super::{Device, Kind, clean};
+
+/// Units that are asked: the module itself, then the first behind a converter.
+const UNITS: [u8; 2] = [255, 1];
+/// Function 43 and its MEI type 14.
+const FUNCTION: [u8; 2] = [0x2b, 0x0e];
+/// The longest frame of Modbus TCP behind its length, bytes.
+const LONGEST: usize = 254;
+
+/// What an answer to the question for the identification says.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Identification {
+    /// The vendor, the product and the revision, as far as they were told.
+    Objects([Option<String>; 3]),
+    /// The module does not have this function, or not for this unit: it is a Modbus module all the same.
+    Refused(u8),
+}
+
+/// Reads the answer behind its header: the function and what follows. `None`: it is none.
+pub fn parse_identification(pdu: &[u8]) -> Option<Identification> {
+    match pdu {
+        [function, code, ..] if *function == FUNCTION[0] | 0x80 => {
+            Some(Identification::Refused(*code))
+        }
+        // The code of the question, the conformity, more follows, next object, and the number of objects.
+        [0x2b, 0x0e, _, _, _, _, count, rest @ ..] => {
+            let mut objects: [Option<String>; 3] = [None, None, None];
+            let mut rest = rest;
+            for _ in 0..*count {
+                let [id, length, behind @ ..] = rest else {
+                    return None;
+                };
+                let text = behind.get(..usize::from(*length))?;
+                rest = &behind[usize::from(*length)..];
+                if let Some(object) = objects.get_mut(usize::from(*id)) {
+                    *object = Some(clean(&String::from_utf8_lossy(text)));
+                }
+            }
+            Some(Identification::Objects(objects))
+        }
+        _ => None,
+    }
+}
+
+pub(super) async fn ask(at: SocketAddr, mut stream: TcpStream) -> Device {
+    let mut device = Device::at(at, Kind::Modbus);
+    for (number, unit) in UNITS.into_iter().enumerate() {
+        let transaction = 0x5643 + u16::try_from(number).unwrap_or(0);
+        match question(&mut stream, transaction, unit).await {
+            Ok(Some(Identification::Objects([vendor, product, revision]))) => {
+                let words: Vec<String> = [vendor, product].into_iter().flatten().collect();
+                device.control = clean(&words.join(" "));
+                device.note = revision.map_or_else(String::new, |revision| {
+                    clean(&format!("revision {revision}"))
+                });
+                return device;
+            }
+            Ok(Some(Identification::Refused(code))) => {
+                device.note = format!("it does not tell its type (exception {code})");
+            }
+            Ok(None) => return Device::other(at, Kind::Modbus, "its answer is no Modbus frame"),
+            Err(error) if device.note.is_empty() => {
+                return Device::other(at, Kind::Modbus, error.to_string());
+            }
+            // It has answered once.
+            Err(_) => return device,
+        }
+    }
+    device
+}
+
+async fn question(
+    stream: &mut TcpStream,
+    transaction: u16,
+    unit: u8,
+) -> io::Result<Option<Identification>> {
+    let [high, low] = transaction.to_be_bytes();
+    let [function, mei] = FUNCTION;
+    stream
+        .write_all(&[high, low, 0, 0, 0, 5, unit, function, mei, 1, 0])
+        .await?;
+    let mut head = [0; 7];
+    stream.read_exact(&mut head).await?;
+    let length = usize::from(u16::from_be_bytes([head[4], head[5]]));
+    let is_ours = head[..4] == [high, low, 0, 0];
+    if !is_ours || !(2..=LONGEST).contains(&length) {
+        return Ok(None);
+    }
+    let mut pdu = vec![0; length - 1];
+    stream.read_exact(&mut pdu).await?;
+    Ok(parse_identification(&pdu))
+}

@@ -1,0 +1,102 @@
+//! Which structures the axes of a control may mean: proposals for a person, never a decision.
+//!
+//! A control tells the letters of its axes and nothing of how they are stacked. The types of the generalised model are the
+//! candidates, the more usual designs first.
+
+use serde::Serialize;
+use volcomp_kinematics::Structure;
+use volcomp_vocabulary::{AxisKind, AxisName};
+
+/// A structure that the axes may mean.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Proposal {
+    /// The structure code, such as `w X' b Y Z t`.
+    pub structure: String,
+    /// The type number of the linear axes: how many of X, Y, Z carry the workpiece.
+    pub translational: u8,
+    /// The type number of the rotary axes: 0 none, 1 both carry the workpiece, 2 both carry the tool, 3 one each.
+    pub rotary: u8,
+    /// The rotary axes from the workpiece to the tool.
+    pub rotary_axes: Vec<AxisName>,
+    /// Which design that is, in words.
+    pub design: String,
+}
+
+/// How many linear axes carry the workpiece, the more usual first: of milling machines a table that moves in one or two
+/// directions, then a gantry, then a knee.
+const USUAL: [u8; 4] = [2, 1, 0, 3];
+
+/// What the letters of a control's axes may mean; letters that are none are left out. Empty where X, Y and Z are not all there, or
+/// there is one rotary axis or three: the type numbers have no such machine, and its structure is stated by hand.
+pub fn proposals(letters: &[char]) -> Vec<Proposal> {
+    let mut axes: Vec<AxisName> = Vec::new();
+    for axis in letters.iter().filter_map(|letter| axis_of(*letter)) {
+        if !axes.contains(&axis) {
+            axes.push(axis);
+        }
+    }
+    let has_linear = [AxisName::X, AxisName::Y, AxisName::Z]
+        .iter()
+        .all(|axis| axes.contains(axis));
+    let mut rotary: Vec<AxisName> = axes
+        .into_iter()
+        .filter(|axis| axis.kind() == AxisKind::Rotary)
+        .collect();
+    rotary.sort_unstable();
+    if !has_linear {
+        return Vec::new();
+    }
+    let orders = match rotary[..] {
+        [] => vec![(0, Vec::new())],
+        // The last letter turns about the spindle's direction: the table of a table, the carrier of a head.
+        [first, last] => vec![
+            (1, vec![last, first]),
+            (3, vec![last, first]),
+            (2, vec![last, first]),
+            (1, vec![first, last]),
+            (2, vec![first, last]),
+            (3, vec![first, last]),
+        ],
+        _ => Vec::new(),
+    };
+    let proposed = orders.iter().flat_map(|(number, order)| {
+        USUAL
+            .iter()
+            .filter_map(move |translational| proposal(*translational, *number, order))
+    });
+    proposed.collect()
+}
+
+fn axis_of(letter: char) -> Option<AxisName> {
+    AxisName::ALL
+        .into_iter()
+        .find(|axis| axis.to_string() == letter.to_string())
+}
+
+fn proposal(translational: u8, rotary: u8, axes: &[AxisName]) -> Option<Proposal> {
+    let structure = Structure::from_type(translational, rotary, axes).ok()?;
+    let linear = match translational {
+        0 => "the tool moves in X, Y and Z",
+        1 => "the table moves in X",
+        2 => "the table moves in X and Y",
+        _ => "the table moves in X, Y and Z",
+    };
+    let list: Vec<String> = axes.iter().map(ToString::to_string).collect();
+    let rotary_part = match rotary {
+        0 => String::new(),
+        1 => format!(", {} turn the workpiece", list.join(" and ")),
+        2 => format!(", {} turn the tool", list.join(" and ")),
+        _ => format!(
+            ", {} turns the workpiece and {} the tool",
+            list.first()?,
+            list.last()?
+        ),
+    };
+    Some(Proposal {
+        structure: structure.to_string(),
+        translational,
+        rotary,
+        rotary_axes: axes.to_vec(),
+        design: format!("{linear}{rotary_part}"),
+    })
+}

@@ -1,0 +1,88 @@
+//! Answers: documents, and refusals in words.
+
+use axum::{
+    Json,
+    http::{StatusCode, header},
+    response::{IntoResponse, Response},
+};
+use serde_json::json;
+
+use crate::store::StoreError;
+
+/// Why a request is refused.
+#[derive(Debug)]
+pub(super) struct Refused {
+    status: StatusCode,
+    why: String,
+}
+
+impl Refused {
+    pub(super) fn new(status: StatusCode, why: impl Into<String>) -> Self {
+        let why = why.into();
+        Self { status, why }
+    }
+
+    /// The request is wrong.
+    pub(super) fn wrong(why: impl Into<String>) -> Self {
+        Self::new(StatusCode::BAD_REQUEST, why)
+    }
+
+    /// The thing is not there.
+    pub(super) fn missing(why: impl Into<String>) -> Self {
+        Self::new(StatusCode::NOT_FOUND, why)
+    }
+
+    /// It does not go together with what is there.
+    pub(super) fn conflict(why: impl Into<String>) -> Self {
+        Self::new(StatusCode::CONFLICT, why)
+    }
+
+    /// Something failed that is nobody's fault out there; what it was stands in the log, not in the answer.
+    pub(super) fn inside(why: impl std::fmt::Display) -> Self {
+        tracing::error!("page: {why}");
+        Self::new(
+            StatusCode::INTERNAL_SERVER_ERROR,
+            "it failed inside the centre: the log says why",
+        )
+    }
+}
+
+impl From<StoreError> for Refused {
+    fn from(error: StoreError) -> Self {
+        match error {
+            StoreError::Rollout { .. } => Self::conflict(error.to_string()),
+            StoreError::Missing { .. } => Self::missing(error.to_string()),
+            error => Self::inside(error),
+        }
+    }
+}
+
+impl IntoResponse for Refused {
+    fn into_response(self) -> Response {
+        (self.status, Json(json!({ "error": self.why }))).into_response()
+    }
+}
+
+pub(super) type Answer = Result<Response, Refused>;
+
+/// A document.
+pub(super) fn document(document: &impl serde::Serialize) -> Answer {
+    let bytes = serde_json::to_vec(document).map_err(Refused::inside)?;
+    Ok(json_bytes(bytes))
+}
+
+/// A document that is written already.
+pub(super) fn json_bytes(bytes: impl Into<axum::body::Body>) -> Response {
+    ([(header::CONTENT_TYPE, "application/json")], bytes.into()).into_response()
+}
+
+/// It is done.
+pub(super) fn done() -> Answer {
+    document(&json!({ "done": true }))
+}
+
+/// Reads the document of a request.
+pub(super) fn read<T: serde::de::DeserializeOwned>(body: &[u8]) -> Result<T, Refused> {
+    serde_json::from_slice(body)
+        .map_err(|error| Refused::wrong(format!("the document of the request: {error}")))
+}

@@ -1,0 +1,126 @@
+//! The search of the network from the page: one at a time.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use axum::{Extension, body::Bytes, extract::State};
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+use super::{
+    answer::{Answer, Refused, document, done, read},
+    face::Face,
+};
+use crate::{
+    discover::{Device, PER_SECOND, Search, Subnet},
+    users::User,
+};
+
+type Shared = State<Arc<Face>>;
+
+/// The most subnets of one search, and the most connections a second.
+const MOST_SUBNETS: usize = 32;
+const FASTEST: f64 = 1000.0;
+
+/// State: the last search.
+#[derive(Default)]
+pub(super) struct Searches(Mutex<Latest>);
+
+#[derive(Clone, Default, Serialize)]
+struct Latest {
+    running: bool,
+    by: String,
+    subnets: Vec<String>,
+    /// Addresses that are done, and how many there are.
+    done: usize,
+    of: usize,
+    devices: Vec<Device>,
+}
+
+impl Searches {
+    fn with<T>(&self, work: impl FnOnce(&mut Latest) -> T) -> T {
+        work(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+pub(super) async fn latest(State(face): Shared) -> Answer {
+    document(&face.searches.with(|latest| latest.clone()))
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Ask {
+    subnets: Vec<String>,
+    /// Whether public ranges belong to whoever asks.
+    #[serde(default)]
+    mine: bool,
+    #[serde(default)]
+    per_second: Option<f64>,
+}
+
+pub(super) async fn search(
+    State(face): Shared,
+    Extension(user): Extension<User>,
+    body: Bytes,
+) -> Answer {
+    let ask: Ask = read(&body)?;
+    if ask.subnets.is_empty() || ask.subnets.len() > MOST_SUBNETS {
+        return Err(Refused::wrong(format!(
+            "subnets: expected 1 to {MOST_SUBNETS}"
+        )));
+    }
+    let mut subnets = Vec::new();
+    for text in &ask.subnets {
+        let subnet: Subnet = text.parse().map_err(|e| Refused::wrong(format!("{e}")))?;
+        subnet
+            .check(ask.mine)
+            .map_err(|e| Refused::wrong(e.to_string()))?;
+        subnets.push(subnet);
+    }
+    let per_second = ask.per_second.unwrap_or(PER_SECOND);
+    if !(1.0..=FASTEST).contains(&per_second) {
+        return Err(Refused::wrong(format!(
+            "per_second: expected 1 to {FASTEST}"
+        )));
+    }
+    let mut search = Search::new(subnets);
+    search.per_second = per_second;
+    if let Some(ports) = &face.settings.ports {
+        search.ports.clone_from(ports);
+    }
+    let of: usize = search
+        .subnets
+        .iter()
+        .map(|one| one.addresses().count())
+        .sum();
+    let details = json!({ "subnets": ask.subnets, "per_second": per_second, "mine": ask.mine });
+    let begun = face.searches.with(|latest| {
+        if latest.running {
+            return false;
+        }
+        *latest = Latest {
+            running: true,
+            by: user.name.to_string(),
+            subnets: ask.subnets.clone(),
+            of,
+            ..Latest::default()
+        };
+        true
+    });
+    if !begun {
+        return Err(Refused::conflict("a search is running already"));
+    }
+    let shared = Arc::clone(&face);
+    tokio::spawn(async move {
+        let telling = Arc::clone(&shared);
+        let devices = search
+            .run(move |done| telling.searches.with(|latest| latest.done = done))
+            .await;
+        shared.searches.with(|latest| {
+            latest.devices = devices;
+            latest.running = false;
+        });
+    });
+    face.ask(move |store| store.audit(user.name.as_str(), "discover", "network", details))
+        .await?;
+    done()
+}

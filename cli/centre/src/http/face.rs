@@ -1,0 +1,141 @@
+//! The state that the routes share.
+//!
+//! State: the overview, which is made anew every second; wrong passwords of the last minute; the last search of the network; maps
+//! that were computed.
+
+use std::{
+    collections::HashMap,
+    sync::{Arc, Mutex, PoisonError, RwLock},
+    time::Duration,
+};
+
+use axum::body::Bytes;
+use tokio::sync::Semaphore;
+
+use super::{answer::Refused, discovery::Searches, overview::Overview};
+use crate::{
+    store::{Store, StoreError},
+    users::Throttle,
+};
+
+/// The overview is made so often.
+const REFRESHED: Duration = Duration::from_secs(1);
+/// So many maps are kept.
+const MAPS: usize = 64;
+
+/// How the page is served.
+#[derive(Clone, Debug, Default)]
+pub struct FaceSettings {
+    /// Host names, besides addresses, under which browsers may ask.
+    pub hosts: Vec<String>,
+    /// Whether connections have TLS: then cookies are sent over TLS alone.
+    pub secure: bool,
+    /// What is said above the page, such as that this is a demonstration.
+    pub notice: String,
+    /// Ports for the search of the network in place of the usual ones; for tests.
+    pub ports: Option<Vec<(crate::discover::Kind, u16)>>,
+}
+
+/// The state that the routes share.
+pub struct Face {
+    pub(super) store: Arc<Store>,
+    pub(super) settings: FaceSettings,
+    pub(super) throttle: Throttle,
+    /// Hashing a password takes memory and time: two at a time.
+    pub(super) passwords: Semaphore,
+    /// Models and maps take a processor for a while: one at a time.
+    pub(super) works: Semaphore,
+    pub(super) overview: RwLock<Arc<Overview>>,
+    pub(super) searches: Searches,
+    maps: Mutex<HashMap<String, Bytes>>,
+}
+
+impl Face {
+    /// The face of a store.
+    pub fn new(store: Arc<Store>, settings: FaceSettings) -> Arc<Self> {
+        Arc::new(Self {
+            store,
+            settings,
+            throttle: Throttle::default(),
+            passwords: Semaphore::new(2),
+            works: Semaphore::new(1),
+            overview: RwLock::default(),
+            searches: Searches::default(),
+            maps: Mutex::default(),
+        })
+    }
+
+    /// Makes the overview anew, again and again, until the runtime ends.
+    pub async fn refresh(self: Arc<Self>) {
+        let mut ages = super::ages::Ages::default();
+        let mut ticks = tokio::time::interval(REFRESHED);
+        ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+        loop {
+            ticks.tick().await;
+            let face = Arc::clone(&self);
+            let made = tokio::task::spawn_blocking(move || {
+                let overview = Overview::of(&face.store, &mut ages, &face.settings.notice);
+                (overview, ages)
+            });
+            match made.await {
+                Ok((overview, kept)) => {
+                    ages = kept;
+                    match overview {
+                        Ok(overview) => {
+                            let mut place = self
+                                .overview
+                                .write()
+                                .unwrap_or_else(PoisonError::into_inner);
+                            *place = Arc::new(overview);
+                        }
+                        Err(error) => tracing::warn!("overview: {error}"),
+                    }
+                }
+                Err(error) => {
+                    tracing::error!("overview: {error}");
+                    return;
+                }
+            }
+        }
+    }
+
+    pub(super) fn overview(&self) -> Arc<Overview> {
+        let place = self.overview.read().unwrap_or_else(PoisonError::into_inner);
+        Arc::clone(&place)
+    }
+
+    /// Asks the store on a thread that may wait.
+    pub(super) async fn ask<T: Send + 'static>(
+        self: &Arc<Self>,
+        work: impl FnOnce(&Store) -> Result<T, StoreError> + Send + 'static,
+    ) -> Result<T, Refused> {
+        let store = Arc::clone(&self.store);
+        let done = tokio::task::spawn_blocking(move || work(&store)).await;
+        done.map_err(|_| Refused::inside("the work ended before its time"))?
+            .map_err(Refused::from)
+    }
+
+    /// Works for a while on a thread that may wait, one work at a time.
+    pub(super) async fn work<T: Send + 'static>(
+        &self,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> Result<T, Refused> {
+        let place = self.works.acquire().await;
+        let done = tokio::task::spawn_blocking(work).await;
+        drop(place);
+        done.map_err(|_| Refused::inside("the work ended before its time"))
+    }
+
+    pub(super) fn kept_map(&self, sha256: &str) -> Option<Bytes> {
+        let maps = self.maps.lock().unwrap_or_else(PoisonError::into_inner);
+        maps.get(sha256).cloned()
+    }
+
+    pub(super) fn keep_map(&self, sha256: &str, map: Bytes) {
+        let mut maps = self.maps.lock().unwrap_or_else(PoisonError::into_inner);
+        if maps.len() >= MAPS {
+            maps.clear();
+        }
+        maps.insert(sha256.to_owned(), map);
+    }
+}

@@ -1,0 +1,100 @@
+//! What is known of machines: all at a glance, one in depth, its history.
+
+use std::sync::Arc;
+
+use axum::extract::{Path, Query, State};
+use serde::Deserialize;
+use serde_json::json;
+use volcomp_fleet::MachineId;
+
+use super::{
+    answer::{Answer, Refused, document, json_bytes},
+    face::Face,
+    overview::{in_force, is_silent},
+};
+use crate::{clock::now_s, records::Resolution};
+
+type Shared = State<Arc<Face>>;
+
+/// So many points of a history are told at most.
+const POINTS: u32 = 2000;
+/// So many alarms and records of one machine are told.
+const RECORDS: u32 = 50;
+
+pub(super) async fn overview(State(face): Shared) -> Answer {
+    Ok(json_bytes(face.overview().document.clone()))
+}
+
+/// A name in a path: one that cannot be a machine's is that of no machine.
+pub(super) fn named(name: &str) -> Result<MachineId, Refused> {
+    name.parse()
+        .map_err(|_| Refused::missing("there is no such machine"))
+}
+
+pub(super) async fn machine(State(face): Shared, Path(name): Path<String>) -> Answer {
+    let id = named(&name)?;
+    let age_s = face.overview().ages_s.get(&id).copied();
+    let found = face
+        .ask(move |store| {
+            let Some(machine) = store.machine(&id)? else {
+                return Ok(None);
+            };
+            let live = store.live()?.into_iter().find(|live| live.machine == id);
+            let versions = store.versions(&id)?;
+            let telemetry = store.telemetry(&id)?;
+            let alarms = store.alarms(Some(&id), RECORDS)?;
+            let records = store.machine_records(&id, RECORDS)?;
+            let running = live.as_ref().and_then(|live| in_force(&versions, live.version));
+            let model = running.or(versions.first()).map(|version| version.model.clone());
+            // Where the age is not known yet the machine is taken for silent.
+            let silent = age_s.is_none_or(|age_s| is_silent(&machine, age_s));
+            Ok(Some(json!({
+                "machine": machine,
+                "live": live,
+                "age_s": age_s,
+                "silent": silent,
+                "versions": versions,
+                "model": model,
+                "telemetry": telemetry.map(|(at_s, state)| json!({ "at_s": at_s, "age_s": now_s() - at_s, "state": state })),
+                "alarms": alarms,
+                "records": records.into_iter().map(|(at_s, record)| json!({ "at_s": at_s, "record": record })).collect::<Vec<_>>(),
+            })))
+        })
+        .await?;
+    match found {
+        Some(found) => document(&found),
+        None => Err(Refused::missing("there is no such machine")),
+    }
+}
+
+#[derive(Deserialize)]
+pub(super) struct Range {
+    resolution: Resolution,
+    /// The last so many hours.
+    hours: f64,
+}
+
+pub(super) async fn history(
+    State(face): Shared,
+    Path(name): Path<String>,
+    Query(range): Query<Range>,
+) -> Answer {
+    let id = named(&name)?;
+    if !(0.001..=1e6).contains(&range.hours) {
+        return Err(Refused::wrong("hours: expected a number above 0"));
+    }
+    let points = face
+        .ask(move |store| {
+            let to_s = now_s();
+            // The newest points count: where there are more than are told, the beginning is cut off by a coarser question.
+            store.history(
+                &id,
+                range.resolution,
+                to_s - range.hours * 3600.0,
+                to_s + 60.0,
+                POINTS,
+            )
+        })
+        .await?;
+    document(&json!({ "now_s": now_s(), "points": points }))
+}

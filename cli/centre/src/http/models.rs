@@ -1,0 +1,136 @@
+//! Models: their texts, formulas and maps, and the form that makes one.
+
+use std::sync::Arc;
+
+use axum::{
+    Extension,
+    body::Bytes,
+    extract::{Path, State},
+};
+use serde::Deserialize;
+use serde_json::json;
+use volcomp_model::Machine;
+
+use super::{
+    answer::{Answer, Refused, document, json_bytes, read},
+    face::Face,
+    overview::day_s,
+};
+use crate::{
+    form::{Form, build, described},
+    map::error_map,
+    models::NewModel,
+    records::{Model, Origin},
+    store::Store,
+    users::User,
+};
+
+type Shared = State<Arc<Face>>;
+
+pub(super) async fn models(State(face): Shared) -> Answer {
+    document(&face.ask(Store::models).await?)
+}
+
+/// A model by its checksum, or the beginning of it, with its text.
+async fn found(face: &Arc<Face>, checksum: String) -> Result<(Model, String), Refused> {
+    let found = face.ask(move |store| {
+        let Some(model) = store.model(&checksum)? else {
+            return Ok(None);
+        };
+        let text = store.model_text(&model.sha256)?;
+        Ok(text.map(|text| (model, text)))
+    });
+    found
+        .await?
+        .ok_or_else(|| Refused::missing("there is no such model"))
+}
+
+pub(super) async fn model(State(face): Shared, Path(checksum): Path<String>) -> Answer {
+    let (model, text) = found(&face, checksum).await?;
+    let described = face
+        .work(move || Machine::parse(&text, "the model").map(|machine| described(&machine, &text)))
+        .await?
+        .map_err(Refused::inside)?;
+    document(&json!({ "model": model, "described": described }))
+}
+
+pub(super) async fn map(State(face): Shared, Path(checksum): Path<String>) -> Answer {
+    let (model, text) = found(&face, checksum).await?;
+    if let Some(kept) = face.kept_map(&model.sha256) {
+        return Ok(json_bytes(kept));
+    }
+    let map = face
+        .work(move || Machine::parse(&text, "the model").and_then(|machine| error_map(&machine)))
+        .await?
+        .map_err(Refused::inside)?;
+    let bytes: Bytes = serde_json::to_vec(&map).map_err(Refused::inside)?.into();
+    face.keep_map(&model.sha256, bytes.clone());
+    Ok(json_bytes(bytes))
+}
+
+pub(super) async fn form(State(face): Shared, body: Bytes) -> Answer {
+    let form: Form = read(&body)?;
+    let built = face
+        .work(move || build(&form))
+        .await?
+        .map_err(|error| Refused::wrong(error.to_string()))?;
+    document(&built)
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Add {
+    /// The text of a machine file.
+    text: String,
+    /// The day of the measurements, `2026-11-25`; empty where that is not known.
+    #[serde(default)]
+    measured: String,
+    /// The name of the file it was read from; without one it comes from the form.
+    #[serde(default)]
+    file: Option<String>,
+    /// What a person should read.
+    #[serde(default)]
+    notes: Vec<String>,
+}
+
+pub(super) async fn add(
+    State(face): Shared,
+    Extension(user): Extension<User>,
+    body: Bytes,
+) -> Answer {
+    let add: Add = read(&body)?;
+    if !add.measured.is_empty() && (add.measured.len() != 10 || day_s(&add.measured).is_none()) {
+        return Err(Refused::wrong(
+            "measured: expected a day such as 2026-11-25",
+        ));
+    }
+    let fits = |text: &String| text.chars().count() <= 1000;
+    if add.notes.len() > 200 || !add.notes.iter().all(fits) || !add.file.iter().all(fits) {
+        return Err(Refused::wrong(
+            "notes: expected at most 200 of at most 1000 characters",
+        ));
+    }
+    let Add {
+        text,
+        measured,
+        file,
+        notes,
+    } = add;
+    let origin = file.map_or(Origin::Form, |name| Origin::File { name });
+    let by = user.name.to_string();
+    let made = face
+        .work(move || NewModel::of_text(text, "the machine file", origin, &by))
+        .await?;
+    let NewModel { mut model, text } = made.map_err(|error| Refused::wrong(error.to_string()))?;
+    model.measured = measured;
+    for note in notes {
+        if !model.notes.contains(&note) {
+            model.notes.push(note);
+        }
+    }
+    let answer = model.clone();
+    let added = face
+        .ask(move |store| store.add_model(&model, &text))
+        .await?;
+    document(&json!({ "model": answer, "added": added }))
+}

@@ -1,0 +1,228 @@
+//! The shop at a glance: a row for each machine.
+
+use std::{
+    collections::{BTreeMap, HashMap},
+    time::Instant,
+};
+
+use axum::body::Bytes;
+use serde::Serialize;
+use volcomp_fleet::MachineId;
+
+use super::ages::Ages;
+use crate::{
+    clock::now_s,
+    records::{Alarm, Live, Machine, Severity, Version},
+    store::{Store, StoreError},
+};
+
+/// A machine that was not heard for so many periods is not known any more …
+const PERIODS: f64 = 3.0;
+/// … and this is the time that a message may be on its way through the server and the store, s.
+const ON_ITS_WAY_S: f64 = 2.0;
+/// The day of a due date, s.
+const DAY_S: f64 = 86_400.0;
+
+/// What the page is told every second, as it is sent.
+#[derive(Default)]
+pub(super) struct Overview {
+    pub(super) document: Bytes,
+    pub(super) ages_s: HashMap<MachineId, f64>,
+}
+
+/// A machine at a glance. What is not known is `null`.
+#[derive(Serialize)]
+struct Row<'a> {
+    machine: &'a MachineId,
+    site: &'a str,
+    structure: &'a str,
+    control: &'a str,
+    /// The state of the guard; `unknown` where the machine is silent, `never heard` where it never said a word.
+    state: &'a str,
+    /// The last state of a machine that is silent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    was: Option<&'a str>,
+    reasons: &'a [String],
+    /// Seconds since it was heard.
+    age_s: Option<f64>,
+    silent: bool,
+    armed: Option<bool>,
+    enable: bool,
+    version: Option<u64>,
+    wanted: Option<u64>,
+    model: Option<&'a str>,
+    /// The largest linear correction, µm.
+    correction_um: Option<f64>,
+    residual_um: Option<f64>,
+    /// The warmest and the coldest sensor, °C, and how many are broken.
+    coldest_degc: Option<f64>,
+    warmest_degc: Option<f64>,
+    broken_sensors: usize,
+    alarms: usize,
+    worst: Option<Severity>,
+    /// Days until the next calibration is due.
+    due_in_days: Option<f64>,
+}
+
+#[derive(Serialize)]
+struct Document<'a> {
+    notice: &'a str,
+    machines: Vec<Row<'a>>,
+    /// Open alarms of the centre itself.
+    centre: Vec<&'a Alarm>,
+}
+
+/// Whether a machine with this age is silent.
+pub(super) fn is_silent(machine: &Machine, age_s: f64) -> bool {
+    age_s > PERIODS * f64::from(machine.condition_s.unwrap_or(1)) + ON_ITS_WAY_S
+}
+
+impl Overview {
+    pub(super) fn of(store: &Store, ages: &mut Ages, notice: &str) -> Result<Self, StoreError> {
+        let machines = store.machines()?;
+        let live: HashMap<MachineId, Live> = (store.live()?.into_iter())
+            .map(|live| (live.machine.clone(), live))
+            .collect();
+        let alarms = store.open_alarms()?;
+        let mut of_machines: HashMap<&MachineId, Vec<&Alarm>> = HashMap::new();
+        let mut centre = Vec::new();
+        for alarm in &alarms {
+            match &alarm.machine {
+                Some(machine) => of_machines.entry(machine).or_default().push(alarm),
+                None => centre.push(alarm),
+            }
+        }
+        let measured: HashMap<String, String> = (store.models()?.into_iter())
+            .map(|model| (model.sha256, model.measured))
+            .collect();
+        let issued = store.wanted()?;
+        let (now_s, now) = (now_s(), Instant::now());
+        let mut ages_s = HashMap::new();
+        let rows = machines
+            .iter()
+            .map(|machine| {
+                let id = &machine.identity.machine;
+                let heard = live.get(id);
+                let age_s = heard.map(|live| ages.age_s(id, live.heard_s, now_s, now));
+                if let Some(age_s) = age_s {
+                    ages_s.insert(id.clone(), age_s);
+                }
+                let silent = age_s.is_none_or(|age_s| is_silent(machine, age_s));
+                let told = heard.and_then(|live| live.condition.as_ref());
+                let condition = told.filter(|_| !silent);
+                let state = match condition {
+                    Some(condition) => condition.state.as_str(),
+                    None if heard.is_some() => "unknown",
+                    None => "never heard",
+                };
+                let alarms = of_machines.get(id).map_or(&[][..], Vec::as_slice);
+                let degc: Vec<Option<f64>> = condition
+                    .map(|it| it.temperatures_degc.values().copied().collect())
+                    .unwrap_or_default();
+                let known = || degc.iter().flatten().copied();
+                let wanted = issued.get(id);
+                Row {
+                    machine: id,
+                    site: machine.identity.site.as_str(),
+                    structure: &machine.structure,
+                    control: &machine.control,
+                    state,
+                    was: told.filter(|_| silent).map(|it| it.state.as_str()),
+                    reasons: condition.map_or(&[][..], |it| it.reasons.as_slice()),
+                    age_s: age_s.map(|age_s| (age_s * 10.0).round() / 10.0),
+                    silent,
+                    armed: condition.map(|it| it.armed),
+                    enable: machine.enable,
+                    version: heard.filter(|_| !silent).map(|live| live.version),
+                    wanted: wanted.map(|(version, _)| *version),
+                    model: wanted.map(|(_, model)| model.as_str()),
+                    correction_um: condition.and_then(|it| largest(&it.correction_um)),
+                    residual_um: condition.and_then(|it| it.residual_um),
+                    coldest_degc: known().reduce(f64::min),
+                    warmest_degc: known().reduce(f64::max),
+                    broken_sensors: degc.iter().filter(|degc| degc.is_none()).count(),
+                    alarms: alarms.len(),
+                    worst: alarms.iter().map(|alarm| alarm.severity).max(),
+                    due_in_days: machine.due_days.and_then(|days| {
+                        let measured = measured.get(&wanted?.1)?;
+                        let since = day_s(measured)?;
+                        Some((since + f64::from(days) * DAY_S - now_s) / DAY_S)
+                    }),
+                }
+            })
+            .collect();
+        let document = Document {
+            notice,
+            machines: rows,
+            centre,
+        };
+        Ok(Self {
+            document: serde_json::to_vec(&document)?.into(),
+            ages_s,
+        })
+    }
+}
+
+fn largest<K>(values: &BTreeMap<K, f64>) -> Option<f64> {
+    values.values().map(|value| value.abs()).reduce(f64::max)
+}
+
+/// A day such as `2026-11-25` in seconds since 1970 (proleptic Gregorian calendar); `None`: it is none.
+pub(super) fn day_s(text: &str) -> Option<f64> {
+    let mut parts = text.get(..10)?.split('-');
+    let mut next = |digits: usize| {
+        let part = parts.next()?;
+        let fits = part.len() == digits && part.bytes().all(|byte| byte.is_ascii_digit());
+        fits.then(|| part.parse::<i64>().ok()).flatten()
+    };
+    let (year, month, day) = (next(4)?, next(2)?, next(2)?);
+    if !(1..=12).contains(&month) || !(1..=31).contains(&day) {
+        return None;
+    }
+    // Years that begin in March have their leap day at the end.
+    let (year, month) = if month > 2 {
+        (year, month - 3)
+    } else {
+        (year - 1, month + 9)
+    };
+    let days = 365 * year + year.div_euclid(4) - year.div_euclid(100)
+        + year.div_euclid(400)
+        + (153 * month + 2) / 5
+        + day
+        - 1
+        - 719_468;
+    Some(days as f64 * DAY_S)
+}
+
+/// The newest version of a machine that it has in force, or was sent.
+pub(super) fn in_force(versions: &[Version], version: u64) -> Option<&Version> {
+    versions.iter().find(|one| one.version == version)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::day_s;
+
+    /// Compared with `date -u -d DAY +%s`.
+    #[test]
+    fn days_are_those_of_the_calendar() {
+        for (day, seconds) in [
+            ("1970-01-01", 0.0),
+            ("2000-02-29", 951_782_400.0),
+            ("2026-11-25", 1_795_564_800.0),
+            ("2100-03-01", 4_107_542_400.0),
+        ] {
+            assert_eq!(day_s(day), Some(seconds), "{day}");
+        }
+        for none in [
+            "",
+            "2026-13-01",
+            "26-01-01",
+            "2026-1-01",
+            "2026-01-00",
+            "ä026-01-01",
+        ] {
+            assert_eq!(day_s(none), None, "{none}");
+        }
+    }
+}

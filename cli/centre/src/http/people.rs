@@ -1,0 +1,259 @@
+//! Logging in and out, passwords, and who may do what.
+
+use std::{net::SocketAddr, sync::Arc};
+
+use axum::{
+    Extension,
+    body::Bytes,
+    extract::{Path, State},
+    http::{HeaderMap, HeaderValue, StatusCode, header},
+};
+use serde::Deserialize;
+use serde_json::json;
+
+use super::{
+    answer::{Answer, Refused, document, done, read},
+    face::Face,
+    who,
+};
+use crate::{
+    store::Changed,
+    users::{Moment, Password, Role, Session, Token, User, UserName, hash, is_right},
+};
+
+type Shared = State<Arc<Face>>;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Login {
+    name: String,
+    password: String,
+}
+
+/// Whether the password is that of a user who may log in: then the user. Wrong ones are slowed down and written down.
+async fn proven(
+    face: &Arc<Face>,
+    from: SocketAddr,
+    name: &str,
+    password: String,
+) -> Result<User, Refused> {
+    let tried: String = name.chars().take(64).collect();
+    if !face.throttle.admits(from.ip(), &tried) {
+        let why = "too many wrong passwords: wait a minute";
+        return Err(Refused::new(StatusCode::TOO_MANY_REQUESTS, why));
+    }
+    let known: Option<UserName> = name.parse().ok();
+    let user = match known {
+        Some(known) => face.ask(move |store| store.user(&known)).await?,
+        None => None,
+    };
+    let stored = user.as_ref().map(|(_, stored)| stored.clone());
+    let right = match Password::entered(password) {
+        Ok(password) => {
+            let place = face.passwords.acquire().await;
+            let compared =
+                tokio::task::spawn_blocking(move || is_right(&password, stored.as_deref())).await;
+            drop(place);
+            compared.unwrap_or(false)
+        }
+        Err(_) => false,
+    };
+    match user {
+        Some((user, _)) if right && !user.disabled => Ok(user),
+        _ => {
+            face.throttle.wrong(from.ip(), &tried);
+            let details = json!({ "from": from.ip() });
+            face.ask(move |store| store.audit("centre", "login.refused", &tried, details))
+                .await?;
+            let why = "the name or the password is wrong";
+            Err(Refused::new(StatusCode::UNAUTHORIZED, why))
+        }
+    }
+}
+
+pub(super) async fn login(
+    State(face): Shared,
+    Extension(from): Extension<SocketAddr>,
+    body: Bytes,
+) -> Answer {
+    let Login { name, password } = read(&body)?;
+    let user = proven(&face, from, &name, password).await?;
+    let token = Token::draw().map_err(Refused::inside)?;
+    let now = Moment::now();
+    let session = Session {
+        user: user.name.clone(),
+        since: now.clone(),
+        used: now,
+        from: from.ip().to_string(),
+    };
+    let shown = cookie(&face, token.text())?;
+    face.ask(move |store| store.begin_session(&token, &session))
+        .await?;
+    let mut response = document(&json!({ "name": user.name, "role": user.role }))?;
+    response.headers_mut().insert(header::SET_COOKIE, shown);
+    Ok(response)
+}
+
+fn cookie(face: &Face, token: &str) -> Result<HeaderValue, Refused> {
+    let text = who::cookie(face.settings.secure, token);
+    HeaderValue::from_str(&text).map_err(Refused::inside)
+}
+
+pub(super) async fn me(State(face): Shared, Extension(user): Extension<User>) -> Answer {
+    document(&json!({ "name": user.name, "role": user.role, "notice": face.settings.notice }))
+}
+
+pub(super) async fn logout(
+    State(face): Shared,
+    Extension(user): Extension<User>,
+    headers: HeaderMap,
+) -> Answer {
+    if let Some(token) = who::token(&headers, face.settings.secure) {
+        face.ask(move |store| store.end_session(&token, &user.name))
+            .await?;
+    }
+    let mut response = done()?;
+    response
+        .headers_mut()
+        .insert(header::SET_COOKIE, cookie(&face, "")?);
+    Ok(response)
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct NewPassword {
+    old: String,
+    new: String,
+}
+
+/// The hash of a password that somebody chooses.
+async fn hashed(face: &Arc<Face>, password: String) -> Result<String, Refused> {
+    let password = Password::chosen(password).map_err(|e| Refused::wrong(e.to_string()))?;
+    let place = face.passwords.acquire().await;
+    let made = tokio::task::spawn_blocking(move || hash(&password)).await;
+    drop(place);
+    made.map_err(|_| Refused::inside("hashing a password ended before its time"))?
+        .map_err(Refused::inside)
+}
+
+pub(super) async fn password(
+    State(face): Shared,
+    Extension(from): Extension<SocketAddr>,
+    Extension(user): Extension<User>,
+    body: Bytes,
+) -> Answer {
+    let NewPassword { old, new } = read(&body)?;
+    proven(&face, from, user.name.as_str(), old).await?;
+    let hash = hashed(&face, new).await?;
+    let from = from.ip().to_string();
+    let changed = face
+        .ask(move |store| store.set_password(&user.name, &hash, user.name.as_str(), &from))
+        .await?;
+    outcome(changed)
+}
+
+pub(super) async fn users(State(face): Shared) -> Answer {
+    document(&face.ask(crate::store::Store::users).await?)
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct NewUser {
+    name: UserName,
+    role: Role,
+    password: String,
+}
+
+pub(super) async fn add_user(
+    State(face): Shared,
+    Extension(from): Extension<SocketAddr>,
+    Extension(admin): Extension<User>,
+    body: Bytes,
+) -> Answer {
+    let NewUser {
+        name,
+        role,
+        password,
+    } = read(&body)?;
+    let hash = hashed(&face, password).await?;
+    let from = from.ip().to_string();
+    let added = face
+        .ask(move |store| store.add_user(&name, role, &hash, admin.name.as_str(), &from))
+        .await?;
+    match added {
+        Changed::No => Err(Refused::conflict("there is a user of this name already")),
+        other => outcome(other),
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ChangedUser {
+    role: Role,
+    disabled: bool,
+    /// A new password, where the user has forgotten the old one.
+    #[serde(default)]
+    password: Option<String>,
+}
+
+fn named(name: &str) -> Result<UserName, Refused> {
+    name.parse()
+        .map_err(|_| Refused::missing("there is no such user"))
+}
+
+pub(super) async fn change_user(
+    State(face): Shared,
+    Extension(from): Extension<SocketAddr>,
+    Extension(admin): Extension<User>,
+    Path(name): Path<String>,
+    body: Bytes,
+) -> Answer {
+    let name = named(&name)?;
+    let ChangedUser {
+        role,
+        disabled,
+        password,
+    } = read(&body)?;
+    let hash = match password {
+        Some(password) => Some(hashed(&face, password).await?),
+        None => None,
+    };
+    let from = from.ip().to_string();
+    let changed = face
+        .ask(move |store| {
+            let by = admin.name.as_str();
+            let changed = store.change_user(&name, role, disabled, by, &from)?;
+            match hash {
+                Some(hash) if changed == Changed::Done => {
+                    store.set_password(&name, &hash, by, &from)
+                }
+                _ => Ok(changed),
+            }
+        })
+        .await?;
+    outcome(changed)
+}
+
+pub(super) async fn remove_user(
+    State(face): Shared,
+    Extension(from): Extension<SocketAddr>,
+    Extension(admin): Extension<User>,
+    Path(name): Path<String>,
+) -> Answer {
+    let name = named(&name)?;
+    let from = from.ip().to_string();
+    let removed = face
+        .ask(move |store| store.remove_user(&name, admin.name.as_str(), &from))
+        .await?;
+    outcome(removed)
+}
+
+fn outcome(changed: Changed) -> Answer {
+    match changed {
+        Changed::Done => done(),
+        Changed::No => Err(Refused::missing("there is no such user")),
+        Changed::LastAdmin => Err(Refused::conflict(
+            "this is the last admin who may log in: make another one first",
+        )),
+    }
+}

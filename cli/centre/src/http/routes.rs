@@ -1,0 +1,177 @@
+//! The routes, each with the role that it needs, and what holds for every request.
+
+use std::{sync::Arc, time::Duration};
+
+use axum::{
+    Router,
+    extract::{DefaultBodyLimit, Request, State},
+    http::{StatusCode, header},
+    middleware::{Next, from_fn_with_state},
+    response::{IntoResponse, Response},
+    routing::{MethodRouter, get, post},
+};
+use volcomp_web::{headers, hosts};
+
+use super::{answer::Refused, calls, change, discovery, face::Face, machines, models, people, who};
+use crate::users::Role;
+
+/// The largest body of a request, bytes; that of a form with measurement files is larger.
+const MAX_BODY: usize = 2 * 1024 * 1024;
+const MAX_FORM: usize = 16 * 1024 * 1024;
+/// A request must be answered after so long.
+const AT_MOST: Duration = Duration::from_secs(60);
+
+/// What a route needs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Need {
+    /// Nothing: the page itself, and logging in.
+    Nothing,
+    /// Somebody with this role at least.
+    Role(Role),
+}
+
+/// A route: method, path and what it needs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Route {
+    /// `GET` or `POST`.
+    pub method: &'static str,
+    /// The path, with names in braces.
+    pub path: &'static str,
+    /// What it needs.
+    pub need: Need,
+}
+
+type Handler = fn() -> MethodRouter<Arc<Face>>;
+
+macro_rules! routes {
+    ($($method:literal $path:literal $need:expr => $handler:expr;)*) => {
+        /// Every route of the interface; the files of the page come besides.
+        pub const ROUTES: &[Route] = &[$(Route { method: $method, path: $path, need: $need }),*];
+        const HANDLERS: &[Handler] = &[$(|| $handler),*];
+    };
+}
+
+const ALL: Need = Need::Nothing;
+const VIEWER: Need = Need::Role(Role::Viewer);
+const ENGINEER: Need = Need::Role(Role::Engineer);
+const ADMIN: Need = Need::Role(Role::Admin);
+
+routes! {
+    "POST" "/api/login" ALL => post(people::login);
+    "GET" "/api/me" VIEWER => get(people::me);
+    "POST" "/api/logout" VIEWER => post(people::logout);
+    "POST" "/api/password" VIEWER => post(people::password);
+    "GET" "/api/overview" VIEWER => get(machines::overview);
+    "GET" "/api/machines/{machine}" VIEWER => get(machines::machine);
+    "GET" "/api/machines/{machine}/history" VIEWER => get(machines::history);
+    "GET" "/api/models" VIEWER => get(models::models);
+    "GET" "/api/models/{model}" VIEWER => get(models::model);
+    "GET" "/api/models/{model}/map" VIEWER => get(models::map);
+    "GET" "/api/rollouts" VIEWER => get(calls::rollouts);
+    "GET" "/api/alarms" VIEWER => get(calls::alarms);
+    "POST" "/api/machines" ENGINEER => post(change::machine);
+    "POST" "/api/machines/{machine}/remove" ENGINEER => post(change::remove_machine);
+    "POST" "/api/models" ENGINEER => post(models::add);
+    "POST" "/api/form" ENGINEER => post(models::form).layer(DefaultBodyLimit::max(MAX_FORM));
+    "POST" "/api/rollouts" ENGINEER => post(calls::start_rollout);
+    "POST" "/api/rollouts/{rollout}" ENGINEER => post(calls::wish);
+    "POST" "/api/alarms/{alarm}/seen" ENGINEER => post(calls::see_alarm);
+    "GET" "/api/discovery" ENGINEER => get(discovery::latest);
+    "POST" "/api/discovery" ENGINEER => post(discovery::search);
+    "GET" "/api/audit" ADMIN => get(calls::audit);
+    "GET" "/api/users" ADMIN => get(people::users);
+    "POST" "/api/users" ADMIN => post(people::add_user);
+    "POST" "/api/users/{user}" ADMIN => post(people::change_user);
+    "POST" "/api/users/{user}/remove" ADMIN => post(people::remove_user);
+}
+
+/// The files of the page: path, type and content.
+const PAGES: [(&str, &str, &str); 11] = [
+    ("/", HTML, include_str!("../../web/index.html")),
+    ("/style.css", CSS, include_str!("../../web/style.css")),
+    ("/plot.js", JAVASCRIPT, volcomp_web::PLOT_JS),
+    (
+        "/common.js",
+        JAVASCRIPT,
+        include_str!("../../web/common.js"),
+    ),
+    ("/shop.js", JAVASCRIPT, include_str!("../../web/shop.js")),
+    (
+        "/machine.js",
+        JAVASCRIPT,
+        include_str!("../../web/machine.js"),
+    ),
+    ("/build.js", JAVASCRIPT, include_str!("../../web/build.js")),
+    (
+        "/rollouts.js",
+        JAVASCRIPT,
+        include_str!("../../web/rollouts.js"),
+    ),
+    (
+        "/office.js",
+        JAVASCRIPT,
+        include_str!("../../web/office.js"),
+    ),
+    ("/app.js", JAVASCRIPT, include_str!("../../web/app.js")),
+    (
+        "/icon.svg",
+        "image/svg+xml",
+        include_str!("../../web/icon.svg"),
+    ),
+];
+const HTML: &str = "text/html; charset=utf-8";
+const CSS: &str = "text/css; charset=utf-8";
+const JAVASCRIPT: &str = "text/javascript; charset=utf-8";
+
+/// The routes of the page and of the interface.
+pub fn router(face: &Arc<Face>) -> Router {
+    let mut router = Router::new();
+    for (route, handler) in ROUTES.iter().zip(HANDLERS) {
+        let state = (Arc::clone(face), route.need);
+        let handler = handler().route_layer(from_fn_with_state(state, who::admit));
+        router = router.route(route.path, handler);
+    }
+    for &(path, kind, text) in &PAGES {
+        router = router.route(path, get(move || page(kind, text)));
+    }
+    router
+        .fallback(nothing)
+        .layer(DefaultBodyLimit::max(MAX_BODY))
+        .layer(from_fn_with_state(Arc::clone(face), every_request))
+        .with_state(Arc::clone(face))
+}
+
+#[expect(clippy::unused_async, reason = "handlers are asynchronous")]
+async fn page(kind: &'static str, text: &'static str) -> Response {
+    ([(header::CONTENT_TYPE, kind)], text).into_response()
+}
+
+#[expect(clippy::unused_async, reason = "handlers are asynchronous")]
+async fn nothing() -> Refused {
+    Refused::missing("there is no such page")
+}
+
+/// Host, time, and the headers of every answer.
+async fn every_request(State(face): State<Arc<Face>>, request: Request, next: Next) -> Response {
+    let host = request
+        .headers()
+        .get(header::HOST)
+        .and_then(|host| host.to_str().ok());
+    let mut response = match host {
+        Some(host) if hosts::is_known(host, &face.settings.hosts) => {
+            match tokio::time::timeout(AT_MOST, next.run(request)).await {
+                Ok(response) => response,
+                Err(_) => Refused::new(StatusCode::REQUEST_TIMEOUT, "the request took too long")
+                    .into_response(),
+            }
+        }
+        Some(_) => Refused::new(
+            StatusCode::MISDIRECTED_REQUEST,
+            "this name is not configured: add it to the hosts of the page",
+        )
+        .into_response(),
+        None => Refused::wrong("no Host header").into_response(),
+    };
+    headers::put(response.headers_mut());
+    response
+}

@@ -1,0 +1,124 @@
+//! Who asks: the session of the cookie, the role that a route needs, and whether a change was meant by our own page.
+
+use std::{net::SocketAddr, sync::Arc};
+
+use axum::{
+    Extension,
+    extract::{Request, State},
+    http::{HeaderMap, Method, StatusCode, header},
+    middleware::Next,
+    response::{IntoResponse, Response},
+};
+use serde_json::json;
+
+use super::{answer::Refused, face::Face, routes::Need};
+use crate::users::{Moment, Token, User};
+
+/// The header that our page sends with every change: a page of somebody else cannot send it without being asked for permission
+/// first, which this program never gives.
+pub(super) const OURS: &str = "x-volcomp";
+
+/// The name of the cookie. With TLS the browser takes it from this host alone, and never over a plain connection.
+pub(super) fn cookie_name(secure: bool) -> &'static str {
+    if secure {
+        "__Host-volcomp-centre"
+    } else {
+        "volcomp-centre"
+    }
+}
+
+/// The cookie that a browser is told to keep; an empty token ends it.
+pub(super) fn cookie(secure: bool, token: &str) -> String {
+    let name = cookie_name(secure);
+    let only = if secure { "; Secure" } else { "" };
+    let end = if token.is_empty() { "; Max-Age=0" } else { "" };
+    format!("{name}={token}; Path=/; HttpOnly; SameSite=Strict{only}{end}")
+}
+
+/// The token of the cookie.
+pub(super) fn token(headers: &HeaderMap, secure: bool) -> Option<Token> {
+    let name = cookie_name(secure);
+    let cookies = headers.get_all(header::COOKIE).iter();
+    cookies
+        .filter_map(|value| value.to_str().ok())
+        .flat_map(|value| value.split(';'))
+        .filter_map(|pair| pair.trim().split_once('='))
+        .find(|(key, _)| *key == name)
+        .and_then(|(_, value)| Token::shown(value))
+}
+
+/// Whether a change comes from our own page, or from a program that says so.
+fn is_ours(headers: &HeaderMap) -> Result<(), Refused> {
+    let text = |name: &str| headers.get(name).and_then(|value| value.to_str().ok());
+    let forbidden = |why: &str| Refused::new(StatusCode::FORBIDDEN, why);
+    if text(OURS) != Some("1") {
+        return Err(forbidden("a change needs the header X-Volcomp: 1"));
+    }
+    if let Some(origin) = headers.get(header::ORIGIN) {
+        let origin = origin.to_str().unwrap_or_default();
+        let host = origin
+            .strip_prefix("https://")
+            .or_else(|| origin.strip_prefix("http://"));
+        if host.is_none() || host != text("host") {
+            return Err(forbidden("the request comes from a page of another origin"));
+        }
+    }
+    match text("sec-fetch-site") {
+        None | Some("same-origin" | "none") => Ok(()),
+        Some(_) => Err(forbidden("the request comes from a page of another site")),
+    }
+}
+
+/// Lets a request through to its route, or not; what somebody changes is written into the audit log, with the address from which
+/// the request came.
+pub(super) async fn admit(
+    State((face, need)): State<(Arc<Face>, Need)>,
+    Extension(from): Extension<SocketAddr>,
+    mut request: Request,
+    next: Next,
+) -> Response {
+    let changes = request.method() != Method::GET;
+    if changes && let Err(refused) = is_ours(request.headers()) {
+        return refused.into_response();
+    }
+    let Need::Role(role) = need else {
+        return next.run(request).await;
+    };
+    let user = match user(&face, request.headers()).await {
+        Ok(Some(user)) => user,
+        Ok(None) => {
+            return Refused::new(StatusCode::UNAUTHORIZED, "log in first").into_response();
+        }
+        Err(refused) => return refused.into_response(),
+    };
+    if user.role < role {
+        let why = format!("this needs the role {role}, {} is {}", user.name, user.role);
+        return Refused::new(StatusCode::FORBIDDEN, why).into_response();
+    }
+    let name = user.name.clone();
+    let (method, path) = (request.method().clone(), request.uri().path().to_owned());
+    request.extensions_mut().insert(user);
+    let response = next.run(request).await;
+    if changes {
+        let status = response.status().as_u16();
+        let details = json!({ "from": from.ip(), "method": method.as_str(), "status": status });
+        let written = face
+            .ask(move |store| store.audit(name.as_str(), "request", &path, details))
+            .await;
+        if written.is_err() {
+            tracing::error!(
+                "page: a change by {} could not be written into the audit log",
+                from.ip()
+            );
+        }
+    }
+    response
+}
+
+async fn user(face: &Arc<Face>, headers: &HeaderMap) -> Result<Option<User>, Refused> {
+    let Some(token) = token(headers, face.settings.secure) else {
+        return Ok(None);
+    };
+    face.ask(move |store| store.session(&token, &Moment::now()))
+        .await
+}

@@ -1,0 +1,40 @@
+//! What machines run and shall run now, for all of them at once.
+
+use std::collections::HashMap;
+
+use volcomp_fleet::MachineId;
+
+use super::{Store, StoreError, ingest, models::machine};
+use crate::records::Live;
+
+impl Store {
+    /// What every machine shall run: the version and the checksum of its model, without the signed values, which are large.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn wanted(&self) -> Result<HashMap<MachineId, (u64, String)>, StoreError> {
+        self.read(|database| {
+            let rows = database.rows(
+                "SELECT machine, version, model FROM versions WHERE value IS NOT NULL ORDER BY version",
+                &[],
+            )?;
+            rows.iter()
+                .map(|row| Ok((machine(row, 0)?, (row.count(1)?, row.text(2)?.to_owned()))))
+                .collect()
+        })
+    }
+
+    /// Writes what is known of machines, all of it or nothing. The running centre writes it with the messages that it came
+    /// from; this is for programs that have it from elsewhere.
+    ///
+    /// # Errors
+    /// The database refuses.
+    pub fn put_live(&self, lives: &[Live]) -> Result<(), StoreError> {
+        self.write(|database| {
+            for live in lives {
+                ingest::put_live(database, Some(live))?;
+            }
+            Ok(())
+        })
+    }
+}

@@ -1,0 +1,134 @@
+//! People: their roles, passwords and sessions, as plain data and rules. What is stored of them stands in `store::users`.
+
+mod password;
+mod session;
+mod throttle;
+
+use std::{fmt, str::FromStr};
+
+use serde::{Deserialize, Serialize};
+
+pub use password::{Password, PasswordError, hash, is_right};
+pub use session::{Moment, Session, Token};
+pub use throttle::Throttle;
+
+/// What somebody may do; each role may what the ones before it may.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Role {
+    /// To look.
+    Viewer,
+    /// To register machines, to make models, to roll them out, to see alarms off, to search the network.
+    Engineer,
+    /// To say who may do what, and to read the audit log.
+    Admin,
+}
+
+impl Role {
+    /// Every role.
+    pub const ALL: [Self; 3] = [Self::Viewer, Self::Engineer, Self::Admin];
+
+    /// The name as it stands in JSON and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Viewer => "viewer",
+            Self::Engineer => "engineer",
+            Self::Admin => "admin",
+        }
+    }
+}
+
+impl fmt::Display for Role {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for Role {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        Self::ALL
+            .into_iter()
+            .find(|role| role.name() == text)
+            .ok_or_else(|| format!("found {text:?}, expected viewer, engineer or admin"))
+    }
+}
+
+/// The name of a user, one in the centre: 1 to 64 lower-case letters, digits, dots, hyphens and underscores.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct UserName(String);
+
+/// A name that is none.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "found {found:?}, expected a user's name: 1 to 64 lower-case letters, digits, dots, hyphens and underscores, a letter first; not `centre`"
+)]
+pub struct NoUserName {
+    /// What was found.
+    pub found: String,
+}
+
+impl UserName {
+    /// The name.
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+}
+
+impl FromStr for UserName {
+    type Err = NoUserName;
+
+    fn from_str(text: &str) -> Result<Self, NoUserName> {
+        let fits =
+            |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || b".-_".contains(&byte);
+        let first = text
+            .bytes()
+            .next()
+            .is_some_and(|byte| byte.is_ascii_lowercase());
+        // In the audit log `centre` is the program itself.
+        if first && text.len() <= 64 && text.bytes().all(fits) && text != "centre" {
+            Ok(Self(text.to_owned()))
+        } else {
+            Err(NoUserName {
+                found: text.chars().take(80).collect(),
+            })
+        }
+    }
+}
+
+impl TryFrom<String> for UserName {
+    type Error = NoUserName;
+
+    fn try_from(text: String) -> Result<Self, NoUserName> {
+        text.parse()
+    }
+}
+
+impl From<UserName> for String {
+    fn from(name: UserName) -> Self {
+        name.0
+    }
+}
+
+impl fmt::Display for UserName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+/// A user, without the password.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct User {
+    /// The name.
+    pub name: UserName,
+    /// The role.
+    pub role: Role,
+    /// Whether the user may not log in.
+    pub disabled: bool,
+    /// When the user was added, s.
+    pub added_s: f64,
+    /// Who added the user.
+    pub added_by: String,
+}

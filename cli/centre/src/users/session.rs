@@ -1,0 +1,171 @@
+//! Sessions: a random token in the browser, its hash in the store, and two times after which it ends.
+//!
+//! Times are those of the computer since its start, and hold only until it starts again: a wall clock that is set back keeps no
+//! session alive.
+
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use super::UserName;
+
+/// A moment of one boot of the computer.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Moment {
+    /// The boot, as the kernel names it.
+    pub boot: String,
+    /// Seconds since the start of the computer, standby included.
+    pub since_boot_s: f64,
+}
+
+impl Moment {
+    /// Now.
+    pub fn now() -> Self {
+        let time = rustix::time::clock_gettime(rustix::time::ClockId::Boottime);
+        // Where the kernel does not name its boot, only the time counts: it begins anew with each boot.
+        let boot = std::fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default();
+        Self {
+            boot: boot.trim().to_owned(),
+            since_boot_s: time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9,
+        }
+    }
+
+    /// The same boot, later.
+    #[must_use]
+    pub fn later(&self, by: Duration) -> Self {
+        Self {
+            boot: self.boot.clone(),
+            since_boot_s: self.since_boot_s + by.as_secs_f64(),
+        }
+    }
+
+    /// The time since an earlier moment; `None` where that was of another boot, or is not earlier.
+    pub fn since(&self, earlier: &Self) -> Option<f64> {
+        let seconds = self.since_boot_s - earlier.since_boot_s;
+        (self.boot == earlier.boot && seconds >= 0.0).then_some(seconds)
+    }
+}
+
+/// A session of a user.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Session {
+    /// Whose it is.
+    pub user: UserName,
+    /// When the user logged in.
+    pub since: Moment,
+    /// When it was used last, to the minute.
+    pub used: Moment,
+    /// From which address the user logged in, for people.
+    pub from: String,
+}
+
+impl Session {
+    /// It ends when it was not used for so long.
+    pub const IDLE: Duration = Duration::from_secs(30 * 60);
+    /// It ends after so long in any case: a working day.
+    pub const LONGEST: Duration = Duration::from_secs(12 * 3600);
+    /// Its use is written down so often.
+    pub const NOTED: Duration = Duration::from_secs(60);
+
+    /// Whether it is still good.
+    pub fn is_alive(&self, now: &Moment) -> bool {
+        let within = |earlier: &Moment, limit: Duration| {
+            now.since(earlier)
+                .is_some_and(|seconds| seconds <= limit.as_secs_f64())
+        };
+        within(&self.since, Self::LONGEST) && within(&self.used, Self::IDLE)
+    }
+
+    /// Whether its use is to be written down again.
+    pub fn is_to_be_noted(&self, now: &Moment) -> bool {
+        now.since(&self.used)
+            .is_some_and(|seconds| seconds >= Self::NOTED.as_secs_f64())
+    }
+}
+
+/// What a browser shows for its session: 256 random bits. Only its hash is stored.
+#[derive(Clone)]
+pub struct Token(String);
+
+impl Token {
+    /// Draws one from the generator of the operating system.
+    ///
+    /// # Errors
+    /// There are no random numbers.
+    pub fn draw() -> Result<Self, getrandom::Error> {
+        let mut bytes = [0; 32];
+        getrandom::fill(&mut bytes)?;
+        Ok(Self(crate::hex(&bytes)))
+    }
+
+    /// Takes one that a browser shows; `None` where it cannot be one.
+    pub fn shown(text: &str) -> Option<Self> {
+        let fits = text.len() == 64 && text.bytes().all(|byte| byte.is_ascii_hexdigit());
+        fits.then(|| Self(text.to_owned()))
+    }
+
+    /// The text for the cookie.
+    pub fn text(&self) -> &str {
+        &self.0
+    }
+
+    /// Its hash, under which the session is stored. Equal hashes are looked up as a key: whoever measures the time of that learns
+    /// something of a hash, and nothing of the token.
+    pub fn hash(&self) -> String {
+        crate::hex(&Sha256::digest(self.0.as_bytes()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn session() -> (Session, Moment) {
+        let now = Moment {
+            boot: "a".to_owned(),
+            since_boot_s: 1000.0,
+        };
+        let session = Session {
+            user: "anna".parse().unwrap(),
+            since: now.clone(),
+            used: now.clone(),
+            from: String::new(),
+        };
+        (session, now)
+    }
+
+    #[test]
+    fn it_ends_unused_and_after_a_day_and_with_the_boot() {
+        let (mut session, start) = session();
+        let after = |s: u64| start.later(Duration::from_secs(s));
+        assert!(session.is_alive(&after(1800)));
+        assert!(!session.is_alive(&after(1801)));
+        session.used = after(43_000);
+        assert!(session.is_alive(&after(43_200)));
+        assert!(!session.is_alive(&after(43_201)));
+        let other = Moment {
+            boot: "b".to_owned(),
+            ..after(10)
+        };
+        assert!(!session.is_alive(&other));
+        // A time before its beginning is none of this boot.
+        let before = Moment {
+            since_boot_s: 999.0,
+            ..start.clone()
+        };
+        assert!(!session.is_alive(&before));
+        let (session, _) = self::session();
+        assert!(!session.is_to_be_noted(&after(59)) && session.is_to_be_noted(&after(60)));
+    }
+
+    #[test]
+    fn tokens_are_random_and_stored_as_hashes() {
+        let [one, other] = [Token::draw().unwrap(), Token::draw().unwrap()];
+        assert_ne!(one.text(), other.text());
+        assert_eq!(one.text().len(), 64);
+        assert_ne!(one.hash(), one.text());
+        assert!(Token::shown(one.text()).is_some());
+        assert!(Token::shown("..").is_none() && Token::shown(&"g".repeat(64)).is_none());
+    }
+}

@@ -1,0 +1,147 @@
+"""The page of the centre in a headless Chromium: `browser.py URL PASSWORD COUNT FOLDER`.
+
+Every assertion is about what a person sees or touches. The last machine is silent.
+"""
+import sys
+
+from playwright.sync_api import sync_playwright
+
+url, password, count, folder = sys.argv[1:5]
+count = int(count)
+WAIT = 90_000
+SIZES = ({"width": 1280, "height": 800}, {"width": 390, "height": 844})
+
+
+def shot(page, name):
+    for scheme in ("light", "dark"):
+        page.emulate_media(color_scheme=scheme)
+        for size in SIZES:
+            page.set_viewport_size(size)
+            page.wait_for_timeout(400)
+            page.screenshot(path=f"{folder}/centre-{count}-{name}-{size['width']}-{scheme}.png", full_page=count < 10)
+            wide = page.evaluate("() => document.documentElement.scrollWidth")
+            assert wide <= size["width"], f"{name}: {wide} px do not fit {size['width']}"
+    page.emulate_media(color_scheme="light")
+    page.set_viewport_size(SIZES[0])
+
+
+with sync_playwright() as playwright:
+    browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"])
+    page = browser.new_page(viewport=SIZES[0])
+    page.set_default_timeout(WAIT)
+    errors, foreign = [], []
+    page.on("console", lambda m: errors.append(m.text) if m.type in ("error", "warning") else None)
+    page.on("pageerror", lambda e: errors.append(str(e)))
+    page.on("request", lambda r: foreign.append(r.url) if not r.url.startswith(url) else None)
+    page.on("dialog", lambda dialog: errors.append(f"a dialog: {dialog.message}"))
+    page.goto(url)
+    page.wait_for_selector("#login:not([hidden])")
+    # Nobody is logged in: the browser tells of 401 by itself.
+    assert all("401" in error for error in errors), errors
+    shot(page, "login")
+    page.fill("input[name=name]", "engineer")
+    page.fill("input[name=password]", "wrong wrong wrong")
+    page.click("#login button")
+    page.wait_for_selector("#refused:has-text('wrong')")
+    page.fill("input[name=password]", password)
+    page.click("#login button")
+    page.wait_for_selector("#shop-table tbody tr")
+    errors.clear()
+    # The cookie is for no script.
+    assert page.evaluate("document.cookie") == ""
+    page.wait_for_function(f"document.querySelectorAll('#shop-table tbody tr').length === {count}")
+    assert f"{count} machines" in page.inner_text("#shop-title")
+    # The silent machine is unknown, with its age, and none of its numbers is shown.
+    silent = page.locator(f"tr[data-machine=mill-{count - 1}]")
+    assert silent.locator("[data-key=state]").inner_text() == "unknown"
+    assert silent.locator("[data-key=age]").inner_text() == "60 min"
+    for key in ("correction", "residual", "degc"):
+        assert silent.locator(f"[data-key={key}]").inner_text() == "unknown", key
+    page.wait_for_function("document.querySelector('tr[data-machine=mill-0] [data-key=state]').textContent === 'compensating'")
+    assert page.locator("tr[data-machine=mill-0] [data-key=correction]").inner_text() == "12.5"
+    # It is sorted by what a person asks for.
+    page.click("th[data-key=correction] button")
+    page.click("th[data-key=correction] button")
+    assert page.get_attribute("th[data-key=correction]", "aria-sort") == "descending"
+    first = page.locator("#shop-table tbody tr").first.get_attribute("data-machine")
+    assert first == f"mill-{count - 2}", first
+    page.click("th[data-key=state] button")
+    # A touch on a state shows only its machines.
+    page.click("#tally .badge[data-state=compensating]")
+    shown = page.locator("#shop-table tbody tr").count()
+    assert 0 < shown < count, shown
+    page.click("#tally .badge[data-state=compensating]")
+    page.fill("input[type=search]", "mill-1")
+    page.wait_for_function(f"document.querySelectorAll('#shop-table tbody tr').length < {count}")
+    page.fill("input[type=search]", "")
+    page.wait_for_function(f"document.querySelectorAll('#shop-table tbody tr').length === {count}")
+    shot(page, "shop")
+    # One machine in depth.
+    page.click("tr[data-machine=mill-0] a")
+    page.wait_for_selector("#machine-now dl")
+    assert "mill-0" in page.inner_text("h1")
+    assert "12.5" in page.inner_text("#machine-now")
+    degc = page.inner_text("#machine-degc")
+    assert "<b>spindle</b>" in degc and "broken" in degc, degc
+    shot(page, "machine")
+    if count < 10:
+        # The model with its map, before and after.
+        page.click("#tabs a[href='#models']")
+        page.click("main table a")
+        page.wait_for_selector("canvas.map")
+        assert page.locator("canvas.map").count() == 6
+        assert "<script>" in page.inner_text("h1")
+        assert "dX = " in page.inner_text("#formula")
+        shot(page, "model")
+        # A model by form.
+        page.click("#tabs a[href='#build']")
+        page.select_option("main form select >> nth=1", "1")
+        page.locator(".line textarea").first.fill("0, 0.02")
+        page.click("text=Show the model")
+        page.wait_for_selector("#built canvas.map")
+        assert "w X' b Y Z t" in page.inner_text("#built")
+        shot(page, "build")
+        page.click("text=Save as a model")
+        page.wait_for_selector("#built a[href^='#model/']")
+        page.locator(".line textarea").first.fill("0, no number")
+        page.click("text=Show the model")
+        page.wait_for_selector(".said.bad:has-text('EXX')")
+        # A roll-out waits for a centre that runs; it can be held.
+        page.click("#tabs a[href='#rollouts']")
+        page.click("a[href='#rollout/']")
+        page.wait_for_selector(".choices input")
+        page.click("text=All")
+        shot(page, "start")
+        page.click("button.main")
+        page.wait_for_selector("section[data-rollout='1']")
+        assert "0 of 3 done" in page.inner_text("section[data-rollout='1']")
+        shot(page, "rollouts")
+        # The network: public ranges are refused in words.
+        page.click("#tabs a[href='#network']")
+        page.fill("main textarea", "8.8.8.0/24")
+        page.click("button.main")
+        page.wait_for_selector(".said.bad:has-text('private')")
+        shot(page, "network")
+        errors[:] = [error for error in errors if "400" not in error]
+        page.click("#tabs a[href='#alarms']")
+        page.wait_for_selector("main h1:has-text('Alarms')")
+    # An engineer sees no users and no audit log.
+    assert page.locator("#tabs a[href='#users']").count() == 0
+    page.click("#logout")
+    page.wait_for_selector("#login:not([hidden])")
+    assert page.locator("main").is_hidden()
+    page.fill("input[name=name]", "admin")
+    page.fill("input[name=password]", password)
+    page.click("#login button")
+    page.click("#tabs a[href='#users']")
+    page.wait_for_selector("main table select")
+    shot(page, "users")
+    page.click("#tabs a[href='#audit']")
+    page.wait_for_selector("main tbody tr")
+    assert "login.refused" in page.inner_text("main")
+    if count < 10:
+        shot(page, "audit")
+    assert page.title() != "hit" and not errors, errors
+    assert not foreign, foreign
+    browser.close()
+print("done", flush=True)

@@ -1,0 +1,135 @@
+//! The page in a headless Chromium, by Playwright: with three machines and with a thousand.
+
+use std::{
+    io::{BufRead, BufReader},
+    path::Path,
+    process::{Command, Stdio},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::Duration,
+};
+
+use volcomp_centre::{
+    clock::now_s,
+    models::NewModel,
+    records::{Live, Machine, Origin},
+};
+use volcomp_fleet::Condition;
+use volcomp_test_support::peers;
+
+use crate::page::{PASSWORD, Page};
+
+/// Runs a script of this folder in the browser.
+fn run(script: &str, arguments: &[&str]) {
+    if !Path::new("/usr/bin/chromium").exists() {
+        peers::not_run("Chromium");
+        return;
+    }
+    let Some(python) = peers::python() else {
+        return;
+    };
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut browser = Command::new(python)
+        .arg(here.join("tests/it").join(script))
+        .args(arguments)
+        .arg(here.join("../../target"))
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("Python");
+    let mut said = String::new();
+    for line in BufReader::new(browser.stdout.take().expect("piped")).lines() {
+        said = line.expect("text");
+    }
+    let output = browser.wait_with_output().expect("ours");
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(
+        output.status.success() && said == "done",
+        "{said}: {message}"
+    );
+}
+
+const MODEL: &str = "name = \"mill <script>document.title='hit'</script>\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 800.0]\n[axes.Y]\ntravel = [0.0, 600.0]\n[axes.Z]\ntravel = [-500.0, 0.0]\n[errors]\nEXX = { poly = [0.0, 0.03] }\nEC0Y = 15.0\n";
+
+/// What a machine says, with texts that would be a script if they were part of the page.
+fn told(page: &Page, number: usize, silent: bool) -> (Machine, Live) {
+    let name = format!("mill-{number}");
+    let hostile = "<img src=x onerror=\"document.title='hit'\">".to_owned();
+    let machine: Machine = serde_json::from_value(serde_json::json!({
+        "machine": name, "site": format!("hall-{}", number % 7), "serial": "4711",
+        "structure": "w X' b Y Z t", "axes": ["X", "Y", "Z"], "enable": true, "note": hostile, "control": hostile,
+        "due_days": 30,
+    }))
+    .expect("a machine");
+    page.store.put_machine(&machine, "test").expect("stored");
+    let states = [
+        "compensating",
+        "compensating",
+        "holding",
+        "disarmed",
+        "faulted",
+    ];
+    let condition: Condition = serde_json::from_value(serde_json::json!({
+        "state": states[number % 5], "reasons": if number % 5 == 4 { vec![hostile] } else { Vec::new() }, "armed": true,
+        "correction_um": { "X": 12.5 + number as f64 / 10.0, "Y": -3.25, "Z": 0.5 }, "residual_um": 1.5,
+        "temperatures_degc": { "bed": 20.5, "<b>spindle</b>": 27.25, "scale": null },
+        "cycle_p99_us": 2010.0, "overruns": 0, "faults": 0,
+    }))
+    .expect("a condition");
+    let live = Live {
+        machine: machine.identity.machine.clone(),
+        heard_s: now_s() - if silent { 3600.0 } else { 0.0 },
+        instance: "a".to_owned(),
+        version: 0,
+        model: String::new(),
+        condition: Some(condition),
+        lost: 0,
+    };
+    (machine, live)
+}
+
+/// A page with so many machines, the last of which is silent; all others go on talking until the flag is set.
+fn shop(count: usize) -> (Page, Arc<AtomicBool>, std::thread::JoinHandle<()>) {
+    let page = Page::start();
+    let new = NewModel::of_text(MODEL.to_owned(), "test", Origin::Form, "test").expect("a model");
+    page.store.add_model(&new.model, &new.text).expect("stored");
+    let lives: Vec<Live> = (0..count)
+        .map(|number| told(&page, number, number + 1 == count).1)
+        .collect();
+    page.store.put_live(&lives).expect("stored");
+    let ends = Arc::new(AtomicBool::new(false));
+    let (store, ending) = (Arc::clone(&page.store), Arc::clone(&ends));
+    let talks = std::thread::spawn(move || {
+        while !ending.load(Ordering::Relaxed) {
+            let mut lives = lives.clone();
+            lives.pop();
+            for live in &mut lives {
+                live.heard_s = now_s();
+            }
+            store.put_live(&lives).expect("stored");
+            std::thread::sleep(Duration::from_millis(500));
+        }
+    });
+    (page, ends, talks)
+}
+
+fn in_the_browser(count: usize) {
+    let (page, ends, talks) = shop(count);
+    let url = format!("http://{}/", page.address);
+    run("browser.py", &[&url, PASSWORD, &count.to_string()]);
+    ends.store(true, Ordering::Relaxed);
+    talks.join().expect("it ended");
+}
+
+#[test]
+fn a_person_sees_three_machines() {
+    in_the_browser(3);
+}
+
+#[test]
+fn a_person_sees_a_thousand_machines() {
+    in_the_browser(1000);
+}

@@ -1,0 +1,425 @@
+//! The search of the network: against a simulated control, a Modbus server, an OPC UA server, a gateway, and things that hang, lie
+//! or answer garbage.
+
+use std::{
+    io::{Read, Write},
+    net::{SocketAddr, TcpListener},
+    sync::{
+        Arc, Mutex,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread,
+    time::{Duration, Instant},
+};
+
+use proptest::prelude::*;
+use volcomp_centre::discover::{
+    Device, Kind, NotSearched, Search, Subnet, parse_endpoints, parse_identification, proposals,
+    table,
+};
+use volcomp_focas::simulator::{Options, Simulator, World};
+
+/// A server that does something with each connection, until it is dropped.
+struct Peer {
+    address: SocketAddr,
+    ends: Arc<AtomicBool>,
+}
+
+impl Peer {
+    fn start(serve: impl Fn(std::net::TcpStream) + Send + Sync + 'static) -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+        let address = listener.local_addr().expect("bound");
+        let ends = Arc::new(AtomicBool::new(false));
+        let (serve, ending) = (Arc::new(serve), Arc::clone(&ends));
+        thread::spawn(move || {
+            while let Ok((stream, _)) = listener.accept() {
+                if ending.load(Ordering::Relaxed) {
+                    return;
+                }
+                let serve = Arc::clone(&serve);
+                thread::spawn(move || serve(stream));
+            }
+        });
+        Self { address, ends }
+    }
+
+    /// One that sends this, whatever it is told.
+    fn says(bytes: &'static [u8]) -> Self {
+        Self::start(move |mut stream| {
+            let mut some = [0; 64];
+            let _ = stream.read(&mut some);
+            let _ = stream.write_all(bytes);
+            let _ = stream.set_read_timeout(Some(Duration::from_secs(5)));
+            while matches!(stream.read(&mut some), Ok(1..)) {}
+        })
+    }
+
+    fn port(&self) -> u16 {
+        self.address.port()
+    }
+}
+
+impl Drop for Peer {
+    fn drop(&mut self) {
+        self.ends.store(true, Ordering::Relaxed);
+        let _ = std::net::TcpStream::connect(self.address);
+    }
+}
+
+fn search(ports: &[(Kind, u16)], answer_within: Duration) -> Vec<Device> {
+    let mut search = Search::new(vec!["127.0.0.1".parse().expect("an address")]);
+    search.ports = ports.to_vec();
+    search.per_second = 1000.0;
+    search.connect_within = Duration::from_secs(20);
+    search.answer_within = answer_within;
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(1)
+        .enable_all()
+        .build()
+        .expect("a thread");
+    let mut last = 0;
+    let found = runtime.block_on(search.run(|done| last = done));
+    assert_eq!(last, 1);
+    found
+}
+
+const LONG: Duration = Duration::from_secs(60);
+
+#[test]
+fn a_control_tells_its_axes_and_they_are_a_proposal() {
+    let world = World::new(&['X', 'Y', 'Z', 'A', 'C']);
+    let control = Simulator::start("127.0.0.1:0", Options::default(), world).expect("a port");
+    let found = search(&[(Kind::Focas, control.address().port())], LONG);
+    assert_eq!(found.len(), 1);
+    let device = &found[0];
+    assert!(device.answers, "{device:?}");
+    assert!(device.control.starts_with("FANUC"), "{device:?}");
+    assert_eq!(device.axes, ['X', 'Y', 'Z', 'A', 'C']);
+    // Twenty-four types have these axes; several of them are told, and none is taken.
+    assert_eq!(device.proposals.len(), 24);
+    assert_eq!(device.structure, None);
+    let text = table(&found);
+    assert!(
+        text.contains("FOCAS") && text.contains("or one of 23 others"),
+        "{text}"
+    );
+    let json = serde_json::to_value(&found).expect("JSON");
+    assert_eq!(json[0]["kind"], "focas");
+    // Nothing was written.
+    assert!(control.world().shifts().iter().all(|shift| *shift == 0.0));
+}
+
+/// A Modbus server that answers read device identification, and remembers every function that it was asked for.
+fn modbus(functions: Arc<Mutex<Vec<u8>>>) -> Peer {
+    Peer::start(move |mut stream| {
+        let mut request = [0; 11];
+        while stream.read_exact(&mut request).is_ok() {
+            functions.lock().expect("ours").push(request[7]);
+            let pdu: &[u8] = b"\x2b\x0e\x01\x01\x00\x00\x03\x00\x06Vendor\x01\x04PT-8\x02\x031.2";
+            let mut answer = request[..4].to_vec();
+            answer.extend_from_slice(&u16::try_from(pdu.len() + 1).expect("short").to_be_bytes());
+            answer.push(request[6]);
+            answer.extend_from_slice(pdu);
+            let _ = stream.write_all(&answer);
+        }
+    })
+}
+
+#[test]
+fn a_module_tells_its_type_and_is_only_read() {
+    let functions = Arc::default();
+    let module = modbus(Arc::clone(&functions));
+    let found = search(&[(Kind::Modbus, module.port())], LONG);
+    assert_eq!(found[0].control, "Vendor PT-8");
+    assert_eq!(found[0].note, "revision 1.2");
+    assert_eq!(*functions.lock().expect("ours"), [0x2b]);
+    // One that does not have the function is a module all the same.
+    let plain = Peer::start(|mut stream| {
+        let mut request = [0; 11];
+        while stream.read_exact(&mut request).is_ok() {
+            let answer = [request[0], request[1], 0, 0, 0, 3, request[6], 0xab, 1];
+            let _ = stream.write_all(&answer);
+        }
+    });
+    let found = search(&[(Kind::Modbus, plain.port())], LONG);
+    assert!(
+        found[0].answers && found[0].note.contains("exception 1"),
+        "{found:?}"
+    );
+}
+
+/// Things that hang, lie, or answer garbage on every port: each is told as something else, in bounded time, with harmless text.
+#[test]
+fn what_hangs_lies_or_answers_garbage_is_told_as_such() {
+    let silent = Peer::start(|stream| {
+        let _ = stream.set_read_timeout(Some(LONG));
+        let mut stream = stream;
+        let mut some = [0; 64];
+        while matches!(stream.read(&mut some), Ok(1..)) {}
+    });
+    let closes = Peer::start(drop);
+    let garbage = Peer::says(&[0xa5; 5000]);
+    let web = Peer::says(b"HTTP/1.1 200 OK\r\nContent-Length: 5\r\n\r\nhello");
+    let long = Peer::says(b"ACKF\xff\xff\xff\x7f\0\0\0\0");
+    let terminal = Peer::says(b"\x1b[2J\x1b]0;title\x07 SSH-2.0-x\r\n");
+    for peer in [&silent, &closes, &garbage, &web, &long, &terminal] {
+        let ports: Vec<(Kind, u16)> = Kind::ALL.map(|kind| (kind, peer.port())).to_vec();
+        let begun = Instant::now();
+        let found = search(&ports, Duration::from_secs(2));
+        assert!(begun.elapsed() < Duration::from_secs(60), "it ends");
+        assert_eq!(found.len(), 4);
+        for device in &found {
+            assert!(!device.answers, "{device:?}");
+            assert!(!device.note.is_empty());
+            assert!(!device.note.contains(char::is_control), "{device:?}");
+        }
+        assert!(!table(&found).contains('\u{1b}'));
+    }
+}
+
+#[test]
+fn where_nobody_listens_nothing_is_found() {
+    let port = volcomp_test_support::free_port();
+    assert!(search(&[(Kind::Focas, port)], LONG).is_empty());
+    assert_eq!(table(&[]), "Nothing was found.\n");
+}
+
+/// The answers of an OPC UA server, byte by byte as in part 6 of the standard.
+fn opc_ua() -> Peer {
+    fn text(bytes: &mut Vec<u8>, text: &str) {
+        bytes.extend_from_slice(&u32::try_from(text.len()).expect("short").to_le_bytes());
+        bytes.extend_from_slice(text.as_bytes());
+    }
+    fn message(kind: &[u8; 4], body: &[u8]) -> Vec<u8> {
+        let length = u32::try_from(body.len() + 8).expect("short");
+        [kind.as_slice(), &length.to_le_bytes(), body].concat()
+    }
+    fn head(number: u16) -> Vec<u8> {
+        let mut bytes = vec![1, 0];
+        bytes.extend_from_slice(&number.to_le_bytes());
+        bytes.extend_from_slice(&[0; 8 + 4 + 4]);
+        bytes.push(0);
+        bytes.extend_from_slice(&[0; 4]);
+        bytes.extend_from_slice(&[0, 0, 0]);
+        bytes
+    }
+    Peer::start(|mut stream| {
+        let next = |stream: &mut std::net::TcpStream| {
+            let mut start = [0; 8];
+            stream.read_exact(&mut start).ok()?;
+            let length = u32::from_le_bytes([start[4], start[5], start[6], start[7]]);
+            let mut body = vec![0; usize::try_from(length).ok()?.checked_sub(8)?];
+            stream.read_exact(&mut body).ok()?;
+            Some(())
+        };
+        if next(&mut stream).is_none() {
+            return;
+        }
+        let _ = stream.write_all(&message(b"ACKF", &[0; 20]));
+        if next(&mut stream).is_none() {
+            return;
+        }
+        let mut opened = 7_u32.to_le_bytes().to_vec();
+        text(
+            &mut opened,
+            "http://opcfoundation.org/UA/SecurityPolicy#None",
+        );
+        opened.extend_from_slice(&[0xff; 8]);
+        opened.extend_from_slice(&[1, 0, 0, 0, 1, 0, 0, 0]);
+        opened.extend(head(449));
+        opened.extend_from_slice(&[0; 4]);
+        opened.extend_from_slice(&7_u32.to_le_bytes());
+        opened.extend_from_slice(&9_u32.to_le_bytes());
+        opened.extend_from_slice(&[0; 12]);
+        opened.extend_from_slice(&[0xff; 4]);
+        let _ = stream.write_all(&message(b"OPNF", &opened));
+        if next(&mut stream).is_none() {
+            return;
+        }
+        let mut answer = [7_u32, 9, 2, 2].map(u32::to_le_bytes).concat();
+        answer.extend(head(431));
+        answer.extend_from_slice(&1_u32.to_le_bytes());
+        text(&mut answer, "opc.tcp://control:4840");
+        text(&mut answer, "urn:control");
+        text(&mut answer, "http://siemens.example/sinumerik");
+        answer.push(2);
+        text(&mut answer, "OPCUAServer@840D");
+        answer.extend_from_slice(&[0; 4]);
+        answer.extend_from_slice(&[0xff; 8]);
+        answer.extend_from_slice(&[0xff; 4]);
+        answer.extend_from_slice(&[0xff; 4]);
+        answer.extend_from_slice(&3_u32.to_le_bytes());
+        text(
+            &mut answer,
+            "http://opcfoundation.org/UA/SecurityPolicy#Basic256Sha256",
+        );
+        answer.extend_from_slice(&[0xff; 4]);
+        text(
+            &mut answer,
+            "http://opcfoundation.org/UA-Profile/Transport/uatcp-uasc-uabinary",
+        );
+        answer.push(3);
+        let _ = stream.write_all(&message(b"MSGF", &answer));
+        let _ = next(&mut stream);
+    })
+}
+
+#[test]
+fn an_opc_ua_server_tells_what_it_is() {
+    let server = opc_ua();
+    let found = search(&[(Kind::OpcUa, server.port())], LONG);
+    let device = &found[0];
+    assert!(device.answers, "{device:?}");
+    assert_eq!(device.name, "OPCUAServer@840D");
+    assert!(device.control.starts_with("Siemens "), "{device:?}");
+    assert_eq!(device.note, "security: Basic256Sha256");
+    // Nothing tells its axes: nothing is proposed.
+    assert!(device.axes.is_empty() && device.proposals.is_empty());
+}
+
+/// A gateway as it answers on its port: the page, then the state of its machine.
+#[test]
+fn a_gateway_tells_its_machine_or_that_it_needs_a_token() {
+    let answers = |state: &'static str| {
+        Peer::start(move |mut stream| {
+            let mut request = [0; 2048];
+            let count = stream.read(&mut request).unwrap_or(0);
+            let text = String::from_utf8_lossy(&request[..count]).into_owned();
+            let page = "HTTP/1.1 200 OK\r\nContent-Type: text/html\r\n\r\n<!DOCTYPE html><title>volcomp gateway</title>";
+            let answer = if text.starts_with("GET / ") {
+                page
+            } else {
+                state
+            };
+            let _ = stream.write_all(answer.as_bytes());
+        })
+    };
+    let open = answers(
+        "HTTP/1.1 200 OK\r\n\r\n{\"state\":\"compensating\",\"simulated\":true,\"machine\":{\"name\":\"gantry\",\"structure\":\"w X' b Y Z t\",\"axes\":[\"X\",\"Y\",\"Z\"]}}",
+    );
+    let found = search(&[(Kind::Gateway, open.port())], LONG);
+    let device = &found[0];
+    assert_eq!(
+        (device.name.as_str(), device.note.as_str()),
+        ("gantry", "compensating, simulated")
+    );
+    assert_eq!(device.structure.as_deref(), Some("w X' b Y Z t"));
+    let closed =
+        answers("HTTP/1.1 401 Unauthorized\r\n\r\n{\"error\":\"a valid token is needed\"}");
+    let found = search(&[(Kind::Gateway, closed.port())], LONG);
+    assert!(
+        found[0].answers && found[0].note.contains("token"),
+        "{found:?}"
+    );
+}
+
+#[test]
+fn only_stated_private_subnets_are_searched() {
+    let check = |text: &str, mine: bool| {
+        let subnet: Subnet = text.parse().expect("a subnet");
+        subnet.check(mine)
+    };
+    for fine in [
+        "192.168.7.0/24",
+        "10.1.0.0/16",
+        "172.31.255.0/24",
+        "192.0.2.9",
+        "127.0.0.1",
+        "169.254.0.0/16",
+    ] {
+        assert_eq!(check(fine, false), Ok(()), "{fine}");
+    }
+    for public in [
+        "8.8.8.8",
+        "172.32.0.0/16",
+        "192.169.0.0/16",
+        "1.1.1.0/24",
+        "192.0.3.0/24",
+    ] {
+        assert!(
+            matches!(check(public, false), Err(NotSearched::Public { .. })),
+            "{public}"
+        );
+        assert_eq!(check(public, true), Ok(()), "{public}");
+    }
+    for large in ["10.0.0.0/8", "192.168.0.0/15", "0.0.0.0/0"] {
+        assert!(
+            matches!(check(large, true), Err(NotSearched::TooLarge { .. })),
+            "{large}"
+        );
+    }
+    for reserved in ["224.0.0.1", "255.255.255.255", "0.0.0.0/24", "240.0.0.0/16"] {
+        assert!(
+            matches!(check(reserved, true), Err(NotSearched::Reserved { .. })),
+            "{reserved}"
+        );
+    }
+    for wrong in [
+        "",
+        "192.168.1",
+        "192.168.1.0/33",
+        "192.168.1.0/+4",
+        "192.168.1.0/",
+        "::1",
+        "host",
+        "192.168.1.0/24/1",
+    ] {
+        assert!(
+            matches!(wrong.parse::<Subnet>(), Err(NotSearched::Unreadable { .. })),
+            "{wrong}"
+        );
+    }
+    let bits = "192.168.1.7/24"
+        .parse::<Subnet>()
+        .expect_err("bits beyond the prefix");
+    assert!(bits.to_string().contains("192.168.1.0/24"), "{bits}");
+    let of = |text: &str| {
+        text.parse::<Subnet>()
+            .expect("a subnet")
+            .addresses()
+            .count()
+    };
+    assert_eq!(
+        (
+            of("192.168.1.0/24"),
+            of("192.0.2.4/31"),
+            of("192.0.2.4"),
+            of("10.1.0.0/16")
+        ),
+        (254, 2, 1, 65_534)
+    );
+}
+
+#[test]
+fn axes_are_proposals_and_never_more_than_they_say() {
+    let three = proposals(&['X', 'Y', 'Z']);
+    assert_eq!(three.len(), 4);
+    assert!(three.iter().any(|one| one.structure == "w X' b Y Z t"));
+    // Doubled letters, spindles and unknown axes do not count.
+    assert_eq!(proposals(&['Z', 'Y', 'X', 'X', 'S', '?']), three);
+    assert!(
+        proposals(&['X', 'Z']).is_empty(),
+        "a lathe is none of the types"
+    );
+    assert!(proposals(&['X', 'Y', 'Z', 'C']).is_empty());
+    assert!(proposals(&['X', 'Y', 'Z', 'A', 'B', 'C']).is_empty());
+    for one in proposals(&['X', 'Y', 'Z', 'A', 'C']) {
+        let structure: volcomp_kinematics::Structure = one.structure.parse().expect("a structure");
+        let numbers = structure.type_numbers().expect("one of the types");
+        assert_eq!(
+            (numbers.translational, numbers.rotary),
+            (one.translational, one.rotary)
+        );
+    }
+}
+
+proptest! {
+    /// Bytes from the wire never make the decoders panic, nor texts that are not harmless.
+    #[test]
+    fn decoders_take_any_bytes(bytes in proptest::collection::vec(any::<u8>(), 0..600)) {
+        let _ = parse_identification(&bytes);
+        if let Some(endpoint) = parse_endpoints(&bytes) {
+            prop_assert!(!endpoint.name.contains(char::is_control));
+        }
+    }
+}

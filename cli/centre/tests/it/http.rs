@@ -1,0 +1,458 @@
+//! Who may ask what, and what is refused.
+
+use std::time::Duration;
+
+use serde_json::json;
+use volcomp_centre::{
+    http::{Need, ROUTES},
+    users::{Moment, Role, Session},
+};
+
+use crate::page::{PASSWORD, Page};
+
+/// Every role, and nobody, on every route: what is not allowed is refused before anything else is looked at.
+#[test]
+fn every_role_on_every_route() {
+    let page = Page::start();
+    let people: Vec<(Option<Role>, String)> = std::iter::once((None, String::new()))
+        .chain(Role::ALL.map(|role| (Some(role), page.session(role))))
+        .collect();
+    for route in ROUTES {
+        // Logging out ends the session of this test.
+        if route.path == "/api/logout" {
+            continue;
+        }
+        let path = route
+            .path
+            .replace("{machine}", "mill-9")
+            .replace("{model}", "abc")
+            .replace("{rollout}", "9")
+            .replace("{alarm}", "9")
+            .replace("{user}", "nobody");
+        for (role, cookie) in &people {
+            let answer = match route.method {
+                "GET" => page.get(&path, cookie),
+                _ => page.post(&path, cookie, &json!({})),
+            };
+            let expected = match (route.need, role) {
+                (Need::Nothing, _) => None,
+                (Need::Role(_), None) => Some(401),
+                (Need::Role(needed), Some(role)) if *role < needed => Some(403),
+                _ => None,
+            };
+            let what = format!("{} {path} as {role:?}: {}", route.method, answer.body);
+            match expected {
+                Some(status) => assert_eq!(answer.status, status, "{what}"),
+                None => assert!(
+                    !matches!(answer.status, 0 | 401 | 403 | 405 | 500),
+                    "{} {what}",
+                    answer.status
+                ),
+            }
+        }
+    }
+}
+
+#[test]
+fn logging_in_gives_a_session_that_ends() {
+    let page = Page::start();
+    let login = |password: &str| {
+        page.post(
+            "/api/login",
+            "",
+            &json!({ "name": "engineer", "password": password }),
+        )
+    };
+    let answer = login(PASSWORD);
+    assert_eq!(answer.status, 200, "{}", answer.body);
+    let head = answer.head.clone();
+    assert!(head.contains("HttpOnly; SameSite=Strict"), "{head}");
+    let cookie = answer.cookie().expect("a cookie");
+    assert_eq!(page.get("/api/me", &cookie).json()["role"], "engineer");
+    // The token itself is in no file of the store.
+    let token = cookie.split('=').nth(1).expect("a token").to_owned();
+    for file in std::fs::read_dir(page.folder.path()).expect("a folder") {
+        let bytes = std::fs::read(file.expect("a file").path()).expect("readable");
+        let found = bytes
+            .windows(token.len())
+            .any(|part| part == token.as_bytes());
+        assert!(!found, "the token is stored");
+    }
+    let ended = page.post("/api/logout", &cookie, &json!({}));
+    assert!(ended.head.contains("Max-Age=0"), "{}", ended.head);
+    assert_eq!(page.get("/api/me", &cookie).status, 401);
+    // Wrong passwords, unknown users and garbage are refused alike, and then not looked at any more.
+    for _ in 0..3 {
+        assert_eq!(
+            login("wrong").json()["error"],
+            "the name or the password is wrong"
+        );
+    }
+    for name in ["nobody", "<script>alert(1)</script>"] {
+        let body = json!({ "name": name, "password": "x" });
+        let answer = page.post("/api/login", "", &body);
+        assert_eq!(answer.status, 401);
+        assert_eq!(answer.json()["error"], "the name or the password is wrong");
+    }
+    assert_eq!(login(PASSWORD).status, 429);
+    // What was tried stands in the audit log, with where it came from.
+    let admin = page.session(Role::Admin);
+    let audit = page.get("/api/audit", &admin).body;
+    assert!(
+        audit.contains("login.refused") && audit.contains("127.0.0.1"),
+        "{audit}"
+    );
+    assert!(!audit.contains(PASSWORD) && !audit.contains(&token));
+}
+
+#[test]
+fn sessions_that_are_over_are_nobody() {
+    let page = Page::start();
+    let now = Moment::now();
+    let ago = |by: Duration| Moment {
+        since_boot_s: now.since_boot_s - by.as_secs_f64(),
+        ..now.clone()
+    };
+    let alive = page.cookie_of(Role::Admin, &ago(Session::IDLE - Duration::from_secs(60)));
+    assert_eq!(page.get("/api/me", &alive).status, 200);
+    let idle = page.cookie_of(Role::Admin, &ago(Session::IDLE + Duration::from_secs(1)));
+    assert_eq!(page.get("/api/me", &idle).status, 401);
+    let other_boot = Moment {
+        boot: "another".to_owned(),
+        ..now.clone()
+    };
+    let cookie = page.cookie_of(Role::Admin, &other_boot);
+    assert_eq!(page.get("/api/me", &cookie).status, 401);
+    for garbage in [
+        "volcomp-centre=",
+        "volcomp-centre=../../etc",
+        "x=y",
+        "volcomp-centre=\u{7f}",
+    ] {
+        assert_eq!(page.get("/api/me", garbage).status, 401);
+    }
+    // A user who may not log in any more is out at once.
+    let cookie = page.session(Role::Viewer);
+    assert_eq!(page.get("/api/me", &cookie).status, 200);
+    let body = json!({ "role": "viewer", "disabled": true });
+    let admin = page.session(Role::Admin);
+    assert_eq!(page.post("/api/users/viewer", &admin, &body).status, 200);
+    assert_eq!(page.get("/api/me", &cookie).status, 401);
+}
+
+/// A page of somebody else makes the browser send the cookie (were it not for SameSite): the change is refused.
+#[test]
+fn changes_that_another_page_makes_are_refused() {
+    let page = Page::start();
+    let cookie = format!("Cookie: {}", page.session(Role::Admin));
+    let ours = "X-Volcomp: 1".to_owned();
+    let origin = format!("Origin: http://{}", page.address);
+    let post = |lines: &[String]| page.request("POST", "/api/alarms/1/seen", lines, "").status;
+    assert_eq!(post(&[cookie.clone(), ours.clone(), origin.clone()]), 404);
+    assert_eq!(
+        post(&[cookie.clone(), ours.clone()]),
+        404,
+        "a program without a browser"
+    );
+    assert_eq!(post(&[cookie.clone(), origin]), 403);
+    for other in [
+        "Origin: http://evil.example",
+        "Origin: null",
+        "Origin: http://127.0.0.1.evil.example",
+        "Origin: http://127.0.0.1",
+        "Sec-Fetch-Site: cross-site",
+        "Sec-Fetch-Site: same-site",
+    ] {
+        let lines = [cookie.clone(), ours.clone(), other.to_owned()];
+        assert_eq!(post(&lines), 403, "{other}");
+    }
+    // Nor can another page ask for permission, or read: no answer allows another origin anything.
+    let asked = page.request(
+        "OPTIONS",
+        "/api/machines",
+        &["Origin: http://evil.example".to_owned()],
+        "",
+    );
+    assert!(
+        !asked.head.contains("access-control-allow"),
+        "{}",
+        asked.head
+    );
+    let host = "GET /api/me HTTP/1.1\r\nHost: evil.example\r\nConnection: close\r\n\r\n";
+    assert_eq!(page.raw(host.as_bytes()).status, 421);
+}
+
+#[test]
+fn garbage_and_paths_are_refused() {
+    let page = Page::start();
+    let admin = page.session(Role::Admin);
+    let lines = [format!("Cookie: {admin}"), "X-Volcomp: 1".to_owned()];
+    for route in ROUTES.iter().filter(|route| route.method == "POST") {
+        if ["/api/logout", "/api/login"].contains(&route.path) {
+            continue;
+        }
+        let path = route.path.replace(['{', '}'], "");
+        for body in [
+            "",
+            "{",
+            "[]",
+            "\u{0}",
+            "{\"a\":1}",
+            "null",
+            "{\"subnets\":[\"8.8.8.8/8\"]}",
+        ] {
+            let answer = page.request("POST", &path, &lines, body);
+            let refused = (400..500).contains(&answer.status);
+            assert!(
+                refused,
+                "{path} {body:?}: {} {}",
+                answer.status, answer.body
+            );
+        }
+        let deep = "[".repeat(100_000);
+        assert!(page.request("POST", &path, &lines, &deep).status >= 400);
+    }
+    for path in [
+        "/../../etc/passwd",
+        "/..%2f..%2fetc/passwd",
+        "/%2e%2e/%2e%2e/etc/passwd",
+        "/api/machines/..%2f..%2fcentre.db",
+        "/api/models/..%2fcentre.db",
+        "/api/models/%27%20OR%201=1",
+        "/api/models/%25",
+        "/api/machines/%00",
+        "/api/machines/%ff",
+        "/style.css/../../Cargo.toml",
+        "//evil.example/",
+    ] {
+        let answer = page.get(path, &admin);
+        assert!(
+            (400..500).contains(&answer.status),
+            "{path}: {}",
+            answer.status
+        );
+        assert!(!answer.body.contains("root:"), "{path}");
+    }
+    let large = "x".repeat(3 * 1024 * 1024);
+    let refused = page.request("POST", "/api/models", &lines, &large).status;
+    assert!(matches!(refused, 0 | 413), "{refused}");
+    assert_eq!(page.get("/api/me", &admin).status, 200);
+}
+
+#[test]
+fn the_page_loads_nothing_from_elsewhere_and_says_so() {
+    let page = Page::start();
+    let html = page.get("/", "");
+    assert_eq!(html.status, 200);
+    for line in [
+        "content-security-policy: default-src 'self'",
+        "x-frame-options: DENY",
+        "x-content-type-options: nosniff",
+        "cache-control: no-store",
+    ] {
+        assert!(html.head.contains(line), "{line}: {}", html.head);
+    }
+    let files = html.body.split('"').filter(|part| {
+        part.starts_with('/')
+            && (part.ends_with(".js") || part.ends_with(".css") || part.ends_with(".svg"))
+    });
+    let mut count = 0;
+    for file in files {
+        count += 1;
+        assert_eq!(page.get(file, "").status, 200, "{file}");
+    }
+    assert!(count >= 9, "{count}");
+    assert!(!html.body.contains("http://") && !html.body.contains("https://"));
+}
+
+/// The last admin stays one, and a user who loses a role loses the session.
+#[test]
+fn somebody_can_always_say_who_may_do_what() {
+    let page = Page::start();
+    let admin = page.session(Role::Admin);
+    for body in [
+        json!({ "role": "viewer", "disabled": false }),
+        json!({ "role": "admin", "disabled": true }),
+    ] {
+        assert_eq!(page.post("/api/users/admin", &admin, &body).status, 409);
+    }
+    assert_eq!(
+        page.post("/api/users/admin/remove", &admin, &json!({}))
+            .status,
+        409
+    );
+    let new = json!({ "name": "anna", "role": "admin", "password": PASSWORD });
+    assert_eq!(page.post("/api/users", &admin, &new).status, 200);
+    assert_eq!(page.post("/api/users", &admin, &new).status, 409);
+    let short = json!({ "name": "otto", "role": "admin", "password": "short" });
+    assert_eq!(page.post("/api/users", &admin, &short).status, 400);
+    assert_eq!(
+        page.post("/api/users/admin/remove", &admin, &json!({}))
+            .status,
+        200
+    );
+    assert_eq!(page.get("/api/me", &admin).status, 401);
+}
+
+#[test]
+fn a_machine_is_registered_and_shown_with_what_is_not_known() {
+    let page = Page::start();
+    let engineer = page.session(Role::Engineer);
+    let machine = |structure: &str, axes: &[&str], note: &str| {
+        json!({
+            "machine": "mill-1", "site": "hall-2", "serial": "4711", "structure": structure, "axes": axes,
+            "enable": true, "note": note,
+        })
+    };
+    let post = |body| page.post("/api/machines", &engineer, &body);
+    let note = "<script>alert(1)</script>";
+    assert_eq!(
+        post(machine("w X' b Y Z", &["X", "Y", "Z"], note)).status,
+        400
+    );
+    assert_eq!(
+        post(machine("w X' b Y Z t", &["Y", "X", "Z"], note)).status,
+        400
+    );
+    assert_eq!(
+        post(machine("w X' b Y Z t", &["X", "Y", "Z"], "a\nb")).status,
+        400
+    );
+    let done = post(machine("w X' b Y Z t", &["X", "Y", "Z"], note));
+    assert_eq!(done.status, 200, "{}", done.body);
+    let viewer = page.session(Role::Viewer);
+    let told = || page.get("/api/overview", &viewer).json();
+    volcomp_test_support::until(
+        "the machine is in the overview",
+        Duration::from_secs(60),
+        || {
+            told()["machines"]
+                .as_array()
+                .is_some_and(|list| !list.is_empty())
+        },
+    );
+    let row = told()["machines"][0].clone();
+    assert_eq!(row["state"], "never heard");
+    assert_eq!(row["age_s"], serde_json::Value::Null);
+    assert_eq!(row["residual_um"], serde_json::Value::Null);
+    let deep = page.get("/api/machines/mill-1", &viewer).json();
+    assert_eq!(
+        (&deep["live"], &deep["silent"]),
+        (&json!(null), &json!(true))
+    );
+    let history = page.get(
+        "/api/machines/mill-1/history?resolution=raw&hours=1",
+        &viewer,
+    );
+    assert_eq!(history.json()["points"], json!([]));
+    for range in [
+        "resolution=raw&hours=-1",
+        "resolution=year&hours=1",
+        "hours=1",
+        "resolution=raw&hours=NaN",
+    ] {
+        let path = format!("/api/machines/mill-1/history?{range}");
+        assert_eq!(page.get(&path, &viewer).status, 400, "{range}");
+    }
+    // What was done stands in the audit log, with who and from where.
+    let admin = page.session(Role::Admin);
+    let audit = page.get("/api/audit", &admin).json();
+    let records = audit.as_array().expect("a list");
+    let request = records
+        .iter()
+        .find(|record| record["action"] == "request" && record["details"]["status"] == 200)
+        .expect("a record of the request");
+    assert_eq!(request["by"], "engineer");
+    assert_eq!(request["details"]["from"], "127.0.0.1");
+}
+
+#[test]
+fn a_model_is_made_by_form_saved_and_rolled_out() {
+    let page = Page::start();
+    let engineer = page.session(Role::Engineer);
+    let axis = |name: &str, travel: [f64; 2]| json!({ "axis": name, "travel": travel });
+    let form = json!({
+        "name": "mill-1 <b>bold</b>",
+        "structure": { "translational": 1 },
+        "axes": [axis("X", [0.0, 800.0]), axis("Y", [0.0, 600.0]), axis("Z", [-500.0, 0.0])],
+        "errors": [
+            { "error": "EXX", "value": { "poly": [0.0, 0.02] } },
+            { "error": "EC0Y", "value": { "number": 12.0 } },
+        ],
+    });
+    let built = page.post("/api/form", &engineer, &form);
+    assert_eq!(built.status, 200, "{}", built.body);
+    let built = built.json();
+    assert_eq!(built["structure"], "w X' b Y Z t");
+    assert_eq!(built["type_numbers"], json!([1, 0]));
+    let body = json!({ "text": built["text"], "measured": "2026-11-20", "notes": [] });
+    let saved = page.post("/api/models", &engineer, &body);
+    assert_eq!(saved.status, 200, "{}", saved.body);
+    let sha = saved.json()["model"]["sha256"]
+        .as_str()
+        .expect("a checksum")
+        .to_owned();
+    let viewer = page.session(Role::Viewer);
+    let model = page
+        .get(&format!("/api/models/{}", &sha[..12]), &viewer)
+        .json();
+    assert_eq!(model["model"]["measured"], "2026-11-20");
+    assert_eq!(model["described"]["text"], built["text"]);
+    assert_eq!(
+        page.get(&format!("/api/models/{sha}/map"), &viewer).json(),
+        built["map"]
+    );
+    let start = json!({ "model": sha, "machines": ["mill-1"] });
+    assert_eq!(page.post("/api/rollouts", &engineer, &start).status, 404);
+    let machine = json!({
+        "machine": "mill-1", "site": "hall-2", "serial": "4711", "structure": "w X' b Y Z t",
+        "axes": ["X", "Y", "Z"], "enable": true,
+    });
+    assert_eq!(page.post("/api/machines", &engineer, &machine).status, 200);
+    let rules = json!({ "model": sha, "machines": ["mill-1"], "rules": { "waves": [100, 25] } });
+    assert_eq!(page.post("/api/rollouts", &engineer, &rules).status, 400);
+    let started = page.post("/api/rollouts", &engineer, &start);
+    assert_eq!(started.status, 200, "{}", started.body);
+    assert_eq!(page.post("/api/rollouts", &engineer, &start).status, 409);
+    let wish = json!({ "wish": "pause" });
+    assert_eq!(page.post("/api/rollouts/1", &engineer, &wish).status, 200);
+    assert_eq!(page.post("/api/rollouts/2", &engineer, &wish).status, 404);
+    assert_eq!(
+        page.get("/api/rollouts", &viewer).json()[0]["turns"][0]["machine"],
+        "mill-1"
+    );
+}
+
+/// A roll-out that a person holds or ends is stored with who did it, and can be read again.
+#[test]
+fn a_roll_out_that_is_held_can_be_read_again() {
+    use volcomp_centre::rollout::{Phase, Rollout, Rules};
+    for phase in [
+        Phase::Paused {
+            by: "otto".to_owned(),
+        },
+        Phase::Aborted {
+            by: "otto".to_owned(),
+        },
+        Phase::Stopped {
+            why: "x".to_owned(),
+        },
+    ] {
+        let machines = [("mill-1".parse().unwrap(), true)];
+        let mut rollout = Rollout::new(
+            1,
+            "ab".to_owned(),
+            &machines,
+            Rules::default(),
+            "anna".to_owned(),
+            0.0,
+        );
+        rollout.phase = phase;
+        let text = serde_json::to_string(&rollout).unwrap();
+        assert_eq!(
+            serde_json::from_str::<Rollout>(&text).unwrap(),
+            rollout,
+            "{text}"
+        );
+    }
+}

@@ -1,0 +1,152 @@
+//! A page on a store of its own, and a client for it.
+
+use std::{
+    io::{Read, Write},
+    net::{SocketAddr, TcpStream},
+    sync::Arc,
+    time::Duration,
+};
+
+use volcomp_centre::{
+    http::{Face, FaceSettings, router},
+    store::Store,
+    users::{Moment, Password, Role, Session, Token, hash},
+};
+
+/// The password of every user of the tests.
+pub(crate) const PASSWORD: &str = "correct horse battery";
+
+/// A running page.
+pub(crate) struct Page {
+    pub(crate) store: Arc<Store>,
+    pub(crate) address: SocketAddr,
+    pub(crate) folder: tempfile::TempDir,
+    _runtime: tokio::runtime::Runtime,
+}
+
+/// An answer.
+#[derive(Debug)]
+pub(crate) struct Answer {
+    pub(crate) status: u16,
+    pub(crate) head: String,
+    pub(crate) body: String,
+}
+
+impl Answer {
+    pub(crate) fn json(&self) -> serde_json::Value {
+        serde_json::from_str(&self.body).unwrap_or_else(|e| panic!("{e}: {}", self.body))
+    }
+
+    /// The cookie that the browser is told to keep, without its attributes.
+    pub(crate) fn cookie(&self) -> Option<String> {
+        let line = self
+            .head
+            .lines()
+            .find(|line| line.starts_with("set-cookie: "))?;
+        let pair = line.strip_prefix("set-cookie: ")?.split(';').next()?;
+        Some(pair.to_owned())
+    }
+}
+
+impl Page {
+    /// A page with a viewer, an engineer and an admin of these names.
+    pub(crate) fn start() -> Self {
+        Self::start_with(FaceSettings::default())
+    }
+
+    pub(crate) fn start_with(settings: FaceSettings) -> Self {
+        let folder = tempfile::tempdir().expect("writable");
+        let store = Arc::new(Store::open(&folder.path().join("centre.db")).expect("a store"));
+        let password = Password::chosen(PASSWORD.to_owned()).expect("long enough");
+        let hash = hash(&password).expect("memory");
+        for role in Role::ALL {
+            let name = role.name().parse().expect("a name");
+            store
+                .add_user(&name, role, &hash, "centre", "test")
+                .expect("stored");
+        }
+        let runtime = tokio::runtime::Builder::new_multi_thread()
+            .worker_threads(2)
+            .enable_all()
+            .build()
+            .expect("threads");
+        let face = Face::new(Arc::clone(&store), settings);
+        let listener = runtime
+            .block_on(tokio::net::TcpListener::bind("127.0.0.1:0"))
+            .expect("a port");
+        let address = listener.local_addr().expect("bound");
+        runtime.spawn(Arc::clone(&face).refresh());
+        runtime.spawn(volcomp_web::serve(listener, None, router(&face)));
+        Self {
+            store,
+            address,
+            folder,
+            _runtime: runtime,
+        }
+    }
+
+    /// The cookie of a new session of a user, made in the store: logging in costs a hash.
+    pub(crate) fn cookie_of(&self, role: Role, now: &Moment) -> String {
+        let token = Token::draw().expect("random numbers");
+        let session = Session {
+            user: role.name().parse().expect("a name"),
+            since: now.clone(),
+            used: now.clone(),
+            from: "test".to_owned(),
+        };
+        self.store.begin_session(&token, &session).expect("stored");
+        format!("volcomp-centre={}", token.text())
+    }
+
+    pub(crate) fn session(&self, role: Role) -> String {
+        self.cookie_of(role, &Moment::now())
+    }
+
+    /// Sends bytes, and takes what comes until the end.
+    pub(crate) fn raw(&self, bytes: &[u8]) -> Answer {
+        let mut stream = TcpStream::connect(self.address).expect("it listens");
+        stream
+            .set_read_timeout(Some(Duration::from_secs(120)))
+            .expect("a socket");
+        // A request that is refused is not read to its end.
+        let _ = stream.write_all(bytes);
+        let mut all = Vec::new();
+        let _ = stream.read_to_end(&mut all);
+        let text = String::from_utf8_lossy(&all);
+        let (head, body) = text.split_once("\r\n\r\n").unwrap_or((&text, ""));
+        let status = head
+            .split(' ')
+            .nth(1)
+            .and_then(|status| status.parse().ok());
+        Answer {
+            status: status.unwrap_or(0),
+            head: head.to_owned(),
+            body: body.to_owned(),
+        }
+    }
+
+    /// A request with these further lines of its head.
+    pub(crate) fn request(&self, method: &str, path: &str, lines: &[String], body: &str) -> Answer {
+        let lines: String = lines.iter().map(|line| format!("{line}\r\n")).collect();
+        let text = format!(
+            "{method} {path} HTTP/1.1\r\nHost: {}\r\nConnection: close\r\nContent-Length: {}\r\n{lines}\r\n{body}",
+            self.address,
+            body.len()
+        );
+        self.raw(text.as_bytes())
+    }
+
+    pub(crate) fn get(&self, path: &str, cookie: &str) -> Answer {
+        self.request("GET", path, &[format!("Cookie: {cookie}")], "")
+    }
+
+    /// A change as our own page makes it.
+    pub(crate) fn post(&self, path: &str, cookie: &str, body: &serde_json::Value) -> Answer {
+        let lines = [
+            format!("Cookie: {cookie}"),
+            "X-Volcomp: 1".to_owned(),
+            format!("Origin: http://{}", self.address),
+        ];
+        self.request("POST", path, &lines, &body.to_string())
+    }
+}

@@ -1,0 +1,237 @@
+"use strict";
+// A model by form: how the axes are stacked, their travels, the component errors typed or from files; its formula and its map.
+
+const CARRIES = ["the tool moves in X, Y and Z", "X carries the workpiece", "X and Y carry the workpiece", "X, Y and Z carry the workpiece"];
+const TURNS = ["no rotary axes", "both turn the workpiece", "both turn the tool", "one each"];
+const HINTS = {
+  number: "one number: 12.5",
+  poly: "c0, c1, c2 …: 0, 0.0073, -2.1e-7",
+  table: "one node a line: coordinate, value",
+  cubic: "one node a line: coordinate, value",
+};
+
+/** The names of the errors of these axes: motions, squareness, locations. */
+function errorNames(axes) {
+  const motions = axes.flatMap((axis) => ["EX", "EY", "EZ", "EA", "EB", "EC"].map((kind) => kind + axis));
+  const square = [["EC0Y", "Y"], ["EB0Z", "Z"], ["EA0Z", "Z"]].filter(([, axis]) => axes.includes(axis)).map(([name]) => name);
+  const about = { A: ["EY0A", "EZ0A", "EB0A", "EC0A"], B: ["EX0B", "EZ0B", "EA0B", "EC0B"], C: ["EX0C", "EY0C", "EA0C", "EB0C"] };
+  return [...square, ...axes.flatMap((axis) => about[axis] || []), ...motions];
+}
+
+const numbersIn = (text) => text.split(/[\s,;]+/).filter(Boolean).map((word) => {
+  const number = Number(word.replace("−", "-"));
+  if (!Number.isFinite(number)) throw new Refused(0, `found ${JSON.stringify(word)}, expected a number`);
+  return number;
+});
+
+/** What was typed for an error, as the centre takes it. */
+function curveOf(kind, text) {
+  if (kind === "number") {
+    const list = numbersIn(text);
+    if (list.length !== 1) throw new Refused(0, "expected one number");
+    return { number: list[0] };
+  }
+  if (kind === "poly") return { poly: numbersIn(text) };
+  const nodes = text.split("\n").map((row) => row.trim()).filter(Boolean).map((row) => {
+    const node = numbersIn(row);
+    if (node.length !== 2) throw new Refused(0, `found ${JSON.stringify(row)}, expected a coordinate and a value`);
+    return node;
+  });
+  return { [kind]: nodes };
+}
+
+function buildPage(page) {
+  const name = make("input", { maxLength: 100 });
+  const way = choose([["type", "type numbers"], ["code", "a structure code"]], "type");
+  const translational = choose(CARRIES.map((text, number) => [String(number), `${number}: ${text}`]), "2");
+  const rotary = choose(TURNS.map((text, number) => [String(number), `${number}: ${text}`]), "0");
+  const pairs = ["C A", "A C", "C B", "B C", "B A", "A B"];
+  const letters = choose(pairs.map((pair) => [pair, pair]), "C A");
+  const code = make("input", { placeholder: "w C' A' b X Y Z t", value: "w X' Y' b Z t" });
+  const tip = make("input", { placeholder: "0, 0, 0" });
+  const axesPlace = make("div", { class: "lines" });
+  const typed = new Map();
+  const errors = make("div", { class: "lines" });
+  const files = make("div", { class: "lines" });
+  const result = make("div", { class: "panels", id: "built" });
+  const said = make("p", { class: "said", role: "status" });
+  const lettersField = field("Rotary axes, from the workpiece to the tool", letters);
+  const typeFields = [field("Linear type number", translational), field("Rotary type number", rotary), lettersField];
+  const codeField = field("Structure code, from the workpiece to the tool", code);
+
+  const axes = () => (way.value === "code" ? axesOf(code.value) : ["X", "Y", "Z", ...(rotary.value === "0" ? [] : letters.value.split(" "))]);
+
+  function showAxes() {
+    typeFields.forEach((one) => { one.hidden = way.value === "code"; });
+    lettersField.hidden = way.value === "code" || rotary.value === "0";
+    codeField.hidden = way.value !== "code";
+    axesPlace.replaceChildren(...inOrder([...new Set(axes())]).map((axis) => {
+      if (!typed.has(axis)) {
+        const isRotary = "ABC".includes(axis);
+        typed.set(axis, {
+          low: make("input", { type: "number", step: "any", value: isRotary ? "-120" : "0", required: true }),
+          high: make("input", { type: "number", step: "any", value: isRotary ? "120" : "500", required: true }),
+          point: isRotary ? make("input", { placeholder: "0, 0, 0" }) : null,
+        });
+      }
+      const { low, high, point } = typed.get(axis);
+      const unit = "ABC".includes(axis) ? "deg" : "mm";
+      return make("div", { class: "axis-line" }, make("strong", { textContent: axis }), field(`from, ${unit}`, low), field(`to, ${unit}`, high), point ? make("div", { class: "points" }, field("a point on its centre line: x, y, z in mm", point)) : null);
+    }));
+    const names = errorNames(axes());
+    for (const select of document.querySelectorAll("select.error-name")) {
+      const chosen = select.value;
+      select.replaceChildren(...names.map((one) => make("option", { value: one, textContent: one, selected: one === chosen })));
+    }
+  }
+
+  function errorSelect(chosen) {
+    const select = choose(errorNames(axes()).map((one) => [one, one]), chosen);
+    select.className = "error-name";
+    select.ariaLabel = "Error";
+    return select;
+  }
+
+  function addError(chosen = "EXX") {
+    const kind = choose([["number", "number"], ["poly", "polynomial"], ["table", "table"], ["cubic", "table, cubic"]], /0/.test(chosen) ? "number" : "poly");
+    kind.ariaLabel = "Kind of value";
+    const text = make("textarea", { rows: 2, ariaLabel: "Value in µm or µrad" });
+    const hint = () => { text.placeholder = `${HINTS[kind.value]}; µm or µrad over mm or deg`; };
+    kind.addEventListener("change", hint);
+    hint();
+    const row = make("div", { class: "line" }, errorSelect(chosen), kind, text, make("button", { type: "button", class: "quiet", textContent: "Remove", onclick: () => row.remove() }));
+    errors.append(row);
+  }
+
+  function addFile(file) {
+    const guessed = (file.name.toUpperCase().match(/E[ABCXYZ]0?[ABCUVWXYZ]/) || ["EXX"])[0];
+    const unit = choose([["", "the file's"], ["um", "µm"], ["mm", "mm"], ["urad", "µrad"], ["mrad", "mrad"], ["arcsec", "arcsec"], ["deg", "deg"]], "");
+    unit.ariaLabel = "Unit";
+    const side = make("input", { type: "checkbox" });
+    const at = make("input", { type: "text", placeholder: "others at: Y=400, Z=-200", ariaLabel: "Where the other axes stood" });
+    const row = make("div", { class: "line file" }, errorSelect(guessed), make("span", { class: "said", textContent: file.name }), unit, make("label", { class: "row" }, side, "workpiece's side"), at, make("button", { type: "button", class: "quiet", textContent: "Remove", onclick: () => row.remove() }));
+    row.read = async () => ({
+      error: row.querySelector(".error-name").value, name: file.name, text: await file.text(), unit: unit.value || null, workpiece_side: side.checked,
+      at: Object.fromEntries(at.value.split(/[,;]/).map((part) => part.trim()).filter(Boolean).map((part) => {
+        const [axis, value] = part.split("=").map((word) => word.trim());
+        return [axis, numbersIn(value || "")[0]];
+      })),
+    });
+    files.append(row);
+  }
+
+  async function formOf() {
+    const point = (text) => {
+      if (!text.trim()) return undefined;
+      const list = numbersIn(text);
+      if (list.length !== 3) throw new Refused(0, `found ${JSON.stringify(text)}, expected three numbers`);
+      return list;
+    };
+    return {
+      name: name.value.trim(),
+      structure: way.value === "code" ? { code: code.value } : { translational: Number(translational.value), rotary: Number(rotary.value), rotary_axes: rotary.value === "0" ? [] : letters.value.split(" ") },
+      axes: inOrder([...new Set(axes())]).map((axis) => {
+        const one = typed.get(axis);
+        return { axis, travel: [one.low.valueAsNumber, one.high.valueAsNumber], point_mm: one.point ? point(one.point.value) : undefined };
+      }),
+      tip_mm: point(tip.value),
+      errors: [...errors.children].filter((row) => row.querySelector("textarea").value.trim()).map((row) => {
+        const [error, kind] = row.querySelectorAll("select");
+        try {
+          return { error: error.value, value: curveOf(kind.value, row.querySelector("textarea").value) };
+        } catch (problem) {
+          throw new Refused(0, `${error.value}: ${problem.message}`);
+        }
+      }),
+      uploads: await Promise.all([...files.children].map((row) => row.read())),
+    };
+  }
+
+  for (const select of [way, translational, rotary, letters]) select.addEventListener("change", showAxes);
+  code.addEventListener("input", showAxes);
+  const pick = make("input", { type: "file", multiple: true, accept: ".rtl,.rta,.csv", onchange: () => {
+    for (const file of pick.files) addFile(file);
+    pick.value = "";
+  } });
+  const button = make("button", { class: "main", textContent: "Show the model" });
+  page.replaceChildren(
+    make("div", { class: "head" }, make("h1", { textContent: "Build a model" })),
+    make("form", { onsubmit: (event) => {
+      event.preventDefault();
+      result.replaceChildren();
+      act(button, said, async () => post("/api/form", await formOf()), (built) => {
+        showBuilt(result, built);
+        return "";
+      });
+    } },
+    make("div", { class: "panels" },
+      panel("Machine", make("div", { class: "fields" }, field("Name", name), field("Stacking by", way), ...typeFields, codeField, field("Tool tip at machine zero: x, y, z in mm", tip)), make("h2", { textContent: "Travels" }), axesPlace),
+      panel("Component errors, typed", errors, make("div", { class: "buttons" }, make("button", { type: "button", textContent: "Add an error", onclick: () => addError("EXX") }))),
+      panel("Component errors from measurement files", make("p", { class: "soft", textContent: "Laser files (.rtl, .rta) and tables (.csv); curves are fitted, Abbe and straightness lines are taken out." }), files, make("div", { class: "buttons" }, field("Files", pick)))),
+    make("div", { class: "buttons" }, button, said)),
+    result,
+  );
+  showAxes();
+  for (const chosen of ["EXX", "EYY", "EZZ", "EC0Y"]) addError(chosen);
+}
+
+function formulaPanel(described) {
+  const tool = ["Xt", "Yt", "Zt"].map((symbol, place) => `${symbol} = ${described.tool_mm[place]}`).join(", ");
+  const type = described.type_numbers ? `type numbers ${described.type_numbers.join(" and ")}` : "none of the sixteen types";
+  return panel("Formula", make("p", { textContent: `${described.structure}: ${type}` }), make("pre", { id: "formula", textContent: described.formula.join("\n\n") }), make("p", { class: "soft", textContent: `First order; lengths in mm, angles in rad; ${tool}.` }));
+}
+
+function showBuilt(place, built) {
+  const map = make("div", {});
+  const measured = make("input", { type: "date" });
+  const said = make("p", { class: "said", role: "status" });
+  const save = make("button", { class: "main", textContent: "Save as a model", onclick: () => act(save, said, () => post("/api/models", { text: built.text, measured: measured.value, notes: built.notes }), ({ model, added }) => {
+    const link = make("a", { href: `#model/${model.sha256}`, textContent: short(model.sha256) });
+    requestAnimationFrame(() => said.append(" ", link));
+    return added ? "saved:" : "it was there already:";
+  }) });
+  const mapPanel = panel("Error over the work space, µm", map);
+  mapPanel.classList.add("wide");
+  place.replaceChildren(
+    built.notes.length ? panel("To be read", make("ul", {}, ...built.notes.map((note) => make("li", { textContent: note })))) : "",
+    formulaPanel(built),
+    mapPanel,
+    panel("Machine file", make("details", {}, make("summary", { textContent: "Show it" }), make("pre", { textContent: built.text }))),
+    panel("Save", make("div", { class: "fields" }, field("Day of the measurements", measured)), make("div", { class: "buttons" }, save, said)),
+  );
+  drawSections(map, built.map);
+}
+
+async function modelsPage(page) {
+  const models = await get("/api/models");
+  const pick = make("input", { type: "file", accept: ".toml" });
+  const measured = make("input", { type: "date" });
+  const said = make("p", { class: "said", role: "status" });
+  const button = make("button", { textContent: "Add", onclick: () => act(button, said, async () => {
+    if (!pick.files[0]) throw new Refused(0, "choose a machine file");
+    return post("/api/models", { text: await pick.files[0].text(), file: pick.files[0].name, measured: measured.value });
+  }, ({ model, added }) => {
+    location.hash = `#model/${model.sha256}`;
+    return added ? "added" : "it was there already";
+  }) });
+  const origin = ({ kind, name: file, path }) => ({ form: "form", file: `file ${file}`, calibration: `calibration ${path}` })[kind] || kind;
+  page.replaceChildren(
+    make("div", { class: "head" }, make("h1", { textContent: "Models" }), may("engineer") ? make("a", { href: "#build", textContent: "Build one by form" }) : null),
+    panel("", models.length === 0 ? make("p", { class: "soft", textContent: "There is none yet." }) : table(["model", "name", "structure", "from", "measured", "added"], models.map((model) => make("tr", {}, cell(make("a", { href: `#model/${model.sha256}`, textContent: short(model.sha256) })), cell(model.name || "–", { class: "text" }), cell(model.structure), cell(origin(model.origin), { class: "text" }), cell(model.measured || "unknown"), cell(`${clock(model.added_s)}, ${model.by}`))))),
+    may("engineer") ? panel("Add a machine file", make("div", { class: "fields" }, field("File", pick), field("Day of the measurements", measured)), make("div", { class: "buttons" }, button, said)) : "",
+  );
+}
+
+async function modelPage(page, checksum) {
+  const { model, described } = await get(`/api/models/${encodeURIComponent(checksum)}`);
+  const map = make("div", {}, make("p", { textContent: "…" }));
+  const mapPanel = panel("Error over the work space, µm", map);
+  mapPanel.classList.add("wide");
+  page.replaceChildren(
+    make("div", { class: "head" }, make("h1", { textContent: model.name || "Model" }), make("span", { class: "soft", textContent: short(model.sha256) }), may("engineer") ? make("a", { href: `#rollout/${model.sha256}`, textContent: "Roll it out" }) : null),
+    make("div", { class: "panels" }, mapPanel, formulaPanel(described),
+      panel("To be read", model.notes.length ? make("ul", {}, ...model.notes.map((note) => make("li", { textContent: note }))) : make("p", { class: "soft", textContent: "nothing" })),
+      panel("Machine file", facts([["checksum", model.sha256], ["measured", model.measured || "unknown"], ["added", `${clock(model.added_s)}, ${model.by}`]]), make("details", {}, make("summary", { textContent: "Show it" }), make("pre", { textContent: described.text })))),
+  );
+  drawSections(map, await get(`/api/models/${model.sha256}/map`));
+}

@@ -1,0 +1,168 @@
+"use strict";
+// What every page of the centre uses: the interface, elements, words for what is not known.
+
+const LETTERS = "XYZABCUVW";
+const ROLES = ["viewer", "engineer", "admin"];
+const element = (id) => document.getElementById(id);
+/** Who is logged in: {name, role}. */
+let me = null;
+const may = (role) => Boolean(me) && ROLES.indexOf(me.role) >= ROLES.indexOf(role);
+
+/** Makes an element. Texts are only ever texts: nothing that comes from elsewhere becomes part of the page's structure. */
+function make(tag, properties = {}, ...children) {
+  const made = document.createElement(tag);
+  for (const [key, value] of Object.entries(properties)) {
+    if (value === undefined || value === null) continue;
+    if (key === "data") Object.assign(made.dataset, value);
+    else if (key === "class") made.className = value;
+    else if (key.startsWith("on")) made.addEventListener(key.slice(2), value);
+    else if (key in made && key !== "list") made[key] = value;
+    else made.setAttribute(key, value);
+  }
+  made.append(...children.filter((child) => child !== null && child !== undefined));
+  return made;
+}
+
+function setText(target, value) {
+  if (target.textContent !== value) target.textContent = value;
+}
+
+class Refused extends Error {
+  constructor(status, why) {
+    super(why);
+    this.status = status;
+  }
+}
+
+/** Asks the centre. A refusal is thrown in the centre's words. */
+async function call(method, path, body) {
+  let response;
+  try {
+    response = await fetch(path, {
+      method,
+      cache: "no-store",
+      headers: { "X-Volcomp": "1", ...(body === undefined ? {} : { "Content-Type": "application/json" }) },
+      body: body === undefined ? undefined : JSON.stringify(body),
+    });
+  } catch {
+    throw new Refused(0, "the centre does not answer");
+  }
+  let answer = null;
+  try {
+    answer = await response.json();
+  } catch {
+    // No document: the status alone counts.
+  }
+  if (response.status === 401 && path !== "/api/login") askForLogin();
+  if (!response.ok) throw new Refused(response.status, (answer && answer.error) || `the centre answers ${response.status}`);
+  return answer;
+}
+const get = (path) => call("GET", path);
+const post = (path, body = {}) => call("POST", path, body);
+
+/** Says what went wrong on top of the page, or takes it away. */
+function trouble(why) {
+  const place = element("trouble");
+  place.hidden = !why;
+  setText(place, why || "");
+}
+
+/** Does something for a button, and says in `said` what became of it. */
+async function act(button, said, work, done) {
+  button.disabled = true;
+  said.className = "said";
+  setText(said, "…");
+  try {
+    const answer = await work();
+    setText(said, typeof done === "function" ? done(answer) || "" : done || "");
+    return answer;
+  } catch (error) {
+    said.classList.add("bad");
+    setText(said, error.message);
+    if (!(error instanceof Refused)) throw error;
+    return null;
+  } finally {
+    button.disabled = false;
+  }
+}
+
+const isNumber = (value) => typeof value === "number" && Number.isFinite(value);
+const fixed = (value, digits) => (isNumber(value) ? value.toFixed(digits).replace("-", "−") : "unknown");
+const signed = (value, digits) => (isNumber(value) && value > 0 ? "+" : "") + fixed(value, digits);
+const inOrder = (names) => [...names].sort((a, b) => LETTERS.indexOf(a) - LETTERS.indexOf(b));
+const short = (sha256) => (sha256 ? sha256.slice(0, 10) : "");
+
+/** "3 s", "12 min", "5 h", "9 d". */
+function lasting(seconds) {
+  if (!isNumber(seconds)) return "unknown";
+  if (seconds < 10) return `${seconds.toFixed(1)} s`;
+  if (seconds < 120) return `${Math.round(seconds)} s`;
+  if (seconds < 7200) return `${Math.round(seconds / 60)} min`;
+  if (seconds < 172800) return `${Math.round(seconds / 3600)} h`;
+  return `${Math.round(seconds / 86400)} d`;
+}
+
+/** A time by the clock of the centre. */
+function clock(seconds) {
+  if (!isNumber(seconds)) return "unknown";
+  const at = new Date(seconds * 1000);
+  const two = (value) => String(value).padStart(2, "0");
+  return `${at.getFullYear()}-${two(at.getMonth() + 1)}-${two(at.getDate())} ${two(at.getHours())}:${two(at.getMinutes())}:${two(at.getSeconds())}`;
+}
+
+const badge = (state, text) => make("span", { class: "badge", data: { state }, textContent: text || state });
+
+/** A cell of a value: what is not known is the word, softer. */
+function cell(value, properties = {}) {
+  const made = make("td", properties, value instanceof Node ? value : String(value));
+  if (value === "unknown") made.classList.add("unknown");
+  return made;
+}
+
+function table(heads, rows) {
+  const head = make("tr", {}, ...heads.map((text) => make("th", { textContent: text, scope: "col" })));
+  return make("div", { class: "scroll" }, make("table", {}, make("thead", {}, head), make("tbody", {}, ...rows)));
+}
+
+function field(text, input) {
+  return make("label", {}, text, input);
+}
+
+function choose(options, value) {
+  return make("select", {}, ...options.map(([key, text]) => make("option", { value: key, textContent: text, selected: key === value })));
+}
+
+function panel(title, ...children) {
+  return make("section", { class: "panel" }, title ? make("h2", { textContent: title }) : null, ...children);
+}
+
+function facts(pairs) {
+  return make("dl", { class: "facts" }, ...pairs.flatMap(([name, value]) => {
+    const shown = value instanceof Node ? value : document.createTextNode(value === "" || value === null || value === undefined ? "–" : String(value));
+    return [make("dt", { textContent: name }), make("dd", value === "unknown" ? { class: "unknown" } : {}, shown)];
+  }));
+}
+
+/** Three sections of the map, before and after the correction, to one scale. */
+function drawSections(place, map) {
+  place.replaceChildren();
+  const scale = map.largest_um[0];
+  const turn = (state) => make("h2", { textContent: state });
+  for (const [key, words] of [["before_um", "Without correction"], ["after_um", "With correction, in steps of 1 µm"]]) {
+    const largest = map.largest_um[key === "before_um" ? 0 : 1];
+    place.append(turn(`${words}: up to ${fixed(largest, 1)} µm`));
+    const row = make("div", { class: "maps" });
+    place.append(row);
+    for (const section of map.sections) {
+      const canvas = make("canvas", { class: "map", role: "img" });
+      canvas.setAttribute("aria-label", `Position error over ${section.axes.map((axis) => axis.name).join(" and ")}, ${words.toLowerCase()}`);
+      row.append(make("figure", {}, canvas, make("figcaption", { class: "soft", textContent: section.at ? `at ${section.at[0]} = ${fixed(section.at[1], 0)} mm` : "" })));
+      requestAnimationFrame(() => drawMap(canvas, section[key], section.axes, null, scale));
+    }
+  }
+  const others = map.others.map(([name, at]) => `${name} = ${fixed(at, 0)}`).join(", ");
+  place.append(make("p", { class: "soft", textContent: `By the model, at its reference temperature${others ? `, ${others}` : ""}; light 0, dark ${fixed(scale, 1)} µm. What is really left needs a measurement.` }));
+  if (map.diagonals_um.length) {
+    place.append(table(["body diagonal", "range before, µm", "range after, µm"], map.diagonals_um.map(([name, [before, after]]) => make("tr", {}, cell(name), cell(fixed(before, 1)), cell(fixed(after, 1))))));
+  }
+}

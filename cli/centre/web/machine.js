@@ -1,0 +1,307 @@
+"use strict";
+// One machine in depth: what it is doing, its history, its model and versions, its alarms, its registration.
+
+const MACHINE_EVERY_MS = 2000, HISTORY_EVERY_MS = 15000;
+const COLOURS = ["#b3261e", "#0b6e3a", "#2f7fd0", "#c77700", "#8e44ad", "#00838f", "#ad1457", "#827717", "#5d4037"];
+const STATE_COLOURS = { compensating: "#0b6e3a", arming: "#2f7fd0", "ramping-out": "#2f7fd0", holding: "#c77700", faulted: "#b3261e", disarmed: "#7b8794" };
+const SPANS = [["raw", 0.25, "15 min"], ["raw", 2, "2 h"], ["minute", 24, "day"], ["minute", 168, "week"], ["hour", 2160, "90 days"]];
+
+/** Lines over time, from `from` to `to` (s since 1970), each {name, colour, points: [[s, value or null]]}. A gap of time is a gap. */
+function drawHistory(canvas, from, to, series, unit, gap) {
+  const { context, width, height } = surface(canvas);
+  const left = 52, bottom = height - 22, top = 8;
+  const values = series.flatMap((one) => one.points.map((point) => point[1])).filter(isNumber);
+  if (values.length === 0) {
+    context.fillStyle = soft;
+    context.textAlign = "center";
+    context.fillText("nothing is known of this time", width / 2, height / 2);
+    return;
+  }
+  let [low, high] = [Math.min(...values), Math.max(...values)];
+  const step = roundUp(Math.max(high - low, 0.4) / 3);
+  [low, high] = [Math.floor(low / step) * step, Math.ceil(high / step) * step];
+  if (low === high) high = low + step;
+  const x = (at) => left + (width - left - 8) * (at - from) / (to - from);
+  const y = (value) => bottom - (bottom - top) * (value - low) / (high - low);
+  context.strokeStyle = line;
+  context.fillStyle = soft;
+  context.lineWidth = 1;
+  context.textAlign = "right";
+  context.textBaseline = "middle";
+  for (let value = low; value <= high + step / 2; value += step) {
+    context.beginPath();
+    context.moveTo(left, y(value));
+    context.lineTo(width, y(value));
+    context.stroke();
+    context.fillText(String(+value.toPrecision(4)).replace("-", "−"), left - 6, y(value));
+  }
+  context.textBaseline = "alphabetic";
+  context.textAlign = "center";
+  const marks = width < 420 ? 2 : 4;
+  for (let mark = 0; mark <= marks; mark += 1) {
+    const at = from + (to - from) * mark / marks;
+    context.fillText(mark === marks ? "now" : `−${lasting(to - at)}`, Math.min(Math.max(x(at), left + 20), width - 20), height - 4);
+  }
+  for (const { points, colour } of series) {
+    context.strokeStyle = colour;
+    context.lineWidth = 2;
+    context.beginPath();
+    let before = null;
+    for (const [at, value] of points) {
+      if (!isNumber(value)) {
+        before = null;
+        continue;
+      }
+      if (before !== null && at - before <= gap) context.lineTo(x(at), y(value));
+      else {
+        context.moveTo(x(at) - 1, y(value));
+        context.lineTo(x(at), y(value));
+      }
+      before = at;
+    }
+    context.stroke();
+  }
+}
+
+/** The states over time as a ribbon; where nothing was heard it is empty. */
+function drawRibbon(canvas, from, to, points, gap) {
+  const { context, width, height } = surface(canvas);
+  const x = (at) => 52 + (width - 60) * (at - from) / (to - from);
+  context.strokeStyle = line;
+  context.strokeRect(52, 4, width - 60, height - 8);
+  points.forEach((point, index) => {
+    const next = points[index + 1];
+    const end = next && next.at_s - point.at_s <= gap ? next.at_s : point.at_s + gap / 3;
+    context.fillStyle = STATE_COLOURS[point.state] || "#b3261e";
+    context.fillRect(x(point.at_s), 4, Math.max(1, x(Math.min(end, to)) - x(point.at_s) + 0.5), height - 8);
+  });
+}
+
+function chart(title, series, kind = "") {
+  const canvas = make("canvas", { class: kind, role: "img" });
+  canvas.setAttribute("aria-label", title);
+  const keys = make("div", { class: "keys" }, ...series.map(({ name, colour }) => {
+    const key = make("span", { textContent: name });
+    key.style.setProperty("--key", colour);
+    return key;
+  }));
+  return [make("div", {}, make("h2", { textContent: title }), keys, canvas), canvas];
+}
+
+/** Series of one key of every point, by its inner names. */
+function byName(points, key) {
+  const names = [...new Set(points.flatMap((point) => Object.keys(point[key] || {})))];
+  const sorted = names.every((name) => LETTERS.includes(name)) ? inOrder(names) : names.sort();
+  return sorted.map((name, index) => ({ name, colour: COLOURS[index % COLOURS.length], points: points.map((point) => [point.at_s, (point[key] || {})[name] ?? null]) }));
+}
+
+function showHistory(place, { now_s: to, points }, [resolution, hours]) {
+  const from = to - hours * 3600;
+  const gap = { raw: 10, minute: 150, hour: 7300 }[resolution];
+  const residual = [
+    { name: "mean", colour: COLOURS[1], points: points.map((point) => [point.at_s, point.residual_um]) },
+    { name: "largest", colour: COLOURS[3], points: points.map((point) => [point.at_s, point.residual_max_um]) },
+  ];
+  const states = [...new Set(points.map((point) => point.state))];
+  const drawn = [];
+  const [ribbon, ribbonCanvas] = chart("State", states.map((state) => ({ name: state, colour: STATE_COLOURS[state] || "#b3261e" })), "ribbon");
+  drawn.push(() => drawRibbon(ribbonCanvas, from, to, points, gap));
+  const charts = [ribbon];
+  for (const [title, series] of [
+    ["Residual by the model, µm", residual],
+    ["Correction, µm", byName(points, "correction_um")],
+    ["Correction, µrad", byName(points, "correction_urad")],
+    ["Temperatures, °C", byName(points, "temperatures_degc")],
+    ["Cycle: 99 % within, µs", [{ name: "p99", colour: COLOURS[2], points: points.map((point) => [point.at_s, point.cycle_p99_us]) }]],
+  ]) {
+    if (series.length === 0) continue;
+    const [shown, canvas] = chart(title, series);
+    charts.push(shown);
+    drawn.push(() => drawHistory(canvas, from, to, series, title, gap));
+  }
+  place.replaceChildren(...charts);
+  for (const draw of drawn) draw();
+}
+
+function outcomeOf(version) {
+  const { outcome } = version;
+  if (!outcome) return [badge("sent", "not answered"), ""];
+  if (outcome.outcome === "activated") return [badge("activated"), clock(version.answered_s)];
+  if (outcome.outcome === "refused") return [badge("refused"), outcome.why];
+  const moves = [outcome.worst_um && `${outcome.worst_um} µm`, outcome.worst_urad && `${outcome.worst_urad} µrad`].filter(Boolean).join(", ");
+  return [badge("needs-confirmation", "needs confirmation"), `moves by up to ${moves || "any distance"}: confirm it in its roll-out`];
+}
+
+function alarmRow(alarm, withMachine) {
+  const seen = make("span", { class: "said", textContent: alarm.seen_by ? `seen by ${alarm.seen_by}` : "" });
+  const button = may("engineer") && !alarm.seen_by ? make("button", { class: "quiet", textContent: "I have seen it", onclick: () => act(button, seen, () => post(`/api/alarms/${alarm.id}/seen`), () => {
+    button.remove();
+    return `seen by ${me.name}`;
+  }) }) : null;
+  const until = alarm.until_s === null ? "open" : `until ${clock(alarm.until_s)}`;
+  const machine = alarm.machine ? make("a", { href: `#machine/${encodeURIComponent(alarm.machine)}`, textContent: alarm.machine }) : "the centre";
+  return make("tr", {}, ...(withMachine ? [cell(machine)] : []), cell(badge(alarm.severity, alarm.severity)), cell(alarm.text, { class: "text" }), cell(`${clock(alarm.since_s)}, ${until}`), cell(make("div", {}, seen, button)));
+}
+
+function machinePage(page, name) {
+  const id = decodeURIComponent(name);
+  const place = (kind) => make("div", { id: `machine-${kind}` });
+  const span = { chosen: SPANS[0] };
+  const spans = make("div", { class: "buttons" }, ...SPANS.map((one) => make("button", { class: "quiet", textContent: one[2], ariaPressed: String(one === span.chosen), onclick: (event) => {
+    span.chosen = one;
+    for (const button of spans.children) button.ariaPressed = String(button === event.target);
+    history();
+  } })));
+  const charts = make("div", { class: "panels" });
+  const map = make("div", {}, make("p", { class: "soft", textContent: "No model was sent to this machine." }));
+  page.replaceChildren(
+    place("head"),
+    make("div", { class: "panels tight" }, place("now"), place("degc"), place("cycle"), place("facts")),
+    make("section", { class: "panel" }, make("h2", { textContent: "History" }), spans, charts),
+    make("section", { class: "panel", id: "machine-map" }, make("h2", { textContent: "Error over the work space, µm" }), map),
+    place("versions"), place("alarms"), place("records"), place("change"),
+  );
+  let model = null;
+  let changeShown = false;
+  const history = async () => {
+    const chosen = span.chosen;
+    try {
+      const answer = await get(`/api/machines/${encodeURIComponent(id)}/history?resolution=${chosen[0]}&hours=${chosen[1]}`);
+      if (chosen === span.chosen) showHistory(charts, answer, chosen);
+    } catch (error) {
+      charts.replaceChildren(make("p", { class: "bad", textContent: error.message }));
+    }
+  };
+  const drawn = repeat(history, HISTORY_EVERY_MS);
+  const told = repeat(async () => {
+    const answer = await get(`/api/machines/${encodeURIComponent(id)}`);
+    showMachine(id, answer);
+    if (!changeShown) {
+      changeShown = true;
+      if (may("engineer")) element("machine-change").replaceChildren(make("details", { class: "panel" }, make("summary", { textContent: "Registration" }), machineForm(answer.machine, false)));
+    }
+    if (answer.model && answer.model !== model) {
+      model = answer.model;
+      try {
+        drawSections(map, await get(`/api/models/${model}/map`));
+      } catch (error) {
+        map.replaceChildren(make("p", { class: "bad", textContent: error.message }));
+      }
+    }
+  }, MACHINE_EVERY_MS, () => {
+    element("machine-now").replaceChildren(panel("Now", make("p", { class: "unknown", textContent: "unknown: the centre does not answer" })));
+    for (const part of ["degc", "cycle"]) element(`machine-${part}`).replaceChildren();
+  });
+  return () => {
+    drawn();
+    told();
+  };
+}
+
+function showMachine(id, { machine, live, age_s: age, silent, versions, telemetry, alarms, records }) {
+  const condition = live && !silent ? live.condition : null;
+  const state = condition ? condition.state : live ? "unknown" : "never heard";
+  const heard = age === null || age === undefined ? "" : `, heard ${lasting(age)} ago`;
+  element("machine-head").replaceChildren(make("div", { class: "head" }, make("h1", { textContent: id }), badge(state), make("span", { class: "soft", textContent: `${machine.site}, ${machine.structure}${heard}` }), machine.enable ? null : make("span", { class: "bad", textContent: "must not be corrected" })));
+  const corrections = condition ? [...Object.entries(condition.correction_um).map(([axis, um]) => [axis, `${signed(um, 1)} µm`]), ...Object.entries(condition.correction_urad || {}).map(([axis, urad]) => [axis, `${signed(urad, 1)} µrad`])] : [];
+  element("machine-now").replaceChildren(panel("Now", facts([
+    ["state", state],
+    ["why", condition ? condition.reasons.join(", ") : live && live.condition ? `silent; last: ${live.condition.state}` : ""],
+    ["armed", condition ? (condition.armed ? "yes" : "no") : "unknown"],
+    ["residual", condition ? (isNumber(condition.residual_um) ? `${fixed(condition.residual_um, 1)} µm by the model` : "unknown") : "unknown"],
+    ...(corrections.length ? inOrder(corrections.map(([axis]) => axis)).map((axis) => [`correction ${axis}`, corrections.find(([one]) => one === axis)[1]]) : [["correction", "unknown"]]),
+    ["version", live && !silent ? `${live.version || "none"}${versions.length && versions[0].version !== live.version ? `, ${versions[0].version} wanted` : ""}` : "unknown"],
+    ["overruns, faults", condition ? `${condition.overruns}, ${condition.faults}` : "unknown"],
+    ["messages lost", live ? String(live.lost) : "unknown"],
+  ])));
+  const degc = condition ? Object.entries(condition.temperatures_degc) : [];
+  element("machine-degc").replaceChildren(panel("Temperatures", degc.length ? facts(degc.map(([name, value]) => [name, value === null ? make("span", { class: "bad", textContent: "broken" }) : `${fixed(value, 2)} °C`])) : make("p", { class: "soft", textContent: condition ? "no thermometer" : "unknown" })));
+  showCycle(telemetry, silent);
+  element("machine-facts").replaceChildren(panel("Registered", facts([
+    ["serial", machine.serial], ["control", machine.control], ["address", machine.address], ["axes", machine.axes.join(" ")],
+    ["key", machine.nkey ? short(machine.nkey) + "…" : "none: it cannot reach the server"], ["first in roll-outs", machine.canary ? "yes" : "no"],
+    ["calibration due", machine.due_days ? `${machine.due_days} d after the last one` : "never"], ["note", machine.note],
+  ])));
+  element("machine-versions").replaceChildren(panel("Models and versions", versions.length === 0 ? make("p", { class: "soft", textContent: "Nothing was sent to it yet." }) : table(["version", "model", "issued", "answer", ""], versions.slice(0, 20).map((version) => {
+    const [shown, why] = outcomeOf(version);
+    return make("tr", {}, cell(`${version.version}${live && live.version === version.version ? " (in force)" : ""}`), cell(make("a", { href: `#model/${version.model}`, textContent: short(version.model) })), cell(`${clock(version.issued_s)}, ${version.by}`), cell(shown), cell(why, { class: "text" }));
+  }))));
+  element("machine-alarms").replaceChildren(panel("Alarms", alarms.length === 0 ? make("p", { class: "soft", textContent: "none" }) : table(["", "what", "when", ""], alarms.slice(0, 20).map((alarm) => alarmRow(alarm, false)))));
+  const open = element("machine-records").querySelector("details")?.open || false;
+  element("machine-records").replaceChildren(make("details", { class: "panel", open }, make("summary", { textContent: "Audit log of the gateway" }), make("pre", { textContent: records.map(({ at_s: at, record }) => `${clock(at)}  ${JSON.stringify(record)}`).join("\n") || "nothing yet" })));
+}
+
+function showCycle(telemetry, silent) {
+  const place = element("machine-cycle");
+  const cycle = telemetry && telemetry.state && (telemetry.state.body || telemetry.state).cycle;
+  if (!cycle || !Array.isArray(cycle.histogram_us)) {
+    place.replaceChildren(panel("Time of a cycle, µs", make("p", { class: "soft", textContent: silent ? "unknown" : "not told yet" })));
+    return;
+  }
+  if (!place.querySelector("canvas")) place.replaceChildren(panel("Time of a cycle, µs", make("canvas", { role: "img", ariaLabel: "How many cycles took how long" }), make("p", {})));
+  drawBars(place.querySelector("canvas"), cycle.histogram_us);
+  setText(place.querySelector("p"), `99 % within ${fixed(cycle.p99_us, 0)} µs; ${cycle.count} cycles, ${cycle.overruns} overruns; told ${lasting(telemetry.age_s)} ago`);
+}
+
+/** The registration of a machine: a new one, or one that is there. */
+function machineForm(machine, isNew) {
+  const input = (value, properties = {}) => make("input", { value: value ?? "", ...properties });
+  const inputs = {
+    machine: input(machine.machine, { required: true, readOnly: !isNew, pattern: "[a-z0-9][a-z0-9\\-]{0,63}", title: "lower-case letters, digits and hyphens" }),
+    site: input(machine.site, { required: true, pattern: "[a-z0-9][a-z0-9\\-]{0,63}", title: "lower-case letters, digits and hyphens" }),
+    serial: input(machine.serial, { required: true }),
+    structure: input(machine.structure, { required: true, placeholder: "w X' b Y Z t" }),
+    control: input(machine.control),
+    address: input(machine.address),
+    nkey: input(machine.nkey, { placeholder: "U…" }),
+    due_days: input(machine.due_days, { type: "number", min: 1, max: 36500 }),
+    note: input(machine.note),
+  };
+  const canary = make("input", { type: "checkbox", checked: Boolean(machine.canary) });
+  const enable = make("input", { type: "checkbox", checked: machine.enable !== false });
+  const names = { machine: "Name", site: "Site", serial: "Serial number of the machine tool", structure: "Structure", control: "Control", address: "Address", nkey: "Public key of its gateway", due_days: "Days until a calibration is due again", note: "Note" };
+  const said = make("p", { class: "said" });
+  const button = make("button", { class: "main", textContent: isNew ? "Register" : "Save" });
+  const remove = isNew ? null : make("button", { class: "stop", type: "button", textContent: "Remove the machine", onclick: () => {
+    if (window.confirm(`Remove ${machine.machine}? Its gateway goes on with the model that it has.`)) {
+      act(remove, said, () => post(`/api/machines/${encodeURIComponent(machine.machine)}/remove`), () => {
+        location.hash = "#shop";
+      });
+    }
+  } });
+  return make("form", { class: "machine-form", onsubmit: (event) => {
+    event.preventDefault();
+    const text = (key) => inputs[key].value.trim();
+    const structure = text("structure");
+    act(button, said, () => post("/api/machines", {
+      ...machine,
+      machine: text("machine"), site: text("site"), serial: text("serial"), structure, axes: axesOf(structure),
+      control: text("control"), address: text("address"), nkey: text("nkey") || null, note: text("note"),
+      due_days: text("due_days") ? Number(text("due_days")) : null, canary: canary.checked, enable: enable.checked,
+    }), () => {
+      if (isNew) location.hash = `#machine/${encodeURIComponent(text("machine"))}`;
+      return "saved";
+    });
+  } },
+  make("div", { class: "fields" }, ...Object.keys(inputs).map((key) => field(names[key], inputs[key]))),
+  make("div", { class: "fields" }, make("label", { class: "row" }, enable, "may be corrected"), make("label", { class: "row" }, canary, "among the first of a roll-out")),
+  make("div", { class: "buttons" }, button, remove, said));
+}
+
+/** The letters of a structure code, in its order. */
+function axesOf(structure) {
+  return [...structure].filter((letter) => LETTERS.includes(letter));
+}
+
+function registerPage(page) {
+  const known = registerPage.proposed || {};
+  registerPage.proposed = null;
+  const { proposals, ...machine } = known;
+  const form = machineForm({ enable: true, canary: false, control: "", address: "", note: "", ...machine }, true);
+  const structure = form.querySelectorAll("input")[3];
+  const candidates = proposals && proposals.length ? field("What the axes may mean: choose, and look at the machine", choose([["", "–"], ...proposals.map((one) => [one.structure, `${one.structure}: ${one.design}`])], structure.value)) : null;
+  if (candidates) candidates.querySelector("select").addEventListener("change", (event) => {
+    structure.value = event.target.value;
+  });
+  page.replaceChildren(make("div", { class: "head" }, make("h1", { textContent: "Register a machine" })), panel("", candidates, form));
+}

@@ -1,0 +1,105 @@
+"use strict";
+// Roll-outs: the first machines, then the others, and what stops them.
+
+const ROLLOUTS_EVERY_MS = 2000;
+const STEP_COLOURS = { done: "#0b6e3a", soaking: "#2f7fd0", sent: "#7cb8f2", "needs-confirmation": "#c77700", out: "#b3261e" };
+
+function stepWords(turn) {
+  if (turn.step === "sent") return `version ${turn.version}, waits for its answer for ${lasting(turn.waited_s)}`;
+  if (turn.step === "soaking") return `version ${turn.version} in force, watched for ${lasting(turn.soaked_s)}, residual ${turn.known_s > 0 ? `${fixed(turn.residual_um, 1)} µm` : "unknown"}${isNumber(turn.before_um) ? `, before ${fixed(turn.before_um, 1)} µm` : ""}`;
+  if (turn.step === "done") return `version ${turn.version} in force`;
+  if (turn.step === "out") return `${turn.why}${turn.excused ? " (let go on in spite of it)" : ""}`;
+  if (turn.step === "needs-confirmation") return `version ${turn.version} moves the axes by up to ${[turn.worst_um && `${turn.worst_um} µm`, turn.worst_urad && `${turn.worst_urad} µrad`].filter(Boolean).join(", ") || "any distance"}`;
+  return "";
+}
+
+function rolloutPanel(rollout) {
+  const { id, turns } = rollout;
+  const { is: phase } = rollout.phase;
+  const said = make("span", { class: "said", role: "status" });
+  const wish = (words, body, kind) => {
+    const button = make("button", { class: kind || "", textContent: words, onclick: () => act(button, said, () => post(`/api/rollouts/${id}`, body), "taken up within a second") });
+    return button;
+  };
+  const buttons = [];
+  if (may("engineer")) {
+    if (phase === "running") buttons.push(wish("Hold", { wish: "pause" }));
+    if (phase === "paused" || phase === "stopped") buttons.push(wish(phase === "stopped" ? "Go on in spite of it" : "Go on", { wish: "resume" }));
+    if (!["aborted", "done"].includes(phase)) buttons.push(wish("Stop for good", { wish: "abort" }, "stop"));
+  }
+  const counts = Object.keys(STEP_COLOURS).map((step) => [step, turns.filter((turn) => turn.step === step).length]).filter(([, count]) => count);
+  const bar = make("div", { class: "bar", role: "img", ariaLabel: counts.map(([step, count]) => `${count} ${step}`).join(", ") }, ...counts.map(([step, count]) => {
+    const part = make("i", {});
+    part.style.width = `${100 * count / turns.length}%`;
+    part.style.background = STEP_COLOURS[step];
+    return part;
+  }));
+  const { why: cause, by } = rollout.phase;
+  const why = cause || (by ? `${phase === "paused" ? "held" : "ended"} by ${by}` : "");
+  const rows = turns.map((turn) => make("tr", {}, cell(make("a", { href: `#machine/${turn.machine}`, textContent: turn.machine })), cell(turn.wave === 0 ? "first" : String(turn.wave)), cell(badge(turn.step, turn.step.replace("-", " "))), cell(stepWords(turn), { class: "text" }), cell(turn.step === "needs-confirmation" && may("engineer") ? wish("Confirm", { wish: "confirm", machine: turn.machine, hash: turn.hash }) : "–")));
+  const list = table(["machine", "wave", "step", "", ""], rows.slice(0, 200));
+  return make("section", { class: "panel", data: { rollout: id } },
+    make("div", { class: "head" }, make("h2", { textContent: `Roll-out ${id}` }), badge(phase), make("a", { href: `#model/${rollout.model}`, textContent: short(rollout.model) }), make("span", { class: "soft", textContent: `${clock(rollout.since_s)}, ${rollout.by}; ${turns.filter((turn) => turn.step === "done").length} of ${turns.length} done` })),
+    why ? make("p", { class: phase === "stopped" ? "bad" : "soft", textContent: why }) : "", bar,
+    turns.length > 8 ? make("details", {}, make("summary", { textContent: "Machines" }), list) : list,
+    make("div", { class: "buttons" }, ...buttons, said));
+}
+
+function rolloutsPage(page) {
+  const place = make("div", { class: "lines" });
+  page.replaceChildren(make("div", { class: "head" }, make("h1", { textContent: "Roll-outs" }), may("engineer") ? make("a", { href: "#rollout/", textContent: "Start one" }) : null), place);
+  const shown = new Map();
+  return repeat(async () => {
+    const rollouts = await get("/api/rollouts");
+    if (rollouts.length === 0) place.replaceChildren(make("p", { class: "soft", textContent: "There was none yet." }));
+    rollouts.forEach((rollout, index) => {
+      const key = JSON.stringify(rollout);
+      const known = shown.get(rollout.id);
+      if (known && known.key === key) return;
+      const made = rolloutPanel(rollout);
+      const open = known && known.made.querySelector("details")?.open;
+      if (open) made.querySelector("details").open = true;
+      if (known) known.made.replaceWith(made);
+      else place.insertBefore(made, place.children[index] || null);
+      shown.set(rollout.id, { key, made });
+    });
+  }, ROLLOUTS_EVERY_MS);
+}
+
+async function startPage(page, checksum) {
+  const [models, { machines }] = await Promise.all([get("/api/models"), get("/api/overview")]);
+  const model = choose(models.map((one) => [one.sha256, `${one.name || "model"} ${short(one.sha256)}, ${one.structure}`]), checksum || (models[0] || {}).sha256);
+  const choices = make("div", { class: "choices" });
+  const same = (one, other) => one.split(/\s+/).join(" ") === other.split(/\s+/).join(" ");
+  const number = (value, properties = {}) => make("input", { type: "number", step: "any", min: 0, value, ...properties });
+  const soak = number(10), answer = number(5), tolerate = number(0, { step: 1 }), ratio = number(1.5, { min: 1 }), rise = number(2);
+  const first = number(1, { step: 1, min: 1 });
+  const waves = make("input", { value: "25, 100" });
+  const said = make("p", { class: "said", role: "status" });
+  const fill = () => {
+    const chosen = models.find((one) => one.sha256 === model.value);
+    const fit = machines.filter((row) => chosen && same(row.structure, chosen.structure));
+    choices.replaceChildren(...fit.map((row) => make("label", { class: "row" }, make("input", { type: "checkbox", value: row.machine, checked: fit.length === 1 }), row.machine)));
+    if (fit.length === 0) choices.append(make("p", { class: "soft", textContent: "No machine has the structure of this model." }));
+  };
+  model.addEventListener("change", fill);
+  fill();
+  const all = make("button", { type: "button", class: "quiet", textContent: "All", onclick: () => {
+    for (const box of choices.querySelectorAll("input")) box.checked = true;
+  } });
+  const button = make("button", { class: "main", textContent: "Start" });
+  page.replaceChildren(make("div", { class: "head" }, make("h1", { textContent: "Start a roll-out" })), make("form", { class: "panel", onsubmit: (event) => {
+    event.preventDefault();
+    const chosen = [...choices.querySelectorAll("input:checked")].map((box) => box.value);
+    act(button, said, () => post("/api/rollouts", {
+      model: model.value, machines: chosen, canaries: chosen.slice(0, first.valueAsNumber || 1),
+      rules: { waves: numbersIn(waves.value), soak_s: soak.valueAsNumber * 60, answer_s: answer.valueAsNumber * 60, tolerate: tolerate.valueAsNumber, residual_ratio: ratio.valueAsNumber, residual_um: rise.valueAsNumber },
+    }), () => {
+      location.hash = "#rollouts";
+    });
+  } },
+  make("div", { class: "fields" }, field("Model", model)),
+  make("h2", { textContent: "Machines with its structure" }), all, choices, make("p", {}),
+  make("div", { class: "fields" }, field("So many of them first", first), field("Watched for, min", soak), field("An answer within, min", answer), field("Then in waves, % of the others", waves), field("So many may stay out", tolerate), field("Stops where the residual is above, times before", ratio), field("and above before by, µm", rise)),
+  make("div", { class: "buttons" }, button, said)));
+}
