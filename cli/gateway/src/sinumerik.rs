@@ -1,6 +1,6 @@
 //! SINUMERIK controls over OPC UA: what their configuration means, and opening them in builds that can.
 
-use std::{collections::BTreeMap, os::unix::fs::PermissionsExt, path::Path};
+use std::{os::unix::fs::PermissionsExt, path::Path};
 
 use volcomp_devices::Address;
 use volcomp_guard::Limits;
@@ -154,9 +154,11 @@ impl Temperatures {
 
 #[cfg(feature = "sinumerik")]
 mod opened {
+    use std::collections::BTreeMap;
+
     use super::{
-        BTreeMap, Controller, DeviceError, Limits, OnlinePlan, SinumerikConfig, Temperatures,
-        Thermometer, round,
+        Controller, DeviceError, Limits, OnlinePlan, SinumerikConfig, Temperatures, Thermometer,
+        round,
     };
     use volcomp_sinumerik::{Sensor, SinumerikController, SinumerikThermometer, inspect};
     use volcomp_vocabulary::AxisKind;
