@@ -20,9 +20,9 @@ use crate::{
 
 /// How often it is looked where the machine is and what it applies.
 const LOOK: Duration = Duration::from_millis(5);
-/// So many frames are seen to be taken while a correction stands before it counts as settled: one alone may have been
-/// computed before the machine stood.
-const FRAMES: u32 = 3;
+/// So many frames are seen to be taken while a correction stands before it counts as settled: the first ones may have been
+/// computed, or held, before the machine stood, and on a busy computer all of them come late.
+const FRAMES: u16 = 10;
 
 /// When a correction has settled.
 #[derive(Clone, Copy)]
@@ -152,7 +152,7 @@ struct Seen {
 struct Standing {
     since: Instant,
     seen: Seen,
-    frames: u32,
+    frames: u16,
 }
 
 impl Standing {
@@ -169,7 +169,7 @@ impl Standing {
         if seen.shifts != self.seen.shifts || owner(&seen) != owner(&self.seen) {
             *self = Self::since(Instant::now(), seen);
         } else if seen != self.seen {
-            self.frames += 1;
+            self.frames = self.frames.saturating_add(1);
             self.seen = seen;
         }
     }
@@ -199,12 +199,13 @@ mod tests {
         let mut standing = Standing::since(Instant::now(), seen(5, Some((9, 1))));
         standing.look(seen(5, Some((9, 1))));
         assert!(!standing.is_settled(none));
-        for sequence in 2..=4 {
-            standing.look(seen(5, Some((9, sequence))));
+        for sequence in 0..FRAMES {
+            assert!(!standing.is_settled(none));
+            standing.look(seen(5, Some((9, 2 + sequence))));
         }
         assert!(standing.is_settled(none));
         assert!(!standing.is_settled(Duration::MAX));
-        standing.look(seen(6, Some((9, 5))));
+        standing.look(seen(6, Some((9, 99))));
         assert!(!standing.is_settled(none));
         standing.look(seen(6, None));
         assert!(standing.is_settled(none));
