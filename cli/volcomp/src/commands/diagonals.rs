@@ -1,14 +1,20 @@
 //! `volcomp diagonals`: the body diagonals of ISO 230-6 on the model.
 
+use std::{
+    fmt::Write as _,
+    path::{Path, PathBuf},
+};
+
 use volcomp_kinematics::State;
-use volcomp_model::{BODY_DIAGONALS, ModelError, diagonals};
-use volcomp_vocabulary::AxisName;
+use volcomp_model::{BODY_DIAGONALS, Machine, ModelError, diagonal_targets, diagonals};
+use volcomp_vocabulary::{AxisName, Displacement};
 
 use super::{Answer, fixed, machine_notes, table, table_text};
 use crate::{
     answers::diagonals::{Diagonal, Diagonals},
     compensation::{Compensation, CompensationArguments},
     failure::Failure,
+    output::OutputFile,
     points::{MachineArguments, OthersArguments},
 };
 
@@ -26,6 +32,14 @@ pub(crate) struct Arguments {
     points: u32,
     #[command(flatten)]
     others: OthersArguments,
+    /// Write the targets into this CSV file, a program for `focas-sim --program`: the name of the diagonal under line (none
+    /// where it begins, in the middle), the axes (mm, deg), feed
+    #[arg(long, value_name = "FILE")]
+    targets: Option<PathBuf>,
+    /// Feed in that file, mm/min: 1 to 1000000
+    #[arg(long, value_name = "MM_PER_MIN", default_value_t = 10_000, requires = "targets",
+        value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    feed: u32,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
@@ -37,17 +51,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let mut notes = machine_notes(&machine, &temperatures);
     let others = arguments.others.read(&machine, &mut notes)?;
     let command = |state: &State| compensation.command(state);
-    let found =
-        diagonals(actual, &source, points, &others, command).map_err(|error| match error {
-            ModelError::NoSuchAxis { axis, .. } if LINEAR.contains(&axis) => Failure::in_file(
-                &arguments.machine.machine,
-                format_args!(
-                    "structure `{}`, expected the axes X, Y and Z for body diagonals",
-                    machine.chain().structure()
-                ),
-            ),
-            other => other.into(),
-        })?;
+    if let Some(file) = &arguments.targets {
+        let inputs = [(arguments.machine.machine.as_path(), "--machine")];
+        let mut output = OutputFile::open_beside(file, &inputs)?;
+        let text = program(actual, points, &others, arguments.feed)
+            .map_err(|error| of_machine(&arguments.machine.machine, &machine, error))?;
+        output.append(text.as_bytes())?;
+        output.finish()?;
+    }
+    let found = diagonals(actual, &source, points, &others, command)
+        .map_err(|error| of_machine(&arguments.machine.machine, &machine, error))?;
     let mut table = table(&["diagonal", "range µm", "at the end µm"]);
     for diagonal in &found {
         let last = diagonal.deviation_um.last().copied().unwrap_or(0.0);
@@ -73,4 +86,55 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         compensated: compensation.document(),
     };
     Answer::new(&document, table_text(&table) + &compensation.words(), notes)
+}
+
+fn of_machine(file: &Path, machine: &Machine, error: ModelError) -> Failure {
+    match error {
+        ModelError::NoSuchAxis { axis, .. } if LINEAR.contains(&axis) => Failure::in_file(
+            file,
+            format_args!(
+                "structure `{}`, expected the axes X, Y and Z for body diagonals",
+                machine.chain().structure()
+            ),
+        ),
+        other => other.into(),
+    }
+}
+
+/// The targets as a program of a simulated control: a row for each, mm and deg.
+fn program(
+    machine: &Machine,
+    points: usize,
+    others: &[(AxisName, f64)],
+    feed: u32,
+) -> Result<String, ModelError> {
+    let axes = AxisName::ALL.into_iter();
+    let axes: Vec<(AxisName, usize)> = axes
+        .filter_map(|name| Some((name, machine.index_of(name).ok()?)))
+        .collect();
+    let mut text = "line".to_owned();
+    for (name, _) in &axes {
+        let _ = write!(text, ",{name}"); // writing to a String cannot fail, here and below
+    }
+    text += ",feed\n";
+    let mut row = |line: &str, target: &State| {
+        text += line;
+        for (name, index) in &axes {
+            let at = Displacement::new(name.kind(), target.q[*index]).mm_or_deg();
+            let _ = write!(text, ",{}", (at * 1e6).round() / 1e6 + 0.0);
+        }
+        let _ = writeln!(text, ",{feed}");
+    };
+    // From the middle, so that it is known from which side each axis comes to the first target.
+    if let [(_, middle), ..] = diagonal_targets(machine, 3, others)?
+        && let Some(middle) = middle.get(1)
+    {
+        row("", middle);
+    }
+    for (line, targets) in diagonal_targets(machine, points, others)? {
+        for target in &targets {
+            row(line, target);
+        }
+    }
+    Ok(text)
 }

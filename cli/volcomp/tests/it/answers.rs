@@ -113,6 +113,38 @@ fn correction_has_every_axis_and_leaves_nothing() {
     );
 }
 
+/// From the middle, then from end to end of the travels, whatever other axes there are where `--at` has them.
+#[test]
+fn diagonals_are_written_as_a_program() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("diagonals.csv").display().to_string();
+    let machine = "examples/five-axis.toml";
+    let options = [
+        "--points",
+        "3",
+        "--at",
+        "C=90",
+        "--targets",
+        &file,
+        "--feed",
+        "6000",
+    ];
+    json(&[&["diagonals", "-m", machine], &options[..]].concat());
+    let text = std::fs::read_to_string(&file).expect("written");
+    let lines: Vec<&str> = text.lines().collect();
+    assert_eq!(lines.len(), 14);
+    let begin = [
+        "line,X,Y,Z,B,C,feed",
+        ",400,300,-250,0,90,6000",
+        "PPP,0,0,-500,0,90,6000",
+        "PPP,400,300,-250,0,90,6000",
+        "PPP,800,600,0,0,90,6000",
+        "NPP,800,0,-500,0,90,6000",
+    ];
+    assert_eq!(lines[..6], begin);
+    assert_eq!(lines[13], "PPN,800,600,-500,0,90,6000");
+}
+
 #[test]
 fn diagonals_before_and_after() {
     let before = json(&["diagonals", "-m", GANTRY, "--points", "11"]);
