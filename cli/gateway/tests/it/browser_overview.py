@@ -66,7 +66,7 @@ with sync_playwright() as playwright:
     # Forty.
     told = {"machines": [machine(number) for number in range(40)]}
     page.route("**/api/machines", lambda route: route.fulfill(status=200, content_type="application/json", body=json.dumps(told)))
-    page.wait_for_function("document.querySelectorAll('.machine').length === 40", timeout=5000)
+    page.wait_for_selector(".machine >> nth=39", timeout=20000)
     assert page.inner_text("#summary") == "40 machines"
     assert page.inner_text("#counts").startswith("3 do not run, "), page.inner_text("#counts")
     assert page.get_attribute("#banner", "data-state") == "faulted"
