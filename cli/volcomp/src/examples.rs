@@ -106,6 +106,11 @@ Examples:
   volcomp probe --list
   volcomp --json probe focas://127.0.0.1:8193 --within 1";
 
+pub(crate) const MAP_TABLE: &str = "\
+Examples:
+  volcomp map-table -m gantry.toml --words 5000 -o gantry.map
+  volcomp map-table -m mill.toml --tool T5 --within 2 --words 8000 -o mill.map";
+
 pub(crate) const COMPILE: &str = "\
 Examples:
   volcomp compile gantry.toml -o gantry.blob

@@ -64,6 +64,8 @@ enum Command {
     Diagonals(commands::diagonals::Arguments),
     #[command(after_help = examples::MAP)]
     Map(commands::map::Arguments),
+    #[command(after_help = examples::MAP_TABLE)]
+    MapTable(commands::map_table::Arguments),
     #[command(after_help = examples::AXES)]
     Axes(commands::axes::Arguments),
     #[command(after_help = examples::DH)]
@@ -125,6 +127,7 @@ fn main() -> ExitCode {
         Command::Correct(a) => commands::correct::run(a),
         Command::Diagonals(a) => commands::diagonals::run(a),
         Command::Map(a) => commands::map::run(a),
+        Command::MapTable(a) => commands::map_table::run(a),
         Command::Axes(a) => commands::axes::run(a),
         Command::Dh(a) => commands::dh::run(a),
         Command::Sensitivity(a) => commands::sensitivity::run(a),

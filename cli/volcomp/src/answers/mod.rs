@@ -13,6 +13,7 @@ pub(crate) mod identify;
 pub(crate) mod inspect;
 pub(crate) mod iso230;
 pub(crate) mod map;
+pub(crate) mod map_table;
 pub(crate) mod nc;
 pub(crate) mod position;
 pub(crate) mod probe;
@@ -38,6 +39,7 @@ pub(crate) const ALL: &[Named] = &[
     ("correct", schema::<position::Correct>),
     ("diagonals", schema::<diagonals::Diagonals>),
     ("map", schema::<map::Map>),
+    ("map-table", schema::<map_table::MapTable>),
     ("axes", schema::<axes::Axes>),
     ("dh", schema::<axes::Dh>),
     ("sensitivity", schema::<sensitivity::Sensitivity>),

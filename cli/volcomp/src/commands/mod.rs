@@ -20,6 +20,7 @@ pub(crate) mod identify;
 pub(crate) mod inspect;
 pub(crate) mod iso230;
 pub(crate) mod map;
+pub(crate) mod map_table;
 pub(crate) mod nc;
 mod nc_ball_row;
 mod nc_part;

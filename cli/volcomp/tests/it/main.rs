@@ -6,6 +6,7 @@ mod correct;
 mod fit_thermal;
 mod help;
 mod map;
+mod map_table;
 mod nc;
 mod nc_parts;
 mod points;

@@ -42,6 +42,7 @@ fn live_documents_follow_their_schemas() {
     fs::write(&points, "X,Y\n0,0\n9000,0\n").expect("written");
     let blob = path("m.blob");
     let map = path("map.csv");
+    let image = path("gantry.map");
     let fit = format!("{demo}/exx.rtl");
     let angular = format!("{demo}/eay.rta");
     let (found, lasers) = (path("found.toml"), path("lasers"));
@@ -73,6 +74,17 @@ fn live_documents_follow_their_schemas() {
             "1",
         ],
         &["map", "-m", GANTRY, "--grid", "3x3x3"],
+        &[
+            "map-table",
+            "-m",
+            GANTRY,
+            "--words",
+            "8000",
+            "--within",
+            "3",
+            "-o",
+            &image,
+        ],
         &[
             "map", "-m", &machine, "--grid", "3x3x3", "--truth", &truth, "-o", &map,
         ],

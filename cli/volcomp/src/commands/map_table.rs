@@ -1,0 +1,317 @@
+//! `volcomp map-table`: the corrections of a machine as the map that a control looks up.
+
+use std::path::PathBuf;
+
+use volcomp_model::Machine;
+use volcomp_tables::{
+    ByteOrder, HEADER_WORDS, MOST_WORDS, Map, MapOfMachine, MapOptions, TablesError, Transfer,
+    axes_of,
+    control::{FRAME_WORDS, REPORT_WORDS},
+    refresh_s,
+};
+use volcomp_vocabulary::AxisName;
+
+use super::{Answer, fixed, machine_notes, table, table_text};
+use crate::{
+    answers::map_table::{GridAxis, MapTable, Output},
+    failure::Failure,
+    output::OutputFile,
+    points::{MachineArguments, OthersArguments, axis},
+    table::folded,
+};
+
+/// The corrections as a map that a control looks up by itself
+///
+/// For controls that cannot compute: as few lines along each axis as keep the bound between them, in whole steps, in the
+/// words that the control has. The file holds head, values and checksum as words, as the control holds them; the text says
+/// how far the map is from the model, how long it takes into the control, and how often temperatures make it old.
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    machine: MachineArguments,
+    /// File for the map; it appears when everything is written
+    #[arg(long, short, value_name = "FILE")]
+    output: PathBuf,
+    /// The largest error of the map against the model, µm
+    #[arg(long, value_name = "UM", default_value_t = 1.0)]
+    within: f64,
+    /// Words of 16 bits that the control has for all of it: two maps, the mailbox (72) and the report (24)
+    #[arg(long, value_name = "N")]
+    words: usize,
+    /// The axes that the map goes over: X,Y,Z [default: the linear axes]
+    #[arg(long)]
+    axes: Option<String>,
+    #[command(flatten)]
+    others: OthersArguments,
+    /// A step of the positions in the control, µm on linear axes, 0.001 deg on rotary ones
+    #[arg(long, value_name = "STEP", default_value_t = 1.0)]
+    position_step: f64,
+    /// A step of the corrections in the control, µm
+    #[arg(long, value_name = "UM", default_value_t = 1.0)]
+    output_step: f64,
+    /// The largest correction that the control takes, µm
+    #[arg(long, value_name = "UM", default_value_t = 250.0)]
+    limit: f64,
+    /// The number of this map, 1 to 65535: another one than that of the map before
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    counter: u16,
+    /// The number of the machine in its control, which starts the checksum
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    number: u16,
+    /// The high byte of each word first, as in a data block of a Siemens control; otherwise the low one, as in a FANUC PMC
+    #[arg(long)]
+    high_first: bool,
+    /// Bytes in a second that the link to the control carries
+    #[arg(long, value_name = "BYTES", default_value_t = 10_000.0)]
+    link: f64,
+    /// How fast the temperatures change at the most, K in an hour
+    #[arg(long, value_name = "K", default_value_t = 1.0)]
+    drift: f64,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+    above_zero("--link", arguments.link)?;
+    above_zero("--drift", arguments.drift)?;
+    if arguments.number == u16::MAX {
+        return Err(Failure::Input(format!(
+            "--number: found {}, expected 0 to 65534",
+            arguments.number
+        )));
+    }
+    let (machine, temperatures) = arguments.machine.read()?;
+    let mut notes = machine_notes(&machine, &temperatures);
+    let options = options(arguments, &machine, &mut notes)?;
+    let machine_file = &arguments.machine.machine;
+    let mut file = OutputFile::open_beside(&arguments.output, &[(machine_file, "the machine")])?;
+    let made = MapOfMachine::new(&machine, &temperatures, &options)?;
+    let map = &made.table.map;
+    let order = if arguments.high_first {
+        ByteOrder::HighFirst
+    } else {
+        ByteOrder::LowFirst
+    };
+    let image = map.image(arguments.number, order);
+    file.append(&image)?;
+    file.finish()?;
+    let document = document(arguments, &options, &made, image.len());
+    let text = text(arguments, &document);
+    Answer::new(&document, text, notes)
+}
+
+fn above_zero(option: &str, found: f64) -> Result<(), Failure> {
+    if found > 0.0 && found.is_finite() {
+        return Ok(());
+    }
+    Err(Failure::Input(format!(
+        "{option}: found {found}, expected a number above 0"
+    )))
+}
+
+fn options(
+    arguments: &Arguments,
+    machine: &Machine,
+    notes: &mut Vec<String>,
+) -> Result<MapOptions, Failure> {
+    let mut grid = Vec::new();
+    for name in arguments.axes.iter().flat_map(|text| text.split(',')) {
+        grid.push(axis("--axes", name.trim())?);
+    }
+    let others = arguments.others.read(machine, notes)?;
+    if let Some((name, _)) = others.iter().find(|(name, _)| grid.contains(name)) {
+        return Err(Failure::Input(format!(
+            "--at: found {name}, which the map goes over, expected other axes"
+        )));
+    }
+    let besides = FRAME_WORDS + REPORT_WORDS;
+    let words = (arguments.words.saturating_sub(besides) / 2).min(MOST_WORDS);
+    if words <= HEADER_WORDS {
+        return Err(Failure::Input(format!(
+            "--words: found {}, expected {} at the least: twice the head of a map and a value, a mailbox and a report",
+            arguments.words,
+            2 * (HEADER_WORDS + 1) + besides
+        )));
+    }
+    Ok(MapOptions {
+        grid,
+        others,
+        position_step_mm: arguments.position_step * 1e-3,
+        position_step_deg: arguments.position_step * 1e-3,
+        output_step_mm: arguments.output_step * 1e-3,
+        limit_mm: arguments.limit * 1e-3,
+        within_mm: arguments.within * 1e-3,
+        words,
+        counter: arguments.counter,
+    })
+}
+
+fn document(
+    arguments: &Arguments,
+    options: &MapOptions,
+    made: &MapOfMachine,
+    bytes: usize,
+) -> MapTable {
+    let (map, misfit) = (&made.table.map, &made.table.misfit);
+    let header = map.header();
+    let names: Vec<AxisName> = axes_of(header.grid).collect();
+    let transfer = Transfer::of(map);
+    let grid = names
+        .iter()
+        .zip(&header.lines)
+        .map(|(name, lines)| GridAxis {
+            axis: name.to_string(),
+            lines: lines.count,
+            first: lines.at(0),
+            pitch: lines.at(1) - lines.at(0),
+        });
+    MapTable {
+        file: arguments.output.display().to_string(),
+        bytes,
+        counter: header.counter,
+        model: format!("{:08x}", header.model),
+        grid: grid.collect(),
+        outputs: outputs(map),
+        scale: header.scale,
+        words: map.words().len(),
+        capacity: options.words,
+        error_max_um: misfit.max_mm * 1e3,
+        error_rms_um: misfit.rms_mm * 1e3,
+        at: names.iter().copied().zip(misfit.at).collect(),
+        positions: misfit.positions,
+        step_um: 0.6 * arguments.output_step,
+        held: made.held.iter().copied().collect(),
+        elsewhere_um: made.elsewhere_mm.map(|mm| mm * 1e3),
+        steepest_um: made.table.steepest * 1e3,
+        frames: transfer.frames,
+        transfer_bytes: transfer.bytes,
+        transfer_s: transfer.takes_s(arguments.link, 0.0),
+        um_per_k: made
+            .sensitivities
+            .iter()
+            .map(|found| (found.sensor.clone(), found.mm_per_k * 1e3))
+            .collect(),
+        refresh_s: refresh_s(&made.sensitivities, arguments.drift, options.within_mm),
+    }
+}
+
+/// The corrected axes, each with the largest correction on the lines.
+fn outputs(map: &Map) -> Vec<Output> {
+    let header = map.header();
+    let count = header.outputs.count();
+    let named = axes_of(header.outputs).enumerate().map(|(place, name)| {
+        let values = map.words()[HEADER_WORDS..]
+            .iter()
+            .skip(place)
+            .step_by(count);
+        let largest = values.map(|word| word.cast_signed().unsigned_abs()).max();
+        let step_um = f64::from(header.output_step_nm[place]) * 1e-3;
+        Output {
+            axis: name.to_string(),
+            largest_um: f64::from(largest.unwrap_or(0)) * step_um / f64::from(header.scale),
+        }
+    });
+    named.collect()
+}
+
+fn text(arguments: &Arguments, document: &MapTable) -> String {
+    let mut lines = table(&["axis", "lines", "first", "pitch", "unit"]);
+    for axis in &document.grid {
+        let name: Option<AxisName> = axis.axis.parse().ok();
+        lines.add_row(vec![
+            axis.axis.clone(),
+            axis.lines.to_string(),
+            fixed(axis.first, 3),
+            fixed(axis.pitch, 3),
+            name.map_or("mm", |name| name.kind().coordinate_unit())
+                .to_owned(),
+        ]);
+    }
+    let mut text = format!(
+        "{}: {} words of {}, map {} of model {}\n\n{}\n",
+        document.file,
+        document.words,
+        document.capacity,
+        document.counter,
+        document.model,
+        table_text(&lines)
+    );
+    let at: Vec<String> = document
+        .at
+        .0
+        .iter()
+        .map(|(name, at)| format!("{name}={at:.3}"))
+        .collect();
+    let corrected: Vec<String> = document
+        .outputs
+        .iter()
+        .map(|output| format!("{} up to {:.1} µm", output.axis, output.largest_um))
+        .collect();
+    let mut sentences = vec![
+        format!("Corrected: {}.", corrected.join(", ")),
+        format!(
+            "Error of the map: {:.3} µm at the most, at {}; {:.3} µm RMS, over {} positions, on the lines and between them. \
+             The step of the control adds up to {:.1} µm on each axis.",
+            document.error_max_um,
+            at.join(", "),
+            document.error_rms_um,
+            document.positions,
+            document.step_um
+        ),
+        format!(
+            "The steepest correction changes by {:.3} µm in a mm: at 10 m/min that is {:.0} µm/s, which the rate in the control has to \
+             follow.",
+            document.steepest_um,
+            document.steepest_um * 10_000.0 / 60.0
+        ),
+        format!(
+            "Into the control: {} frames, {} bytes with all that is read back, {:.1} s at {} bytes/s.",
+            document.frames, document.transfer_bytes, document.transfer_s, arguments.link
+        ),
+        refresh_words(arguments, document),
+    ];
+    if let Some(elsewhere) = document.elsewhere_um {
+        let held: Vec<String> = document
+            .held
+            .0
+            .iter()
+            .map(|(name, at)| format!("{name}={at}"))
+            .collect();
+        sentences.insert(
+            2,
+            format!(
+                "Held at {}: where they stand elsewhere the correction differs by up to {elsewhere:.1} µm, which the map does not know.",
+                held.join(", ")
+            ),
+        );
+    }
+    for sentence in sentences {
+        text += &folded(&sentence, "");
+    }
+    text
+}
+
+fn refresh_words(arguments: &Arguments, document: &MapTable) -> String {
+    let Some(seconds) = document.refresh_s else {
+        return "No temperature changes it.".to_owned();
+    };
+    let each: Vec<String> = document
+        .um_per_k
+        .iter()
+        .map(|(name, um)| format!("{name} {um:.1} µm/K"))
+        .collect();
+    format!(
+        "Temperatures ({}): at {} K/h each the map is old by {} µm after {:.0} s; until then another one has to be in use.",
+        each.join(", "),
+        arguments.drift,
+        arguments.within,
+        seconds
+    )
+}
+
+impl From<TablesError> for Failure {
+    fn from(error: TablesError) -> Self {
+        match error {
+            TablesError::Model(error) => error.into(),
+            other => Self::Input(other.to_string()),
+        }
+    }
+}
