@@ -279,9 +279,10 @@ async fn throughput(bench: &Bench, arguments: &Arguments) {
     let bare: [volcomp_fleet::SiteId; 1] = ["bare".parse().unwrap()];
     hub.prepare(&bare, Keeping::default()).await.unwrap();
     let mut ratios = Vec::new();
+    // One for all rounds: what a second one asks for would be sent to the first for a while.
+    let [mut collection, _] = hub.collections(&bare[0]);
     let count = arguments.machines;
     for round in 0..arguments.rounds {
-        let [mut collection, _] = hub.collections(&bare[0]);
         let messages = arguments.messages;
         let consume = async {
             let mut seen = 0;
@@ -295,7 +296,6 @@ async fn throughput(bench: &Bench, arguments: &Arguments) {
         let (bytes, ()) = tokio::join!(publish(&hub, "bare", count, messages, round), consume);
         acknowledged(&hub, "telemetry-bare").await;
         let bare_s = start.elapsed().as_secs_f64();
-        drop(collection);
 
         let centre = bench.start_centre();
         // It is there when its consumer is, with nothing left of the round before.

@@ -62,6 +62,8 @@ pub struct Taken {
 /// Takes what machines say.
 pub struct Ingest {
     machines: BTreeMap<MachineId, Heard>,
+    /// Of these the store does not have the last yet.
+    changed: BTreeSet<MachineId>,
     start: Instant,
 }
 
@@ -82,6 +84,7 @@ impl Ingest {
         }
         Ok(Self {
             machines,
+            changed: BTreeSet::new(),
             start: Instant::now(),
         })
     }
@@ -106,7 +109,6 @@ impl Ingest {
                 }
             }
             for (machine, heard) in &changed {
-                rows::put_live(database, heard.live.as_ref())?;
                 let before = self.machines.get(machine);
                 for instance in &heard.instances.each {
                     let same =
@@ -124,8 +126,32 @@ impl Ingest {
             }
             Ok(taken)
         })?;
+        self.changed.extend(changed.keys().cloned());
         self.machines.append(&mut changed);
         Ok(taken)
+    }
+
+    /// Stores the last of each machine that was heard since this was called before: once a second is enough, since every
+    /// message is stored by itself.
+    ///
+    /// # Errors
+    /// The database refuses. It may be called again.
+    pub fn store_live(&mut self, store: &Store) -> Result<(), StoreError> {
+        if self.changed.is_empty() {
+            return Ok(());
+        }
+        store.write(|database| {
+            let heard = self
+                .changed
+                .iter()
+                .filter_map(|name| self.machines.get(name));
+            for heard in heard {
+                rows::put_live(database, heard.live.as_ref())?;
+            }
+            Ok(())
+        })?;
+        self.changed.clear();
+        Ok(())
     }
 
     /// Every machine that was ever heard.

@@ -75,7 +75,11 @@ fn look_now(engine: &Engine, state: &mut State) -> Result<(), StoreError> {
     let now = Instant::now();
     let elapsed_s = now.duration_since(state.last).as_secs_f64();
     state.last = now;
-    let looked = lock(&engine.ingest).look(FRESH_S);
+    let looked = {
+        let mut ingest = lock(&engine.ingest);
+        ingest.store_live(&engine.store)?;
+        ingest.look(FRESH_S)
+    };
     let seen: BTreeMap<MachineId, Seen> = (looked.iter())
         .map(|(machine, (seen, _))| (machine.clone(), seen.clone()))
         .collect();

@@ -1,6 +1,6 @@
 //! The command line, without a server: what it prints, and its exit status.
 
-use std::{path::Path, process::Command};
+use std::{os::unix::fs::PermissionsExt, path::Path, process::Command};
 
 struct Called {
     status: i32,
@@ -121,7 +121,6 @@ fn from_nothing_to_a_roll_out() {
     done("machine remove mill-2");
     wrong("machine remove mill-2", "found no machine");
     // A secret that others can read is none.
-    use std::os::unix::fs::PermissionsExt;
     let open = std::fs::Permissions::from_mode(0o644);
     std::fs::set_permissions(folder.join("keys/main.key"), open).unwrap();
     wrong("check", "expected 600");

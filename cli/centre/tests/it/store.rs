@@ -160,6 +160,7 @@ fn what_is_old_is_forgotten_and_hours_stay() {
         })
         .collect();
     ingest.take(&store, &telemetry).unwrap();
+    ingest.store_live(&store).unwrap();
     assert_eq!(store.telemetry(&mill()).unwrap().unwrap().1["number"], 69);
     store.close_minutes(from_s + 60.0).unwrap();
     let keep = Keep::default();
