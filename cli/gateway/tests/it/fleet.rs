@@ -1,7 +1,5 @@
 //! A machine of a fleet, with a centre at a real `nats-server` and a simulated control: what it takes, and that no axis steps.
 
-use std::time::Duration;
-
 use crate::{
     controlled::control,
     fleet_bench::{Centre, compensating, corrects_y, machine_with, wait},

@@ -95,13 +95,13 @@ impl Centre {
     fn context(&self) -> async_nats::jetstream::Context {
         let url = format!("nats://{}", self.settings.listen);
         let seed = self.centre.seed().expect("a seed");
-        let client = self.runtime.block_on(async move {
-            async_nats::ConnectOptions::with_nkey(seed)
+        self.runtime.block_on(async move {
+            let client = async_nats::ConnectOptions::with_nkey(seed)
                 .connect(url)
                 .await
-                .expect("it listens")
-        });
-        async_nats::jetstream::new(client)
+                .expect("it listens");
+            async_nats::jetstream::new(client)
+        })
     }
 
     fn prepare(&self) {
