@@ -28,7 +28,6 @@ use super::{
     shared::{Dashboard, MAX_STREAMS, StreamSlot},
     tokens::Role,
 };
-use volcomp_web::{headers, hosts};
 
 use crate::{
     documents::{Confirmation, Status},
