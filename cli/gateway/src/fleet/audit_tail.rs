@@ -88,9 +88,8 @@ impl AuditTail {
             .into_iter()
             .filter_map(|path| Some((path.clone(), fs::metadata(path).ok()?.ino())))
             .collect();
-        let mut place = match self.place.or_else(|| self.found(&files)) {
-            Some(place) => place,
-            None => return,
+        let Some(mut place) = self.place.or_else(|| self.found(&files)) else {
+            return;
         };
         // A file that was rotated away is gone with what was in it: the centre sees that by the numbers.
         let mut index = (files.iter())

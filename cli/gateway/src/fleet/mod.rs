@@ -174,7 +174,7 @@ pub fn start(
             let link = connected(&settings, &identity, &link_told, &known).await;
             hear::hear(link, hearer, actor).await;
         };
-        until_stopped(until, work).await;
+        until_stopped(until, Box::pin(work)).await;
     })
     .map_err(failed)?;
     let teller = Teller::new(store, config.audit_dir.clone(), Arc::clone(&shared), link);

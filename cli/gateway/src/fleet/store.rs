@@ -152,7 +152,8 @@ impl Store {
         let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
         let named = paths.filter(|path| {
             let name = path.file_name().and_then(|name| name.to_str());
-            name.is_some_and(|name| name.starts_with("manifest-") && name.ends_with(".json"))
+            name.is_some_and(|name| name.starts_with("manifest-"))
+                && path.extension().is_some_and(|ending| ending == "json")
         });
         named.filter_map(|path| verified(&path, config)).collect()
     }

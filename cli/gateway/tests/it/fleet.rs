@@ -1,5 +1,7 @@
 //! A machine of a fleet, with a centre at a real `nats-server` and a simulated control: what it takes, and that no axis steps.
 
+use base64::{Engine, engine::general_purpose::STANDARD};
+
 use crate::{
     controlled::control,
     fleet_bench::{Centre, compensating, corrects_y, machine_with, wait},
@@ -43,7 +45,6 @@ fn a_roll_out_ramps_and_asks_and_outlives_the_centre() {
         centre.acknowledged(3, "activated");
         corrects_y(&program, -100.0);
         let audit = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
-        use base64::{Engine, engine::general_purpose::STANDARD};
         let key = STANDARD.encode(centre.key.verifying_key().to_bytes());
         let who = format!("\"who\":\"centre {}\",\"what\":\"reload\"", &key[..8]);
         assert_eq!(audit.matches(&who).count(), 2, "{who} in {audit}");

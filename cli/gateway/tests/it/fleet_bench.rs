@@ -25,7 +25,7 @@ pub(crate) struct Centre {
     pub(crate) server: Option<Server>,
     settings: ServerSettings,
     folder: tempfile::TempDir,
-    centre: nkeys::KeyPair,
+    own: nkeys::KeyPair,
     machine: nkeys::KeyPair,
     identity: Identity,
     pub(crate) key: SigningKey,
@@ -71,7 +71,7 @@ impl Centre {
             server: None,
             settings,
             folder,
-            centre,
+            own: centre,
             machine,
             identity,
             key: SigningKey::from_bytes(&[7; 32]),
@@ -94,7 +94,7 @@ impl Centre {
 
     fn context(&self) -> async_nats::jetstream::Context {
         let url = format!("nats://{}", self.settings.listen);
-        let seed = self.centre.seed().expect("a seed");
+        let seed = self.own.seed().expect("a seed");
         self.runtime.block_on(async move {
             let client = async_nats::ConnectOptions::with_nkey(seed)
                 .connect(url)
