@@ -4,10 +4,6 @@ use super::describe::stated;
 use crate::{config::Config, documents::FleetPlan, error::GatewayError};
 
 /// What was found of the fleet.
-#[cfg_attr(
-    not(feature = "fleet"),
-    expect(dead_code, reason = "this build finds none")
-)]
 pub(super) struct Checked {
     /// The public nkey of the machine.
     nkey: String,
