@@ -126,5 +126,8 @@ element("logout").addEventListener("click", async () => {
   askForLogin();
 });
 window.addEventListener("hashchange", showPage);
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", showPage);
+// What was drawn has the colours of before; a form that is being filled is not taken away for that.
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+  if (!document.querySelector("main form")) showPage();
+});
 begin();

@@ -2,7 +2,10 @@
 
 use std::sync::Arc;
 
-use axum::extract::{Path, Query, State};
+use axum::{
+    extract::{Path, Query, State},
+    http::StatusCode,
+};
 use serde::Deserialize;
 use serde_json::json;
 use volcomp_fleet::MachineId;
@@ -22,7 +25,12 @@ const POINTS: u32 = 2000;
 const RECORDS: u32 = 50;
 
 pub(super) async fn overview(State(face): Shared) -> Answer {
-    Ok(json_bytes(face.overview().document.clone()))
+    let document = face.overview().document.clone();
+    if document.is_empty() {
+        let why = "the overview is not made yet: ask again in a second";
+        return Err(Refused::new(StatusCode::SERVICE_UNAVAILABLE, why));
+    }
+    Ok(json_bytes(document))
 }
 
 /// A name in a path: one that cannot be a machine's is that of no machine.

@@ -14,10 +14,7 @@ impl Store {
     /// The database refuses.
     pub fn wanted(&self) -> Result<HashMap<MachineId, (u64, String)>, StoreError> {
         self.read(|database| {
-            let rows = database.rows(
-                "SELECT machine, version, model FROM versions WHERE value IS NOT NULL ORDER BY version",
-                &[],
-            )?;
+            let rows = database.rows("SELECT machine, version, model FROM desired", &[])?;
             rows.iter()
                 .map(|row| Ok((machine(row, 0)?, (row.count(1)?, row.text(2)?.to_owned()))))
                 .collect()

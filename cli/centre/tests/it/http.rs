@@ -123,12 +123,7 @@ fn sessions_that_are_over_are_nobody() {
     };
     let cookie = page.cookie_of(Role::Admin, &other_boot);
     assert_eq!(page.get("/api/me", &cookie).status, 401);
-    for garbage in [
-        "volcomp-centre=",
-        "volcomp-centre=../../etc",
-        "x=y",
-        "volcomp-centre=\u{7f}",
-    ] {
+    for garbage in ["volcomp-centre=", "volcomp-centre=../../etc", "x=y"] {
         assert_eq!(page.get("/api/me", garbage).status, 401);
     }
     // A user who may not log in any more is out at once.
@@ -326,9 +321,10 @@ fn a_machine_is_registered_and_shown_with_what_is_not_known() {
         "the machine is in the overview",
         Duration::from_secs(60),
         || {
-            told()["machines"]
-                .as_array()
-                .is_some_and(|list| !list.is_empty())
+            page.get("/api/overview", &viewer).status == 200
+                && told()["machines"]
+                    .as_array()
+                    .is_some_and(|list| !list.is_empty())
         },
     );
     let row = told()["machines"][0].clone();
