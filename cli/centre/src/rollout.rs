@@ -445,15 +445,16 @@ impl Rollout {
         let Some(turn) = self.turn(machine) else {
             return;
         };
-        let sent = match turn.step {
-            Step::Sent { version, .. } | Step::NeedsConfirmation { version, .. } => version,
-            Step::Out {
-                version: Some(version),
-                against: false,
-                ..
-            } => version,
-            // What is in force or was never sent is not undone by an answer that comes twice.
-            _ => return,
+        // What is in force or was never sent is not undone by an answer that comes twice.
+        let (Step::Sent { version: sent, .. }
+        | Step::NeedsConfirmation { version: sent, .. }
+        | Step::Out {
+            version: Some(sent),
+            against: false,
+            ..
+        }) = turn.step
+        else {
+            return;
         };
         if answered < sent {
             return;

@@ -1,5 +1,7 @@
 //! Machines on the command line.
 
+use std::fmt::Write;
+
 use std::collections::BTreeMap;
 
 use serde::Serialize;
@@ -63,10 +65,11 @@ pub(super) fn add(config: &Config, add: AddMachine, by: &str) -> Result<(), Comm
     let name = &machine.identity.machine;
     let mut said = format!("{name} is registered\n");
     if let Some(file) = &add.new_nkey {
-        said.push_str(&format!(
-            "the seed of its nkey is in {}: copy it to the gateway, and take the server's new configuration into use (nats-config)\n",
+        let _ = writeln!(
+            said,
+            "the seed of its nkey is in {}: copy it to the gateway, and take the server's new configuration into use (nats-config)",
             shown(file)
-        ));
+        );
     }
     print(&said)
 }

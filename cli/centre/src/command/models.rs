@@ -1,5 +1,7 @@
 //! Models on the command line.
 
+use std::fmt::Write;
+
 use super::{CommandError, arguments::AddModel, machine_named, open, print, print_json, text};
 use crate::{
     config::Config,
@@ -30,14 +32,14 @@ pub(super) fn add(config: &Config, add: &AddModel, by: &str) -> Result<(), Comma
     let is_new = open(config)?.add_model(&new.model, &new.text)?;
     let mut said = String::new();
     for note in &new.model.notes {
-        said.push_str(&format!("note: {note}\n"));
+        let _ = writeln!(said, "note: {note}");
     }
     let there = if is_new {
         ""
     } else {
         " (it was there already)"
     };
-    said.push_str(&format!("{} {}{there}\n", new.model.sha256, new.model.name));
+    let _ = writeln!(said, "{} {}{there}", new.model.sha256, new.model.name);
     print(&said)
 }
 
@@ -70,8 +72,12 @@ pub(super) fn diff(config: &Config, one: &str, other: &str) -> Result<(), Comman
     for line in compare(&one, &other)? {
         match line {
             Line::Same(_) => {}
-            Line::Out(text) => said.push_str(&format!("- {text}\n")),
-            Line::In(text) => said.push_str(&format!("+ {text}\n")),
+            Line::Out(text) => {
+                let _ = writeln!(said, "- {text}");
+            }
+            Line::In(text) => {
+                let _ = writeln!(said, "+ {text}");
+            }
         }
     }
     print(&said)

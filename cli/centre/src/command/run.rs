@@ -1,5 +1,7 @@
 //! Running the centre, and checking what it needs.
 
+use std::fmt::Write;
+
 use std::io::IsTerminal;
 
 use volcomp_fleet::LinkSettings;
@@ -94,9 +96,10 @@ pub(super) fn check(config: &Config) -> Result<(), CommandError> {
         machines.len(),
     );
     for name in without {
-        said.push_str(&format!(
-            "note: {name} has no nkey: it has no access to the server\n"
-        ));
+        let _ = writeln!(
+            said,
+            "note: {name} has no nkey: it has no access to the server"
+        );
     }
     if !config.nats.url.contains("tls://") {
         said.push_str(

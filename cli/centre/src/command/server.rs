@@ -1,5 +1,7 @@
 //! Keys, the configuration of the server, the audit log, alarms.
 
+use std::fmt::Write;
+
 use std::path::Path;
 
 use nkeys::KeyPair;
@@ -24,7 +26,7 @@ pub(super) fn list_keys(config: &Config) -> Result<(), CommandError> {
         } else {
             ""
         };
-        text.push_str(&format!("{} {}{signs}\n", key.name, key.public()));
+        let _ = writeln!(text, "{} {}{signs}", key.name, key.public());
     }
     print(&text)
 }

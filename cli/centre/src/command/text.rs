@@ -1,5 +1,7 @@
 //! What the command line prints for people.
 
+use std::fmt::Write;
+
 use std::collections::BTreeSet;
 
 use super::machines::Shown;
@@ -96,11 +98,7 @@ pub(super) fn alarms(alarms: &[Alarm]) -> String {
         } else {
             ""
         };
-        text.push_str(&format!(
-            "{of}: {}{over}: {}\n",
-            alarm.kind.name(),
-            alarm.text
-        ));
+        let _ = writeln!(text, "{of}: {}{over}: {}", alarm.kind.name(), alarm.text);
     }
     text
 }
@@ -168,14 +166,15 @@ pub(super) fn rollouts(rollouts: &[Rollout], whole: bool) -> String {
         let done = (rollout.turns.iter())
             .filter(|turn| matches!(turn.step, Step::Done { .. }))
             .count();
-        text.push_str(&format!(
-            "roll-out {} of {} by {}: {done} of {} machines; it {}\n",
+        let _ = writeln!(
+            text,
+            "roll-out {} of {} by {}: {done} of {} machines; it {}",
             rollout.id,
             short(&rollout.model),
             rollout.by,
             rollout.turns.len(),
-            phase(&rollout.phase),
-        ));
+            phase(&rollout.phase)
+        );
         let rows = rollout.turns.iter().filter(|turn| {
             whole || matches!(turn.step, Step::NeedsConfirmation { .. } | Step::Out { .. })
         });

@@ -1,6 +1,9 @@
 //! Users: added, listed, changed and removed on the computer of the centre.
 
-use std::io::{BufRead, IsTerminal};
+use std::{
+    fmt::Write,
+    io::{BufRead, IsTerminal},
+};
 
 use clap::Subcommand;
 
@@ -65,20 +68,17 @@ pub(super) fn act(config: &Config, command: UserCommand, by: &str) -> Result<(),
             if json {
                 return print_json(&users);
             }
-            let lines: String = (users.iter())
-                .map(|user| {
-                    let disabled = if user.disabled {
-                        "  may not log in"
-                    } else {
-                        ""
-                    };
-                    format!(
-                        "{:20}  {:8}{disabled}\n",
-                        user.name.as_str(),
-                        user.role.name()
-                    )
-                })
-                .collect();
+            let mut lines = String::new();
+            for user in &users {
+                let disabled = if user.disabled {
+                    "  may not log in"
+                } else {
+                    ""
+                };
+                let (name, role) = (user.name.as_str(), user.role.name());
+                // Writing to a string never fails.
+                let _ = writeln!(lines, "{name:20}  {role:8}{disabled}");
+            }
             return print(&lines);
         }
         UserCommand::Add { name, role } => {

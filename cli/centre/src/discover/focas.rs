@@ -19,7 +19,6 @@ pub(super) async fn ask(at: SocketAddr, at_most: Duration) -> Device {
 fn questions(at: SocketAddr, at_most: Duration) -> Result<Device, FocasError> {
     let mut client = Client::open(&at.ip().to_string(), at.port(), at_most)?;
     let mut device = Device::at(at, Kind::Focas);
-    device.control = "FANUC".to_owned();
     let info = client.system_info()?;
     device.control = clean(&format!(
         "FANUC {} {} series {} {}",

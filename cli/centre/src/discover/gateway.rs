@@ -27,7 +27,8 @@ const TITLE: &str = "<title>volcomp gateway</title>";
 /// The part of a gateway's state that is needed here.
 #[derive(Deserialize)]
 struct State {
-    state: String,
+    #[serde(rename = "state")]
+    of_guard: String,
     #[serde(default)]
     simulated: bool,
     machine: Machine,
@@ -72,7 +73,7 @@ pub(super) async fn ask(
                 let letters = state.machine.axes.iter().take(9);
                 device.axes = letters.filter_map(|axis| axis.chars().next()).collect();
                 let simulated = if state.simulated { ", simulated" } else { "" };
-                device.note = clean(&format!("{}{simulated}", state.state));
+                device.note = clean(&format!("{}{simulated}", state.of_guard));
             }
             Err(_) => "its state is none of this program".clone_into(&mut device.note),
         },

@@ -67,7 +67,7 @@ impl Writer {
         self.0.extend_from_slice(&[0, 0, 0]);
     }
 
-    fn message(kind: &[u8; 4], body: &Self) -> Vec<u8> {
+    fn message(kind: [u8; 4], body: &Self) -> Vec<u8> {
         let mut bytes = kind.to_vec();
         let length = u32::try_from(body.0.len() + 8).unwrap_or(0);
         bytes.extend_from_slice(&length.to_le_bytes());
@@ -82,7 +82,7 @@ pub(super) fn hello(url: &str) -> Vec<u8> {
         body.u32(value);
     }
     body.text(url);
-    Writer::message(b"HELF", &body)
+    Writer::message(*b"HELF", &body)
 }
 
 pub(super) fn open() -> Vec<u8> {
@@ -101,7 +101,7 @@ pub(super) fn open() -> Vec<u8> {
     body.u32(1);
     body.null();
     body.u32(60_000);
-    Writer::message(b"OPNF", &body)
+    Writer::message(*b"OPNF", &body)
 }
 
 pub(super) fn get_endpoints(channel: Channel, url: &str) -> Vec<u8> {
@@ -115,7 +115,7 @@ pub(super) fn get_endpoints(channel: Channel, url: &str) -> Vec<u8> {
     body.text(url);
     body.null();
     body.null();
-    Writer::message(b"MSGF", &body)
+    Writer::message(*b"MSGF", &body)
 }
 
 /// Bytes that are read; every step may find too few.

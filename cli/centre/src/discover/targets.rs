@@ -104,7 +104,7 @@ fn mask(prefix: u8) -> u32 {
 }
 
 impl Subnet {
-    fn last(&self) -> u32 {
+    fn last(self) -> u32 {
         u32::from(self.first) | !mask(self.prefix)
     }
 

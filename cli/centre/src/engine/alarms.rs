@@ -25,7 +25,7 @@ type Key = (Option<MachineId>, AlarmKind);
 /// The alarms that are open: number, text, and when the text was written.
 #[derive(Default)]
 pub(super) struct Open {
-    open: Option<BTreeMap<Key, (u64, String, f64)>>,
+    known: Option<BTreeMap<Key, (u64, String, f64)>>,
     unreadable: BTreeMap<MachineId, (Instant, String)>,
     models: BTreeMap<String, Model>,
 }
@@ -50,15 +50,14 @@ pub(super) fn look(
     learn_models(engine, &mut state.models, &versions)?;
     let mut causes = of_machines(engine, state, machines, &versions, now);
     of_centre(engine, &mut causes)?;
-    let open = match &mut state.open {
-        Some(open) => open,
-        None => {
-            let open = engine.store.open_alarms()?.into_iter();
-            state.open.insert(
-                open.map(|alarm| ((alarm.machine, alarm.kind), (alarm.id, alarm.text, now)))
-                    .collect(),
-            )
-        }
+    let open = if let Some(open) = &mut state.known {
+        open
+    } else {
+        let open = engine.store.open_alarms()?.into_iter();
+        state.known.insert(
+            open.map(|alarm| ((alarm.machine, alarm.kind), (alarm.id, alarm.text, now)))
+                .collect(),
+        )
     };
     let gone: Vec<Key> = (open.keys())
         .filter(|key| !causes.contains_key(key))

@@ -217,13 +217,10 @@ fn calibrated(machine: &Machine, uploads: &[Upload]) -> Result<(Machine, Vec<Str
             .extension()
             .and_then(|ending| ending.to_str())
             .map(str::to_ascii_lowercase);
-        let ending = match ending.as_deref() {
-            Some(ending @ ("rtl" | "rta" | "csv")) => ending,
-            _ => {
-                return Err(FormError::Ending {
-                    name: upload.name.chars().take(80).collect(),
-                });
-            }
+        let Some(ending @ ("rtl" | "rta" | "csv")) = ending.as_deref() else {
+            return Err(FormError::Ending {
+                name: upload.name.chars().take(80).collect(),
+            });
         };
         // Its own name stays outside: a name can be a path.
         let count = counts.entry(upload.error.to_string()).or_default();

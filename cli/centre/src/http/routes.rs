@@ -146,7 +146,6 @@ async fn page(kind: &'static str, text: &'static str) -> Response {
     ([(header::CONTENT_TYPE, kind)], text).into_response()
 }
 
-#[expect(clippy::unused_async, reason = "handlers are asynchronous")]
 async fn nothing() -> Refused {
     Refused::missing("there is no such page")
 }

@@ -112,17 +112,20 @@ fn open(database: &mut dyn Database) -> Result<Vec<Rollout>, StoreError> {
     rows.iter().map(|row| row.json(0)).collect()
 }
 
+/// A wish and who has it.
+type Wished = (Wish, String);
+
 /// A roll-out with the wish that waits, which is taken.
 pub(crate) fn take(
     database: &mut dyn Database,
     id: u64,
-) -> Result<Option<(Rollout, Option<(Wish, String)>)>, StoreError> {
+) -> Result<Option<(Rollout, Option<Wished>)>, StoreError> {
     let row = database.first(
         "SELECT state, wish FROM rollouts WHERE id = ?1",
         &[id.into()],
     )?;
     let Some(row) = row else { return Ok(None) };
-    let wish = row.optional(1, |row, column| row.json(column))?;
+    let wish = row.optional(1, super::database::Row::json)?;
     if wish.is_some() {
         database.execute(
             "UPDATE rollouts SET wish = NULL WHERE id = ?1",

@@ -190,7 +190,7 @@ fn opc_ua() -> Peer {
         bytes.extend_from_slice(&u32::try_from(text.len()).expect("short").to_le_bytes());
         bytes.extend_from_slice(text.as_bytes());
     }
-    fn message(kind: &[u8; 4], body: &[u8]) -> Vec<u8> {
+    fn message(kind: [u8; 4], body: &[u8]) -> Vec<u8> {
         let length = u32::try_from(body.len() + 8).expect("short");
         [kind.as_slice(), &length.to_le_bytes(), body].concat()
     }
@@ -215,7 +215,7 @@ fn opc_ua() -> Peer {
         if next(&mut stream).is_none() {
             return;
         }
-        let _ = stream.write_all(&message(b"ACKF", &[0; 20]));
+        let _ = stream.write_all(&message(*b"ACKF", &[0; 20]));
         if next(&mut stream).is_none() {
             return;
         }
@@ -232,7 +232,7 @@ fn opc_ua() -> Peer {
         opened.extend_from_slice(&9_u32.to_le_bytes());
         opened.extend_from_slice(&[0; 12]);
         opened.extend_from_slice(&[0xff; 4]);
-        let _ = stream.write_all(&message(b"OPNF", &opened));
+        let _ = stream.write_all(&message(*b"OPNF", &opened));
         if next(&mut stream).is_none() {
             return;
         }
@@ -259,7 +259,7 @@ fn opc_ua() -> Peer {
             "http://opcfoundation.org/UA-Profile/Transport/uatcp-uasc-uabinary",
         );
         answer.push(3);
-        let _ = stream.write_all(&message(b"MSGF", &answer));
+        let _ = stream.write_all(&message(*b"MSGF", &answer));
         let _ = next(&mut stream);
     })
 }

@@ -127,7 +127,10 @@ impl Page {
 
     /// A request with these further lines of its head.
     pub(crate) fn request(&self, method: &str, path: &str, lines: &[String], body: &str) -> Answer {
-        let lines: String = lines.iter().map(|line| format!("{line}\r\n")).collect();
+        let lines: String = lines
+            .iter()
+            .flat_map(|line| [line.as_str(), "\r\n"])
+            .collect();
         let text = format!(
             "{method} {path} HTTP/1.1\r\nHost: {}\r\nConnection: close\r\nContent-Length: {}\r\n{lines}\r\n{body}",
             self.address,

@@ -68,8 +68,8 @@ fn answered(place: usize, version: u64, outcome: Outcome) -> Event {
 }
 
 /// Issues what is asked, each machine with version 1 and a residual of 4 µm before.
-fn issue(rollout: &mut Rollout, actions: Vec<Action>) -> Vec<MachineId> {
-    let machines = issued(&actions);
+fn issue(rollout: &mut Rollout, actions: &[Action]) -> Vec<MachineId> {
+    let machines = issued(actions);
     for machine in &machines {
         let none = rollout.step(Event::Issued {
             machine: machine.clone(),
@@ -94,19 +94,19 @@ fn step_of(rollout: &Rollout, place: usize) -> Step {
 fn canaries_then_waves_then_done() {
     let mut rollout = rollout(5, &[3], rules());
     let actions = rollout.step(looked(1.0, &[]));
-    assert_eq!(issue(&mut rollout, actions), [name(3)]);
+    assert_eq!(issue(&mut rollout, &actions), [name(3)]);
     assert!(rollout.step(answered(3, 1, Outcome::Activated)).is_empty());
     // The soak: two looks of ten seconds.
     assert!(rollout.step(looked(10.0, &[(3, 1, 4.0)])).is_empty());
     let actions = rollout.step(looked(10.0, &[(3, 1, 4.0)]));
-    assert_eq!(issue(&mut rollout, actions), [name(0), name(1)]);
+    assert_eq!(issue(&mut rollout, &actions), [name(0), name(1)]);
     for place in [0, 1] {
         rollout.step(answered(place, 1, Outcome::Activated));
     }
     let both = [(0, 1, 4.0), (1, 1, 4.0)];
     assert!(rollout.step(looked(10.0, &both)).is_empty());
     let actions = rollout.step(looked(10.0, &both));
-    assert_eq!(issue(&mut rollout, actions), [name(2), name(4)]);
+    assert_eq!(issue(&mut rollout, &actions), [name(2), name(4)]);
     // An acknowledgement that was lost: the condition tells the version that is in force.
     let rest = [(2, 1, 4.0), (4, 1, 4.0)];
     for _ in 0..3 {
@@ -119,7 +119,7 @@ fn canaries_then_waves_then_done() {
 fn a_gap_in_the_watching_shortens_no_soak() {
     let mut rollout = rollout(2, &[0], rules());
     let actions = rollout.step(looked(1.0, &[]));
-    issue(&mut rollout, actions);
+    issue(&mut rollout, &actions);
     rollout.step(answered(0, 1, Outcome::Activated));
     // The centre was away for a day, or its clock jumped; the machine was silent for an hour.
     for event in [
@@ -138,7 +138,7 @@ fn it_stops_for_what_speaks_against_the_model() {
     let start = || {
         let mut rollout = rollout(4, &[0], rules());
         let actions = rollout.step(looked(1.0, &[]));
-        issue(&mut rollout, actions);
+        issue(&mut rollout, &actions);
         rollout
     };
     let stopped = |rollout: &Rollout, words: &str| {
@@ -199,7 +199,7 @@ fn a_person_confirms_holds_and_lets_go_on() {
         by: "bert".to_owned(),
     };
     let actions = rollout.step(looked(1.0, &[]));
-    issue(&mut rollout, actions);
+    issue(&mut rollout, &actions);
     let needs = Outcome::NeedsConfirmation {
         hash: "abc".to_owned(),
         worst_um: "120.0".to_owned(),
@@ -242,7 +242,7 @@ fn a_person_confirms_holds_and_lets_go_on() {
     }
     assert!(matches!(step_of(&rollout, 0), Step::Done { version: 2 }));
     let actions = rollout.step(wished(Wish::Resume));
-    assert_eq!(issue(&mut rollout, actions), [name(1)]);
+    assert_eq!(issue(&mut rollout, &actions), [name(1)]);
     rollout.step(answered(1, 1, Outcome::Refused { why }));
     assert!(matches!(rollout.phase, Phase::Stopped { .. }));
     rollout.step(wished(Wish::Resume));
@@ -256,9 +256,9 @@ fn some_may_stay_out_behind_the_canaries() {
     rules.waves = vec![100];
     let mut rollout = rollout(4, &[0], rules);
     let actions = rollout.step(looked(1.0, &[]));
-    issue(&mut rollout, actions);
+    issue(&mut rollout, &actions);
     let actions = rollout.step(answered(0, 1, Outcome::Activated));
-    assert_eq!(issue(&mut rollout, actions).len(), 3);
+    assert_eq!(issue(&mut rollout, &actions).len(), 3);
     for place in [1, 2] {
         rollout.step(answered(place, 1, Outcome::Activated));
     }

@@ -131,7 +131,11 @@ fn gateway() -> Gateway {
     let guard = runtime.enter();
     let listener = tokio::net::TcpListener::from_std(listener).expect("ours");
     drop(guard);
-    runtime.spawn(http::serve(listener, None, Arc::new(dashboard)));
+    runtime.spawn(http::serve(
+        listener,
+        None,
+        http::router(Arc::new(dashboard)),
+    ));
     Gateway {
         address,
         hangs,
