@@ -284,7 +284,7 @@ pub enum GatewayError {
         /// The path of the file of several machines.
         file: String,
         /// The names of the two; the overview counts as one.
-        machines: [String; 2],
+        machines: Box<[String; 2]>,
         /// What they have in common.
         common: Common,
     },

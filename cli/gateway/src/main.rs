@@ -238,7 +238,13 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
             listen,
             token_file,
             json,
-        }) => print(&status(config, machine, listen, token_file, json)?),
+        }) => print(&status(
+            config,
+            machine.as_deref(),
+            listen,
+            token_file,
+            json,
+        )?),
         Some(Command::TlsInit { names, output }) => {
             let [certificate, key] = tls::make(&output, &names)?;
             print(&format!(
@@ -253,13 +259,13 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
 /// What a running gateway answers.
 fn status(
     config: Option<PathBuf>,
-    machine: Option<String>,
+    machine: Option<&str>,
     listen: Option<SocketAddr>,
     token_file: Option<PathBuf>,
     json: bool,
 ) -> Result<String, GatewayError> {
     let (mut dashboard, is_overview) = match config {
-        Some(path) => client::address(&path, machine.as_deref())?,
+        Some(path) => client::address(&path, machine)?,
         None => (DashboardConfig::default(), false),
     };
     if let Some(listen) = listen {

@@ -54,6 +54,7 @@ pub(crate) fn proven_within() -> Duration {
 pub(crate) struct Manager {
     begun: Instant,
     is_ready: bool,
+    is_stopping: bool,
     status: String,
     /// The proofs of life so far, of each machine.
     proofs: Vec<u64>,
@@ -65,6 +66,7 @@ impl Manager {
         Self {
             begun: Instant::now(),
             is_ready: false,
+            is_stopping: false,
             status: String::new(),
             proofs: Vec::new(),
         }
@@ -78,9 +80,12 @@ impl Manager {
         }
     }
 
-    /// It begins to stop.
-    pub(crate) fn stopping(&self) {
-        tell(&NotifyState::Stopping);
+    /// It begins to stop: told once.
+    pub(crate) fn stopping(&mut self) {
+        if !self.is_stopping {
+            self.is_stopping = true;
+            tell(&NotifyState::Stopping);
+        }
     }
 
     /// How the machines are, in words, where that has changed.

@@ -48,19 +48,21 @@ pub(crate) fn supervise(
         match signals.next(LOOK) {
             // The thread that heard it has ordered it.
             Some(Signal::Stop) => {
-                if !is_stopping {
-                    is_stopping = true;
-                    manager.stopping();
-                }
+                is_stopping = true;
+                manager.stopping();
             }
             Some(Signal::Reload) => {
                 reload();
-                places.iter().for_each(|(_, slot)| slot.reload());
+                for (_, slot) in &places {
+                    slot.reload();
+                }
             }
             None => {}
         }
         if is_stopping {
-            places.iter().for_each(|(_, slot)| slot.give_up());
+            for (_, slot) in &places {
+                slot.give_up();
+            }
         }
         let found = phases();
         let is_over = found.iter().all(Phase::is_over);
@@ -81,7 +83,9 @@ pub(crate) fn supervise(
     }
     // Those that wait to be started again: nobody is left whom the end of the process would disturb.
     let found = phases();
-    places.iter().for_each(|(_, slot)| slot.stop());
+    for (_, slot) in &places {
+        slot.stop();
+    }
     outcome(&places, &found)
 }
 
@@ -117,7 +121,7 @@ fn in_words(places: &Places, phases: &[Phase]) -> String {
     let mut text = format!("{} of {} machines run", run.count(), phases.len());
     for ((name, _), phase) in places.iter().zip(phases) {
         if matches!(phase, Phase::Failed(_)) {
-            text += &format!("; {name} does not");
+            text.extend(["; ", name, " does not"]);
         }
     }
     text

@@ -33,10 +33,10 @@ pub enum Common {
 impl fmt::Display for Common {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Config(path) => write!(f, "config = {path:?}"),
+            Self::Config(path) => write!(f, "config = \"{}\"", path.display()),
             Self::Device([one, other]) if one == other => write!(f, "the device {one}"),
             Self::Device([one, other]) => write!(f, "one device, {one} and {other}"),
-            Self::Folder(path) => write!(f, "[audit] dir = {path:?}"),
+            Self::Folder(path) => write!(f, "[audit] dir = \"{}\"", path.display()),
             Self::Dashboard([one, other]) if one == other => {
                 write!(f, "[dashboard] listen = {one}")
             }
@@ -54,7 +54,7 @@ pub(crate) type Member<'a> = (&'a str, &'a Path, &'a Config);
 pub(crate) fn check(several: &Several, members: &[Member<'_>]) -> Result<(), GatewayError> {
     let refused = |one: &str, other: &str, common: Common| GatewayError::InCommon {
         file: several.file.clone(),
-        machines: [one, other].map(str::to_owned),
+        machines: Box::new([one, other].map(str::to_owned)),
         common,
     };
     let mut files: HashMap<PathBuf, &str> = HashMap::new();
@@ -100,7 +100,7 @@ fn all_reached(members: &[Member<'_>]) -> Vec<BTreeSet<(String, String)>> {
             .iter()
             .map(|(_, _, config)| scope.spawn(|| lock::reached(config)))
             .collect();
-        let told = asked.into_iter().map(|asked| asked.join());
+        let told = asked.into_iter().map(thread::ScopedJoinHandle::join);
         told.map(Result::unwrap_or_default).collect()
     })
 }

@@ -22,6 +22,10 @@ pub struct Value {
 
 /// The nodes that are read in every period, and how their values become a [`Snapshot`].
 #[derive(Clone, Debug)]
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "which of the optional nodes there are"
+)]
 pub struct Reading {
     nodes: Vec<String>,
     /// All axes, those that are written first.
@@ -183,7 +187,13 @@ impl Reading {
 pub fn is_switched_on(axis: AxisName, md32750: f64) -> Result<(), SinumerikError> {
     // Whatever is no small whole number has no bit 0.
     let whole = if (0.0..=f64::from(u16::MAX)).contains(&md32750) {
-        md32750 as u32
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "between 0 and 65535"
+        )]
+        let whole = md32750 as u32;
+        whole
     } else {
         0
     };

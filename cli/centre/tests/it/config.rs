@@ -22,7 +22,7 @@ fn of_the_book() -> String {
     let book = std::fs::read_to_string(book).unwrap();
     let blocks = book.split("```toml\n").skip(1);
     let mut blocks = blocks.map(|block| block.split("```").next().unwrap());
-    let block = blocks.find(|block| block.starts_with("# centre.toml"));
+    let block = blocks.find(|block| block.starts_with("# centre file"));
     block.unwrap().to_owned()
 }
 

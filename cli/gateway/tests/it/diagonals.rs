@@ -17,7 +17,7 @@ use crate::{
     shipped::simulator,
 };
 
-const PATIENCE: Duration = Duration::from_mins(2);
+const PATIENCE: Duration = Duration::from_secs(120);
 
 /// Without and with correction the range of each diagonal, µm.
 type Ranges = Vec<[f64; 2]>;

@@ -59,9 +59,9 @@ fn needed(key: &str, kind: ControllerKind) -> String {
     let needed = ["terms", "hold_ms"]
         .into_iter()
         .filter(|needed| *needed != key);
-    needed
-        .map(|needed| format!("{needed} = {}\n", value(needed, kind).0))
-        .collect()
+    needed.fold(String::new(), |text, needed| {
+        text + &format!("{needed} = {}\n", value(needed, kind).0)
+    })
 }
 
 #[test]

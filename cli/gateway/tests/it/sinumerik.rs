@@ -3,6 +3,7 @@
 
 use std::{
     io::{BufRead as _, BufReader, Write as _},
+    os::unix::fs::PermissionsExt as _,
     path::{Path, PathBuf},
     process::{ChildStdout, Command, Stdio},
     time::{Duration, Instant},
@@ -117,7 +118,6 @@ impl Control {
 }
 
 fn configuration(dir: &Path, control: &Control) -> PathBuf {
-    use std::os::unix::fs::PermissionsExt;
     token_file(dir);
     let password = dir.join("password");
     std::fs::write(&password, "opc-ua-secret\n").expect("writable");

@@ -32,7 +32,7 @@ pub(crate) struct Arguments {
     points: u32,
     #[command(flatten)]
     others: OthersArguments,
-    /// Write the targets into this CSV file, a program for `focas-sim --program`: the name of the diagonal under line (none
+    /// Write the targets into this CSV file, a program for focas-sim: the name of the diagonal under line (none
     /// where it begins, in the middle), the axes (mm, deg), feed
     #[arg(long, value_name = "FILE")]
     targets: Option<PathBuf>,

@@ -32,7 +32,7 @@ async fn hub(bench: &Bench) -> Hub {
 
 #[test]
 fn what_is_not_acknowledged_comes_again() {
-    let Some(mut bench) = Bench::start() else {
+    let Some(bench) = Bench::start() else {
         return;
     };
     runtime().block_on(async {

@@ -137,13 +137,13 @@ async fn fastest(
             return Ok(None);
         }
         let node = Nodes::of_axis(pattern, number);
-        match number_of(&one(link, &node).await?) {
-            Some(factor) => product *= factor,
-            None => {
-                notes.push(format!("node {node}: cannot be read, so how fast the control takes a correction is not known"));
-                return Ok(None);
-            }
-        }
+        let Some(factor) = number_of(&one(link, &node).await?) else {
+            notes.push(format!(
+                "node {node}: cannot be read, so how fast the control takes a correction is not known"
+            ));
+            return Ok(None);
+        };
+        product *= factor;
     }
     Ok(Some(product))
 }

@@ -96,7 +96,10 @@ impl Client {
     /// More than [`MOST_ITEMS`], or than a message can carry; the first item that the control refuses; others end the
     /// connection.
     pub fn read(&mut self, items: &[Item]) -> Result<Vec<Vec<u8>>, S7Error> {
-        let answer: usize = items.iter().map(|item| 5 + usize::from(length(item))).sum();
+        let answer: usize = items
+            .iter()
+            .map(|item| 5 + usize::from(length(*item)))
+            .sum();
         self.check(items.iter(), answer)?;
         let reference = self.next();
         let request = Message::Read {
@@ -284,9 +287,9 @@ impl Client {
 }
 
 /// How many bytes an item has at the most.
-fn length(item: &Item) -> u16 {
+fn length(item: Item) -> u16 {
     match item {
-        Item::Block { count, .. } => *count,
+        Item::Block { count, .. } => count,
         // What a line has depends on the variable; a number has eight bytes.
         Item::Nck(variable) => (u16::from(variable.lines) * 8).min(LONGEST_BLOCK),
     }

@@ -206,7 +206,9 @@ impl Message {
             }
             Self::Read { items, .. } => {
                 parameters.extend([READ, count(items.len())]);
-                items.iter().for_each(|item| item.put(&mut parameters));
+                for item in items {
+                    item.put(&mut parameters);
+                }
             }
             Self::Write { writes, .. } => {
                 parameters.extend([WRITE, count(writes.len())]);

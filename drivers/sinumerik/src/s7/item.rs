@@ -112,7 +112,7 @@ const DATA_BLOCK: u8 = 0x84;
 
 impl Item {
     /// Checks that it can be written down.
-    pub(crate) fn check(&self) -> Result<(), S7Error> {
+    pub(crate) fn check(self) -> Result<(), S7Error> {
         let wrong = |found: String, expected: &str| {
             Err(S7Error::Request {
                 found,
@@ -120,7 +120,7 @@ impl Item {
             })
         };
         match self {
-            Self::Block { count, .. } if !(1..=LONGEST_BLOCK).contains(count) => wrong(
+            Self::Block { count, .. } if !(1..=LONGEST_BLOCK).contains(&count) => wrong(
                 format!("found {count} bytes of a data block"),
                 "1 to 200 in one item",
             ),
@@ -135,7 +135,7 @@ impl Item {
     }
 
     /// Appends it as it stands in a request.
-    pub(crate) fn put(&self, into: &mut Vec<u8>) {
+    pub(crate) fn put(self, into: &mut Vec<u8>) {
         match self {
             Self::Block {
                 number,
@@ -147,7 +147,7 @@ impl Item {
                 into.extend(number.to_be_bytes());
                 into.push(DATA_BLOCK);
                 // The address in bits, 24 of them.
-                into.extend(&(u32::from(*first) * 8).to_be_bytes()[1..]);
+                into.extend(&(u32::from(first) * 8).to_be_bytes()[1..]);
             }
             Self::Nck(variable) => {
                 into.extend([SPECIFICATION, 8, NCK]);
@@ -171,7 +171,7 @@ impl Item {
                 let (&[kind, c1, c0, n1, n0, area, b2, b1, b0], rest) =
                     rest.split_first_chunk().ok_or(S7Error::Short("an item"))?;
                 let bits = u32::from_be_bytes([0, b2, b1, b0]);
-                if kind != BYTES || area != DATA_BLOCK || bits % 8 != 0 {
+                if kind != BYTES || area != DATA_BLOCK || !bits.is_multiple_of(8) {
                     return Err(S7Error::Frame("an item that is no bytes of a data block"));
                 }
                 let first = u16::try_from(bits / 8)

@@ -169,7 +169,7 @@ fn answer(message: Message, memory: &mut Memory) -> Result<Message, S7Error> {
         }),
         Message::Read { items, .. } => Ok(Message::Values {
             reference,
-            values: items.iter().map(|item| memory.read(item)).collect(),
+            values: items.iter().map(|item| memory.read(*item)).collect(),
             of_nck: items
                 .iter()
                 .map(|item| matches!(item, Item::Nck(_)))
@@ -179,7 +179,7 @@ fn answer(message: Message, memory: &mut Memory) -> Result<Message, S7Error> {
             reference,
             codes: writes
                 .iter()
-                .map(|write| memory.write(&write.item, &write.bytes))
+                .map(|write| memory.write(write.item, &write.bytes))
                 .collect(),
         }),
         _ => Err(S7Error::Frame("an answer from a client")),
@@ -188,9 +188,9 @@ fn answer(message: Message, memory: &mut Memory) -> Result<Message, S7Error> {
 
 impl Memory {
     /// The key of a line of an NCK variable.
-    fn key(variable: &super::item::NckVariable, line: u16) -> (u8, u8, u16, u16) {
+    fn key(variable: super::item::NckVariable, line: u16) -> (u8, u8, u16, u16) {
         let mut bytes = Vec::new();
-        Item::Nck(*variable).put(&mut bytes);
+        Item::Nck(variable).put(&mut bytes);
         // Area and unit as they stand on the wire.
         (
             bytes.get(3).copied().unwrap_or(0),
@@ -203,21 +203,21 @@ impl Memory {
     /// Puts an eight-byte number into an NCK variable.
     pub fn set_nck(&mut self, variable: &super::item::NckVariable, value: f64) {
         self.nck.insert(
-            Self::key(variable, variable.line),
+            Self::key(*variable, variable.line),
             value.to_le_bytes().to_vec(),
         );
     }
 
-    fn read(&self, item: &Item) -> Result<Vec<u8>, ReturnCode> {
+    fn read(&self, item: Item) -> Result<Vec<u8>, ReturnCode> {
         match item {
             Item::Block {
                 number,
                 first,
                 count,
             } => {
-                let block = self.blocks.get(number).ok_or(ReturnCode::NO_OBJECT)?;
-                let first = usize::from(*first);
-                let bytes = block.get(first..first + usize::from(*count));
+                let block = self.blocks.get(&number).ok_or(ReturnCode::NO_OBJECT)?;
+                let first = usize::from(first);
+                let bytes = block.get(first..first + usize::from(count));
                 bytes.map(<[u8]>::to_vec).ok_or(ReturnCode::ADDRESS)
             }
             Item::Nck(variable) => {
@@ -231,20 +231,20 @@ impl Memory {
         }
     }
 
-    fn write(&mut self, item: &Item, bytes: &[u8]) -> ReturnCode {
+    fn write(&mut self, item: Item, bytes: &[u8]) -> ReturnCode {
         let place = match item {
             Item::Block {
                 number,
                 first,
                 count,
             } => {
-                let Some(block) = self.blocks.get_mut(number) else {
+                let Some(block) = self.blocks.get_mut(&number) else {
                     return ReturnCode::NO_OBJECT;
                 };
-                if usize::from(*count) != bytes.len() {
+                if usize::from(count) != bytes.len() {
                     return ReturnCode::TYPE;
                 }
-                let first = usize::from(*first);
+                let first = usize::from(first);
                 block.get_mut(first..first + bytes.len())
             }
             Item::Nck(variable) => {

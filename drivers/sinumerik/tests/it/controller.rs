@@ -48,7 +48,7 @@ fn next(controller: &mut SinumerikController) -> Snapshot {
     until("a new reading", PATIENCE, || {
         controller
             .read(soon())
-            .is_ok_and(|s| s.correction_taken - s.uncertainty > now)
+            .is_ok_and(|s| s.correction_taken > now + s.uncertainty)
     });
     read(controller)
 }

@@ -1,5 +1,7 @@
 //! The driver against a simulated control on another OPC UA library, and S7 against a simulated one of ours.
 
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 mod controller;
 mod peer;
 mod reading;
