@@ -137,7 +137,6 @@ impl LinkSettings {
                 (Duration::from_millis(50) * 2_u32.pow(tries)).min(LONGEST_PAUSE)
             })
             .ping_interval(Duration::from_secs(10))
-            .subscription_capacity(VALUES_WAITING)
             .event_callback(move |event| {
                 if matches!(event, async_nats::Event::Connected) {
                     again.notify_one();
@@ -193,7 +192,8 @@ impl MachineLink {
         let options = settings
             .options(&again)?
             .name(identity.machine.as_str())
-            .custom_inbox_prefix(&subjects.inbox);
+            .custom_inbox_prefix(&subjects.inbox)
+            .subscription_capacity(VALUES_WAITING);
         let client = options
             .connect(settings.servers())
             .await

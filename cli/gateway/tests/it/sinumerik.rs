@@ -371,7 +371,6 @@ fn configurations_that_this_control_cannot_have() {
     assert!(errors.contains("found 0 nodes for 1 names"), "{errors}");
     let errors = refused("{db}.DBX60.4", ".DBX60.4");
     assert!(errors.contains("nodes.referenced"), "{errors}");
-    use std::os::unix::fs::PermissionsExt;
     let config = configuration(dir.path(), &control);
     let password = dir.path().join("password");
     std::fs::set_permissions(&password, std::fs::Permissions::from_mode(0o644)).expect("ours");
