@@ -195,7 +195,7 @@ fn is_zero(report: &Value) -> bool {
 
 /// A gateway that corrects.
 fn armed(dir: &Path, config: &Path) -> Program {
-    let program = Program::start(dir, &["run", path(config)]);
+    let program = Program::start(dir, &["--config", path(config)]);
     wait(&program, "it has watched", |state| {
         !state["reasons"].to_string().contains("watching") && state["state"] == "disarmed"
     });
@@ -326,7 +326,7 @@ fn a_control_that_ignores_corrections_is_refused() {
         errors.contains("MD32750 $MA_TEMP_COMP_TYPE is 2; expected bit 0 set (1 or 3): the control ignores SD43900"),
         "{errors}"
     );
-    let program = Program::start(dir.path(), &["run", path(&config)]);
+    let program = Program::start(dir.path(), &["--config", path(&config)]);
     let end = Instant::now() + PATIENCE;
     while !program.log().contains("MD32750") {
         assert!(Instant::now() < end, "{}", program.log());
