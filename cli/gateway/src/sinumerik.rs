@@ -127,10 +127,6 @@ pub(crate) struct Temperatures {
         expect(dead_code, reason = "only opened with OPC UA")
     )]
     server: Server,
-    #[cfg_attr(
-        not(feature = "sinumerik"),
-        expect(dead_code, reason = "only opened with OPC UA")
-    )]
     sensors: Vec<(String, String)>,
 }
 
@@ -266,7 +262,8 @@ mod opened {
 
     impl Temperatures {
         pub(crate) fn open(&self) -> Result<Box<dyn Thermometer>, DeviceError> {
-            Err(unsupported("opc.tcp"))
+            let sensors: Vec<&str> = self.sensors.iter().map(|(name, _)| name.as_str()).collect();
+            Err(unsupported(&sensors.join(", ")))
         }
     }
 }

@@ -25,12 +25,16 @@ pub fn protection() -> Protection {
 /// # Errors
 /// No axes, too many, or one of them twice.
 pub fn settings(axes: &[AxisName]) -> Result<Settings, SettingsError> {
+    protection().settings(&self::axes(axes))
+}
+
+/// Linear axes of 1 µm a count.
+pub fn axes(names: &[AxisName]) -> Vec<Axis> {
     let axis = |name: &AxisName| Axis {
         name: *name,
         includes_correction: false,
         resolution: Displacement::Length(Mm(0.001)),
         largest: None,
     };
-    let axes: Vec<Axis> = axes.iter().map(axis).collect();
-    protection().settings(&axes)
+    names.iter().map(axis).collect()
 }

@@ -256,9 +256,10 @@ fn a_full_disk_takes_nothing_new_and_holds_up_no_disarming() {
     centre.acknowledged(3, "activated");
     drop(program);
     let program = Program::start(dir.path(), &["--config", path(&config)]);
-    program.watch();
-    let state = program.state();
-    assert!(says(&state, "disabled by the centre"), "{state}");
+    let state = wait(&program, "it stays disabled", |state| {
+        says(state, "disabled by the centre")
+    });
+    assert_eq!(state["armed"], false, "{state}");
     assert_eq!(state["fleet"]["version"], 3, "{state}");
     drop(program);
 }

@@ -260,8 +260,10 @@ fn thirty_micrometres_of_drift_are_removed_and_geometry_is_left_alone() {
     control.wait(&program, "it went back", is_zero);
 }
 
+/// Old positions are held on, then ramped out. Where nobody knows whether the axes are in emergency stop either, nothing new is
+/// written at all.
 #[test]
-fn a_sampler_that_stands_is_held_and_then_ramped_out() {
+fn a_sampler_that_stands_is_held_and_old_positions_are_ramped_out() {
     let dir = tempfile::tempdir().expect("writable");
     let Some(mut control) = Control::start(dir.path(), &["--temperature", "column=24"]) else {
         return;
@@ -283,11 +285,23 @@ fn a_sampler_that_stands_is_held_and_then_ramped_out() {
     control.type_in("frozen-timestamps on");
     let state = wait(&program, "it holds", is("holding"));
     assert!(state["reasons"].to_string().contains("stale"), "{state}");
-    assert!(control.um("correction_um", "X") < -27.0);
+    let um = control.um("setting_um", "X");
+    assert!(um < -27.0);
+    // Longer than `zero_after_ms`.
+    let begin = Instant::now();
+    while begin.elapsed() < Duration::from_secs(8) {
+        assert_eq!(control.um("setting_um", "X"), um, "{}", program.log());
+        std::thread::sleep(Duration::from_millis(500));
+    }
+    control.type_in("frozen-timestamps off");
+    wait(&program, "it goes on", is("compensating"));
+    control.type_in("frozen-positions on");
+    let state = wait(&program, "it holds", is("holding"));
+    assert!(state["reasons"].to_string().contains("stale"), "{state}");
     control.wait(&program, "it is ramped out", |report| {
         report["setting_um"]["X"] == 0.0
     });
-    control.type_in("frozen-timestamps off");
+    control.type_in("frozen-positions off");
     wait(
         &program,
         "it is whole again or waits for a person",

@@ -45,6 +45,7 @@ Faults, on the command line or typed on standard input while it runs (one comman
   --stall      stall on|off        the sampler stands: old values with old source timestamps
   --stick      stick on|off        it stands, and lies: old values with new timestamps
   --frozen-timestamps  frozen-timestamps on|off   new values with old source timestamps
+  --frozen-positions   frozen-positions on|off    the same, of the positions alone
   --no-timestamps      no-timestamps on|off       values without source timestamps
   --drop-writes        drop-writes on|off         writes are answered as good and forgotten
   --refuse-writes      refuse-writes on|off       writes are refused (BadUserAccessDenied)
@@ -293,6 +294,7 @@ class Faults:
         self.stall = arguments.stall
         self.stick = arguments.stick
         self.frozen_timestamps = arguments.frozen_timestamps
+        self.frozen_positions = arguments.frozen_positions
         self.no_timestamps = arguments.no_timestamps
         self.drop_writes = arguments.drop_writes
         self.refuse_writes = arguments.refuse_writes
@@ -336,7 +338,7 @@ class Control:
         if sampled:
             if faults.stands():
                 variant = faults.seen.setdefault(key, variant)
-            if faults.stall or faults.frozen_timestamps:
+            if faults.stall or faults.frozen_timestamps or faults.frozen_positions and sampled == "position":
                 source = faults.since
         return ua.DataValue(
             Value=variant,
@@ -394,7 +396,7 @@ class Control:
                 ("MachineAxis", "actToolBasePos"),
                 ("MachineAxis", "measPos1"),
             ]:
-                await self.add(f"/Channel/{branch}/{name}[u1,{place}]", double, position, sampled=True)
+                await self.add(f"/Channel/{branch}/{name}[u1,{place}]", double, position, sampled="position")
             for branch in ("GeometricAxis", "MachineAxis"):
                 await self.add(f"/Channel/{branch}/name[u1,{place}]", ua.VariantType.String, lambda axis=axis: axis)
             await self.add(f"/NC/_N_AX_SEA_ACX/$SA_TEMP_COMP_ABS_VALUE[u{place}]", double, setting, set_it)
@@ -464,7 +466,7 @@ class Control:
         """Does what is typed; whether to go on."""
         machine, faults = self.machine, self.faults
         word, _, rest = line.strip().partition(" ")
-        switches = ("stall", "stick", "frozen-timestamps", "no-timestamps", "drop-writes", "refuse-writes")
+        switches = ("stall", "stick", "frozen-timestamps", "frozen-positions", "no-timestamps", "drop-writes", "refuse-writes")
         if word in switches and rest in ("on", "off"):
             if rest == "on":
                 faults.mark()
@@ -578,7 +580,7 @@ def main():
     add("--node", action="append", default=[])
     add("--report-s", type=float, default=0.0)
     add("--json", action="store_true")
-    for switch in ("stall", "stick", "frozen-timestamps", "no-timestamps", "drop-writes", "refuse-writes"):
+    for switch in ("stall", "stick", "frozen-timestamps", "frozen-positions", "no-timestamps", "drop-writes", "refuse-writes"):
         add(f"--{switch}", action="store_true")
     add("--read-back")
     add("--latency-ms", type=float, default=0.0)
