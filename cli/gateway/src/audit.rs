@@ -304,7 +304,12 @@ pub fn boot_id() -> String {
 
 /// Now, as ISO 8601 in UTC with milliseconds.
 pub fn utc_now() -> String {
-    let since = std::time::SystemTime::now()
+    utc(std::time::SystemTime::now())
+}
+
+/// A time as ISO 8601 in UTC with milliseconds; before 1970 the beginning of 1970.
+pub fn utc(time: std::time::SystemTime) -> String {
+    let since = time
         .duration_since(std::time::UNIX_EPOCH)
         .unwrap_or_default();
     let (days, seconds) = (since.as_secs() / 86_400, since.as_secs() % 86_400);

@@ -266,6 +266,18 @@ pub enum GatewayError {
         /// The setting that makes no sense.
         source: volcomp_guard::barrier::SettingsError,
     },
+    /// A table that the program was built without.
+    #[error(
+        "{file}: [{table}]: this program was built without it: build it with the feature {feature}"
+    )]
+    NotBuilt {
+        /// The path of the configuration file.
+        file: String,
+        /// The table.
+        table: &'static str,
+        /// The feature of the crate that it needs.
+        feature: &'static str,
+    },
     /// A rehearsal in which a rule was broken.
     #[error("rehearsal: {broken} of {count} faults broke a rule")]
     Rehearsal {
@@ -454,6 +466,8 @@ pub enum FixedKey {
     Fleet,
     /// The keys of `[guard]` that are not limits of the correction.
     GuardTimes,
+    /// The tables of other systems that read the gateway.
+    Interop,
 }
 
 impl fmt::Display for FixedKey {
@@ -467,6 +481,7 @@ impl fmt::Display for FixedKey {
             Self::Realtime => "[realtime]",
             Self::Fleet => "[fleet]",
             Self::GuardTimes => "[guard] hand_back_s, rotary_step_um or a key of temperatures",
+            Self::Interop => "a table of other systems ([shdr], [sparkplug])",
         })
     }
 }
@@ -534,6 +549,7 @@ impl GatewayError {
             | Self::Nkey { .. }
             | Self::FleetCa { .. }
             | Self::Barrier { .. }
+            | Self::NotBuilt { .. }
             | Self::BuiltInBarrier { .. } => 2,
         }
     }

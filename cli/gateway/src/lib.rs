@@ -13,6 +13,7 @@ pub mod glance;
 pub mod history;
 pub mod http;
 mod identity;
+pub mod interop;
 mod lock;
 pub mod machine;
 mod metrics;

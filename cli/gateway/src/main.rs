@@ -3,6 +3,8 @@
 use std::{io::Write, net::SocketAddr, path::PathBuf, process::ExitCode, time::Duration};
 
 use clap::{Parser, Subcommand, ValueEnum};
+#[cfg(feature = "shdr")]
+use volcomp_gateway::interop::shdr;
 use volcomp_gateway::{
     check, client,
     config::{ConfigFile, DashboardConfig},
@@ -32,6 +34,10 @@ const STATUS_EXAMPLES: &str = "Examples:
   volcomp-gateway status                              the gateway on http://127.0.0.1:8080
   volcomp-gateway status --config /etc/volcomp/gateway.toml --token-file viewer --json
   volcomp-gateway status --config shop.toml --machine mill-2";
+#[cfg(feature = "shdr")]
+const SHDR_EXAMPLES: &str = "Examples:
+  volcomp-gateway shdr-device gateway.toml > Devices.xml
+  volcomp-gateway shdr-device shop.toml --machine mill-2 > Devices.xml";
 const TLS_EXAMPLES: &str = "Examples:
   volcomp-gateway tls-init localhost 127.0.0.1
   volcomp-gateway tls-init gateway.shop.lan 192.0.2.30 --output /etc/volcomp";
@@ -146,6 +152,18 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// Print the description of the gateway for an agent of MTConnect, XML
+    ///
+    /// An agent that reads the adapter of the table [shdr] needs it as its file Devices.xml. No device is opened.
+    #[cfg(feature = "shdr")]
+    #[command(after_help = SHDR_EXAMPLES)]
+    ShdrDevice {
+        /// The TOML file of the configuration, or that of several machines
+        config: PathBuf,
+        /// Which of several machines
+        #[arg(long, value_name = "NAME")]
+        machine: Option<String>,
+    },
     /// Make a self-signed certificate and its key for the dashboard
     #[command(after_help = TLS_EXAMPLES)]
     TlsInit {
@@ -245,6 +263,12 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
             token_file,
             json,
         )?),
+        #[cfg(feature = "shdr")]
+        Some(Command::ShdrDevice { config, machine }) => {
+            let config = ConfigFile::read(&config)?.machine(machine.as_deref())?;
+            let plan = Plan::new(config)?;
+            print(&shdr::device(&plan.shape(), plan.shdr_device()))
+        }
         Some(Command::TlsInit { names, output }) => {
             let [certificate, key] = tls::make(&output, &names)?;
             print(&format!(

@@ -2,8 +2,9 @@
 
 use std::fmt::Write;
 
-use crate::documents::{
-    ByAxis, PathState, ProvenName, SchemeName, StateName, Status, StretchTimes,
+use crate::{
+    documents::{ByAxis, PathState, ProvenName, SchemeName, StateName, Status, StretchTimes},
+    interop::quantities,
 };
 
 /// The lines of one metric: labels and value.
@@ -246,13 +247,11 @@ fn states(status: &Status) -> Lines {
 }
 
 fn reasons(status: &Status) -> Lines {
-    let reasons = status.reasons.iter();
     // The time of a silence is no label: it would make a new series with every value.
-    let label = |reason: &str| {
-        let reason = reason.strip_suffix(" ms").map_or(reason, |_| "no cycle");
-        labels(&[("reason", reason)])
-    };
-    reasons.map(|reason| (label(reason), 1.0)).collect()
+    let reasons = quantities::reasons(status).into_iter();
+    reasons
+        .map(|reason| (labels(&[("reason", reason)]), 1.0))
+        .collect()
 }
 
 fn axes(values: &ByAxis) -> Lines {
@@ -266,7 +265,7 @@ fn errors(without: Option<[f64; 3]>, with: Option<[f64; 3]>) -> Lines {
     [("without", without), ("with", with)]
         .into_iter()
         .filter_map(|(correction, error)| {
-            let length = error?.iter().map(|x| x * x).sum::<f64>().sqrt();
+            let length = quantities::length(error?);
             Some((labels(&[("correction", correction)]), length))
         })
         .collect()

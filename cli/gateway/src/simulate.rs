@@ -14,7 +14,7 @@ use volcomp_runtime::{AxisSettings, GuardSettings, Realtime, WithoutBarrier};
 use volcomp_vocabulary::{AxisName, Displacement, Mm, PerAxis, PerChannel, Um, Urad};
 
 use crate::{
-    config::{Config, DashboardConfig, StatedKeys},
+    config::{Config, DashboardConfig, InteropConfig, StatedKeys},
     error::GatewayError,
 };
 
@@ -241,6 +241,7 @@ pub fn config() -> Config {
             reference: false,
         },
         fleet: None,
+        interop: InteropConfig::default(),
     }
 }
 

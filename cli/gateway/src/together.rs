@@ -1,5 +1,5 @@
 //! What two machines of one process must not have in common: a device, the folder of an audit log, the address of a
-//! dashboard, a configuration.
+//! dashboard or of another system that reads it, its name at a broker, a configuration.
 
 use std::{
     collections::{BTreeSet, HashMap},
@@ -26,8 +26,10 @@ pub enum Common {
     Device([String; 2]),
     /// The folder of the audit log.
     Folder(PathBuf),
-    /// The address of the dashboard; of the second as well, where it is another one that overlaps.
-    Dashboard([SocketAddr; 2]),
+    /// The address at which the two listen, each with its table: that of the second may be another one that overlaps.
+    Listens([(&'static str, SocketAddr); 2]),
+    /// The name of the client at a broker: both their URLs and it.
+    Client([String; 2], String),
 }
 
 impl fmt::Display for Common {
@@ -37,11 +39,26 @@ impl fmt::Display for Common {
             Self::Device([one, other]) if one == other => write!(f, "the device {one}"),
             Self::Device([one, other]) => write!(f, "one device, {one} and {other}"),
             Self::Folder(path) => write!(f, "[audit] dir = \"{}\"", path.display()),
-            Self::Dashboard([one, other]) if one == other => {
-                write!(f, "[dashboard] listen = {one}")
+            Self::Listens([(table, one), other]) if (*table, *one) == *other => {
+                write!(f, "[{table}] listen = {one}")
             }
-            Self::Dashboard([one, other]) => {
-                write!(f, "one port, [dashboard] listen = {one} and {other}")
+            Self::Listens([(table, one), (other_table, other)]) if table == other_table => {
+                write!(f, "one port, [{table}] listen = {one} and {other}")
+            }
+            Self::Listens([(table, one), (other_table, other)]) => {
+                write!(
+                    f,
+                    "one port, [{table}] listen = {one} and [{other_table}] listen = {other}"
+                )
+            }
+            Self::Client([one, other], name) if one == other => {
+                write!(f, "[sparkplug] group and node at {one}: the client {name}")
+            }
+            Self::Client([one, other], name) => {
+                write!(
+                    f,
+                    "[sparkplug] group and node at one broker, {one} and {other}: the client {name}"
+                )
             }
         }
     }
@@ -79,17 +96,49 @@ pub(crate) fn check(several: &Several, members: &[Member<'_>]) -> Result<(), Gat
             return Err(refused(before, name, folder));
         }
     }
-    let mut listening = vec![("the overview", several.dashboard.listen)];
+    let mut listening = vec![("the overview", ("dashboard", several.dashboard.listen))];
     for (name, _, config) in members {
-        let listen = config.dashboard.listen;
-        for (before, other) in &listening {
-            if overlap(*other, listen) {
-                return Err(refused(before, name, Common::Dashboard([*other, listen])));
+        let own = listened(config);
+        for address in &own {
+            for (before, other) in &listening {
+                if overlap(other.1, address.1) {
+                    let both = Common::Listens([*other, *address]);
+                    return Err(refused(before, name, both));
+                }
             }
         }
-        listening.push((name, listen));
+        listening.extend(own.into_iter().map(|address| (*name, address)));
     }
-    Ok(())
+    clients(members).map_or(Ok(()), |([one, other], common)| {
+        Err(refused(one, other, common))
+    })
+}
+
+/// The addresses at which a machine listens, each with its table.
+fn listened(config: &Config) -> Vec<(&'static str, SocketAddr)> {
+    let shdr = config.interop.shdr.as_ref();
+    let shdr = shdr.map(|shdr| ("shdr", shdr.listen));
+    [("dashboard", config.dashboard.listen)]
+        .into_iter()
+        .chain(shdr)
+        .collect()
+}
+
+/// Two machines that a broker would take for one client, or those who hear it for one edge node.
+fn clients<'a>(members: &[Member<'a>]) -> Option<([&'a str; 2], Common)> {
+    let mut nodes: HashMap<(String, u16, String), (&str, &str)> = HashMap::new();
+    for (name, _, config) in members {
+        let Some(node) = &config.interop.sparkplug else {
+            continue;
+        };
+        let (host, client) = (node.host.to_ascii_lowercase(), node.client());
+        let before = nodes.insert((host, node.port, client.clone()), (name, &node.url));
+        if let Some((before, url)) = before {
+            let urls = [url.to_owned(), node.url.clone()];
+            return Some(([before, name], Common::Client(urls, client)));
+        }
+    }
+    None
 }
 
 /// The devices that each machine reaches, with the URLs that lead there. A host whose name nobody resolves takes its time, and

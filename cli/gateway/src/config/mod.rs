@@ -20,6 +20,7 @@ mod controller;
 mod dashboard;
 mod fleet;
 mod guard;
+mod interop;
 mod kinds;
 mod several;
 mod sinumerik;
@@ -31,13 +32,14 @@ use dashboard::{dashboard, realtime};
 pub use fleet::FleetConfig;
 use fleet::fleet;
 use guard::guard;
+pub use interop::{Deadbands, InteropConfig, ShdrConfig, SparkplugConfig};
 pub use kinds::{CONTROLLER_KEYS, ControllerKind};
 pub use several::{ConfigFile, MachineEntry, Several};
 pub use sinumerik::{ServerConfig, SinumerikTable};
 pub use stated::StatedKeys;
 
 /// The keys of the root of a configuration.
-const ROOT_KEYS: [&str; 10] = [
+const ROOT_KEYS: [&str; 12] = [
     "machine",
     "cycle_ms",
     "auto_arm",
@@ -48,6 +50,8 @@ const ROOT_KEYS: [&str; 10] = [
     "audit",
     "realtime",
     "fleet",
+    "shdr",
+    "sparkplug",
 ];
 
 /// Everything that a configuration says. Paths are relative to its folder.
@@ -77,6 +81,8 @@ pub struct Config {
     pub realtime: Realtime,
     /// The centre of the fleet; `None`: the gateway has none.
     pub fleet: Option<FleetConfig>,
+    /// Over which ways other systems read it.
+    pub interop: InteropConfig,
 }
 
 /// FOCAS: the words of the shifts in the PMC, `area`.
@@ -362,6 +368,7 @@ impl Config {
                 .section("fleet")?
                 .map(|section| fleet(&section, folder))
                 .transpose()?,
+            interop: interop::interop(root, folder)?,
         })
     }
 }

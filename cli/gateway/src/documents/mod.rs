@@ -19,7 +19,7 @@ pub use map::{ErrorMap, MapAxis};
 pub use overview::{Glance, Overview, PhaseName};
 pub use plan::{
     AuditPlan, AxisPlan, BarrierPlan, CheckFailure, ControllerPlan, DashboardPlan, FleetPlan,
-    GuardPlan, MachinePlan, MachinesPlan, MemberPlan, OnlineBarrier, OnlineBarrierAxis, OnlinePlan,
+    GuardPlan, InteropPlan, MachinePlan, MachinesPlan, MemberPlan, OnlineBarrier, OnlineBarrierAxis, OnlinePlan,
     OpcUaPlan, OverviewPlan, PlanDocument, PmcPlan, SensorPlan, Source, Stated, ThermometerPlan,
     TokenPlan,
 };

@@ -78,6 +78,9 @@ pub struct PlanDocument {
     /// The centre of the fleet; missing where there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fleet: Option<FleetPlan>,
+    /// Over which ways other systems read the gateway; missing where there are none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub interop: Vec<InteropPlan>,
     /// What the controls told when they were asked (`--online`), in the order of the configuration; only those are listed
     /// whose bus has something to compare. Missing where nobody asked.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -428,6 +431,17 @@ pub struct TokenPlan {
     pub name: String,
     /// The role of its holder: `view` (read only) or `operate`.
     pub role: String,
+}
+
+/// A way over which other systems read the gateway.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct InteropPlan {
+    /// Its table in the configuration, such as `shdr`.
+    pub table: String,
+    /// The address and port on which it listens, or the URL with which it connects.
+    pub address: String,
+    /// The name under which others see the gateway.
+    pub name: String,
 }
 
 /// The audit log of a plan.

@@ -215,7 +215,7 @@ impl Tokens {
 }
 
 /// Nobody but its owner may read it.
-fn check_private(path: &Path) -> Result<(), GatewayError> {
+pub(crate) fn check_private(path: &Path) -> Result<(), GatewayError> {
     let file = path.display().to_string();
     let metadata = std::fs::metadata(path).map_err(|source| GatewayError::Read { file, source })?;
     let mode = metadata.permissions().mode() & 0o777;

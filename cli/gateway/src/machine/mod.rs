@@ -98,6 +98,7 @@ impl Machine {
             switch,
             runtime,
             locks,
+            interop,
             #[cfg(feature = "fleet")]
             fleet,
         } = started;
@@ -128,6 +129,7 @@ impl Machine {
         // What was to be told last is sent or kept.
         #[cfg(feature = "fleet")]
         drop(fleet);
+        drop(interop);
         runtime.shutdown_background();
         if has_panicked {
             Err(Failure::panicked())

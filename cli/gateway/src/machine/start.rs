@@ -20,6 +20,7 @@ use crate::{
     documents::{LastOutput, Status},
     error::GatewayError,
     http::{self, Dashboard, Door},
+    interop::{Interop, Served},
     lock::lock,
     observe::{self, Facts},
     plan::{Opened, Plan},
@@ -39,6 +40,8 @@ pub(super) struct Started {
     pub(super) runtime: tokio::runtime::Runtime,
     /// One gateway for each device.
     pub(super) locks: Vec<UnixListener>,
+    /// Other systems that read it, as long as this is held.
+    pub(super) interop: Served,
     /// The threads that speak with the centre, as long as this is held.
     #[cfg(feature = "fleet")]
     pub(super) fleet: Option<crate::fleet::Fleet>,
@@ -51,6 +54,7 @@ pub(super) fn start(
     slot: &Slot,
 ) -> Result<Option<Started>, GatewayError> {
     let listener = http::listen(plan.config.dashboard.listen)?;
+    let (interop, shape) = (Interop::open(&plan.config.interop)?, plan.shape());
     let locks = lock(&plan.config)?;
     let (audit, found) = open_audit(&plan.config)?;
     let Opened {
@@ -88,6 +92,7 @@ pub(super) fn start(
     let first: Status = observe::status(&facts, &Report::default(), &Times::default());
     let (publisher, published) = published(first, Arc::clone(&model), handle.pulse());
     let (asks, asked) = queue();
+    let interop = interop.serve(&shape, &published)?;
     let address = listener
         .local_addr()
         .map_err(|e| GatewayError::system("dashboard", e))?;
@@ -138,6 +143,7 @@ pub(super) fn start(
         switch,
         runtime,
         locks,
+        interop,
         #[cfg(feature = "fleet")]
         fleet,
     }))

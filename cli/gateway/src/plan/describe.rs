@@ -10,7 +10,7 @@ use volcomp_port::Description;
 use volcomp_runtime::{AxisSettings, GuardSettings, PathPlan};
 use volcomp_vocabulary::{AxisName, Displacement};
 
-use super::{Devices, Plan, needs, notes::notes};
+use super::{Devices, Plan, interop, needs, notes::notes};
 use crate::{
     config::Config,
     devices::ControllerDevice,
@@ -56,6 +56,7 @@ pub(super) fn document(plan: &Plan) -> PlanDocument {
             dir: stated(config, "audit.dir", config.audit_dir.display().to_string()),
         },
         fleet: (plan.fleet.as_ref()).and_then(|fleet| fleet.document(config)),
+        interop: interop::described(plan),
         online: None,
     }
 }

@@ -18,12 +18,14 @@ use crate::{
     documents::PlanDocument,
     error::GatewayError,
     http::{Tls, Tokens, tls},
+    interop::quantities::Shape,
     simulate::{self, Simulation, Truth},
 };
 
 mod audit_folder;
 mod describe;
 mod fleet;
+mod interop;
 mod needs;
 mod notes;
 mod overlap;
@@ -121,6 +123,7 @@ impl Plan {
         let (tokens, tls) = dashboard(&config.dashboard)?;
         audit_folder::check(&config.audit_dir)?;
         let fleet = fleet::check(&config)?;
+        interop::check(&config)?;
         Ok(Self {
             fleet,
             structure: machine.chain().structure().to_string(),
@@ -158,6 +161,18 @@ impl Plan {
     /// The limits and times that hold for every controller.
     pub(crate) fn guard(&self) -> &GuardSettings {
         &self.guard
+    }
+
+    /// The parts that decide which quantities other systems are told.
+    pub fn shape(&self) -> Shape {
+        let mut axes = self.model.axes.clone();
+        axes.sort_unstable();
+        Shape {
+            machine: self.model.name.clone(),
+            axes,
+            sensors: self.sensors.clone(),
+            controllers: self.paths.len() + self.readers.len(),
+        }
     }
 
     /// Opens the devices and puts the cycle together.

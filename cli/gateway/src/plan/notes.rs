@@ -3,7 +3,7 @@
 use volcomp_runtime::{LeftOut, PathPlan, WhyLeftOut};
 use volcomp_vocabulary::Displacement;
 
-use super::{Devices, Plan};
+use super::{Devices, Plan, interop};
 use crate::documents::{AxisPlan, ControllerPlan, GuardPlan, SensorPlan, round};
 
 /// The notes of a plan, in whole sentences.
@@ -81,6 +81,7 @@ pub(super) fn notes(
             "no token: nobody can arm over HTTP".to_owned()
         });
     }
+    notes.extend(interop::notes(&plan.config));
     notes
 }
 

@@ -64,6 +64,9 @@ pub(super) fn text(plan: &PlanDocument, config: &Config) -> String {
     if let Some(fleet) = &plan.fleet {
         lines.fleet(fleet);
     }
+    for way in &plan.interop {
+        lines.plain(&way.table, &format!("{} as {}", way.address, way.name));
+    }
     for control in plan.online.iter().flatten() {
         lines.plain("control", &control.url);
         lines.plain("  axes", &control.axes.join(" "));

@@ -301,6 +301,7 @@ fn can_change(old: &Config, config: &Config) -> Result<(), ReloadError> {
         (config.realtime == old.realtime, FixedKey::Realtime),
         (config.fleet == old.fleet, FixedKey::Fleet),
         (guard, FixedKey::GuardTimes),
+        (config.interop == old.interop, FixedKey::Interop),
     ];
     match same.into_iter().find(|(same, _)| !same) {
         Some((_, key)) => Err(ReloadError::Changed {

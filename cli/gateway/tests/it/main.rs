@@ -28,6 +28,7 @@ mod fuzz_corpus;
 mod held_back;
 mod http;
 mod hung_disk;
+mod interop;
 mod jumped;
 mod keys;
 mod online;
@@ -39,10 +40,14 @@ mod rehearse;
 mod reload;
 mod several;
 mod several_files;
+#[cfg(feature = "shdr")]
+mod shdr;
 mod shipped;
 mod silent;
 #[cfg(feature = "sinumerik")]
 mod sinumerik;
+#[cfg(feature = "sparkplug")]
+mod sparkplug;
 mod standing;
 mod texts;
 mod three_of_five;

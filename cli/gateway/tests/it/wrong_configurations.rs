@@ -629,6 +629,75 @@ pub(crate) const CASES: &[Wrong] = &[
     wrong(&[("cycle_ms = 4.0", "cycle_ms = 0.24")], "cycle_ms"),
     wrong(&[("cycle_ms = 4.0", "cycle_ms = 101.0")], "cycle_ms"),
     wrong(&[("hold_ms = 50", "hold_ms = 201")], "guard.hold_ms"),
+    // Other systems.
+    wrong(
+        &[("[dashboard]", "[shdr]\nlisten = \"here\"\n[dashboard]")],
+        "shdr.listen: found `here`, expected an address and port such as 127.0.0.1:7878",
+    ),
+    wrong(
+        &[("[dashboard]", "[shdr]\ndevice = \" \"\n[dashboard]")],
+        "shdr.device: found ` `, expected a name",
+    ),
+    wrong(
+        &[("[dashboard]", "[shdr]\nport = 7878\n[dashboard]")],
+        "shdr.port",
+    ),
+    wrong(
+        &[(
+            "[dashboard]",
+            "[sparkplug]\nurl = \"http://192.0.2.9\"\ngroup = \"g\"\nnode = \"n\"\n[dashboard]",
+        )],
+        "sparkplug.url: found `http://192.0.2.9`, expected mqtt://HOST:PORT",
+    ),
+    wrong(
+        &[(
+            "[dashboard]",
+            "[sparkplug]\nurl = \"mqtts://192.0.2.9\"\ngroup = \"g\"\nnode = \"n\"\n[dashboard]",
+        )],
+        "mqtts: ca is missing",
+    ),
+    wrong(
+        &[(
+            "[dashboard]",
+            "[sparkplug]\nurl = \"mqtt://192.0.2.9\"\ngroup = \"g\"\nnode = \"n\"\nca = \"ca.pem\"\n[dashboard]",
+        )],
+        "ca is for mqtts://",
+    ),
+    wrong(
+        &[(
+            "[dashboard]",
+            "[sparkplug]\nurl = \"mqtt://192.0.2.9\"\ngroup = \"g\"\nnode = \"n\"\nuser = \"u\"\n[dashboard]",
+        )],
+        "found one of user and password_file",
+    ),
+    wrong(
+        &[(
+            "[dashboard]",
+            "[sparkplug]\nurl = \"mqtt://192.0.2.9\"\ngroup = \"g/h\"\nnode = \"n\"\n[dashboard]",
+        )],
+        "sparkplug.group: found `g/h`, expected a name without",
+    ),
+    wrong(
+        &[(
+            "[dashboard]",
+            "[sparkplug]\nurl = \"mqtt://192.0.2.9\"\ngroup = \"g\"\n[dashboard]",
+        )],
+        "node",
+    ),
+    wrong(
+        &[(
+            "[dashboard]",
+            "[sparkplug]\nurl = \"mqtt://192.0.2.9\"\ngroup = \"g\"\nnode = \"n\"\ninterval_ms = 99\n[dashboard]",
+        )],
+        "sparkplug.interval_ms",
+    ),
+    wrong(
+        &[(
+            "[dashboard]",
+            "[sparkplug]\nurl = \"mqtt://192.0.2.9\"\ngroup = \"g\"\nnode = \"n\"\ndeadband_um = -1.0\n[dashboard]",
+        )],
+        "sparkplug.deadband_um",
+    ),
     // The machine.
     wrong(&[("machine.toml", "missing.toml")], "missing.toml"),
     Wrong {

@@ -1,0 +1,69 @@
+//! Other systems that read the gateway, each over its own way and on a thread of its own. Nothing that comes over these ways
+//! commands anything.
+#![cfg_attr(
+    not(any(feature = "shdr", feature = "sparkplug")),
+    allow(unused_variables, reason = "without any way there is nothing to do")
+)]
+
+use crate::{config::InteropConfig, error::GatewayError, published::Published};
+
+pub mod alarms;
+pub mod quantities;
+#[cfg(any(feature = "shdr", feature = "sparkplug"))]
+mod runtime;
+#[cfg(feature = "shdr")]
+pub mod shdr;
+#[cfg(feature = "sparkplug")]
+pub mod sparkplug;
+
+use quantities::Shape;
+
+/// The ways that are configured, with their sockets and files; nobody is served yet.
+pub struct Interop {
+    #[cfg(feature = "shdr")]
+    shdr: Option<shdr::Bound>,
+    #[cfg(feature = "sparkplug")]
+    sparkplug: Option<sparkplug::Prepared>,
+}
+
+impl Interop {
+    /// Opens sockets and reads files.
+    ///
+    /// # Errors
+    /// An address at which this computer does not let it listen, or a file that cannot be used.
+    pub fn open(config: &InteropConfig) -> Result<Self, GatewayError> {
+        Ok(Self {
+            #[cfg(feature = "shdr")]
+            shdr: config.shdr.as_ref().map(shdr::Bound::new).transpose()?,
+            #[cfg(feature = "sparkplug")]
+            sparkplug: (config.sparkplug.as_ref())
+                .map(sparkplug::Prepared::new)
+                .transpose()?,
+        })
+    }
+
+    /// Serves until what is returned is dropped.
+    ///
+    /// # Errors
+    /// A thread that cannot be started.
+    pub fn serve(self, shape: &Shape, published: &Published) -> Result<Served, GatewayError> {
+        Ok(Served {
+            #[cfg(feature = "shdr")]
+            _shdr: (self.shdr)
+                .map(|shdr| shdr.serve(shape, published.clone()))
+                .transpose()?,
+            #[cfg(feature = "sparkplug")]
+            _sparkplug: (self.sparkplug)
+                .map(|sparkplug| sparkplug.run(shape, published.clone()))
+                .transpose()?,
+        })
+    }
+}
+
+/// The threads of the ways. They end, and their sockets close, when this is dropped.
+pub struct Served {
+    #[cfg(feature = "shdr")]
+    _shdr: Option<runtime::Serving>,
+    #[cfg(feature = "sparkplug")]
+    _sparkplug: Option<runtime::Serving>,
+}

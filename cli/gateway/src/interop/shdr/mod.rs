@@ -1,0 +1,43 @@
+//! An adapter of MTConnect: an agent, or several, read the gateway over TCP as lines of SHDR.
+
+use std::{net::TcpListener, sync::Arc};
+
+use super::{quantities::Shape, runtime};
+use crate::{config::ShdrConfig, error::GatewayError, published::Published};
+
+mod device;
+pub mod lines;
+mod server;
+
+pub use device::device;
+use lines::Items;
+
+/// A socket whose clients are served once there is something to tell.
+pub(super) struct Bound(TcpListener);
+
+impl Bound {
+    pub(super) fn new(config: &ShdrConfig) -> Result<Self, GatewayError> {
+        // A client that does not read is let go after little, and holds little memory.
+        let listener = TcpListener::bind(config.listen).and_then(|listener| {
+            rustix::net::sockopt::set_socket_send_buffer_size(&listener, 64 * 1024)?;
+            listener.set_nonblocking(true)?;
+            Ok(listener)
+        });
+        let failed = |e| GatewayError::system(format!("shdr {}", config.listen), e);
+        Ok(Self(listener.map_err(failed)?))
+    }
+
+    pub(super) fn serve(
+        self,
+        shape: &Shape,
+        published: Published,
+    ) -> Result<runtime::Serving, GatewayError> {
+        let items = Arc::new(Items::of(shape));
+        runtime::start("volcomp-shdr", async move {
+            match tokio::net::TcpListener::from_std(self.0) {
+                Ok(listener) => server::serve(listener, items, published).await,
+                Err(e) => tracing::error!("SHDR: {e}"),
+            }
+        })
+    }
+}

@@ -1,0 +1,89 @@
+//! The ways over which other systems read the gateway, as a plan has them.
+
+use super::Plan;
+use crate::{
+    config::{Config, InteropConfig},
+    documents::InteropPlan,
+    error::GatewayError,
+};
+
+/// Refuses a table that this program was built without.
+///
+/// # Errors
+/// The table and the feature that it needs.
+pub(super) fn check(config: &Config) -> Result<(), GatewayError> {
+    let InteropConfig { shdr, sparkplug } = &config.interop;
+    let ways = [
+        (shdr.is_some(), cfg!(feature = "shdr"), "shdr", "shdr"),
+        (
+            sparkplug.is_some(),
+            cfg!(feature = "sparkplug"),
+            "sparkplug",
+            "sparkplug",
+        ),
+    ];
+    let lacking = ways
+        .into_iter()
+        .find(|(configured, built, ..)| *configured && !built);
+    match lacking {
+        Some((_, _, table, feature)) => Err(GatewayError::NotBuilt {
+            file: config.file.clone(),
+            table,
+            feature,
+        }),
+        None => Ok(()),
+    }?;
+    #[cfg(feature = "sparkplug")]
+    if let Some(sparkplug) = sparkplug {
+        crate::interop::sparkplug::Credentials::read(sparkplug)?;
+    }
+    Ok(())
+}
+
+/// The ways of a plan.
+pub(super) fn described(plan: &Plan) -> Vec<InteropPlan> {
+    let mut ways = Vec::new();
+    if let Some(shdr) = &plan.config.interop.shdr {
+        ways.push(InteropPlan {
+            table: "shdr".to_owned(),
+            address: shdr.listen.to_string(),
+            name: plan.shdr_device().to_owned(),
+        });
+    }
+    if let Some(sparkplug) = &plan.config.interop.sparkplug {
+        let device = sparkplug.device_or(&plan.model.name);
+        ways.push(InteropPlan {
+            table: "sparkplug".to_owned(),
+            address: sparkplug.url.clone(),
+            name: format!("{}/{}/{device}", sparkplug.group, sparkplug.node),
+        });
+    }
+    ways
+}
+
+impl Plan {
+    /// The name of the device that an agent of MTConnect shows.
+    pub fn shdr_device(&self) -> &str {
+        let shdr = self.config.interop.shdr.as_ref();
+        let stated = shdr.and_then(|shdr| shdr.device.as_deref());
+        stated.unwrap_or(&self.model.name)
+    }
+}
+
+/// What should be known of these ways before the first start.
+pub(super) fn notes(config: &Config) -> Vec<String> {
+    let shdr = config.interop.shdr.as_ref().map(|own| own.listen);
+    let open = shdr.filter(|listen| !listen.ip().is_loopback());
+    let open = open.map(|listen| {
+        format!("[shdr] {listen}: everybody who reaches this address reads the state, without a token and without TLS")
+    });
+    let plain = config
+        .interop
+        .sparkplug
+        .as_ref()
+        .filter(|own| own.ca.is_none());
+    let plain = plain.and_then(|own| own.user.as_ref()).map(|user| {
+        format!("[sparkplug] mqtt:// has no TLS: the password of {user} can be read on the way to the broker")
+    });
+    open.into_iter().chain(plain).collect()
+}
