@@ -481,7 +481,7 @@ impl fmt::Display for FixedKey {
             Self::Realtime => "[realtime]",
             Self::Fleet => "[fleet]",
             Self::GuardTimes => "[guard] hand_back_s, rotary_step_um or a key of temperatures",
-            Self::Interop => "a table of other systems ([shdr], [sparkplug])",
+            Self::Interop => "a table of other systems ([shdr], [sparkplug], [opc_ua])",
         })
     }
 }

@@ -118,9 +118,12 @@ pub(crate) fn check(several: &Several, members: &[Member<'_>]) -> Result<(), Gat
 fn listened(config: &Config) -> Vec<(&'static str, SocketAddr)> {
     let shdr = config.interop.shdr.as_ref();
     let shdr = shdr.map(|shdr| ("shdr", shdr.listen));
+    let opc_ua = config.interop.opc_ua.as_ref();
+    let opc_ua = opc_ua.map(|opc_ua| ("opc_ua", opc_ua.listen));
     [("dashboard", config.dashboard.listen)]
         .into_iter()
         .chain(shdr)
+        .chain(opc_ua)
         .collect()
 }
 

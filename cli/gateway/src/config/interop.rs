@@ -1,4 +1,4 @@
-//! The tables of other systems that read the gateway: `[shdr]`, `[sparkplug]`.
+//! The tables of other systems that read the gateway: `[shdr]`, `[sparkplug]`, `[opc_ua]`.
 
 use std::{
     net::SocketAddr,
@@ -15,6 +15,15 @@ pub struct InteropConfig {
     pub shdr: Option<ShdrConfig>,
     /// The table `[sparkplug]`.
     pub sparkplug: Option<SparkplugConfig>,
+    /// The table `[opc_ua]`.
+    pub opc_ua: Option<OpcUaConfig>,
+}
+
+/// The table `[opc_ua]`: a server that clients read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OpcUaConfig {
+    /// The address and port on which it listens.
+    pub listen: SocketAddr,
 }
 
 /// The table `[shdr]`: an adapter for agents of MTConnect.
@@ -103,6 +112,10 @@ pub(super) fn interop(root: &Section<'_>, folder: &Path) -> Result<InteropConfig
     Ok(InteropConfig {
         shdr: root.section("shdr")?.map(|own| shdr(&own)).transpose()?,
         sparkplug: own.map(|own| sparkplug(&own, folder)).transpose()?,
+        opc_ua: root
+            .section("opc_ua")?
+            .map(|own| opc_ua(&own))
+            .transpose()?,
     })
 }
 
@@ -200,11 +213,31 @@ fn level(value: &volcomp_document::Value<'_>) -> Result<String, InputError> {
 }
 
 fn shdr(section: &Section<'_>) -> Result<ShdrConfig, InputError> {
-    section.allow(&["listen", "device"])?;
+    section.allow(&["listen", "anyone_may_read", "device"])?;
     Ok(ShdrConfig {
-        listen: address(section, "listen", SocketAddr::from(([127, 0, 0, 1], 7878)))?,
+        listen: open_address(section, 7878)?,
         device: section.optional("device", named)?,
     })
+}
+
+fn opc_ua(section: &Section<'_>) -> Result<OpcUaConfig, InputError> {
+    section.allow(&["listen", "anyone_may_read"])?;
+    Ok(OpcUaConfig {
+        listen: open_address(section, 4840)?,
+    })
+}
+
+/// The address of a server that asks nobody who he is: of this computer, or it is said that anyone may read.
+fn open_address(section: &Section<'_>, port: u16) -> Result<SocketAddr, InputError> {
+    let default = SocketAddr::from(([127, 0, 0, 1], port));
+    let listen = address(section, "listen", default)?;
+    if !section.truth_or("anyone_may_read", false)? && !listen.ip().is_loopback() {
+        return Err(section.require("listen")?.error(format!(
+            "found `{listen}`, which other computers reach, and whoever comes is asked for no password and nothing is encrypted: \
+             expected an address such as {default}, or anyone_may_read = true"
+        )));
+    }
+    Ok(listen)
 }
 
 /// An address and port, or the default.

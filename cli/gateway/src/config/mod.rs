@@ -32,14 +32,14 @@ use dashboard::{dashboard, realtime};
 pub use fleet::FleetConfig;
 use fleet::fleet;
 use guard::guard;
-pub use interop::{Deadbands, InteropConfig, ShdrConfig, SparkplugConfig};
+pub use interop::{Deadbands, InteropConfig, OpcUaConfig, ShdrConfig, SparkplugConfig};
 pub use kinds::{CONTROLLER_KEYS, ControllerKind};
 pub use several::{ConfigFile, MachineEntry, Several};
 pub use sinumerik::{ServerConfig, SinumerikTable};
 pub use stated::StatedKeys;
 
 /// The keys of the root of a configuration.
-const ROOT_KEYS: [&str; 12] = [
+const ROOT_KEYS: [&str; 13] = [
     "machine",
     "cycle_ms",
     "auto_arm",
@@ -52,6 +52,7 @@ const ROOT_KEYS: [&str; 12] = [
     "fleet",
     "shdr",
     "sparkplug",
+    "opc_ua",
 ];
 
 /// Everything that a configuration says. Paths are relative to its folder.

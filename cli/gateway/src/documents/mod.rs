@@ -19,9 +19,9 @@ pub use map::{ErrorMap, MapAxis};
 pub use overview::{Glance, Overview, PhaseName};
 pub use plan::{
     AuditPlan, AxisPlan, BarrierPlan, CheckFailure, ControllerPlan, DashboardPlan, FleetPlan,
-    GuardPlan, InteropPlan, MachinePlan, MachinesPlan, MemberPlan, OnlineBarrier, OnlineBarrierAxis, OnlinePlan,
-    OpcUaPlan, OverviewPlan, PlanDocument, PmcPlan, SensorPlan, Source, Stated, ThermometerPlan,
-    TokenPlan,
+    GuardPlan, InteropPlan, MachinePlan, MachinesPlan, MemberPlan, OnlineBarrier,
+    OnlineBarrierAxis, OnlinePlan, OpcUaPlan, OverviewPlan, PlanDocument, PmcPlan, SensorPlan,
+    Source, Stated, ThermometerPlan, TokenPlan,
 };
 pub use record::{
     Broken, ConfirmedLimits, Details, Event, LastOutput, LimitChanges, Record, Standing, Start,

@@ -1,15 +1,17 @@
 //! Other systems that read the gateway, each over its own way and on a thread of its own. Nothing that comes over these ways
 //! commands anything.
 #![cfg_attr(
-    not(any(feature = "shdr", feature = "sparkplug")),
+    not(any(feature = "shdr", feature = "sparkplug", feature = "opc-ua-server")),
     allow(unused_variables, reason = "without any way there is nothing to do")
 )]
 
 use crate::{config::InteropConfig, error::GatewayError, published::Published};
 
 pub mod alarms;
+#[cfg(feature = "opc-ua-server")]
+mod opc_ua;
 pub mod quantities;
-#[cfg(any(feature = "shdr", feature = "sparkplug"))]
+#[cfg(any(feature = "shdr", feature = "sparkplug", feature = "opc-ua-server"))]
 mod runtime;
 #[cfg(feature = "shdr")]
 pub mod shdr;
@@ -24,6 +26,8 @@ pub struct Interop {
     shdr: Option<shdr::Bound>,
     #[cfg(feature = "sparkplug")]
     sparkplug: Option<sparkplug::Prepared>,
+    #[cfg(feature = "opc-ua-server")]
+    opc_ua: Option<opc_ua::Bound>,
 }
 
 impl Interop {
@@ -38,6 +42,10 @@ impl Interop {
             #[cfg(feature = "sparkplug")]
             sparkplug: (config.sparkplug.as_ref())
                 .map(sparkplug::Prepared::new)
+                .transpose()?,
+            #[cfg(feature = "opc-ua-server")]
+            opc_ua: (config.opc_ua.as_ref())
+                .map(opc_ua::Bound::new)
                 .transpose()?,
         })
     }
@@ -56,6 +64,10 @@ impl Interop {
             _sparkplug: (self.sparkplug)
                 .map(|sparkplug| sparkplug.run(shape, published.clone()))
                 .transpose()?,
+            #[cfg(feature = "opc-ua-server")]
+            _opc_ua: (self.opc_ua)
+                .map(|opc_ua| opc_ua.serve(shape, published))
+                .transpose()?,
         })
     }
 }
@@ -66,4 +78,6 @@ pub struct Served {
     _shdr: Option<runtime::Serving>,
     #[cfg(feature = "sparkplug")]
     _sparkplug: Option<runtime::Serving>,
+    #[cfg(feature = "opc-ua-server")]
+    _opc_ua: Option<runtime::Serving>,
 }

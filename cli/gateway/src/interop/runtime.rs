@@ -30,6 +30,14 @@ pub(super) fn start(
     name: &'static str,
     task: impl Future<Output = ()> + Send + 'static,
 ) -> Result<Serving, GatewayError> {
+    start_with(name, move || task)
+}
+
+/// The same, with a task that is made on its thread and stays there.
+pub(super) fn start_with<F: Future<Output = ()>>(
+    name: &'static str,
+    make: impl FnOnce() -> F + Send + 'static,
+) -> Result<Serving, GatewayError> {
     let failed = |e| GatewayError::system(name, e);
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_io()
@@ -44,7 +52,7 @@ pub(super) fn start(
             let _entered = span.entered();
             runtime.block_on(async {
                 tokio::select! {
-                    () = task => {}
+                    () = make() => {}
                     _ = stopped => {}
                 }
             });

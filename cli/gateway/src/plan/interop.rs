@@ -12,7 +12,11 @@ use crate::{
 /// # Errors
 /// The table and the feature that it needs.
 pub(super) fn check(config: &Config) -> Result<(), GatewayError> {
-    let InteropConfig { shdr, sparkplug } = &config.interop;
+    let InteropConfig {
+        shdr,
+        sparkplug,
+        opc_ua,
+    } = &config.interop;
     let ways = [
         (shdr.is_some(), cfg!(feature = "shdr"), "shdr", "shdr"),
         (
@@ -20,6 +24,12 @@ pub(super) fn check(config: &Config) -> Result<(), GatewayError> {
             cfg!(feature = "sparkplug"),
             "sparkplug",
             "sparkplug",
+        ),
+        (
+            opc_ua.is_some(),
+            cfg!(feature = "opc-ua-server"),
+            "opc_ua",
+            "opc-ua-server",
         ),
     ];
     let lacking = ways
@@ -58,6 +68,13 @@ pub(super) fn described(plan: &Plan) -> Vec<InteropPlan> {
             name: format!("{}/{}/{device}", sparkplug.group, sparkplug.node),
         });
     }
+    if let Some(opc_ua) = &plan.config.interop.opc_ua {
+        ways.push(InteropPlan {
+            table: "opc_ua".to_owned(),
+            address: format!("opc.tcp://{}", opc_ua.listen),
+            name: plan.model.name.clone(),
+        });
+    }
     ways
 }
 
@@ -73,9 +90,12 @@ impl Plan {
 /// What should be known of these ways before the first start.
 pub(super) fn notes(config: &Config) -> Vec<String> {
     let shdr = config.interop.shdr.as_ref().map(|own| own.listen);
-    let open = shdr.filter(|listen| !listen.ip().is_loopback());
-    let open = open.map(|listen| {
-        format!("[shdr] {listen}: everybody who reaches this address reads the state, without a token and without TLS")
+    let opc_ua = config.interop.opc_ua.as_ref().map(|own| own.listen);
+    let listens = [("shdr", shdr), ("opc_ua", opc_ua)].into_iter();
+    let listens = listens.filter_map(|(table, listen)| Some((table, listen?)));
+    let open = listens.filter(|(_, listen)| !listen.ip().is_loopback());
+    let open = open.map(|(table, listen)| {
+        format!("[{table}] {listen}: everybody who reaches this address reads the state, without a token and without TLS")
     });
     let plain = config
         .interop
@@ -85,5 +105,5 @@ pub(super) fn notes(config: &Config) -> Vec<String> {
     let plain = plain.and_then(|own| own.user.as_ref()).map(|user| {
         format!("[sparkplug] mqtt:// has no TLS: the password of {user} can be read on the way to the broker")
     });
-    open.into_iter().chain(plain).collect()
+    open.chain(plain).collect()
 }

@@ -32,6 +32,8 @@ mod interop;
 mod jumped;
 mod keys;
 mod online;
+#[cfg(feature = "opc-ua-server")]
+mod opc_ua;
 mod paths;
 mod process;
 mod program;

@@ -65,6 +65,7 @@ fn what_two_machines_have_in_common_is_refused() {
     }
     refused(&format!("[dashboard] listen = {address}"));
     change(&config("mill-2"), &address, "127.0.0.1:0");
+    other_systems(&shop, &address, &refused);
     // The configuration itself.
     change(&shop.file, "mill-2/G.toml", "elsewhere/G.toml");
     refused("config = ");
@@ -74,6 +75,54 @@ fn what_two_machines_have_in_common_is_refused() {
     let (_, errors, status) = said(&check(&shop.file, &[]));
     assert_eq!(status, Some(2), "{errors}");
     assert!(errors.contains("the overview and mill-1 have in common: [dashboard] listen"));
+}
+
+/// What other systems know the machines by. The first machine has its dashboard at `address`.
+fn other_systems(shop: &Shop, address: &str, refused: &dyn Fn(&str)) {
+    let table = |name: &str, from: &str, to: &str| change(&shop.config(name), from, to);
+    let shdr = |listen: &str| {
+        format!("[shdr]\nlisten = \"{listen}\"\nanyone_may_read = true\n[dashboard]")
+    };
+    if cfg!(feature = "shdr") {
+        let port = free_port();
+        let [own, all] = [format!("127.0.0.1:{port}"), format!("0.0.0.0:{port}")];
+        table("mill-1", "[dashboard]", &shdr(&own));
+        table("mill-2", "[dashboard]", &shdr(&own));
+        refused(&format!("[shdr] listen = {own}"));
+        table("mill-2", &shdr(&own), &shdr(&all));
+        refused(&format!("one port, [shdr] listen = {own} and {all}"));
+        table("mill-2", &shdr(&all), &shdr(address));
+        refused(&format!(
+            "one port, [dashboard] listen = {address} and [shdr] listen = {address}"
+        ));
+        table("mill-2", &shdr(address), "[dashboard]");
+        table("mill-1", &shdr(&own), "[dashboard]");
+    }
+    if cfg!(feature = "sparkplug") {
+        let node = |url: &str, node: &str| {
+            format!(
+                "[sparkplug]\nurl = \"{url}\"\ngroup = \"shop\"\nnode = \"{node}\"\n[dashboard]"
+            )
+        };
+        let own = node("mqtt://broker.invalid", "gateway");
+        let same = node("mqtt://BROKER.invalid:1883", "gateway");
+        let other = node("mqtt://broker.invalid", "gateway-2");
+        table("mill-1", "[dashboard]", &own);
+        table("mill-2", "[dashboard]", &same);
+        refused(
+            "[sparkplug] group and node at one broker, mqtt://broker.invalid and mqtt://BROKER.invalid:1883: \
+             the client volcomp-shop-gateway",
+        );
+        table("mill-2", &same, &own);
+        refused(
+            "[sparkplug] group and node at mqtt://broker.invalid: the client volcomp-shop-gateway",
+        );
+        table("mill-2", &own, &other);
+        let (_, errors, status) = said(&check(&shop.file, &[]));
+        assert_eq!(status, Some(0), "{errors}");
+        table("mill-2", &other, "[dashboard]");
+        table("mill-1", &own, "[dashboard]");
+    }
 }
 
 /// Files that are wrong, and what is said of them.

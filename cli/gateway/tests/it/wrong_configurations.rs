@@ -639,6 +639,24 @@ pub(crate) const CASES: &[Wrong] = &[
         "shdr.device: found ` `, expected a name",
     ),
     wrong(
+        &[(
+            "[dashboard]",
+            "[shdr]\nlisten = \"192.0.2.7:7878\"\n[dashboard]",
+        )],
+        "shdr.listen: found `192.0.2.7:7878`, which other computers reach",
+    ),
+    wrong(
+        &[(
+            "[dashboard]",
+            "[opc_ua]\nlisten = \"[::]:4840\"\nanyone_may_read = false\n[dashboard]",
+        )],
+        "opc_ua.listen: found `[::]:4840`, which other computers reach",
+    ),
+    wrong(
+        &[("[dashboard]", "[opc_ua]\nport = 4840\n[dashboard]")],
+        "opc_ua.port",
+    ),
+    wrong(
         &[("[dashboard]", "[shdr]\nport = 7878\n[dashboard]")],
         "shdr.port",
     ),

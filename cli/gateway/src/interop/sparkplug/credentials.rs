@@ -17,11 +17,7 @@ use tokio_rustls::{
 
 use volcomp_web::{CertificateError, TlsError};
 
-use crate::{
-    config::SparkplugConfig,
-    error::GatewayError,
-    http::check_private,
-};
+use crate::{config::SparkplugConfig, error::GatewayError, http::check_private};
 
 /// What a connection needs besides its address.
 pub struct Credentials {

@@ -1,0 +1,115 @@
+//! The nodes: a folder for each part of the machine, and in it a variable for each quantity, all of them only to be read.
+
+use std::{collections::BTreeSet, time::SystemTime};
+
+use opcua::{
+    nodes::VariableBuilder,
+    server::{ServerHandle, address_space::AddressSpace, node_manager::memory::SimpleNodeManager},
+    types::{
+        DataTypeId, NodeId, NumericRange, ObjectId, QualifiedName, StatusCode, VariableTypeId,
+    },
+};
+
+use super::{
+    super::quantities::{Kind, Quantity, Shape, quantities},
+    NAMESPACE,
+    values::value,
+};
+use crate::published::Published;
+
+/// The folder of everything, and the beginning of the identifiers of folders.
+const ROOT: &str = "volcomp";
+
+/// Makes the nodes; each is read from the latest state when somebody asks.
+///
+/// # Errors
+/// A server that was not built with a place for them.
+pub(super) fn fill(
+    handle: &ServerHandle,
+    shape: &Shape,
+    published: &Published,
+) -> Result<(), String> {
+    let managers = handle.node_managers();
+    let manager = managers.get_of_type::<SimpleNodeManager>();
+    let namespace = handle.get_namespace_index(NAMESPACE);
+    let (manager, namespace) = (manager.zip(namespace))
+        .ok_or_else(|| format!("the server has no namespace {NAMESPACE}"))?;
+    let mut space = manager.address_space().write();
+    let mut folders = Folders {
+        namespace,
+        made: BTreeSet::new(),
+    };
+    for quantity in quantities(shape) {
+        let folder = folders.of(&mut space, &quantity.folder);
+        let node = NodeId::new(namespace, quantity.key.clone());
+        VariableBuilder::new(
+            &node,
+            QualifiedName::new(namespace, quantity.name),
+            quantity.name,
+        )
+        .description(description(&quantity))
+        .data_type(data_type(quantity.kind))
+        .has_type_definition(VariableTypeId::BaseDataVariableType)
+        .component_of(folder)
+        .insert(&mut *space);
+        let published = published.clone();
+        manager
+            .inner()
+            .add_read_callback(node, move |range, stamps, _| {
+                if !matches!(range, NumericRange::None) {
+                    return Err(StatusCode::BadIndexRangeNoData);
+                }
+                let reading = quantity.what.of(&published.latest());
+                Ok(value(reading, SystemTime::now(), stamps))
+            });
+    }
+    Ok(())
+}
+
+/// The folders that there are so far.
+struct Folders {
+    namespace: u16,
+    made: BTreeSet<String>,
+}
+
+impl Folders {
+    /// The folder of this path, made where it is not there.
+    fn of(&mut self, space: &mut AddressSpace, path: &[String]) -> NodeId {
+        let mut above = NodeId::from(ObjectId::ObjectsFolder);
+        let mut whole = String::new();
+        for name in std::iter::once(ROOT).chain(path.iter().map(String::as_str)) {
+            if !whole.is_empty() {
+                whole.push('/');
+            }
+            whole.push_str(name);
+            let node = NodeId::new(self.namespace, whole.clone());
+            if self.made.insert(whole.clone()) {
+                space.add_folder(
+                    &node,
+                    QualifiedName::new(self.namespace, name),
+                    name,
+                    &above,
+                );
+            }
+            above = node;
+        }
+        above
+    }
+}
+
+fn data_type(kind: Kind) -> DataTypeId {
+    match kind {
+        Kind::Number(_) => DataTypeId::Double,
+        Kind::Whole => DataTypeId::UInt64,
+        Kind::Truth => DataTypeId::Boolean,
+        Kind::Text => DataTypeId::String,
+    }
+}
+
+/// The meaning of a quantity, with its unit.
+fn description(quantity: &Quantity) -> String {
+    match quantity.kind {
+        Kind::Number(unit) => format!("{}, {}", quantity.help, unit.symbol()),
+        _ => quantity.help.to_owned(),
+    }
+}

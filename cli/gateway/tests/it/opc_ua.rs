@@ -1,0 +1,285 @@
+//! The server of OPC UA, read by a client on another library.
+
+use std::{
+    collections::BTreeMap,
+    io::{BufRead, BufReader, Read, Write},
+    net::{SocketAddr, TcpStream},
+    path::{Path, PathBuf},
+    process::{ChildStdin, ChildStdout, Command, Stdio},
+    time::{Duration, Instant, SystemTime},
+};
+
+use serde_json::{Value, json};
+use volcomp_focas::simulator::Simulator;
+use volcomp_gateway::{config::Config, interop::quantities::quantities, plan::Plan};
+use volcomp_test_support::{Running, free_port, peers};
+
+use crate::{
+    controlled::{configuration, control},
+    online::{check, said},
+    program::{Program, change, path},
+};
+
+const PATIENCE: Duration = Duration::from_secs(90);
+/// So many clients are served at one time.
+const MOST: usize = 16;
+
+/// A gateway with a control, and the address of its server.
+fn gateway(dir: &Path, control: &Simulator) -> (Program, PathBuf, String) {
+    let config = configuration(dir, control, "auto_arm = true");
+    let address = format!("127.0.0.1:{}", free_port());
+    let table = format!("\n[opc_ua]\nlisten = \"{address}\"\n");
+    let text = std::fs::read_to_string(&config).expect("readable") + &table;
+    std::fs::write(&config, text).expect("writable");
+    let program = Program::start(dir, &["--config", path(&config)]);
+    (program, config, address)
+}
+
+/// The independent client.
+struct Client {
+    running: Running,
+    orders: Option<ChildStdin>,
+    said: BufReader<ChildStdout>,
+    /// The addresses and kinds of protection that the server tells.
+    endpoints: Value,
+}
+
+impl Client {
+    fn start(address: &str) -> Option<Self> {
+        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/it/opc_ua.py");
+        let mut command = Command::new(peers::python()?);
+        command.arg(script).arg(format!("opc.tcp://{address}"));
+        command.stdin(Stdio::piped());
+        let (mut running, line, said) = Running::start_and_hear(&mut command);
+        let orders = running.stdin.take();
+        Some(Self {
+            running,
+            orders,
+            said,
+            endpoints: serde_json::from_str(&line).expect("JSON"),
+        })
+    }
+
+    fn order(&mut self, order: &str) -> Value {
+        writeln!(self.orders.as_mut().expect("open"), "{order}").expect("it reads");
+        let mut line = String::new();
+        self.said.read_line(&mut line).expect("it speaks");
+        serde_json::from_str(&line).unwrap_or_else(|e| panic!("{order}: {e}: {line}"))
+    }
+
+    fn end(mut self) {
+        drop(self.orders.take());
+        let status = self.running.ended(PATIENCE);
+        assert!(status.is_some_and(|status| status.success()));
+    }
+}
+
+/// The status of each variable, and all that is told of it.
+fn variables(client: &mut Client) -> BTreeMap<String, Value> {
+    let all = client.order("all");
+    let all = all.as_array().expect("a list").iter();
+    all.map(|own| (own["id"].as_str().expect("text").to_owned(), own.clone()))
+        .collect()
+}
+
+#[test]
+fn a_client_reads_what_the_dashboard_shows() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let (program, config, address) = gateway(dir.path(), &control);
+    let Some(mut client) = Client::start(&address) else {
+        return;
+    };
+    assert_eq!(
+        client.endpoints,
+        json!([[format!("opc.tcp://{address}/"), "None_"]])
+    );
+    program.wait_for("compensating");
+    let good = client.order("wait y_correction Good");
+    assert_eq!(good["type"], "Double");
+    let found = variables(&mut client);
+    // Those of the list, with its names, and no others.
+    let plan = Plan::new(Config::read(&config).expect("right")).expect("right");
+    let list = quantities(&plan.shape());
+    let mut keys: Vec<&str> = list.iter().map(|own| own.key.as_str()).collect();
+    keys.sort_unstable();
+    assert_eq!(found.keys().collect::<Vec<_>>(), keys);
+    for own in &list {
+        let told = &found[&own.key];
+        let place = own.folder.join("/");
+        assert_eq!(told["path"], format!("{place}/{}", own.name), "{told}");
+        let help = told["help"].as_str().expect("text");
+        assert!(help.starts_with(own.help), "{told}");
+        assert_eq!(
+            told["access"],
+            json!([["CurrentRead"], ["CurrentRead"]]),
+            "{told}"
+        );
+    }
+    let state = program.state();
+    assert_eq!(found["state"]["value"], "compensating");
+    assert_eq!(found["machine"]["value"], "small");
+    assert_eq!(found["machine_file"]["value"], state["machine"]["hash"]);
+    assert_eq!(found["y_position"]["value"], state["positions_mm"]["Y"]);
+    // The machine file has -20 µm on Y.
+    assert_eq!(found["y_correction"]["value"], -20.0);
+    assert!(
+        found["y_correction"]["help"]
+            .as_str()
+            .is_some_and(|help| help.ends_with(", µm"))
+    );
+    assert_eq!(found["armed"]["value"], true);
+    assert_eq!(found["faults"]["type"], "UInt64");
+    for key in ["state", "x_position", "y_correction", "tool_residual"] {
+        assert_eq!(found[key]["status"], "Good", "{key}");
+        let source = found[key]["source"].as_f64().expect("a time");
+        let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+        let age = now.expect("after 1970").as_secs_f64() - source;
+        assert!(0.0 < age && age < PATIENCE.as_secs_f64(), "{key}: {age} s");
+    }
+    // X goes to and fro.
+    let values = client.order("watch x_position");
+    assert_eq!(values.as_array().map(Vec::len), Some(2), "{values}");
+    // Its control is gone.
+    drop(control);
+    let old = client.order("wait x_position UncertainLastUsableValue");
+    assert!(old["value"].is_number(), "{old}");
+    let old = client.order("wait y_correction Uncertain");
+    assert_eq!(old["status"], "UncertainLastUsableValue");
+    let known = client.order("wait correction_known Good");
+    assert_eq!(known["value"], false);
+    client.end();
+}
+
+/// A control that never answered: nothing is known of it, and nothing looks as if it were.
+#[test]
+fn what_was_never_known_is_bad_and_has_no_value() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let config = configuration(dir.path(), &control, "");
+    let nobody = format!("127.0.0.1:{}", free_port());
+    change(&config, &control.address().to_string(), &nobody);
+    let address = format!("127.0.0.1:{}", free_port());
+    let table = format!("\n[opc_ua]\nlisten = \"{address}\"\n");
+    let text = std::fs::read_to_string(&config).expect("readable") + &table;
+    std::fs::write(&config, text).expect("writable");
+    let program = Program::start(dir.path(), &["--config", path(&config)]);
+    let Some(mut client) = Client::start(&address) else {
+        return;
+    };
+    for key in [
+        "x_position",
+        "x_correction",
+        "x_wanted",
+        "tool_error",
+        "path_0_answered",
+    ] {
+        let told = client.order(&format!("wait {key} Bad"));
+        assert_eq!(
+            (&told["value"], &told["type"]),
+            (&Value::Null, &json!("Null")),
+            "{key}: {told}"
+        );
+        assert_eq!(told["status"], "BadNoCommunication", "{key}");
+    }
+    assert_eq!(client.order("wait state Good")["value"], "disarmed");
+    client.end();
+    drop(program);
+}
+
+#[test]
+fn nothing_can_be_written_called_added_or_deleted() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let (program, _, address) = gateway(dir.path(), &control);
+    let Some(mut client) = Client::start(&address) else {
+        return;
+    };
+    program.wait_for("compensating");
+    assert_eq!(client.order("change"), json!([]));
+    assert_eq!(client.order("wait state Good")["value"], "compensating");
+    // Nothing is left on the disk.
+    let mut files: Vec<_> = std::fs::read_dir(dir.path())
+        .expect("readable")
+        .map(|entry| entry.expect("readable").file_name())
+        .collect();
+    files.sort_unstable();
+    assert!(files.iter().all(|name| name != "pki"), "{files:?}");
+    client.end();
+}
+
+/// Others come by the hundred: those beyond the places are sent away, those who say nothing are let go, and who was there
+/// before reads on. The gateway has no more open files than for its places, and corrects.
+#[test]
+fn a_flood_of_connections_is_bounded() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let (program, _, address) = gateway(dir.path(), &control);
+    let Some(mut client) = Client::start(&address) else {
+        return;
+    };
+    program.wait_for("compensating");
+    let files = || {
+        let folder = format!("/proc/{}/fd", program.running.id());
+        std::fs::read_dir(folder).expect("it runs").count()
+    };
+    let before = files();
+    let target: SocketAddr = address.parse().expect("an address");
+    let mut open: Vec<TcpStream> = Vec::new();
+    let mut most = 0;
+    for _ in 0..500 {
+        open.push(TcpStream::connect(target).expect("it listens"));
+        most = most.max(files());
+    }
+    // A place is a client, and both ends of its way to the server; some were not sent away yet, and others ask meanwhile.
+    assert_eq!(client.order("wait state Good")["value"], "compensating");
+    let bound = before + 3 * MOST + 8;
+    let until = Instant::now() + PATIENCE;
+    while files() > bound {
+        assert!(Instant::now() < until, "{} files, {before} before", files());
+        std::thread::yield_now();
+    }
+    assert!(
+        most < before + 400,
+        "{most} files at one time, {before} before"
+    );
+    // All of them end: those without a place at once, those who do not say hello soon.
+    for stream in &mut open {
+        stream.set_read_timeout(Some(PATIENCE)).expect("a time");
+        let mut rest = Vec::new();
+        if let Err(e) = stream.read_to_end(&mut rest) {
+            assert_eq!(e.kind(), std::io::ErrorKind::ConnectionReset);
+        }
+    }
+    assert_eq!(client.order("wait state Good")["value"], "compensating");
+    // And a place is free again.
+    let mut again = Client::start(&address).expect("there is a Python");
+    assert_eq!(again.order("wait state Good")["value"], "compensating");
+    assert_eq!(program.state()["state"], "compensating");
+    again.end();
+    client.end();
+}
+
+#[test]
+fn it_listens_to_others_only_where_that_is_said() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let config = configuration(dir.path(), &control, "");
+    let text = std::fs::read_to_string(&config).expect("readable");
+    let with = |table: &str| {
+        std::fs::write(&config, format!("{text}\n[opc_ua]\n{table}\n")).expect("writable");
+        said(&check(&config, &[]))
+    };
+    let (_, errors, status) = with("listen = \"0.0.0.0:4840\"");
+    assert_eq!(status, Some(2), "{errors}");
+    assert!(
+        errors.contains("opc_ua.listen: found `0.0.0.0:4840`, which other computers reach"),
+        "{errors}"
+    );
+    let (told, errors, status) = with("listen = \"0.0.0.0:4840\"\nanyone_may_read = true");
+    assert_eq!(status, Some(0), "{errors}");
+    assert!(told.contains("opc.tcp://0.0.0.0:4840"), "{told}");
+    let (told, errors, status) = with("");
+    assert_eq!(status, Some(0), "{errors}");
+    assert!(told.contains("opc.tcp://127.0.0.1:4840"), "{told}");
+}
