@@ -13,6 +13,7 @@ Reads orders from standard input, one a line, and prints one line of JSON for ea
 import asyncio
 import json
 import sys
+from datetime import timezone
 
 from asyncua import Client, ua
 from asyncua.ua.status_codes import get_name_and_doc
@@ -27,7 +28,7 @@ def told(value):
         "value": value.Value.Value,
         "type": value.Value.VariantType.name,
         "status": get_name_and_doc(value.StatusCode.value)[0],
-        "source": time.timestamp() if time else None,
+        "source": time.replace(tzinfo=timezone.utc).timestamp() if time else None,
     }
 
 
