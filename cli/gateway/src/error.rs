@@ -298,7 +298,7 @@ pub enum GatewayError {
         /// The names of the two; the overview counts as one.
         machines: Box<[String; 2]>,
         /// What they have in common.
-        common: Common,
+        common: Box<Common>,
     },
     /// The configuration of one of several machines is wrong.
     #[error("machine {name}: {source}")]

@@ -72,7 +72,7 @@ pub(crate) fn check(several: &Several, members: &[Member<'_>]) -> Result<(), Gat
     let refused = |one: &str, other: &str, common: Common| GatewayError::InCommon {
         file: several.file.clone(),
         machines: Box::new([one, other].map(str::to_owned)),
-        common,
+        common: Box::new(common),
     };
     let mut files: HashMap<PathBuf, &str> = HashMap::new();
     for (name, path, _) in members {

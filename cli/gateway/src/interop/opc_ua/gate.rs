@@ -43,7 +43,7 @@ async fn pass(mut client: TcpStream, inner: SocketAddr) -> io::Result<()> {
     let mut server = TcpStream::connect(inner).await?;
     client.set_nodelay(true)?;
     server.set_nodelay(true)?;
-    let (mut asked, mut told) = ([0; CHUNK], [0; CHUNK]);
+    let [mut asked, mut told] = [(); 2].map(|()| vec![0; CHUNK]);
     let mut next = Instant::now();
     loop {
         let heard = async {
