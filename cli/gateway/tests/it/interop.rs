@@ -8,7 +8,7 @@ use volcomp_gateway::{
 use volcomp_vocabulary::AxisName;
 
 /// A state in which everything is known, with changes.
-pub(crate) fn status(changes: Value) -> Status {
+pub(crate) fn status(changes: &Value) -> Status {
     let times = json!({ "p50_us": 0.0, "p99_us": 0.0, "max_us": 0.0 });
     let mut state = json!({
         "state": "compensating", "reasons": [], "armed": true, "auto_arm": false, "simulated": false,
@@ -65,7 +65,7 @@ fn every_quantity_has_a_key_and_a_value_of_its_kind() {
     keys.sort_unstable();
     keys.dedup();
     assert_eq!(keys.len(), list.len());
-    let status = status(json!({}));
+    let status = status(&json!({}));
     for own in &list {
         let reading = own.what.of(&status);
         if own.what == What::Temperature(2) {
@@ -105,7 +105,7 @@ fn what_is_not_so_is_not_good() {
             Quality::Good,
         ),
     ] {
-        let reading = What::Position(AxisName::X).of(&status(changes.clone()));
+        let reading = What::Position(AxisName::X).of(&status(&changes));
         let expected = value.map(quantities::Value::Number);
         assert_eq!(
             (reading.value, reading.quality),
@@ -113,7 +113,7 @@ fn what_is_not_so_is_not_good() {
             "{changes}"
         );
     }
-    let mut state = status(json!({}));
+    let mut state = status(&json!({}));
     state.positions_mm.insert(AxisName::X, f64::NAN);
     assert_eq!(What::Position(AxisName::X).of(&state).value, None);
 }

@@ -44,7 +44,7 @@ fn noon() -> SystemTime {
 fn every_item_is_told_once_and_then_what_changes() {
     let items = Items::of(&shape());
     let mut told = Told::nothing(&items);
-    let first = told.changes(&items, &status(json!({})), noon());
+    let first = told.changes(&items, &status(&json!({})), noon());
     for line in [
         // The age of what is told is in its time: positions are 8 ms old, the confirmed correction 12 ms, the rest 20 ms.
         "2026-11-21T11:59:59.980Z|avail|AVAILABLE",
@@ -67,7 +67,7 @@ fn every_item_is_told_once_and_then_what_changes() {
     // One is the availability, and reasons are conditions.
     let count = 1 + quantities(&shape()).len() - 1 + items.conditions.len();
     assert_eq!(first.lines().count(), count, "{first}");
-    let mut next = |changes: Value| told.changes(&items, &status(changes), noon());
+    let mut next = |changes: Value| told.changes(&items, &status(&changes), noon());
     assert_eq!(next(json!({})), "");
     assert_eq!(next(json!({ "age_ms": 90.0 })), "", "an age below a second");
     assert_eq!(
@@ -85,7 +85,7 @@ fn every_item_is_told_once_and_then_what_changes() {
 fn what_is_not_known_is_not_available() {
     let items = Items::of(&shape());
     let mut told = Told::nothing(&items);
-    let mut next = |changes: Value| told.changes(&items, &status(changes), noon());
+    let mut next = |changes: Value| told.changes(&items, &status(&changes), noon());
     next(json!({}));
     // Old positions are told by the state with their last value.
     let stale = next(json!({ "state": "holding", "reasons": ["positions stale"] }));
@@ -148,7 +148,7 @@ fn conditions_end_by_their_codes() {
     let mut next = |state: &str, reasons: &[&str]| {
         let text = told.changes(
             &items,
-            &status(json!({ "state": state, "reasons": reasons })),
+            &status(&json!({ "state": state, "reasons": reasons })),
             noon(),
         );
         let guard = text.lines().filter_map(|line| line.split_once("Z|guard|"));
@@ -259,7 +259,7 @@ impl Agent {
     }
 
     /// Waits until an item is told with these fields.
-    fn hears(&mut self, key: &str, fields: Value) {
+    fn hears(&mut self, key: &str, fields: &Value) {
         let wishes = self.wishes.as_mut().expect("open");
         writeln!(wishes, "{}", json!([key, fields])).expect("it reads");
         let line = self.line();
@@ -303,21 +303,21 @@ fn an_agent_reads_what_the_dashboard_shows() {
     let Some(mut agent) = Agent::start(&address) else {
         return;
     };
-    agent.hears("avail", json!(["AVAILABLE"]));
-    agent.hears("state", json!(["COMPENSATING"]));
-    agent.hears("machine", json!(["small"]));
-    agent.hears("x_position", json!(["number"]));
+    agent.hears("avail", &json!(["AVAILABLE"]));
+    agent.hears("state", &json!(["COMPENSATING"]));
+    agent.hears("machine", &json!(["small"]));
+    agent.hears("x_position", &json!(["number"]));
     // The machine file has -20 µm on Y.
-    agent.hears("y_correction", json!(["-0.02"]));
+    agent.hears("y_correction", &json!(["-0.02"]));
     agent.hears(
         "guard",
-        json!(["WARNING", "no_barrier", null, null, "no barrier"]),
+        &json!(["WARNING", "no_barrier", null, null, "no barrier"]),
     );
     // Its control is gone.
     drop(control);
-    agent.hears("x_position", json!(["UNAVAILABLE"]));
-    agent.hears("y_correction", json!(["UNAVAILABLE"]));
-    agent.hears("guard", json!(["WARNING", "controller_does_not_answer"]));
+    agent.hears("x_position", &json!(["UNAVAILABLE"]));
+    agent.hears("y_correction", &json!(["UNAVAILABLE"]));
+    agent.hears("guard", &json!(["WARNING", "controller_does_not_answer"]));
     let keys = agent.keys();
     drop(program);
 

@@ -161,6 +161,38 @@ fn value<'a>(message: &'a Value, name: &str) -> &'a Value {
     &metric["value"]
 }
 
+/// What comes after a birth: every number follows the one before, and what changes is told, until it moved and is armed.
+fn follows(host: &Host, born: &Value, device: &Value) {
+    let told = |metric: &Value| {
+        (
+            metric["value"].clone(),
+            metric["properties"]["Quality"].clone(),
+        )
+    };
+    let mut z = told(&device["metrics"]["Axes/Z/Position"]);
+    let (mut last, mut moves) = (1, 0);
+    let mut is_armed = value(born, "Gateway/Armed") == true;
+    while !(is_armed && moves > 3) {
+        let message = host.told.recv_timeout(PATIENCE).expect("it goes on");
+        let seq = message["seq"].as_u64().expect("a number");
+        assert_eq!(seq, (last + 1) % 256, "{message}");
+        last = seq;
+        let metrics = message["metrics"].as_object().expect("metrics");
+        assert!(!metrics.is_empty());
+        assert!(!metrics.contains_key("Gateway/Machine"), "{message}");
+        // Z stands: it is told once it is known, and not again as it was.
+        if let Some(metric) = metrics.get("Axes/Z/Position") {
+            let now = told(metric);
+            assert_ne!(now, z, "it does not change: {message}");
+            z = now;
+        }
+        is_armed |= metrics
+            .get("Gateway/Armed")
+            .is_some_and(|armed| armed["value"] == true);
+        moves += u32::from(metrics.contains_key("Axes/X/Position"));
+    }
+}
+
 #[test]
 fn a_host_hears_birth_data_and_what_is_not_known() {
     let dir = tempfile::tempdir().expect("writable");
@@ -198,35 +230,7 @@ fn a_host_hears_birth_data_and_what_is_not_known() {
     ] {
         assert!(device["metrics"][name].is_object(), "{name} in {device}");
     }
-    let told = |metric: &Value| {
-        (
-            metric["value"].clone(),
-            metric["properties"]["Quality"].clone(),
-        )
-    };
-    let mut z = told(&device["metrics"]["Axes/Z/Position"]);
-    // Every number follows the one before, and what changes is told.
-    let (mut last, mut moves) = (1, 0);
-    let mut is_armed = value(&born, "Gateway/Armed") == true;
-    while !(is_armed && moves > 3) {
-        let message = host.told.recv_timeout(PATIENCE).expect("it goes on");
-        let seq = message["seq"].as_u64().expect("a number");
-        assert_eq!(seq, (last + 1) % 256, "{message}");
-        last = seq;
-        let metrics = message["metrics"].as_object().expect("metrics");
-        assert!(!metrics.is_empty());
-        assert!(!metrics.contains_key("Gateway/Machine"), "{message}");
-        // Z stands: it is told once it is known, and not again as it was.
-        if let Some(metric) = metrics.get("Axes/Z/Position") {
-            let now = told(metric);
-            assert_ne!(now, z, "it does not change: {message}");
-            z = now;
-        }
-        is_armed |= metrics
-            .get("Gateway/Armed")
-            .is_some_and(|armed| armed["value"] == true);
-        moves += u32::from(metrics.contains_key("Axes/X/Position"));
-    }
+    follows(&host, &born, &device);
     // Births of the same life, until the correction has come in: the machine file has -20 µm on Y.
     let end = Instant::now() + PATIENCE;
     loop {
@@ -536,7 +540,7 @@ fn told(message: &volcomp_gateway::interop::sparkplug::node::Message) -> Vec<(St
 fn only_what_changes_beyond_the_deadband_is_told() {
     let now = SystemTime::UNIX_EPOCH + Duration::from_secs(1_000_000);
     let mut node = node();
-    let [born, device] = node.birth(&status(json!({})), now);
+    let [born, device] = node.birth(&status(&json!({})), now);
     assert_eq!(
         (born.topic.as_str(), device.topic.as_str()),
         ("spBv1.0/g/NBIRTH/n", "spBv1.0/g/DBIRTH/n/d")
@@ -547,7 +551,7 @@ fn only_what_changes_beyond_the_deadband_is_told() {
         "{names:?}"
     );
     let mut next = |changes: Value| {
-        let messages = node.data(&status(changes), now);
+        let messages = node.data(&status(&changes), now);
         messages
             .iter()
             .flat_map(told)
@@ -607,10 +611,10 @@ fn numbers_of_messages_wrap() {
     use srad_types::payload::{Message as _, Payload};
     let now = SystemTime::UNIX_EPOCH;
     let mut node = node();
-    node.birth(&status(json!({})), now);
+    node.birth(&status(&json!({})), now);
     let mut last = 1;
     for turn in 0..300 {
-        let moved = status(json!({ "positions_mm": { "X": f64::from(turn) } }));
+        let moved = status(&json!({ "positions_mm": { "X": f64::from(turn) } }));
         for message in node.data(&moved, now) {
             assert_eq!(message.topic, "spBv1.0/g/DDATA/n/d");
             let payload = Payload::decode(&message.payload[..]).expect("a payload");
@@ -669,7 +673,7 @@ fn each_life_has_a_number() {
     let mut node = node();
     for life in ["255", "0", "1"] {
         let number = format!("Some(LongValue({life}))");
-        let [born, _] = node.birth(&status(json!({})), now);
+        let [born, _] = node.birth(&status(&json!({})), now);
         let dead = node.death(now);
         assert_eq!(dead.topic, "spBv1.0/g/NDEATH/n");
         for message in [&born, &dead] {
