@@ -83,24 +83,13 @@ impl Bench {
         let model = model(0);
         let machines: Vec<(Machine, KeyPair)> = (0..count)
             .map(|place| {
-                let machine = Machine {
-                    identity: Identity {
-                        site: "load".parse().unwrap(),
-                        machine: format!("mill-{place}").parse().unwrap(),
-                    },
-                    serial: format!("{place}"),
-                    structure: model.model.structure.clone(),
-                    axes: model.model.axes.clone(),
-                    nkey: None,
-                    address: String::new(),
-                    control: String::new(),
-                    enable: true,
-                    canary: false,
-                    due_days: None,
-                    condition_s: None,
-                    telemetry_s: None,
-                    note: String::new(),
+                let identity = Identity {
+                    site: "load".parse().unwrap(),
+                    machine: format!("mill-{place}").parse().unwrap(),
                 };
+                let (structure, axes) = (&model.model.structure, &model.model.axes);
+                let serial = format!("{place}");
+                let machine = Machine::new(identity, serial, structure.clone(), axes.clone());
                 (machine, KeyPair::new_user())
             })
             .collect();

@@ -26,15 +26,6 @@ pub enum ConfigError {
     Read(#[from] ReadError),
 }
 
-/// Where the centre remembers.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum StorePlace {
-    /// A SQLite file.
-    File(PathBuf),
-    /// A PostgreSQL database: `host=… dbname=…`.
-    Postgres(String),
-}
-
 /// The table `[nats]`: the server as a client sees it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NatsConfig {
@@ -77,8 +68,8 @@ pub struct ServerConfig {
 pub struct Config {
     /// The file that it was read from.
     pub file: PathBuf,
-    /// Where the centre remembers.
-    pub store: StorePlace,
+    /// The SQLite file in which the centre remembers.
+    pub store: PathBuf,
     /// How long it remembers.
     pub keep: Keep,
     /// The server.
@@ -99,8 +90,10 @@ impl Config {
     /// # Errors
     /// What is wrong, with file, line and key.
     pub fn read(path: &Path) -> Result<Self, ConfigError> {
-        let folder = path.parent().unwrap_or(Path::new("."));
         let document = Document::read(path)?;
+        // The server reads what `nats-config` prints in a folder of its own: its paths begin at the root.
+        let whole = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        let folder = whole.parent().unwrap_or(Path::new("."));
         let mut config = document.decode(|root| decode(&root, folder))?;
         path.clone_into(&mut config.file);
         Ok(config)
@@ -112,7 +105,7 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<Config, InputError> {
     let of = |key: &str| root.section(key);
     let store = match of("store")? {
         Some(section) => store(&section, folder)?,
-        None => StorePlace::File(folder.join("centre.db")),
+        None => folder.join("centre.db"),
     };
     let nats = match of("nats")? {
         Some(section) => nats(&section, folder)?,
@@ -149,20 +142,11 @@ fn path(value: &Value<'_>, folder: &Path) -> Result<PathBuf, InputError> {
     Ok(folder.join(value.text()?))
 }
 
-fn store(section: &Section<'_>, folder: &Path) -> Result<StorePlace, InputError> {
-    section.allow(&["file", "postgres"])?;
-    match (section.get("file"), section.get("postgres")) {
-        (Some(_), Some(postgres)) => {
-            Err(postgres.error("found file and postgres, expected one of them"))
-        }
-        (_, Some(postgres)) if cfg!(feature = "postgres") => {
-            Ok(StorePlace::Postgres(postgres.text()?.to_owned()))
-        }
-        (_, Some(postgres)) => Err(postgres.error(
-            "this program was built without PostgreSQL, expected `file`, or a program built with `--features postgres`",
-        )),
-        (Some(file), None) => Ok(StorePlace::File(path(&file, folder)?)),
-        (None, None) => Ok(StorePlace::File(folder.join("centre.db"))),
+fn store(section: &Section<'_>, folder: &Path) -> Result<PathBuf, InputError> {
+    section.allow(&["file"])?;
+    match section.get("file") {
+        Some(file) => path(&file, folder),
+        None => Ok(folder.join("centre.db")),
     }
 }
 

@@ -14,3 +14,14 @@ fn main() -> ExitCode {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    #[test]
+    fn man_pages_are_those_of_the_help() {
+        let command = super::Arguments::command();
+        volcomp_test_support::man_pages::compare(command, "8", "", &[]);
+    }
+}

@@ -48,6 +48,27 @@ pub struct Machine {
     pub note: String,
 }
 
+impl Machine {
+    /// A machine that may be corrected and of which nothing else is known.
+    pub fn new(identity: Identity, serial: String, structure: String, axes: Vec<AxisName>) -> Self {
+        Self {
+            identity,
+            serial,
+            structure,
+            axes,
+            nkey: None,
+            address: String::new(),
+            control: String::new(),
+            enable: true,
+            canary: false,
+            due_days: None,
+            condition_s: None,
+            telemetry_s: None,
+            note: String::new(),
+        }
+    }
+}
+
 /// Where a model comes from.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case")]

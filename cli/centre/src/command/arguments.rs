@@ -21,7 +21,7 @@ const EXAMPLES: &str = "Examples:
 ///
 /// Exit status: 0 done, 1 the work failed, 2 the configuration or the call is wrong.
 #[derive(Parser)]
-#[command(name = "volcomp-centre", version, after_help = EXAMPLES)]
+#[command(name = "volcomp-centre", version, after_help = EXAMPLES, max_term_width = 80)]
 pub struct Arguments {
     /// The TOML file of the configuration
     #[arg(long, global = true, default_value = "centre.toml")]
@@ -138,7 +138,7 @@ pub(super) struct AddMachine {
     #[arg(long)]
     pub(super) serial: String,
     /// A machine file with its structure and axes
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", visible_alias = "from")]
     pub(super) like: PathBuf,
     /// The public nkey of its gateway
     #[arg(long, conflicts_with = "new_nkey")]

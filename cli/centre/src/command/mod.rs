@@ -18,11 +18,7 @@ pub use error::CommandError;
 
 use std::{io::Write, path::Path, sync::Arc};
 
-use crate::{
-    config::{Config, StorePlace},
-    keys::Key,
-    store::Store,
-};
+use crate::{config::Config, keys::Key, store::Store};
 
 use self::arguments::{Command, KeyCommand, MachineCommand, ModelCommand, RolloutCommand};
 
@@ -96,18 +92,7 @@ fn who() -> String {
 /// # Errors
 /// It cannot be opened.
 pub fn open(config: &Config) -> Result<Arc<Store>, CommandError> {
-    let store = match &config.store {
-        StorePlace::File(file) => Store::open(file),
-        #[cfg(feature = "postgres")]
-        StorePlace::Postgres(place) => Store::open_postgres(place),
-        #[cfg(not(feature = "postgres"))]
-        StorePlace::Postgres(_) => {
-            return Err(CommandError::Wrong(
-                "this program was built without PostgreSQL".to_owned(),
-            ));
-        }
-    };
-    Ok(Arc::new(store?))
+    Ok(Arc::new(Store::open(&config.store)?))
 }
 
 /// The key that signs.

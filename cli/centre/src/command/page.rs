@@ -24,7 +24,10 @@ pub(super) async fn serve(
     let listener = TcpListener::bind(config.listen).await?;
     let scheme = if acceptor.is_some() { "https" } else { "http" };
     tracing::info!("the page is on {scheme}://{}", listener.local_addr()?);
-    if store.users()?.is_empty() {
+    let of_store = Arc::clone(store);
+    // A question to a database that waits: never on a thread of the runtime.
+    let users = tokio::task::spawn_blocking(move || of_store.users()).await;
+    if users.map_err(std::io::Error::other)??.is_empty() {
         tracing::warn!("nobody can log in: volcomp-centre user add NAME --role admin");
     }
     let face = Face::new(

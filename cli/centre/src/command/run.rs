@@ -14,7 +14,7 @@ use super::{
     shown, signing_key,
 };
 use crate::{
-    config::{Config, StorePlace},
+    config::Config,
     engine::{Engine, Settings},
     keys::Key,
 };
@@ -84,10 +84,7 @@ pub(super) fn check(config: &Config) -> Result<(), CommandError> {
     let without: Vec<&str> = without
         .map(|machine| machine.identity.machine.as_str())
         .collect();
-    let place = match &config.store {
-        StorePlace::File(file) => shown(file),
-        StorePlace::Postgres(_) => "PostgreSQL".to_owned(),
-    };
+    let place = shown(&config.store);
     let mut said = format!(
         "store        {place}\nserver       {}\nsigns with   {} {}\nmachines     {}\n",
         config.nats.url,

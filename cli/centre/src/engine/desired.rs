@@ -58,11 +58,20 @@ fn due(engine: &Engine) -> Result<Vec<Issued>, crate::store::StoreError> {
     Ok(issued?.into_iter().flatten().collect())
 }
 
-async fn put(engine: &Engine, issued: Issued) -> Result<(), volcomp_fleet::LinkError> {
+async fn put(engine: &Arc<Engine>, issued: Issued) -> Result<(), volcomp_fleet::LinkError> {
     let value = Bytes::from(issued.value);
     // The model first: a machine that reads the manifest asks for it at once.
     let inline = Desired::parse(&value).is_ok_and(|desired| desired.model.is_some());
-    if !inline && let Ok(Some(text)) = engine.store.model_text(&issued.model) {
+    let text = if inline {
+        None
+    } else {
+        let (of_store, model) = (Arc::clone(engine), issued.model.clone());
+        blocking(move || of_store.store.model_text(&model))
+            .await
+            .ok()
+            .flatten()
+    };
+    if let Some(text) = text {
         engine
             .hub
             .put_model(

@@ -1,6 +1,6 @@
 //! What the store needs of a database: statements with parameters, rows, transactions.
 //!
-//! Every statement is written once, in the SQL that SQLite and PostgreSQL have in common, with parameters `?1`, `?2`, … .
+//! Every statement is written in plain SQL, with parameters `?1`, `?2`, … .
 
 use super::StoreError;
 
@@ -126,13 +126,13 @@ pub trait Database: Send {
     /// Executes a statement, and tells how many rows it changed.
     ///
     /// # Errors
-    /// The database refuses.
+    /// The statement is none, or the database takes no change: its disk is full, another program holds it, its server is gone.
     fn execute(&mut self, sql: &str, parameters: &[Value]) -> Result<u64, StoreError>;
 
     /// The rows of a question.
     ///
     /// # Errors
-    /// The database refuses.
+    /// The question is none, or the database cannot be read: its file or its server is gone.
     fn rows(&mut self, sql: &str, parameters: &[Value]) -> Result<Vec<Row>, StoreError>;
 }
 
@@ -140,7 +140,7 @@ impl dyn Database + '_ {
     /// The first row of a question.
     ///
     /// # Errors
-    /// The database refuses.
+    /// The question is none, or the database cannot be read: its file or its server is gone.
     pub fn first(&mut self, sql: &str, parameters: &[Value]) -> Result<Option<Row>, StoreError> {
         Ok(self.rows(sql, parameters)?.into_iter().next())
     }

@@ -55,7 +55,7 @@ impl Store {
     /// minute is a transaction of its own.
     ///
     /// # Errors
-    /// The database refuses.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn close_minutes(&self, until_s: f64) -> Result<u64, StoreError> {
         let end = place(until_s, 60.0);
         let mut count = 0;
@@ -77,7 +77,7 @@ impl Store {
     /// The history of a machine from `from_s` to `to_s`, at most `count` points, the oldest first.
     ///
     /// # Errors
-    /// The database refuses.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn history(
         &self,
         machine: &MachineId,
@@ -131,7 +131,7 @@ impl Store {
     /// The last whole state of a machine, with its time.
     ///
     /// # Errors
-    /// The database refuses.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn telemetry(
         &self,
         machine: &MachineId,
@@ -148,7 +148,7 @@ impl Store {
     /// Forgets what is older than it is kept. Machine by machine, each in a transaction of its own, so that nothing waits long.
     ///
     /// # Errors
-    /// The database refuses.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn forget(&self, keep: Keep, now_s: f64) -> Result<u64, StoreError> {
         let rows = self.read(|database| database.rows("SELECT machine FROM live", &[]))?;
         let mut count = 0;

@@ -1,4 +1,4 @@
-//! The store: everything that the centre remembers, in SQLite or PostgreSQL, behind one interface.
+//! The store: everything that the centre remembers, in SQLite, behind one interface.
 //!
 //! State: two connections to the database, one that writes and one that reads. Every function waits for the disk, so an
 //! asynchronous program calls them on a thread that may wait. Several programs may have one database open.
@@ -11,8 +11,6 @@ pub(crate) mod ingest;
 mod live;
 mod machines;
 pub(crate) mod models;
-#[cfg(feature = "postgres")]
-mod postgres;
 pub(crate) mod rollouts;
 mod schema;
 mod sqlite;
@@ -35,10 +33,6 @@ pub enum StoreError {
     /// SQLite refuses.
     #[error("the database: {0}")]
     Sqlite(#[from] rusqlite::Error),
-    /// PostgreSQL refuses.
-    #[cfg(feature = "postgres")]
-    #[error("the database: {0}")]
-    Postgres(#[from] ::postgres::Error),
     /// A document in the database is none of ours.
     #[error("a document in the database: {0}")]
     Document(#[from] serde_json::Error),
@@ -102,25 +96,10 @@ impl Store {
         })
     }
 
-    /// Opens a PostgreSQL database, and makes its tables where they are not there. Not to be called from a thread of an
-    /// asynchronous runtime.
-    ///
-    /// # Errors
-    /// The database is not reached, or is of a newer program.
-    #[cfg(feature = "postgres")]
-    pub fn open_postgres(place: &str) -> Result<Self, StoreError> {
-        let mut writer: Box<dyn Database> = Box::new(postgres::Postgres::open(place)?);
-        schema::bring_up(writer.as_mut())?;
-        Ok(Self {
-            writer: Mutex::new(writer),
-            reader: Mutex::new(Box::new(postgres::Postgres::open(place)?)),
-        })
-    }
-
     /// Lets a SQLite file grow to so many pages and no further, as a full disk does: for tests.
     ///
     /// # Errors
-    /// The database refuses.
+    /// It is no SQLite file, or the file cannot be read.
     #[doc(hidden)]
     pub fn limit_pages(&self, pages: u32) -> Result<(), StoreError> {
         let sql = format!("PRAGMA max_page_count = {pages}");

@@ -1,4 +1,4 @@
-//! The tables, in the SQL that SQLite and PostgreSQL have in common. Truth values are 0 and 1, documents are JSON in a text.
+//! The tables. Truth values are 0 and 1, documents are JSON in a text.
 
 use super::{
     StoreError,

@@ -5,16 +5,31 @@ use volcomp_centre::{
     ingest::Ingest,
     records::Resolution,
     rollout::{Rollout, Rules, Wish},
-    store::{Keep, Store, StoreError},
+    store::{Changed, Keep, Store, StoreError},
+    users::{Moment, Role, Session, Token, UserName},
 };
 use volcomp_fleet::{Kind, MachineId, Received};
 
 use crate::support::{condition, envelope, identity, machine, model, model_text, received};
 
-fn store() -> (tempfile::TempDir, Store) {
-    let folder = tempfile::tempdir().unwrap();
-    let store = Store::open(&folder.path().join("centre.db")).unwrap();
-    (folder, store)
+/// A database that is opened several times, as by several programs.
+struct Place(tempfile::TempDir);
+
+impl Place {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    fn open(&self) -> Result<Store, StoreError> {
+        Store::open(&self.0.path().join("centre.db"))
+    }
+
+    /// Executes a statement past the store, as a thief or another program does.
+    fn execute(&self, sql: &str) {
+        let path = self.0.path().join("centre.db");
+        let other = rusqlite::Connection::open(path).unwrap();
+        other.execute(sql, []).unwrap();
+    }
 }
 
 fn mill() -> MachineId {
@@ -33,7 +48,8 @@ fn conditions(numbers: std::ops::Range<u64>, from_s: f64) -> Vec<Received> {
 
 #[test]
 fn machines_models_and_the_log_of_changes() {
-    let (folder, store) = store();
+    let place = Place::new();
+    let store = place.open().unwrap();
     let mut mill = machine("mill-a");
     store.put_machine(&mill, "anna").unwrap();
     mill.canary = true;
@@ -53,7 +69,7 @@ fn machines_models_and_the_log_of_changes() {
     assert_eq!(store.model("").unwrap(), None);
     assert_eq!(store.model("%").unwrap(), None);
     // Another program has the same file open.
-    let other = Store::open(&folder.path().join("centre.db")).unwrap();
+    let other = place.open().unwrap();
     assert!(
         other
             .remove_machine(&mill.identity.machine, "carl")
@@ -79,6 +95,7 @@ fn machines_models_and_the_log_of_changes() {
 
 #[test]
 fn a_record_of_the_log_that_was_changed_or_taken_out_is_seen() {
+    let place = Place::new();
     for (change, seen) in [
         (
             "UPDATE audit SET document = replace(document, 'anna', 'bert') WHERE number = 2",
@@ -87,21 +104,22 @@ fn a_record_of_the_log_that_was_changed_or_taken_out_is_seen() {
         ("DELETE FROM audit WHERE number = 2", 2),
         ("UPDATE audit SET number = 9 WHERE number = 3", 3),
     ] {
-        let (folder, store) = store();
+        let store = place.open().unwrap();
+        place.execute("DELETE FROM audit");
         for number in 0..4 {
             let details = json!({ "number": number });
             store.audit("anna", "test", "x", details).unwrap();
         }
         assert_eq!(store.broken_audit().unwrap(), None);
-        let thief = rusqlite::Connection::open(folder.path().join("centre.db")).unwrap();
-        thief.execute(change, []).unwrap();
+        place.execute(change);
         assert_eq!(store.broken_audit().unwrap(), Some(seen), "{change}");
     }
 }
 
 #[test]
 fn each_message_is_stored_once_and_the_history_has_its_means() {
-    let (folder, store) = store();
+    let place = Place::new();
+    let store = place.open().unwrap();
     let mut ingest = Ingest::of(&store).unwrap();
     // From the beginning of an hour on.
     let from_s = 1_800_000_000.0;
@@ -113,7 +131,7 @@ fn each_message_is_stored_once_and_the_history_has_its_means() {
     assert_eq!((taken.stored, taken.twice), (10, 10));
     let store = {
         drop(store);
-        Store::open(&folder.path().join("centre.db")).unwrap()
+        place.open().unwrap()
     };
     let mut ingest = Ingest::of(&store).unwrap();
     let taken = ingest.take(&store, &batch).unwrap();
@@ -148,7 +166,8 @@ fn each_message_is_stored_once_and_the_history_has_its_means() {
 
 #[test]
 fn what_is_old_is_forgotten_and_hours_stay() {
-    let (_folder, store) = store();
+    let place = Place::new();
+    let store = place.open().unwrap();
     let mut ingest = Ingest::of(&store).unwrap();
     let from_s = 1_800_000_000.0;
     ingest.take(&store, &conditions(0..60, from_s)).unwrap();
@@ -184,7 +203,8 @@ fn what_is_old_is_forgotten_and_hours_stay() {
 /// A disk that is full: nothing of a batch is stored, nothing is forgotten of what was known, and it can be given again.
 #[test]
 fn a_batch_that_does_not_fit_is_stored_not_at_all() {
-    let (folder, store) = store();
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::open(&folder.path().join("centre.db")).unwrap();
     let mut ingest = Ingest::of(&store).unwrap();
     let from_s = 1_800_000_000.0;
     ingest.take(&store, &conditions(0..10, from_s)).unwrap();
@@ -207,7 +227,8 @@ fn a_batch_that_does_not_fit_is_stored_not_at_all() {
 
 #[test]
 fn what_cannot_be_read_is_kept_for_a_person() {
-    let (_folder, store) = store();
+    let place = Place::new();
+    let store = place.open().unwrap();
     let mut ingest = Ingest::of(&store).unwrap();
     for (sequence, bytes) in [&b"no JSON"[..], b"{}", b"\xff\xfe", b"[1e999]"]
         .iter()
@@ -232,7 +253,8 @@ fn what_cannot_be_read_is_kept_for_a_person() {
 
 #[test]
 fn a_machine_has_its_turn_in_one_roll_out_at_a_time() {
-    let (_folder, store) = store();
+    let place = Place::new();
+    let store = place.open().unwrap();
     let start = |names: &[&str]| {
         let machines: Vec<(MachineId, bool)> = (names.iter())
             .map(|name| (name.parse().unwrap(), false))
@@ -256,15 +278,57 @@ fn a_machine_has_its_turn_in_one_roll_out_at_a_time() {
     ));
 }
 
+/// What fails in the middle of a transaction leaves nothing behind, and what comes after it works.
+#[test]
+fn what_fails_in_the_middle_leaves_nothing() {
+    let place = Place::new();
+    let store = place.open().unwrap();
+    store.put_machine(&machine("mill-a"), "anna").unwrap();
+    // The record of the log is the second of the two statements.
+    place.execute("ALTER TABLE audit RENAME TO gone");
+    store.put_machine(&machine("mill-b"), "anna").unwrap_err();
+    place.execute("ALTER TABLE gone RENAME TO audit");
+    assert_eq!(store.machines().unwrap().len(), 1);
+    store.put_machine(&machine("mill-b"), "anna").unwrap();
+    assert_eq!(store.machines().unwrap().len(), 2);
+    assert_eq!(store.broken_audit().unwrap(), None);
+}
+
+#[test]
+fn people_and_their_sessions() {
+    let place = Place::new();
+    let store = place.open().unwrap();
+    let name: UserName = "anna".parse().unwrap();
+    let add = |role| store.add_user(&name, role, "hash", "bert", "here").unwrap();
+    assert_eq!(add(Role::Admin), Changed::Done);
+    assert_eq!(add(Role::Viewer), Changed::No);
+    let changed = store.change_user(&name, Role::Viewer, false, "bert", "here");
+    assert_eq!(changed.unwrap(), Changed::LastAdmin);
+    let changed = store.set_password(&name, "another", "bert", "here");
+    assert_eq!(changed.unwrap(), Changed::Done);
+    assert_eq!(store.user(&name).unwrap().unwrap().1, "another");
+    assert_eq!(store.users().unwrap().len(), 1);
+    let (token, now) = (Token::draw().unwrap(), Moment::now());
+    let session = Session {
+        user: name.clone(),
+        since: now.clone(),
+        used: now.clone(),
+        from: "127.0.0.1".to_owned(),
+    };
+    store.begin_session(&token, &session).unwrap();
+    let of_session = store.session(&token, &now).unwrap();
+    assert_eq!(of_session.unwrap().name, name);
+    store.end_session(&token, &name).unwrap();
+    assert!(store.session(&token, &now).unwrap().is_none());
+}
+
 #[test]
 fn a_database_of_a_newer_program_is_left_alone() {
-    let (folder, store) = store();
-    drop(store);
-    let path = folder.path().join("centre.db");
-    let newer = rusqlite::Connection::open(&path).unwrap();
-    newer.execute("UPDATE schema SET steps = 99", []).unwrap();
+    let place = Place::new();
+    drop(place.open().unwrap());
+    place.execute("UPDATE schema SET steps = 99");
     assert!(matches!(
-        Store::open(&path),
+        place.open(),
         Err(StoreError::Newer { found: 99, .. })
     ));
 }

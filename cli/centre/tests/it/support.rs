@@ -31,21 +31,12 @@ pub(crate) fn identity(machine: &str) -> Identity {
 }
 
 pub(crate) fn machine(name: &str) -> Machine {
-    Machine {
-        identity: identity(name),
-        serial: format!("serial of {name}"),
-        structure: "w X' b Y Z t".to_owned(),
-        axes: vec![AxisName::X, AxisName::Y, AxisName::Z],
-        nkey: None,
-        address: String::new(),
-        control: String::new(),
-        enable: true,
-        canary: false,
-        due_days: None,
-        condition_s: None,
-        telemetry_s: None,
-        note: String::new(),
-    }
+    Machine::new(
+        identity(name),
+        format!("serial of {name}"),
+        "w X' b Y Z t".to_owned(),
+        vec![AxisName::X, AxisName::Y, AxisName::Z],
+    )
 }
 
 pub(crate) fn condition(residual_um: f64) -> Condition {

@@ -226,28 +226,58 @@ impl Centre {
     /// The configuration of the machine, with `[fleet]`, in a folder.
     pub(crate) fn configuration(&self, dir: &Path, control: &Simulator, more: &str) -> PathBuf {
         use base64::{Engine, engine::general_purpose::STANDARD};
-        use std::os::unix::fs::PermissionsExt;
         let config = configuration(dir, control, more);
-        let seed = dir.join("nkey");
-        std::fs::write(&seed, self.machine.seed().expect("a seed") + "\n").expect("writable");
-        std::fs::set_permissions(&seed, std::fs::Permissions::from_mode(0o600)).expect("ours");
-        let key = STANDARD.encode(self.key.verifying_key().to_bytes());
-        let text = std::fs::read_to_string(&config).expect("readable");
+        let member = Member {
+            url: &format!("nats://{}", self.settings.listen),
+            machine: "mill-1",
+            serial: "4711",
+            seed: &self.machine.seed().expect("a seed"),
+            key: &STANDARD.encode(self.key.verifying_key().to_bytes()),
+        };
+        member.join(dir, &config);
+        config
+    }
+}
+
+/// A machine of the fleet as its own configuration names it.
+pub(crate) struct Member<'a> {
+    pub(crate) url: &'a str,
+    pub(crate) machine: &'a str,
+    pub(crate) serial: &'a str,
+    /// The seed of its nkey.
+    pub(crate) seed: &'a str,
+    /// The key that it trusts, base64.
+    pub(crate) key: &'a str,
+}
+
+impl Member<'_> {
+    /// Adds `[fleet]` to a configuration, with the file of the nkey beside it.
+    pub(crate) fn join(&self, dir: &Path, config: &Path) {
+        use std::os::unix::fs::PermissionsExt;
+        let file = dir.join("nkey");
+        std::fs::write(&file, format!("{}\n", self.seed)).expect("writable");
+        std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0o600)).expect("ours");
+        let text = std::fs::read_to_string(config).expect("readable");
+        let Self {
+            url,
+            machine,
+            serial,
+            key,
+            ..
+        } = self;
         let text = format!(
             r#"{text}
 [fleet]
-url = "nats://{}"
+url = "{url}"
 site = "berlin"
-machine = "mill-1"
-serial = "4711"
+machine = "{machine}"
+serial = "{serial}"
 nkey_file = "nkey"
 trusted_keys = ["{key}"]
 dir = "fleet"
-"#,
-            self.settings.listen
+"#
         );
-        std::fs::write(&config, text).expect("writable");
-        config
+        std::fs::write(config, text).expect("writable");
     }
 }
 

@@ -24,6 +24,10 @@ mod fleet_bench;
 mod fleet_config;
 #[cfg(feature = "fleet")]
 mod fleet_faults;
+#[cfg(feature = "fleet")]
+mod fleet_whole;
+#[cfg(feature = "fleet")]
+mod fleet_whole_bench;
 mod fuzz_corpus;
 mod held_back;
 mod http;

@@ -15,19 +15,32 @@ use crate::{
 
 /// Shifts of X over time while something is done.
 pub(crate) fn watched(control: &Simulator, act: impl FnOnce() + Send) -> Vec<(Instant, f64)> {
+    watched_axis(control, 0, act)
+}
+
+/// Shifts of an axis, counted from 0, over time while something is done.
+pub(crate) fn watched_axis(
+    control: &Simulator,
+    axis: usize,
+    act: impl FnOnce() + Send,
+) -> Vec<(Instant, f64)> {
     let done = std::sync::atomic::AtomicBool::new(false);
     std::thread::scope(|scope| {
         let watch = scope.spawn(|| {
             let mut trace = Vec::new();
             while !done.load(std::sync::atomic::Ordering::Relaxed) {
-                let shift = control.world().shifts()[0];
+                let shift = control.world().shifts()[axis];
                 trace.push((Instant::now(), shift));
                 std::thread::sleep(Duration::from_millis(1));
             }
             trace
         });
-        act();
+        // Where it fails, too: the scope waits for the thread.
+        let acted = std::panic::catch_unwind(std::panic::AssertUnwindSafe(act));
         done.store(true, std::sync::atomic::Ordering::Relaxed);
+        if let Err(why) = acted {
+            std::panic::resume_unwind(why);
+        }
         watch.join().expect("no panic")
     })
 }

@@ -1,0 +1,257 @@
+//! A roll-out as a pure state machine: what happened goes in, what is to be done comes out.
+//!
+//! The first machines (canaries) get the model, must activate it, and are watched for the time of the soak; then the others,
+//! wave by wave. It stops by itself where a machine refuses the model, its guard faults, its residual rises, or too many stay
+//! out; then a person decides. Time is counted while the centre watches: a clock that jumps and a centre that was down
+//! shorten no soak. Every state is plain data, so a centre that is started again goes on from what it has stored.
+
+mod course;
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use volcomp_fleet::{MachineId, Outcome};
+
+/// By what rules a roll-out goes on and stops.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Rules {
+    /// After the canaries: how many percent of the others have had their turn at the end of each wave, rising to 100.
+    pub waves: Vec<u32>,
+    /// A machine that has activated the model is watched for so long before its turn is done, s.
+    pub soak_s: f64,
+    /// A machine that has not answered after so long stays out, s.
+    pub answer_s: f64,
+    /// So many machines after the canaries may stay out before the roll-out stops.
+    pub tolerate: u32,
+    /// It stops where the residual is above this many times what it was before, …
+    pub residual_ratio: f64,
+    /// … and above what it was before by this, µm.
+    pub residual_um: f64,
+}
+
+impl Default for Rules {
+    /// A quarter, then all; ten minutes of watching, five for an answer; none may stay out; half as much again and 2 µm.
+    fn default() -> Self {
+        Self {
+            waves: vec![25, 100],
+            soak_s: 600.0,
+            answer_s: 300.0,
+            tolerate: 0,
+            residual_ratio: 1.5,
+            residual_um: 2.0,
+        }
+    }
+}
+
+/// Where the turn of one machine stands.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "step", rename_all = "kebab-case")]
+pub enum Step {
+    /// It has not been sent anything.
+    Waiting,
+    /// The manifest is under its key, and it has not answered.
+    Sent {
+        /// The version.
+        version: u64,
+        /// For so long, s.
+        waited_s: f64,
+    },
+    /// A person must confirm the change.
+    NeedsConfirmation {
+        /// The version.
+        version: u64,
+        /// The hash to be confirmed.
+        hash: String,
+        /// The largest move of a linear axis, µm, as the machine tells it.
+        worst_um: String,
+        /// The largest move of a rotary axis, µrad, as the machine tells it.
+        worst_urad: String,
+    },
+    /// It is in force, and watched.
+    Soaking {
+        /// The version.
+        version: u64,
+        /// It was watched for so long, s.
+        soaked_s: f64,
+        /// The mean residual in this time, µm.
+        residual_um: f64,
+        /// The residual was known for so long, s.
+        known_s: f64,
+    },
+    /// It is in force, and nothing spoke against it.
+    Done {
+        /// The version.
+        version: u64,
+    },
+    /// It is out: it did not answer, or something speaks against the model.
+    Out {
+        /// The version, where one was sent.
+        version: Option<u64>,
+        /// Why.
+        why: String,
+        /// Whether the roll-out must stop for it, however many may stay out.
+        against: bool,
+        /// Whether a person has let the roll-out go on in spite of it.
+        excused: bool,
+    },
+}
+
+impl Step {
+    fn is_over(&self) -> bool {
+        matches!(self, Self::Done { .. } | Self::Out { .. })
+    }
+}
+
+/// The turn of one machine.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Turn {
+    /// The machine.
+    pub machine: MachineId,
+    /// Its wave; 0: the canaries.
+    pub wave: u32,
+    /// The residual before, µm; `None`: not known, and then a rise is not seen.
+    pub before_um: Option<f64>,
+    /// Where it stands.
+    #[serde(flatten)]
+    pub step: Step,
+}
+
+/// How the whole stands.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(tag = "is", rename_all = "kebab-case")]
+pub enum Phase {
+    /// It goes on.
+    Running,
+    /// A person holds it.
+    Paused {
+        /// Who.
+        by: String,
+    },
+    /// It stopped by itself.
+    Stopped {
+        /// Why.
+        why: String,
+    },
+    /// A person has ended it.
+    Aborted {
+        /// Who.
+        by: String,
+    },
+    /// Every machine had its turn.
+    Done,
+}
+
+impl Phase {
+    /// Whether nothing will happen any more.
+    pub fn is_over(&self) -> bool {
+        matches!(self, Self::Aborted { .. } | Self::Done)
+    }
+}
+
+/// A roll-out of one model.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Rollout {
+    /// Its number.
+    pub id: u64,
+    /// The checksum of the model.
+    pub model: String,
+    /// Who started it.
+    pub by: String,
+    /// When, s, for people.
+    pub since_s: f64,
+    /// The rules.
+    pub rules: Rules,
+    /// How it stands.
+    pub phase: Phase,
+    /// The turns, by wave.
+    pub turns: Vec<Turn>,
+}
+
+/// What is seen of a machine at one look.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Seen {
+    /// Whether it has been heard since the last look, or a little before.
+    pub heard: bool,
+    /// The version that is in force.
+    pub version: u64,
+    /// The guard is faulted, or was since the last look: why.
+    pub faulted: Option<String>,
+    /// The residual, µm.
+    pub residual_um: Option<f64>,
+}
+
+/// What happened.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Event {
+    /// The centre has looked at the machines, `elapsed_s` after the last look.
+    Looked {
+        /// The time since the last look, s.
+        elapsed_s: f64,
+        /// What it saw; a machine that is not in here is not heard.
+        seen: BTreeMap<MachineId, Seen>,
+    },
+    /// A manifest was issued.
+    Issued {
+        /// For this machine.
+        machine: MachineId,
+        /// With this version.
+        version: u64,
+        /// The residual before, µm.
+        before_um: Option<f64>,
+    },
+    /// A manifest cannot be issued.
+    NotIssued {
+        /// For this machine.
+        machine: MachineId,
+        /// Why.
+        why: String,
+    },
+    /// A machine has answered.
+    Answered {
+        /// The machine.
+        machine: MachineId,
+        /// The version that it answers.
+        version: u64,
+        /// What became of it.
+        outcome: Outcome,
+    },
+    /// A person wishes something.
+    Wished {
+        /// What.
+        wish: Wish,
+        /// Who.
+        by: String,
+    },
+}
+
+/// What a person may wish of a roll-out.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(tag = "wish", rename_all = "kebab-case")]
+pub enum Wish {
+    /// To hold it: nothing more is sent.
+    Pause,
+    /// To let it go on, in spite of what it stopped for.
+    Resume,
+    /// To end it. What was sent stays sent.
+    Abort,
+    /// To confirm the change of one machine.
+    Confirm {
+        /// The machine.
+        machine: MachineId,
+        /// The hash that was shown.
+        hash: String,
+    },
+}
+
+/// What is to be done.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Action {
+    /// To issue the model for a machine, and to tell [`Event::Issued`] or [`Event::NotIssued`].
+    Issue {
+        /// The machine.
+        machine: MachineId,
+        /// The hash that a person has confirmed.
+        confirm: Option<String>,
+    },
+}

@@ -1,0 +1,316 @@
+//! The fleet as it is used: the centre's own program and command line, a real server, gateways on simulated controls.
+
+use std::time::Duration;
+
+use serde_json::Value;
+use volcomp_focas::simulator::{Options, Simulator, World};
+
+use crate::{
+    controlled::control,
+    fleet_bench::{compensating, corrects_y, wait},
+    fleet_whole_bench::{LONG, Whole, machine_text},
+    process::{no_step, watched_axis},
+    program::{MACHINE, Program, change, path},
+};
+
+const Y: usize = 1;
+
+fn told(state: &Value, words: &str) -> bool {
+    state["reasons"].to_string().contains(words)
+}
+
+/// The whole way of a model: from the command line of the centre to the axes, on a ramp; what moves the axes far is confirmed by a
+/// person; disabling and enabling; the page shows what the gateway tells.
+#[test]
+fn a_model_goes_from_the_centre_to_the_axes() {
+    let Some(whole) = Whole::start(&[("mill-1", "4711", MACHINE)]) else {
+        return;
+    };
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let config = whole.member(dir.path(), &control, ("mill-1", "4711"));
+    let trace = watched_axis(&control, Y, || {
+        let program = compensating(dir.path(), &config);
+        corrects_y(&program, -20.0);
+        let heard = whole.machine_is("it is heard", "mill-1", |one| {
+            one["live"]["condition"]["state"] == "compensating"
+        });
+        // Registered as the gateway has it.
+        let state = program.state();
+        assert_eq!(heard["axes"], state["machine"]["axes"], "{heard}");
+
+        let model = machine_text("small", 25.0);
+        let rollout = whole.roll_out(&model, &["mill-1"]);
+        whole.is_in(rollout, "done");
+        corrects_y(&program, -25.0);
+        let one = whole.machine_is("its answer is stored", "mill-1", |one| {
+            one["version"]["outcome"]["outcome"] == "activated"
+        });
+        assert_eq!(one["version"]["version"], 1);
+        let one = whole.machine_is("it tells its model", "mill-1", |one| {
+            one["live"]["version"] == 1 && one["live"]["condition"]["correction_um"]["Y"] == -25.0
+        });
+        // The checksum by which a gateway names its model is that of the centre.
+        let models = whole.document("model list --json");
+        assert_eq!(models[0]["checksum"], one["live"]["model"], "{models}");
+
+        let rollout = whole.roll_out(&machine_text("small", 100.0), &["mill-1"]);
+        let ask = format!("rollout status {rollout} --json");
+        let asks = whole.wait("a person is asked", &ask, |document| {
+            document[0]["turns"][0]["step"] == "needs-confirmation"
+        });
+        let turn = &asks[0]["turns"][0];
+        assert_eq!(turn["worst_um"], "75.0");
+        let hash = turn["hash"].as_str().expect("a hash");
+        let status = whole.done(&format!("rollout status {rollout}"));
+        assert!(
+            status.contains(hash) && status.contains("75.0 µm"),
+            "{status}"
+        );
+        whole.wait("an alarm tells it", "alarms --json", |alarms| {
+            alarms.to_string().contains("needs-confirmation")
+        });
+        corrects_y(&program, -25.0);
+        whole.done(&format!("rollout confirm {rollout} mill-1 {hash}"));
+        whole.is_in(rollout, "done");
+        corrects_y(&program, -100.0);
+
+        whole.done("machine disable mill-1");
+        let state = program.wait_for("disarmed");
+        assert!(told(&state, "disabled by the centre"), "{state}");
+        wait(&program, "it is ramped out", |_| {
+            control.world().shifts() == [0.0; 3]
+        });
+        whole.machine_is("the centre hears it", "mill-1", |one| {
+            one["enable"] == false && one["live"]["condition"]["state"] == "disarmed"
+        });
+        whole.done("machine enable mill-1");
+        program.wait_for("compensating");
+        corrects_y(&program, -100.0);
+        page_shows(&whole, &program);
+    });
+    no_step(&trace);
+    // The way from 25 to 100 µm, not a jump over it.
+    let between = trace.iter().any(|(_, mm)| (-0.090..-0.035).contains(mm));
+    assert!(between, "no ramp was seen in {} looks", trace.len());
+    let log = whole.done("audit");
+    assert!(
+        log.contains("rollout.start") && log.contains("anna"),
+        "{log}"
+    );
+}
+
+/// What a gateway tells stands on the page: its condition, its whole state, its audit records, its versions.
+fn page_shows(whole: &Whole, program: &Program) {
+    let cookie = whole.log_in();
+    whole.machine_is("it runs what it shall", "mill-1", |one| {
+        one["live"]["version"] == one["version"]["version"]
+            && one["live"]["condition"]["state"] == "compensating"
+    });
+    let mut page = Value::Null;
+    volcomp_test_support::until("the page shows it", LONG, || {
+        page = whole.page(&cookie, "/api/machines/mill-1");
+        page["telemetry"]["state"]["fleet"]["version"] == program.state()["fleet"]["version"]
+            && page["silent"] == false
+    });
+    let own = program.state();
+    let telemetry = &page["telemetry"]["state"];
+    assert_eq!(telemetry["machine"], own["machine"], "{page}");
+    let named = |record: &Value, what: &str| record["record"]["body"].to_string().contains(what);
+    let records = page["records"].as_array().expect("a list");
+    for what in ["reload", "disabled by the centre", "compensating"] {
+        let found = records.iter().any(|record| named(record, what));
+        assert!(found, "no record of {what}: {records:?}");
+    }
+    let overview = whole.page(&cookie, "/api/overview");
+    assert!(overview.to_string().contains("compensating"), "{overview}");
+    let history = whole.page(
+        &cookie,
+        "/api/machines/mill-1/history?resolution=raw&hours=1",
+    );
+    let points = history["points"].as_array().expect("a list");
+    let corrected = |um: f64| points.iter().any(|point| point["correction_um"]["Y"] == um);
+    assert!(corrected(-25.0) && corrected(-100.0), "{history}");
+}
+
+/// A guard that faults is told as an alarm with its reason, and that the machine is silent when its gateway has ended.
+#[test]
+fn a_fault_and_silence_are_told_as_alarms() {
+    let Some(whole) = Whole::start(&[("mill-1", "4711", MACHINE)]) else {
+        return;
+    };
+    let dir = tempfile::tempdir().expect("writable");
+    // It stands still for the test shift, and moves.
+    let mut world = World::new(&['X', 'Y', 'Z']);
+    world.motion = std::sync::Arc::new(|elapsed| {
+        vec![400.0 + (elapsed.as_secs_f64() / 3.0).floor(), 150.0, 50.0]
+    });
+    let control = Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback");
+    let config = whole.member(dir.path(), &control, ("mill-1", "4711"));
+    // The positions do not contain the correction, whatever this says: the guard sees it while the axis moves.
+    change(&config, "axes =", "includes_correction = true\naxes =");
+    change(&config, "test_shift_um = 0", "test_shift_um = 5");
+    let mut program = Program::start(dir.path(), &["--config", path(&config)]);
+    program.wait_for("faulted");
+    let reason = "positions contradict";
+    let has = |alarms: &Value, kind: &str, words: &str| {
+        let mut alarms = alarms.as_array().expect("a list").iter();
+        alarms.any(|alarm| {
+            alarm["machine"] == "mill-1"
+                && alarm["kind"] == kind
+                && alarm["text"]
+                    .as_str()
+                    .is_some_and(|text| text.contains(words))
+        })
+    };
+    whole.wait("the fault is told", "alarms --json", |alarms| {
+        has(alarms, "faulted", reason)
+    });
+    let cookie = whole.log_in();
+    assert!(has(&whole.page(&cookie, "/api/alarms"), "faulted", reason));
+    program.signal("TERM");
+    assert_eq!(program.end(), Some(0));
+    whole.wait("the silence is told", "alarms --json", |alarms| {
+        has(alarms, "silent", "not heard")
+    });
+    let said = whole.done("alarms");
+    assert!(said.contains("mill-1: silent"), "{said}");
+}
+
+/// A model never reaches a machine that is not the one it is meant for, and both sides say in words why not.
+#[test]
+fn the_wrong_machine_is_refused_in_words() {
+    // The file names its axes in another order; the axes of the gateway are X, Y, Z.
+    let swapped = |eyx_um| {
+        let text = machine_text("other", eyx_um);
+        let x = "[axes.X]\ntravel = [0.0, 800.0]\n";
+        let y = "[axes.Y]\ntravel = [0.0, 400.0]\n";
+        text.replace(&format!("{x}{y}"), &format!("{y}{x}"))
+            .replace("w X' b Y Z t", "w Y b X Z t")
+    };
+    let with_c = |eyx_um| {
+        let text = machine_text("turns", eyx_um);
+        text.replace("w X' b Y Z t", "w C' X' b Y Z t")
+            .replace("[errors]\n", "[axes.C]\ntravel = [0.0, 360.0]\n[errors]\n")
+    };
+    let (order, names) = (swapped(20.0), with_c(20.0));
+    let machines = [
+        ("serial", "4712", MACHINE),
+        ("order", "4711", order.as_str()),
+        ("names", "4711", names.as_str()),
+    ];
+    let Some(whole) = Whole::start(&machines) else {
+        return;
+    };
+    for (name, model, words) in [
+        (
+            "serial",
+            machine_text("small", 25.0),
+            r#"meant for the serial number "4712", this machine has "4711""#,
+        ),
+        (
+            "order",
+            swapped(25.0),
+            "meant for the axes [Y, X, Z], this machine has [X, Y, Z]",
+        ),
+        (
+            "names",
+            with_c(25.0),
+            "meant for the axes [C, X, Y, Z], this machine has [X, Y, Z]",
+        ),
+    ] {
+        let dir = tempfile::tempdir().expect("writable");
+        let mut world = World::new(&['X', 'Y', 'Z']);
+        world.motion = std::sync::Arc::new(|_| vec![400.0, 150.0, 50.0]);
+        let control = Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback");
+        let config = whole.member(dir.path(), &control, (name, "4711"));
+        let program = compensating(dir.path(), &config);
+        corrects_y(&program, -20.0);
+        let rollout = whole.roll_out(&model, &[name]);
+        let stopped = whole.is_in(rollout, "stopped");
+        let why = stopped["phase"]["why"].as_str().expect("a text");
+        assert!(why.contains(name) && why.contains(words), "{why}");
+        // A person reads it in the status, in the alarms, and at the machine itself.
+        let status = whole.done(&format!("rollout status {rollout}"));
+        assert!(status.contains(words), "{status}");
+        whole.wait("an alarm tells it", "alarms --json", |alarms| {
+            let mut alarms = alarms.as_array().expect("a list").iter();
+            alarms.any(|alarm| {
+                alarm["kind"] == "refused"
+                    && alarm["machine"] == name
+                    && alarm["text"]
+                        .as_str()
+                        .is_some_and(|text| text.contains(words))
+            })
+        });
+        let audit = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
+        let words = words.replace('"', "\\\"");
+        assert!(audit.contains(&words), "{words} in {audit}");
+        corrects_y(&program, -20.0);
+        assert_eq!(control.world().shifts()[Y], -0.020);
+    }
+    // What does not fit the machine as it is registered is not even sent.
+    let short = whole.add_model(&machine_text("small", 30.0));
+    for (name, words) in [("order", "the structure"), ("names", "the structure")] {
+        let refused = whole.call(&format!("rollout start --model {short} --machine {name}"));
+        assert_eq!(refused.status, Some(2), "{}", refused.err);
+        assert!(
+            refused.err.contains(words) && refused.err.contains(name),
+            "{}",
+            refused.err
+        );
+    }
+}
+
+/// The centre is killed between the first machine and the second: after a restart each gets its version, once.
+#[test]
+fn a_centre_that_is_killed_in_a_roll_out_goes_on() {
+    let names = ["mill-1", "mill-2"];
+    let Some(mut whole) = Whole::start(&names.map(|name| (name, "4711", MACHINE))) else {
+        return;
+    };
+    let folders = names.map(|_| tempfile::tempdir().expect("writable"));
+    let controls = names.map(|_| control());
+    let mut programs = Vec::new();
+    for ((name, dir), control) in names.iter().zip(&folders).zip(&controls) {
+        let config = whole.member(dir.path(), control, (name, "4711"));
+        programs.push(compensating(dir.path(), &config));
+    }
+    for name in names {
+        whole.machine_is("it is heard", name, |one| {
+            one["live"]["condition"]["state"] == "compensating"
+        });
+    }
+    let short = whole.add_model(&machine_text("small", 25.0));
+    // Long enough to be killed in it, on the slowest computer.
+    whole.done(&format!(
+        "rollout start --model {short} --machine mill-1 --machine mill-2 --soak-s 15"
+    ));
+    wait(&programs[0], "the first has it", |state| {
+        state["fleet"]["version"] == 1
+    });
+    whole.kill();
+    let status = whole.document("rollout status 1 --json");
+    assert_eq!(status[0]["phase"]["is"], "running", "{status}");
+    assert_eq!(programs[1].state()["fleet"]["version"], 0);
+    // Machines work on, and their messages wait at the server.
+    std::thread::sleep(Duration::from_secs(3));
+    corrects_y(&programs[0], -25.0);
+    corrects_y(&programs[1], -20.0);
+    whole.run();
+    whole.is_in(1, "done");
+    for (name, program) in names.iter().zip(&programs) {
+        corrects_y(program, -25.0);
+        let one = whole.machine_is("its answer is stored", name, |one| {
+            one["version"]["outcome"]["outcome"] == "activated"
+        });
+        assert_eq!(one["version"]["version"], 1, "once: {one}");
+        assert_eq!(one["live"]["lost"], 0, "{one}");
+        assert_eq!(whole.machine(name)["live"]["version"], 1);
+    }
+    // Each has taken it once.
+    for dir in &folders {
+        let audit = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
+        assert_eq!(audit.matches("\"what\":\"reload\"").count(), 1, "{audit}");
+    }
+}

@@ -1,0 +1,342 @@
+//! The centre as its users have it (its command line, its running program, its page) with a real `nats-server` that runs on
+//! what `nats-config` prints.
+
+use std::{
+    io::Write,
+    net::{SocketAddr, TcpStream},
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+    time::{Duration, Instant},
+};
+
+use clap::Parser;
+use serde_json::{Value, json};
+use volcomp_centre::command::Arguments;
+use volcomp_fleet::server::{free_address, program};
+use volcomp_focas::simulator::Simulator;
+use volcomp_test_support::{Running, until};
+
+use crate::{
+    controlled::configuration,
+    fleet_bench::Member,
+    program::{Answer, MACHINE, answer, exchange},
+};
+
+/// Everything that is waited for comes within this time, on the slowest computer.
+pub(crate) const LONG: Duration = Duration::from_secs(90);
+/// Names the call of the centre for a test program that is started as the centre.
+const CALL: &str = "VOLCOMP_TEST_CENTRE_CALL";
+/// What the centre prints stands behind this line.
+const MARK: &str = "-- the centre --";
+const PASSWORD: &str = "a horse that nobody knows";
+
+/// The program `volcomp-centre`: cargo builds the programs of this package only, so this test program takes its place.
+#[test]
+#[ignore = "the other tests start this one as the program of the centre"]
+fn the_centre() {
+    let Ok(call) = std::env::var(CALL) else {
+        return;
+    };
+    println!("\n{MARK}");
+    let arguments = ["volcomp-centre"].into_iter().chain(call.lines());
+    let status = match Arguments::parse_from(arguments).act() {
+        Ok(()) => 0,
+        Err(error) => {
+            eprintln!("error: {error}");
+            error.status()
+        }
+    };
+    std::process::exit(i32::from(status));
+}
+
+fn centre(folder: &Path, arguments: &[&str]) -> Command {
+    let mut command = Command::new(std::env::current_exe().expect("this program"));
+    command
+        .current_dir(folder)
+        .args(["--exact", "fleet_whole_bench::the_centre"])
+        .args(["--ignored", "--nocapture", "--test-threads=1"])
+        .env(CALL, arguments.join("\n"));
+    command
+}
+
+/// What a call of the centre came to.
+pub(crate) struct Called {
+    pub(crate) status: Option<i32>,
+    pub(crate) out: String,
+    pub(crate) err: String,
+}
+
+/// A machine that is registered: name, serial number, machine file.
+pub(crate) type Registered<'a> = (&'a str, &'a str, &'a str);
+
+/// A folder of a centre, its server, and its program while it runs.
+pub(crate) struct Whole {
+    folder: tempfile::TempDir,
+    url: String,
+    page: SocketAddr,
+    /// The key that signs, base64.
+    key: String,
+    _server: Running,
+    centre: Option<Running>,
+}
+
+impl Whole {
+    /// A running server and a running centre with these machines; `None` where the server is not installed, which fails under
+    /// CI.
+    pub(crate) fn start(machines: &[Registered<'_>]) -> Option<Self> {
+        let Some(server) = program() else {
+            volcomp_test_support::peers::not_run("nats-server");
+            return None;
+        };
+        let folder = tempfile::tempdir().expect("writable");
+        let at = folder.path();
+        let [listen, page] = [(); 2].map(|()| free_address().expect("an address"));
+        let url = format!("nats://{listen}");
+        let text = format!(
+            "[nats]\nurl = \"{url}\"\n[server]\nlisten = \"{listen}\"\n[page]\nlisten = \"{page}\"\n[rollout]\nsoak_s = 2\n"
+        );
+        std::fs::write(at.join("centre.toml"), text).expect("writable");
+        let done = |arguments: &str| call(at, arguments, "").done();
+        let key = done("key new main");
+        let key = key
+            .trim()
+            .strip_prefix("main ")
+            .expect("its name")
+            .to_owned();
+        done("key nkey centre.nkey");
+        for (name, serial, model) in machines {
+            std::fs::write(at.join("machine.toml"), model).expect("writable");
+            done(&format!(
+                "machine add {name} --site berlin --serial {serial} --like machine.toml --new-nkey {name}.nkey --condition-s 1 --telemetry-s 1"
+            ));
+        }
+        let conf = at.join("nats.conf");
+        std::fs::write(&conf, done("nats-config")).expect("writable");
+        let log = std::fs::File::create(at.join("nats.log")).expect("writable");
+        let server = Running::start(
+            Command::new(server)
+                .arg("-c")
+                .arg(&conf)
+                .stdout(Stdio::null())
+                .stderr(log),
+        );
+        until("the server listens", LONG, || {
+            TcpStream::connect(&listen).is_ok()
+        });
+        call(at, "user add anna --role admin", PASSWORD).done();
+        let mut whole = Self {
+            url,
+            page: page.parse().expect("an address"),
+            key,
+            _server: server,
+            centre: None,
+            folder,
+        };
+        whole.run();
+        Some(whole)
+    }
+
+    /// Starts the program of the centre.
+    pub(crate) fn run(&mut self) {
+        let log = std::fs::File::options()
+            .create(true)
+            .append(true)
+            .open(self.folder.path().join("centre.log"))
+            .expect("writable");
+        let mut command = centre(self.folder.path(), &["run"]);
+        self.centre = Some(Running::start(command.stdout(Stdio::null()).stderr(log)));
+        until("its page answers", LONG, || {
+            TcpStream::connect(self.page).is_ok()
+        });
+    }
+
+    /// Kills the program of the centre, as a power cut does.
+    pub(crate) fn kill(&mut self) {
+        self.centre = None;
+    }
+
+    pub(crate) fn log(&self) -> String {
+        std::fs::read_to_string(self.folder.path().join("centre.log")).unwrap_or_default()
+    }
+
+    /// A call of the command line.
+    pub(crate) fn call(&self, arguments: &str) -> Called {
+        call(self.folder.path(), arguments, "")
+    }
+
+    /// What a call that must be done prints.
+    pub(crate) fn done(&self, arguments: &str) -> String {
+        self.call(arguments).done()
+    }
+
+    /// The document that a call prints.
+    pub(crate) fn document(&self, arguments: &str) -> Value {
+        let text = self.done(arguments);
+        serde_json::from_str(&text).unwrap_or_else(|e| panic!("{arguments}: {e}: {text}"))
+    }
+
+    /// Waits until a document that the centre prints is as wanted.
+    pub(crate) fn wait(&self, what: &str, arguments: &str, is: impl Fn(&Value) -> bool) -> Value {
+        let end = Instant::now() + LONG;
+        loop {
+            let document = self.document(arguments);
+            if is(&document) {
+                return document;
+            }
+            let log = || self.log();
+            assert!(Instant::now() < end, "{what}: {document:#}\n{}", log());
+            std::thread::sleep(Duration::from_millis(100));
+        }
+    }
+
+    /// Adds a model, and starts its roll-out to machines: the number of the roll-out.
+    pub(crate) fn roll_out(&self, model: &str, machines: &[&str]) -> u64 {
+        let short = self.add_model(model);
+        let mut call = format!("rollout start --model {short}");
+        for machine in machines {
+            call.push_str(" --machine ");
+            call.push_str(machine);
+        }
+        let said = self.done(&call);
+        let number = said
+            .split(' ')
+            .nth(1)
+            .and_then(|number| number.parse().ok());
+        number.unwrap_or_else(|| panic!("it says {said}"))
+    }
+
+    /// Adds a model: the beginning of its checksum.
+    pub(crate) fn add_model(&self, model: &str) -> String {
+        std::fs::write(self.folder.path().join("model.toml"), model).expect("writable");
+        let said = self.done("model add model.toml");
+        let last = said.lines().last().expect("a line");
+        last.split(' ').next().expect("a checksum")[..12].to_owned()
+    }
+
+    /// Waits until a roll-out is in this phase.
+    pub(crate) fn is_in(&self, rollout: u64, phase: &str) -> Value {
+        let ask = format!("rollout status {rollout} --json");
+        let found = self.wait(&format!("roll-out {rollout}: {phase}"), &ask, |document| {
+            document[0]["phase"]["is"] == phase
+        });
+        found[0].clone()
+    }
+
+    /// What `machine list` tells of a machine.
+    pub(crate) fn machine(&self, name: &str) -> Value {
+        of(&self.document("machine list --json"), name)
+    }
+
+    /// Waits until what `machine list` tells of a machine is as wanted.
+    pub(crate) fn machine_is(&self, what: &str, name: &str, is: impl Fn(&Value) -> bool) -> Value {
+        let all = self.wait(what, "machine list --json", |all| is(&of(all, name)));
+        of(&all, name)
+    }
+
+    /// The configuration of the gateway of a machine, in a folder of its own.
+    pub(crate) fn member(&self, dir: &Path, control: &Simulator, of: (&str, &str)) -> PathBuf {
+        let config = configuration(dir, control, "auto_arm = true");
+        let seed = self.folder.path().join(format!("{}.nkey", of.0));
+        let seed = std::fs::read_to_string(seed).expect("machine add has written it");
+        let member = Member {
+            url: &self.url,
+            machine: of.0,
+            serial: of.1,
+            seed: seed.trim(),
+            key: &self.key,
+        };
+        member.join(dir, &config);
+        config
+    }
+
+    fn ask(&self, method: &str, path: &str, more: &str, body: &str) -> Answer {
+        let text = exchange(
+            self.page,
+            format!(
+                "{method} {path} HTTP/1.1\r\nHost: {}\r\n{more}Content-Length: {}\r\nConnection: close\r\n\r\n{body}",
+                self.page,
+                body.len()
+            )
+            .as_bytes(),
+        );
+        answer(&text)
+    }
+
+    /// Logs in at the page: the cookie.
+    pub(crate) fn log_in(&self) -> String {
+        let body = json!({ "name": "anna", "password": PASSWORD }).to_string();
+        let answer = self.ask("POST", "/api/login", "X-Volcomp: 1\r\n", &body);
+        assert_eq!(answer.status, 200, "{}", answer.body);
+        // The head is in lower case here, a cookie is not: it is taken from the answer as it came.
+        let text = exchange(
+            self.page,
+            format!(
+                "POST /api/login HTTP/1.1\r\nHost: {}\r\nX-Volcomp: 1\r\nContent-Length: {}\r\nConnection: close\r\n\r\n{body}",
+                self.page,
+                body.len()
+            )
+            .as_bytes(),
+        );
+        let mut lines = text.lines();
+        let cookie = lines.find_map(|line| line.strip_prefix("set-cookie: "));
+        let cookie = cookie.and_then(|line| line.split(';').next());
+        cookie
+            .unwrap_or_else(|| panic!("no cookie: {text}"))
+            .to_owned()
+    }
+
+    /// A document of the page.
+    pub(crate) fn page(&self, cookie: &str, path: &str) -> Value {
+        let answer = self.ask("GET", path, &format!("Cookie: {cookie}\r\n"), "");
+        assert_eq!(answer.status, 200, "{path}: {}", answer.body);
+        answer.json()
+    }
+}
+
+/// A machine in the list of all.
+fn of(all: &Value, name: &str) -> Value {
+    let mut all = all.as_array().expect("a list").iter();
+    let found = all.find(|one| one["machine"] == name);
+    found.cloned().unwrap_or_else(|| panic!("no {name}"))
+}
+
+/// Calls the command line in a folder.
+fn call(folder: &Path, arguments: &str, input: &str) -> Called {
+    let arguments: Vec<&str> = ["--by", "anna"]
+        .into_iter()
+        .chain(arguments.split_whitespace())
+        .collect();
+    let mut child = centre(folder, &arguments)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("this program");
+    let mut stdin = child.stdin.take().expect("piped");
+    // One that reads nothing may have ended.
+    let _ = writeln!(stdin, "{input}");
+    drop(stdin);
+    let output = child.wait_with_output().expect("it ends");
+    let out = String::from_utf8_lossy(&output.stdout).into_owned();
+    let (_, out) = out.split_once(&format!("{MARK}\n")).unwrap_or(("", ""));
+    Called {
+        status: output.status.code(),
+        out: out.to_owned(),
+        err: String::from_utf8_lossy(&output.stderr).into_owned(),
+    }
+}
+
+impl Called {
+    /// What it prints, where it must have been done.
+    fn done(self) -> String {
+        assert_eq!(self.status, Some(0), "{}{}", self.out, self.err);
+        self.out
+    }
+}
+
+/// The machine file of the gateways with another straightness of X in Y, µm.
+pub(crate) fn machine_text(name: &str, eyx_um: f64) -> String {
+    MACHINE
+        .replace("EYX = 20.0", &format!("EYX = {eyx_um:.1}"))
+        .replace("name = \"small\"", &format!("name = \"{name}\""))
+}
