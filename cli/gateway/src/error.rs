@@ -227,6 +227,22 @@ pub enum GatewayError {
         /// The folder.
         folder: PathBuf,
     },
+    /// A map that is not sent.
+    #[error("{file}: {what}")]
+    Map {
+        /// The file of the map.
+        file: String,
+        /// What is wrong with it.
+        what: String,
+    },
+    /// A map is not sent or kept any more.
+    #[error("{url}: {what}")]
+    MapEnded {
+        /// The URL of the control.
+        url: String,
+        /// Why.
+        what: String,
+    },
     /// The control thread does not start.
     #[error(transparent)]
     Start(#[from] StartError),
@@ -511,11 +527,13 @@ impl GatewayError {
             | Self::FolderLocked { .. }
             | Self::FleetFolderLocked { .. }
             | Self::Start(_)
+            | Self::MapEnded { .. }
             | Self::Answer { .. }
             | Self::Rehearsal { .. }
             | Self::Tls(TlsError::Write { .. })
             | Self::System { .. } => 1,
             Self::Place(_)
+            | Self::Map { .. }
             | Self::Model(_)
             | Self::Unreadable(_)
             | Self::NoAddress { .. }

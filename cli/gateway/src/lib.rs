@@ -27,6 +27,7 @@ pub mod published;
 pub mod rehearse;
 pub mod request;
 pub mod run;
+pub mod send_map;
 pub mod service;
 pub mod signals;
 pub mod simulate;

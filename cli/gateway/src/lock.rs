@@ -46,6 +46,20 @@ pub(crate) fn lock(config: &Config) -> Result<Vec<UnixListener>, GatewayError> {
     Ok(locks)
 }
 
+/// Locks the control and the folder of the audit log of a map sender, for as long as the answer lives.
+///
+/// # Errors
+/// A gateway or another sender on this computer has one of them.
+#[cfg(feature = "sinumerik")]
+pub(crate) fn lock_sender(url: &str, audit_dir: &Path) -> Result<Vec<UnixListener>, GatewayError> {
+    let mut locks = vec![lock_folder(audit_dir)?];
+    let address = Address::parse(url).map_err(GatewayError::Device)?;
+    for device in devices(&address) {
+        locks.push(lock_device(url, &device)?);
+    }
+    Ok(locks)
+}
+
 /// The devices that a configuration needs for itself: URL, and name of the device that it reaches. The serial lines of
 /// thermometers are among them, on which two cannot ask at one time; other thermometers may be asked by many.
 pub(crate) fn reached(config: &Config) -> BTreeSet<(String, String)> {

@@ -14,7 +14,7 @@ use volcomp_gateway::{
     options::Options,
     plan::Plan,
     rehearse::{self, Rehearsal},
-    run, text,
+    run, send_map, text,
 };
 
 const EXAMPLES: &str = "Examples:
@@ -38,6 +38,9 @@ const STATUS_EXAMPLES: &str = "Examples:
 const SHDR_EXAMPLES: &str = "Examples:
   volcomp-gateway shdr-device gateway.toml > Devices.xml
   volcomp-gateway shdr-device shop.toml --machine mill-2 > Devices.xml";
+const SEND_MAP_EXAMPLES: &str = "Examples:
+  volcomp-gateway send-map map-sender.toml            what would be sent, and its hash; nothing is opened
+  volcomp-gateway send-map map-sender.toml --confirm 5f2c1b0a99d4e871";
 const TLS_EXAMPLES: &str = "Examples:
   volcomp-gateway tls-init localhost 127.0.0.1
   volcomp-gateway tls-init gateway.shop.lan 192.0.2.30 --output /etc/volcomp";
@@ -164,6 +167,25 @@ enum Command {
         #[arg(long, value_name = "NAME")]
         machine: Option<String>,
     },
+    /// Bring a map of corrections into a SINUMERIK control that looks up by itself, and keep it valid
+    ///
+    /// The map is one of `volcomp map-table`. Without --confirm the files are checked and it is said what would be sent.
+    /// With it the map is sent, read back and taken into use, and from then on the control is told that it still holds,
+    /// until SIGTERM or SIGINT: after that nothing is sent, the control takes its corrections to zero by itself, and it is
+    /// waited for that; a second signal ends the program at once.
+    ///
+    /// Exit status: 0 the corrections are zero again, 1 the work failed, 2 a file or the call is wrong.
+    #[command(after_help = SEND_MAP_EXAMPLES)]
+    SendMap {
+        /// The TOML file of the sender
+        config: PathBuf,
+        /// The hash of the map, as it is said without this option
+        #[arg(long, value_name = "HASH")]
+        confirm: Option<String>,
+        /// The form of the log on standard error
+        #[arg(long, value_enum, default_value_t = LogForm::Text)]
+        log: LogForm,
+    },
     /// Make a self-signed certificate and its key for the dashboard
     #[command(after_help = TLS_EXAMPLES)]
     TlsInit {
@@ -268,6 +290,19 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
             let config = ConfigFile::read(&config)?.machine(machine.as_deref())?;
             let plan = Plan::new(config)?;
             print(&shdr::device(&plan.shape(), plan.shdr_device()))
+        }
+        Some(Command::SendMap {
+            config,
+            confirm,
+            log: form,
+        }) => {
+            let checked = send_map::check(&config)?;
+            let Some(hash) = confirm else {
+                return print(&checked.text());
+            };
+            checked.confirmed(&hash)?;
+            log(form);
+            send_map::run(&checked)
         }
         Some(Command::TlsInit { names, output }) => {
             let [certificate, key] = tls::make(&output, &names)?;

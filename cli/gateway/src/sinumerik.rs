@@ -46,7 +46,7 @@ pub(crate) fn controller(
     Ok(control)
 }
 
-fn server(address: &Address, config: &ServerConfig) -> Result<Server, DeviceError> {
+pub(crate) fn server(address: &Address, config: &ServerConfig) -> Result<Server, DeviceError> {
     if cfg!(not(feature = "sinumerik")) {
         return Err(address.unsupported(
             "this build of the gateway has no OPC UA",

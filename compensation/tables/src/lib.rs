@@ -12,6 +12,7 @@ mod misfit;
 mod refresh;
 mod request;
 mod sample;
+mod sender;
 mod wanted;
 mod writer;
 
@@ -25,6 +26,7 @@ pub use map::Map;
 pub use misfit::Misfit;
 pub use refresh::{Sensitivity, Transfer, refresh_s};
 pub use request::{Field, GridAxis, Output, Request, Table};
+pub use sender::{Allowed, Exchange, SendError, Sender, Step, Unfit};
 pub use volcomp_guard::barrier::Layout;
 pub use volcomp_model as model;
 pub use volcomp_vocabulary as vocabulary;

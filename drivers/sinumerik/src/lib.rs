@@ -2,6 +2,7 @@
 
 mod config;
 mod error;
+mod map_nodes;
 mod nodes;
 #[cfg(feature = "opc-ua")]
 mod opc_ua;
@@ -11,10 +12,12 @@ mod server;
 
 pub use config::{CHANNEL, Sign, SinumerikConfig, lag};
 pub use error::SinumerikError;
+pub use map_nodes::MapNodes;
 pub use nodes::Nodes;
 #[cfg(feature = "opc-ua")]
 pub use opc_ua::{
-    InspectedAxis, Inspection, Sensor, SinumerikController, SinumerikThermometer, inspect, look,
+    InspectedAxis, Inspection, MapWords, Sensor, SinumerikController, SinumerikThermometer,
+    inspect, look,
 };
 pub use reading::{Reading, Value, is_switched_on};
 pub use server::{PORT, SHORTEST_PERIOD, Security, Server, User};

@@ -63,7 +63,7 @@ pub struct SinumerikTable {
     pub nodes: Nodes,
 }
 
-const SERVER_KEYS: [&str; 8] = [
+pub(super) const SERVER_KEYS: [&str; 8] = [
     "namespace",
     "user",
     "password_file",
@@ -110,7 +110,10 @@ pub(super) fn server(section: &Section<'_>, folder: &Path) -> Result<ServerConfi
     keys_of_server(section, folder)
 }
 
-fn keys_of_server(section: &Section<'_>, folder: &Path) -> Result<ServerConfig, InputError> {
+pub(super) fn keys_of_server(
+    section: &Section<'_>,
+    folder: &Path,
+) -> Result<ServerConfig, InputError> {
     let default = ServerConfig::default();
     let text = |value: &Value<'_>| match value.text()? {
         "" => Err(value.error("found an empty text, expected a name")),

@@ -4,6 +4,7 @@
 mod bounds;
 mod machines;
 mod peer;
+mod sender;
 mod text;
 mod wire;
 mod words;

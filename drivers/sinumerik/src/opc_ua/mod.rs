@@ -5,8 +5,10 @@ mod inspection;
 mod link;
 mod socket;
 mod thermometer;
+mod words;
 mod worker;
 
 pub use controller::SinumerikController;
 pub use inspection::{InspectedAxis, Inspection, inspect, look};
 pub use thermometer::{Sensor, SinumerikThermometer};
+pub use words::MapWords;

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod controller;
+mod map;
 mod peer;
 mod reading;
 mod s7;

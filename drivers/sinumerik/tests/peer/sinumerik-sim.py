@@ -27,18 +27,26 @@ The machine
   --drift X=30,Y=-20,TAU_S  instead of a machine file: true axes drift by so many um with this time constant from the start
   --sign +1|-1            the setting data SD43900 moves an axis by so many times its value [+1]
   --in-positions          reported positions contain SD43900
+  --targets FILE          go through --program once whenever `run` is typed: stand at each row whose column `line` is not
+                          empty until the correction has settled, write what the axes then have into this CSV file (line,
+                          commanded X,Y,Z mm, correction dX,dY,dZ mm), and print a JSON line with targets and not_settled
+  --settle-s S --settle-at-most-s S   a correction has settled that has not changed for so long [0.3]; longest wait [10]
 
 The control
   --user NAME:PASSWORD    who may log in; without it nobody need
   --namespace URI         of the nodes [SinumerikVarProvider]
   --md32750 N             machine data TEMP_COMP_TYPE of all axes; with bit 0 clear SD43900 moves nothing [1]
   --md32760 F --md32000 MM_MIN  the axis takes a new SD43900 at this speed at the most [0.01, 10000]
+  --map KEY=N,...         the PLC looks corrections up in a map (docs/src/map-mode.md; map_control.py beside this file) and
+                          moves the axes by them: machine, capacity (words), limit, rate (um, each step), turned (um),
+                          step_scans, hold, time_out (scans), scan_ms. Mailbox: /Plc/DB100.DBW0:WORD[72], report:
+                          /Plc/DB100.DBW144:WORD[24], buffers: /Plc/DB101.DBWn:WORD[m] in pieces of 64 words
   --node ID=VALUE         a further node that may be read and written: "/Plc/DB100.DBD0:REAL=0"; an array: "...=0,0,0"
 
 Reported
   --report-s S            seconds between two lines of report; 0: only when one is asked for [0]
   --json                  lines as JSON documents: time_s, positions_mm, positions_deg (commanded), setting_um (SD43900 as it
-                          stands), correction_um (what the axis has of it), drift_um, true_mm, true_deg, residual_um
+                          stands), correction_um (what the axis has of it), drift_um, map (state of the look-up), map_um (what the axis has of it), true_mm, true_deg, residual_um
                           (drift and correction together), temperatures_degc, written (writes to SD43900 so far)
 
 Faults, on the command line or typed on standard input while it runs (one command a line)
@@ -57,6 +65,8 @@ Faults, on the command line or typed on standard input while it runs (one comman
                md32750 N           change the machine data
                temperature NAME=DEGC   the sensor has this temperature from now on
                set X=UM            set SD43900 by hand, as a person at the control does
+               plc stop|run|start  the PLC does not scan any more, scans again, starts anew
+               run                 go through the program (--targets)
                clear               SD43900 of all axes zero
                report, quit
 
@@ -83,6 +93,9 @@ import sys
 import threading
 import time
 import tomllib
+
+from map_control import KEYS as MAP_KEYS, MapControl
+from walk import Walk
 
 from asyncua import Server, ua
 from asyncua.server.uaprocessor import UaProcessor
@@ -125,6 +138,7 @@ class Program:
         self.at = dict.fromkeys(axes, 0.0)
         if arguments.at:
             self.at |= by_letter(arguments.at, axes, "--at")
+        self.rows = []
         self.stroke, self.period = arguments.stroke_mm, arguments.period_s
         self.legs, self.total = [], 0.0
         if arguments.program:
@@ -138,13 +152,14 @@ class Program:
         targets = []
         for line, row in enumerate(rows, 2):
             for key in row:
-                if key not in [*self.axes, "feed", "dwell_s"]:
-                    raise WrongCall(f"{path}: found the column {key!r}, expected letters of axes, feed or dwell_s")
+                if key not in [*self.axes, "feed", "dwell_s", "line"]:
+                    raise WrongCall(f"{path}: found the column {key!r}, expected letters of axes, feed, dwell_s or line")
             place = {a: number(row[a], f"{path}:{line}: {a}") for a in self.axes if row.get(a)}
             feed = number(row.get("feed") or "2000", f"{path}:{line}: feed")
             if feed <= 0:
                 raise WrongCall(f"{path}:{line}: feed: found {feed}, expected more than 0")
             targets.append((place, feed, number(row.get("dwell_s") or "0", f"{path}:{line}: dwell_s")))
+            self.rows.append((*targets[-1], row.get("line") or ""))
         start = {**self.at, **targets[-1][0]}
         here, now = start, 0.0
         for place, feed, dwell in targets:
@@ -200,6 +215,20 @@ class Machine:
         self.stepped = 0.0
         self.written = 0
         self.md32750 = arguments.md32750
+        self.map, self.scans, self.plc_stands = None, 0, False
+        if arguments.map:
+            settings = {}
+            for text in arguments.map.split(","):
+                key, _, value = text.partition("=")
+                if key not in MAP_KEYS:
+                    raise WrongCall(f"--map: found {key!r}, expected one of {', '.join(MAP_KEYS)}")
+                settings[key] = int(number(value, f"--map {key}"))
+            self.map = MapControl(axes, settings)
+        if arguments.targets:
+            rows = self.program.rows
+            if not rows:
+                raise WrongCall("--targets: found no --program, expected one")
+            self.program = Walk(rows, self.program.at, arguments.settle_s, arguments.settle_at_most_s)
         self.alarm = self.estop = self.unreferenced = False
 
     def read_truth(self, path):
@@ -247,6 +276,37 @@ class Machine:
             goal = self.setting[axis] if self.md32750 & 1 else 0.0
             way = goal - self.applied[axis]
             self.applied[axis] += max(-most, min(most, way))
+        self.scan(t)
+        if self.arguments.targets:
+            self.walk(t)
+
+    def scan(self, t):
+        """As many scans of the PLC as are due."""
+        if self.map is None:
+            return
+        due = int(t * 1e3 / self.map.s["scan_ms"])
+        position = self.program.position(t)
+        while self.scans < due:
+            self.scans += 1
+            if not self.plc_stands:
+                self.map.scan(position, self.alarm or self.estop or self.unreferenced)
+
+    def walk(self, t):
+        correction = self.moved()
+        found = self.program.step(t, correction)
+        if found is None:
+            return
+        with open(self.arguments.targets, "w", encoding="utf-8", newline="") as file:
+            rows = csv.writer(file)
+            rows.writerow(["line", *self.axes, *(f"d{a}" for a in self.axes)])
+            for line, at, has in found:
+                rows.writerow([line, *(f"{at[a]:.6f}" for a in self.axes), *(f"{has[a]:.6f}" for a in self.axes)])
+        print(json.dumps({"targets": len(found), "not_settled": self.program.missed}), flush=True)
+
+    def moved(self):
+        """What the axes have of SD43900 and of the map, mm."""
+        of_map = self.map.applied if self.map else {}
+        return {a: self.arguments.sign * self.applied[a] + 1e-3 * of_map.get(a, 0) for a in self.axes}
 
     def drift(self, t, commanded):
         drift = {a: 1e-3 * self.drifts.get(a, 0.0) * (1 - math.exp(-t / self.drift_tau)) for a in self.axes}
@@ -264,7 +324,7 @@ class Machine:
         t = self.stepped
         commanded = self.program.position(t)
         drift = self.drift(t, commanded)
-        moved = {a: self.arguments.sign * self.applied[a] for a in self.axes}
+        moved = self.moved()
         true = {a: commanded[a] + drift[a] + moved[a] for a in self.axes}
         linear = [a for a in self.axes if a not in ROTARY]
         rotary = [a for a in self.axes if a in ROTARY]
@@ -284,6 +344,7 @@ class Machine:
             "true_deg": {a: round(true[a], 7) for a in rotary},
             "temperatures_degc": {n: round(v, 4) for n, v in self.temperatures(t).items()},
             "written": self.written,
+            **({"map": self.map.told(), "map_um": dict(self.map.applied)} if self.map else {}),
         }
 
 
@@ -413,6 +474,8 @@ class Control:
                 return machine.temperatures(machine.now())[name]
 
             await self.add(f"/Plc/DB5.DBD{4 * place}:REAL", ua.VariantType.Float, degc, sampled=True)
+        if machine.map:
+            await self.add_map(machine.map)
         for text in self.arguments.node:
             identifier, _, value = text.rpartition("=")
             numbers = [number(v, f"--node {identifier}") for v in value.split(",")]
@@ -423,6 +486,24 @@ class Control:
                 kind, cell[0] = ua.VariantType.Int16, [int(n) for n in numbers] if is_array else int(numbers[0])
             await self.add(identifier, kind, lambda cell=cell: cell[0], lambda v, cell=cell: cell.__setitem__(0, v),
                            array=is_array)
+
+    async def add_map(self, plc):
+        word = ua.VariantType.UInt16
+
+        def write(words):
+            plc.mailbox = [int(w) for w in words][:72]
+
+        await self.add("/Plc/DB100.DBW0:WORD[72]", word, lambda: plc.mailbox, write, array=True)
+        await self.add("/Plc/DB100.DBW144:WORD[24]", word, lambda: plc.report, array=True)
+        capacity = plc.s["capacity"]
+        for first in (0, capacity):
+            for place in range(0, capacity, 64):
+                count = min(64, capacity - place)
+
+                def piece(begin=first + place, count=count):
+                    return plc.memory[begin : begin + count]
+
+                await self.add(f"/Plc/DB101.DBW{2 * (first + place)}:WORD[{count}]", word, piece, array=True)
 
     async def start(self):
         host, _, port = self.arguments.listen.rpartition(":")
@@ -481,6 +562,12 @@ class Control:
             faults.paused_until = time.monotonic() + number(rest, word)
         elif word == "disconnect":
             self.disconnect()
+        elif word == "plc" and machine.map and rest in ("stop", "run", "start"):
+            machine.plc_stands = rest == "stop"
+            if rest == "start":
+                machine.map.start()
+        elif word == "run" and self.arguments.targets:
+            machine.program.run(machine.now())
         elif word == "md32750":
             machine.md32750 = int(number(rest, word))
         elif word == "temperature":
@@ -519,7 +606,7 @@ async def run(arguments):
     control.slow()
     address = await control.start()
     # The drift and the program begin when it can be asked.
-    machine.start, machine.stepped = time.monotonic(), 0.0
+    machine.start, machine.stepped, machine.scans = time.monotonic(), 0.0, 0
     loop, end = asyncio.get_running_loop(), asyncio.Event()
     for which in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(which, end.set)
@@ -541,7 +628,7 @@ async def run(arguments):
     async def steps():
         while True:
             machine.step()
-            await asyncio.sleep(0.01)
+            await asyncio.sleep(0.005 if machine.map else 0.01)
 
     async def reports():
         while arguments.report_s > 0:
@@ -577,6 +664,10 @@ def main():
     add("--md32750", type=int, default=1)
     add("--md32760", type=float, default=0.01)
     add("--md32000", type=float, default=10000.0)
+    add("--map")
+    add("--targets")
+    add("--settle-s", type=float, default=0.3)
+    add("--settle-at-most-s", type=float, default=10.0)
     add("--node", action="append", default=[])
     add("--report-s", type=float, default=0.0)
     add("--json", action="store_true")

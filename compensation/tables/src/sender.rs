@@ -1,0 +1,320 @@
+//! The sender: brings a map into a control and keeps it valid there, one exchange after the other.
+
+use crate::{
+    HEADER_WORDS, Loaded, Map, Next, OUTPUTS,
+    control::{Body, FRAME_WORDS, Refusal, Report, Settings},
+    next_write,
+};
+
+/// How words get to and from a control.
+pub trait Exchange {
+    /// Why they do not.
+    type Error;
+
+    /// Reads the words of the report, as many as there are or more.
+    ///
+    /// # Errors
+    /// They cannot be read.
+    fn report(&mut self) -> Result<Vec<u16>, Self::Error>;
+
+    /// Writes a frame into the mailbox, in one piece.
+    ///
+    /// # Errors
+    /// It was refused, or nobody knows whether it arrived.
+    fn write(&mut self, frame: &[u16; FRAME_WORDS]) -> Result<(), Self::Error>;
+
+    /// Reads the first `count` words of a buffer, 0 or 1.
+    ///
+    /// # Errors
+    /// They cannot be read.
+    fn buffer(&mut self, buffer: u16, count: usize) -> Result<Vec<u16>, Self::Error>;
+}
+
+/// What a control may do with a map: the limits of whoever sends it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Allowed {
+    /// The largest correction, mm.
+    pub limit_mm: f64,
+    /// The fastest change of a correction, mm/s.
+    pub slew_mm_per_s: f64,
+    /// The longest time without a frame until the corrections go to zero, s.
+    pub zero_after_s: f64,
+    /// The time of a scan of the control's program, s.
+    pub scan_s: f64,
+    /// Words of one of its buffers.
+    pub capacity: usize,
+}
+
+/// Why a map is not sent to this control.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum Unfit {
+    /// The map is larger than a buffer.
+    #[error("the map has {found} words, expected {capacity} at the most, the words of a buffer")]
+    Words {
+        /// The words of the map.
+        found: usize,
+        /// The words of a buffer.
+        capacity: usize,
+    },
+    /// A value of the map is beyond the limit.
+    #[error("the map corrects by up to {found_um:.1} µm, expected {limit_um} µm at the most")]
+    Value {
+        /// The largest value with all reversals, µm.
+        found_um: f64,
+        /// The limit, µm.
+        limit_um: f64,
+    },
+    /// The control's own limit is wider.
+    #[error(
+        "the control takes corrections up to {found_um} µm, expected {limit_um} µm at the most"
+    )]
+    Limit {
+        /// The control's limit, µm.
+        found_um: f64,
+        /// The limit of the sender, µm.
+        limit_um: f64,
+    },
+    /// The control moves faster.
+    #[error(
+        "the control moves a correction at {found_um_per_s:.1} µm/s, expected {slew_um_per_s} µm/s at the most"
+    )]
+    Rate {
+        /// The control's rate, µm/s.
+        found_um_per_s: f64,
+        /// The slew of the sender, µm/s.
+        slew_um_per_s: f64,
+    },
+    /// The control waits longer for the sender.
+    #[error(
+        "the control goes to zero {found_s} s after the last frame, expected {zero_after_s} s at the most"
+    )]
+    TimeOut {
+        /// The control's time-out, s.
+        found_s: f64,
+        /// The longest time, s.
+        zero_after_s: f64,
+    },
+}
+
+impl Allowed {
+    /// Whether a map is within the limits.
+    ///
+    /// # Errors
+    /// It is too large, or corrects by more.
+    pub fn admits(&self, map: &Map) -> Result<(), Unfit> {
+        let (found, capacity) = (map.words().len(), self.capacity);
+        if found > capacity {
+            return Err(Unfit::Words { found, capacity });
+        }
+        let header = map.header();
+        let outputs = header.outputs.count().min(OUTPUTS);
+        for output in 0..outputs {
+            let values = map.words()[HEADER_WORDS..].iter().skip(output);
+            let largest = values
+                .step_by(outputs)
+                .map(|word| i32::from(word.cast_signed()).abs())
+                .max();
+            let turned = header.reversal.iter();
+            let reversals: i32 = turned.map(|row| i32::from(row[output]).abs()).sum();
+            let parts = f64::from(largest.unwrap_or(0) + reversals);
+            let found_mm = parts * step_mm(map, output) / f64::from(header.scale);
+            if found_mm > self.limit_mm {
+                return Err(Unfit::Value {
+                    found_um: found_mm * 1e3,
+                    limit_um: self.limit_mm * 1e3,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether a control keeps within the limits, by what it publishes.
+    ///
+    /// # Errors
+    /// The first limit that is wider there.
+    pub fn is_kept_by(&self, map: &Map, seen: &Report) -> Result<(), Unfit> {
+        // Numbers that went through steps are not compared to the last bit.
+        let beyond = |found: f64, most: f64| found.is_nan() || found > most * (1.0 + 1e-9);
+        for output in 0..map.header().outputs.count().min(OUTPUTS) {
+            let step = step_mm(map, output);
+            let limit = f64::from(seen.limit[output]) * step;
+            if beyond(limit, self.limit_mm) {
+                return Err(Unfit::Limit {
+                    found_um: limit * 1e3,
+                    limit_um: self.limit_mm * 1e3,
+                });
+            }
+            let every_s = f64::from(seen.step_scans) * self.scan_s;
+            let rate = f64::from(seen.rate[output]) * step / every_s;
+            if beyond(rate, self.slew_mm_per_s) {
+                return Err(Unfit::Rate {
+                    found_um_per_s: rate * 1e3,
+                    slew_um_per_s: self.slew_mm_per_s * 1e3,
+                });
+            }
+        }
+        let found_s = f64::from(seen.time_out_scans) * self.scan_s;
+        if beyond(found_s, self.zero_after_s) {
+            return Err(Unfit::TimeOut {
+                found_s,
+                zero_after_s: self.zero_after_s,
+            });
+        }
+        Ok(())
+    }
+}
+
+fn step_mm(map: &Map, output: usize) -> f64 {
+    f64::from(map.header().output_step_nm[output]) * 1e-6
+}
+
+/// What came of one step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// The report was torn or belongs to another machine: nothing was sent.
+    Unreadable,
+    /// The control has not scanned since the last report: nothing was sent.
+    Stands,
+    /// A part of the map was sent, or the loaded words were read back.
+    Loading,
+    /// The map is in use, and it was said that it stays so.
+    Kept,
+}
+
+/// Why a sender ends.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SendError<E> {
+    /// Words did not get through. The next step goes on where the control is.
+    #[error(transparent)]
+    Exchange(E),
+    /// Another sender holds the control: nothing was sent.
+    #[error("another sender, number {by}, holds the control (sequence {sequence})")]
+    Held {
+        /// The number of the other sender.
+        by: u16,
+        /// The sequence of its last frame: it stands still where nobody sends any more.
+        sequence: u16,
+    },
+    /// The control does more than is allowed, or the map does.
+    #[error(transparent)]
+    Unfit(#[from] Unfit),
+    /// The control does not take the map.
+    #[error("the control does not take the map: {0}")]
+    Refused(Refusal),
+}
+
+/// So often a refused map is begun again before its sender gives up.
+const BEGINNINGS: u32 = 8;
+
+/// A sender of one map. It keeps nothing of what the control does but whether the words there were read back.
+#[derive(Clone, Debug)]
+pub struct Sender {
+    map: Map,
+    settings: Settings,
+    owner: u16,
+    allowed: Allowed,
+    loaded: Loaded,
+    begun: u32,
+    tick: Option<u16>,
+}
+
+impl Sender {
+    /// A sender of this map for the control of this machine. `owner` is a number drawn for it, not 0.
+    ///
+    /// # Errors
+    /// The map is beyond what is allowed.
+    pub fn new(map: Map, machine: u16, owner: u16, allowed: Allowed) -> Result<Self, Unfit> {
+        allowed.admits(&map)?;
+        let header = *map.header();
+        Ok(Self {
+            // Frames and reports are made by the machine and the corrected axes alone.
+            settings: Settings {
+                grid: header.grid,
+                outputs: header.outputs,
+                machine,
+                position_step_millionths: header.lines.map(|lines| lines.step_millionths),
+                output_step_nm: header.output_step_nm,
+                capacity: u16::try_from(allowed.capacity).unwrap_or(u16::MAX),
+                limit: [1; OUTPUTS],
+                rate: [1; OUTPUTS],
+                turned: [1; crate::GRID_AXES],
+                step_scans: 1,
+                hold_scans: 1,
+                time_out_scans: 2,
+            },
+            map,
+            owner: owner.max(1),
+            allowed,
+            loaded: Loaded::Unknown,
+            begun: 0,
+            tick: None,
+        })
+    }
+
+    /// What the words of a report say, `None`: they are torn, or of another machine.
+    #[must_use]
+    pub fn seen(&self, words: &[u16]) -> Option<Report> {
+        Report::decode(&self.settings, words)
+    }
+
+    /// Reads what the control publishes, and sends what comes next.
+    ///
+    /// # Errors
+    /// See [`SendError`]; after [`SendError::Exchange`] another step may be tried.
+    pub fn step<C: Exchange>(&mut self, control: &mut C) -> Result<Step, SendError<C::Error>> {
+        let words = control.report().map_err(SendError::Exchange)?;
+        let Some(seen) = self.seen(&words) else {
+            return Ok(Step::Unreadable);
+        };
+        // A program that stands would be answered with its own old tick for ever.
+        if self.tick.replace(seen.tick) == Some(seen.tick) {
+            return Ok(Step::Stands);
+        }
+        self.allowed.is_kept_by(&self.map, &seen)?;
+        let frame = match next_write(
+            &self.map,
+            self.settings.machine,
+            self.owner,
+            &seen,
+            self.loaded,
+        ) {
+            Next::Held { by } => {
+                let sequence = seen.sequence;
+                return Err(SendError::Held { by, sequence });
+            }
+            Next::ReadBack { buffer } => {
+                let wanted = self.map.words();
+                let found = control
+                    .buffer(buffer, wanted.len())
+                    .map_err(SendError::Exchange)?;
+                self.loaded = if found == wanted {
+                    Loaded::Same
+                } else {
+                    Loaded::Other
+                };
+                return Ok(Step::Loading);
+            }
+            Next::Write(frame) => frame,
+        };
+        let step = match frame.body {
+            Body::Keep { .. } => {
+                self.begun = 0;
+                Step::Kept
+            }
+            Body::Begin { .. } => {
+                self.loaded = Loaded::Unknown;
+                if matches!(seen.refusal, Refusal::Value | Refusal::Fit | Refusal::Map) {
+                    self.begun += 1;
+                    if self.begun > BEGINNINGS {
+                        return Err(SendError::Refused(seen.refusal));
+                    }
+                }
+                Step::Loading
+            }
+            Body::Words { .. } | Body::Swap { .. } => Step::Loading,
+        };
+        let frame = frame.encode(&self.settings);
+        control.write(&frame).map_err(SendError::Exchange)?;
+        Ok(step)
+    }
+}

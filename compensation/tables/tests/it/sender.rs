@@ -1,0 +1,312 @@
+//! The sender against the reference control, over a wire that drops writes and whose sender goes away: the map before stays
+//! in use until its time is out, and what is applied never moves by more than its rate.
+
+use volcomp_tables::{
+    Allowed, Exchange, GRID_AXES, Layout, Map, OUTPUTS, SendError, Sender, Step, Unfit, build,
+    control::{FRAME_WORDS, Lookup, REPORT_WORDS, Refusal, Settings},
+    vocabulary::AxisName::{X, Y},
+};
+
+use crate::world;
+
+const MACHINE: u16 = 77;
+
+/// The control with a mailbox that the wire reaches.
+struct Control {
+    lookup: Lookup,
+    settings: Settings,
+    mailbox: [u16; FRAME_WORDS],
+    position: [i32; GRID_AXES],
+    applied: [i16; OUTPUTS],
+    /// The largest movement between two scans, steps.
+    largest: u16,
+    writes: usize,
+    /// Every so many writes one is lost; 0: none.
+    loses: usize,
+    /// One word that is read back wrong, once.
+    lies: bool,
+}
+
+impl Control {
+    fn new() -> Self {
+        let settings = Settings {
+            grid: Layout::of([X, Y]).expect("each once"),
+            outputs: Layout::of([X, Y]).expect("each once"),
+            machine: MACHINE,
+            position_step_millionths: [1000; GRID_AXES],
+            output_step_nm: [1000; OUTPUTS],
+            capacity: 600,
+            limit: [100; OUTPUTS],
+            rate: [3; OUTPUTS],
+            turned: [5; GRID_AXES],
+            step_scans: 1,
+            hold_scans: 10,
+            time_out_scans: 40,
+        };
+        let lookup = Lookup::start(settings, 5, 0, [0; OUTPUTS]).expect("settings");
+        Self {
+            lookup,
+            settings,
+            mailbox: [0; FRAME_WORDS],
+            position: [700_000, 200_000, 0, 0, 0],
+            applied: [0; OUTPUTS],
+            largest: 0,
+            writes: 0,
+            loses: 0,
+            lies: false,
+        }
+    }
+
+    fn scan(&mut self) {
+        self.lookup.scan(&self.mailbox, &self.position, false);
+        let now = self.lookup.report().applied;
+        for (was, is) in self.applied.iter().zip(now) {
+            self.largest = self.largest.max(was.abs_diff(is));
+        }
+        self.applied = now;
+    }
+}
+
+impl Exchange for Control {
+    type Error = ();
+
+    fn report(&mut self) -> Result<Vec<u16>, ()> {
+        self.scan();
+        let mut words = [0; REPORT_WORDS];
+        let count = self.lookup.report().encode(&self.settings, &mut words);
+        Ok(words[..count].to_vec())
+    }
+
+    fn write(&mut self, frame: &[u16; FRAME_WORDS]) -> Result<(), ()> {
+        self.writes += 1;
+        if self.loses == 0 || !self.writes.is_multiple_of(self.loses) {
+            self.mailbox = *frame;
+        }
+        self.scan();
+        Ok(())
+    }
+
+    fn buffer(&mut self, buffer: u16, count: usize) -> Result<Vec<u16>, ()> {
+        let mut words = self.lookup.buffer(usize::from(buffer))[..count].to_vec();
+        if std::mem::take(&mut self.lies) {
+            words[count - 1] ^= 1;
+        }
+        Ok(words)
+    }
+}
+
+/// A map that corrects X by 80 µm along X and Y by 50 µm along Y, times `times`.
+fn map(counter: u16, times: f64) -> Map {
+    let request = volcomp_tables::Request {
+        counter,
+        words: 600,
+        ..world::request(2, 2, 0.5)
+    };
+    let field = |at: &[f64; GRID_AXES]| {
+        let bend = 1e-6 * (at[0] - 500.0).powi(2) * 0.1;
+        [
+            times * (0.08 * at[0] / 1000.0 - bend),
+            times * 0.05 * at[1] / 1000.0,
+            0.0,
+        ]
+    };
+    build(&request, &field).expect("a map").map
+}
+
+fn allowed() -> Allowed {
+    Allowed {
+        limit_mm: 0.1,
+        slew_mm_per_s: 0.3,
+        zero_after_s: 0.4,
+        scan_s: 0.01,
+        capacity: 600,
+    }
+}
+
+fn sender(map: &Map, owner: u16) -> Sender {
+    Sender::new(map.clone(), MACHINE, owner, allowed()).expect("within the limits")
+}
+
+/// Steps until the map is kept; how many it took.
+fn bring(sender: &mut Sender, control: &mut Control) -> usize {
+    for count in 1..2000 {
+        if sender.step(control).expect("no fault that lasts") == Step::Kept {
+            return count;
+        }
+    }
+    panic!("not in use: {:?}", control.lookup.report());
+}
+
+/// Keeps for so many steps.
+fn keep(sender: &mut Sender, control: &mut Control, steps: usize) {
+    for _ in 0..steps {
+        sender.step(control).expect("it stays");
+    }
+}
+
+#[test]
+fn a_map_is_brought_and_kept() {
+    let mut control = Control::new();
+    let map = map(3, 1.0);
+    let mut sender = sender(&map, 9);
+    bring(&mut sender, &mut control);
+    keep(&mut sender, &mut control, 200);
+    let report = control.lookup.report();
+    assert!(
+        report.valid && report.counter == 3 && report.owner == 9,
+        "{report:?}"
+    );
+    let wanted = [0.08 * 700.0 - 4.0, 0.05 * 200.0].map(f64::round);
+    for (applied, wanted) in report.applied.iter().zip(wanted) {
+        assert!((f64::from(*applied) - wanted).abs() <= 1.0, "{report:?}");
+    }
+    assert_eq!(control.largest, 3, "the way there is at the control's rate");
+}
+
+#[test]
+fn lost_writes_and_a_wrong_word_only_cost_time() {
+    let map = map(3, 1.0);
+    let mut whole = Control::new();
+    let without = bring(&mut sender(&map, 9), &mut whole);
+    for loses in [2, 3, 5] {
+        let mut control = Control::new();
+        control.loses = loses;
+        control.lies = true;
+        let mut sender = sender(&map, 9);
+        let with = bring(&mut sender, &mut control);
+        assert!(with > without, "{with} {without}");
+        let buffer = usize::from(control.lookup.report().buffer);
+        assert_eq!(
+            control.lookup.buffer(buffer)[..map.words().len()],
+            *map.words()
+        );
+    }
+}
+
+/// The first map stays in use while the second is half there, and both are gone when the time is out.
+#[test]
+fn a_sender_that_is_gone_leaves_zero_without_a_step() {
+    let mut control = Control::new();
+    let mut first = sender(&map(3, 1.0), 9);
+    bring(&mut first, &mut control);
+    keep(&mut first, &mut control, 200);
+    let full = control.applied;
+    // The same sender with another map, killed in the middle of it.
+    let mut second = sender(&map(4, -1.0), 9);
+    for _ in 0..3 {
+        assert_eq!(second.step(&mut control), Ok(Step::Loading));
+    }
+    let report = control.lookup.report();
+    assert!(
+        report
+            .loading
+            .is_some_and(|(counter, next)| counter == 4 && next > 0),
+        "{report:?}"
+    );
+    assert!(
+        report.valid && report.counter == 3 && control.applied == full,
+        "{report:?}"
+    );
+    control.largest = 0;
+    for _ in 0..39 {
+        control.scan();
+    }
+    assert_eq!(control.applied, full, "before the time is out");
+    for _ in 0..100 {
+        control.scan();
+    }
+    let report = control.lookup.report();
+    assert!(
+        !report.valid && report.applied == [0; OUTPUTS] && report.owner == 0,
+        "{report:?}"
+    );
+    assert_eq!(control.largest, 3, "at the control's rate");
+    // Whoever comes next begins from the start.
+    bring(&mut sender(&map(4, -1.0), 10), &mut control);
+}
+
+#[test]
+fn a_second_sender_sends_nothing() {
+    let mut control = Control::new();
+    let mut first = sender(&map(3, 1.0), 9);
+    bring(&mut first, &mut control);
+    let (mailbox, writes) = (control.mailbox, control.writes);
+    let found = sender(&map(4, -1.0), 10).step(&mut control);
+    assert!(
+        matches!(found, Err(SendError::Held { by: 9, .. })),
+        "{found:?}"
+    );
+    assert_eq!((control.mailbox, control.writes), (mailbox, writes));
+    keep(&mut first, &mut control, 20);
+    assert!(control.lookup.report().valid);
+}
+
+/// Frames whose sequence does not go on, as a frozen mailbox has them, do not keep a map.
+#[test]
+fn a_stale_mailbox_keeps_nothing() {
+    let mut control = Control::new();
+    let mut sender = sender(&map(3, 1.0), 9);
+    bring(&mut sender, &mut control);
+    let before = control.mailbox;
+    // Every write is lost from now on, and the sender goes on without knowing.
+    control.loses = 1;
+    for _ in 0..60 {
+        let _ = sender.step(&mut control);
+    }
+    assert_eq!(control.mailbox, before);
+    assert!(!control.lookup.report().valid);
+    // It is begun anew when the wire is whole again.
+    control.loses = 0;
+    bring(&mut sender, &mut control);
+}
+
+#[test]
+fn limits_of_either_side_are_not_passed() {
+    let large = Sender::new(map(3, 2.0), MACHINE, 9, allowed());
+    assert!(matches!(large, Err(Unfit::Value { .. })), "{large:?}");
+    let small = Allowed {
+        capacity: 70,
+        ..allowed()
+    };
+    let found = Sender::new(map(3, 1.0), MACHINE, 9, small);
+    assert!(matches!(found, Err(Unfit::Words { .. })), "{found:?}");
+    let change: [(fn(&mut Settings), &str); 3] = [
+        (|s| s.limit[1] = 101, "takes corrections up to"),
+        (|s| s.rate[0] = 4, "moves a correction at"),
+        (|s| s.time_out_scans = 41, "goes to zero"),
+    ];
+    for (change, expected) in change {
+        let mut control = Control::new();
+        change(&mut control.settings);
+        control.lookup = Lookup::start(control.settings, 5, 0, [0; OUTPUTS]).expect("settings");
+        let found = sender(&map(3, 1.0), 9).step(&mut control);
+        let told = found.expect_err(expected).to_string_of();
+        assert!(told.contains(expected), "{told}");
+        assert_eq!(control.writes, 0, "{told}");
+    }
+}
+
+/// The control takes smaller corrections than the map has: it is begun some times, and then no more.
+#[test]
+fn a_map_that_the_control_refuses_ends_the_sender() {
+    let mut control = Control::new();
+    control.settings.limit = [20; OUTPUTS];
+    control.lookup = Lookup::start(control.settings, 5, 0, [0; OUTPUTS]).expect("settings");
+    let mut sender = sender(&map(3, 1.0), 9);
+    let found = (0..200).find_map(|_| sender.step(&mut control).err());
+    assert_eq!(found, Some(SendError::Refused(Refusal::Value)));
+    assert!(!control.lookup.report().valid);
+}
+
+trait Told {
+    fn to_string_of(&self) -> String;
+}
+
+impl Told for SendError<()> {
+    fn to_string_of(&self) -> String {
+        match self {
+            Self::Unfit(unfit) => unfit.to_string(),
+            other => format!("{other:?}"),
+        }
+    }
+}

@@ -1,0 +1,124 @@
+//! The words of a map in the PLC, over a session of their own.
+
+use opcua::types::{DataValue, Variant};
+
+use super::link::Link;
+use crate::{error::SinumerikError, map_nodes::MapNodes, server::Server};
+
+/// So many arrays are asked for at once.
+const AT_ONCE: usize = 16;
+
+/// An open session through which a map is brought into the PLC. Every exchange ends within the server's time-out; after a
+/// failed one nothing is known of the session, and it should be dropped.
+pub struct MapWords {
+    runtime: tokio::runtime::Runtime,
+    /// Always there until it is closed.
+    link: Option<Link>,
+    nodes: MapNodes,
+    capacity: usize,
+}
+
+impl MapWords {
+    /// Connects to a control whose buffers have `capacity` words each.
+    ///
+    /// # Errors
+    /// The server cannot be reached, or refuses.
+    pub fn open(server: &Server, nodes: MapNodes, capacity: usize) -> Result<Self, SinumerikError> {
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .enable_all()
+            .build()
+            .map_err(|error| SinumerikError::Client(error.to_string()))?;
+        let link = runtime.block_on(Link::open(server))?;
+        Ok(Self {
+            runtime,
+            link: Some(link),
+            nodes,
+            capacity,
+        })
+    }
+
+    /// The words of the report.
+    ///
+    /// # Errors
+    /// No answer in time, or one that is no array of words.
+    pub fn report(&self) -> Result<Vec<u16>, SinumerikError> {
+        self.read(std::slice::from_ref(&self.nodes.report))
+    }
+
+    /// Writes the words of the mailbox as one array.
+    ///
+    /// # Errors
+    /// No answer in time, or a refusal.
+    pub fn write(&self, words: &[u16]) -> Result<(), SinumerikError> {
+        let node = &self.nodes.mailbox;
+        let value = Variant::from(words.to_vec());
+        let link = self.link()?;
+        let write = link.write(std::iter::once((node, value)));
+        match self.runtime.block_on(write)?.first() {
+            Some(status) if status.is_good() => Ok(()),
+            status => Err(SinumerikError::Node {
+                node: node.clone(),
+                found: status.map_or_else(|| "no status".to_owned(), ToString::to_string),
+            }),
+        }
+    }
+
+    /// The first `count` words of a buffer, 0 or 1.
+    ///
+    /// # Errors
+    /// As [`MapWords::report`].
+    pub fn buffer(&self, buffer: u16, count: usize) -> Result<Vec<u16>, SinumerikError> {
+        let mut words = Vec::new();
+        let nodes = self.nodes.of_buffer(buffer, count, self.capacity);
+        for some in nodes.chunks(AT_ONCE) {
+            words.extend(self.read(some)?);
+        }
+        words.truncate(count);
+        Ok(words)
+    }
+
+    /// Ends the session in good order, for a control that admits only a few.
+    pub fn close(mut self) {
+        if let Some(link) = self.link.take() {
+            self.runtime.block_on(link.close());
+        }
+    }
+
+    fn link(&self) -> Result<&Link, SinumerikError> {
+        self.link
+            .as_ref()
+            .ok_or_else(|| SinumerikError::Connect("the session ended".to_owned()))
+    }
+
+    fn read(&self, nodes: &[String]) -> Result<Vec<u16>, SinumerikError> {
+        let answer = self.runtime.block_on(self.link()?.read(nodes))?;
+        let mut words = Vec::new();
+        for (node, value) in nodes.iter().zip(&answer.values) {
+            let found = words_of(value).ok_or_else(|| SinumerikError::Node {
+                node: node.clone(),
+                found: match value.status {
+                    Some(status) if !status.is_good() => status.to_string(),
+                    _ => "no array of words".to_owned(),
+                },
+            })?;
+            words.extend(found);
+        }
+        Ok(words)
+    }
+}
+
+/// The words of an array of words, with or without a sign.
+fn words_of(value: &DataValue) -> Option<Vec<u16>> {
+    if value.status.is_some_and(|status| !status.is_good()) {
+        return None;
+    }
+    let Some(Variant::Array(array)) = &value.value else {
+        return None;
+    };
+    let word = |value: &Variant| match value {
+        Variant::UInt16(word) => Some(*word),
+        Variant::Int16(word) => Some(word.cast_unsigned()),
+        _ => None,
+    };
+    array.values.iter().map(word).collect()
+}

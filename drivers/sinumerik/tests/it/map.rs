@@ -1,0 +1,209 @@
+//! A map brought over OPC UA into a PLC that was written from the documentation in another language: what the axes have of it
+//! is what the map says, and what goes wrong on the way never makes a step.
+
+use std::time::{Duration, Instant};
+
+use volcomp_sinumerik::{MapNodes, MapWords, Server, SinumerikError};
+use volcomp_tables::{
+    Allowed, Exchange, GRID_AXES, GridAxis, Map, Output, Request, SendError, Sender, Step, build,
+    control::FRAME_WORDS, vocabulary::AxisName,
+};
+use volcomp_test_support::until;
+
+use crate::peer::{PATIENCE, Peer};
+
+const MACHINE: u16 = 1002;
+/// One scan in 10 ms; the map is valid for 4 s after the last frame, so that a busy computer keeps it.
+const PLC: &str = "machine=1002,capacity=700,limit=100,rate=2,hold=200,time_out=400";
+
+struct Words(MapWords);
+
+impl Exchange for Words {
+    type Error = SinumerikError;
+
+    fn report(&mut self) -> Result<Vec<u16>, SinumerikError> {
+        self.0.report()
+    }
+
+    fn write(&mut self, frame: &[u16; FRAME_WORDS]) -> Result<(), SinumerikError> {
+        self.0.write(frame)
+    }
+
+    fn buffer(&mut self, buffer: u16, count: usize) -> Result<Vec<u16>, SinumerikError> {
+        self.0.buffer(buffer, count)
+    }
+}
+
+fn peer() -> Option<Peer> {
+    Peer::start(&["--map", PLC, "--at", "X=700,Y=200,Z=50"])
+}
+
+fn open(peer: &Peer) -> Words {
+    let mut server = Server::new(&*peer.url);
+    server.time_out = Duration::from_secs(5);
+    Words(MapWords::open(&server, MapNodes::default(), 700).expect("a server"))
+}
+
+/// A map over 1000 mm of X, Y and Z that corrects X by 60 µm · x/1000 - 20 µm · (y/1000)², Y by 30 µm · x·z, Z by -40 µm.
+fn map(counter: u16) -> Map {
+    let names = [AxisName::X, AxisName::Y, AxisName::Z];
+    let request = Request {
+        axes: names
+            .map(|name| GridAxis {
+                name,
+                travel: [0.0, 1000.0],
+                step: 0.001,
+            })
+            .to_vec(),
+        outputs: names
+            .map(|name| Output {
+                name,
+                step_mm: 0.001,
+                limit_mm: 0.1,
+            })
+            .to_vec(),
+        within_mm: 0.001,
+        words: 700,
+        counter,
+        model: 1,
+    };
+    build(&request, &field).expect("a map").map
+}
+
+fn field(at: &[f64; GRID_AXES]) -> [f64; 3] {
+    let [x, y, z] = [at[0], at[1], at[2]].map(|mm| mm / 1000.0);
+    [0.06 * x - 0.02 * y * y, 0.03 * x * z, -0.04]
+}
+
+fn sender(counter: u16, owner: u16) -> Sender {
+    let allowed = Allowed {
+        limit_mm: 0.1,
+        slew_mm_per_s: 0.2,
+        zero_after_s: 4.0,
+        scan_s: 0.01,
+        capacity: 700,
+    };
+    Sender::new(map(counter), MACHINE, owner, allowed).expect("within the limits")
+}
+
+/// Steps until one has this result.
+fn step_until(sender: &mut Sender, words: &mut Words, wanted: Step) {
+    let end = Instant::now() + PATIENCE;
+    while sender.step(words).expect("no fault") != wanted {
+        assert!(Instant::now() < end, "not {wanted:?}");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+fn has(peer: &mut Peer, axis: &str) -> f64 {
+    peer.number("map_um", axis)
+}
+
+/// Keeps the map until an axis has this correction, µm.
+fn keep_until(peer: &mut Peer, sender: &mut Sender, words: &mut Words, axis: &str, um: f64) {
+    until("the correction", PATIENCE, || {
+        sender.step(words).expect("no fault");
+        (has(peer, axis) - um).abs() <= 1.0
+    });
+}
+
+fn is_valid(peer: &mut Peer) -> bool {
+    peer.report().contains("\"valid\": true")
+}
+
+#[test]
+fn the_axes_have_what_the_map_says() {
+    let Some(mut peer) = peer() else { return };
+    let mut words = open(&peer);
+    let mut sender = sender(5, 21);
+    step_until(&mut sender, &mut words, Step::Kept);
+    assert!(is_valid(&mut peer));
+    for (axis, um) in ["X", "Y", "Z"]
+        .iter()
+        .zip(field(&[700.0, 200.0, 50.0, 0.0, 0.0]))
+    {
+        keep_until(&mut peer, &mut sender, &mut words, axis, um * 1e3);
+    }
+    // The true position has it, and the reported one does not.
+    let has = peer.number("correction_um", "Z");
+    assert!((has + 40.0).abs() <= 1.0, "{has}");
+    let report = peer.report();
+    assert!(report.contains("\"largest_move_um\": 2}"), "{report}");
+    words.0.close();
+}
+
+/// Writes that the server calls good and forgets: the map is valid until its time is out, then the axes go to zero at their
+/// rate; when writes arrive again, the map is sent again.
+#[test]
+fn silence_ramps_to_zero_and_the_map_comes_back() {
+    let Some(mut peer) = peer() else { return };
+    let mut words = open(&peer);
+    let mut sender = sender(5, 21);
+    step_until(&mut sender, &mut words, Step::Kept);
+    keep_until(&mut peer, &mut sender, &mut words, "Z", -40.0);
+    peer.type_in("drop-writes on");
+    until("zero", PATIENCE, || {
+        let step = sender.step(&mut words).expect("the sender cannot know");
+        let z = has(&mut peer, "Z");
+        assert!((-40.0..=0.0).contains(&z), "{z} {step:?}");
+        z == 0.0
+    });
+    let report = peer.report();
+    assert!(report.contains("\"valid\": false"), "{report}");
+    assert!(report.contains("\"largest_move_um\": 2}"), "{report}");
+    peer.type_in("drop-writes off");
+    step_until(&mut sender, &mut words, Step::Kept);
+    keep_until(&mut peer, &mut sender, &mut words, "Z", -40.0);
+}
+
+/// The first map is in use; a second one is half there when its sender is killed, and a third sender finds the control held.
+#[test]
+fn a_sender_killed_in_the_middle_and_a_foreign_one() {
+    let Some(mut peer) = peer() else { return };
+    let mut words = open(&peer);
+    let mut first = sender(5, 21);
+    step_until(&mut first, &mut words, Step::Kept);
+    keep_until(&mut peer, &mut first, &mut words, "Z", -40.0);
+    let mut second = sender(6, 21);
+    until("half a map", PATIENCE, || {
+        let step = second.step(&mut words).expect("no fault");
+        assert_ne!(step, Step::Kept);
+        peer.number("map", "loaded") >= 64.0
+    });
+    drop(words);
+    let report = peer.report();
+    assert!(
+        report.contains("\"valid\": true, \"counter\": 5"),
+        "{report}"
+    );
+    let mut others = open(&peer);
+    let found = sender(7, 22).step(&mut others);
+    assert!(
+        matches!(found, Err(SendError::Held { by: 21, .. })),
+        "{found:?}"
+    );
+    assert!((has(&mut peer, "Z") + 40.0).abs() <= 1.0);
+    // When the first one's time is out, the axes go to zero, and the other one is let in.
+    until("zero", PATIENCE, || has(&mut peer, "Z") == 0.0);
+    assert!(!is_valid(&mut peer));
+    let mut third = sender(7, 22);
+    step_until(&mut third, &mut others, Step::Kept);
+    let report = peer.report();
+    assert!(report.contains("\"largest_move_um\": 2}"), "{report}");
+}
+
+/// A PLC that starts anew uses nothing of what lies in its memory; one that stands is not written.
+#[test]
+fn a_plc_that_starts_anew_gets_the_map_again() {
+    let Some(mut peer) = peer() else { return };
+    let mut words = open(&peer);
+    let mut sender = sender(5, 21);
+    step_until(&mut sender, &mut words, Step::Kept);
+    peer.type_in("plc stop");
+    step_until(&mut sender, &mut words, Step::Stands);
+    peer.type_in("plc start");
+    until("no map", PATIENCE, || !is_valid(&mut peer));
+    step_until(&mut sender, &mut words, Step::Loading);
+    step_until(&mut sender, &mut words, Step::Kept);
+    assert!(is_valid(&mut peer));
+}
