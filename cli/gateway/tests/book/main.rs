@@ -10,7 +10,7 @@ use std::{
     process::{Command, Stdio},
 };
 
-use volcomp_gateway::config::{Config, Several};
+use volcomp_gateway::config::{Config, MapSender, Several};
 use volcomp_guard::Reasons;
 use volcomp_test_support::{
     Running,
@@ -63,6 +63,11 @@ fn every_configuration_is_read_by_the_gateway() {
     for block in pages().iter().flat_map(|page| blocks(page)) {
         if is_of_several(&block) {
             decode_several(&block.text).unwrap_or_else(|e| panic!("{}: {e}", block.place));
+            count += 1;
+        }
+        if block.is("file of a map sender") {
+            MapSender::parse(&block.text, "map-sender.toml", Path::new(""))
+                .unwrap_or_else(|e| panic!("{}: {e}", block.place));
             count += 1;
         }
         if let Some(text) = whole(&block) {
