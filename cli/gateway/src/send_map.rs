@@ -126,6 +126,7 @@ pub use opened::run;
 #[cfg(feature = "sinumerik")]
 mod opened {
     use std::{
+        collections::BTreeMap,
         io::Write as _,
         time::{Duration, Instant},
     };
@@ -234,8 +235,8 @@ mod opened {
         fn record(&mut self, what: &str, event: Event) -> Result<(), GatewayError> {
             let details = Details {
                 model: format!("map {}", self.checked.hash),
-                output_um: Default::default(),
-                output_urad: Default::default(),
+                output_um: BTreeMap::new(),
+                output_urad: BTreeMap::new(),
                 what: event,
             };
             let shown = || self.checked.config.audit_dir.display().to_string();
