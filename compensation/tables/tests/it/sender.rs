@@ -260,6 +260,8 @@ fn a_stale_mailbox_keeps_nothing() {
     bring(&mut sender, &mut control);
 }
 
+type Change = fn(&mut Settings);
+
 #[test]
 fn limits_of_either_side_are_not_passed() {
     let large = Sender::new(map(3, 2.0), MACHINE, 9, allowed());
@@ -270,7 +272,7 @@ fn limits_of_either_side_are_not_passed() {
     };
     let found = Sender::new(map(3, 1.0), MACHINE, 9, small);
     assert!(matches!(found, Err(Unfit::Words { .. })), "{found:?}");
-    let change: [(fn(&mut Settings), &str); 3] = [
+    let change: [(Change, &str); 3] = [
         (|s| s.limit[1] = 101, "takes corrections up to"),
         (|s| s.rate[0] = 4, "moves a correction at"),
         (|s| s.time_out_scans = 41, "goes to zero"),
