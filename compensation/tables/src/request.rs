@@ -65,7 +65,7 @@ pub struct Request {
     pub words: usize,
     /// The number of the map, 1 to 65535.
     pub counter: u16,
-    /// What tells the model, see [`Header::model`].
+    /// What tells the model, see [`Header::model`](crate::Header::model).
     pub model: u32,
 }
 

@@ -122,8 +122,9 @@ fn page_shows(whole: &Whole, program: &Program) {
         let found = records.iter().any(|record| named(record, what));
         assert!(found, "no record of {what}: {records:?}");
     }
-    let overview = whole.page(&cookie, "/api/overview");
-    assert!(overview.to_string().contains("compensating"), "{overview}");
+    volcomp_test_support::until("the overview shows it", LONG, || {
+        whole.page(&cookie, "/api/overview")["machines"][0]["state"] == "compensating"
+    });
     let history = whole.page(
         &cookie,
         "/api/machines/mill-1/history?resolution=raw&hours=1",
