@@ -50,6 +50,7 @@ const KINDS: [&str; 15] = [
     // Read in the tests of volcomp-centre.
     "centre file",
     "part of a centre file",
+    "file of a map sender",
 ];
 
 fn machine(text: &str) -> Result<(), String> {
