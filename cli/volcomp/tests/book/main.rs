@@ -47,10 +47,10 @@ const KINDS: [&str; 15] = [
     "gateway file",
     "part of a gateway file",
     "file of several machines",
+    "file of a map sender",
     // Read in the tests of volcomp-centre.
     "centre file",
     "part of a centre file",
-    "file of a map sender",
 ];
 
 fn machine(text: &str) -> Result<(), String> {
