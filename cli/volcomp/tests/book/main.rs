@@ -32,7 +32,7 @@ travel = [0.0, 360.0]
 "#;
 
 /// What every block marked `toml` must begin with.
-const KINDS: [&str; 15] = [
+const KINDS: [&str; 16] = [
     "machine file",
     "part of a machine file",
     "calibration file",
