@@ -216,7 +216,7 @@ mod tests {
 
     #[test]
     fn man_pages_are_those_of_the_help() {
-        let others = ["volcomp-gateway"];
+        let others = ["volcomp-gateway", "volcomp-centre"];
         volcomp_test_support::man_pages::compare(super::Arguments::command(), "1", "", &others);
     }
 }
