@@ -17,7 +17,7 @@ use volcomp_test_support::{Running, free_port, peers};
 use crate::{
     controlled::{configuration, control},
     online::{check, said},
-    program::{Program, change, path},
+    program::{Program, append, change, path},
 };
 
 const PATIENCE: Duration = Duration::from_secs(90);
@@ -29,8 +29,7 @@ fn gateway(dir: &Path, control: &Simulator) -> (Program, PathBuf, String) {
     let config = configuration(dir, control, "auto_arm = true");
     let address = format!("127.0.0.1:{}", free_port());
     let table = format!("\n[opc_ua]\nlisten = \"{address}\"\n");
-    let text = std::fs::read_to_string(&config).expect("readable") + &table;
-    std::fs::write(&config, text).expect("writable");
+    append(&config, &table);
     let program = Program::start(dir, &["--config", path(&config)]);
     (program, config, address)
 }
@@ -171,8 +170,7 @@ fn what_was_never_known_is_bad_and_has_no_value() {
     change(&config, &control.address().to_string(), &nobody);
     let address = format!("127.0.0.1:{}", free_port());
     let table = format!("\n[opc_ua]\nlisten = \"{address}\"\n");
-    let text = std::fs::read_to_string(&config).expect("readable") + &table;
-    std::fs::write(&config, text).expect("writable");
+    append(&config, &table);
     let program = Program::start(dir.path(), &["--config", path(&config)]);
     let Some(mut client) = Client::start(&address) else {
         return;

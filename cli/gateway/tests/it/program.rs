@@ -242,6 +242,12 @@ pub(crate) fn path(path: &Path) -> &str {
     path.to_str().expect("UTF-8")
 }
 
+/// Writes a table behind what stands in a file.
+pub(crate) fn append(file: &Path, table: &str) {
+    let text = std::fs::read_to_string(file).expect("readable") + table;
+    std::fs::write(file, text).expect("writable");
+}
+
 /// Writes a file again with something else in it, which must have been there.
 pub(crate) fn change(file: &Path, from: &str, to: &str) {
     let text = std::fs::read_to_string(file).expect("readable");

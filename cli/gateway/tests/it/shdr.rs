@@ -20,7 +20,7 @@ use volcomp_vocabulary::AxisName;
 use crate::{
     controlled::{configuration, control},
     interop::status,
-    program::{Program, path},
+    program::{Program, append, path},
 };
 
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -297,8 +297,7 @@ fn an_agent_reads_what_the_dashboard_shows() {
     let config = configuration(dir.path(), &control, "auto_arm = true");
     let address = format!("127.0.0.1:{}", free_port());
     let table = format!("\n[shdr]\nlisten = \"{address}\"\ndevice = \"mill & drill\"\n");
-    let text = std::fs::read_to_string(&config).expect("readable") + &table;
-    std::fs::write(&config, text).expect("writable");
+    append(&config, &table);
     let program = Program::start(dir.path(), &["--config", path(&config)]);
     let Some(mut agent) = Agent::start(&address) else {
         return;
@@ -366,8 +365,7 @@ fn a_client_that_does_not_read_is_let_go_and_disturbs_nobody() {
     let config = configuration(dir.path(), &control, "");
     let address = format!("127.0.0.1:{}", free_port());
     let table = format!("\n[shdr]\nlisten = \"{address}\"\n");
-    let text = std::fs::read_to_string(&config).expect("readable") + &table;
-    std::fs::write(&config, text).expect("writable");
+    append(&config, &table);
     let program = Program::start(dir.path(), &["--config", path(&config)]);
     let deaf = client(&address);
     let mut asks = deaf.try_clone().expect("a handle");
@@ -404,8 +402,7 @@ fn nothing_that_comes_in_commands_anything() {
     let config = configuration(dir.path(), &control, "");
     let address = format!("127.0.0.1:{}", free_port());
     let table = format!("\n[shdr]\nlisten = \"{address}\"\n");
-    let text = std::fs::read_to_string(&config).expect("readable") + &table;
-    std::fs::write(&config, text).expect("writable");
+    append(&config, &table);
     let program = Program::start(dir.path(), &["--config", path(&config)]);
     program.watch();
     let mut stream = client(&address);

@@ -29,7 +29,7 @@ use volcomp_vocabulary::AxisName;
 use crate::{
     controlled::{configuration, control},
     interop::status,
-    program::{Program, path},
+    program::{Program, append, path},
 };
 
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -151,8 +151,7 @@ fn with_table(config: &Path, port: u16, more: &str) {
     let table = format!(
         "\n[sparkplug]\nurl = \"mqtt://127.0.0.1:{port}\"\ngroup = \"shop\"\nnode = \"{NODE}\"\ninterval_ms = 100\n{more}\n"
     );
-    let text = std::fs::read_to_string(config).expect("readable") + &table;
-    std::fs::write(config, text).expect("writable");
+    append(config, &table);
 }
 
 fn value<'a>(message: &'a Value, name: &str) -> &'a Value {
