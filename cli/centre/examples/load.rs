@@ -353,7 +353,8 @@ async fn fleet(bench: &Bench, arguments: &Arguments) {
             identity: machine.identity.clone(),
             serial: machine.serial.clone(),
             trusted: vec![bench.key.key.verifying_key()],
-            instance: "fleet".to_owned(),
+            // Each its own, as gateways draw theirs: the server stores a message that comes twice under one name once.
+            instance: format!("fleet-{}", machine.identity.machine),
             condition_every: Duration::from_secs(1),
             telemetry_every: Duration::from_secs(10),
             telemetry: Arc::clone(&state),

@@ -7,10 +7,8 @@ use async_nats::jetstream::{
     consumer::{AckPolicy, DeliverPolicy, pull},
 };
 use bytes::Bytes;
-use futures_util::{
-    StreamExt,
-    stream::{BoxStream, ReadyChunks},
-};
+use futures_util::stream::BoxStream;
+use tokio_stream::StreamExt;
 
 use crate::{Identity, Kind, LinkError, hub::since_1970_s, link::failed};
 
@@ -22,6 +20,8 @@ const AGAIN_AFTER: Duration = Duration::from_secs(30);
 const UNDER_WAY: i64 = 20_000;
 /// So many messages make a batch at the most.
 const BATCH: usize = 2_000;
+/// So long a batch waits for more messages after its first: what stores them writes to a disk once for each batch.
+const GATHERED_FOR: Duration = Duration::from_millis(20);
 /// After a failure the next try comes so much later.
 const PAUSE: Duration = Duration::from_millis(500);
 
@@ -60,7 +60,7 @@ impl Batch {
     }
 }
 
-type Messages = ReadyChunks<BoxStream<'static, Result<Message, LinkError>>>;
+type Messages = BoxStream<'static, Vec<Result<Message, LinkError>>>;
 
 /// Takes the messages of one stream, from where the last one that was acknowledged stands.
 pub struct Collection {
@@ -92,7 +92,7 @@ impl Collection {
         &self.stream
     }
 
-    /// The next messages, as many as are there; waits for the first. Where the server is not reached it goes on trying.
+    /// The next messages: waits for the first, and gathers what comes within 20 ms of it, 2000 at the most. Where the server is not reached it goes on trying.
     ///
     /// # Errors
     /// Why it had to begin anew just now: to be logged, and to be called again.
@@ -174,10 +174,8 @@ async fn begin(
         .messages()
         .await
         .map_err(|e| failed("collecting")(e.into()))?;
-    Ok(messages
-        .map(|message| message.map_err(|e| failed("collecting")(e.into())))
-        .boxed()
-        .ready_chunks(BATCH))
+    let messages = messages.map(|message| message.map_err(|e| failed("collecting")(e.into())));
+    Ok(Box::pin(messages.chunks_timeout(BATCH, GATHERED_FOR)))
 }
 
 fn received(message: &Message) -> Option<Received> {

@@ -242,9 +242,12 @@ async fn prepared(engine: &Engine, site: &SiteId) -> bool {
     made.is_ok()
 }
 
-/// Takes what the machines of a site say, and acknowledges it when it is on disk.
+/// Takes what the machines of a site say, and acknowledges it when it is on disk. While one batch is written the next are
+/// taken: how many are under way is limited by the server.
 async fn collect(mut collection: volcomp_fleet::Collection, jobs: mpsc::SyncSender<Job>) {
+    let mut written = tokio::task::JoinSet::new();
     loop {
+        while written.try_join_next().is_some() {}
         let mut batch = match collection.next().await {
             Ok(batch) => batch,
             Err(error) => {
@@ -270,11 +273,14 @@ async fn collect(mut collection: volcomp_fleet::Collection, jobs: mpsc::SyncSend
                 mpsc::TrySendError::Disconnected(_) => return,
             }
         }
-        if waits.await.is_err() {
-            return;
-        }
-        if let Err(error) = batch.acknowledge().await {
-            tracing::warn!("{}: {error}", collection.stream());
-        }
+        let stream = collection.stream().to_owned();
+        written.spawn(async move {
+            // Otherwise the centre ends: what is not acknowledged comes again.
+            if waits.await.is_ok()
+                && let Err(error) = batch.acknowledge().await
+            {
+                tracing::warn!("{stream}: {error}");
+            }
+        });
     }
 }

@@ -13,10 +13,6 @@ use crate::records::AlarmKind;
 
 /// A commit holds so many messages at the most.
 const MOST: usize = 8_000;
-/// Where fewer than this wait, …
-const FEW: usize = 500;
-/// … others are waited for so long: a commit costs a write to the disk.
-const LINGER: Duration = Duration::from_millis(25);
 /// Where the database takes nothing it is tried again after so long. Until then the messages stay at the server.
 const AGAIN: Duration = Duration::from_secs(1);
 
@@ -31,9 +27,6 @@ pub(super) fn run(engine: &Arc<Engine>, jobs: &mpsc::Receiver<Job>) {
     while let Ok(first) = jobs.recv() {
         let mut waiting = vec![first];
         let mut count = waiting[0].messages.len();
-        if count < FEW {
-            std::thread::sleep(LINGER);
-        }
         while count < MOST
             && let Ok(next) = jobs.try_recv()
         {
