@@ -382,16 +382,26 @@ fn columns() -> usize {
 }
 
 fn log(form: LogForm) {
-    let builder = tracing_subscriber::fmt()
+    use tracing_subscriber::{
+        Layer as _, filter, layer::SubscriberExt as _, util::SubscriberInitExt as _,
+    };
+    // What the OPC UA library says for itself (that it found no certificate of its own, at every connection) is no news: what
+    // fails is an error of ours, with the URL.
+    let told = filter::Targets::new()
+        .with_default(filter::LevelFilter::INFO)
+        .with_target("opcua", filter::LevelFilter::OFF);
+    let lines = tracing_subscriber::fmt::layer()
         .with_writer(std::io::stderr)
-        .with_max_level(tracing::Level::INFO)
         .with_target(false);
-    match form {
-        LogForm::Text => builder
+    let lines = match form {
+        LogForm::Text => lines
             .with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr()))
-            .init(),
-        LogForm::Json => builder.json().flatten_event(true).init(),
-    }
+            .boxed(),
+        LogForm::Json => lines.json().flatten_event(true).boxed(),
+    };
+    tracing_subscriber::registry()
+        .with(lines.with_filter(told))
+        .init();
 }
 
 #[cfg(test)]

@@ -47,6 +47,7 @@ pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times) -> Statu
         machine: MachineState {
             name: model.name.clone(),
             hash: model.hash.clone(),
+            structure: model.structure(),
             axes,
         },
         // Whoever serves the state knows the tokens.

@@ -115,6 +115,30 @@ function showPaths({ controllers: paths, state }) {
   element("no-barrier").hidden = !paths.some((path) => path.active && path.scheme !== "barrier");
 }
 
+/** How it stands with the centre of the fleet: lines of a kind and a text. */
+function standingOf(fleet) {
+  const inForce = fleet.version === 0 ? "the configured machine file corrects, none of the centre's" : `version ${fleet.version} of the machine file corrects`;
+  const lines = [["", `${fleet.machine} of ${fleet.site}`], fleet.connected ? ["", "connected"] : ["bad", "not connected: it corrects by itself"], ["", inForce]];
+  if (!fleet.enabled) lines.push(["bad", "the centre does not allow correcting"]);
+  if (fleet.outcome !== null) lines.push(["", `version ${fleet.accepted}: ${fleet.outcome}`]);
+  if (fleet.trouble !== null) lines.push(["bad", `tried again: ${fleet.trouble}`]);
+  if (fleet.refused !== null) lines.push(["bad", `not accepted: ${fleet.refused}`]);
+  if (fleet.waiting !== null) lines.push(["", `messages to the centre wait: ${fleet.waiting}`]);
+  if (fleet.dropped > 0) lines.push(["bad", `${fleet.dropped} messages were dropped for want of room`]);
+  return lines;
+}
+
+function showFleet(fleet) {
+  element("fleet-panel").hidden = !fleet;
+  const list = element("fleet"), lines = fleet ? standingOf(fleet) : [];
+  while (list.children.length > lines.length) list.lastChild.remove();
+  lines.forEach(([kind, said], index) => {
+    const item = list.children[index] || make("li", "", list);
+    item.className = kind;
+    item.textContent = said;
+  });
+}
+
 function showTemperatures(list) {
   const body = element("temperatures").tBodies[0];
   while (body.rows.length > list.length) body.deleteRow(-1);
@@ -250,6 +274,7 @@ function show(state) {
   document.title = `${state.state} – ${state.machine.name}`;
   showAxes(state);
   showPaths(state);
+  showFleet(state.fleet);
   showTemperatures(state.temperatures);
   showError(state);
   showCycle(state.cycle);
@@ -271,6 +296,7 @@ function lost(why) {
     device.textContent = device.textContent.replace(/ (corrects|in use|stands by): /, ": ");
     device.nextSibling.textContent = "unknown";
   }
+  for (const line of document.querySelectorAll("#fleet li")) line.textContent = "";
   for (const cell of document.querySelectorAll("#temperatures td:last-child")) cell.textContent = "unknown";
   for (const id of ["reduction", "axis-reduction", "cycle"]) text(id, "unknown");
   for (const button of document.querySelectorAll("button[id]")) button.disabled = true;

@@ -122,6 +122,11 @@ impl Model {
         })
     }
 
+    /// The structure code, such as `w X' b Y Z t`.
+    pub fn structure(&self) -> String {
+        self.compiled.chain().structure().to_string()
+    }
+
     /// The place of an axis in machine order.
     pub fn index_of(&self, name: AxisName) -> Option<usize> {
         self.axes.iter().position(|known| *known == name)

@@ -192,6 +192,10 @@ pub struct FleetState {
     pub outcome: Option<String>,
     /// Why the highest manifest is not in force yet, or what was damaged at the start; it is tried again.
     pub trouble: Option<String>,
+    /// Why the last value of the machine's key was not accepted, which changed nothing; null where none was refused since the
+    /// last that was accepted.
+    #[serde(default)]
+    pub refused: Option<String>,
     /// Why messages to the centre wait; null while they are sent.
     pub waiting: Option<String>,
     /// How many messages were dropped since the start, for want of room.
@@ -205,6 +209,9 @@ pub struct MachineState {
     pub name: String,
     /// The checksum of the machine file's content.
     pub hash: String,
+    /// The structure code, such as `w X' b Y Z t`: the order of its axes from the workpiece to the tool.
+    #[serde(default)]
+    pub structure: String,
     /// The letters of its axes in the order X Y Z A B C U V W.
     #[schemars(with = "Vec<String>")]
     pub axes: Vec<AxisName>,

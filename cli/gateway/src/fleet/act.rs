@@ -167,6 +167,8 @@ impl Actor {
                     self.refusal.clone_from(&why);
                     self.tell(CentreAsk::Refused(why.clone()), who);
                 }
+                let shown = why.clone();
+                (self.shared.published).tell_fleet(|state| state.refused = Some(shown));
                 self.acknowledge(version, value_sha256, Outcome::Refused { why });
             }
         }
@@ -348,6 +350,8 @@ impl Actor {
             state.enabled = !standing.disabled;
             state.outcome = standing.outcome.as_ref().map(in_words);
             state.trouble = trouble;
+            // A new manifest has been accepted, or put in force: what was refused before it is past.
+            state.refused = None;
         });
     }
 }

@@ -143,6 +143,7 @@ pub fn start(
         enabled: !kept.standing.disabled,
         outcome: kept.standing.outcome.as_ref().map(act::in_words),
         trouble: kept.damage.clone(),
+        refused: None,
         waiting: None,
         dropped: 0,
     });

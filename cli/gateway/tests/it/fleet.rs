@@ -120,6 +120,11 @@ fn rogue_values_change_nothing() {
     let refused = |version: u64, words: &str| {
         let why = centre.refused(version, words);
         assert!(why.len() < 400, "{why}");
+        // What was accepted, and could not be put in force, is its outcome.
+        let fleet = program.state()["fleet"].clone();
+        let shown =
+            [&fleet["refused"], &fleet["outcome"]].map(|text| text.as_str().unwrap_or_default());
+        assert!(shown.iter().any(|text| text.contains(words)), "{fleet}");
     };
     // Replayed, with a trusted signature.
     centre.put(&first);

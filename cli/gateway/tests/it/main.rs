@@ -44,6 +44,8 @@ mod program;
 mod records;
 mod rehearse;
 mod reload;
+#[cfg(feature = "sinumerik")]
+mod send_map;
 mod several;
 mod several_files;
 #[cfg(feature = "shdr")]

@@ -1,0 +1,241 @@
+//! `send-map` as a program: a map in a simulated SINUMERIK whose PLC looks up by itself, and what happens when the sender is
+//! ended, killed, started twice, or asked for another map.
+
+use std::{
+    io::{BufRead as _, BufReader, Read as _, Write as _},
+    path::{Path, PathBuf},
+    process::{ChildStdout, Command, Output, Stdio},
+    time::Duration,
+};
+
+use serde_json::Value;
+use volcomp_tables::{
+    ByteOrder, GRID_AXES, GridAxis, Output as MapOutput, Request, build, vocabulary::AxisName,
+};
+use volcomp_test_support::{Running, peers, root, until};
+
+use crate::program::path;
+
+/// Long enough for a loaded machine.
+const PATIENCE: Duration = Duration::from_secs(90);
+const MACHINE: u16 = 1002;
+/// The map is valid for 2 s after the last frame of its sender; then 0.2 mm/s to zero, in steps of one scan.
+const PLC: &str = "machine=1002,capacity=700,limit=100,rate=2,scan_ms=10,hold=100,time_out=200";
+const SENDER: &str = r#"
+map = "machine.map"
+url = "URL"
+number = 1002
+capacity = 700
+scan_ms = 10.0
+limit_um = 100.0
+slew_um_per_s = 200.0
+zero_after_ms = 2000.0
+[sinumerik]
+time_out_ms = 2000.0
+"#;
+
+/// The control: its output, which answers the typed command `report`.
+struct Control {
+    running: Running,
+    output: BufReader<ChildStdout>,
+}
+
+impl Control {
+    /// One that stands at X = 500 mm, and its URL.
+    fn start(listen: &str) -> Option<(Self, String)> {
+        let mut command = Command::new(peers::python()?);
+        command
+            .arg(root().join("drivers/sinumerik/tests/peer/sinumerik-sim.py"))
+            .args(["--listen", listen, "--json", "--map", PLC])
+            .args(["--at", "X=500,Y=0,Z=0"])
+            .stdin(Stdio::piped());
+        let (running, line, output) = Running::start_and_hear(&mut command);
+        let url = line.strip_prefix("listening on ");
+        let url = url.unwrap_or_else(|| panic!("found {line:?}")).to_owned();
+        Some((Self { running, output }, url))
+    }
+
+    fn report(&mut self) -> Value {
+        let input = self.running.stdin.as_mut().expect("piped");
+        writeln!(input, "report").expect("it runs");
+        let mut line = String::new();
+        self.output.read_line(&mut line).expect("a line");
+        serde_json::from_str(&line).expect("JSON")
+    }
+
+    /// What the control adds to X of the map, µm.
+    fn x_um(&mut self) -> f64 {
+        let report = self.report();
+        report["map_um"]["X"]
+            .as_f64()
+            .unwrap_or_else(|| panic!("{report}"))
+    }
+
+    fn reaches(&mut self, um: f64) {
+        until("the correction", PATIENCE, || {
+            (self.x_um() - um).abs() <= 1.0
+        });
+    }
+}
+
+/// A map over 1000 mm that corrects X by so many µm at its upper end, in a folder with the file of its sender.
+fn write(dir: &Path, url: &str, largest_um: f64) -> PathBuf {
+    let names = [AxisName::X, AxisName::Y, AxisName::Z];
+    let request = Request {
+        axes: names
+            .map(|name| GridAxis {
+                name,
+                travel: [0.0, 1000.0],
+                step: 0.001,
+            })
+            .to_vec(),
+        outputs: names
+            .map(|name| MapOutput {
+                name,
+                step_mm: 0.001,
+                limit_mm: 1.0,
+            })
+            .to_vec(),
+        within_mm: 0.001,
+        words: 700,
+        counter: 7,
+        model: 1,
+    };
+    let field = |at: &[f64; GRID_AXES]| [largest_um * 1e-3 * at[0] / 1000.0, 0.0, 0.0];
+    let map = build(&request, &field).expect("a map").map;
+    let image = map.image(MACHINE, ByteOrder::HighFirst);
+    std::fs::write(dir.join("machine.map"), image).expect("writable");
+    let file = dir.join("map-sender.toml");
+    std::fs::write(&file, SENDER.replace("URL", url)).expect("writable");
+    file
+}
+
+fn command(file: &Path, more: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"));
+    command.args(["send-map", path(file)]).args(more);
+    command
+}
+
+fn said(output: &Output) -> String {
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    text(&output.stdout) + &text(&output.stderr)
+}
+
+/// The hash by which the map is confirmed, from what is told without it.
+fn hash(file: &Path) -> String {
+    let output = command(file, &[]).output().expect("it starts");
+    let text = said(&output);
+    assert_eq!(output.status.code(), Some(0), "{text}");
+    let hash = text.trim_end().rsplit(' ').next().unwrap_or_default();
+    hash.to_owned()
+}
+
+/// A sender that has its map in use.
+fn sending(file: &Path) -> (Running, BufReader<ChildStdout>) {
+    let hash = hash(file);
+    let mut command = command(file, &["--confirm", &hash]);
+    let (running, line, output) = Running::start_and_hear(&mut command);
+    assert_eq!(line, "map 7 is in use");
+    (running, output)
+}
+
+#[test]
+fn a_signal_ends_it_when_the_corrections_are_zero() {
+    let dir = tempfile::tempdir().expect("writable");
+    let Some((mut control, url)) = Control::start("127.0.0.1:0") else {
+        return;
+    };
+    let file = write(dir.path(), &url, 80.0);
+    let (mut sender, mut output) = sending(&file);
+    control.reaches(40.0);
+    sender.signal("TERM");
+    let mut rest = String::new();
+    output.read_to_string(&mut rest).expect("text");
+    assert_eq!(rest, "the corrections are zero\n");
+    let ended = sender.ended(PATIENCE).expect("it ends");
+    assert_eq!(ended.code(), Some(0));
+    assert!(control.x_um().abs() < 0.5);
+    // On record, from the beginning to the end.
+    let audit = dir.path().join("audit");
+    let files = std::fs::read_dir(&audit).expect("a folder");
+    let texts = files.map(|file| std::fs::read(file.expect("listed").path()).unwrap_or_default());
+    let log = String::from_utf8_lossy(&texts.collect::<Vec<_>>().concat()).into_owned();
+    for what in [
+        "a map is going to be sent",
+        "the map is in use",
+        "the corrections are zero",
+    ] {
+        assert!(log.contains(what), "{what}: {log}");
+    }
+}
+
+/// Nobody is left to end anything: the control does it by itself. After that another sender takes it, and a control that
+/// lost everything is sent the map again.
+#[test]
+fn a_killed_sender_leaves_zero_behind_and_the_next_one_goes_on() {
+    let dir = tempfile::tempdir().expect("writable");
+    let Some((mut control, url)) = Control::start("127.0.0.1:0") else {
+        return;
+    };
+    let file = write(dir.path(), &url, 80.0);
+    let (mut sender, _) = sending(&file);
+    control.reaches(40.0);
+    sender.kill();
+    control.reaches(0.0);
+    let (sender, _) = sending(&file);
+    control.reaches(40.0);
+    // The control is switched off and on again under the same address.
+    let listen = url.trim_start_matches("opc.tcp://").to_owned();
+    control.running.kill();
+    drop(control);
+    let listen = listen.split('/').next().expect("one part at least");
+    let (mut control, _) = Control::start(listen).expect("it was there before");
+    control.reaches(40.0);
+    assert!(sender.id() > 0);
+}
+
+#[test]
+fn a_second_sender_and_another_map_are_refused() {
+    let dir = tempfile::tempdir().expect("writable");
+    let Some((mut control, url)) = Control::start("127.0.0.1:0") else {
+        return;
+    };
+    let file = write(dir.path(), &url, 80.0);
+    let confirmed = hash(&file);
+    let (_sender, _output) = sending(&file);
+    control.reaches(40.0);
+    let second = command(&file, &["--confirm", &confirmed]).output();
+    let second = second.expect("it starts");
+    assert_eq!(second.status.code(), Some(1), "{}", said(&second));
+    assert!(
+        said(&second).contains("another gateway"),
+        "{}",
+        said(&second)
+    );
+    // From another folder, and by another name of the same control.
+    let other = tempfile::tempdir().expect("writable");
+    let elsewhere = write(other.path(), &url.replace("127.0.0.1", "localhost"), -80.0);
+    let foreign = command(&elsewhere, &["--confirm", &hash(&elsewhere)]).output();
+    let foreign = foreign.expect("it starts");
+    assert_eq!(foreign.status.code(), Some(1), "{}", said(&foreign));
+    let why = "another gateway on this computer corrects it";
+    assert!(said(&foreign).contains(why), "{}", said(&foreign));
+    assert!((control.x_um() - 40.0).abs() <= 1.0);
+    // The map was exchanged after it was confirmed.
+    let file = write(other.path(), &url, 60.0);
+    let changed = command(&file, &["--confirm", &confirmed]).output();
+    let changed = changed.expect("it starts");
+    assert_eq!(changed.status.code(), Some(2), "{}", said(&changed));
+    assert!(said(&changed).contains("expected"), "{}", said(&changed));
+}
+
+#[test]
+fn a_map_beyond_the_limits_is_refused_before_anything_is_opened() {
+    let dir = tempfile::tempdir().expect("writable");
+    let file = write(dir.path(), "opc.tcp://127.0.0.1:1", 130.0);
+    let output = command(&file, &["--confirm", "0"])
+        .output()
+        .expect("it starts");
+    assert_eq!(output.status.code(), Some(2), "{}", said(&output));
+    assert!(said(&output).contains("100"), "{}", said(&output));
+}
