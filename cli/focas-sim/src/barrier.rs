@@ -7,7 +7,14 @@ use volcomp_guard::barrier::{Layout, Program, Protection};
 use volcomp_port::Axis;
 use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement, Mm, Um, Urad};
 
-use crate::{arguments::duration, error::SimError, motion::letters};
+use volcomp_tables::OUTPUTS;
+
+use crate::{
+    arguments::duration,
+    error::SimError,
+    map::{self, MapLadder},
+    motion::letters,
+};
 
 /// The barrier in the control: it decides which frames it takes and moves the shifts at its own rate.
 #[derive(clap::Args)]
@@ -80,6 +87,11 @@ pub(crate) struct BarrierArguments {
         conflicts_with = "no_barrier"
     )]
     time_out_ms: f64,
+    /// Look corrections up in a map of so many words at the most instead, 69 to 2450: frames from D0 on, the report from D144
+    /// on, two buffers from D200 on; --limit-um, --rate-um-per-s, --hold-ms, --time-out-ms, --barrier-axes and
+    /// --machine-number mean the same
+    #[arg(long, value_name = "WORDS", conflicts_with = "no_barrier", value_parser = clap::value_parser!(u16).range(69..=i64::from(map::MOST_WORDS)))]
+    map_words: Option<u16>,
     /// Time from one scan of the control's program to the next, ms
     #[arg(long, value_name = "MS", default_value_t = 2.0)]
     scan_ms: f64,
@@ -108,7 +120,7 @@ impl BarrierArguments {
 
     /// Whose report the barrier publishes: the machine and its axes; `None` with `--no-barrier`.
     pub(crate) fn reports(&self, axes: &[AxisName]) -> Result<Option<(u16, Layout)>, SimError> {
-        if self.no_barrier {
+        if self.no_barrier || self.map_words.is_some() {
             return Ok(None);
         }
         let layout = Layout::of(self.corrected(axes).iter().copied())?;
@@ -134,6 +146,9 @@ impl BarrierArguments {
                     ));
                 }
             }
+        }
+        if let Some(capacity) = self.map_words {
+            return self.map(corrected, slots, capacity).map(Some);
         }
         for (option, found, unit) in [
             ("--limit-um", self.limit_um, count(AxisKind::Linear)),
@@ -161,6 +176,46 @@ impl BarrierArguments {
         let mut ladder = BarrierLadder::new(Box::new(program), slots.len());
         ladder.slots = slots;
         Ok(Some(Ladder::Barrier(ladder)))
+    }
+
+    /// The ladder that looks up in a map.
+    fn map(&self, axes: &[AxisName], slots: Vec<usize>, capacity: u16) -> Result<Ladder, SimError> {
+        let linear = axes.iter().all(|axis| axis.kind() == AxisKind::Linear);
+        if !linear || axes.len() > OUTPUTS {
+            let expected = format!("{OUTPUTS} linear axes at the most with --map-words");
+            return Err(SimError::input("--barrier-axes", letters(axes), expected));
+        }
+        let scan_ms = self.scan()?.as_secs_f64() * 1e3;
+        let whole = |option, found: f64, times: f64, most: u16| {
+            // A step is 1 µm, a time a whole number of scans.
+            let number = (found * times).round();
+            if (1.0..=f64::from(most)).contains(&number) {
+                #[expect(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "in range"
+                )]
+                return Ok(number as u16);
+            }
+            let expected = format!(
+                "{} to {} with --map-words",
+                1.0 / times,
+                f64::from(most) / times
+            );
+            Err(SimError::input(option, found.to_string(), expected))
+        };
+        let steps = i16::MAX.cast_unsigned();
+        let set = map::Set {
+            machine: self.machine_number,
+            capacity,
+            limit: whole("--limit-um", self.limit_um, 1.0, steps)?.cast_signed(),
+            rate: whole("--rate-um-per-s", self.rate_um_per_s, scan_ms * 1e-3, steps)?
+                .cast_signed(),
+            hold_scans: whole("--hold-ms", self.hold_ms, 1.0 / scan_ms, 16_383)?,
+            time_out_scans: whole("--time-out-ms", self.time_out_ms, 1.0 / scan_ms, steps)?,
+        };
+        let layout = Layout::of(axes.iter().copied())?;
+        Ok(Ladder::Own(Box::new(MapLadder::new(layout, slots, &set)?)))
     }
 }
 

@@ -42,6 +42,9 @@ pub(crate) enum SimError {
     /// The barrier cannot be set as the options say.
     #[error("the barrier: {0}")]
     Barrier(#[from] SettingsError),
+    /// The look-up cannot be set as the options say.
+    #[error("--map-words: {0}")]
+    Map(#[from] volcomp_tables::control::SettingsError),
     /// The simulator cannot listen on the address.
     #[error("--listen {address}: {source}")]
     Listen {

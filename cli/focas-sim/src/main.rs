@@ -4,6 +4,7 @@ mod arguments;
 mod axis_log;
 mod barrier;
 mod error;
+mod map;
 mod measure;
 mod motion;
 mod operator;

@@ -24,7 +24,6 @@ use volcomp_digital_io::LineSet;
 use crate::{config::Config, error::GatewayError};
 
 /// The port of FOCAS where a URL names none.
-const FOCAS_PORT: u16 = 8193;
 
 /// Locks every controller of a configuration for as long as the answer lives.
 ///
@@ -50,7 +49,6 @@ pub(crate) fn lock(config: &Config) -> Result<Vec<UnixListener>, GatewayError> {
 ///
 /// # Errors
 /// A gateway or another sender on this computer has one of them.
-#[cfg(feature = "sinumerik")]
 pub(crate) fn lock_sender(url: &str, audit_dir: &Path) -> Result<Vec<UnixListener>, GatewayError> {
     let mut locks = vec![lock_folder(audit_dir)?];
     let address = Address::parse(url).map_err(GatewayError::Device)?;
@@ -109,7 +107,7 @@ pub(crate) fn lock_fleet(folder: &Path) -> Result<UnixListener, GatewayError> {
 /// as a host whose name nobody resolves, has the name by which it is called.
 fn devices(address: &Address) -> BTreeSet<String> {
     match address.scheme {
-        Scheme::Focas => hosts(&address.host, address.port.unwrap_or(FOCAS_PORT)),
+        Scheme::Focas => hosts(&address.host, address.port.unwrap_or(volcomp_focas::PORT)),
         Scheme::Modbus => hosts(&address.host, address.port.unwrap_or(MODBUS_PORT)),
         Scheme::OpcUa => hosts(
             &address.host,

@@ -12,7 +12,6 @@ use crate::{
     probed::{Probe, ProbedPosition},
 };
 
-const PORT: u16 = 8193;
 /// Exchanges whose times are told.
 const TIMED: usize = 100;
 
@@ -22,7 +21,7 @@ const TIMED: usize = 100;
 /// Keys that make no sense.
 pub fn focas_config(address: &Address, axes: &[AxisName]) -> Result<FocasConfig, DeviceError> {
     let mut config = FocasConfig::new(&*address.host, axes);
-    config.port = address.port.unwrap_or(PORT);
+    config.port = address.port.unwrap_or(volcomp_focas::PORT);
     config.path = address.number("path", [1, 10], 1)?;
     Ok(config)
 }

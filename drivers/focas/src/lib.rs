@@ -10,6 +10,7 @@ mod error;
 pub mod frame;
 mod inspection;
 mod link;
+mod map_words;
 mod plan;
 mod pmc;
 mod reading;
@@ -20,6 +21,9 @@ mod shift_words;
 #[cfg(feature = "simulator")]
 pub mod simulator;
 
+/// The TCP port on which controls answer unless they are set to another one.
+pub const PORT: u16 = 8193;
+
 pub use answers::{Alarm, PositionKind, StatusInfo, SystemInfo};
 pub use areas::{BarrierArea, Block};
 pub use client::Client;
@@ -27,6 +31,7 @@ pub use config::{FocasConfig, Shift};
 pub use controller::FocasController;
 pub use error::FocasError;
 pub use inspection::{Inspection, inspect};
+pub use map_words::{MapPlaces, MapWords};
 pub use plan::{Abilities, Packing};
 pub use pmc::{PmcAddress, PmcArea, Width};
 pub use return_code::ReturnCode;

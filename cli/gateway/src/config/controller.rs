@@ -156,7 +156,7 @@ fn terms_and_hold(
 }
 
 /// A byte of the PMC, `{ pmc = "R", at = 120 }`.
-fn byte(value: &Value<'_>) -> Result<PmcAddress, InputError> {
+pub(super) fn byte(value: &Value<'_>) -> Result<PmcAddress, InputError> {
     let section = value.section()?;
     section.allow(&["pmc", "at"])?;
     pmc_address(&section, "at")

@@ -1,14 +1,24 @@
 //! The file of a map sender: which map goes into which control, and within which limits.
 
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    time::Duration,
+};
 
 use volcomp_devices::{Address, Scheme};
 use volcomp_document::{Document, InputError, Section, Value};
+use volcomp_focas::{MapPlaces, PmcAddress, PmcArea};
 use volcomp_guard::ceiling;
 use volcomp_sinumerik::MapNodes;
-use volcomp_tables::Allowed;
+use volcomp_tables::{
+    Allowed,
+    control::{FRAME_WORDS, REPORT_WORDS},
+};
 
-use super::sinumerik::{SERVER_KEYS, keys_of_server};
+use super::{
+    controller::byte,
+    sinumerik::{SERVER_KEYS, keys_of_server},
+};
 use crate::{config::ServerConfig, error::GatewayError};
 
 /// The longest time without a sender until a control goes to zero, s.
@@ -27,12 +37,29 @@ pub struct MapSender {
     pub number: u16,
     /// What the control may do.
     pub allowed: Allowed,
-    /// How its server is reached.
-    pub server: ServerConfig,
-    /// Where the words lie in it.
-    pub nodes: MapNodes,
+    /// How the control is reached, and where the words lie in it.
+    pub control: MapControl,
     /// The folder of the audit log.
     pub audit_dir: PathBuf,
+}
+
+/// The control that takes a map.
+#[derive(Clone, Debug, PartialEq)]
+pub enum MapControl {
+    /// A SINUMERIK, over OPC UA.
+    Sinumerik {
+        /// How its server is reached.
+        server: ServerConfig,
+        /// The nodes of the words.
+        nodes: MapNodes,
+    },
+    /// A FANUC control, over FOCAS.
+    Fanuc {
+        /// The longest time of an exchange.
+        at_most: Duration,
+        /// The places of the words in its PMC.
+        places: MapPlaces,
+    },
 }
 
 impl MapSender {
@@ -66,17 +93,17 @@ impl MapSender {
             "zero_after_ms",
             "sinumerik",
             "nodes",
+            "pmc",
             "audit",
         ])?;
         let number = |key, range| root.require(key)?.number_in(range);
         let most_um = ceiling::LIMIT.0 * 1e3;
         let fastest_um = ceiling::SLEW_PER_S.0 * 1e3;
-        let server = match root.section("sinumerik")? {
-            Some(section) => {
-                section.allow(&SERVER_KEYS)?;
-                keys_of_server(&section, folder)?
-            }
-            None => ServerConfig::default(),
+        let (url, scheme) = url(&root.require("url")?)?;
+        let capacity: u16 = root.require("capacity")?.whole(69..=32767)?;
+        let control = match scheme {
+            Scheme::Focas => fanuc(root, capacity)?,
+            _ => sinumerik(root, folder)?,
         };
         let audit = root
             .section("audit")?
@@ -88,20 +115,16 @@ impl MapSender {
         Ok(Self {
             file: file.to_owned(),
             map: folder.join(not_empty(&root.require("map")?)?),
-            url: url(&root.require("url")?)?,
+            url,
             number: root.require("number")?.whole(0..=65534)?,
             allowed: Allowed {
                 limit_mm: number("limit_um", 0.001..=most_um)? * 1e-3,
                 slew_mm_per_s: number("slew_um_per_s", 0.001..=fastest_um)? * 1e-3,
                 zero_after_s: number("zero_after_ms", 100.0..=LONGEST_SILENCE_S * 1e3)? * 1e-3,
                 scan_s: number("scan_ms", 0.1..=1000.0)? * 1e-3,
-                capacity: usize::from(root.require("capacity")?.whole::<u16>(69..=32767)?),
+                capacity: capacity.into(),
             },
-            server,
-            nodes: match root.section("nodes")? {
-                Some(section) => nodes(&section)?,
-                None => MapNodes::default(),
-            },
+            control,
             audit_dir: audit.flatten().unwrap_or_else(|| folder.join("audit")),
         })
     }
@@ -114,12 +137,116 @@ fn not_empty<'a>(value: &Value<'a>) -> Result<&'a str, InputError> {
     }
 }
 
-fn url(value: &Value<'_>) -> Result<String, InputError> {
+fn url(value: &Value<'_>) -> Result<(String, Scheme), InputError> {
     let text = value.text()?;
     match Address::parse(text) {
-        Ok(address) if address.scheme == Scheme::OpcUa => Ok(text.to_owned()),
-        _ => Err(value.error(format!("found {text:?}, expected opc.tcp://HOST:4840"))),
+        Ok(address) if matches!(address.scheme, Scheme::OpcUa | Scheme::Focas) => {
+            Ok((text.to_owned(), address.scheme))
+        }
+        _ => Err(value.error(format!(
+            "found {text:?}, expected opc.tcp://HOST:4840 (SINUMERIK) or focas://HOST:8193 (FANUC)"
+        ))),
     }
+}
+
+/// Refuses a table of the other make.
+fn none_of(root: &Section<'_>, keys: &[&str], scheme: &str) -> Result<(), InputError> {
+    for key in keys {
+        if let Some(value) = root.get(key) {
+            return Err(value.error(format!(
+                "found this table, expected it only for {scheme}://"
+            )));
+        }
+    }
+    Ok(())
+}
+
+fn sinumerik(root: &Section<'_>, folder: &Path) -> Result<MapControl, InputError> {
+    none_of(root, &["pmc"], "focas")?;
+    let server = match root.section("sinumerik")? {
+        Some(section) => {
+            section.allow(&SERVER_KEYS)?;
+            keys_of_server(&section, folder)?
+        }
+        None => ServerConfig::default(),
+    };
+    let nodes = match root.section("nodes")? {
+        Some(section) => nodes(&section)?,
+        None => MapNodes::default(),
+    };
+    Ok(MapControl::Sinumerik { server, nodes })
+}
+
+fn fanuc(root: &Section<'_>, capacity: u16) -> Result<MapControl, InputError> {
+    none_of(root, &["sinumerik", "nodes"], "opc.tcp")?;
+    let section = root.section("pmc")?;
+    if let Some(section) = &section {
+        section.allow(&["time_out_ms", "mailbox", "report", "buffers"])?;
+    }
+    let place = |key, at| match section.as_ref().and_then(|section| section.get(key)) {
+        None => {
+            let area = PmcArea::D;
+            Ok(PmcAddress { area, at })
+        }
+        Some(value) => {
+            let place = byte(&value)?;
+            if place.area.is_of_ladder() {
+                return Ok(place);
+            }
+            Err(value.error(format!(
+                "found {:?}, expected R or D, the memory of the ladder's own",
+                place.area
+            )))
+        }
+    };
+    let places = MapPlaces {
+        mailbox: place("mailbox", 0)?,
+        report: place("report", 144)?,
+        buffers: place("buffers", 200)?,
+        capacity,
+    };
+    let at_most_ms = match section
+        .as_ref()
+        .and_then(|section| section.get("time_out_ms"))
+    {
+        Some(value) => value.number_in(10.0..=2000.0)?,
+        None => 500.0,
+    };
+    if !places.fits() {
+        return Err(root.require("capacity")?.error(format!(
+            "found {capacity} words in each of two buffers from {:?}{} on, expected them to end at byte 65535 at the latest",
+            places.buffers.area, places.buffers.at
+        )));
+    }
+    if let Some(what) = overlap(&places) {
+        return Err(root.error(format!("pmc: found {what} in one another's place, expected each of mailbox, report and buffers in its own")));
+    }
+    Ok(MapControl::Fanuc {
+        at_most: Duration::from_secs_f64(at_most_ms * 1e-3),
+        places,
+    })
+}
+
+/// Two of the three that share bytes.
+fn overlap(places: &MapPlaces) -> Option<&'static str> {
+    let of = |place: PmcAddress, words: usize| {
+        let at = usize::from(place.at);
+        (place.area, at..at + 2 * words)
+    };
+    let mailbox = of(places.mailbox, FRAME_WORDS);
+    let report = of(places.report, REPORT_WORDS);
+    let buffers = of(places.buffers, 2 * usize::from(places.capacity));
+    let meet = |one: &(PmcArea, std::ops::Range<usize>),
+                other: &(PmcArea, std::ops::Range<usize>)| {
+        one.0 == other.0 && one.1.start < other.1.end && other.1.start < one.1.end
+    };
+    [
+        (&mailbox, &report, "mailbox and report"),
+        (&mailbox, &buffers, "mailbox and buffers"),
+        (&report, &buffers, "report and buffers"),
+    ]
+    .into_iter()
+    .find_map(|(one, other, what)| meet(one, other).then_some(what))
 }
 
 fn nodes(section: &Section<'_>) -> Result<MapNodes, InputError> {

@@ -35,7 +35,7 @@ use fleet::fleet;
 use guard::guard;
 pub use interop::{Deadbands, InteropConfig, OpcUaConfig, ShdrConfig, SparkplugConfig};
 pub use kinds::{CONTROLLER_KEYS, ControllerKind};
-pub use map_sender::MapSender;
+pub use map_sender::{MapControl, MapSender};
 pub use several::{ConfigFile, MachineEntry, Several};
 pub use sinumerik::{ServerConfig, SinumerikTable};
 pub use stated::StatedKeys;

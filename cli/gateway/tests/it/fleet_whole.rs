@@ -38,10 +38,7 @@ fn a_model_goes_from_the_centre_to_the_axes() {
         // Registered as the gateway has it.
         let state = program.state();
         assert_eq!(heard["axes"], state["machine"]["axes"], "{heard}");
-        assert_eq!(
-            heard["structure"], state["machine"]["structure"],
-            "{heard}"
-        );
+        assert_eq!(heard["structure"], state["machine"]["structure"], "{heard}");
 
         let model = machine_text("small", 25.0);
         let rollout = whole.roll_out(&model, &["mill-1"]);

@@ -1,4 +1,4 @@
-//! `send-map` as a program: a map in a simulated SINUMERIK whose PLC looks up by itself, and what happens when the sender is
+//! `send-map` as a program: a map in a simulated SINUMERIK or FANUC control whose PLC looks up by itself, and what happens when the sender is
 //! ended, killed, started twice, or asked for another map.
 
 use std::{
@@ -14,7 +14,7 @@ use volcomp_tables::{
 };
 use volcomp_test_support::{Running, peers, root, until};
 
-use crate::program::path;
+use crate::program::{change, path};
 
 /// Long enough for a loaded machine.
 const PATIENCE: Duration = Duration::from_secs(90);
@@ -227,6 +227,119 @@ fn a_second_sender_and_another_map_are_refused() {
     let changed = changed.expect("it starts");
     assert_eq!(changed.status.code(), Some(2), "{}", said(&changed));
     assert!(said(&changed).contains("expected"), "{}", said(&changed));
+}
+
+/// The same into the PMC of a FANUC control, which `focas-sim` simulates: a program of another package, built before.
+#[test]
+fn a_fanuc_control_looks_up_as_well() {
+    let built = Path::new(env!("CARGO_BIN_EXE_volcomp-gateway")).with_file_name("focas-sim");
+    if !built.exists() {
+        peers::not_run("focas-sim (cargo build -p focas-sim)");
+        return;
+    }
+    let mut command = Command::new(built);
+    command
+        .args([
+            "--listen",
+            "127.0.0.1:0",
+            "--at",
+            "X=500",
+            "--map-words",
+            "700",
+            "--json",
+        ])
+        .args([
+            "--machine-number",
+            "1002",
+            "--limit-um",
+            "100",
+            "--scan-ms",
+            "10",
+        ])
+        .args([
+            "--rate-um-per-s",
+            "200",
+            "--hold-ms",
+            "800",
+            "--time-out-ms",
+            "2000",
+        ])
+        .stdin(Stdio::piped());
+    let (mut control, line, mut lines) = Running::start_and_hear(&mut command);
+    let address = line.strip_prefix("listening on ").expect("an address");
+    let mut x_um = || {
+        writeln!(control.stdin.as_mut().expect("piped"), "report").expect("it runs");
+        let mut line = String::new();
+        lines.read_line(&mut line).expect("a line");
+        let report: Value = serde_json::from_str(&line).expect("JSON");
+        report["correction_um"]["X"].as_f64().expect("a number")
+    };
+    let dir = tempfile::tempdir().expect("writable");
+    let file = write(dir.path(), &format!("focas://{address}"), 80.0);
+    change(
+        &file,
+        "[sinumerik]\ntime_out_ms = 2000.0\n",
+        "[pmc]\ntime_out_ms = 2000.0\n",
+    );
+    let (mut sender, mut output) = sending(&file);
+    until("the correction", PATIENCE, || (x_um() - 40.0).abs() <= 1.0);
+    sender.signal("TERM");
+    let mut rest = String::new();
+    output.read_to_string(&mut rest).expect("text");
+    assert_eq!(rest, "the corrections are zero\n");
+    assert_eq!(sender.ended(PATIENCE).expect("it ends").code(), Some(0));
+    assert_eq!(x_um(), 0.0);
+}
+
+#[test]
+fn files_of_a_sender_that_are_wrong() {
+    let dir = tempfile::tempdir().expect("writable");
+    for (url, from, to, words) in [
+        (
+            "modbus://127.0.0.1",
+            "",
+            "",
+            "expected opc.tcp://HOST:4840 (SINUMERIK) or focas://HOST:8193 (FANUC)",
+        ),
+        (
+            "focas://127.0.0.1",
+            "",
+            "",
+            "expected it only for opc.tcp://",
+        ),
+        (
+            "opc.tcp://127.0.0.1",
+            "[sinumerik]\ntime_out_ms",
+            "[pmc]\ntime_out_ms",
+            "expected it only for focas://",
+        ),
+        (
+            "focas://127.0.0.1",
+            "[sinumerik]\ntime_out_ms = 2000.0",
+            "[pmc]\nreport = { pmc = \"D\", at = 100 }",
+            "mailbox and report",
+        ),
+        (
+            "focas://127.0.0.1",
+            "[sinumerik]\ntime_out_ms = 2000.0",
+            "[pmc]\nbuffers = { pmc = \"D\", at = 64000 }",
+            "byte 65535",
+        ),
+        (
+            "focas://127.0.0.1",
+            "[sinumerik]\ntime_out_ms = 2000.0",
+            "[pmc]\nmailbox = { pmc = \"G\", at = 0 }",
+            "expected R or D",
+        ),
+    ] {
+        let file = write(dir.path(), url, 80.0);
+        if !from.is_empty() {
+            change(&file, from, to);
+        }
+        let output = command(&file, &[]).output().expect("it starts");
+        assert_eq!(output.status.code(), Some(2), "{}", said(&output));
+        assert!(said(&output).contains(words), "{words}: {}", said(&output));
+    }
 }
 
 #[test]

@@ -18,6 +18,17 @@ pub enum Ladder {
     /// The plain pattern of the manual: it copies the words of the gateway to the shifts while a heartbeat moves, and
     /// ramps them to zero when it stands still.
     Heartbeat(HeartbeatLadder),
+    /// Another program.
+    Own(Box<dyn LadderProgram>),
+}
+
+/// A program of one's own for the simulated control.
+pub trait LadderProgram: Send {
+    /// One scan: the program reads and writes the memory of the PMC, and sets the shifts of the axes.
+    fn scan(&mut self, world: &mut World);
+
+    /// The program begins anew, as after a reset, with the axes where their words have them.
+    fn restart(&mut self, world: &mut World);
 }
 
 /// A barrier in the control, and where its words lie.
@@ -163,6 +174,7 @@ impl Ladder {
         match self {
             Self::Barrier(ladder) => ladder.scan(world),
             Self::Heartbeat(ladder) => ladder.scan(world),
+            Self::Own(program) => program.scan(world),
         }
     }
 
@@ -170,6 +182,7 @@ impl Ladder {
         match self {
             Self::Barrier(ladder) => ladder.restart(world),
             Self::Heartbeat(ladder) => ladder.restart(),
+            Self::Own(program) => program.restart(world),
         }
     }
 }

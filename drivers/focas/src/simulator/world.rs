@@ -340,7 +340,7 @@ impl World {
     }
 
     /// Sets the shift of an axis by its place among the control's axes, counts.
-    pub(super) fn set_shift(&mut self, slot: usize, counts: i64) {
+    pub fn set_shift(&mut self, slot: usize, counts: i64) {
         let (shift, width) = (self.shift, usize::from(self.shift.width.bytes()));
         let bytes = counts.to_le_bytes();
         self.set(shift.area, shift.first + slot * width, &bytes[..width]);

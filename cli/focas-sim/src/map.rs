@@ -1,0 +1,125 @@
+//! A look-up of maps in the simulated control: the reference of `volcomp-tables` as the program of its PMC.
+
+use volcomp_focas::{
+    PmcAddress, PmcArea,
+    simulator::{LadderProgram, World},
+};
+use volcomp_guard::barrier::Layout;
+use volcomp_tables::{
+    GRID_AXES, OUTPUTS,
+    control::{FRAME_WORDS, Lookup, REPORT_WORDS, Settings, SettingsError},
+};
+
+/// The bytes of data table D from which on mailbox, report and the two buffers lie.
+const MAILBOX: u16 = 0;
+const REPORT: u16 = 144;
+const BUFFERS: u16 = 200;
+/// The words of a buffer, two of which fit into the 10 000 bytes of the data table.
+pub(crate) const MOST_WORDS: u16 = (10_000 - BUFFERS) / 4;
+/// A step of a position, of a correction, and of what counts as a turn: 1 µm and 5 µm.
+const STEP_NM: u32 = 1000;
+const TURNED: i32 = 5;
+
+/// The program.
+pub(crate) struct MapLadder {
+    lookup: Lookup,
+    settings: Settings,
+    /// The place of each corrected axis among the axes of the control.
+    slots: Vec<usize>,
+}
+
+/// What a control is set to, in the units of its program.
+pub(crate) struct Set {
+    /// The number of the machine.
+    pub(crate) machine: u16,
+    /// The words of a buffer.
+    pub(crate) capacity: u16,
+    /// The largest correction, µm.
+    pub(crate) limit: i16,
+    /// The largest change in one scan, µm.
+    pub(crate) rate: i16,
+    /// The largest age of what a frame answers, scans.
+    pub(crate) hold_scans: u16,
+    /// Scans without a frame after which it goes to zero.
+    pub(crate) time_out_scans: u16,
+}
+
+fn address(at: u16) -> PmcAddress {
+    let area = PmcArea::D;
+    PmcAddress { area, at }
+}
+
+impl MapLadder {
+    /// A look-up over these axes, which it corrects, at its start.
+    pub(crate) fn new(axes: Layout, slots: Vec<usize>, set: &Set) -> Result<Self, SettingsError> {
+        let settings = Settings {
+            grid: axes,
+            outputs: axes,
+            machine: set.machine,
+            position_step_millionths: [STEP_NM; GRID_AXES],
+            output_step_nm: [STEP_NM; OUTPUTS],
+            capacity: set.capacity,
+            limit: [set.limit; OUTPUTS],
+            rate: [set.rate; OUTPUTS],
+            turned: [TURNED; GRID_AXES],
+            step_scans: 1,
+            hold_scans: set.hold_scans,
+            time_out_scans: set.time_out_scans,
+        };
+        Ok(Self {
+            lookup: Lookup::start(settings, 0, 0, [0; OUTPUTS])?,
+            settings,
+            slots,
+        })
+    }
+
+    /// Where the axes stand without the correction, in steps.
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "a float is cut to the range of i32"
+    )]
+    fn steps(&self, world: &World) -> [i32; GRID_AXES] {
+        let at_mm = world.commanded();
+        let mut steps = [0; GRID_AXES];
+        for (step, slot) in steps.iter_mut().zip(&self.slots) {
+            *step = (at_mm.get(*slot).copied().unwrap_or(0.0) * 1e6 / f64::from(STEP_NM)).round()
+                as i32;
+        }
+        steps
+    }
+}
+
+impl LadderProgram for MapLadder {
+    fn scan(&mut self, world: &mut World) {
+        // Copied first, then judged.
+        let mut mailbox = [0; FRAME_WORDS];
+        let found = world.words(address(MAILBOX), FRAME_WORDS);
+        mailbox[..found.len()].copy_from_slice(&found);
+        let steps = self.steps(world);
+        let report = self.lookup.scan(&mailbox, &steps, world.holds());
+        let mut words = [0; REPORT_WORDS];
+        let count = report.encode(&self.settings, &mut words);
+        world.set_words(address(REPORT), &words[..count]);
+        for buffer in 0..2 {
+            let at = BUFFERS + 2 * self.settings.capacity * buffer;
+            world.set_words(address(at), self.lookup.buffer(buffer.into()));
+        }
+        for (slot, applied) in self.slots.iter().zip(self.lookup.memory().applied) {
+            world.set_shift(*slot, applied.into());
+        }
+    }
+
+    fn restart(&mut self, world: &mut World) {
+        let shifts = world.shift_counts();
+        let mut applied = [0; OUTPUTS];
+        for (applied, slot) in applied.iter_mut().zip(&self.slots) {
+            let counts = shifts.get(*slot).copied().unwrap_or(0);
+            *applied = i16::try_from(counts).unwrap_or(0);
+        }
+        let memory = self.lookup.memory();
+        let (epoch, tick) = (memory.epoch, memory.tick);
+        if let Ok(lookup) = Lookup::start(self.settings, epoch, tick, applied) {
+            self.lookup = lookup;
+        }
+    }
+}

@@ -1,0 +1,113 @@
+//! `volcomp-gateway send-map`: brings a map of corrections into a control that looks up by itself, and keeps it valid.
+
+use std::{fmt::Write as _, path::Path};
+
+use sha2::{Digest, Sha256};
+use volcomp_tables::{Map, Transfer, axes_of};
+
+use crate::{config::MapSender, error::GatewayError};
+
+mod sending;
+mod words;
+
+pub use sending::run;
+
+/// A map that may be sent, and its hash.
+#[derive(Clone, Debug)]
+pub struct Checked {
+    /// What the file of the sender says.
+    pub config: MapSender,
+    /// The map.
+    pub map: Map,
+    /// The first 16 digits of the SHA-256 of the map's file: by these it is confirmed.
+    pub hash: String,
+}
+
+/// Reads the file of a sender and its map, and checks that the map is within the limits. No device is opened.
+///
+/// # Errors
+/// A file that cannot be read or is wrong, a map that is damaged, of another machine, or beyond the limits.
+pub fn check(path: &Path) -> Result<Checked, GatewayError> {
+    let config = MapSender::read(path)?;
+    let shown = config.map.display().to_string();
+    let bytes = std::fs::read(&config.map).map_err(|source| GatewayError::Read {
+        file: shown.clone(),
+        source,
+    })?;
+    let wrong = |what: String| GatewayError::Map { file: shown, what };
+    let map = Map::from_image(&bytes, config.number).map_err(|e| wrong(e.to_string()))?;
+    let admitted = config.allowed.admits(&map);
+    admitted.map_err(|e| GatewayError::Map {
+        file: config.map.display().to_string(),
+        what: e.to_string(),
+    })?;
+    let hash = crate::hex(&Sha256::digest(&bytes)[..8]);
+    Ok(Checked { config, map, hash })
+}
+
+impl Checked {
+    /// Refuses a map that nobody has confirmed.
+    ///
+    /// # Errors
+    /// Another hash than the map's.
+    pub fn confirmed(&self, hash: &str) -> Result<(), GatewayError> {
+        if hash == self.hash {
+            return Ok(());
+        }
+        Err(GatewayError::Map {
+            file: self.config.map.display().to_string(),
+            what: format!(
+                "--confirm: found {hash:?}, expected {:?}: another map was confirmed",
+                self.hash
+            ),
+        })
+    }
+
+    /// What would be sent, in some lines.
+    #[must_use]
+    pub fn text(&self) -> String {
+        let header = self.map.header();
+        let names = |layout| {
+            let names: Vec<String> = axes_of(layout).map(|axis| axis.to_string()).collect();
+            names.join(" ")
+        };
+        let allowed = &self.config.allowed;
+        let mut text = String::new();
+        let lines = [
+            (
+                "control",
+                format!("{}, machine {}", self.config.url, self.config.number),
+            ),
+            (
+                "map",
+                format!(
+                    "number {}, of the machine file {:08x}…, {} words of {}, {} frames",
+                    header.counter,
+                    header.model,
+                    self.map.words().len(),
+                    allowed.capacity,
+                    Transfer::of(&self.map).frames
+                ),
+            ),
+            (
+                "corrects",
+                format!("{} over {}", names(header.outputs), names(header.grid)),
+            ),
+            (
+                "within",
+                format!(
+                    "{:.1} µm, {:.1} µm/s; zero {:.0} ms after the last frame at the latest",
+                    allowed.limit_mm * 1e3,
+                    allowed.slew_mm_per_s * 1e3,
+                    allowed.zero_after_s * 1e3
+                ),
+            ),
+            ("send it with", format!("--confirm {}", self.hash)),
+        ];
+        for (name, value) in lines {
+            // Writing to a string never fails.
+            let _ = writeln!(text, "{name:13} {value}");
+        }
+        text
+    }
+}

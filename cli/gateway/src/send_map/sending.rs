@@ -1,0 +1,241 @@
+//! Sends a map and keeps it valid until a signal ends it.
+
+use std::{
+    collections::BTreeMap,
+    io::Write as _,
+    time::{Duration, Instant},
+};
+
+use volcomp_tables::{Exchange, SendError, Sender, Step};
+
+use super::{
+    Checked,
+    words::{Place, Words},
+};
+use crate::{
+    audit::AuditLog,
+    documents::{Details, Event},
+    error::GatewayError,
+    lock,
+    signals::{Heard, Signal},
+};
+
+/// How long until the next try where a control cannot be reached.
+const AGAIN: Duration = Duration::from_secs(1);
+/// How long until the next look at a control that has not scanned.
+const SOON: Duration = Duration::from_millis(5);
+
+/// What is known of another sender.
+struct Other {
+    sequence: u16,
+    since: Instant,
+}
+
+struct Sending<'a> {
+    checked: &'a Checked,
+    place: Place,
+    sender: Sender,
+    words: Option<Words>,
+    audit: AuditLog,
+    in_use: bool,
+    other: Option<Other>,
+    /// What went wrong last, which is told once.
+    told: String,
+}
+
+/// Sends the map and keeps it valid until a signal ends it. After that the control goes to zero by itself, and it is
+/// waited for that; a second signal ends it at once.
+///
+/// # Errors
+/// Another gateway or sender has the control, the control allows more than the sender or refuses the map, the audit log
+/// cannot be written, or nobody knows whether the corrections came to zero.
+pub fn run(checked: &Checked) -> Result<(), GatewayError> {
+    let config = &checked.config;
+    let place = Place::of(config)?;
+    let _locks = lock::lock_sender(&config.url, &config.audit_dir)?;
+    let shown = config.audit_dir.display().to_string();
+    let (audit, _) =
+        AuditLog::open(&config.audit_dir).map_err(|e| GatewayError::system(shown, e))?;
+    let mut number = [0; 2];
+    rustix::rand::getrandom(&mut number, rustix::rand::GetRandomFlags::empty())
+        .map_err(|e| GatewayError::system("random numbers", e.into()))?;
+    let owner = u16::from_le_bytes(number).max(1);
+    let map = checked.map.clone();
+    let sender = Sender::new(map, config.number, owner, config.allowed);
+    let mut sending = Sending {
+        checked,
+        place,
+        sender: sender.map_err(|e| ended(checked, e.to_string()))?,
+        words: None,
+        audit,
+        in_use: false,
+        other: None,
+        told: String::new(),
+    };
+    let heard = Heard::new(|| ())?;
+    // Nothing is sent before it is on record.
+    sending.record("a map is going to be sent", Event::Nothing)?;
+    let outcome = sending.keep(&heard);
+    sending.fall_silent(&heard)?;
+    outcome
+}
+
+fn ended(checked: &Checked, what: String) -> GatewayError {
+    GatewayError::MapEnded {
+        url: checked.config.url.clone(),
+        what,
+    }
+}
+
+impl Sending<'_> {
+    fn record(&mut self, what: &str, event: Event) -> Result<(), GatewayError> {
+        let details = Details {
+            model: format!("map {}", self.checked.hash),
+            output_um: BTreeMap::new(),
+            output_urad: BTreeMap::new(),
+            what: event,
+        };
+        let shown = || self.checked.config.audit_dir.display().to_string();
+        let written = self.audit.append("send-map", what, details);
+        written.map_err(|e| GatewayError::system(shown(), e))
+    }
+
+    /// Until a signal comes, or something is wrong that does not pass.
+    fn keep(&mut self, heard: &Heard) -> Result<(), GatewayError> {
+        loop {
+            let wait = self.step()?;
+            if heard.next(wait) == Some(Signal::Stop) {
+                return Ok(());
+            }
+        }
+    }
+
+    /// One exchange; how long to wait until the next.
+    fn step(&mut self) -> Result<Duration, GatewayError> {
+        let Some(words) = &mut self.words else {
+            return Ok(self.connect());
+        };
+        match self.sender.step(words) {
+            Ok(Step::Kept) => {
+                self.other = None;
+                if !self.in_use {
+                    self.in_use = true;
+                    self.told.clear();
+                    self.record("the map is in use", Event::Nothing)?;
+                    say(&format!(
+                        "map {} is in use",
+                        self.checked.map.header().counter
+                    ))?;
+                }
+                Ok(self.place.period())
+            }
+            Ok(Step::Loading) => {
+                self.other = None;
+                if std::mem::take(&mut self.in_use) {
+                    self.tell("the control has lost the map, and is sent it again".to_owned());
+                    self.record("the control has lost the map", Event::Nothing)?;
+                }
+                Ok(Duration::ZERO)
+            }
+            Ok(Step::Stands) => Ok(SOON),
+            Ok(Step::Unreadable) => {
+                self.tell("the report is torn, or of another machine".to_owned());
+                Ok(SOON)
+            }
+            Err(SendError::Exchange(error)) => {
+                self.tell(error.to_string());
+                // Dropped: what is still under way is thrown away with the connection.
+                self.words = None;
+                Ok(SOON)
+            }
+            Err(SendError::Held { by, sequence }) => self.wait_for_other(by, sequence),
+            Err(error) => Err(ended(self.checked, error.to_string())),
+        }
+    }
+
+    fn connect(&mut self) -> Duration {
+        match self.place.open() {
+            Ok(words) => {
+                self.words = Some(words);
+                Duration::ZERO
+            }
+            Err(error) => {
+                self.tell(error.to_string());
+                AGAIN
+            }
+        }
+    }
+
+    /// One that is gone has left the control when its time is out; one that sends is left alone.
+    fn wait_for_other(&mut self, by: u16, sequence: u16) -> Result<Duration, GatewayError> {
+        let other = self.other.get_or_insert_with(|| Other {
+            sequence,
+            since: Instant::now(),
+        });
+        let patience = Duration::from_secs_f64(2.0 + self.checked.config.allowed.zero_after_s);
+        if other.sequence != sequence || other.since.elapsed() > patience {
+            let what = format!("another sender, number {by}, holds the control");
+            return Err(ended(self.checked, what));
+        }
+        Ok(self.place.period())
+    }
+
+    /// Warns of what is new.
+    fn tell(&mut self, what: String) {
+        if self.told != what {
+            tracing::warn!("{}: {what}", self.checked.config.url);
+            self.told = what;
+        }
+    }
+
+    /// Sends nothing any more, and waits until the control says that its corrections are zero.
+    fn fall_silent(&mut self, heard: &Heard) -> Result<(), GatewayError> {
+        let still = Duration::from_secs_f64(2.0 + self.checked.config.allowed.zero_after_s);
+        let (mut last, mut since) = (None, Instant::now());
+        let mut is_zero = false;
+        while !is_zero && since.elapsed() < still {
+            let Some(words) = &mut self.words else {
+                let wait = self.connect();
+                if heard.next(wait) == Some(Signal::Stop) {
+                    break;
+                }
+                continue;
+            };
+            match words.report().map(|words| self.sender.seen(&words)) {
+                Ok(Some(seen)) => {
+                    if last.replace(seen.applied) != Some(seen.applied) {
+                        since = Instant::now();
+                    }
+                    is_zero = !seen.valid && seen.applied.iter().all(|steps| *steps == 0);
+                }
+                Ok(None) => {}
+                Err(_) => self.words = None,
+            }
+            if heard.next(self.place.period()) == Some(Signal::Stop) {
+                break;
+            }
+        }
+        if let Some(words) = self.words.take() {
+            words.close();
+        }
+        if !is_zero {
+            let what =
+                "nothing is sent any more, but it is not known that the corrections are zero";
+            self.record(what, Event::Nothing)?;
+            return Err(ended(self.checked, what.to_owned()));
+        }
+        self.record("the corrections are zero", Event::Nothing)?;
+        say("the corrections are zero")
+    }
+}
+
+/// A line to standard output; a reader that has gone away is no failure.
+fn say(text: &str) -> Result<(), GatewayError> {
+    let mut output = std::io::stdout().lock();
+    match writeln!(output, "{text}").and_then(|()| output.flush()) {
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(GatewayError::system("standard output", e))
+        }
+        _ => Ok(()),
+    }
+}
