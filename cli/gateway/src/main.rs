@@ -167,7 +167,7 @@ enum Command {
         #[arg(long, value_name = "NAME")]
         machine: Option<String>,
     },
-    /// Bring a map of corrections into a SINUMERIK control that looks up by itself, and keep it valid
+    /// Bring a map of corrections into a FANUC or SINUMERIK control that looks up by itself, and keep it valid
     ///
     /// The map is one of `volcomp map-table`. Without --confirm the files are checked and it is said what would be sent.
     /// With it the map is sent, read back and taken into use, and from then on the control is told that it still holds,
