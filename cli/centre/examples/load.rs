@@ -1,7 +1,7 @@
 //! The load program: how much one centre carries, measured on this machine.
 //!
 //! `cargo run --release -p volcomp-centre --example load -- --machines 1000 --minutes 5`, after
-//! `cargo build --release -p volcomp-centre`. It starts a `nats-server` and the centre as programs of their own and prints:
+//! `cargo build --release -p volcomp-centre`; with `--features postgres` for both also `--store postgres`. It starts a `nats-server` and the centre as programs of their own and prints:
 //!
 //! 1. the bytes of the fleet through the bare server (published, stored, consumed, acknowledged), and through the centre
 //!    (the same, and stored in its database), by the same publishers, in turns;
@@ -14,11 +14,15 @@
     reason = "a measurement fails by panicking"
 )]
 
+#[cfg(feature = "postgres")]
+#[path = "../tests/it/cluster.rs"]
+#[allow(dead_code, reason = "the tests need more of it")]
+mod cluster;
 #[path = "../tests/it/gateway.rs"]
 mod gateway;
 
 use std::{
-    path::Path,
+    path::{Path, PathBuf},
     process::{Child, Command},
     sync::{
         Arc, Mutex,
@@ -61,6 +65,60 @@ struct Arguments {
     /// So often in turns
     #[arg(long, default_value_t = 3)]
     rounds: u32,
+    /// The database of the centre; PostgreSQL is started in a folder of its own
+    #[arg(long, value_enum, default_value_t = Kept::Sqlite)]
+    store: Kept,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Kept {
+    Sqlite,
+    #[cfg(feature = "postgres")]
+    Postgres,
+}
+
+/// Where the database is, in a table `[store]`, and how large.
+enum Place {
+    Sqlite(PathBuf),
+    #[cfg(feature = "postgres")]
+    Postgres(cluster::Cluster, String),
+}
+
+impl Place {
+    fn new(kept: Kept, folder: &Path) -> Self {
+        match kept {
+            Kept::Sqlite => Self::Sqlite(folder.join("centre.db")),
+            #[cfg(feature = "postgres")]
+            Kept::Postgres => {
+                let cluster = cluster::Cluster::new(&[]).expect("PostgreSQL is installed");
+                let name = cluster.database();
+                Self::Postgres(cluster, name)
+            }
+        }
+    }
+
+    fn table(&self) -> String {
+        match self {
+            Self::Sqlite(file) => format!("file = {file:?}"),
+            #[cfg(feature = "postgres")]
+            Self::Postgres(cluster, name) => format!("postgres = {:?}", cluster.connection(name)),
+        }
+    }
+
+    fn size_mb(&self) -> f64 {
+        let bytes = match self {
+            Self::Sqlite(file) => {
+                let of = |file: &Path| std::fs::metadata(file).map_or(0, |data| data.len());
+                (of(file) + of(&file.with_extension("db-wal"))) as f64
+            }
+            #[cfg(feature = "postgres")]
+            Self::Postgres(cluster, name) => {
+                let sql = format!("SELECT pg_database_size('{name}')");
+                cluster.execute(name, &sql).trim().parse().unwrap()
+            }
+        };
+        bytes / 1e6
+    }
 }
 
 struct Bench {
@@ -69,11 +127,12 @@ struct Bench {
     centre: KeyPair,
     machines: Vec<(Machine, KeyPair)>,
     key: Key,
-    store: Store,
+    place: Place,
+    store: Arc<Store>,
 }
 
 impl Bench {
-    fn new(count: usize) -> Self {
+    fn new(count: usize, kept: Kept) -> Self {
         let folder = tempfile::Builder::new()
             .prefix("load")
             .tempdir_in(
@@ -110,13 +169,19 @@ impl Bench {
         };
         let server = Server::start(&settings, folder.path()).unwrap();
         write_secret(&folder.path().join("centre.nkey"), &centre.seed().unwrap()).unwrap();
+        let place = Place::new(kept, folder.path());
         let key = Key::create(&folder.path().join("keys"), "main").unwrap();
         std::fs::write(
             folder.path().join("centre.toml"),
-            format!("[nats]\nurl = \"{}\"\n", server.url()),
+            format!(
+                "[nats]\nurl = \"{}\"\n[store]\n{}\n",
+                server.url(),
+                place.table()
+            ),
         )
         .unwrap();
-        let store = Store::open(&folder.path().join("centre.db")).unwrap();
+        let config = volcomp_centre::config::Config::read(&folder.path().join("centre.toml"));
+        let store = volcomp_centre::command::open(&config.unwrap()).unwrap();
         for (machine, _) in &machines {
             store.put_machine(machine, "load").unwrap();
         }
@@ -126,6 +191,7 @@ impl Bench {
             centre,
             machines,
             key,
+            place,
             store,
         }
     }
@@ -334,12 +400,6 @@ fn processor_s(process: u32) -> f64 {
         .map_or(0.0, |(user, system)| (user + system) / 100.0)
 }
 
-fn size_mb(folder: &Path) -> f64 {
-    let sizes = ["centre.db", "centre.db-wal"]
-        .map(|name| std::fs::metadata(folder.join(name)).map_or(0, |data| data.len()));
-    sizes.iter().sum::<u64>() as f64 / 1e6
-}
-
 async fn fleet(bench: &Bench, arguments: &Arguments) {
     let centre = bench.start_centre();
     let state: Arc<serde_json::value::RawValue> =
@@ -382,7 +442,8 @@ async fn fleet(bench: &Bench, arguments: &Arguments) {
     let end = Instant::now() + Duration::from_secs(60 * arguments.minutes);
     let mut rolls = Vec::new();
     while Instant::now() < end {
-        let took_s = roll_out(bench, &told, number).await;
+        // It waits for a database.
+        let took_s = tokio::task::block_in_place(|| roll_out(bench, &told, number));
         rolls.push(took_s);
         number += 1;
         tokio::time::sleep(Duration::from_secs(30)).await;
@@ -396,7 +457,7 @@ async fn fleet(bench: &Bench, arguments: &Arguments) {
             (cpu - last_cpu) / since_s * 100.0,
             memory_mib(bench.server.id()),
             (nats - last_nats) / since_s * 100.0,
-            size_mb(bench.folder.path()),
+            bench.place.size_mb(),
         );
         (last, last_all, last_cpu, last_nats) = (Instant::now(), all(), cpu, nats);
     }
@@ -418,7 +479,7 @@ async fn fleet(bench: &Bench, arguments: &Arguments) {
 }
 
 /// A roll-out to all machines: until each has answered, and the centre has closed it.
-async fn roll_out(bench: &Bench, told: &[gateway::Told], number: u32) -> f64 {
+fn roll_out(bench: &Bench, told: &[gateway::Told], number: u32) -> f64 {
     let new = model(number);
     bench.store.add_model(&new.model, &new.text).unwrap();
     let machines: Vec<_> = (bench.machines.iter())
@@ -437,7 +498,7 @@ async fn roll_out(bench: &Bench, told: &[gateway::Told], number: u32) -> f64 {
     };
     let id = bench.store.start_rollout(begin).unwrap().id;
     loop {
-        tokio::time::sleep(Duration::from_millis(100)).await;
+        std::thread::sleep(Duration::from_millis(100));
         let state = bench.store.rollout(id).unwrap().unwrap();
         match state.phase {
             Phase::Done => break,
@@ -456,7 +517,7 @@ async fn roll_out(bench: &Bench, told: &[gateway::Told], number: u32) -> f64 {
 
 fn main() {
     let arguments = Arguments::parse();
-    let bench = Bench::new(arguments.machines);
+    let bench = Bench::new(arguments.machines, arguments.store);
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)
         .enable_all()

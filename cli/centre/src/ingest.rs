@@ -20,6 +20,9 @@ use crate::{
     store::{Store, StoreError, Value, ingest as rows},
 };
 
+/// What a gateway draws at its start is shorter than this, bytes: a database has an index of it.
+const LONGEST_INSTANCE: usize = 256;
+
 /// A machine as it is heard.
 #[derive(Clone, Debug, Default)]
 pub struct Heard {
@@ -64,6 +67,8 @@ pub struct Ingest {
     machines: BTreeMap<MachineId, Heard>,
     /// Of these the store does not have the last yet.
     changed: BTreeSet<MachineId>,
+    /// It is not known whether the last batch was stored: what is in the store counts.
+    in_doubt: bool,
     start: Instant,
 }
 
@@ -85,6 +90,7 @@ impl Ingest {
         Ok(Self {
             machines,
             changed: BTreeSet::new(),
+            in_doubt: false,
             start: Instant::now(),
         })
     }
@@ -94,6 +100,9 @@ impl Ingest {
     /// # Errors
     /// The database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed. The same batch may be given again.
     pub fn take(&mut self, store: &Store, batch: &[Received]) -> Result<Taken, StoreError> {
+        if self.in_doubt {
+            self.read_anew(store)?;
+        }
         let mut changed: BTreeMap<MachineId, Heard> = BTreeMap::new();
         let taken = store.write(|database| {
             let mut taken = Taken::default();
@@ -125,10 +134,27 @@ impl Ingest {
                 }
             }
             Ok(taken)
-        })?;
+        });
+        self.in_doubt = matches!(taken, Err(StoreError::InDoubt { .. }));
+        let taken = taken?;
         self.changed.extend(changed.keys().cloned());
         self.machines.append(&mut changed);
         Ok(taken)
+    }
+
+    /// Reads from the store which messages it has: a batch that was stored without our knowing comes again.
+    fn read_anew(&mut self, store: &Store) -> Result<(), StoreError> {
+        let mut stored: BTreeMap<MachineId, Vec<_>> = BTreeMap::new();
+        for (machine, instance) in store.instances()? {
+            stored.entry(machine).or_default().push(instance);
+        }
+        for heard in self.machines.values_mut() {
+            heard.instances.each.clear();
+        }
+        for (machine, instances) in stored {
+            self.machines.entry(machine).or_default().instances.each = instances;
+        }
+        Ok(())
     }
 
     /// Stores the last of each machine that was heard since this was called before: once a second is enough, since every
@@ -231,6 +257,10 @@ fn one(
     let header = body.header(message);
     let Some(at_s) = heard.instances.take(&header) else {
         taken.twice += 1;
+        if let Body::Answer(envelope) = body {
+            // It may have been stored without a roll-out having heard of it. One that has takes no notice.
+            taken.answers.push((machine.clone(), envelope.body));
+        }
         return Ok(());
     };
     taken.stored += 1;
@@ -279,7 +309,14 @@ fn one(
 }
 
 fn read<T: DeserializeOwned>(message: &Received) -> Result<Envelope<T>, serde_json::Error> {
-    serde_json::from_slice(&message.bytes)
+    let envelope: Envelope<T> = serde_json::from_slice(&message.bytes)?;
+    let length = envelope.instance.len();
+    if length > LONGEST_INSTANCE {
+        return Err(serde::de::Error::custom(format!(
+            "found an instance of {length} bytes, expected at most {LONGEST_INSTANCE}"
+        )));
+    }
+    Ok(envelope)
 }
 
 /// What a message says.

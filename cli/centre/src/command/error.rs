@@ -57,7 +57,9 @@ impl CommandError {
             | Self::Wrong(_)
             | Self::Server(_)
             | Self::Tls(_)
-            | Self::Store(StoreError::Missing { .. } | StoreError::Rollout { .. }) => 2,
+            | Self::Store(
+                StoreError::Missing { .. } | StoreError::Rollout { .. } | StoreError::Password(_),
+            ) => 2,
             Self::Store(_)
             | Self::Demo(_)
             | Self::Engine(_)

@@ -18,7 +18,11 @@ pub use error::CommandError;
 
 use std::{io::Write, path::Path, sync::Arc};
 
-use crate::{config::Config, keys::Key, store::Store};
+use crate::{
+    config::{Config, StorePlace},
+    keys::Key,
+    store::Store,
+};
 
 use self::arguments::{Command, KeyCommand, MachineCommand, ModelCommand, RolloutCommand};
 
@@ -92,7 +96,12 @@ fn who() -> String {
 /// # Errors
 /// It cannot be opened.
 pub fn open(config: &Config) -> Result<Arc<Store>, CommandError> {
-    Ok(Arc::new(Store::open(&config.store)?))
+    let store = match &config.store {
+        StorePlace::File(file) => Store::open(file),
+        #[cfg(feature = "postgres")]
+        StorePlace::Postgres(place) => Store::open_postgres(place),
+    };
+    Ok(Arc::new(store?))
 }
 
 /// The key that signs.

@@ -11,7 +11,7 @@ use super::{
     arguments::LogForm,
     open, page, print,
     server::{centre_nkey, settings},
-    shown, signing_key,
+    signing_key,
 };
 use crate::{
     config::Config,
@@ -84,9 +84,9 @@ pub(super) fn check(config: &Config) -> Result<(), CommandError> {
     let without: Vec<&str> = without
         .map(|machine| machine.identity.machine.as_str())
         .collect();
-    let place = shown(&config.store);
     let mut said = format!(
-        "store        {place}\nserver       {}\nsigns with   {} {}\nmachines     {}\n",
+        "store        {}\nserver       {}\nsigns with   {} {}\nmachines     {}\n",
+        config.store,
         config.nats.url,
         key.name,
         key.public(),

@@ -49,7 +49,7 @@ pub(super) fn look(
         .collect();
     learn_models(engine, &mut state.models, &versions)?;
     let mut causes = of_machines(engine, state, machines, &versions, now);
-    of_centre(engine, &mut causes)?;
+    let over = of_centre(engine, &mut causes)?;
     let open = if let Some(open) = &mut state.known {
         open
     } else {
@@ -70,10 +70,11 @@ pub(super) fn look(
     });
     let fresh: Vec<(&Key, &String)> = fresh.collect();
     if gone.is_empty() && fresh.is_empty() {
+        forget(engine, &over);
         return Ok(());
     }
     let known: &BTreeMap<Key, (u64, String, f64)> = open;
-    let ids = engine.store.write(|database| {
+    let written = engine.store.write(|database| {
         for key in &gone {
             if let Some((id, ..)) = known.get(key) {
                 alarms::clear(database, *id, now)?;
@@ -91,14 +92,28 @@ pub(super) fn look(
             });
         }
         Ok(ids)
-    })?;
+    });
+    let ids = match written {
+        Ok(ids) => ids,
+        Err(error) => {
+            // It may be written although nobody has said so: the next look reads what is open.
+            state.known = None;
+            return Err(error);
+        }
+    };
     for ((key, text), id) in fresh.into_iter().zip(ids) {
         open.insert(key.clone(), (id, text.clone(), now));
     }
     for key in gone {
         open.remove(&key);
     }
+    forget(engine, &over);
     Ok(())
+}
+
+/// Forgets troubles that are over and of which an alarm was written.
+fn forget(engine: &Engine, over: &[AlarmKind]) {
+    lock(&engine.troubles).retain(|kind, trouble| !(trouble.over && over.contains(kind)));
 }
 
 /// Models are never changed: each is read once.
@@ -152,9 +167,17 @@ fn of_machines(
     found
 }
 
-fn of_centre(engine: &Engine, causes: &mut BTreeMap<Key, String>) -> Result<(), StoreError> {
-    for (kind, text) in lock(&engine.troubles).iter() {
-        causes.insert((None, *kind), text.clone());
+/// What the centre itself has trouble with; which of it is over.
+fn of_centre(
+    engine: &Engine,
+    causes: &mut BTreeMap<Key, String>,
+) -> Result<Vec<AlarmKind>, StoreError> {
+    let mut over = Vec::new();
+    for (kind, trouble) in lock(&engine.troubles).iter() {
+        causes.insert((None, *kind), trouble.text.clone());
+        if trouble.over {
+            over.push(*kind);
+        }
     }
     let mut stopped = Vec::new();
     for id in engine.store.open_rollouts()? {
@@ -166,5 +189,5 @@ fn of_centre(engine: &Engine, causes: &mut BTreeMap<Key, String>) -> Result<(), 
     if !stopped.is_empty() {
         causes.insert((None, AlarmKind::Rollout), stopped.join(" "));
     }
-    Ok(())
+    Ok(over)
 }

@@ -88,6 +88,13 @@ impl Counts {
     }
 }
 
+/// What the centre itself has trouble with.
+struct Trouble {
+    text: String,
+    /// It works again. Until an alarm was written of it, it is kept: a database that takes nothing takes no alarm either.
+    over: bool,
+}
+
 /// The running centre.
 pub struct Engine {
     store: Arc<Store>,
@@ -101,7 +108,7 @@ pub struct Engine {
     /// When a foreign value stood under a key.
     clobbered: Mutex<BTreeMap<MachineId, Instant>>,
     /// What the centre itself has trouble with.
-    troubles: Mutex<BTreeMap<AlarmKind, String>>,
+    troubles: Mutex<BTreeMap<AlarmKind, Trouble>>,
     /// How much went through.
     pub counts: Counts,
     ending: AtomicBool,
@@ -176,13 +183,15 @@ impl Engine {
         let mut troubles = lock(&self.troubles);
         match text {
             Some(text) => {
-                if troubles.get(&kind) != Some(&text) {
+                let told = troubles.get(&kind).filter(|known| !known.over);
+                if told.is_none_or(|known| known.text != text) {
                     tracing::error!("{}: {text}", kind.name());
                 }
-                troubles.insert(kind, text);
+                troubles.insert(kind, Trouble { text, over: false });
             }
             None => {
-                if troubles.remove(&kind).is_some() {
+                if let Some(known) = troubles.get_mut(&kind).filter(|known| !known.over) {
+                    known.over = true;
                     tracing::info!("{}: it works again", kind.name());
                 }
             }

@@ -52,6 +52,13 @@ impl From<StoreError> for Refused {
         match error {
             StoreError::Rollout { .. } => Self::conflict(error.to_string()),
             StoreError::Missing { .. } => Self::missing(error.to_string()),
+            StoreError::InDoubt { .. } => {
+                tracing::error!("page: {error}");
+                Self::new(
+                    StatusCode::SERVICE_UNAVAILABLE,
+                    "it is not known whether the change is stored: look before it is made again",
+                )
+            }
             error => Self::inside(error),
         }
     }

@@ -1,6 +1,6 @@
 //! What the store needs of a database: statements with parameters, rows, transactions.
 //!
-//! Every statement is written in plain SQL, with parameters `?1`, `?2`, … .
+//! Every statement is written once, in the SQL that SQLite and PostgreSQL have in common, with parameters `?1`, `?2`, … .
 
 use super::StoreError;
 
@@ -128,6 +128,15 @@ pub trait Database: Send {
     /// # Errors
     /// The statement is none, or the database takes no change: its disk is full, another program holds it, its server is gone.
     fn execute(&mut self, sql: &str, parameters: &[Value]) -> Result<u64, StoreError>;
+
+    /// Executes a statement in a transaction, of which nobody asks how many rows it changes. A database that is far away may
+    /// wait with it until the next statement that is answered; `COMMIT` is one.
+    ///
+    /// # Errors
+    /// As for `execute`: of this one, or of one that waited.
+    fn execute_later(&mut self, sql: &str, parameters: Vec<Value>) -> Result<(), StoreError> {
+        self.execute(sql, &parameters).map(drop)
+    }
 
     /// The rows of a question.
     ///

@@ -41,6 +41,9 @@ impl Default for Keep {
     }
 }
 
+/// Minutes of so many machines are closed in one transaction.
+const TOGETHER: usize = 32;
+
 /// The minute or the hour of a time.
 #[expect(
     clippy::cast_possible_truncation,
@@ -51,27 +54,37 @@ fn place(at_s: f64, length_s: f64) -> i64 {
 }
 
 impl Store {
-    /// Closes the minutes that ended before `until_s`, the oldest first, and tells how many conditions were in them. Each
-    /// minute is a transaction of its own.
+    /// Closes the minutes that ended before `until_s`, each machine's oldest first, and tells how many conditions were in them.
+    /// A transaction holds one minute of a few machines: what it needs of memory does not grow with the shop.
     ///
     /// # Errors
     /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn close_minutes(&self, until_s: f64) -> Result<u64, StoreError> {
         let end = place(until_s, 60.0);
+        // Whoever has told a condition has told who it is.
+        let machines = self.read(|database| {
+            database.rows(
+                "SELECT DISTINCT machine FROM instances ORDER BY machine",
+                &[],
+            )
+        })?;
         let mut count = 0;
-        loop {
-            let oldest = self.read(|database| {
-                let row = database.first("SELECT min(at_s) FROM recent", &[])?;
-                row.map_or(Ok(None), |row| row.optional(0, super::Row::real))
-            })?;
-            let Some(minute) = oldest
-                .map(|at_s| place(at_s, 60.0))
-                .filter(|minute| *minute < end)
-            else {
-                return Ok(count);
-            };
-            count += self.write(|database| close(database, minute))?;
+        for together in machines.chunks(TOGETHER) {
+            loop {
+                let closed = self.write(|database| {
+                    let mut closed = 0;
+                    for machine in together {
+                        closed += close_oldest(database, &machine.0[0], end)?;
+                    }
+                    Ok(closed)
+                })?;
+                if closed == 0 {
+                    break;
+                }
+                count += closed;
+            }
         }
+        Ok(count)
     }
 
     /// The history of a machine from `from_s` to `to_s`, at most `count` points, the oldest first.
@@ -181,25 +194,32 @@ impl Store {
     }
 }
 
-/// Closes one minute of all machines.
-fn close(database: &mut dyn Database, minute: i64) -> Result<u64, StoreError> {
-    let range = || {
-        let from_s = minute as f64 * 60.0;
-        [Value::Real(from_s), Value::Real(from_s + 60.0)]
-    };
-    let rows = database.rows(
-        "SELECT machine, document FROM recent WHERE at_s >= ?1 AND at_s < ?2 ORDER BY machine, at_s",
-        &range(),
+/// Closes the oldest minute of a machine that is not closed and lies before `end`: how many conditions were in it.
+fn close_oldest(database: &mut dyn Database, machine: &Value, end: i64) -> Result<u64, StoreError> {
+    let oldest = database.first(
+        "SELECT min(at_s) FROM recent WHERE machine = ?1",
+        std::slice::from_ref(machine),
     )?;
-    for of_machine in rows.chunk_by(|one, other| one.0[0] == other.0[0]) {
-        let machine = &of_machine[0].0[0];
-        let new: Result<Vec<Point>, StoreError> =
-            of_machine.iter().map(|row| row.json(1)).collect();
-        close_one(database, machine, minute, new?)?;
-    }
+    let oldest = oldest.map_or(Ok(None), |row| row.optional(0, super::Row::real))?;
+    let oldest = oldest.map(|at_s| place(at_s, 60.0));
+    let Some(minute) = oldest.filter(|minute| *minute < end) else {
+        return Ok(0);
+    };
+    let from_s = minute as f64 * 60.0;
+    let range = [
+        machine.clone(),
+        Value::Real(from_s),
+        Value::Real(from_s + 60.0),
+    ];
+    let rows = database.rows(
+        "SELECT document FROM recent WHERE machine = ?1 AND at_s >= ?2 AND at_s < ?3 ORDER BY at_s",
+        &range,
+    )?;
+    let new: Result<Vec<Point>, StoreError> = rows.iter().map(|row| row.json(0)).collect();
+    close_one(database, machine, minute, new?)?;
     database.execute(
-        "DELETE FROM recent WHERE at_s >= ?1 AND at_s < ?2",
-        &range(),
+        "DELETE FROM recent WHERE machine = ?1 AND at_s >= ?2 AND at_s < ?3",
+        &range,
     )?;
     Ok(rows.len() as u64)
 }

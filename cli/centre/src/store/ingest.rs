@@ -16,11 +16,10 @@ pub(crate) fn add_recent(
     at_s: f64,
     document: String,
 ) -> Result<(), StoreError> {
-    database.execute(
+    database.execute_later(
         "INSERT INTO recent (machine, at_s, document) VALUES (?1, ?2, ?3)",
-        &[named(machine), at_s.into(), document.into()],
-    )?;
-    Ok(())
+        vec![named(machine), at_s.into(), document.into()],
+    )
 }
 
 pub(crate) fn add_telemetry(
@@ -29,17 +28,12 @@ pub(crate) fn add_telemetry(
     at_s: f64,
     document: &str,
 ) -> Result<(), StoreError> {
-    let row = database.first(
-        "SELECT max(at_s) FROM telemetry WHERE machine = ?1",
-        &[named(machine)],
-    )?;
-    let last = row.map_or(Ok(None), |row| row.optional(0, super::Row::real))?;
-    let hourly = last.is_none_or(|last| (last / HOUR_S).floor() < (at_s / HOUR_S).floor());
-    database.execute(
-        "INSERT INTO telemetry (machine, at_s, hourly, document) VALUES (?1, ?2, ?3, ?4)",
-        &[named(machine), at_s.into(), hourly.into(), document.into()],
-    )?;
-    Ok(())
+    let hour_s = (at_s / HOUR_S).floor() * HOUR_S;
+    database.execute_later(
+        "INSERT INTO telemetry (machine, at_s, hourly, document) VALUES (?1, ?2,
+         CASE WHEN EXISTS (SELECT 1 FROM telemetry WHERE machine = ?1 AND at_s >= ?3) THEN 0 ELSE 1 END, ?4)",
+        vec![named(machine), at_s.into(), hour_s.into(), document.into()],
+    )
 }
 
 pub(crate) fn add_record(
@@ -48,21 +42,19 @@ pub(crate) fn add_record(
     at_s: f64,
     document: &str,
 ) -> Result<(), StoreError> {
-    database.execute(
+    database.execute_later(
         "INSERT INTO records (machine, at_s, document) VALUES (?1, ?2, ?3)",
-        &[named(machine), at_s.into(), document.into()],
-    )?;
-    Ok(())
+        vec![named(machine), at_s.into(), document.into()],
+    )
 }
 
 pub(crate) fn put_live(database: &mut dyn Database, live: Option<&Live>) -> Result<(), StoreError> {
     let Some(live) = live else { return Ok(()) };
-    database.execute(
+    database.execute_later(
         "INSERT INTO live (machine, document) VALUES (?1, ?2)
          ON CONFLICT (machine) DO UPDATE SET document = excluded.document",
-        &[named(&live.machine), serde_json::to_string(live)?.into()],
-    )?;
-    Ok(())
+        vec![named(&live.machine), serde_json::to_string(live)?.into()],
+    )
 }
 
 pub(crate) fn put_instance(
@@ -70,17 +62,16 @@ pub(crate) fn put_instance(
     machine: &MachineId,
     instance: &Instance,
 ) -> Result<(), StoreError> {
-    database.execute(
+    database.execute_later(
         "INSERT INTO instances (machine, instance, first_s, document) VALUES (?1, ?2, ?3, ?4)
          ON CONFLICT (machine, instance) DO UPDATE SET document = excluded.document",
-        &[
+        vec![
             named(machine),
             instance.instance.as_str().into(),
             instance.first_s.into(),
             serde_json::to_string(instance)?.into(),
         ],
-    )?;
-    Ok(())
+    )
 }
 
 pub(crate) fn remove_instance(
@@ -88,11 +79,10 @@ pub(crate) fn remove_instance(
     machine: &MachineId,
     instance: &str,
 ) -> Result<(), StoreError> {
-    database.execute(
+    database.execute_later(
         "DELETE FROM instances WHERE machine = ?1 AND instance = ?2",
-        &[named(machine), instance.into()],
-    )?;
-    Ok(())
+        vec![named(machine), instance.into()],
+    )
 }
 
 impl Store {

@@ -1,4 +1,4 @@
-//! The store: everything that the centre remembers, in SQLite, behind one interface.
+//! The store: everything that the centre remembers, in SQLite or PostgreSQL, behind one interface.
 //!
 //! State: two connections to the database, one that writes and one that reads. Every function waits for the disk, so an
 //! asynchronous program calls them on a thread that may wait. Several programs may have one database open.
@@ -11,6 +11,8 @@ pub(crate) mod ingest;
 mod live;
 mod machines;
 pub(crate) mod models;
+#[cfg(feature = "postgres")]
+mod postgres;
 pub(crate) mod rollouts;
 mod schema;
 mod sqlite;
@@ -24,6 +26,8 @@ use std::{
 pub use database::{Database, Row, Value};
 pub use history::Keep;
 pub use models::Issued;
+#[cfg(feature = "postgres")]
+pub use postgres::PostgresPlace;
 pub use users::Changed;
 
 /// Why the store does not do what it is asked.
@@ -33,6 +37,33 @@ pub enum StoreError {
     /// SQLite refuses.
     #[error("the database: {0}")]
     Sqlite(#[from] rusqlite::Error),
+    /// The server of the database is not there, or not as it should be.
+    #[error(
+        "the database: {place}: {why}; expected a running server with this database and this user"
+    )]
+    NotReached {
+        /// The server, the database and the user.
+        place: String,
+        /// Why.
+        why: String,
+    },
+    /// PostgreSQL refuses, or its connection was lost; then nothing of a change is done.
+    #[error("the database: {place}: {why}")]
+    Postgres {
+        /// The server, the database and the user.
+        place: String,
+        /// Why.
+        why: String,
+    },
+    /// The connection was lost while a change was committed: it is done, or nothing of it.
+    #[error("it is not known whether the change is stored, look before it is made again: {why}")]
+    InDoubt {
+        /// Why.
+        why: String,
+    },
+    /// The password of the database.
+    #[error(transparent)]
+    Password(#[from] crate::keys::KeyError),
     /// A document in the database is none of ours.
     #[error("a document in the database: {0}")]
     Document(#[from] serde_json::Error),
@@ -88,11 +119,25 @@ impl Store {
     /// # Errors
     /// The file cannot be opened, or is of a newer program.
     pub fn open(path: &Path) -> Result<Self, StoreError> {
-        let mut writer: Box<dyn Database> = Box::new(sqlite::Sqlite::open(path)?);
+        Self::of(|| Ok(Box::new(sqlite::Sqlite::open(path)?)))
+    }
+
+    /// Opens a PostgreSQL database, and makes its tables where they are not there. Neither this nor anything else of the store
+    /// may then be called from a thread that drives an asynchronous runtime.
+    ///
+    /// # Errors
+    /// The database is not reached, or is of a newer program.
+    #[cfg(feature = "postgres")]
+    pub fn open_postgres(place: &PostgresPlace) -> Result<Self, StoreError> {
+        Self::of(|| Ok(Box::new(postgres::Postgres::open(place)?)))
+    }
+
+    fn of(open: impl Fn() -> Result<Box<dyn Database>, StoreError>) -> Result<Self, StoreError> {
+        let mut writer = open()?;
         schema::bring_up(writer.as_mut())?;
         Ok(Self {
             writer: Mutex::new(writer),
-            reader: Mutex::new(Box::new(sqlite::Sqlite::open(path)?)),
+            reader: Mutex::new(open()?),
         })
     }
 

@@ -6,7 +6,9 @@ use super::{
 };
 
 /// Each step is one list of statements; a database knows how many of the steps it has. Steps are only ever added.
-const STEPS: &[&[&str]] = &[&[
+const STEPS: &[&[&str]] = &[FIRST, BY_MACHINE];
+
+const FIRST: &[&str] = &[
     "CREATE TABLE machines (machine TEXT PRIMARY KEY, site TEXT NOT NULL, document TEXT NOT NULL)",
     // The text of a machine file, once.
     "CREATE TABLE models (sha256 TEXT PRIMARY KEY, document TEXT NOT NULL, text TEXT NOT NULL)",
@@ -49,15 +51,21 @@ const STEPS: &[&[&str]] = &[&[
         document TEXT NOT NULL)",
     "CREATE TABLE sessions (token_sha256 TEXT PRIMARY KEY, name TEXT NOT NULL, since_s DOUBLE PRECISION NOT NULL,
         until_s DOUBLE PRECISION NOT NULL, document TEXT NOT NULL)",
-]];
+];
+
+/// Minutes are closed machine by machine.
+const BY_MACHINE: &[&str] = &[
+    "DROP INDEX recent_at",
+    "CREATE INDEX recent_of ON recent (machine, at_s)",
+];
 
 /// Brings a database to the newest schema.
 pub(super) fn bring_up(database: &mut dyn Database) -> Result<(), StoreError> {
-    database.execute(
-        "CREATE TABLE IF NOT EXISTS schema (steps BIGINT NOT NULL)",
-        &[],
-    )?;
     transaction(database, |database| {
+        database.execute(
+            "CREATE TABLE IF NOT EXISTS schema (steps BIGINT NOT NULL)",
+            &[],
+        )?;
         let row = database.first("SELECT steps FROM schema", &[])?;
         let done = row.map_or(Ok(0), |row| row.count(0))?;
         let steps = STEPS.len() as u64;

@@ -33,7 +33,11 @@ fn the_book_shows_every_key_with_its_default() {
     assert_eq!(shown.nats.keeping, bare.nats.keeping);
     assert_eq!(shown.nats.url, bare.nats.url);
     assert_eq!(shown.keys.sign_with, bare.keys.sign_with);
-    assert!(shown.store.ends_with("centre.db"));
+    assert!(shown.store.to_string().ends_with("/centre.db"));
+    assert_eq!(
+        shown.store.to_string().rsplit('/').next(),
+        bare.store.to_string().rsplit('/').next()
+    );
     // Every key that the program names where one is unknown stands in the book.
     for table in ["nats", "store", "keep", "keys", "rollout", "server"] {
         let text = format!("[nats]\nurl = \"nats://a:1\"\n[{table}]\n").replace(
@@ -75,8 +79,12 @@ fn mistakes_are_named_with_their_place() {
             "certificate and key, expected both or neither",
         ),
         (
-            "[store]\npostgres = \"b\"\n[nats]\nurl = \"x\"\n",
-            "postgres",
+            "[store]\nca = \"b\"\n[nats]\nurl = \"x\"\n",
+            "centre.toml:2: store.ca: found ca without postgres, expected both",
+        ),
+        (
+            "[store]\npostgres = \"b\"\nfile = \"b\"\n[nats]\nurl = \"x\"\n",
+            "centre.toml:2: store.postgres: found file and postgres, expected one of them",
         ),
         (
             "[server]\ncluster = \"a\"\n[nats]\nurl = \"x\"\n",
@@ -87,4 +95,50 @@ fn mistakes_are_named_with_their_place() {
         assert!(found.contains(told), "{text}: {found}");
     }
     assert!(read(nats).is_ok());
+}
+
+#[cfg(not(feature = "postgres"))]
+#[test]
+fn a_program_without_postgresql_says_which_has_it() {
+    let text = "[store]\npostgres = \"host=/run user=a dbname=b\"\n[nats]\nurl = \"x\"\n";
+    let found = read(text).unwrap_err();
+    assert!(found.contains("centre.toml:2: store.postgres"), "{found}");
+    assert!(found.contains("--features postgres"), "{found}");
+}
+
+#[cfg(feature = "postgres")]
+#[test]
+fn the_book_shows_every_key_of_postgresql() {
+    let book = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/src/fleet.md");
+    let book = std::fs::read_to_string(book).unwrap();
+    let mut blocks = book.split("```toml\n").skip(1);
+    let block = blocks.find(|block| block.starts_with("# part of a centre file"));
+    let block = block.unwrap().split("```").next().unwrap();
+    let shown = read(&format!("[nats]\nurl = \"x\"\n{block}")).unwrap();
+    let told = "PostgreSQL on db.example.com, port 5432, database volcomp, user volcomp";
+    assert_eq!(shown.store.to_string(), told);
+    for key in ["postgres", "password_file", "ca"] {
+        assert!(block.contains(&format!("\n{key} = ")), "{key}");
+    }
+}
+
+#[cfg(feature = "postgres")]
+#[test]
+fn connections_to_postgresql_that_are_none() {
+    for (connection, told) in [
+        ("host=a user=b dbname=c password=hunter2", "password_file"),
+        (
+            "host=db.example.com user=b dbname=c sslmode=disable",
+            "expected TLS",
+        ),
+        ("dbname=c", "found no host"),
+    ] {
+        let text = format!("[nats]\nurl = \"x\"\n[store]\npostgres = \"{connection}\"\n");
+        let found = read(&text).unwrap_err();
+        assert!(
+            found.contains("centre.toml:4: store.postgres") && found.contains(told),
+            "{found}"
+        );
+        assert!(!found.contains("hunter2"), "{found}");
+    }
 }

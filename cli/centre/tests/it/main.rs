@@ -1,4 +1,4 @@
-//! Tests of the centre: its rules by themselves, its store, and the whole against a real `nats-server`.
+//! Tests of the centre: its rules by themselves, its store, and the whole against a real `nats-server` and a real PostgreSQL.
 
 #![allow(
     clippy::unwrap_used,
@@ -7,6 +7,8 @@
 )]
 
 mod browser;
+#[cfg(feature = "postgres")]
+mod cluster;
 mod command;
 mod config;
 mod demo;
@@ -16,6 +18,8 @@ mod form;
 mod gateway;
 mod http;
 mod page;
+#[cfg(feature = "postgres")]
+mod postgres;
 mod rollout;
 mod shop;
 mod store;

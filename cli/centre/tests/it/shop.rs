@@ -45,6 +45,16 @@ pub(crate) struct Shop {
 impl Shop {
     /// So many servers in a cluster, and so many machines; `None` where the server is not installed, which fails under CI.
     pub(crate) fn new(servers: usize, machines: usize) -> Option<Self> {
+        let in_a_file = |folder: &Path| Store::open(&folder.join("centre.db")).unwrap();
+        Self::with_store(servers, machines, in_a_file)
+    }
+
+    /// The same with another store; it is told a folder of its own.
+    pub(crate) fn with_store(
+        servers: usize,
+        machines: usize,
+        open: impl FnOnce(&Path) -> Store,
+    ) -> Option<Self> {
         if program().is_none() {
             volcomp_test_support::peers::not_run("nats-server is not installed");
             return None;
@@ -79,7 +89,7 @@ impl Shop {
                 machines: users.clone(),
             })
             .collect();
-        let store = Arc::new(Store::open(&folder.path().join("centre.db")).unwrap());
+        let store = Arc::new(open(folder.path()));
         for (machine, _) in &machines {
             store.put_machine(machine, "anna").unwrap();
         }

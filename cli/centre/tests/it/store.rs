@@ -1,6 +1,8 @@
 //! The store and what goes into it.
 
 use serde_json::json;
+#[cfg(feature = "postgres")]
+use volcomp_centre::store::PostgresPlace;
 use volcomp_centre::{
     ingest::Ingest,
     records::Resolution,
@@ -10,26 +12,92 @@ use volcomp_centre::{
 };
 use volcomp_fleet::{Kind, MachineId, Received};
 
+#[cfg(feature = "postgres")]
+use crate::cluster::Cluster;
 use crate::support::{condition, envelope, identity, machine, model, model_text, received};
 
 /// A database that is opened several times, as by several programs.
-struct Place(tempfile::TempDir);
+enum Place {
+    Sqlite(tempfile::TempDir),
+    #[cfg(feature = "postgres")]
+    Postgres(std::sync::Arc<Cluster>, String),
+}
 
 impl Place {
-    fn new() -> Self {
-        Self(tempfile::tempdir().unwrap())
+    fn sqlite() -> Option<Self> {
+        Some(Self::Sqlite(tempfile::tempdir().unwrap()))
+    }
+
+    /// `None` where PostgreSQL is not installed, which fails under CI.
+    #[cfg(feature = "postgres")]
+    fn postgres() -> Option<Self> {
+        let Some(cluster) = Cluster::shared() else {
+            volcomp_test_support::peers::not_run("postgresql is not installed");
+            return None;
+        };
+        let name = cluster.database();
+        Some(Self::Postgres(cluster, name))
     }
 
     fn open(&self) -> Result<Store, StoreError> {
-        Store::open(&self.0.path().join("centre.db"))
+        match self {
+            Self::Sqlite(folder) => Store::open(&folder.path().join("centre.db")),
+            #[cfg(feature = "postgres")]
+            Self::Postgres(cluster, name) => {
+                let place = PostgresPlace::of(&cluster.connection(name), None, None);
+                Store::open_postgres(&place.unwrap())
+            }
+        }
     }
 
     /// Executes a statement past the store, as a thief or another program does.
     fn execute(&self, sql: &str) {
-        let path = self.0.path().join("centre.db");
-        let other = rusqlite::Connection::open(path).unwrap();
-        other.execute(sql, []).unwrap();
+        match self {
+            Self::Sqlite(folder) => {
+                let path = folder.path().join("centre.db");
+                let other = rusqlite::Connection::open(path).unwrap();
+                other.execute(sql, []).unwrap();
+            }
+            #[cfg(feature = "postgres")]
+            Self::Postgres(cluster, name) => drop(cluster.execute(name, sql)),
+        }
     }
+}
+
+/// Each of these is a test of every database.
+macro_rules! on_each_database {
+    ($($test:ident),+ $(,)?) => {
+        on_each_database! { sqlite: $($test),+ }
+        #[cfg(feature = "postgres")]
+        on_each_database! { postgres: $($test),+ }
+    };
+    ($database:ident: $($test:ident),+) => {
+        mod $database {
+            $(#[test]
+            fn $test() {
+                if let Some(place) = super::Place::$database() {
+                    super::$test(&place);
+                }
+            })+
+        }
+    };
+}
+
+on_each_database! {
+    machines_models_and_the_log_of_changes,
+    a_record_of_the_log_that_was_changed_or_taken_out_is_seen,
+    each_message_is_stored_once_and_the_history_has_its_means,
+    what_is_old_is_forgotten_and_hours_stay,
+    what_cannot_be_read_is_kept_for_a_person,
+    a_machine_has_its_turn_in_one_roll_out_at_a_time,
+    what_fails_in_the_middle_leaves_nothing,
+    people_and_their_sessions,
+    a_database_of_a_newer_program_is_left_alone,
+    a_database_of_an_older_program_is_brought_up,
+    minutes_are_closed_machine_by_machine,
+    names_that_are_none_stop_nobody,
+    numbers_come_back_as_they_went_in,
+    two_programs_write_at_a_time,
 }
 
 fn mill() -> MachineId {
@@ -46,9 +114,7 @@ fn conditions(numbers: std::ops::Range<u64>, from_s: f64) -> Vec<Received> {
     numbers.map(one).collect()
 }
 
-#[test]
-fn machines_models_and_the_log_of_changes() {
-    let place = Place::new();
+fn machines_models_and_the_log_of_changes(place: &Place) {
     let store = place.open().unwrap();
     let mut mill = machine("mill-a");
     store.put_machine(&mill, "anna").unwrap();
@@ -93,9 +159,7 @@ fn machines_models_and_the_log_of_changes() {
     assert_eq!(store.broken_audit().unwrap(), None);
 }
 
-#[test]
-fn a_record_of_the_log_that_was_changed_or_taken_out_is_seen() {
-    let place = Place::new();
+fn a_record_of_the_log_that_was_changed_or_taken_out_is_seen(place: &Place) {
     for (change, seen) in [
         (
             "UPDATE audit SET document = replace(document, 'anna', 'bert') WHERE number = 2",
@@ -116,9 +180,7 @@ fn a_record_of_the_log_that_was_changed_or_taken_out_is_seen() {
     }
 }
 
-#[test]
-fn each_message_is_stored_once_and_the_history_has_its_means() {
-    let place = Place::new();
+fn each_message_is_stored_once_and_the_history_has_its_means(place: &Place) {
     let store = place.open().unwrap();
     let mut ingest = Ingest::of(&store).unwrap();
     // From the beginning of an hour on.
@@ -164,9 +226,7 @@ fn each_message_is_stored_once_and_the_history_has_its_means() {
     assert_eq!((hours[0].count, hours[0].residual_um), (120, Some(59.5)));
 }
 
-#[test]
-fn what_is_old_is_forgotten_and_hours_stay() {
-    let place = Place::new();
+fn what_is_old_is_forgotten_and_hours_stay(place: &Place) {
     let store = place.open().unwrap();
     let mut ingest = Ingest::of(&store).unwrap();
     let from_s = 1_800_000_000.0;
@@ -225,9 +285,7 @@ fn a_batch_that_does_not_fit_is_stored_not_at_all() {
     drop(folder);
 }
 
-#[test]
-fn what_cannot_be_read_is_kept_for_a_person() {
-    let place = Place::new();
+fn what_cannot_be_read_is_kept_for_a_person(place: &Place) {
     let store = place.open().unwrap();
     let mut ingest = Ingest::of(&store).unwrap();
     for (sequence, bytes) in [&b"no JSON"[..], b"{}", b"\xff\xfe", b"[1e999]"]
@@ -251,9 +309,7 @@ fn what_cannot_be_read_is_kept_for_a_person() {
     assert_eq!(looked[&mill()].1.unreadable, 16);
 }
 
-#[test]
-fn a_machine_has_its_turn_in_one_roll_out_at_a_time() {
-    let place = Place::new();
+fn a_machine_has_its_turn_in_one_roll_out_at_a_time(place: &Place) {
     let store = place.open().unwrap();
     let start = |names: &[&str]| {
         let machines: Vec<(MachineId, bool)> = (names.iter())
@@ -279,9 +335,7 @@ fn a_machine_has_its_turn_in_one_roll_out_at_a_time() {
 }
 
 /// What fails in the middle of a transaction leaves nothing behind, and what comes after it works.
-#[test]
-fn what_fails_in_the_middle_leaves_nothing() {
-    let place = Place::new();
+fn what_fails_in_the_middle_leaves_nothing(place: &Place) {
     let store = place.open().unwrap();
     store.put_machine(&machine("mill-a"), "anna").unwrap();
     // The record of the log is the second of the two statements.
@@ -294,9 +348,7 @@ fn what_fails_in_the_middle_leaves_nothing() {
     assert_eq!(store.broken_audit().unwrap(), None);
 }
 
-#[test]
-fn people_and_their_sessions() {
-    let place = Place::new();
+fn people_and_their_sessions(place: &Place) {
     let store = place.open().unwrap();
     let name: UserName = "anna".parse().unwrap();
     let add = |role| store.add_user(&name, role, "hash", "bert", "here").unwrap();
@@ -322,13 +374,184 @@ fn people_and_their_sessions() {
     assert!(store.session(&token, &now).unwrap().is_none());
 }
 
-#[test]
-fn a_database_of_a_newer_program_is_left_alone() {
-    let place = Place::new();
+fn a_database_of_a_newer_program_is_left_alone(place: &Place) {
     drop(place.open().unwrap());
     place.execute("UPDATE schema SET steps = 99");
     assert!(matches!(
         place.open(),
         Err(StoreError::Newer { found: 99, .. })
     ));
+}
+
+/// Minutes of many machines, some of which come late or in no order: each machine has its own means, whatever the others have.
+fn minutes_are_closed_machine_by_machine(place: &Place) {
+    const MACHINES: u64 = 70;
+    let store = place.open().unwrap();
+    let mut ingest = Ingest::of(&store).unwrap();
+    let from_s = 1_800_000_000.0;
+    let name = |machine: u64| format!("mill-{machine}");
+    // Machine m tells the residual 1000 m + n at second n, in three minutes; every third is silent in the second one.
+    let tells =
+        |machine: u64, second: u64| !(machine.is_multiple_of(3) && (60..120).contains(&second));
+    let batch: Vec<Received> = (0..180)
+        .step_by(10)
+        .flat_map(|second| (0..MACHINES).map(move |machine| (machine, second)))
+        .filter(|(machine, second)| tells(*machine, *second))
+        .map(|(machine, second)| {
+            let residual_um = (1000 * machine + second) as f64;
+            let envelope = envelope("run-1", second, condition(residual_um));
+            let at_s = from_s + second as f64;
+            received(&name(machine), Kind::Condition, second + 1, at_s, &envelope)
+        })
+        .collect();
+    // The second half first.
+    let (early, late) = batch.split_at(batch.len() / 2);
+    ingest.take(&store, late).unwrap();
+    let closed = store.close_minutes(from_s + 120.0).unwrap();
+    ingest.take(&store, early).unwrap();
+    let closed = closed + store.close_minutes(from_s + 120.0).unwrap();
+    let within = batch.iter().filter(|one| one.stored_s < from_s + 120.0);
+    assert_eq!(closed, within.count() as u64);
+    assert_eq!(store.close_minutes(from_s + 120.0).unwrap(), 0);
+    for machine in 0..MACHINES {
+        let id: MachineId = name(machine).parse().unwrap();
+        let history = |resolution| {
+            let points = store.history(&id, resolution, from_s, from_s + 600.0, 1000);
+            points.unwrap()
+        };
+        let base = (1000 * machine) as f64;
+        let silent = machine.is_multiple_of(3);
+        let means: Vec<(f64, u64, Option<f64>)> = (history(Resolution::Minute).iter())
+            .map(|point| (point.at_s - from_s, point.count, point.residual_um))
+            .collect();
+        // Six in each minute: 0, 10, … 50, and a minute later.
+        let first = (0.0, 6, Some(base + 25.0));
+        let second = (60.0, 6, Some(base + 85.0));
+        let expected = if silent {
+            vec![first]
+        } else {
+            vec![first, second]
+        };
+        assert_eq!(means, expected, "{id}");
+        let hour = &history(Resolution::Hour)[0];
+        let of_hour = if silent {
+            (6, base + 25.0)
+        } else {
+            (12, base + 55.0)
+        };
+        assert_eq!((hour.count, hour.residual_um), (of_hour.0, Some(of_hour.1)));
+        let told: Vec<f64> = (history(Resolution::Raw).iter())
+            .map(|point| point.at_s - from_s)
+            .collect();
+        let expected = (0..180)
+            .step_by(10)
+            .filter(|second| tells(machine, *second));
+        let expected: Vec<f64> = expected.map(|second| second as f64).collect();
+        assert_eq!(told, expected, "{id}");
+    }
+}
+
+/// A database as the first program left it is brought to the newest schema, with what is in it.
+fn a_database_of_an_older_program_is_brought_up(place: &Place) {
+    let store = place.open().unwrap();
+    let mut ingest = Ingest::of(&store).unwrap();
+    let from_s = 1_800_000_000.0;
+    ingest.take(&store, &conditions(0..90, from_s)).unwrap();
+    drop(store);
+    for sql in [
+        "DROP INDEX recent_of",
+        "CREATE INDEX recent_at ON recent (at_s)",
+        "UPDATE schema SET steps = 1",
+    ] {
+        place.execute(sql);
+    }
+    let store = place.open().unwrap();
+    assert_eq!(store.close_minutes(from_s + 60.0).unwrap(), 60);
+    drop(place.open().unwrap());
+}
+
+/// What a gateway says of itself never stops the others: texts that a database cannot hold, or not in an index.
+fn names_that_are_none_stop_nobody(place: &Place) {
+    let store = place.open().unwrap();
+    let mut ingest = Ingest::of(&store).unwrap();
+    let long = "x".repeat(100_000);
+    let batch: Vec<Received> = ["a\0b", "\0", "a\u{fffd}b", &long, "", "ÄÖ€😀"]
+        .iter()
+        .zip(1..)
+        .map(|(instance, sequence)| {
+            let envelope = envelope(instance, 1, condition(1.0));
+            received("mill-a", Kind::Condition, sequence, 1.8e9, &envelope)
+        })
+        .collect();
+    let taken = ingest.take(&store, &batch).unwrap();
+    assert_eq!((taken.stored, taken.twice), (5, 0));
+    // The long one is kept for a person.
+    let kept = store.machine_records(&mill(), 10).unwrap();
+    assert_eq!(kept.len(), 1);
+    let why = kept[0].1["why"].as_str().unwrap();
+    assert!(why.contains("100000 bytes, expected at most 256"), "{why}");
+    drop(Ingest::of(&store).unwrap());
+    store
+        .audit("anna\0", "test", "x", json!({ "zero": "\0" }))
+        .unwrap();
+    assert_eq!(store.broken_audit().unwrap(), None);
+}
+
+/// Numbers go in and come out as they are, to the last bit.
+fn numbers_come_back_as_they_went_in(place: &Place) {
+    let store = place.open().unwrap();
+    let mut ingest = Ingest::of(&store).unwrap();
+    let at_s = 1_800_000_000.123_456_7;
+    let body = json!({ "tiny": 5e-324, "third": 1.0 / 3.0, "large": u64::MAX });
+    let telemetry = received(
+        "mill-a",
+        Kind::Telemetry,
+        1,
+        at_s,
+        &envelope("run-1", 0, body.clone()),
+    );
+    ingest.take(&store, &[telemetry]).unwrap();
+    assert_eq!(store.telemetry(&mill()).unwrap(), Some((at_s, body)));
+    // A version beyond every number of the database's is held at the end, as everywhere.
+    let answer = volcomp_fleet::Acknowledgement {
+        version: u64::MAX,
+        value_sha256: "00".to_owned(),
+        outcome: volcomp_fleet::Outcome::Activated,
+    };
+    let answer = received("mill-a", Kind::Ack, 2, at_s, &envelope("run-1", 1, answer));
+    let taken = ingest.take(&store, &[answer]).unwrap();
+    assert_eq!((taken.stored, taken.answers.len()), (1, 1));
+}
+
+/// Several programs write at a time: every change is made, and the log of changes is one chain.
+fn two_programs_write_at_a_time(place: &Place) {
+    std::thread::scope(|scope| {
+        for program in 0..4 {
+            scope.spawn(move || {
+                let store = place.open().unwrap();
+                for number in 0..25 {
+                    let name = format!("mill-{program}-{number}");
+                    store.put_machine(&machine(&name), "anna").unwrap();
+                }
+            });
+        }
+    });
+    let store = place.open().unwrap();
+    assert_eq!(store.machines().unwrap().len(), 100);
+    assert_eq!(store.audit_records(None, 1000).unwrap().len(), 100);
+    assert_eq!(store.broken_audit().unwrap(), None);
+    for name in ["ab", "a-c"] {
+        store.put_machine(&machine(name), "anna").unwrap();
+    }
+    // By the bytes of their names, whatever the language of the server.
+    let mut expected: Vec<String> = (0..4)
+        .flat_map(|program| (0..25).map(move |number| format!("mill-{program}-{number}")))
+        .collect();
+    expected.extend(["a-c".to_owned(), "ab".to_owned()]);
+    expected.sort();
+    let machines = store.machines().unwrap();
+    let names: Vec<&str> = (machines.iter())
+        .map(|machine| machine.identity.machine.as_str())
+        .collect();
+    assert_eq!(names, expected);
 }
