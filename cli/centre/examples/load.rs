@@ -99,7 +99,7 @@ impl Place {
 
     fn table(&self) -> String {
         match self {
-            Self::Sqlite(file) => format!("file = {file:?}"),
+            Self::Sqlite(file) => format!("file = {:?}", file.display().to_string()),
             #[cfg(feature = "postgres")]
             Self::Postgres(cluster, name) => format!("postgres = {:?}", cluster.connection(name)),
         }

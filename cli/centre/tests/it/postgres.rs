@@ -199,7 +199,7 @@ fn pass(mut near: TcpStream, mut far: UnixStream, next: &AtomicU8) {
     let losing = Arc::new(AtomicU8::new(PASS));
     let of_thread = Arc::clone(&losing);
     let back = std::thread::spawn(move || {
-        let mut bytes = [0; 65_536];
+        let mut bytes = [0; 8192];
         while let Ok(count @ 1..) = back_from.read(&mut bytes) {
             if of_thread.load(Ordering::SeqCst) == LOSE_ANSWER {
                 // The answer is here: it is done.
@@ -212,7 +212,7 @@ fn pass(mut near: TcpStream, mut far: UnixStream, next: &AtomicU8) {
         }
         let _ = back_to.shutdown(std::net::Shutdown::Both);
     });
-    let mut bytes = [0; 65_536];
+    let mut bytes = [0; 8192];
     while let Ok(count @ 1..) = near.read(&mut bytes) {
         // A statement without parameters is a message of its own.
         let commit = bytes[..count]

@@ -70,14 +70,14 @@ impl Postgres {
         work: impl FnOnce(&mut Link, &Runtime) -> Result<T, Failed>,
     ) -> Result<T, StoreError> {
         let Some(runtime) = &self.runtime else {
-            return Err(self.failed("it was closed"));
+            return Err(self.failed(&"it was closed"));
         };
         let link = match &mut self.link {
             Some(link) => link,
             None if self.transaction == Transaction::None => {
                 self.link.insert(Link::open(runtime, &self.place)?)
             }
-            None => return Err(self.failed("the connection was lost in the middle of a change")),
+            None => return Err(self.failed(&"the connection was lost in the middle of a change")),
         };
         let done = work(link, runtime);
         if done.is_err() && self.transaction == Transaction::Open {
@@ -86,7 +86,7 @@ impl Postgres {
         if done.as_ref().is_err_and(Failed::is_lost) {
             self.link = None;
         }
-        done.map_err(|error| self.failed(error))
+        done.map_err(|error| self.failed(&error))
     }
 
     /// The same for what may be done twice: a connection that is found lost, as after a restart of the server, is made anew
@@ -102,7 +102,7 @@ impl Postgres {
         }
     }
 
-    fn failed(&self, why: impl ToString) -> StoreError {
+    fn failed(&self, why: &dyn std::fmt::Display) -> StoreError {
         StoreError::Postgres {
             place: self.place.to_string(),
             why: why.to_string(),
@@ -138,7 +138,7 @@ impl Postgres {
             // The server would say yes, and have done nothing.
             return Err(match sent {
                 Err(error) => error,
-                Ok(()) => self.failed("a statement of the change has failed"),
+                Ok(()) => self.failed(&"a statement of the change has failed"),
             });
         }
         let done = self.with(|link, runtime| link.batch(runtime, "COMMIT"));
@@ -204,6 +204,6 @@ impl Database for Postgres {
         self.flush()?;
         let rows = self.with_anew(|link, runtime| link.rows(runtime, sql, parameters))?;
         let rows: Result<Vec<Row>, tokio_postgres::Error> = rows.iter().map(values::row).collect();
-        rows.map_err(|error| self.failed(error))
+        rows.map_err(|error| self.failed(&error))
     }
 }
