@@ -1,6 +1,6 @@
 //! What machines have said, taken from a stream in batches. A message stays at the server until its batch is acknowledged.
 
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use async_nats::jetstream::{
     AckKind, Context, Message,
@@ -10,7 +10,7 @@ use bytes::Bytes;
 use futures_util::stream::BoxStream;
 use tokio_stream::StreamExt;
 
-use crate::{Identity, Kind, LinkError, hub::since_1970_s, link::failed};
+use crate::{Identity, Kind, LinkError, link::failed};
 
 /// The name of the centre's place in each stream.
 const CONSUMER: &str = "centre";
@@ -165,7 +165,7 @@ async fn begin(
             stream,
         )
         .await
-        .map_err(|e| failed("a consumer")(e.into()))?;
+        .map_err(|e| failed("making a consumer")(e.into()))?;
     let messages = consumer
         .stream()
         .max_messages_per_batch(BATCH)
@@ -192,4 +192,10 @@ fn received(message: &Message) -> Option<Received> {
         stored_s: since_1970_s(info.published.into()),
         bytes: message.payload.clone(),
     })
+}
+
+/// Seconds since 1970.
+fn since_1970_s(at: SystemTime) -> f64 {
+    at.duration_since(SystemTime::UNIX_EPOCH)
+        .map_or(0.0, |since| since.as_secs_f64())
 }

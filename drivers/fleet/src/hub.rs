@@ -1,9 +1,6 @@
 //! The centre's side of the connection: what machines shall run goes out, and a value that somebody else put is seen.
 
-use std::{
-    sync::Arc,
-    time::{Duration, SystemTime},
-};
+use std::sync::Arc;
 
 use async_nats::{
     Client, HeaderMap,
@@ -14,12 +11,11 @@ use futures_util::StreamExt;
 use tokio::{sync::Notify, time::timeout};
 
 use crate::{
-    Collection, DESIRED_BUCKET, Keeping, LinkError, LinkSettings, MachineId, SiteId, link::failed,
+    Collection, Keeping, LinkError, LinkSettings, MachineId, SiteId,
+    link::{ANSWER_WITHIN, failed, is_connected, stored},
     prepare, put_model,
+    subjects::{desired_subject, latest_desired_subject},
 };
-
-/// A question is answered after so long, or not at all.
-const ANSWER_WITHIN: Duration = Duration::from_secs(5);
 
 /// The connection of a centre. Copies share it.
 #[derive(Clone)]
@@ -82,7 +78,7 @@ impl Hub {
 
     /// Whether the server is connected now.
     pub fn is_connected(&self) -> bool {
-        self.client.connection_state() == async_nats::connection::State::Connected
+        is_connected(&self.client)
     }
 
     /// Makes the bucket and the streams of these sites; see [`prepare`].
@@ -98,26 +94,9 @@ impl Hub {
     /// # Errors
     /// It is not known whether it was stored: put it again.
     pub async fn put_desired(&self, machine: &MachineId, value: Bytes) -> Result<(), LinkError> {
-        let subject = format!("$KV.{DESIRED_BUCKET}.{machine}");
-        let stored = async {
-            let published = self
-                .context
-                .publish_with_headers(subject, HeaderMap::new(), value)
-                .await;
-            match published {
-                Ok(stored) => stored
-                    .await
-                    .map(|_| ())
-                    .map_err(|e| failed("putting a manifest")(e.into())),
-                Err(e) => Err(failed("putting a manifest")(e.into())),
-            }
-        };
-        timeout(ANSWER_WITHIN, stored)
-            .await
-            .unwrap_or(Err(LinkError::Late {
-                what: "putting a manifest",
-                within: ANSWER_WITHIN,
-            }))
+        let subject = desired_subject(machine.as_str());
+        let what = "putting a manifest";
+        stored(what, &self.context, subject, HeaderMap::new(), value).await
     }
 
     /// The value under the key of a machine now; `None`: there is none.
@@ -125,8 +104,7 @@ impl Hub {
     /// # Errors
     /// The server does not answer.
     pub async fn desired(&self, machine: &MachineId) -> Result<Option<Bytes>, LinkError> {
-        let subject =
-            format!("$JS.API.DIRECT.GET.KV_{DESIRED_BUCKET}.$KV.{DESIRED_BUCKET}.{machine}");
+        let subject = latest_desired_subject(machine);
         let answer = timeout(ANSWER_WITHIN, self.client.request(subject, Bytes::new()));
         let message = answer
             .await
@@ -160,7 +138,7 @@ impl Hub {
     pub async fn watch_desired(&self) -> Result<DesiredWatch, LinkError> {
         let puts = self
             .client
-            .subscribe(format!("$KV.{DESIRED_BUCKET}.*"))
+            .subscribe(desired_subject("*"))
             .await
             .map_err(|e| failed("listening to manifests")(e.into()))?;
         Ok(DesiredWatch {
@@ -192,10 +170,4 @@ impl DesiredWatch {
             }
         }
     }
-}
-
-/// Seconds since 1970.
-pub(crate) fn since_1970_s(at: SystemTime) -> f64 {
-    at.duration_since(SystemTime::UNIX_EPOCH)
-        .map_or(0.0, |since| since.as_secs_f64())
 }

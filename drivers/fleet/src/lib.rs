@@ -26,17 +26,18 @@ pub use collect::{Batch, Collection, Received};
 pub use hub::{DesiredWatch, Found, Heard, Hub};
 pub use identity::{Identity, MachineId, SiteId, UnknownId};
 #[cfg(feature = "nats")]
-pub use link::{Kind, LinkError, LinkSettings, MachineLink, MachineSender};
+pub use link::{LinkError, LinkSettings, MachineLink, MachineSender};
 pub use manifest::{
     Desired, INLINE_LIMIT, Manifest, ModelRef, NotADesired, SigningKey, VerifyingKey, trusted_key,
 };
 pub use permissions::{
     Cluster, MAX_PAYLOAD, MachineUser, NoConfiguration, Permissions, ServerSettings, ServerTls,
+    is_public_nkey,
 };
 pub use report::{Acknowledgement, AuditLine, Condition, Envelope, Outcome};
 pub use spool::{Lane, Spool, SpoolLimits, Waiting};
 #[cfg(feature = "nats")]
 pub use streams::{Keeping, prepare, put_model};
 pub use subjects::{
-    AUDIT_PREFIX, DESIRED_BUCKET, Subjects, TELEMETRY_PREFIX, models_bucket, streams_of,
+    AUDIT_PREFIX, DESIRED_BUCKET, Kind, Subjects, TELEMETRY_PREFIX, models_bucket, streams_of,
 };

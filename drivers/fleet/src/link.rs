@@ -3,7 +3,7 @@
 //! A machine asks for one value of one key and hears it when it changes: no consumer, no watch, nothing at the server that
 //! has to be kept for it.
 
-use std::{sync::Arc, time::Duration};
+use std::{fmt, sync::Arc, time::Duration};
 
 use async_nats::{
     Client, ConnectOptions, HeaderMap, Subscriber,
@@ -15,51 +15,18 @@ use serde::Deserialize;
 use sha2::{Digest, Sha256};
 use tokio::{sync::Notify, time::timeout};
 
-use crate::{DESIRED_BUCKET, Identity, ModelRef, Subjects, models_bucket};
+use crate::{Identity, Kind, ModelRef, Subjects, models_bucket, subjects::latest_desired_subject};
 
 /// The value is asked for so often, even where nothing was heard of a change.
 const ASK_EVERY: Duration = Duration::from_secs(60);
 /// A question is answered after so long, or not at all.
-const ANSWER_WITHIN: Duration = Duration::from_secs(5);
+pub(crate) const ANSWER_WITHIN: Duration = Duration::from_secs(5);
 /// The largest model that is fetched, bytes.
 const LARGEST_MODEL: u64 = 64 * 1024 * 1024;
 /// The longest pause between two tries to connect.
 const LONGEST_PAUSE: Duration = Duration::from_secs(10);
 /// So many values wait to be looked at; where more come the latest is asked for later.
 const VALUES_WAITING: usize = 8;
-
-/// The kind of a message of a machine.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Kind {
-    /// The answer to a manifest.
-    Ack,
-    /// A record of the audit log.
-    Audit,
-    /// The short condition.
-    Condition,
-    /// The whole state.
-    Telemetry,
-}
-
-impl Kind {
-    /// Every kind.
-    pub const ALL: [Self; 4] = [Self::Ack, Self::Audit, Self::Condition, Self::Telemetry];
-
-    /// The last part of its subject.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Ack => "ack",
-            Self::Audit => "audit",
-            Self::Condition => "condition",
-            Self::Telemetry => "telemetry",
-        }
-    }
-
-    /// The kind with this last part of its subject.
-    pub fn with_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|kind| kind.name() == name)
-    }
-}
 
 /// Why something did not get through. Trying again later is right in each case but for `Seed`.
 #[derive(Debug, thiserror::Error)]
@@ -100,14 +67,23 @@ pub(crate) fn failed(
 }
 
 /// How to reach the server.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct LinkSettings {
     /// The addresses of the servers, `nats://HOST:PORT` or `tls://HOST:PORT`, separated by commas.
     pub url: String,
-    /// The seed of the nkey of the user.
+    /// The seed of the nkey of the user, which no message and no `Debug` shows.
     pub seed: String,
     /// A file with certificates that are trusted besides those of the system, PEM.
     pub roots: Option<std::path::PathBuf>,
+}
+
+impl fmt::Debug for LinkSettings {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("LinkSettings")
+            .field("url", &self.url)
+            .field("roots", &self.roots)
+            .finish_non_exhaustive()
+    }
 }
 
 impl LinkSettings {
@@ -164,6 +140,9 @@ pub struct MachineSender {
     client: Client,
     context: Context,
     subjects: Subjects,
+    /// The subject of the question for the latest value of the machine's key.
+    latest_desired: String,
+    /// The object store of the machine.
     models: String,
 }
 
@@ -212,6 +191,7 @@ impl MachineLink {
                 context: jetstream::new(client.clone()),
                 client,
                 subjects,
+                latest_desired: latest_desired_subject(&identity.machine),
                 models: models_bucket(&identity.machine),
             },
             desired,
@@ -279,11 +259,10 @@ impl MachineLink {
 impl MachineSender {
     /// The value now; `None` where there is none or nobody answers, which is asked again later.
     async fn ask(&self) -> Option<Bytes> {
-        let subject = format!(
-            "$JS.API.DIRECT.GET.KV_{DESIRED_BUCKET}.{}",
-            self.subjects.desired
-        );
-        let answer = timeout(ANSWER_WITHIN, self.client.request(subject, Bytes::new())).await;
+        let asked = self
+            .client
+            .request(self.latest_desired.clone(), Bytes::new());
+        let answer = timeout(ANSWER_WITHIN, asked).await;
         let message = answer.ok()?.ok()?;
         message.status.is_none().then_some(message.payload)
     }
@@ -338,39 +317,44 @@ impl MachineSender {
     /// # Errors
     /// It is not known whether it was stored: send it again later with the same `id`.
     pub async fn publish(&self, kind: Kind, id: &str, bytes: Bytes) -> Result<(), LinkError> {
-        let subject = match kind {
-            Kind::Ack => &self.subjects.ack,
-            Kind::Audit => &self.subjects.audit,
-            Kind::Condition => &self.subjects.condition,
-            Kind::Telemetry => &self.subjects.telemetry,
-        };
         let mut headers = HeaderMap::new();
         headers.insert("Nats-Msg-Id", id);
-        let stored = async {
-            let published = self
-                .context
-                .publish_with_headers(subject.clone(), headers, bytes)
-                .await;
-            match published {
-                Ok(stored) => stored
-                    .await
-                    .map(|_| ())
-                    .map_err(|e| failed("publishing")(e.into())),
-                Err(e) => Err(failed("publishing")(e.into())),
-            }
-        };
-        timeout(ANSWER_WITHIN, stored)
-            .await
-            .unwrap_or(Err(LinkError::Late {
-                what: "publishing",
-                within: ANSWER_WITHIN,
-            }))
+        let subject = self.subjects.of_kind(kind).to_owned();
+        stored("publishing", &self.context, subject, headers, bytes).await
     }
 
     /// Whether the server is connected now.
     pub fn is_connected(&self) -> bool {
-        self.client.connection_state() == async_nats::connection::State::Connected
+        is_connected(&self.client)
     }
+}
+
+/// Whether a client is connected now.
+pub(crate) fn is_connected(client: &Client) -> bool {
+    client.connection_state() == async_nats::connection::State::Connected
+}
+
+/// Publishes, and waits until the stream has stored it, but no longer than [`ANSWER_WITHIN`]. `what` is tried, for messages.
+pub(crate) async fn stored(
+    what: &'static str,
+    context: &Context,
+    subject: String,
+    headers: HeaderMap,
+    bytes: Bytes,
+) -> Result<(), LinkError> {
+    let stored = async {
+        let published = context.publish_with_headers(subject, headers, bytes).await;
+        let answered = published.map_err(|e| failed(what)(e.into()))?;
+        match answered.await {
+            Ok(_) => Ok(()),
+            Err(e) => Err(failed(what)(e.into())),
+        }
+    };
+    let late = LinkError::Late {
+        what,
+        within: ANSWER_WITHIN,
+    };
+    timeout(ANSWER_WITHIN, stored).await.unwrap_or(Err(late))
 }
 
 /// What the object store tells of an object, as far as it is needed here.

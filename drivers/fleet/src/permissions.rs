@@ -5,7 +5,7 @@
 
 use std::{collections::BTreeSet, fmt::Write, path::PathBuf};
 
-use crate::{DESIRED_BUCKET, Identity, Subjects, models_bucket};
+use crate::{Identity, Subjects, models_bucket, subjects::latest_desired_subject};
 
 /// The largest message, bytes: a model of one MiB with its manifest, as JSON.
 pub const MAX_PAYLOAD: usize = 4 * 1024 * 1024;
@@ -31,10 +31,7 @@ impl Permissions {
                 subjects.audit,
                 subjects.ack,
                 // The latest value of its own key, and nothing else of that stream.
-                format!(
-                    "$JS.API.DIRECT.GET.KV_{DESIRED_BUCKET}.{}",
-                    subjects.desired
-                ),
+                latest_desired_subject(&identity.machine),
                 // Its own object store, message by message. No consumer: it would have messages sent to any subject.
                 format!("$JS.API.DIRECT.GET.OBJ_{models}.>"),
                 format!("$JS.API.DIRECT.GET.OBJ_{models}"),
@@ -198,13 +195,17 @@ fn user(text: &mut String, nkey: &str, permissions: &Permissions) {
     );
 }
 
-fn check_nkey(nkey: &str) -> Result<(), NoConfiguration> {
-    let fits = nkey.len() == 56
-        && nkey.starts_with('U')
-        && nkey
+/// Whether a text has the form of the public nkey of a user: U and 55 letters and digits of base 32.
+pub fn is_public_nkey(text: &str) -> bool {
+    text.len() == 56
+        && text.starts_with('U')
+        && text
             .bytes()
-            .all(|byte| byte.is_ascii_uppercase() || (b'2'..=b'7').contains(&byte));
-    if fits {
+            .all(|byte| byte.is_ascii_uppercase() || (b'2'..=b'7').contains(&byte))
+}
+
+fn check_nkey(nkey: &str) -> Result<(), NoConfiguration> {
+    if is_public_nkey(nkey) {
         Ok(())
     } else {
         Err(NoConfiguration::Nkey {

@@ -9,7 +9,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use crate::spool_file::{self, Record};
+use crate::{
+    Kind,
+    spool_file::{self, Record},
+};
 
 /// So many messages of a lane wait in memory before they go to disk: a server that is there costs no write.
 const IN_MEMORY: usize = 64;
@@ -18,13 +21,23 @@ const WITHOUT_DISK: usize = 1024;
 /// A file on disk holds so much at the most, bytes (but for a single message that is larger).
 const FILE: usize = 256 * 1024;
 
-/// Which messages are dropped first.
+/// Which messages are given out first and dropped last, by their [`Kind`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lane {
     /// Acknowledgements and audit records: given out first, and never dropped for telemetry.
     Kept,
     /// Conditions and telemetry.
     Passing,
+}
+
+impl Lane {
+    /// The lane of messages of this kind.
+    pub fn of(kind: Kind) -> Self {
+        match kind {
+            Kind::Ack | Kind::Audit => Self::Kept,
+            Kind::Condition | Kind::Telemetry => Self::Passing,
+        }
+    }
 }
 
 /// How much waits at the most.
@@ -49,8 +62,8 @@ impl Default for SpoolLimits {
 /// A message that waits.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Waiting {
-    /// The last part of its subject: `ack`, `audit`, `condition` or `telemetry`.
-    pub kind: String,
+    /// What it is.
+    pub kind: Kind,
     /// Its id, by which the server and the centre know one that comes twice.
     pub id: String,
     /// What it says.
@@ -81,8 +94,8 @@ impl Spool {
 
     /// Takes a message. It never fails: where there is no room the oldest of its lane is dropped, which
     /// [`dropped`](Self::dropped) counts.
-    pub fn push(&mut self, lane: Lane, message: Waiting) {
-        self.lane(lane).push(message);
+    pub fn push(&mut self, message: Waiting) {
+        self.lane(Lane::of(message.kind)).push(message);
     }
 
     /// The message that is to be sent next, the same until [`done`](Self::done).
@@ -216,7 +229,7 @@ impl Queue {
                 spool_file::append(
                     &mut bytes,
                     Record {
-                        kind: &message.kind,
+                        kind: message.kind.name(),
                         id: &message.id,
                         bytes: &message.bytes,
                     },
@@ -268,14 +281,20 @@ impl Queue {
             };
             self.open = Some(number);
             if let Ok(bytes) = std::fs::read(self.path(number)) {
-                let records = spool_file::records(&bytes);
-                self.front = records
-                    .map(|record| Waiting {
-                        kind: record.kind.to_owned(),
+                let waiting = spool_file::records(&bytes).map(|record| {
+                    Some(Waiting {
+                        // One that another version of this program has written has no subject here.
+                        kind: Kind::with_name(record.kind)?,
                         id: record.id.to_owned(),
                         bytes: record.bytes.to_vec(),
                     })
-                    .collect();
+                });
+                for message in waiting {
+                    match message {
+                        Some(message) => self.front.push_back(message),
+                        None => self.dropped += 1,
+                    }
+                }
             }
         }
         self.front.pop_front().map(|message| (message, true))

@@ -9,7 +9,7 @@ use async_nats::jetstream::{Context, object_store, stream};
 
 use crate::{
     AUDIT_PREFIX, DESIRED_BUCKET, LinkError, MachineId, SiteId, link::failed, models_bucket,
-    streams_of,
+    streams_of, subjects::desired_subject,
 };
 
 /// How many values of a key are kept.
@@ -54,7 +54,7 @@ pub async fn prepare(
 ) -> Result<(), LinkError> {
     let desired = stream::Config {
         name: format!("KV_{DESIRED_BUCKET}"),
-        subjects: vec![format!("$KV.{DESIRED_BUCKET}.>")],
+        subjects: vec![desired_subject(">")],
         max_messages_per_subject: HISTORY,
         max_messages: -1,
         max_bytes: -1,

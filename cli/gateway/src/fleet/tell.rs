@@ -20,7 +20,7 @@ use volcomp_fleet::{
 };
 
 use super::{Shared, audit_tail::AuditTail, store::Store};
-use crate::documents::Status;
+use crate::{documents::Status, interop::quantities::length};
 
 /// How often the log and the connection are looked at.
 const LOOK: Duration = Duration::from_millis(200);
@@ -159,17 +159,18 @@ impl Teller {
             Ok(spool) => {
                 self.spool = Some(spool);
                 for waiting in std::mem::take(&mut self.unspooled) {
-                    self.push(Lane::Kept, waiting);
+                    self.push(waiting);
                 }
             }
             Err(e) => self.trouble = Some(format!("{}: {e}", self.store.spool().display())),
         }
     }
 
-    fn push(&mut self, lane: Lane, message: Waiting) {
+    fn push(&mut self, message: Waiting) {
+        let is_kept = Lane::of(message.kind) == Lane::Kept;
         match &mut self.spool {
-            Some(spool) => spool.push(lane, message),
-            None if lane == Lane::Kept && self.unspooled.len() < WITHOUT_FOLDER => {
+            Some(spool) => spool.push(message),
+            None if is_kept && self.unspooled.len() < WITHOUT_FOLDER => {
                 self.unspooled.push(message);
             }
             None => self.dropped += 1,
@@ -178,7 +179,7 @@ impl Teller {
 
     /// A message of this start of the gateway.
     fn message<T: Serialize>(&mut self, kind: Kind, body: T) -> Option<Waiting> {
-        let status_model = self.shared.published.model().hash.clone();
+        let model = self.shared.published.model().hash.clone();
         self.number += 1;
         let wall = SystemTime::now().duration_since(UNIX_EPOCH);
         let envelope = Envelope {
@@ -187,11 +188,11 @@ impl Teller {
             uptime_s: self.begun.elapsed().as_secs_f64(),
             wall_s: wall.unwrap_or_default().as_secs_f64(),
             version: self.shared.version(),
-            model: status_model,
+            model,
             body,
         };
         Some(Waiting {
-            kind: kind.name().to_owned(),
+            kind,
             id: format!("{}-{}", self.instance, self.number),
             bytes: serde_json::to_vec(&envelope).ok()?,
         })
@@ -199,7 +200,7 @@ impl Teller {
 
     fn acknowledge(&mut self, told: &Acknowledgement) {
         if let Some(message) = self.message(Kind::Ack, told) {
-            self.push(Lane::Kept, message);
+            self.push(message);
         }
     }
 
@@ -212,12 +213,12 @@ impl Teller {
         if is_due[0]
             && let Some(message) = self.message(Kind::Condition, condition(&status))
         {
-            self.push(Lane::Passing, message);
+            self.push(message);
         }
         if is_due[1]
             && let Some(message) = self.message(Kind::Telemetry, &status)
         {
-            self.push(Lane::Passing, message);
+            self.push(message);
         }
         for ((next, pace), is_due) in self.next.iter_mut().zip(pace).zip(is_due) {
             if is_due {
@@ -236,11 +237,8 @@ impl Teller {
             return None;
         }
         let waiting = self.spool.as_mut().and_then(|spool| spool.first().cloned());
-        let is_passing = |message: &Waiting| {
-            let kind = Kind::with_name(&message.kind);
-            matches!(kind, None | Some(Kind::Condition | Kind::Telemetry))
-        };
-        let kept = waiting.clone().filter(|message| !is_passing(message));
+        let is_kept = |message: &Waiting| Lane::of(message.kind) == Lane::Kept;
+        let kept = waiting.clone().filter(is_kept);
         let (source, message) = match kept {
             Some(message) => (Source::Spool, message),
             None => match self.next_record() {
@@ -248,10 +246,9 @@ impl Teller {
                 None => (Source::Spool, waiting?),
             },
         };
-        // One of another version of the gateway has no other kind.
-        let kind = Kind::with_name(&message.kind).unwrap_or(Kind::Telemetry);
         Some(Box::pin(async move {
-            let sent = link.publish(kind, &message.id, message.bytes.into()).await;
+            let Waiting { kind, id, bytes } = message;
+            let sent = link.publish(kind, &id, bytes.into()).await;
             (source, sent)
         }))
     }
@@ -342,7 +339,6 @@ fn instance() -> String {
 
 /// The state in short.
 fn condition(status: &Status) -> Condition {
-    let length = |error: [f64; 3]| error.iter().map(|x| x * x).sum::<f64>().sqrt();
     let temperatures = status.temperatures.iter();
     Condition {
         state: status.state.name().to_owned(),

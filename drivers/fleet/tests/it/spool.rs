@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
-use volcomp_fleet::{Lane, Spool, SpoolLimits, Waiting};
+use volcomp_fleet::{Kind, Spool, SpoolLimits, Waiting};
 
-fn message(kind: &str, number: usize, length: usize) -> Waiting {
+fn message(kind: Kind, number: usize, length: usize) -> Waiting {
     Waiting {
-        kind: kind.to_owned(),
-        id: format!("{kind}-{number}"),
+        kind,
+        id: format!("{}-{number}", kind.name()),
         bytes: vec![u8::try_from(number % 251).unwrap(); length],
     }
 }
@@ -35,9 +35,9 @@ fn messages_come_out_once_in_their_order_and_the_kept_ones_first() {
     let folder = tempfile::tempdir().unwrap();
     let mut spool = open(folder.path());
     for number in 0..500 {
-        spool.push(Lane::Passing, message("condition", number, 100));
+        spool.push(message(Kind::Condition, number, 100));
         if number % 100 == 0 {
-            spool.push(Lane::Kept, message("audit", number, 100));
+            spool.push(message(Kind::Audit, number, 100));
         }
     }
     assert!(files(folder.path()) > 0, "more waits than memory holds");
@@ -53,9 +53,9 @@ fn messages_come_out_once_in_their_order_and_the_kept_ones_first() {
 fn the_message_given_out_stays_until_it_is_done() {
     let folder = tempfile::tempdir().unwrap();
     let mut spool = open(folder.path());
-    spool.push(Lane::Passing, message("condition", 1, 10));
+    spool.push(message(Kind::Condition, 1, 10));
     assert_eq!(spool.first().unwrap().id, "condition-1");
-    spool.push(Lane::Kept, message("audit", 1, 10));
+    spool.push(message(Kind::Audit, 1, 10));
     assert_eq!(spool.first().unwrap().id, "condition-1");
     spool.done();
     assert_eq!(all(&mut spool), ["audit-1"]);
@@ -66,7 +66,7 @@ fn a_server_that_is_there_costs_no_write() {
     let folder = tempfile::tempdir().unwrap();
     let mut spool = open(folder.path());
     for number in 0..1000 {
-        spool.push(Lane::Passing, message("condition", number, 100));
+        spool.push(message(Kind::Condition, number, 100));
         assert_eq!(spool.first().unwrap().id, format!("condition-{number}"));
         spool.done();
         assert_eq!(files(folder.path()), 0);
@@ -78,7 +78,7 @@ fn what_was_flushed_outlives_the_program_and_what_was_done_does_not_come_back() 
     let folder = tempfile::tempdir().unwrap();
     let mut spool = open(folder.path());
     for number in 0..300 {
-        spool.push(Lane::Passing, message("condition", number, 100));
+        spool.push(message(Kind::Condition, number, 100));
     }
     spool.flush();
     let mut spool = open(folder.path());
@@ -94,7 +94,7 @@ fn a_crash_loses_nothing_that_was_on_disk() {
     let folder = tempfile::tempdir().unwrap();
     let mut spool = open(folder.path());
     for number in 0..300 {
-        spool.push(Lane::Passing, message("condition", number, 100));
+        spool.push(message(Kind::Condition, number, 100));
     }
     spool.flush();
     for _ in 0..10 {
@@ -118,10 +118,10 @@ fn telemetry_is_dropped_from_its_oldest_and_never_an_audit_record_for_it() {
     };
     let mut spool = Spool::open(folder.path(), limits).unwrap();
     for number in 0..20 {
-        spool.push(Lane::Kept, message("audit", number, 100));
+        spool.push(message(Kind::Audit, number, 100));
     }
     for number in 0..5000 {
-        spool.push(Lane::Passing, message("condition", number, 100));
+        spool.push(message(Kind::Condition, number, 100));
     }
     spool.flush();
     let on_disk: u64 = std::fs::read_dir(folder.path().join("passing"))
@@ -144,12 +144,12 @@ fn a_disk_that_takes_nothing_is_told_and_ends_nothing() {
     let lane = folder.path().join("passing");
     std::fs::remove_dir(&lane).unwrap();
     for number in 0..3000 {
-        spool.push(Lane::Passing, message("condition", number, 100));
+        spool.push(message(Kind::Condition, number, 100));
     }
     assert!(spool.trouble().is_some());
     assert!(spool.dropped() > 0);
     std::fs::create_dir(&lane).unwrap();
-    spool.push(Lane::Passing, message("condition", 3000, 100));
+    spool.push(message(Kind::Condition, 3000, 100));
     assert_eq!(spool.trouble(), None);
     let dropped = usize::try_from(spool.dropped()).unwrap();
     let expected: Vec<String> = (dropped..=3000)
