@@ -294,19 +294,23 @@ fn rules(section: &Section<'_>) -> Result<Rules, InputError> {
                 .map(|item| item.whole(1..=100))
                 .collect();
             let waves = waves?;
-            if !waves.is_sorted() || waves.last() != Some(&100) {
-                return Err(value.error("expected percentages that rise to 100, such as [25, 100]"));
+            if !Rules::are_waves(&waves) {
+                return Err(value.error(format!("found {waves:?}, expected {}", Rules::WAVES)));
             }
             waves
         }
     };
     Ok(Rules {
         waves,
-        soak_s: section.number_or("soak_s", 0.0..=1e7, default.soak_s)?,
-        answer_s: section.number_or("answer_s", 1.0..=1e7, default.answer_s)?,
-        tolerate: section.whole_or("tolerate", 0..=1_000_000, default.tolerate)?,
-        residual_ratio: section.number_or("residual_ratio", 1.0..=1e3, default.residual_ratio)?,
-        residual_um: section.number_or("residual_um", 0.0..=1e4, default.residual_um)?,
+        soak_s: section.number_or("soak_s", Rules::SOAK_S, default.soak_s)?,
+        answer_s: section.number_or("answer_s", Rules::ANSWER_S, default.answer_s)?,
+        tolerate: section.whole_or("tolerate", Rules::TOLERATE, default.tolerate)?,
+        residual_ratio: section.number_or(
+            "residual_ratio",
+            Rules::RESIDUAL_RATIO,
+            default.residual_ratio,
+        )?,
+        residual_um: section.number_or("residual_um", Rules::RESIDUAL_UM, default.residual_um)?,
     })
 }
 

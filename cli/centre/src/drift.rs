@@ -1,4 +1,4 @@
-//! How a machine has changed from calibration to calibration, how machines compare, and when the next calibration is due.
+//! How a machine has changed from calibration to calibration, and when the next calibration is due.
 
 use std::{collections::BTreeMap, fmt};
 
@@ -85,55 +85,6 @@ pub fn parameters(text: &str) -> Result<BTreeMap<Parameter, f64>, NoModel> {
     Ok(found)
 }
 
-/// How fast each parameter changes, µm or µrad a year, by the straight line that fits the stages best; without two stages of
-/// different times, nothing.
-pub fn per_year(stages: &[Stage]) -> BTreeMap<Parameter, f64> {
-    let mut names: Vec<Parameter> = (stages.iter())
-        .flat_map(|stage| stage.parameters.keys().copied())
-        .collect();
-    names.sort();
-    names.dedup();
-    let slope = |name: Parameter| {
-        let points = stages.iter().filter_map(|stage| {
-            let value = stage.parameters.get(&name)?;
-            Some((stage.at_s / (365.25 * DAY_S), *value))
-        });
-        let points: Vec<(f64, f64)> = points.collect();
-        let count = points.len() as f64;
-        let (x, y) = points
-            .iter()
-            .fold((0.0, 0.0), |sum, point| (sum.0 + point.0, sum.1 + point.1));
-        let (x, y) = (x / count, y / count);
-        let (across, along) = points.iter().fold((0.0, 0.0), |sum, point| {
-            let away = point.0 - x;
-            (sum.0 + away * (point.1 - y), sum.1 + away * away)
-        });
-        (along > 0.0).then_some((name, across / along))
-    };
-    names.into_iter().filter_map(slope).collect()
-}
-
-/// How far the parameters of one machine lie from the median of machines of its kind, largest first, in µm or µrad: which of
-/// many has gone its own way.
-pub fn compared(own: &Stage, others: &[Stage]) -> Vec<(Parameter, f64)> {
-    let away = own.parameters.iter().filter_map(|(name, value)| {
-        let mut values: Vec<f64> = (others.iter())
-            .filter_map(|other| other.parameters.get(name).copied())
-            .collect();
-        values.sort_by(f64::total_cmp);
-        let middle = values.len() / 2;
-        let median = match values.len() {
-            0 => return None,
-            even if even % 2 == 0 => f64::midpoint(values[middle - 1], values[middle]),
-            _ => values[middle],
-        };
-        Some((*name, value - median))
-    });
-    let mut away: Vec<(Parameter, f64)> = away.collect();
-    away.sort_by(|one, other| other.1.abs().total_cmp(&one.1.abs()));
-    away
-}
-
 /// For how many days a calibration has been due; negative: it is due in so many days; `None`: never.
 ///
 /// A calibration is as old as its measurements, where that is known, else as its model.
@@ -146,9 +97,12 @@ pub fn due_days(machine: &Machine, model: &Model, now_s: f64) -> Option<f64> {
 /// The beginning of a day such as `2026-11-25`, s since 1970; `None`: it is no date.
 pub fn date_s(text: &str) -> Option<f64> {
     let mut parts = text.splitn(3, '-');
-    let year: i64 = parts.next()?.parse().ok()?;
-    let month: i64 = parts.next()?.parse().ok()?;
-    let day: i64 = parts.next()?.parse().ok()?;
+    let mut next = |digits: usize| {
+        let part = parts.next()?;
+        let fits = part.len() == digits && part.bytes().all(|byte| byte.is_ascii_digit());
+        fits.then(|| part.parse::<i64>().ok()).flatten()
+    };
+    let (year, month, day) = (next(4)?, next(2)?, next(2)?);
     let fits =
         (1970..=9999).contains(&year) && (1..=12).contains(&month) && (1..=31).contains(&day);
     if !fits {
@@ -187,6 +141,12 @@ mod tests {
             "2026-00-10",
             "1969-12-31",
             "2026-11-x",
+            "2026-11-00",
+            "2026-11-250",
+            "26-11-25",
+            "2026-1-05",
+            "+026-11-25",
+            "ä026-11-25",
         ] {
             assert_eq!(date_s(text), None, "{text}");
         }

@@ -17,7 +17,7 @@ use crate::{
     point,
     records::Live,
     rollout::Seen,
-    store::{Store, StoreError, Value, ingest as rows},
+    store::{Store, StoreError, ingest as rows},
 };
 
 /// What a gateway draws at its start is shorter than this, bytes: a database has an index of it.
@@ -45,10 +45,26 @@ pub struct Since {
     pub faulted: Option<String>,
     /// The sum of the residuals that were known, µm, and how many.
     pub residual: (f64, u64),
-    /// How many messages could not be read, and why the last could not.
+    /// How many messages could not be read.
     pub unreadable: u64,
     /// Why the last could not be read.
     pub why_unreadable: String,
+}
+
+impl Since {
+    /// Adds what happened before.
+    fn add(&mut self, before: Self) {
+        self.conditions += before.conditions;
+        if self.faulted.is_none() {
+            self.faulted = before.faulted;
+        }
+        self.residual.0 += before.residual.0;
+        self.residual.1 += before.residual.1;
+        self.unreadable += before.unreadable;
+        if self.why_unreadable.is_empty() {
+            self.why_unreadable = before.why_unreadable;
+        }
+    }
 }
 
 /// What a batch brought beside rows.
@@ -76,7 +92,7 @@ impl Ingest {
     /// Goes on with what the store holds.
     ///
     /// # Errors
-    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
+    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
     pub fn of(store: &Store) -> Result<Self, StoreError> {
         let mut machines: BTreeMap<MachineId, Heard> = BTreeMap::new();
         for live in store.live()? {
@@ -98,7 +114,7 @@ impl Ingest {
     /// Stores a batch: when this returns, all of it is on disk, or none of it.
     ///
     /// # Errors
-    /// The database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed. The same batch may be given again.
+    /// The database takes no change (its disk is full, another program holds it); then nothing of it is changed. The same batch may be given again.
     pub fn take(&mut self, store: &Store, batch: &[Received]) -> Result<Taken, StoreError> {
         if self.in_doubt {
             self.read_anew(store)?;
@@ -161,18 +177,16 @@ impl Ingest {
     /// message is stored by itself.
     ///
     /// # Errors
-    /// The database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed. It may be called again.
+    /// The database takes no change (its disk is full, another program holds it); then nothing of it is changed. It may be called again.
     pub fn store_live(&mut self, store: &Store) -> Result<(), StoreError> {
         if self.changed.is_empty() {
             return Ok(());
         }
         store.write(|database| {
-            let heard = self
-                .changed
-                .iter()
-                .filter_map(|name| self.machines.get(name));
-            for heard in heard {
-                rows::put_live(database, heard.live.as_ref())?;
+            let heard = self.changed.iter();
+            let heard = heard.filter_map(|name| self.machines.get(name)?.live.as_ref());
+            for live in heard {
+                rows::put_live(database, live)?;
             }
             Ok(())
         })?;
@@ -223,9 +237,13 @@ impl Ingest {
         }
     }
 
-    /// Forgets a machine.
-    pub fn forget(&mut self, known: &BTreeSet<MachineId>) {
-        self.machines.retain(|machine, _| known.contains(machine));
+    /// Takes back what a look has given and nobody could act on: it belongs to the next look.
+    pub fn put_back(&mut self, looked: BTreeMap<MachineId, Since>) {
+        for (machine, before) in looked {
+            if let Some(heard) = self.machines.get_mut(&machine) {
+                heard.since.add(before);
+            }
+        }
     }
 }
 
@@ -343,9 +361,4 @@ impl Body {
             passing: passes.then_some(message.sequence),
         }
     }
-}
-
-/// A name of a machine as a parameter.
-pub(crate) fn named(machine: &MachineId) -> Value {
-    machine.as_str().into()
 }

@@ -19,6 +19,7 @@ pub mod map;
 pub mod models;
 mod point;
 pub mod records;
+pub mod registration;
 pub mod rollout;
 pub mod store;
 pub mod users;

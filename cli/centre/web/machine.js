@@ -95,9 +95,9 @@ function byName(points, key) {
   return sorted.map((name, index) => ({ name, colour: COLOURS[index % COLOURS.length], points: points.map((point) => [point.at_s, (point[key] || {})[name] ?? null]) }));
 }
 
-function showHistory(place, { now_s: to, points }, [resolution, hours]) {
+function showHistory(place, { now_s: to, together, points }, [resolution, hours]) {
   const from = to - hours * 3600;
-  const gap = { raw: 10, minute: 150, hour: 7300 }[resolution];
+  const gap = { raw: 10, minute: 150, hour: 7300 }[resolution] * together;
   const residual = [
     { name: "mean", colour: COLOURS[1], points: points.map((point) => [point.at_s, point.residual_um]) },
     { name: "largest", colour: COLOURS[3], points: points.map((point) => [point.at_s, point.residual_max_um]) },

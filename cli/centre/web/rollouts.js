@@ -67,14 +67,14 @@ function rolloutsPage(page) {
 }
 
 async function startPage(page, checksum) {
-  const [models, { machines }] = await Promise.all([get("/api/models"), get("/api/overview")]);
+  const [models, { machines }, rules] = await Promise.all([get("/api/models"), get("/api/overview"), get("/api/rules")]);
   const model = choose(models.map((one) => [one.sha256, `${one.name || "model"} ${short(one.sha256)}, ${one.structure}`]), checksum || (models[0] || {}).sha256);
   const choices = make("div", { class: "choices" });
   const same = (one, other) => one.split(/\s+/).join(" ") === other.split(/\s+/).join(" ");
   const number = (value, properties = {}) => make("input", { type: "number", step: "any", min: 0, value, ...properties });
-  const soak = number(10), answer = number(5), tolerate = number(0, { step: 1 }), ratio = number(1.5, { min: 1 }), rise = number(2);
+  const soak = number(rules.soak_s / 60), answer = number(rules.answer_s / 60), tolerate = number(rules.tolerate, { step: 1 }), ratio = number(rules.residual_ratio, { min: 1 }), rise = number(rules.residual_um);
   const first = number(1, { step: 1, min: 1 });
-  const waves = make("input", { value: "25, 100" });
+  const waves = make("input", { value: rules.waves.join(", ") });
   const said = make("p", { class: "said", role: "status" });
   const fill = () => {
     const chosen = models.find((one) => one.sha256 === model.value);

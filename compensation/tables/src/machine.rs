@@ -6,13 +6,14 @@ use volcomp_vocabulary::{AxisName, Direction, Displacement};
 
 use crate::{
     Field, GRID_AXES, GridAxis, NoMap, OUTPUTS, Output, Request, Sensitivity, Table, TablesError,
-    build, sample::lattice, sample::spread,
+    build,
+    sample::{distance, lattice, spread},
 };
 
 /// Travel of the axes that a map does not go over is looked at in so many poses.
 const POSES: u32 = 2000;
 
-/// What a map of a machine is wanted to be.
+/// What is asked of the map of a machine: its axes, the error that it may have and the memory that it may take.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MapOptions {
     /// The axes that the map goes over; none: the linear axes of the machine.
@@ -229,11 +230,6 @@ fn model_number(machine: &Machine) -> u32 {
         .unwrap_or(0)
 }
 
-fn largest(a: [f64; OUTPUTS], b: [f64; OUTPUTS]) -> f64 {
-    let squares = a.iter().zip(b).map(|(a, b)| (a - b).powi(2));
-    squares.sum::<f64>().sqrt()
-}
-
 /// How much the correction differs at the most where the held axes stand elsewhere.
 fn elsewhere_mm(
     machine: &Machine,
@@ -241,12 +237,11 @@ fn elsewhere_mm(
     request: &Request,
     others: &[usize],
 ) -> Option<f64> {
-    const PRIMES: [u32; 14] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43];
     if others.is_empty() {
         return None;
     }
     let share = |[low, high]: [f64; 2], number: u32, place: usize| {
-        low + (high - low) * spread(number, PRIMES[place % PRIMES.len()])
+        low + (high - low) * spread(number, place)
     };
     let poses = (1..=POSES).map(|number| {
         let mut at = [0.0; GRID_AXES];
@@ -260,7 +255,7 @@ fn elsewhere_mm(
             let at = share(axis.travel, number, GRID_AXES + place);
             there.q[index] = Displacement::from_coordinate(axis.name.kind(), at).mm_or_rad();
         }
-        largest(field.at(&here), field.at(&there))
+        distance(field.at(&here), field.at(&there))
     });
     Some(poses.fold(0.0, f64::max))
 }
@@ -312,7 +307,7 @@ fn sensitivities(
             }
             let state = here.state(&place, [None; GRID_AXES]);
             let now = here.at(&state);
-            largest(now, warmer.at(&state)).max(largest(now, colder.at(&state)))
+            distance(now, warmer.at(&state)).max(distance(now, colder.at(&state)))
         });
         found.push(Sensitivity {
             sensor: sensor.to_owned(),

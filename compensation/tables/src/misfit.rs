@@ -4,7 +4,7 @@ use volcomp_vocabulary::Direction;
 
 use crate::{
     Field, GRID_AXES, Map, OUTPUTS, Position,
-    sample::{PRIMES, directions_of, spread},
+    sample::{directions_of, spread},
 };
 
 /// The most positions between the lines that are looked at.
@@ -98,7 +98,7 @@ pub(crate) fn of(map: &Map, field: &impl Field, travels: &[[f64; 2]]) -> Misfit 
         };
         for axis in 0..axes {
             let [low, high] = ends[axis];
-            let share = spread(number, PRIMES[axis]);
+            let share = spread(number, axis);
             let at = f64::from(low) + share * (f64::from(high) - f64::from(low));
             position.steps[axis] = steps(at);
         }

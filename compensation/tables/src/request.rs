@@ -1,4 +1,4 @@
-//! What a map is wanted to be, and of what.
+//! What is asked for: the correction over the work space, the axes, the bound and the memory of a map.
 
 use volcomp_vocabulary::{AxisName, Direction};
 
@@ -52,7 +52,7 @@ pub struct Output {
     pub limit_mm: f64,
 }
 
-/// What a map is wanted to be.
+/// What is asked of a map: its axes, the error that it may have and the memory that it may take.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Request {
     /// The axes of the grid, one to five.

@@ -37,7 +37,8 @@ pub struct Allowed {
     pub limit_mm: f64,
     /// The fastest change of a correction, mm/s.
     pub slew_mm_per_s: f64,
-    /// The longest time without a frame until the corrections go to zero, s.
+    /// The longest time without a frame until the corrections begin to go to zero, s. How long they then take is said by their
+    /// limit and rate, see [`Settings::zero_within_scans`].
     pub zero_after_s: f64,
     /// The time of a scan of the control's program, s.
     pub scan_s: f64,
@@ -57,7 +58,7 @@ pub enum Unfit {
         capacity: usize,
     },
     /// A value of the map is beyond the limit.
-    #[error("the map corrects by up to {found_um:.1} µm, expected {limit_um} µm at the most")]
+    #[error("the map corrects by up to {found_um:.1} µm, expected {limit_um:.1} µm at the most")]
     Value {
         /// The largest value with all reversals, µm.
         found_um: f64,
@@ -66,7 +67,7 @@ pub enum Unfit {
     },
     /// The control's own limit is wider.
     #[error(
-        "the control takes corrections up to {found_um} µm, expected {limit_um} µm at the most"
+        "the control takes corrections up to {found_um:.1} µm, expected {limit_um:.1} µm at the most"
     )]
     Limit {
         /// The control's limit, µm.
@@ -76,7 +77,7 @@ pub enum Unfit {
     },
     /// The control moves faster.
     #[error(
-        "the control moves a correction at {found_um_per_s:.1} µm/s, expected {slew_um_per_s} µm/s at the most"
+        "the control moves a correction at {found_um_per_s:.1} µm/s, expected {slew_um_per_s:.1} µm/s at the most"
     )]
     Rate {
         /// The control's rate, µm/s.
@@ -86,7 +87,7 @@ pub enum Unfit {
     },
     /// The control waits longer for the sender.
     #[error(
-        "the control goes to zero {found_s} s after the last frame, expected {zero_after_s} s at the most"
+        "the control begins to go to zero {found_s:.3} s after the last frame, expected {zero_after_s:.3} s at the most"
     )]
     TimeOut {
         /// The control's time-out, s.
@@ -188,7 +189,7 @@ pub enum SendError<E> {
     #[error(transparent)]
     Exchange(E),
     /// Another sender holds the control: nothing was sent.
-    #[error("another sender, number {by}, holds the control (sequence {sequence})")]
+    #[error("another sender, number {by}, holds the control")]
     Held {
         /// The number of the other sender.
         by: u16,

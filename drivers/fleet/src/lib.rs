@@ -34,7 +34,7 @@ pub use permissions::{
     Cluster, MAX_PAYLOAD, MachineUser, NoConfiguration, Permissions, ServerSettings, ServerTls,
     is_public_nkey,
 };
-pub use report::{Acknowledgement, AuditLine, Condition, Envelope, Outcome};
+pub use report::{Acknowledgement, AuditLine, Condition, Envelope, Outcome, largest_moves};
 pub use spool::{Lane, Spool, SpoolLimits, Waiting};
 #[cfg(feature = "nats")]
 pub use streams::{Keeping, prepare, put_model};

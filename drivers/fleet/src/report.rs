@@ -83,6 +83,16 @@ pub enum Outcome {
     },
 }
 
+/// How far a change moves the axes, in words, from the largest moves that [`Outcome::NeedsConfirmation`] tells.
+pub fn largest_moves(worst_um: &str, worst_urad: &str) -> String {
+    match (worst_um, worst_urad) {
+        ("", "") => "a distance that is not finite".to_owned(),
+        (um, "") => format!("{um} µm"),
+        ("", urad) => format!("{urad} µrad"),
+        (um, urad) => format!("{um} µm and {urad} µrad"),
+    }
+}
+
 /// The answer to a manifest.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Acknowledgement {

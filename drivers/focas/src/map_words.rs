@@ -17,13 +17,13 @@ pub struct MapPlaces {
     /// The first byte of the first buffer; the second one lies behind it.
     pub buffers: PmcAddress,
     /// The words of one buffer.
-    pub capacity: u16,
+    pub capacity: usize,
 }
 
 impl MapPlaces {
     /// The last byte of a buffer, 0 or 1.
     fn end(&self, buffer: u16) -> usize {
-        usize::from(self.buffers.at) + 2 * usize::from(self.capacity) * (usize::from(buffer) + 1)
+        usize::from(self.buffers.at) + 2 * self.capacity * (usize::from(buffer) + 1)
     }
 
     /// Whether both buffers lie within the addresses that a request can name.
@@ -77,8 +77,8 @@ impl MapWords {
     /// # Errors
     /// See [`FocasError`].
     pub fn buffer(&mut self, buffer: u16, count: usize) -> Result<Vec<u16>, FocasError> {
-        let skip = 2 * usize::from(self.places.capacity) * usize::from(buffer.min(1));
-        let count = count.min(self.places.capacity.into());
+        let skip = 2 * self.places.capacity * usize::from(buffer.min(1));
+        let count = count.min(self.places.capacity);
         self.read(self.places.buffers, skip, count)
     }
 

@@ -156,10 +156,10 @@ pub(super) struct AddMachine {
     #[arg(long, value_name = "DAYS")]
     pub(super) due_days: Option<u32>,
     /// Seconds between two conditions; without it 1
-    #[arg(long, value_name = "S", value_parser = clap::value_parser!(u32).range(1..=3600))]
+    #[arg(long, value_name = "S")]
     pub(super) condition_s: Option<u32>,
     /// Seconds between two whole states; without it 10
-    #[arg(long, value_name = "S", value_parser = clap::value_parser!(u32).range(1..=86_400))]
+    #[arg(long, value_name = "S")]
     pub(super) telemetry_s: Option<u32>,
     /// Where its control was found, for people
     #[arg(long, default_value = "")]

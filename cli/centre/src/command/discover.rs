@@ -5,7 +5,7 @@ use std::io::{IsTerminal, Write};
 use clap::Args;
 
 use super::{CommandError, print, print_json};
-use crate::discover::{Kind, PER_SECOND, Search, Subnet, table};
+use crate::discover::{FASTEST_PER_SECOND, Kind, PER_SECOND, Search, Subnet, table};
 
 /// What is searched, and how.
 #[derive(Args)]
@@ -38,10 +38,10 @@ pub(super) struct DiscoverArguments {
 
 fn rate(text: &str) -> Result<f64, String> {
     let found: f64 = text.parse().map_err(|_| "expected a number".to_owned())?;
-    if (1.0..=1000.0).contains(&found) {
+    if (1.0..=FASTEST_PER_SECOND).contains(&found) {
         Ok(found)
     } else {
-        Err("expected 1 to 1000".to_owned())
+        Err(format!("expected 1 to {FASTEST_PER_SECOND}"))
     }
 }
 
@@ -65,11 +65,7 @@ pub(super) fn act(arguments: &DiscoverArguments) -> Result<(), CommandError> {
         }
     }
     let shows = std::io::stderr().is_terminal();
-    let of: usize = search
-        .subnets
-        .iter()
-        .map(|one| one.addresses().count())
-        .sum();
+    let of = search.addresses();
     if shows {
         let seconds = search.connections() as f64 / arguments.rate;
         eprintln!("{of} addresses, about {seconds:.0} s");

@@ -1,8 +1,6 @@
 //! Machines on the command line.
 
-use std::fmt::Write;
-
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, fmt::Write};
 
 use serde::Serialize;
 use volcomp_fleet::{Identity, MachineId};
@@ -16,6 +14,7 @@ use crate::{
     issue::{NotIssued, reissue},
     models::NewModel,
     records::{Live, Machine, Version},
+    registration::check,
 };
 
 /// A machine with what is known of it now.
@@ -34,24 +33,14 @@ pub(super) fn add(config: &Config, add: AddMachine, by: &str) -> Result<(), Comm
             .map_err(|e| CommandError::Wrong(format!("the name of a site: {e}")))?,
         machine: machine_named(&add.machine)?,
     };
-    if add.serial.trim().is_empty() {
-        return Err(CommandError::Wrong(
-            "the serial number: found nothing, expected that of the machine tool".to_owned(),
-        ));
-    }
     let like = NewModel::of_file(&add.like, by)?.model;
     let before = store.machine(&identity.machine)?;
-    let nkey = match (&add.nkey, &add.new_nkey) {
-        (Some(nkey), _) => Some(nkey.clone()),
-        (None, Some(file)) => Some(draw_nkey(file)?),
-        (None, None) => before.and_then(|machine| machine.nkey),
-    };
-    let machine = Machine {
+    let mut machine = Machine {
         identity,
         serial: add.serial,
         structure: like.structure,
         axes: like.axes,
-        nkey,
+        nkey: add.nkey.or(before.and_then(|machine| machine.nkey)),
         address: add.address,
         control: add.control,
         enable: !add.disabled,
@@ -61,6 +50,10 @@ pub(super) fn add(config: &Config, add: AddMachine, by: &str) -> Result<(), Comm
         telemetry_s: add.telemetry_s,
         note: add.note,
     };
+    check(&machine).map_err(|error| CommandError::Wrong(error.to_string()))?;
+    if let Some(file) = &add.new_nkey {
+        machine.nkey = Some(draw_nkey(file)?);
+    }
     store.put_machine(&machine, by)?;
     let name = &machine.identity.machine;
     let mut said = format!("{name} is registered\n");

@@ -9,12 +9,14 @@ use super::CommandError;
 use crate::{
     config_page::PageConfig,
     http::{Face, FaceSettings, router},
+    rollout::Rules,
     store::Store,
 };
 
 /// Serves the page on the runtime of the caller.
 pub(super) async fn serve(
     config: &PageConfig,
+    rules: Rules,
     store: &Arc<Store>,
 ) -> Result<[JoinHandle<()>; 2], CommandError> {
     let acceptor = match &config.tls {
@@ -35,6 +37,7 @@ pub(super) async fn serve(
         FaceSettings {
             hosts: config.hosts.clone(),
             secure: acceptor.is_some(),
+            rules,
             ..FaceSettings::default()
         },
     );

@@ -60,12 +60,9 @@ pub(super) fn start(config: &Config, start: &StartRollout, by: &str) -> Result<(
         tolerate: start.tolerate.unwrap_or(config.rollout.tolerate),
         ..config.rollout.clone()
     };
-    if !(0.0..=1e7).contains(&rules.soak_s) {
-        return Err(CommandError::Wrong(format!(
-            "--soak-s: found {}, expected 0 to 10000000",
-            rules.soak_s
-        )));
-    }
+    rules
+        .check()
+        .map_err(|error| CommandError::Wrong(error.to_string()))?;
     let rollout = store.start_rollout(|id| {
         let by = by.to_owned();
         Rollout::new(id, model.sha256.clone(), &machines, rules, by, now_s())

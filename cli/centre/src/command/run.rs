@@ -1,16 +1,12 @@
 //! Running the centre, and checking what it needs.
 
-use std::fmt::Write;
-
-use std::io::IsTerminal;
-
-use volcomp_fleet::LinkSettings;
+use std::{fmt::Write, io::IsTerminal};
 
 use super::{
     CommandError,
     arguments::LogForm,
     open, page, print,
-    server::{centre_nkey, settings},
+    server::{chain_holds, link, settings},
     signing_key,
 };
 use crate::{
@@ -27,13 +23,9 @@ pub(super) fn run(config: &Config, log: LogForm) -> Result<(), CommandError> {
         LogForm::Text => lines.with_target(false).init(),
         LogForm::Json => lines.json().init(),
     }
-    let (seed, _) = centre_nkey(config)?;
+    let (link, _) = link(config)?;
     let engine = Settings {
-        link: LinkSettings {
-            url: config.nats.url.clone(),
-            seed,
-            roots: config.nats.ca.clone(),
-        },
+        link,
         keeping: config.nats.keeping,
         keep: config.keep,
         key: signing_key(config)?,
@@ -47,7 +39,7 @@ pub(super) fn run(config: &Config, log: LogForm) -> Result<(), CommandError> {
     runtime.block_on(async {
         let running = Engine::start(store.clone(), engine).await?;
         let page = match &config.page {
-            Some(page) => Some(page::serve(page, &store).await?),
+            Some(page) => Some(page::serve(page, config.rollout.clone(), &store).await?),
             None => None,
         };
         tracing::info!("the centre runs");
@@ -77,8 +69,13 @@ pub(super) async fn ended() -> std::io::Result<()> {
 pub(super) fn check(config: &Config) -> Result<(), CommandError> {
     let store = open(config)?;
     let key = signing_key(config)?;
+    // Every key is read at the start, not only the one that signs.
+    Key::all(&config.keys.folder)?;
     let server = settings(config)?;
     server.text()?;
+    if let Some((certificate, private)) = config.page.as_ref().and_then(|page| page.tls.as_ref()) {
+        volcomp_web::tls::acceptor(certificate, private)?;
+    }
     let machines = store.machines()?;
     let without = machines.iter().filter(|machine| machine.nkey.is_none());
     let without: Vec<&str> = without
@@ -104,10 +101,5 @@ pub(super) fn check(config: &Config) -> Result<(), CommandError> {
         );
     }
     print(&said)?;
-    match store.broken_audit()? {
-        None => Ok(()),
-        Some(number) => Err(CommandError::Found(format!(
-            "the audit log: record {number} does not follow from the one before"
-        ))),
-    }
+    chain_holds(&store)
 }

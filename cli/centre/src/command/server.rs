@@ -1,16 +1,15 @@
 //! Keys, the configuration of the server, the audit log, alarms.
 
-use std::fmt::Write;
-
-use std::path::Path;
+use std::{fmt::Write, path::Path};
 
 use nkeys::KeyPair;
-use volcomp_fleet::{MachineUser, ServerSettings};
+use volcomp_fleet::{LinkSettings, MachineUser, ServerSettings};
 
 use super::{CommandError, open, print, print_json, text};
 use crate::{
     config::Config,
     keys::{Key, KeyError, read_secret, write_secret},
+    store::Store,
 };
 
 pub(super) fn new_key(config: &Config, name: &str) -> Result<(), CommandError> {
@@ -46,20 +45,24 @@ pub(super) fn new_nkey(file: &Path) -> Result<(), CommandError> {
     print(&format!("{}\n", draw_nkey(file)?))
 }
 
-/// The seed of the nkey of the centre, with its public nkey.
-pub(super) fn centre_nkey(config: &Config) -> Result<(String, String), CommandError> {
+/// How the centre reaches the server, and its public nkey.
+pub(super) fn link(config: &Config) -> Result<(LinkSettings, String), CommandError> {
     let file = &config.nats.nkey_file;
-    let seed = read_secret(file)?.trim().to_owned();
-    let pair = KeyPair::from_seed(&seed).map_err(|_| KeyError::Content {
+    let link = LinkSettings {
+        url: config.nats.url.clone(),
+        seed: read_secret(file)?.trim().to_owned(),
+        roots: config.nats.ca.clone(),
+    };
+    let nkey = link.public_key().map_err(|_| KeyError::Content {
         file: file.clone(),
         expected: "the seed of the nkey of a user, SU and 56 letters and digits",
     })?;
-    Ok((seed, pair.public_key()))
+    Ok((link, nkey))
 }
 
 /// The settings of the server with every machine that has an nkey.
 pub(super) fn settings(config: &Config) -> Result<ServerSettings, CommandError> {
-    let (_, centre) = centre_nkey(config)?;
+    let (_, centre) = link(config)?;
     let machines = open(config)?.machines()?;
     let server = &config.server;
     Ok(ServerSettings {
@@ -88,6 +91,11 @@ pub(super) fn audit(config: &Config, count: u32) -> Result<(), CommandError> {
     let store = open(config)?;
     let records = store.audit_records(None, count)?;
     print(&text::audit(&records))?;
+    chain_holds(&store)
+}
+
+/// Refuses an audit log of which a record was changed or taken out.
+pub(super) fn chain_holds(store: &Store) -> Result<(), CommandError> {
     match store.broken_audit()? {
         None => Ok(()),
         Some(number) => Err(CommandError::Found(format!(

@@ -1,8 +1,8 @@
 //! What the command line prints for people.
 
-use std::fmt::Write;
+use std::{collections::BTreeSet, fmt::Write};
 
-use std::collections::BTreeSet;
+use volcomp_fleet::largest_moves;
 
 use super::machines::Shown;
 use crate::{
@@ -140,13 +140,9 @@ fn step(step: &Step) -> String {
             worst_um,
             worst_urad,
         } => {
-            let turns = if worst_urad.is_empty() {
-                String::new()
-            } else {
-                format!(" and {worst_urad} µrad")
-            };
             format!(
-                "version {version} moves its axes by up to {worst_um} µm{turns}: to be confirmed with {hash}"
+                "version {version} moves its axes by up to {}: to be confirmed with {hash}",
+                largest_moves(worst_um, worst_urad)
             )
         }
         Step::Soaking {

@@ -147,6 +147,8 @@ pub const PORTS: [(Kind, u16); 5] = [
 
 /// Connections a second unless something else is asked for.
 pub const PER_SECOND: f64 = 50.0;
+/// The most connections a second that may be asked for.
+pub const FASTEST_PER_SECOND: f64 = 1000.0;
 
 impl Search {
     /// A search with the usual ports and times.
@@ -160,10 +162,14 @@ impl Search {
         }
     }
 
+    /// How many addresses are asked.
+    pub fn addresses(&self) -> usize {
+        self.subnets.iter().map(|one| one.addresses().count()).sum()
+    }
+
     /// How many connections are tried at least.
     pub fn connections(&self) -> usize {
-        let addresses: usize = self.subnets.iter().map(|one| one.addresses().count()).sum();
-        addresses * self.ports.len()
+        self.addresses() * self.ports.len()
     }
 
     /// Searches, and tells `told` how many addresses are done. What was found comes in the order of addresses and ports.

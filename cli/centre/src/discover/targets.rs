@@ -108,7 +108,7 @@ impl Subnet {
         u32::from(self.first) | !mask(self.prefix)
     }
 
-    /// Whether it may be searched; `theirs` confirms that a public range belongs to whoever asks.
+    /// Whether it may be searched; `mine` confirms that a public range belongs to whoever asks.
     ///
     /// # Errors
     /// Why it may not.

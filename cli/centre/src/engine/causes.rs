@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use volcomp_fleet::Outcome;
+use volcomp_fleet::{Outcome, largest_moves};
 
 use crate::{
     ingest::Heard,
@@ -80,16 +80,12 @@ fn of_version(known: &Known<'_>, causes: &mut BTreeMap<AlarmKind, String>) {
             worst_urad,
             ..
         }) => {
-            let turns = if worst_urad.is_empty() {
-                String::new()
-            } else {
-                format!(" and {worst_urad} µrad")
-            };
             causes.insert(
                 AlarmKind::NeedsConfirmation,
                 format!(
-                    "Version {} moves the axes by up to {worst_um} µm{turns}: a person must confirm it.",
-                    version.version
+                    "Version {} moves the axes by up to {}: a person must confirm it.",
+                    version.version,
+                    largest_moves(worst_um, worst_urad)
                 ),
             );
         }

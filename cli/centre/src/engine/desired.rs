@@ -43,12 +43,12 @@ pub(super) async fn send(engine: &Arc<Engine>) -> Result<(), String> {
 
 /// What was issued, here or by another program, and does not stand under its key yet as far as is known.
 fn due(engine: &Engine) -> Result<Vec<Issued>, crate::store::StoreError> {
-    let newest = engine.store.newest_issued()?;
+    let wanted = engine.store.wanted()?;
     let newer = {
         let put = lock(&engine.put);
-        let newer = newest
-            .into_iter()
-            .filter(|(machine, version)| put.get(machine).is_none_or(|(known, _)| known < version));
+        let newer = wanted.into_iter().filter(|(machine, (version, _))| {
+            put.get(machine).is_none_or(|(known, _)| known < version)
+        });
         newer.map(|(machine, _)| machine).collect::<Vec<_>>()
     };
     let issued: Result<Vec<Option<Issued>>, _> = newer
@@ -66,10 +66,14 @@ async fn put(engine: &Arc<Engine>, issued: Issued) -> Result<(), volcomp_fleet::
         None
     } else {
         let (of_store, model) = (Arc::clone(engine), issued.model.clone());
-        blocking(move || of_store.store.model_text(&model))
-            .await
-            .ok()
-            .flatten()
+        match blocking(move || of_store.store.model_text(&model)).await {
+            Ok(text) => text,
+            Err(error) => {
+                // The manifest waits with its model for the next look.
+                engine.trouble(AlarmKind::Store, Some(error.to_string()));
+                return Ok(());
+            }
+        }
     };
     if let Some(text) = text {
         engine

@@ -75,6 +75,7 @@ fn look_now(engine: &Engine, state: &mut State) -> Result<(), StoreError> {
     let now = Instant::now();
     let elapsed_s = now.duration_since(state.last).as_secs_f64();
     state.last = now;
+    let machines = engine.store.machines()?;
     let looked = {
         let mut ingest = lock(&engine.ingest);
         ingest.store_live(&engine.store)?;
@@ -86,11 +87,14 @@ fn look_now(engine: &Engine, state: &mut State) -> Result<(), StoreError> {
     let since: BTreeMap<MachineId, Since> = (looked.into_iter())
         .map(|(machine, (_, since))| (machine, since))
         .collect();
-    let machines = engine.store.machines()?;
-    let answers = std::mem::take(&mut *lock(&engine.answers));
+    let mut answers = std::mem::take(&mut *lock(&engine.answers));
     if let Err(error) = roll_out(engine, &machines, elapsed_s, &seen, &answers) {
-        // They are heard at the next look.
-        lock(&engine.answers).extend(answers);
+        // What was answered and heard counts at the next look, before what came meanwhile.
+        let mut waiting = lock(&engine.answers);
+        answers.append(&mut waiting);
+        *waiting = answers;
+        drop(waiting);
+        lock(&engine.ingest).put_back(since);
         return Err(error);
     }
     alarms::look(engine, &mut state.alarms, &machines, &since)?;

@@ -1,7 +1,5 @@
 //! Roll-outs, alarms and the audit log.
 
-use std::sync::Arc;
-
 use axum::{
     Extension,
     body::Bytes,
@@ -12,7 +10,7 @@ use volcomp_fleet::MachineId;
 
 use super::{
     answer::{Answer, Refused, document, done, read},
-    face::Face,
+    face::Shared,
 };
 use crate::{
     clock::now_s,
@@ -21,8 +19,6 @@ use crate::{
     store::Store,
     users::User,
 };
-
-type Shared = State<Arc<Face>>;
 
 /// So many roll-outs, alarms and records are told.
 const ROLLOUTS: u32 = 20;
@@ -43,8 +39,14 @@ struct Start {
     /// Those that get it first; besides the ones that are registered as such.
     #[serde(default)]
     canaries: Vec<MachineId>,
+    /// The rules; without them those of the configuration.
     #[serde(default)]
-    rules: Rules,
+    rules: Option<Rules>,
+}
+
+/// The rules of roll-outs that state none.
+pub(super) async fn rules(State(face): Shared) -> Answer {
+    document(&face.settings.rules)
 }
 
 pub(super) async fn start_rollout(
@@ -53,31 +55,17 @@ pub(super) async fn start_rollout(
     body: Bytes,
 ) -> Answer {
     let start: Start = read(&body)?;
-    check(&start.rules)?;
+    let rules = start.rules.clone();
+    let rules = rules.unwrap_or_else(|| face.settings.rules.clone());
+    let checked = rules.check();
+    checked.map_err(|error| Refused::wrong(format!("rules.{error}")))?;
     let started = face
-        .ask(move |store| Ok(begin(store, &start, &user)))
+        .ask(move |store| Ok(begin(store, &start, rules, &user)))
         .await??;
     document(&started)
 }
 
-fn check(rules: &Rules) -> Result<(), Refused> {
-    let times = [rules.soak_s, rules.answer_s];
-    let fits = times.iter().all(|s| (0.0..=1e7).contains(s))
-        && (1.0..=1e6).contains(&rules.residual_ratio)
-        && (0.0..=1e6).contains(&rules.residual_um)
-        && rules.waves.len() <= 100
-        && rules.waves.windows(2).all(|two| two[0] < two[1])
-        && rules.waves.last() == Some(&100);
-    if fits {
-        Ok(())
-    } else {
-        Err(Refused::wrong(
-            "the rules: expected times of 0 s or more, a ratio of 1 or more, and waves that rise to 100",
-        ))
-    }
-}
-
-fn begin(store: &Store, start: &Start, user: &User) -> Result<Rollout, Refused> {
+fn begin(store: &Store, start: &Start, rules: Rules, user: &User) -> Result<Rollout, Refused> {
     let model = store
         .model(&start.model)?
         .ok_or_else(|| Refused::missing("there is no such model"))?;
@@ -94,7 +82,7 @@ fn begin(store: &Store, start: &Start, user: &User) -> Result<Rollout, Refused> 
             chosen.push((id.clone(), machine.canary || start.canaries.contains(id)));
         }
     }
-    let (by, rules) = (user.name.to_string(), start.rules.clone());
+    let by = user.name.to_string();
     Ok(store.start_rollout(|number| {
         Rollout::new(number, model.sha256.clone(), &chosen, rules, by, now_s())
     })?)

@@ -8,18 +8,15 @@ use serde_json::json;
 
 use super::{
     answer::{Answer, Refused, document, done, read},
-    face::Face,
+    face::Shared,
 };
 use crate::{
-    discover::{Device, PER_SECOND, Search, Subnet},
+    discover::{Device, FASTEST_PER_SECOND, PER_SECOND, Search, Subnet},
     users::User,
 };
 
-type Shared = State<Arc<Face>>;
-
-/// The most subnets of one search, and the most connections a second.
+/// The most subnets of one search.
 const MOST_SUBNETS: usize = 32;
-const FASTEST: f64 = 1000.0;
 
 /// State: the last search.
 #[derive(Default)]
@@ -77,9 +74,9 @@ pub(super) async fn search(
         subnets.push(subnet);
     }
     let per_second = ask.per_second.unwrap_or(PER_SECOND);
-    if !(1.0..=FASTEST).contains(&per_second) {
+    if !(1.0..=FASTEST_PER_SECOND).contains(&per_second) {
         return Err(Refused::wrong(format!(
-            "per_second: expected 1 to {FASTEST}"
+            "per_second: found {per_second}, expected 1 to {FASTEST_PER_SECOND}"
         )));
     }
     let mut search = Search::new(subnets);
@@ -87,11 +84,7 @@ pub(super) async fn search(
     if let Some(ports) = &face.settings.ports {
         search.ports.clone_from(ports);
     }
-    let of: usize = search
-        .subnets
-        .iter()
-        .map(|one| one.addresses().count())
-        .sum();
+    let of = search.addresses();
     let details = json!({ "subnets": ask.subnets, "per_second": per_second, "mine": ask.mine });
     let begun = face.searches.with(|latest| {
         if latest.running {

@@ -1,4 +1,4 @@
-//! The state that the routes share.
+//! What the routes share.
 //!
 //! State: the overview, which is made anew every second; wrong passwords of the last minute; the last search of the network; maps
 //! that were computed.
@@ -9,11 +9,12 @@ use std::{
     time::Duration,
 };
 
-use axum::body::Bytes;
+use axum::{body::Bytes, extract::State};
 use tokio::sync::Semaphore;
 
 use super::{answer::Refused, discovery::Searches, overview::Overview};
 use crate::{
+    rollout::Rules,
     store::{Store, StoreError},
     users::Throttle,
 };
@@ -30,11 +31,16 @@ pub struct FaceSettings {
     pub hosts: Vec<String>,
     /// Whether connections have TLS: then cookies are sent over TLS alone.
     pub secure: bool,
+    /// The rules of roll-outs that state none.
+    pub rules: Rules,
     /// What is said above the page, such as that this is a demonstration.
     pub notice: String,
     /// Ports for the search of the network in place of the usual ones; for tests.
     pub ports: Option<Vec<(crate::discover::Kind, u16)>>,
 }
+
+/// What a route takes to reach the state.
+pub(super) type Shared = State<Arc<Face>>;
 
 /// The state that the routes share.
 pub struct Face {

@@ -1,7 +1,5 @@
 //! What is known of machines: all at a glance, one in depth, its history.
 
-use std::sync::Arc;
-
 use axum::{
     extract::{Path, Query, State},
     http::StatusCode,
@@ -12,15 +10,19 @@ use volcomp_fleet::MachineId;
 
 use super::{
     answer::{Answer, Refused, document, json_bytes},
-    face::Face,
+    face::Shared,
     overview::{in_force, is_silent},
 };
-use crate::{clock::now_s, records::Resolution};
+use crate::{
+    clock::now_s,
+    point::mean,
+    records::{Point, Resolution},
+};
 
-type Shared = State<Arc<Face>>;
-
-/// So many points of a history are told at most.
-const POINTS: u32 = 2000;
+/// So many points of a history are told at most: where there are more, one for several that follow one another, their mean.
+const POINTS: usize = 2000;
+/// So many points of a history are read at most, the newest: two hours of conditions and a week of minutes, with some to spare.
+const READ: u32 = 20_000;
 /// So many alarms and records of one machine are told.
 const RECORDS: u32 = 50;
 
@@ -94,15 +96,14 @@ pub(super) async fn history(
     let points = face
         .ask(move |store| {
             let to_s = now_s();
-            // The newest points count: where there are more than are told, the beginning is cut off by a coarser question.
-            store.history(
-                &id,
-                range.resolution,
-                to_s - range.hours * 3600.0,
-                to_s + 60.0,
-                POINTS,
-            )
+            let from_s = to_s - range.hours * 3600.0;
+            store.history(&id, range.resolution, from_s, to_s + 60.0, READ)
         })
         .await?;
-    document(&json!({ "now_s": now_s(), "points": points }))
+    let together = points.len().div_ceil(POINTS).max(1);
+    let means = points
+        .chunks(together)
+        .filter_map(|some| mean(some, some.first()?.at_s));
+    let told: Vec<Point> = means.collect();
+    document(&json!({ "now_s": now_s(), "together": together, "points": told }))
 }

@@ -13,10 +13,10 @@ use volcomp_model::Machine;
 
 use super::{
     answer::{Answer, Refused, document, json_bytes, read},
-    face::Face,
-    overview::day_s,
+    face::{Face, Shared},
 };
 use crate::{
+    drift::date_s,
     form::{Form, build, described},
     map::error_map,
     models::NewModel,
@@ -24,8 +24,6 @@ use crate::{
     store::Store,
     users::User,
 };
-
-type Shared = State<Arc<Face>>;
 
 pub(super) async fn models(State(face): Shared) -> Answer {
     document(&face.ask(Store::models).await?)
@@ -99,7 +97,7 @@ pub(super) async fn add(
     body: Bytes,
 ) -> Answer {
     let add: Add = read(&body)?;
-    if !add.measured.is_empty() && (add.measured.len() != 10 || day_s(&add.measured).is_none()) {
+    if !add.measured.is_empty() && date_s(&add.measured).is_none() {
         return Err(Refused::wrong(
             "measured: expected a day such as 2026-11-25",
         ));

@@ -12,7 +12,8 @@ use volcomp_fleet::MachineId;
 use super::ages::Ages;
 use crate::{
     clock::now_s,
-    records::{Alarm, Live, Machine, Severity, Version},
+    drift::due_days,
+    records::{Alarm, Live, Machine, Model, Severity, Version},
     store::{Store, StoreError},
 };
 
@@ -20,8 +21,6 @@ use crate::{
 const PERIODS: f64 = 3.0;
 /// … and this is the time that a message may be on its way through the server and the store, s.
 const ON_ITS_WAY_S: f64 = 2.0;
-/// The day of a due date, s.
-const DAY_S: f64 = 86_400.0;
 
 /// What the page is told every second, as it is sent.
 #[derive(Default)]
@@ -92,8 +91,8 @@ impl Overview {
                 None => centre.push(alarm),
             }
         }
-        let measured: HashMap<String, String> = (store.models()?.into_iter())
-            .map(|model| (model.sha256, model.measured))
+        let models: HashMap<String, Model> = (store.models()?.into_iter())
+            .map(|model| (model.sha256.clone(), model))
             .collect();
         let issued = store.wanted()?;
         let (now_s, now) = (now_s(), Instant::now());
@@ -143,11 +142,9 @@ impl Overview {
                     broken_sensors: degc.iter().filter(|degc| degc.is_none()).count(),
                     alarms: alarms.len(),
                     worst: alarms.iter().map(|alarm| alarm.severity).max(),
-                    due_in_days: machine.due_days.and_then(|days| {
-                        let measured = measured.get(&wanted?.1)?;
-                        let since = day_s(measured)?;
-                        Some((since + f64::from(days) * DAY_S - now_s) / DAY_S)
-                    }),
+                    due_in_days: wanted
+                        .and_then(|(_, model)| due_days(machine, models.get(model)?, now_s))
+                        .map(|days| -days),
                 }
             })
             .collect();
@@ -167,62 +164,7 @@ fn largest<K>(values: &BTreeMap<K, f64>) -> Option<f64> {
     values.values().map(|value| value.abs()).reduce(f64::max)
 }
 
-/// A day such as `2026-11-25` in seconds since 1970 (proleptic Gregorian calendar); `None`: it is none.
-pub(super) fn day_s(text: &str) -> Option<f64> {
-    let mut parts = text.get(..10)?.split('-');
-    let mut next = |digits: usize| {
-        let part = parts.next()?;
-        let fits = part.len() == digits && part.bytes().all(|byte| byte.is_ascii_digit());
-        fits.then(|| part.parse::<i64>().ok()).flatten()
-    };
-    let (year, month, day) = (next(4)?, next(2)?, next(2)?);
-    if !(1..=12).contains(&month) || !(1..=31).contains(&day) {
-        return None;
-    }
-    // Years that begin in March have their leap day at the end.
-    let (year, month) = if month > 2 {
-        (year, month - 3)
-    } else {
-        (year - 1, month + 9)
-    };
-    let days = 365 * year + year.div_euclid(4) - year.div_euclid(100)
-        + year.div_euclid(400)
-        + (153 * month + 2) / 5
-        + day
-        - 1
-        - 719_468;
-    Some(days as f64 * DAY_S)
-}
-
-/// The newest version of a machine that it has in force, or was sent.
+/// The version with this number.
 pub(super) fn in_force(versions: &[Version], version: u64) -> Option<&Version> {
     versions.iter().find(|one| one.version == version)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::day_s;
-
-    /// Compared with `date -u -d DAY +%s`.
-    #[test]
-    fn days_are_those_of_the_calendar() {
-        for (day, seconds) in [
-            ("1970-01-01", 0.0),
-            ("2000-02-29", 951_782_400.0),
-            ("2026-11-25", 1_795_564_800.0),
-            ("2100-03-01", 4_107_542_400.0),
-        ] {
-            assert_eq!(day_s(day), Some(seconds), "{day}");
-        }
-        for none in [
-            "",
-            "2026-13-01",
-            "26-01-01",
-            "2026-1-01",
-            "2026-01-00",
-            "ä026-01-01",
-        ] {
-            assert_eq!(day_s(none), None, "{none}");
-        }
-    }
 }

@@ -13,15 +13,13 @@ use serde_json::json;
 
 use super::{
     answer::{Answer, Refused, document, done, read},
-    face::Face,
+    face::{Face, Shared},
     who,
 };
 use crate::{
     store::Changed,
     users::{Moment, Password, Role, Session, Token, User, UserName, hash, is_right},
 };
-
-type Shared = State<Arc<Face>>;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -38,22 +36,22 @@ async fn proven(
     password: String,
 ) -> Result<User, Refused> {
     let tried: String = name.chars().take(64).collect();
-    if !face.throttle.admits(from.ip(), &tried) {
-        let why = "too many wrong passwords: wait a minute";
-        return Err(Refused::new(StatusCode::TOO_MANY_REQUESTS, why));
-    }
     let known: Option<UserName> = name.parse().ok();
     let user = match known {
         Some(known) => face.ask(move |store| store.user(&known)).await?,
         None => None,
     };
     let stored = user.as_ref().map(|(_, stored)| stored.clone());
+    let place = face.passwords.acquire().await;
+    // Asked with the place in hand: many requests at one time are no way around it.
+    if !face.throttle.admits(from.ip(), &tried) {
+        let why = "too many wrong passwords: wait a minute";
+        return Err(Refused::new(StatusCode::TOO_MANY_REQUESTS, why));
+    }
     let right = match Password::entered(password) {
         Ok(password) => {
-            let place = face.passwords.acquire().await;
             let compared =
                 tokio::task::spawn_blocking(move || is_right(&password, stored.as_deref())).await;
-            drop(place);
             compared.unwrap_or(false)
         }
         Err(_) => false,
@@ -62,6 +60,7 @@ async fn proven(
         Some((user, _)) if right && !user.disabled => Ok(user),
         _ => {
             face.throttle.wrong(from.ip(), &tried);
+            drop(place);
             let details = json!({ "from": from.ip() });
             face.ask(move |store| store.audit("centre", "login.refused", &tried, details))
                 .await?;

@@ -68,6 +68,7 @@ routes! {
     "GET" "/api/models/{model}" VIEWER => get(models::model);
     "GET" "/api/models/{model}/map" VIEWER => get(models::map);
     "GET" "/api/rollouts" VIEWER => get(calls::rollouts);
+    "GET" "/api/rules" VIEWER => get(calls::rules);
     "GET" "/api/alarms" VIEWER => get(calls::alarms);
     "POST" "/api/machines" ENGINEER => post(change::machine);
     "POST" "/api/machines/{machine}/remove" ENGINEER => post(change::remove_machine);

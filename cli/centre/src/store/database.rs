@@ -35,6 +35,7 @@ from!(bool, value => Self::Int(i64::from(value)));
 from!(f64, value => Self::Real(value));
 from!(String, value => Self::Text(value));
 from!(&str, value => Self::Text(value.to_owned()));
+from!(&volcomp_fleet::MachineId, value => Self::Text(value.to_string()));
 
 impl<T: Into<Self>> From<Option<T>> for Value {
     fn from(value: Option<T>) -> Self {
@@ -126,7 +127,7 @@ pub trait Database: Send {
     /// Executes a statement, and tells how many rows it changed.
     ///
     /// # Errors
-    /// The statement is none, or the database takes no change: its disk is full, another program holds it, its server is gone.
+    /// The statement is none, or the database takes no change: its disk is full, or another program holds it.
     fn execute(&mut self, sql: &str, parameters: &[Value]) -> Result<u64, StoreError>;
 
     /// Executes a statement in a transaction, of which nobody asks how many rows it changes. A database that is far away may
@@ -141,7 +142,7 @@ pub trait Database: Send {
     /// The rows of a question.
     ///
     /// # Errors
-    /// The question is none, or the database cannot be read: its file or its server is gone.
+    /// The question is none, or the database cannot be read: its file is gone or damaged.
     fn rows(&mut self, sql: &str, parameters: &[Value]) -> Result<Vec<Row>, StoreError>;
 }
 
@@ -149,7 +150,7 @@ impl dyn Database + '_ {
     /// The first row of a question.
     ///
     /// # Errors
-    /// The question is none, or the database cannot be read: its file or its server is gone.
+    /// The question is none, or the database cannot be read: its file is gone or damaged.
     pub fn first(&mut self, sql: &str, parameters: &[Value]) -> Result<Option<Row>, StoreError> {
         Ok(self.rows(sql, parameters)?.into_iter().next())
     }

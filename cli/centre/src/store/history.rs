@@ -58,7 +58,7 @@ impl Store {
     /// A transaction holds one minute of a few machines: what it needs of memory does not grow with the shop.
     ///
     /// # Errors
-    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
+    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
     pub fn close_minutes(&self, until_s: f64) -> Result<u64, StoreError> {
         let end = place(until_s, 60.0);
         // Whoever has told a condition has told who it is.
@@ -87,10 +87,10 @@ impl Store {
         Ok(count)
     }
 
-    /// The history of a machine from `from_s` to `to_s`, at most `count` points, the oldest first.
+    /// The history of a machine from `from_s` to `to_s`, the newest `count` points of it, the oldest first.
     ///
     /// # Errors
-    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
+    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
     pub fn history(
         &self,
         machine: &MachineId,
@@ -108,7 +108,7 @@ impl Store {
             let rows = database.rows(
                 &format!(
                     "SELECT document FROM {table} WHERE machine = ?1 AND {column} >= ?2 AND {column} <= ?3
-                     ORDER BY {column} LIMIT ?4"
+                     ORDER BY {column} DESC LIMIT ?4"
                 ),
                 &[
                     machine.as_str().into(),
@@ -119,9 +119,7 @@ impl Store {
             )?;
             let mut points: Vec<Point> = Vec::new();
             if resolution != Resolution::Raw {
-                let found: Result<Vec<Point>, StoreError> =
-                    rows.iter().map(|row| row.json(0)).collect();
-                return found;
+                return rows.iter().rev().map(|row| row.json(0)).collect();
             }
             for row in &rows {
                 points.extend(row.json::<Vec<Point>>(0)?);
@@ -136,7 +134,8 @@ impl Store {
             }
             points.retain(|point| (from_s..=to_s).contains(&point.at_s));
             points.sort_by(|one, other| one.at_s.total_cmp(&other.at_s));
-            points.truncate(usize::try_from(count).unwrap_or(usize::MAX));
+            let most = usize::try_from(count).unwrap_or(usize::MAX);
+            points.drain(..points.len().saturating_sub(most));
             Ok(points)
         })
     }
@@ -144,7 +143,7 @@ impl Store {
     /// The last whole state of a machine, with its time.
     ///
     /// # Errors
-    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
+    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
     pub fn telemetry(
         &self,
         machine: &MachineId,
@@ -161,7 +160,7 @@ impl Store {
     /// Forgets what is older than it is kept. Machine by machine, each in a transaction of its own, so that nothing waits long.
     ///
     /// # Errors
-    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
+    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
     pub fn forget(&self, keep: Keep, now_s: f64) -> Result<u64, StoreError> {
         let rows = self.read(|database| database.rows("SELECT machine FROM live", &[]))?;
         let mut count = 0;

@@ -3,7 +3,7 @@
 use volcomp_fleet::MachineId;
 
 use super::{Store, StoreError, database::Database, models::machine};
-use crate::{ingest::named, instance::Instance, records::Live};
+use crate::{instance::Instance, records::Live};
 
 pub(crate) use super::models::answer;
 
@@ -18,7 +18,7 @@ pub(crate) fn add_recent(
 ) -> Result<(), StoreError> {
     database.execute_later(
         "INSERT INTO recent (machine, at_s, document) VALUES (?1, ?2, ?3)",
-        vec![named(machine), at_s.into(), document.into()],
+        vec![machine.into(), at_s.into(), document.into()],
     )
 }
 
@@ -32,7 +32,7 @@ pub(crate) fn add_telemetry(
     database.execute_later(
         "INSERT INTO telemetry (machine, at_s, hourly, document) VALUES (?1, ?2,
          CASE WHEN EXISTS (SELECT 1 FROM telemetry WHERE machine = ?1 AND at_s >= ?3) THEN 0 ELSE 1 END, ?4)",
-        vec![named(machine), at_s.into(), hour_s.into(), document.into()],
+        vec![machine.into(), at_s.into(), hour_s.into(), document.into()],
     )
 }
 
@@ -44,16 +44,15 @@ pub(crate) fn add_record(
 ) -> Result<(), StoreError> {
     database.execute_later(
         "INSERT INTO records (machine, at_s, document) VALUES (?1, ?2, ?3)",
-        vec![named(machine), at_s.into(), document.into()],
+        vec![machine.into(), at_s.into(), document.into()],
     )
 }
 
-pub(crate) fn put_live(database: &mut dyn Database, live: Option<&Live>) -> Result<(), StoreError> {
-    let Some(live) = live else { return Ok(()) };
+pub(crate) fn put_live(database: &mut dyn Database, live: &Live) -> Result<(), StoreError> {
     database.execute_later(
         "INSERT INTO live (machine, document) VALUES (?1, ?2)
          ON CONFLICT (machine) DO UPDATE SET document = excluded.document",
-        vec![named(&live.machine), serde_json::to_string(live)?.into()],
+        vec![(&live.machine).into(), serde_json::to_string(live)?.into()],
     )
 }
 
@@ -66,7 +65,7 @@ pub(crate) fn put_instance(
         "INSERT INTO instances (machine, instance, first_s, document) VALUES (?1, ?2, ?3, ?4)
          ON CONFLICT (machine, instance) DO UPDATE SET document = excluded.document",
         vec![
-            named(machine),
+            machine.into(),
             instance.instance.as_str().into(),
             instance.first_s.into(),
             serde_json::to_string(instance)?.into(),
@@ -81,7 +80,7 @@ pub(crate) fn remove_instance(
 ) -> Result<(), StoreError> {
     database.execute_later(
         "DELETE FROM instances WHERE machine = ?1 AND instance = ?2",
-        vec![named(machine), instance.into()],
+        vec![machine.into(), instance.into()],
     )
 }
 
@@ -89,7 +88,7 @@ impl Store {
     /// What is known of every machine that was ever heard.
     ///
     /// # Errors
-    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
+    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
     pub fn live(&self) -> Result<Vec<Live>, StoreError> {
         self.read(|database| {
             let rows = database.rows("SELECT document FROM live ORDER BY machine", &[])?;
@@ -113,7 +112,7 @@ impl Store {
     /// The last `count` audit records of a machine with the times at which they were made, the newest first.
     ///
     /// # Errors
-    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
+    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
     pub fn machine_records(
         &self,
         of: &MachineId,
@@ -122,7 +121,7 @@ impl Store {
         self.read(|database| {
             let rows = database.rows(
                 "SELECT at_s, document FROM records WHERE machine = ?1 ORDER BY at_s DESC LIMIT ?2",
-                &[named(of), count.into()],
+                &[of.into(), count.into()],
             )?;
             rows.iter()
                 .map(|row| Ok((row.real(0)?, row.json(1)?)))

@@ -8,10 +8,11 @@ use super::{Store, StoreError, ingest, models::machine};
 use crate::records::Live;
 
 impl Store {
-    /// What every machine shall run: the version and the checksum of its model, without the signed values, which are large.
+    /// What every machine shall run: the newest version and the checksum of its model, without the signed values, which are
+    /// large.
     ///
     /// # Errors
-    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
+    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
     pub fn wanted(&self) -> Result<HashMap<MachineId, (u64, String)>, StoreError> {
         self.read(|database| {
             let rows = database.rows("SELECT machine, version, model FROM desired", &[])?;
@@ -25,11 +26,11 @@ impl Store {
     /// from; this is for programs that have it from elsewhere.
     ///
     /// # Errors
-    /// The database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed.
+    /// The database takes no change (its disk is full, another program holds it); then nothing of it is changed.
     pub fn put_live(&self, lives: &[Live]) -> Result<(), StoreError> {
         self.write(|database| {
             for live in lives {
-                ingest::put_live(database, Some(live))?;
+                ingest::put_live(database, live)?;
             }
             Ok(())
         })

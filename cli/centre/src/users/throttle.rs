@@ -29,7 +29,8 @@ enum Key {
 pub struct Throttle(Mutex<HashMap<Key, (u32, Instant)>>);
 
 impl Throttle {
-    /// Whether a password from there for this name is looked at now.
+    /// Whether a password from there for this name is looked at now. To be asked where the password is compared, so that those
+    /// which wait for their turn are counted.
     pub fn admits(&self, from: IpAddr, name: &str) -> bool {
         let counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let below = |key: Key, most: u32| {
@@ -47,7 +48,7 @@ impl Throttle {
             counts.retain(|_, (_, since)| since.elapsed() < WITHIN);
         }
         if counts.len() + 2 > MOST {
-            // As many addresses as this within a minute are one attack: the oldest counts go.
+            // So many addresses and names within a minute: the memory is bounded, and all counts begin anew.
             counts.clear();
         }
         for key in [Key::Address(group(from)), Key::Name(name.to_owned())] {

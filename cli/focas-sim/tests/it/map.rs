@@ -58,7 +58,7 @@ fn places() -> MapPlaces {
         mailbox: d(0),
         report: d(144),
         buffers: d(200),
-        capacity: CAPACITY,
+        capacity: CAPACITY.into(),
     }
 }
 

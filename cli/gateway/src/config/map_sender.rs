@@ -8,10 +8,10 @@ use std::{
 use volcomp_devices::{Address, Scheme};
 use volcomp_document::{Document, InputError, Section, Value};
 use volcomp_focas::{MapPlaces, PmcAddress, PmcArea};
-use volcomp_guard::ceiling;
+use volcomp_guard::{barrier::LARGEST_MACHINE, ceiling};
 use volcomp_sinumerik::MapNodes;
 use volcomp_tables::{
-    Allowed,
+    Allowed, HEADER_WORDS, MOST_WORDS,
     control::{FRAME_WORDS, REPORT_WORDS},
 };
 
@@ -35,7 +35,7 @@ pub struct MapSender {
     pub url: String,
     /// The number of the machine in its control.
     pub number: u16,
-    /// What the control may do.
+    /// The largest correction, its fastest change and the longest silence that the control may be set to.
     pub allowed: Allowed,
     /// How the control is reached, and where the words lie in it.
     pub control: MapControl,
@@ -100,7 +100,10 @@ impl MapSender {
         let most_um = ceiling::LIMIT.0 * 1e3;
         let fastest_um = ceiling::SLEW_PER_S.0 * 1e3;
         let (url, scheme) = url(&root.require("url")?)?;
-        let capacity: u16 = root.require("capacity")?.whole(69..=32767)?;
+        // A head and one value at the least.
+        let capacity: usize = root
+            .require("capacity")?
+            .whole(HEADER_WORDS + 1..=MOST_WORDS)?;
         let control = match scheme {
             Scheme::Focas => fanuc(root, capacity)?,
             _ => sinumerik(root, folder)?,
@@ -116,13 +119,13 @@ impl MapSender {
             file: file.to_owned(),
             map: folder.join(not_empty(&root.require("map")?)?),
             url,
-            number: root.require("number")?.whole(0..=65534)?,
+            number: root.require("number")?.whole(0..=LARGEST_MACHINE)?,
             allowed: Allowed {
                 limit_mm: number("limit_um", 0.001..=most_um)? * 1e-3,
                 slew_mm_per_s: number("slew_um_per_s", 0.001..=fastest_um)? * 1e-3,
                 zero_after_s: number("zero_after_ms", 100.0..=LONGEST_SILENCE_S * 1e3)? * 1e-3,
                 scan_s: number("scan_ms", 0.1..=1000.0)? * 1e-3,
-                capacity: capacity.into(),
+                capacity,
             },
             control,
             audit_dir: audit.flatten().unwrap_or_else(|| folder.join("audit")),
@@ -177,7 +180,7 @@ fn sinumerik(root: &Section<'_>, folder: &Path) -> Result<MapControl, InputError
     Ok(MapControl::Sinumerik { server, nodes })
 }
 
-fn fanuc(root: &Section<'_>, capacity: u16) -> Result<MapControl, InputError> {
+fn fanuc(root: &Section<'_>, capacity: usize) -> Result<MapControl, InputError> {
     none_of(root, &["sinumerik", "nodes"], "opc.tcp")?;
     let section = root.section("pmc")?;
     if let Some(section) = &section {
@@ -235,7 +238,7 @@ fn overlap(places: &MapPlaces) -> Option<&'static str> {
     };
     let mailbox = of(places.mailbox, FRAME_WORDS);
     let report = of(places.report, REPORT_WORDS);
-    let buffers = of(places.buffers, 2 * usize::from(places.capacity));
+    let buffers = of(places.buffers, 2 * places.capacity);
     let meet = |one: &(PmcArea, std::ops::Range<usize>),
                 other: &(PmcArea, std::ops::Range<usize>)| {
         one.0 == other.0 && one.1.start < other.1.end && other.1.start < one.1.end

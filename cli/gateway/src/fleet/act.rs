@@ -10,7 +10,7 @@ use tokio::{
     },
     time::Instant,
 };
-use volcomp_fleet::{Acknowledgement, LinkError, MachineSender, Outcome};
+use volcomp_fleet::{Acknowledgement, LinkError, MachineSender, Outcome, largest_moves};
 use volcomp_runtime::DisarmSwitch;
 
 use super::{
@@ -30,9 +30,14 @@ const AGAIN: Duration = Duration::from_secs(2);
 pub(super) fn in_words(outcome: &Outcome) -> String {
     match outcome {
         Outcome::Activated => "in force".to_owned(),
-        Outcome::NeedsConfirmation { hash, worst_um, .. } => {
-            format!("must be confirmed: {hash} moves a linear axis by up to {worst_um} µm")
-        }
+        Outcome::NeedsConfirmation {
+            hash,
+            worst_um,
+            worst_urad,
+        } => format!(
+            "a person must confirm it with {hash}: it moves the axes by up to {}",
+            largest_moves(worst_um, worst_urad)
+        ),
         Outcome::Refused { why } => format!("refused: {why}"),
     }
 }

@@ -36,7 +36,7 @@ mod tell;
 
 use act::Actor;
 use hear::Hearer;
-use store::Store;
+use store::{Kept, Store};
 use tell::Teller;
 
 /// The seconds between two conditions where the manifest does not say.
@@ -50,26 +50,18 @@ const END: Duration = Duration::from_secs(2);
 
 /// The machine file that the centre has put in force; `None`: none, or it is damaged.
 pub(crate) fn machine_in_force(config: &FleetConfig) -> Option<std::path::PathBuf> {
-    let store = Store::new(config);
-    let active = store.read(config).active?;
-    Some(store.machine(&active.manifest))
+    let active = kept(config).active?;
+    Some(Store::new(config).machine(&active.manifest))
 }
 
-/// What of the folder is told by `check`: the version in force, the highest that was accepted, whether the centre allows
-/// correcting, and what is damaged.
-pub(crate) fn standing(config: &FleetConfig) -> (u64, u64, bool, Option<String>) {
-    let kept = Store::new(config).read(config);
-    (
-        kept.standing.active.unwrap_or(0),
-        kept.standing.highest,
-        !kept.standing.disabled,
-        kept.damage,
-    )
+/// What the folder holds of earlier runs.
+pub(crate) fn kept(config: &FleetConfig) -> Kept {
+    Store::new(config).read(config)
 }
 
 /// What the centre said last about correcting at all.
 pub(crate) fn forbids(config: &Config) -> Reasons {
-    let disabled = |fleet| Store::new(fleet).read(fleet).standing.disabled;
+    let disabled = |fleet| kept(fleet).standing.disabled;
     Reasons::DISABLED_BY_CENTRE.when(config.fleet.as_ref().is_some_and(disabled))
 }
 

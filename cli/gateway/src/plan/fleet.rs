@@ -7,9 +7,13 @@ use crate::{config::Config, documents::FleetPlan, error::GatewayError};
 pub(super) struct Checked {
     /// The public nkey of the machine.
     nkey: String,
+    /// The version in force; 0: none.
     version: u64,
+    /// The highest version that was accepted; 0: none was.
     accepted: u64,
+    /// Whether the centre allows correcting.
     enabled: bool,
+    /// What in the folder is damaged, in words.
     damage: Option<String>,
 }
 
@@ -33,13 +37,13 @@ pub(super) fn check(config: &Config) -> Result<Option<Checked>, GatewayError> {
             return Err(GatewayError::FleetCa { file: ca.clone() });
         }
     }
-    let (version, accepted, enabled, damage) = crate::fleet::standing(fleet);
+    let kept = crate::fleet::kept(fleet);
     Ok(Some(Checked {
         nkey,
-        version,
-        accepted,
-        enabled,
-        damage,
+        version: kept.standing.active.unwrap_or(0),
+        accepted: kept.standing.highest,
+        enabled: !kept.standing.disabled,
+        damage: kept.damage,
     }))
 }
 

@@ -34,13 +34,13 @@ pub fn check(path: &Path) -> Result<Checked, GatewayError> {
         file: shown.clone(),
         source,
     })?;
-    let wrong = |what: String| GatewayError::Map { file: shown, what };
+    let wrong = |what: String| GatewayError::Map {
+        file: shown.clone(),
+        what,
+    };
     let map = Map::from_image(&bytes, config.number).map_err(|e| wrong(e.to_string()))?;
     let admitted = config.allowed.admits(&map);
-    admitted.map_err(|e| GatewayError::Map {
-        file: config.map.display().to_string(),
-        what: e.to_string(),
-    })?;
+    admitted.map_err(|e| wrong(e.to_string()))?;
     let hash = crate::hex(&Sha256::digest(&bytes)[..8]);
     Ok(Checked { config, map, hash })
 }
@@ -96,7 +96,7 @@ impl Checked {
             (
                 "within",
                 format!(
-                    "{:.1} µm, {:.1} µm/s; zero {:.0} ms after the last frame at the latest",
+                    "{:.1} µm, {:.1} µm/s; goes to zero {:.0} ms after the last frame at the latest",
                     allowed.limit_mm * 1e3,
                     allowed.slew_mm_per_s * 1e3,
                     allowed.zero_after_s * 1e3

@@ -24,6 +24,8 @@ use crate::{
 const AGAIN: Duration = Duration::from_secs(1);
 /// How long until the next look at a control that has not scanned.
 const SOON: Duration = Duration::from_millis(5);
+/// So much longer than the control's time-out something is waited for that its end should bring, s.
+const PATIENCE_S: f64 = 2.0;
 
 /// What is known of another sender.
 struct Other {
@@ -76,8 +78,22 @@ pub fn run(checked: &Checked) -> Result<(), GatewayError> {
     // Nothing is sent before it is on record.
     sending.record("a map is going to be sent", Event::Nothing)?;
     let outcome = sending.keep(&heard);
-    sending.fall_silent(&heard)?;
-    outcome
+    let silent = sending.fall_silent(&heard);
+    match (outcome, silent) {
+        // The cause is what ends the program; what came of it is told beside it.
+        (Err(cause), Err(error)) => {
+            tracing::error!("{error}");
+            Err(cause)
+        }
+        (outcome, silent) => outcome.and(silent),
+    }
+}
+
+impl Checked {
+    /// How long a control in which nothing changes is waited for.
+    fn patience(&self) -> Duration {
+        Duration::from_secs_f64(PATIENCE_S + self.config.allowed.zero_after_s)
+    }
 }
 
 fn ended(checked: &Checked, what: String) -> GatewayError {
@@ -148,7 +164,10 @@ impl Sending<'_> {
                 self.words = None;
                 Ok(SOON)
             }
-            Err(SendError::Held { by, sequence }) => self.wait_for_other(by, sequence),
+            Err(SendError::Held { by, sequence }) if self.is_waited_for(sequence) => {
+                self.tell(format!("it is waited until sender {by} has let go"));
+                Ok(self.place.period())
+            }
             Err(error) => Err(ended(self.checked, error.to_string())),
         }
     }
@@ -166,18 +185,14 @@ impl Sending<'_> {
         }
     }
 
-    /// One that is gone has left the control when its time is out; one that sends is left alone.
-    fn wait_for_other(&mut self, by: u16, sequence: u16) -> Result<Duration, GatewayError> {
+    /// Whether another sender is waited for: one that is gone lets go of the control when its time is out; one that sends is
+    /// left alone.
+    fn is_waited_for(&mut self, sequence: u16) -> bool {
         let other = self.other.get_or_insert_with(|| Other {
             sequence,
             since: Instant::now(),
         });
-        let patience = Duration::from_secs_f64(2.0 + self.checked.config.allowed.zero_after_s);
-        if other.sequence != sequence || other.since.elapsed() > patience {
-            let what = format!("another sender, number {by}, holds the control");
-            return Err(ended(self.checked, what));
-        }
-        Ok(self.place.period())
+        other.sequence == sequence && other.since.elapsed() <= self.checked.patience()
     }
 
     /// Warns of what is new.
@@ -190,7 +205,7 @@ impl Sending<'_> {
 
     /// Sends nothing any more, and waits until the control says that its corrections are zero.
     fn fall_silent(&mut self, heard: &Heard) -> Result<(), GatewayError> {
-        let still = Duration::from_secs_f64(2.0 + self.checked.config.allowed.zero_after_s);
+        let still = self.checked.patience();
         let (mut last, mut since) = (None, Instant::now());
         let mut is_zero = false;
         while !is_zero && since.elapsed() < still {
