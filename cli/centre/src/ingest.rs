@@ -92,7 +92,7 @@ impl Ingest {
     /// Goes on with what the store holds.
     ///
     /// # Errors
-    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn of(store: &Store) -> Result<Self, StoreError> {
         let mut machines: BTreeMap<MachineId, Heard> = BTreeMap::new();
         for live in store.live()? {
@@ -114,7 +114,7 @@ impl Ingest {
     /// Stores a batch: when this returns, all of it is on disk, or none of it.
     ///
     /// # Errors
-    /// The database takes no change (its disk is full, another program holds it); then nothing of it is changed. The same batch may be given again.
+    /// The database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed. The same batch may be given again.
     pub fn take(&mut self, store: &Store, batch: &[Received]) -> Result<Taken, StoreError> {
         if self.in_doubt {
             self.read_anew(store)?;
@@ -177,7 +177,7 @@ impl Ingest {
     /// message is stored by itself.
     ///
     /// # Errors
-    /// The database takes no change (its disk is full, another program holds it); then nothing of it is changed. It may be called again.
+    /// The database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed. It may be called again.
     pub fn store_live(&mut self, store: &Store) -> Result<(), StoreError> {
         if self.changed.is_empty() {
             return Ok(());

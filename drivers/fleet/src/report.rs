@@ -104,3 +104,17 @@ pub struct Acknowledgement {
     #[serde(flatten)]
     pub outcome: Outcome,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::largest_moves;
+
+    /// No sentence ends with a unit that has no number.
+    #[test]
+    fn what_is_not_told_is_left_out() {
+        assert_eq!(largest_moves("75.0", ""), "75.0 µm");
+        assert_eq!(largest_moves("", "20.0"), "20.0 µrad");
+        assert_eq!(largest_moves("75.0", "20.0"), "75.0 µm and 20.0 µrad");
+        assert!(!largest_moves("", "").contains('µ'));
+    }
+}

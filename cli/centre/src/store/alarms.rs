@@ -70,7 +70,7 @@ impl Store {
     /// The alarms that are open, the newest first.
     ///
     /// # Errors
-    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn open_alarms(&self) -> Result<Vec<Alarm>, StoreError> {
         self.alarms_where("until_s IS NULL ORDER BY id DESC", &[])
     }
@@ -78,7 +78,7 @@ impl Store {
     /// The last `count` alarms, open or not, the newest first; of one machine, or of all.
     ///
     /// # Errors
-    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn alarms(
         &self,
         machine: Option<&MachineId>,
@@ -106,7 +106,7 @@ impl Store {
     /// Writes down that somebody has seen an alarm. Tells whether there is such an alarm.
     ///
     /// # Errors
-    /// The database takes no change (its disk is full, another program holds it); then nothing of it is changed.
+    /// The database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed.
     pub fn see_alarm(&self, id: u64, by: &str) -> Result<bool, StoreError> {
         self.write(|database| {
             let seen = database.execute(

@@ -60,7 +60,7 @@ impl Store {
     /// Writes down what somebody did, where it changes nothing else in the store.
     ///
     /// # Errors
-    /// The database takes no change (its disk is full, another program holds it); then nothing of it is changed.
+    /// The database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed.
     pub fn audit(
         &self,
         by: &str,
@@ -74,7 +74,7 @@ impl Store {
     /// At most `count` records with numbers below `before`, the newest first; `None`: from the newest.
     ///
     /// # Errors
-    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn audit_records(
         &self,
         before: Option<u64>,
@@ -92,7 +92,7 @@ impl Store {
     /// Checks the chain of the whole log: the number of the first record that does not follow from the one before.
     ///
     /// # Errors
-    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn broken_audit(&self) -> Result<Option<u64>, StoreError> {
         const PAGE: u64 = 1000;
         let mut before = String::new();

@@ -127,7 +127,7 @@ pub trait Database: Send {
     /// Executes a statement, and tells how many rows it changed.
     ///
     /// # Errors
-    /// The statement is none, or the database takes no change: its disk is full, or another program holds it.
+    /// The statement is none, or the database takes no change: its disk is full, another program holds it, its server is gone.
     fn execute(&mut self, sql: &str, parameters: &[Value]) -> Result<u64, StoreError>;
 
     /// Executes a statement in a transaction, of which nobody asks how many rows it changes. A database that is far away may
@@ -142,7 +142,7 @@ pub trait Database: Send {
     /// The rows of a question.
     ///
     /// # Errors
-    /// The question is none, or the database cannot be read: its file is gone or damaged.
+    /// The question is none, or the database cannot be read: its file or its server is gone.
     fn rows(&mut self, sql: &str, parameters: &[Value]) -> Result<Vec<Row>, StoreError>;
 }
 
@@ -150,7 +150,7 @@ impl dyn Database + '_ {
     /// The first row of a question.
     ///
     /// # Errors
-    /// The question is none, or the database cannot be read: its file is gone or damaged.
+    /// The question is none, or the database cannot be read: its file or its server is gone.
     pub fn first(&mut self, sql: &str, parameters: &[Value]) -> Result<Option<Row>, StoreError> {
         Ok(self.rows(sql, parameters)?.into_iter().next())
     }

@@ -58,7 +58,7 @@ impl Store {
     /// A transaction holds one minute of a few machines: what it needs of memory does not grow with the shop.
     ///
     /// # Errors
-    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn close_minutes(&self, until_s: f64) -> Result<u64, StoreError> {
         let end = place(until_s, 60.0);
         // Whoever has told a condition has told who it is.
@@ -90,7 +90,7 @@ impl Store {
     /// The history of a machine from `from_s` to `to_s`, the newest `count` points of it, the oldest first.
     ///
     /// # Errors
-    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn history(
         &self,
         machine: &MachineId,
@@ -143,7 +143,7 @@ impl Store {
     /// The last whole state of a machine, with its time.
     ///
     /// # Errors
-    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn telemetry(
         &self,
         machine: &MachineId,
@@ -160,7 +160,7 @@ impl Store {
     /// Forgets what is older than it is kept. Machine by machine, each in a transaction of its own, so that nothing waits long.
     ///
     /// # Errors
-    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn forget(&self, keep: Keep, now_s: f64) -> Result<u64, StoreError> {
         let rows = self.read(|database| database.rows("SELECT machine FROM live", &[]))?;
         let mut count = 0;

@@ -88,7 +88,7 @@ impl Store {
     /// What is known of every machine that was ever heard.
     ///
     /// # Errors
-    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn live(&self) -> Result<Vec<Live>, StoreError> {
         self.read(|database| {
             let rows = database.rows("SELECT document FROM live ORDER BY machine", &[])?;
@@ -112,7 +112,7 @@ impl Store {
     /// The last `count` audit records of a machine with the times at which they were made, the newest first.
     ///
     /// # Errors
-    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn machine_records(
         &self,
         of: &MachineId,

@@ -12,7 +12,7 @@ impl Store {
     /// large.
     ///
     /// # Errors
-    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn wanted(&self) -> Result<HashMap<MachineId, (u64, String)>, StoreError> {
         self.read(|database| {
             let rows = database.rows("SELECT machine, version, model FROM desired", &[])?;
@@ -26,7 +26,7 @@ impl Store {
     /// from; this is for programs that have it from elsewhere.
     ///
     /// # Errors
-    /// The database takes no change (its disk is full, another program holds it); then nothing of it is changed.
+    /// The database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed.
     pub fn put_live(&self, lives: &[Live]) -> Result<(), StoreError> {
         self.write(|database| {
             for live in lives {

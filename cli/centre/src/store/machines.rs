@@ -10,7 +10,7 @@ impl Store {
     /// Registers a machine, or changes what is known of it.
     ///
     /// # Errors
-    /// The database takes no change (its disk is full, another program holds it); then nothing of it is changed.
+    /// The database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed.
     pub fn put_machine(&self, machine: &Machine, by: &str) -> Result<(), StoreError> {
         let name = machine.identity.machine.as_str();
         let document = serde_json::to_string(machine)?;
@@ -31,7 +31,7 @@ impl Store {
     /// A machine.
     ///
     /// # Errors
-    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn machine(&self, machine: &MachineId) -> Result<Option<Machine>, StoreError> {
         self.read(|database| {
             let row = database.first(
@@ -45,7 +45,7 @@ impl Store {
     /// Every machine, by its name.
     ///
     /// # Errors
-    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn machines(&self) -> Result<Vec<Machine>, StoreError> {
         self.read(|database| {
             let rows = database.rows("SELECT document FROM machines ORDER BY machine", &[])?;
@@ -56,7 +56,7 @@ impl Store {
     /// Forgets a machine. Its versions and its history stay. Tells whether it was there.
     ///
     /// # Errors
-    /// The database takes no change (its disk is full, another program holds it); then nothing of it is changed.
+    /// The database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed.
     pub fn remove_machine(&self, machine: &MachineId, by: &str) -> Result<bool, StoreError> {
         self.write(|database| {
             let name = || vec![machine.as_str().into()];

@@ -26,7 +26,7 @@ impl Store {
     /// Adds a model with its text. Tells whether it is new.
     ///
     /// # Errors
-    /// The database takes no change (its disk is full, another program holds it); then nothing of it is changed.
+    /// The database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed.
     pub fn add_model(&self, model: &Model, text: &str) -> Result<bool, StoreError> {
         let document = serde_json::to_string(model)?;
         self.write(|database| {
@@ -44,7 +44,7 @@ impl Store {
     /// The model whose checksum begins so; `None`: there is none, or more than one.
     ///
     /// # Errors
-    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn model(&self, beginning: &str) -> Result<Option<Model>, StoreError> {
         if beginning.is_empty() || !beginning.bytes().all(|byte| byte.is_ascii_hexdigit()) {
             return Ok(None);
@@ -64,7 +64,7 @@ impl Store {
     /// The text of the model with this checksum.
     ///
     /// # Errors
-    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn model_text(&self, sha256: &str) -> Result<Option<String>, StoreError> {
         self.read(|database| {
             let row = database.first(
@@ -78,7 +78,7 @@ impl Store {
     /// Every model, the newest first.
     ///
     /// # Errors
-    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn models(&self) -> Result<Vec<Model>, StoreError> {
         let mut models: Vec<Model> = self.read(|database| {
             let rows = database.rows("SELECT document FROM models", &[])?;
@@ -91,7 +91,7 @@ impl Store {
     /// Every version of a machine, the newest first.
     ///
     /// # Errors
-    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn versions(&self, machine: &MachineId) -> Result<Vec<Version>, StoreError> {
         self.read(|database| {
             let rows = database.rows(
@@ -105,7 +105,7 @@ impl Store {
     /// What a machine shall run: its newest signed value.
     ///
     /// # Errors
-    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn issued(&self, machine: &MachineId) -> Result<Option<Issued>, StoreError> {
         self.read(|database| {
             let row = database.first(
@@ -119,7 +119,7 @@ impl Store {
     /// The newest version of every machine, with what became of it.
     ///
     /// # Errors
-    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn newest_versions(&self) -> Result<Vec<Version>, StoreError> {
         self.read(|database| {
             let rows = database.rows(

@@ -10,7 +10,7 @@ impl Store {
     /// Starts a roll-out: `make` is told its number.
     ///
     /// # Errors
-    /// A machine of it has its turn in another roll-out that is not over. Or: the database takes no change (its disk is full, another program holds it); then nothing of it is changed.
+    /// A machine of it has its turn in another roll-out that is not over. Or: the database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed.
     pub fn start_rollout(&self, make: impl FnOnce(u64) -> Rollout) -> Result<Rollout, StoreError> {
         self.write(|database| {
             let row = database.first("SELECT coalesce(max(id), 0) + 1 FROM rollouts", &[])?;
@@ -48,7 +48,7 @@ impl Store {
     /// A roll-out.
     ///
     /// # Errors
-    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn rollout(&self, id: u64) -> Result<Option<Rollout>, StoreError> {
         self.read(|database| {
             let row = database.first("SELECT state FROM rollouts WHERE id = ?1", &[id.into()])?;
@@ -59,7 +59,7 @@ impl Store {
     /// The last `count` roll-outs, the newest first.
     ///
     /// # Errors
-    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn rollouts(&self, count: u32) -> Result<Vec<Rollout>, StoreError> {
         self.read(|database| {
             let rows = database.rows(
@@ -73,7 +73,7 @@ impl Store {
     /// The numbers of the roll-outs that are not over.
     ///
     /// # Errors
-    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn open_rollouts(&self) -> Result<Vec<u64>, StoreError> {
         self.read(|database| {
             let rows = database.rows(
@@ -88,7 +88,7 @@ impl Store {
     /// was not taken up yet is replaced.
     ///
     /// # Errors
-    /// There is no such roll-out. Or: the database takes no change (its disk is full, another program holds it); then nothing of it is changed.
+    /// There is no such roll-out. Or: the database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed.
     pub fn wish(&self, id: u64, wish: &Wish, by: &str) -> Result<(), StoreError> {
         self.write(|database| {
             let text = serde_json::to_string(&(wish, by))?;

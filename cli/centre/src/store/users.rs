@@ -63,7 +63,7 @@ impl Store {
     /// Adds a user with the hash of a password.
     ///
     /// # Errors
-    /// The database takes no change (its disk is full, another program holds it); then nothing of it is changed.
+    /// The database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed.
     pub fn add_user(
         &self,
         name: &UserName,
@@ -99,7 +99,7 @@ impl Store {
     /// Changes what a user may, and whether the user may log in. A user who may less is logged out.
     ///
     /// # Errors
-    /// The database takes no change (its disk is full, another program holds it); then nothing of it is changed.
+    /// The database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed.
     pub fn change_user(
         &self,
         name: &UserName,
@@ -129,7 +129,7 @@ impl Store {
     /// Sets the hash of a user's password, and logs the user out everywhere.
     ///
     /// # Errors
-    /// The database takes no change (its disk is full, another program holds it); then nothing of it is changed.
+    /// The database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed.
     pub fn set_password(
         &self,
         name: &UserName,
@@ -155,7 +155,7 @@ impl Store {
     /// Removes a user.
     ///
     /// # Errors
-    /// The database takes no change (its disk is full, another program holds it); then nothing of it is changed.
+    /// The database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed.
     pub fn remove_user(
         &self,
         name: &UserName,
@@ -190,7 +190,7 @@ impl Store {
     /// Every user, by name.
     ///
     /// # Errors
-    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn users(&self) -> Result<Vec<User>, StoreError> {
         self.read(|database| {
             let rows = database.rows(&format!("SELECT {COLUMNS} FROM users ORDER BY name"), &[])?;
@@ -201,7 +201,7 @@ impl Store {
     /// A user and the hash of the password.
     ///
     /// # Errors
-    /// The database cannot be read (its file is gone or damaged), or a row holds what this program does not write.
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn user(&self, name: &UserName) -> Result<Option<(User, String)>, StoreError> {
         self.read(|database| {
             let row = database.first(
@@ -216,7 +216,7 @@ impl Store {
     /// Begins a session.
     ///
     /// # Errors
-    /// The database takes no change (its disk is full, another program holds it); then nothing of it is changed.
+    /// The database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed.
     pub fn begin_session(&self, token: &Token, session: &Session) -> Result<(), StoreError> {
         let document = serde_json::to_string(session)?;
         self.write(|database| {
@@ -247,7 +247,7 @@ impl Store {
     /// The user whose session this is, while it is alive and the user may log in. Its use is noted.
     ///
     /// # Errors
-    /// The database takes no change (its disk is full, another program holds it); then nothing of it is changed.
+    /// The database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed.
     pub fn session(&self, token: &Token, now: &Moment) -> Result<Option<User>, StoreError> {
         let hash = token.hash();
         let key = || [hash.as_str().into()];
@@ -281,7 +281,7 @@ impl Store {
     /// Ends a session.
     ///
     /// # Errors
-    /// The database takes no change (its disk is full, another program holds it); then nothing of it is changed.
+    /// The database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed.
     pub fn end_session(&self, token: &Token, by: &UserName) -> Result<(), StoreError> {
         self.write(|database| {
             database.execute(

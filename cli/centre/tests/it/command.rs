@@ -61,6 +61,21 @@ fn from_nothing_to_a_roll_out() {
     ));
     done(&format!("machine add mill-2 {add}"));
     wrong(&format!("machine add Mill {add}"), "lower-case");
+    // What the page refuses, the command line does, and a seed in place of the public nkey is not said again.
+    let seed = std::fs::read_to_string(folder.join("centre.nkey")).unwrap();
+    let seed = seed.trim();
+    let called = call(folder, &format!("machine add mill-3 {add} --nkey {seed}"));
+    assert_eq!(called.status, 2, "{}", called.err);
+    assert!(
+        called.err.contains("nkey: found 58 characters"),
+        "{}",
+        called.err
+    );
+    assert!(!called.err.contains(seed), "{}", called.err);
+    wrong(
+        &format!("machine add mill-3 {add} --condition-s 0"),
+        "condition_s: found 0, expected 1 to 86400 s",
+    );
     let listed = done("machine list");
     assert!(
         listed.contains("mill-1") && listed.contains("never heard"),

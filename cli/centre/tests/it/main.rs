@@ -24,3 +24,4 @@ mod rollout;
 mod shop;
 mod store;
 mod support;
+mod told;
