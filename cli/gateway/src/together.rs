@@ -1,4 +1,4 @@
-//! What two machines of one process must not have in common: a device, the folder of an audit log, the address of a
+//! What two machines of one process must not have in common: a device, the folder of an audit log, their place in a fleet, the address of a
 //! dashboard or of another system that reads it, its name at a broker, a configuration.
 
 use std::{
@@ -30,6 +30,10 @@ pub enum Common {
     Listens([(&'static str, SocketAddr); 2]),
     /// The name of the client at a broker: both their URLs and it.
     Client([String; 2], String),
+    /// The name in the fleet.
+    Identity(String),
+    /// The folder of what the centre has sent.
+    FleetFolder(PathBuf),
 }
 
 impl fmt::Display for Common {
@@ -51,6 +55,8 @@ impl fmt::Display for Common {
                     "one port, [{table}] listen = {one} and [{other_table}] listen = {other}"
                 )
             }
+            Self::Identity(name) => write!(f, "[fleet] machine = {name}"),
+            Self::FleetFolder(path) => write!(f, "[fleet] dir = \"{}\"", path.display()),
             Self::Client([one, other], name) if one == other => {
                 write!(f, "[sparkplug] group and node at {one}: the client {name}")
             }
@@ -94,6 +100,19 @@ pub(crate) fn check(several: &Several, members: &[Member<'_>]) -> Result<(), Gat
         if let Some(before) = folders.insert(Folder::of(&config.audit_dir), name) {
             let folder = Common::Folder(config.audit_dir.clone());
             return Err(refused(before, name, folder));
+        }
+    }
+    let mut fleet: HashMap<Folder, &str> = HashMap::new();
+    let mut identities: HashMap<String, &str> = HashMap::new();
+    for (name, _, config) in members {
+        let Some(own) = &config.fleet else { continue };
+        if let Some(before) = fleet.insert(Folder::of(&own.dir), name) {
+            let folder = Common::FleetFolder(own.dir.clone());
+            return Err(refused(before, name, folder));
+        }
+        let machine = own.identity.machine.to_string();
+        if let Some(before) = identities.insert(machine.clone(), name) {
+            return Err(refused(before, name, Common::Identity(machine)));
         }
     }
     let mut listening = vec![("the overview", ("dashboard", several.dashboard.listen))];

@@ -84,6 +84,20 @@ pub enum TablesError {
         /// The axis.
         axis: AxisName,
     },
+    /// An axis of the grid that rolls over.
+    #[error(
+        "axis {axis} has a modulo: outside its travel of {lower} to {upper} a map holds the value of its end, where the machine \
+         has that of the turned position; expected an axis that does not roll over, or a machine file without the modulo where \
+         the control tells positions within the travel only"
+    )]
+    RollsOver {
+        /// The axis.
+        axis: AxisName,
+        /// The lower end of its travel, mm or deg.
+        lower: f64,
+        /// The upper end of its travel, mm or deg.
+        upper: f64,
+    },
     /// A step or a bound that is no number above zero, or cannot be told in millionths.
     #[error("{what} is {found}, expected {expected}")]
     Number {

@@ -118,7 +118,7 @@ impl MapOfMachine {
     /// the tool is left as it is. A rotary axis is held where it is said to stand, or, where it is named, one of the axes of the grid.
     ///
     /// # Errors
-    /// As [`build`]; axes that the machine does not have or that correct nothing.
+    /// As [`build`]; axes that the machine does not have, that roll over, or that correct nothing.
     pub fn new(
         machine: &Machine,
         temperatures: &Temperatures,
@@ -141,7 +141,15 @@ impl MapOfMachine {
         let mut axes = Vec::new();
         for &name in &grid {
             let index = machine.index_of(name)?;
-            let travel = machine.axes()[index].travel;
+            let axis = &machine.axes()[index];
+            let travel = axis.travel;
+            if axis.modulo.is_some() {
+                return Err(TablesError::RollsOver {
+                    axis: name,
+                    lower: travel[0],
+                    upper: travel[1],
+                });
+            }
             let step = if name.is_rotary() {
                 options.position_step_deg
             } else {

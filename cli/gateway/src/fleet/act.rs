@@ -225,7 +225,7 @@ impl Actor {
         let is_active = outcome == Outcome::Activated;
         if is_active {
             standing.active = Some(held.manifest.version);
-            standing.disabled = !held.manifest.enable;
+            standing.disabled = !self.enables(&held);
         }
         let mut kept = vec![held.clone()];
         kept.extend(self.active.clone().filter(|_| !is_active));
@@ -241,12 +241,17 @@ impl Actor {
             self.shared
                 .version
                 .store(held.manifest.version, std::sync::atomic::Ordering::Relaxed);
-            if held.manifest.enable {
+            if self.enables(&held) {
                 self.ask(CentreAsk::Enable, &held).await?;
             }
             self.active = Some(held);
         }
         Ok((at_hand.value_sha256, outcome))
+    }
+
+    /// Whether a manifest that is put in force lifts what was forbidden: not where a newer one, which waits, forbids it.
+    fn enables(&self, held: &Held) -> bool {
+        held.manifest.enable && !self.shared.is_forbidden_after(held.manifest.version)
     }
 
     /// Has the machine file on disk, whole; `Some`: why there is none to be had.

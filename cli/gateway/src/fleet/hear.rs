@@ -1,7 +1,7 @@
 //! Hears the values of the machine's key and judges them: by their signature, their addressee and their version, by no clock.
 //! What forbids correcting is ordered here, before anything is written or fetched.
 
-use std::time::Duration;
+use std::{sync::Arc, time::Duration};
 
 use sha2::{Digest, Sha256};
 use tokio::sync::mpsc;
@@ -10,6 +10,7 @@ use volcomp_runtime::DisarmSwitch;
 use volcomp_vocabulary::AxisName;
 
 use super::{
+    Shared,
     act::Actor,
     store::{self, Held, Kept},
 };
@@ -57,6 +58,7 @@ pub(super) struct Hearer {
     newest: Option<Held>,
     asks: Asks,
     switch: DisarmSwitch,
+    shared: Arc<Shared>,
 }
 
 /// Who sent what no trusted key has signed.
@@ -94,6 +96,7 @@ impl Hearer {
         kept: &Kept,
         asks: Asks,
         switch: DisarmSwitch,
+        shared: Arc<Shared>,
     ) -> Self {
         Self {
             trust: Trust {
@@ -104,6 +107,7 @@ impl Hearer {
             newest: kept.newest.clone(),
             asks,
             switch,
+            shared,
         }
     }
 
@@ -164,7 +168,11 @@ impl Hearer {
     }
 
     /// Has the correction ramped out and arming forbidden, before anything else is done by a manifest.
-    async fn disable(&self, key: &str) {
+    async fn disable(&self, judged: &Judged) {
+        // Noted first: the actor, which may be putting an older version in force, runs on this thread, too, and asks for
+        // nothing any more that would lift it.
+        self.shared.forbid(judged.held.manifest.version);
+        let key = &judged.held.desired.key;
         let ask = || Ask::Centre(CentreAsk::Disable);
         let mut asked = Asked::new(ask(), who(key), None, &self.switch);
         while let Err(error) = self.asks.try_send(asked) {
@@ -189,7 +197,7 @@ pub(super) async fn hear(mut link: MachineLink, mut hearer: Hearer, actor: Actor
             match hearer.judge(&value) {
                 Heard::New(judged) => {
                     if !judged.held.manifest.enable {
-                        hearer.disable(&judged.held.desired.key).await;
+                        hearer.disable(&judged).await;
                     }
                     if accept.send(judged).is_err() {
                         return;

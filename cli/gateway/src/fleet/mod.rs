@@ -70,6 +70,9 @@ pub(crate) struct Shared {
     pub(crate) published: Published,
     /// The version of the manifest in force.
     version: AtomicU64,
+    /// The highest version that was heard and forbids correcting; 0: none. An older one that is put in force meanwhile lifts
+    /// nothing.
+    forbidding: AtomicU64,
     condition_s: AtomicU64,
     telemetry_s: AtomicU64,
 }
@@ -77,6 +80,16 @@ pub(crate) struct Shared {
 impl Shared {
     fn version(&self) -> u64 {
         self.version.load(Ordering::Relaxed)
+    }
+
+    /// Notes that a version forbids correcting.
+    fn forbid(&self, version: u64) {
+        self.forbidding.fetch_max(version, Ordering::Relaxed);
+    }
+
+    /// Whether a newer version than this one forbids correcting.
+    fn is_forbidden_after(&self, version: u64) -> bool {
+        self.forbidding.load(Ordering::Relaxed) > version
     }
 
     /// The times between two conditions and two whole states, at least a second each.
@@ -123,6 +136,7 @@ pub fn start(
     let shared = Arc::new(Shared {
         published: published.clone(),
         version: AtomicU64::new(kept.standing.active.unwrap_or(0)),
+        forbidding: AtomicU64::new(0),
         condition_s: AtomicU64::new(CONDITION_S),
         telemetry_s: AtomicU64::new(TELEMETRY_S),
     });
@@ -158,6 +172,7 @@ pub fn start(
         &kept,
         asks.clone(),
         switch.clone(),
+        Arc::clone(&shared),
     );
     let identity = fleet.identity.clone();
     let until = stopped.clone();

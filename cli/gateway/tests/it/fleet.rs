@@ -13,6 +13,40 @@ fn says(state: &serde_json::Value, words: &str) -> bool {
     state["reasons"].to_string().contains(words)
 }
 
+/// The centre forbids correcting while an older version is being put in force: whenever in that time it is heard, it stays so.
+#[test]
+fn what_is_forbidden_while_an_older_version_comes_into_force_stays_forbidden() {
+    let Some(centre) = Centre::start() else {
+        return;
+    };
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let config = centre.configuration(dir.path(), &control, "auto_arm = true");
+    let program = compensating(dir.path(), &config);
+    let mut version = 0;
+    for delay_ms in [0_u8, 2, 5, 10, 20, 50, 100] {
+        let model = machine_with(22.0 + f64::from(delay_ms % 3));
+        version += 1;
+        centre.roll_out(version, &model);
+        std::thread::sleep(std::time::Duration::from_millis(delay_ms.into()));
+        version += 1;
+        let mut forbids = centre.manifest(version, &model);
+        forbids.enable = false;
+        centre.send(&forbids, &model);
+        centre.acknowledged(version, "activated");
+        let state = program.state();
+        let shown = format!("after {delay_ms} ms: {state}");
+        assert!(says(&state, "disabled by the centre"), "{shown}");
+        assert_eq!(state["armed"], false, "{shown}");
+        version += 1;
+        centre.roll_out(version, &model);
+        centre.acknowledged(version, "activated");
+        wait(&program, "it corrects again", |state| {
+            state["state"] == "compensating"
+        });
+    }
+}
+
 /// A small change goes through the ramp, a large one waits for its confirmation, one that a person confirmed is taken; no axis
 /// ever moves faster than the slew. After a restart without the centre the machine runs on what it has accepted.
 #[test]

@@ -245,3 +245,30 @@ fn a_transfer_counts_every_frame() {
         (seconds - (transfer.bytes as f64 / 1000.0 + transfer.frames as f64 * 0.02)).abs() < 1e-9
     );
 }
+
+/// Outside its travel a map holds the value of its end, and an axis with a modulo has that of the turned position there.
+#[test]
+fn an_axis_that_rolls_over_has_no_map() {
+    let text = FIVE_AXES.replace(
+        "C = { travel = [0.0, 360.0] }",
+        "C = { travel = [0.0, 360.0], modulo = 360.0 }",
+    );
+    let machine = parsed(&text);
+    let made = |grid: &[AxisName]| {
+        let options = MapOptions {
+            grid: grid.to_vec(),
+            within_mm: 0.006,
+            words: 32767,
+            ..MapOptions::default()
+        };
+        MapOfMachine::new(&machine, &Temperatures::new(), &options)
+    };
+    let linear = [AxisName::X, AxisName::Y, AxisName::Z];
+    assert!(made(&linear).is_ok(), "held, it may roll over");
+    let [x, y, z] = linear;
+    let refused = made(&[x, y, z, AxisName::C]);
+    assert!(
+        matches!(refused, Err(TablesError::RollsOver { axis: AxisName::C, .. })),
+        "{refused:?}"
+    );
+}
