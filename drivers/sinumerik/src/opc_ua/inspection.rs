@@ -3,7 +3,7 @@
 use opcua::types::{DataValue, Variant};
 use volcomp_vocabulary::{AxisName, MAX_AXES};
 
-use super::link::Link;
+use super::link::{Link, number_of};
 use crate::{
     config::SinumerikConfig, error::SinumerikError, nodes::Nodes, reading, server::Server,
 };
@@ -55,20 +55,26 @@ pub fn look(server: &Server, nodes: &Nodes) -> Result<Vec<(String, f64)>, Sinume
     server.check()?;
     block_on(async {
         let link = Link::open(server).await?;
-        let mut found = Vec::new();
-        let count = u16::try_from(MAX_AXES).unwrap_or(u16::MAX);
-        for number in 1..=count {
-            let at = match required(&link, &Nodes::of_axis(&nodes.position, number)).await {
-                Ok(at) => at,
-                Err(SinumerikError::Node { .. }) if number > 1 => break,
-                Err(error) => return Err(error),
-            };
-            let name = name(&link, &Nodes::of_axis(&nodes.name, number), &mut Vec::new()).await?;
-            found.push((name.unwrap_or_else(|| number.to_string()), at));
-        }
+        let found = standing(&link, nodes).await;
         link.close().await;
-        Ok(found)
+        found
     })
+}
+
+/// The axes on an open session, and where they stand.
+async fn standing(link: &Link, nodes: &Nodes) -> Result<Vec<(String, f64)>, SinumerikError> {
+    let mut found = Vec::new();
+    let count = u16::try_from(MAX_AXES).unwrap_or(u16::MAX);
+    for number in 1..=count {
+        let at = match required(link, &Nodes::of_axis(&nodes.position, number)).await {
+            Ok(at) => at,
+            Err(SinumerikError::Node { .. }) if number > 1 => break,
+            Err(error) => return Err(error),
+        };
+        let name = name(link, &Nodes::of_axis(&nodes.name, number), &mut Vec::new()).await?;
+        found.push((name.unwrap_or_else(|| number.to_string()), at));
+    }
+    Ok(found)
 }
 
 fn block_on<T>(work: impl Future<Output = Result<T, SinumerikError>>) -> Result<T, SinumerikError> {
@@ -183,12 +189,4 @@ async fn one(link: &Link, node: &str) -> Result<DataValue, SinumerikError> {
         .into_iter()
         .next()
         .unwrap_or_else(DataValue::null))
-}
-
-fn number_of(value: &DataValue) -> Option<f64> {
-    let is_good = value.status.is_none_or(|status| status.is_good());
-    match value.value.as_ref().filter(|_| is_good)? {
-        Variant::Boolean(is_on) => Some(f64::from(u8::from(*is_on))),
-        other => other.as_f64().filter(|number| number.is_finite()),
-    }
 }

@@ -238,18 +238,24 @@ impl Answer {
     }
 
     fn number(&self, value: &DataValue) -> Value {
-        let is_good = value.status.is_none_or(|status| status.is_good());
-        let number = match value.value.as_ref().filter(|_| is_good) {
-            Some(Variant::Boolean(is_on)) => Some(f64::from(u8::from(*is_on))),
-            Some(other) => other.as_f64(),
-            None => None,
-        };
         let age = value.source_timestamp.map(|source| {
             let ticks = self.ticks.saturating_sub(source.ticks());
             // One of the future is as new as can be.
             Duration::from_nanos(u64::try_from(ticks).unwrap_or(0).saturating_mul(100))
         });
-        Value { number, age }
+        Value {
+            number: number_of(value),
+            age,
+        }
+    }
+}
+
+/// The number of a value, 1 for true; `None` where the server has none, calls it no good one, or it is not finite.
+pub(super) fn number_of(value: &DataValue) -> Option<f64> {
+    let is_good = value.status.is_none_or(|status| status.is_good());
+    match value.value.as_ref().filter(|_| is_good)? {
+        Variant::Boolean(is_on) => Some(f64::from(u8::from(*is_on))),
+        other => other.as_f64().filter(|number| number.is_finite()),
     }
 }
 

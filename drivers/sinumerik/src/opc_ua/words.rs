@@ -12,8 +12,7 @@ const AT_ONCE: usize = 16;
 /// failed one nothing is known of the session, and it should be dropped.
 pub struct MapWords {
     runtime: tokio::runtime::Runtime,
-    /// Always there until it is closed.
-    link: Option<Link>,
+    link: Link,
     nodes: MapNodes,
     capacity: usize,
 }
@@ -31,7 +30,7 @@ impl MapWords {
         let link = runtime.block_on(Link::open(server))?;
         Ok(Self {
             runtime,
-            link: Some(link),
+            link,
             nodes,
             capacity,
         })
@@ -52,8 +51,7 @@ impl MapWords {
     pub fn write(&self, words: &[u16]) -> Result<(), SinumerikError> {
         let node = &self.nodes.mailbox;
         let value = Variant::from(words.to_vec());
-        let link = self.link()?;
-        let write = link.write(std::iter::once((node, value)));
+        let write = self.link.write(std::iter::once((node, value)));
         match self.runtime.block_on(write)?.first() {
             Some(status) if status.is_good() => Ok(()),
             status => Err(SinumerikError::Node {
@@ -78,20 +76,12 @@ impl MapWords {
     }
 
     /// Ends the session in good order, for a control that admits only a few.
-    pub fn close(mut self) {
-        if let Some(link) = self.link.take() {
-            self.runtime.block_on(link.close());
-        }
-    }
-
-    fn link(&self) -> Result<&Link, SinumerikError> {
-        self.link
-            .as_ref()
-            .ok_or_else(|| SinumerikError::Connect("the session ended".to_owned()))
+    pub fn close(self) {
+        self.runtime.block_on(self.link.close());
     }
 
     fn read(&self, nodes: &[String]) -> Result<Vec<u16>, SinumerikError> {
-        let answer = self.runtime.block_on(self.link()?.read(nodes))?;
+        let answer = self.runtime.block_on(self.link.read(nodes))?;
         let mut words = Vec::new();
         for (node, value) in nodes.iter().zip(&answer.values) {
             let found = words_of(value).ok_or_else(|| SinumerikError::Node {
