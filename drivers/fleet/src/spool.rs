@@ -150,15 +150,40 @@ impl Spool {
     }
 }
 
+/// A file on disk. Its name tells its number, by which the files are in order, and how many messages were written, so that
+/// those lost with a damaged file are counted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Stored {
+    number: u64,
+    messages: u64,
+    bytes: u64,
+}
+
+impl Stored {
+    /// The file of this name; `None`: it is none of ours.
+    fn named(name: &str, bytes: u64) -> Option<Self> {
+        let (number, messages) = name.strip_suffix(".spool")?.split_once('-')?;
+        Some(Self {
+            number: number.parse().ok()?,
+            messages: messages.parse().ok()?,
+            bytes,
+        })
+    }
+
+    fn name(self) -> String {
+        format!("{:012}-{}.spool", self.number, self.messages)
+    }
+}
+
 /// One lane: files, the oldest first; of the oldest file what it holds; then what is in memory.
 #[derive(Debug)]
 struct Queue {
     folder: PathBuf,
     limit: u64,
-    /// The numbers and lengths of the files that have not been read yet, the oldest first.
-    files: VecDeque<(u64, u64)>,
-    /// The number of the file that is being given out, until all of it is done.
-    open: Option<u64>,
+    /// The files that have not been read yet, the oldest first.
+    files: VecDeque<Stored>,
+    /// The file that is being given out, until all of it is done.
+    open: Option<Stored>,
     /// What is left of it.
     front: VecDeque<Waiting>,
     /// The message that is given out, and whether it came from the open file. It has left its place, so that nothing which is
@@ -175,20 +200,16 @@ struct Queue {
 impl Queue {
     fn open(folder: PathBuf, limit: u64) -> io::Result<Self> {
         std::fs::create_dir_all(&folder)?;
-        let mut files: Vec<(u64, u64)> = Vec::new();
+        let mut files: Vec<Stored> = Vec::new();
         for entry in std::fs::read_dir(&folder)? {
             let entry = entry?;
             let name = entry.file_name();
-            let number = name.to_str().and_then(|name| name.strip_suffix(".spool"));
-            if let Some(number) = number.and_then(|number| number.parse().ok()) {
-                files.push((number, entry.metadata()?.len()));
-            }
+            let length = entry.metadata()?.len();
+            files.extend(name.to_str().and_then(|name| Stored::named(name, length)));
         }
         files.sort_unstable();
         Ok(Self {
-            next_file: files
-                .last()
-                .map_or(0, |(number, _)| number.saturating_add(1)),
+            next_file: files.last().map_or(0, |file| file.number.saturating_add(1)),
             files: files.into(),
             folder,
             limit,
@@ -201,8 +222,8 @@ impl Queue {
         })
     }
 
-    fn path(&self, number: u64) -> PathBuf {
-        self.folder.join(format!("{number:012}.spool"))
+    fn path(&self, file: Stored) -> PathBuf {
+        self.folder.join(file.name())
     }
 
     fn push(&mut self, message: Waiting) {
@@ -238,7 +259,12 @@ impl Queue {
             }
             let length = bytes.len() as u64;
             self.make_room(length);
-            let path = self.path(self.next_file);
+            let file = Stored {
+                number: self.next_file,
+                messages: count as u64,
+                bytes: length,
+            };
+            let path = self.path(file);
             if let Err(e) = std::fs::write(&path, &bytes) {
                 // A part of it may be there: it would be given out besides what is still in memory.
                 let _ = std::fs::remove_file(&path);
@@ -246,23 +272,20 @@ impl Queue {
                 return;
             }
             self.trouble = None;
-            self.files.push_back((self.next_file, length));
+            self.files.push_back(file);
             self.next_file = self.next_file.saturating_add(1);
             self.memory.drain(..count);
         }
     }
 
     fn make_room(&mut self, length: u64) {
-        let held = |files: &VecDeque<(u64, u64)>| files.iter().map(|file| file.1).sum::<u64>();
+        let held = |files: &VecDeque<Stored>| files.iter().map(|file| file.bytes).sum::<u64>();
         while held(&self.files) + length > self.limit {
-            let Some((number, _)) = self.files.pop_front() else {
+            let Some(file) = self.files.pop_front() else {
                 return;
             };
-            let path = self.path(number);
-            if let Ok(bytes) = std::fs::read(&path) {
-                self.dropped += spool_file::records(&bytes).count() as u64;
-            }
-            let _ = std::fs::remove_file(path);
+            self.dropped = self.dropped.saturating_add(file.messages);
+            let _ = std::fs::remove_file(self.path(file));
         }
     }
 
@@ -276,28 +299,39 @@ impl Queue {
     fn next(&mut self) -> Option<(Waiting, bool)> {
         while self.front.is_empty() {
             self.close();
-            let Some((number, _)) = self.files.pop_front() else {
+            let Some(file) = self.files.pop_front() else {
                 return self.memory.pop_front().map(|message| (message, false));
             };
-            self.open = Some(number);
-            if let Ok(bytes) = std::fs::read(self.path(number)) {
-                let waiting = spool_file::records(&bytes).map(|record| {
-                    Some(Waiting {
-                        // One that another version of this program has written has no subject here.
-                        kind: Kind::with_name(record.kind)?,
-                        id: record.id.to_owned(),
-                        bytes: record.bytes.to_vec(),
-                    })
-                });
-                for message in waiting {
-                    match message {
-                        Some(message) => self.front.push_back(message),
-                        None => self.dropped += 1,
-                    }
+            let path = self.path(file);
+            match std::fs::read(&path) {
+                // It is still there perhaps: it is tried again, and what came later goes first.
+                Err(e) if e.kind() != io::ErrorKind::NotFound || !self.folder.is_dir() => {
+                    self.trouble = Some(format!("{}: {e}", path.display()));
+                    self.files.push_front(file);
+                    return self.memory.pop_front().map(|message| (message, false));
                 }
+                Err(_) => self.dropped = self.dropped.saturating_add(file.messages),
+                Ok(bytes) => self.give_out(file, &bytes),
             }
         }
         self.front.pop_front().map(|message| (message, true))
+    }
+
+    /// Takes the messages of a file. What is damaged of it is dropped, and what another version of this program has
+    /// written, which has no subject here.
+    fn give_out(&mut self, file: Stored, bytes: &[u8]) {
+        self.open = Some(file);
+        self.trouble = None;
+        let waiting = spool_file::records(bytes).filter_map(|record| {
+            Some(Waiting {
+                kind: Kind::with_name(record.kind)?,
+                id: record.id.to_owned(),
+                bytes: record.bytes.to_vec(),
+            })
+        });
+        self.front.extend(waiting);
+        let lost = file.messages.saturating_sub(self.front.len() as u64);
+        self.dropped = self.dropped.saturating_add(lost);
     }
 
     fn done(&mut self) {
@@ -318,8 +352,8 @@ impl Queue {
 
     /// The file that was given out is no longer needed.
     fn close(&mut self) {
-        if let Some(number) = self.open.take() {
-            let _ = std::fs::remove_file(self.path(number));
+        if let Some(file) = self.open.take() {
+            let _ = std::fs::remove_file(self.path(file));
         }
     }
 }

@@ -66,6 +66,7 @@ fn what_two_machines_have_in_common_is_refused() {
     refused(&format!("[dashboard] listen = {address}"));
     change(&config("mill-2"), &address, "127.0.0.1:0");
     other_systems(&shop, &address, &refused);
+    fleet(&shop, &refused);
     // The configuration itself.
     change(&shop.file, "mill-2/G.toml", "elsewhere/G.toml");
     refused("config = ");
@@ -75,6 +76,29 @@ fn what_two_machines_have_in_common_is_refused() {
     let (_, errors, status) = said(&check(&shop.file, &[]));
     assert_eq!(status, Some(2), "{errors}");
     assert!(errors.contains("the overview and mill-1 have in common: [dashboard] listen"));
+}
+
+/// Their place in a fleet.
+fn fleet(shop: &Shop, refused: &dyn Fn(&str)) {
+    if !cfg!(feature = "fleet") {
+        return;
+    }
+    let member = |machine: &str, dir: &str| {
+        format!(
+            "[fleet]\nurl = \"nats://127.0.0.1:1\"\nsite = \"berlin\"\nmachine = \"{machine}\"\nserial = \"4711\"\nnkey_file = \"nkey\"\ntrusted_keys = [\"6kpsY+KcUgq+9VB7Ey7F+ZVHdq6+vnuSQh7qaRRG0iw=\"]\ndir = \"{dir}\"\n[dashboard]"
+        )
+    };
+    let one = member("mill-1", "fleet");
+    change(&shop.config("mill-1"), "[dashboard]", &one);
+    for (other, what) in [
+        (member("mill-1", "fleet"), "[fleet] machine = mill-1"),
+        (member("mill-2", "../mill-1/fleet"), "[fleet] dir = "),
+    ] {
+        change(&shop.config("mill-2"), "[dashboard]", &other);
+        refused(what);
+        change(&shop.config("mill-2"), &other, "[dashboard]");
+    }
+    change(&shop.config("mill-1"), &one, "[dashboard]");
 }
 
 /// What other systems know the machines by. The first machine has its dashboard at `address`.

@@ -268,7 +268,13 @@ fn an_axis_that_rolls_over_has_no_map() {
     let [x, y, z] = linear;
     let refused = made(&[x, y, z, AxisName::C]);
     assert!(
-        matches!(refused, Err(TablesError::RollsOver { axis: AxisName::C, .. })),
+        matches!(
+            refused,
+            Err(TablesError::RollsOver {
+                axis: AxisName::C,
+                ..
+            })
+        ),
         "{refused:?}"
     );
 }

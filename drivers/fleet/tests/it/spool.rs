@@ -157,3 +157,42 @@ fn a_disk_that_takes_nothing_is_told_and_ends_nothing() {
         .collect();
     assert_eq!(all(&mut spool), expected);
 }
+
+/// The disk is away for a moment: unmounted, an error of reading, no descriptor left. What waits on it still comes.
+#[test]
+fn a_disk_that_cannot_be_read_for_a_moment_loses_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let [place, away] = ["spool", "away"].map(|name| folder.path().join(name));
+    let mut spool = open(&place);
+    for number in 0..500 {
+        spool.push(message(Kind::Ack, number, 100));
+    }
+    std::fs::rename(&place, &away).unwrap();
+    assert!(spool.first().is_some(), "what is in memory comes");
+    assert!(spool.trouble().is_some());
+    std::fs::rename(&away, &place).unwrap();
+    assert_eq!((all(&mut spool).len(), spool.dropped()), (500, 0));
+    assert_eq!(spool.trouble(), None);
+}
+
+/// One byte of a file is damaged: what is lost with it is counted.
+#[test]
+fn what_is_lost_with_a_damaged_file_is_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut spool = open(folder.path());
+    for number in 0..500 {
+        spool.push(message(Kind::Ack, number, 100));
+    }
+    spool.flush();
+    drop(spool);
+    let kept = std::fs::read_dir(folder.path().join("kept")).unwrap();
+    let mut files: Vec<_> = kept.map(|entry| entry.unwrap().path()).collect();
+    files.sort();
+    let mut bytes = std::fs::read(&files[0]).unwrap();
+    bytes[20] ^= 1;
+    std::fs::write(&files[0], bytes).unwrap();
+    let mut spool = open(folder.path());
+    let came = all(&mut spool).len();
+    assert!(came < 500);
+    assert_eq!(came as u64 + spool.dropped(), 500, "{came} came");
+}
