@@ -9,7 +9,9 @@ use volcomp_vocabulary::{AxisKind, AxisName};
 use crate::csv_head::{is_target_unit, unit_of};
 use crate::encoding::{decode, first_line, refuse_empty, wrong_kind};
 use crate::number::{Place, decimals};
-use crate::{DeviationUnit, Direction, Measurement, MetrologyError, Reading, ReadingUnit};
+use crate::{
+    DeviationUnit, Direction, FileFormat, Measurement, MetrologyError, Reading, ReadingUnit,
+};
 
 const NAMES: [&str; 4] = ["target", "run", "direction", "deviation"];
 const EXPECTED_HEADER: &str = "the header `target,run,direction,deviation` or `target,deviation`";
@@ -53,6 +55,8 @@ pub fn parse_csv(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
     notes.extend(zero_direction(&read.readings));
     Ok(Measurement {
         name: name.into(),
+        format: Some(FileFormat::Table),
+        quantity: None,
         unit: columns.unit.map(ReadingUnit::held_in),
         stated: columns.unit,
         target_unit: columns.target_unit.map(str::to_owned),
@@ -279,7 +283,7 @@ fn counted(n: usize, noun: &str) -> String {
     format!("{n} {noun}{}", if n == 1 { "" } else { "s" })
 }
 
-fn incomplete_runs(readings: &[Reading]) -> Vec<String> {
+pub(crate) fn incomplete_runs(readings: &[Reading]) -> Vec<String> {
     let mut targets_of_run: BTreeMap<(Direction, u32), usize> = BTreeMap::new();
     let mut all: BTreeSet<u64> = BTreeSet::new();
     for reading in readings {
@@ -308,7 +312,7 @@ fn incomplete_runs(readings: &[Reading]) -> Vec<String> {
     notes
 }
 
-fn zero_direction(readings: &[Reading]) -> Option<String> {
+pub(crate) fn zero_direction(readings: &[Reading]) -> Option<String> {
     let in_direction = |direction| readings.iter().filter(move |r| r.direction == direction);
     let all_zero = |direction| in_direction(direction).all(|r| r.deviation == 0.0);
     let suspicious = in_direction(Direction::Negative).count() > 1

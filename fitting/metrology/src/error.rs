@@ -151,6 +151,32 @@ pub enum MetrologyError {
         /// Foot spacing of the bridge, mm.
         bridge_mm: f64,
     },
+    /// A file holds no readings at targets, though something else.
+    #[error("{file}: found {found}, expected readings at targets: {how}")]
+    NoTargets {
+        /// The file as it was named by the caller.
+        file: String,
+        /// What the file holds.
+        found: String,
+        /// How readings may be had from it.
+        how: String,
+    },
+    /// The file that says what the columns or channels of another mean cannot be read.
+    #[error("{message}")]
+    Mapping {
+        /// The message of the reader, with the file.
+        message: String,
+    },
+    /// A mapping of columns for a log, or of channels for a table.
+    #[error("{file}: found {found}, expected {expected}")]
+    WrongMapping {
+        /// The measurement file.
+        file: String,
+        /// The mapping that was given.
+        found: &'static str,
+        /// The one that such a file needs.
+        expected: &'static str,
+    },
     /// An error name has no meaning in this place.
     #[error("{what}: found `{found}`, expected {expected}")]
     ErrorName {

@@ -1,12 +1,20 @@
 #![doc = include_str!("../README.md")]
 
 mod abbe;
+mod api_pos;
+mod camonitor;
 mod csv_file;
 mod csv_head;
+mod dwell;
 mod encoding;
+mod environment_notes;
 mod error;
+mod file_format;
 pub mod form;
 mod iso230_2;
+mod keysight;
+mod mapped_table;
+mod mapping;
 mod measurement;
 mod motion_kind;
 mod number;
@@ -14,19 +22,31 @@ mod outliers;
 mod read;
 mod reading_unit;
 mod renishaw;
+mod report;
 mod squareness;
 mod straightness;
+mod travel;
 
 pub use abbe::{CarriedSide, Rides, Travel, abbe_um, lever_mm};
+pub use api_pos::parse_pos;
+pub use camonitor::{Channel, ChannelLog, parse_camonitor};
 pub use csv_file::{parse_csv, write_csv};
+pub use dwell::{Channels, readings_at_dwells};
+pub use environment_notes::{
+    MATERIAL_WITHIN_K, REFERENCE_DEGC, environment_notes, material_compensation,
+};
 pub use error::{Finding, MetrologyError};
+pub use file_format::{FileFormat, Quantity};
 pub use iso230_2::{Approach, Iso230Part2, TargetRow, evaluate};
+pub use keysight::parse_keysight_report;
+pub use mapped_table::parse_table_with;
+pub use mapping::{ColumnName, Columns, Mapping, TargetUnit};
 pub use measurement::{DeviationUnit, Environment, Measurement, Metadata, Reading, StartEnd};
 pub use motion_kind::MotionKind;
 pub use outliers::{OutlierHint, outlier_hints};
-pub use read::{READ_EXTENSIONS, read_file};
+pub use read::{Content, READ_EXTENSIONS, read_content, read_file, read_file_with};
 pub use reading_unit::ReadingUnit;
-pub use renishaw::{RenishawKind, parse_renishaw, write_renishaw};
+pub use renishaw::{Capture, RenishawKind, parse_ren, parse_renishaw, parse_rtx, write_renishaw};
 pub use squareness::{squareness, squareness_parts};
 pub use straightness::{ReferenceKind, ReferenceLine, TiltReading, angular_method_um, tilt_sign};
 pub use volcomp_vocabulary::Direction;

@@ -2,7 +2,7 @@
 
 use volcomp_vocabulary::{AxisName, Direction};
 
-use crate::{MetrologyError, ReadingUnit};
+use crate::{FileFormat, MetrologyError, Quantity, ReadingUnit};
 
 /// Unit of the deviations of a measurement, as they are held in memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -53,7 +53,7 @@ pub struct Reading {
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Metadata {
-    /// File type of the header (`rtl`, `rta`).
+    /// File type of the header (`rtl`, `rta`, `rts`).
     pub format: Option<String>,
     /// Owner: the program that wrote the file.
     pub owner: Option<String>,
@@ -115,6 +115,12 @@ pub struct Measurement {
     pub name: String,
     /// Unit of the deviations; `None` when the file does not say (CSV).
     pub unit: Option<DeviationUnit>,
+    /// The kind of file that the readings came from; `None` for readings built in code.
+    #[cfg_attr(feature = "serde", serde(default))]
+    pub format: Option<FileFormat>,
+    /// What was measured, where the kind of file says it.
+    #[cfg_attr(feature = "serde", serde(default))]
+    pub quantity: Option<Quantity>,
     /// The unit in which the file has the deviations, where its header states one (CSV).
     #[cfg_attr(feature = "serde", serde(default))]
     pub stated: Option<ReadingUnit>,

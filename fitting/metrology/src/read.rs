@@ -1,23 +1,92 @@
-//! A measurement file of any kind, by its extension.
+//! A measurement file of any kind, by its extension and its content.
 
 use std::io::Read;
 use std::path::Path;
 
+use crate::api_pos::parse_pos;
+use crate::camonitor::{ChannelLog, is_log, parse_camonitor};
+use crate::dwell::readings_at_dwells;
+use crate::encoding::{decode, first_line, wrong_kind};
+use crate::keysight::{is_report, parse_keysight_report};
+use crate::mapped_table::parse_table_with;
+use crate::mapping::Mapping;
+use crate::renishaw::{Capture, parse_ren, parse_rtx};
 use crate::{Measurement, MetrologyError, RenishawKind, parse_csv, parse_renishaw};
+use volcomp_document::quoted;
 
 /// The extensions that [`read_file`] knows, for messages.
-pub const READ_EXTENSIONS: &str = ".rtl, .rta, .csv";
+pub const READ_EXTENSIONS: &str = ".rtl, .rta, .rts, .rtx, .REN, .pos, .csv, .txt, .log, .dat";
 
 const LIMIT_MIB: u64 = 256;
 
-/// Reads a measurement file: `.rtl` and `.rta` (Renishaw laser), `.csv` (table of readings), case ignored.
+/// What a measurement file holds.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Content {
+    /// Readings at targets.
+    Measurement(Box<Measurement>),
+    /// A dynamic capture, without targets.
+    Capture(Box<Capture>),
+    /// A log of channels, of which nobody said which is what.
+    Log(Box<ChannelLog>),
+}
+
+impl Content {
+    /// The readings at targets.
+    ///
+    /// # Errors
+    /// A capture or a log without a mapping has none.
+    pub fn into_measurement(self) -> Result<Measurement, MetrologyError> {
+        match self {
+            Self::Measurement(measurement) => Ok(*measurement),
+            Self::Capture(capture) => Err(MetrologyError::NoTargets {
+                file: capture.name,
+                found: format!("a dynamic capture of {} samples", capture.samples.len()),
+                how: "measure with targets, `volcomp inspect` shows what the capture holds".into(),
+            }),
+            Self::Log(log) => {
+                let names: Vec<&str> = log.channels.iter().map(|c| c.name.as_str()).collect();
+                Err(MetrologyError::NoTargets {
+                    found: format!("a log of the channels {}", names.join(", ")),
+                    how: format!(
+                        "state in `channels`, in the calibration file or in {} beside it, which channel is the target and which the reading",
+                        file_name(&Mapping::beside(Path::new(&log.name)))
+                    ),
+                    file: log.name,
+                })
+            }
+        }
+    }
+}
+
+/// Reads a measurement file with readings at targets; case of the extension ignored.
 ///
-/// The extension says how to read, the content is checked against it.
+/// The extension says how to read, the content is checked against it: `.rtl`, `.rta` and `.rts` (Renishaw laser), `.REN`
+/// (compensation export), `.pos` (API laser), `.csv` (table of readings). `.txt`, `.log` and `.dat` are told by their content: reports of
+/// 5529 and 5530 lasers, logs of `camonitor`. A file `NAME.toml` beside the file NAME says which columns or channels
+/// are what ([`Mapping`]).
 ///
 /// # Errors
-/// The file cannot be read, its extension is not known, or its content is broken: see [`parse_csv`] and
-/// [`parse_renishaw`].
+/// The file cannot be read, its extension is not known, its content is broken, or it holds no targets.
 pub fn read_file(path: &Path) -> Result<Measurement, MetrologyError> {
+    read_file_with(path, None)
+}
+
+/// As [`read_file`], with the meaning of columns or channels where the caller knows it.
+///
+/// # Errors
+/// As [`read_file`], and a mapping of another kind than the file.
+pub fn read_file_with(
+    path: &Path,
+    mapping: Option<&Mapping>,
+) -> Result<Measurement, MetrologyError> {
+    read_content(path, mapping)?.into_measurement()
+}
+
+/// Reads a file of any kind, those without targets included.
+///
+/// # Errors
+/// As [`read_file`].
+pub fn read_content(path: &Path, mapping: Option<&Mapping>) -> Result<Content, MetrologyError> {
     let name = path.display().to_string();
     let extension = path
         .extension()
@@ -26,15 +95,95 @@ pub fn read_file(path: &Path) -> Result<Measurement, MetrologyError> {
     if path.is_dir() {
         return Err(MetrologyError::Directory { file: name });
     }
-    match extension.as_str() {
-        "rtl" => parse_renishaw(&bytes_of(path, &name)?, &name, RenishawKind::Linear),
-        "rta" => parse_renishaw(&bytes_of(path, &name)?, &name, RenishawKind::Angular),
-        "csv" => parse_csv(&bytes_of(path, &name)?, &name),
-        _ => Err(MetrologyError::Extension {
-            file: name,
-            found: extension_found(&extension),
-        }),
+    let bytes = || bytes_of(path, &name);
+    let renishaw = |kind| parse_renishaw(&bytes()?, &name, kind);
+    let measurement = match extension.as_str() {
+        "rtl" => renishaw(RenishawKind::Linear)?,
+        "rta" => renishaw(RenishawKind::Angular)?,
+        "rts" => renishaw(RenishawKind::Straightness)?,
+        "ren" => parse_ren(&bytes()?, &name)?,
+        "pos" => parse_pos(&bytes()?, &name)?,
+        "rtx" => return Ok(Content::Capture(Box::new(parse_rtx(&bytes()?, &name)?))),
+        "csv" | "txt" | "log" | "dat" => {
+            let beside = match mapping {
+                Some(_) => None,
+                None => Mapping::read_beside(path)?,
+            };
+            return by_content(&bytes()?, &name, mapping.or(beside.as_ref()), &extension);
+        }
+        _ => {
+            return Err(MetrologyError::Extension {
+                file: name,
+                found: extension_found(&extension),
+            });
+        }
+    };
+    Ok(Content::Measurement(Box::new(measurement)))
+}
+
+fn by_content(
+    bytes: &[u8],
+    name: &str,
+    mapping: Option<&Mapping>,
+    extension: &str,
+) -> Result<Content, MetrologyError> {
+    let measured = |m: Measurement| Content::Measurement(Box::new(m));
+    let (text, _) = decode(bytes, name)?;
+    let wrong = |found, expected| MetrologyError::WrongMapping {
+        file: name.to_owned(),
+        found,
+        expected,
+    };
+    if is_log(&text) {
+        let log = parse_camonitor(bytes, name)?;
+        return match mapping {
+            Some(Mapping::Channels(channels)) => readings_at_dwells(&log, channels).map(measured),
+            Some(Mapping::Columns(_)) => Err(wrong(
+                "`columns`",
+                "`channels`: the file is a log of camonitor",
+            )),
+            None => Ok(Content::Log(Box::new(log))),
+        };
     }
+    match mapping {
+        Some(Mapping::Columns(columns)) => {
+            return parse_table_with(bytes, name, columns).map(measured);
+        }
+        Some(Mapping::Channels(_)) => {
+            return Err(wrong(
+                "`channels`",
+                "`columns`: the file is no log of camonitor",
+            ));
+        }
+        None => {}
+    }
+    if is_report(&text) {
+        return parse_keysight_report(bytes, name).map(measured);
+    }
+    if extension == "csv" {
+        return parse_csv(bytes, name).map(measured);
+    }
+    let Some((line, first)) = first_line(&text) else {
+        return Err(MetrologyError::Empty {
+            file: name.into(),
+            expected: "a report, a log or a table".into(),
+        });
+    };
+    // A table may be called `.txt`, with the heads of the plain one.
+    let lower = first.to_lowercase();
+    if lower.contains("target") && lower.contains("deviation") {
+        return parse_csv(bytes, name).map(measured);
+    }
+    Err(MetrologyError::Kind(wrong_kind(
+        name,
+        line,
+        quoted(first),
+        "a report of a 5529 or 5530 laser, a log of camonitor, the header `target,run,direction,deviation`, or `columns` that say what stands where",
+    )))
+}
+
+fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().display().to_string()
 }
 
 fn bytes_of(path: &Path, name: &str) -> Result<Vec<u8>, MetrologyError> {

@@ -1,16 +1,21 @@
-//! Renishaw laser files: `.rtl` (linear, µm) and `.rta` (angular, milliradian).
+//! Renishaw laser files: `.rtl` (linear, µm), `.rta` (angular, milliradian) and `.rts` (straightness, taken as µm), the
+//! dynamic captures `.rtx` and the compensation exports `.REN`.
 
+mod capture;
 mod directions;
 mod document;
 mod environment;
+mod export;
 mod parse;
 mod sections;
 mod write;
 
+pub use capture::{Capture, parse_rtx};
+pub use export::parse_ren;
 pub use parse::parse_renishaw;
 pub use write::write_renishaw;
 
-use crate::DeviationUnit;
+use crate::{DeviationUnit, FileFormat, Quantity};
 
 /// Which of the Renishaw formats a file is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -20,6 +25,8 @@ pub enum RenishawKind {
     Linear,
     /// `.rta`: angular, deviations in milliradian in the file, in µrad in memory.
     Angular,
+    /// `.rts`: straightness, deviations across the axis, taken as µm: no real file has proven the unit.
+    Straightness,
 }
 
 impl RenishawKind {
@@ -27,12 +34,13 @@ impl RenishawKind {
         match self {
             Self::Linear => "rtl",
             Self::Angular => "rta",
+            Self::Straightness => "rts",
         }
     }
 
     fn unit(self) -> DeviationUnit {
         match self {
-            Self::Linear => DeviationUnit::Um,
+            Self::Linear | Self::Straightness => DeviationUnit::Um,
             Self::Angular => DeviationUnit::Urad,
         }
     }
@@ -40,8 +48,24 @@ impl RenishawKind {
     /// µm or µrad for one unit of the file.
     fn scale(self) -> f64 {
         match self {
-            Self::Linear => 1.0,
+            Self::Linear | Self::Straightness => 1.0,
             Self::Angular => 1000.0,
+        }
+    }
+
+    fn format(self) -> FileFormat {
+        match self {
+            Self::Linear => FileFormat::RenishawLinear,
+            Self::Angular => FileFormat::RenishawAngular,
+            Self::Straightness => FileFormat::RenishawStraightness,
+        }
+    }
+
+    fn quantity(self) -> Quantity {
+        match self {
+            Self::Linear => Quantity::Positioning,
+            Self::Angular => Quantity::Angle,
+            Self::Straightness => Quantity::Straightness,
         }
     }
 }

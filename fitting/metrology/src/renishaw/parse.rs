@@ -4,13 +4,16 @@ use super::document::{Document, Section};
 use super::environment::environment;
 use super::{RenishawKind, directions, sections};
 use crate::encoding::{decode, refuse_empty, wrong_kind};
+use crate::environment_notes::environment_notes;
 use crate::{Measurement, Metadata, MetrologyError, Reading};
+
+const STRAIGHTNESS_NOT_PROVEN: &str = "deviations of .rts files are taken as µm, positive as the optics read them: no real file has proven unit and sign, so compare one with a known deviation";
 
 /// Reads a Renishaw laser file.
 ///
 /// Sections, keys (case, blanks and hyphens ignored) and numbers follow the grammar that independent readers and
 /// writers of the format share; unknown sections and keys are passed over. Targets are mm or deg. Deviations are
-/// measured − target: µm in `.rtl`; milliradian in `.rta`, held as µrad.
+/// measured − target: µm in `.rtl`; milliradian in `.rta`, held as µrad; in `.rts` taken as µm across the axis, with a note.
 ///
 /// - The middle column of DEVIATIONS is the number of the target in the list, from 1. In a file where it cannot be
 ///   that in some row (not whole, out of range) and equals a target in every row, it is read as the target. Row order
@@ -47,8 +50,14 @@ pub fn parse_renishaw(
     if document.text_after_end {
         notes.push("text after `EOF::` was not read".into());
     }
+    if kind == RenishawKind::Straightness {
+        notes.push(STRAIGHTNESS_NOT_PROVEN.into());
+    }
+    notes.extend(environment_notes(&environment));
     Ok(Measurement {
         name: name.into(),
+        format: Some(kind.format()),
+        quantity: Some(kind.quantity()),
         unit: Some(kind.unit()),
         stated: None,
         target_unit: None,

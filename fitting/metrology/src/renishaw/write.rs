@@ -2,11 +2,11 @@ use std::fmt::Write as _;
 
 use super::RenishawKind;
 use super::environment::NO_SENSOR_DEGC;
-use crate::{DeviationUnit, Direction, Environment, Measurement, Reading, StartEnd};
+use crate::{DeviationUnit, Direction, Environment, Measurement, Quantity, Reading, StartEnd};
 
 const TARGETS_PER_LINE: usize = 5;
 
-/// Writes a Renishaw laser file: `.rta` for deviations in µrad, else `.rtl`.
+/// Writes a Renishaw laser file: `.rta` for deviations in µrad, `.rts` for a straightness, else `.rtl`.
 ///
 /// CRLF; one pass a run, forward and backward in turn, reverse runs in the order of travel (targets descending);
 /// `Run-count` is the number of passes, the second flag 1 for one direction only. Targets and µm have six decimals,
@@ -15,6 +15,7 @@ const TARGETS_PER_LINE: usize = 5;
 pub fn write_renishaw(measurement: &Measurement) -> String {
     let kind = match measurement.unit {
         Some(DeviationUnit::Urad) => RenishawKind::Angular,
+        _ if measurement.quantity == Some(Quantity::Straightness) => RenishawKind::Straightness,
         _ => RenishawKind::Linear,
     };
     let targets = measurement.targets();
@@ -114,7 +115,7 @@ fn deviations(passes: &[Vec<Reading>], targets: &[f64], kind: RenishawKind) -> V
             let number = 1 + targets.partition_point(|t| *t < reading.target);
             let value = reading.deviation / kind.scale();
             let decimals = match kind {
-                RenishawKind::Linear => 6,
+                RenishawKind::Linear | RenishawKind::Straightness => 6,
                 RenishawKind::Angular => 9,
             };
             lines.push(format!("{:>4} {number:>5} {value:>16.decimals$}", pass + 1));

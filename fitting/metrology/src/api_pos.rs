@@ -1,0 +1,256 @@
+//! API laser files `.pos`: tables of means over the runs, errors in mm.
+
+use volcomp_document::quoted;
+
+use crate::encoding::{decode, refuse_empty, wrong_kind};
+use crate::number::Place;
+use crate::report::{decimals_of, metadata_of};
+use crate::{DeviationUnit, Direction, FileFormat, Measurement, MetrologyError, Quantity, Reading};
+
+const EXPECTED: &str = "a table headed `Position   Bidirectional Avg Error`";
+/// mm in the file, µm in memory.
+const UM_PER_MM: f64 = 1e3;
+
+/// Reads a position file of an API laser (`.pos`): the tables headed `Position  Bidirectional | Forward Directional | Backward
+/// Directional Avg Error`, targets and errors in mm.
+///
+/// The file holds means over the runs, not the runs: forward and backward means become one run each. Where it has only the
+/// mean of both directions, that stands as one forward run, with a note. The mean of both is compared with its halves.
+///
+/// # Errors
+/// None of the tables, a table twice, rows that are not two numbers, a target twice, tables of different targets, a mean
+/// of both directions that is not that of the two.
+pub fn parse_pos(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError> {
+    let (text, encoding_note) = decode(bytes, name)?;
+    refuse_empty(&text, name, EXPECTED)?;
+    let tables = tables(&text, name)?;
+    let of = |which: Which| tables.iter().find(|table| table.which == which);
+    let (both, forward, backward) = (of(Which::Both), of(Which::Forward), of(Which::Backward));
+    let mut notes: Vec<String> = encoding_note.into_iter().collect();
+    notes.push(
+        "the file holds means over the runs: single runs, A, R and outliers are not in it".into(),
+    );
+    let mut readings = Vec::new();
+    match (forward, backward, both) {
+        (Some(forward), Some(backward), both) => {
+            compare(name, forward, backward, both)?;
+            readings.extend(forward.readings(Direction::Positive));
+            readings.extend(backward.readings(Direction::Negative));
+        }
+        (Some(forward), None, _) => {
+            notes.push("no table of the backward direction: reversal values are not in it".into());
+            readings.extend(forward.readings(Direction::Positive));
+        }
+        (None, _, Some(both)) => {
+            notes.push("only the mean of both directions is in the file, and read as one forward run: reversal values are not in it".into());
+            readings.extend(both.readings(Direction::Positive));
+        }
+        (None, Some(backward), None) => readings.extend(backward.readings(Direction::Negative)),
+        (None, None, None) => {
+            let first = text.lines().next().unwrap_or_default().trim();
+            return Err(MetrologyError::Kind(wrong_kind(
+                name,
+                1,
+                quoted(first),
+                EXPECTED,
+            )));
+        }
+    }
+    let above = text
+        .lines()
+        .take_while(|line| Which::of(line.trim()).is_none());
+    Ok(Measurement {
+        name: name.into(),
+        format: Some(FileFormat::ApiPos),
+        quantity: Some(Quantity::Positioning),
+        unit: Some(DeviationUnit::Um),
+        metadata: metadata_of(above),
+        readings,
+        notes,
+        ..Measurement::default()
+    })
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Which {
+    Both,
+    Forward,
+    Backward,
+}
+
+impl Which {
+    fn of(line: &str) -> Option<Self> {
+        let words = line
+            .split_ascii_whitespace()
+            .collect::<Vec<_>>()
+            .join(" ")
+            .to_ascii_lowercase();
+        let which = words
+            .strip_prefix("position ")?
+            .strip_suffix(" avg error")?;
+        match which {
+            "bidirectional" | "bi-directional" => Some(Self::Both),
+            "forward directional" | "forward" => Some(Self::Forward),
+            "backward directional" | "reverse directional" | "backward" | "reverse" => {
+                Some(Self::Backward)
+            }
+            _ => None,
+        }
+    }
+}
+
+struct Row {
+    line: usize,
+    target: f64,
+    error_mm: f64,
+    decimals: usize,
+}
+
+struct Table {
+    which: Which,
+    line: usize,
+    rows: Vec<Row>,
+}
+
+impl Table {
+    fn readings(&self, direction: Direction) -> impl Iterator<Item = Reading> + '_ {
+        self.rows.iter().map(move |row| Reading {
+            target: row.target,
+            run: 1,
+            direction,
+            deviation: row.error_mm * UM_PER_MM,
+        })
+    }
+}
+
+fn tables(text: &str, name: &str) -> Result<Vec<Table>, MetrologyError> {
+    let mut tables: Vec<Table> = Vec::new();
+    let mut open = false;
+    for (index, line) in text.lines().enumerate() {
+        let (number, line) = (index + 1, line.trim());
+        let place = Place {
+            file: name,
+            line: number,
+        };
+        if let Some(which) = Which::of(line) {
+            if let Some(first) = tables.iter().find(|table| table.which == which) {
+                let found = format!("{} again (first in line {})", quoted(line), first.line);
+                return Err(MetrologyError::Repeated(place.finding(
+                    "table",
+                    found,
+                    "each table once",
+                )));
+            }
+            tables.push(Table {
+                which,
+                line: number,
+                rows: Vec::new(),
+            });
+            open = true;
+            continue;
+        }
+        let Some(table) = tables.last_mut().filter(|_| open) else {
+            continue;
+        };
+        if line.is_empty() {
+            continue;
+        }
+        let cells: Vec<&str> = line.split_ascii_whitespace().collect();
+        let is_text = line.starts_with(|c: char| c.is_alphabetic());
+        if is_text && !table.rows.is_empty() {
+            // Another part of the file that is not known, such as a summary.
+            open = false;
+            continue;
+        }
+        let [target, error] = cells[..] else {
+            let expected = "two numbers: position and error, mm";
+            return Err(MetrologyError::Structure(place.finding(
+                "row",
+                quoted(line),
+                expected,
+            )));
+        };
+        let row = Row {
+            line: number,
+            target: place.number("position", target)?,
+            error_mm: place.number("error", error)?,
+            decimals: decimals_of(error),
+        };
+        if let Some(first) = table.rows.iter().find(|other| other.target == row.target) {
+            let found = format!("{} again (first in line {})", quoted(target), first.line);
+            return Err(MetrologyError::Repeated(place.finding(
+                "position",
+                found,
+                "each position once",
+            )));
+        }
+        table.rows.push(row);
+    }
+    if let Some(empty) = tables.iter().find(|table| table.rows.is_empty()) {
+        let place = Place {
+            file: name,
+            line: empty.line,
+        };
+        let expected = "rows of position and error under each head (the file may be cut off)";
+        return Err(MetrologyError::Truncated(
+            place.finding("table", "no rows", expected),
+        ));
+    }
+    Ok(tables)
+}
+
+/// Tables of one test have the same targets, and the mean of both directions is that of the two.
+fn compare(
+    name: &str,
+    forward: &Table,
+    backward: &Table,
+    both: Option<&Table>,
+) -> Result<(), MetrologyError> {
+    let value = |table: &Table, target: f64| {
+        let row = table.rows.iter().find(|row| row.target == target);
+        row.map(|row| (row.error_mm, row.line, row.decimals))
+    };
+    for other in [Some(backward), both].into_iter().flatten() {
+        if other.rows.len() != forward.rows.len() {
+            let place = Place {
+                file: name,
+                line: other.rows.last().map_or(other.line, |row| row.line),
+            };
+            return Err(MetrologyError::Count(place.finding(
+                "table",
+                format!("{} rows", other.rows.len()),
+                format!(
+                    "{}, as in the forward table (the file may be cut off)",
+                    forward.rows.len()
+                ),
+            )));
+        }
+    }
+    for row in &forward.rows {
+        let place = Place {
+            file: name,
+            line: row.line,
+        };
+        let missing = || {
+            let expected = "the same positions in every table";
+            MetrologyError::Count(place.finding("position", row.target.to_string(), expected))
+        };
+        let (back, _, _) = value(backward, row.target).ok_or_else(missing)?;
+        let Some(both) = both else { continue };
+        let (mean, line, decimals) = value(both, row.target).ok_or_else(missing)?;
+        let expected = f64::midpoint(row.error_mm, back);
+        let rounding = 1.01 * 10_f64.powi(-i32::try_from(decimals).unwrap_or(i32::MAX));
+        if (mean - expected).abs() > rounding {
+            let place = Place { file: name, line };
+            return Err(MetrologyError::Structure(place.finding(
+                "mean of both directions",
+                mean.to_string(),
+                format!(
+                    "{expected}, the mean of forward and backward at {}",
+                    row.target
+                ),
+            )));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,265 @@
+//! Readings from a log of channels: where the axis stood still, and what the instrument said there.
+
+use crate::camonitor::{Channel, ChannelLog};
+use crate::travel::runs_by_travel;
+use crate::{FileFormat, Measurement, Metadata, MetrologyError, Reading, ReadingUnit};
+
+/// Which channels of a log are what, and when the axis counts as standing.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Channels {
+    /// The channel of the axis position: the command or the display of the machine, mm or deg.
+    pub target: String,
+    /// The channel of the instrument.
+    pub reading: String,
+    /// Whether the instrument reads positions, from which the target is subtracted; else it reads deviations.
+    pub reads_position: bool,
+    /// The unit of the instrument's channel.
+    pub unit: ReadingUnit,
+    /// The nominal targets, mm or deg; where there are none they come from the places at which the axis stood.
+    pub targets: Vec<f64>,
+    /// The axis stands while its channel stays within this of where it stopped, mm or deg.
+    pub within: f64,
+    /// It has to stand at least so long to be read, s.
+    pub dwell_s: f64,
+    /// The first part of each stand that is not read, s.
+    pub settle_s: f64,
+    /// Whether the deviation at the first target is subtracted from all: for an instrument that was not zeroed.
+    pub zero_at_first: bool,
+}
+
+/// A stand of the axis: from, to (s) and its mean position.
+struct Stand {
+    from_s: f64,
+    to_s: f64,
+    position: f64,
+}
+
+/// Takes the readings of a log where the axis stood still: the mean of what the instrument reported while it did, or, where it
+/// reported nothing because nothing changed, what it reported last. Runs and directions follow the order of travel.
+///
+/// # Errors
+/// A channel that the log does not have, no stand that is long enough, no reading before one of them.
+pub fn readings_at_dwells(
+    log: &ChannelLog,
+    channels: &Channels,
+) -> Result<Measurement, MetrologyError> {
+    let target = channel_of(log, &channels.target)?;
+    let reading = channel_of(log, &channels.reading)?;
+    let stands = stands(target, log.duration_s(), channels);
+    let wrong = |what: &str, found: String, expected: String| MetrologyError::Readings {
+        name: log.name.clone(),
+        what: what.to_owned(),
+        found,
+        expected,
+    };
+    let mut notes = log.notes.clone();
+    let (mut visited, mut kept) = (Vec::new(), Vec::new());
+    let mut passed_over = 0;
+    let nominal = nominal_targets(&stands, channels);
+    for stand in &stands {
+        visited.push(stand.position);
+        let near = nearest(&nominal, stand.position);
+        kept.push(near.filter(|t| (t - stand.position).abs() <= reach(&nominal, channels)));
+    }
+    // Places that are no targets, such as overruns, still say from where a target was approached.
+    let order: Vec<f64> = visited
+        .iter()
+        .zip(&kept)
+        .map(|(at, t)| t.unwrap_or(*at))
+        .collect();
+    let runs = runs_by_travel(&order);
+    let mut readings: Vec<Reading> = Vec::new();
+    let mut widest = 0.0_f64;
+    for ((stand, target), (run, direction)) in stands.iter().zip(&kept).zip(runs) {
+        let Some(target) = *target else {
+            passed_over += 1;
+            continue;
+        };
+        let Some((value, spread)) = mean_within(reading, stand, channels.settle_s) else {
+            return Err(wrong(
+                &format!("channel {}", reading.name),
+                format!(
+                    "no value before the stand at {target} ended, {:.1} s after the start",
+                    stand.to_s
+                ),
+                "a value of the instrument at every target".to_owned(),
+            ));
+        };
+        widest = widest.max(spread * channels.unit.micro());
+        let deviation = if channels.reads_position {
+            value * channels.unit.micro() - target * target_micro(channels.unit)
+        } else {
+            value * channels.unit.micro()
+        };
+        if readings
+            .iter()
+            .any(|r| (r.run, r.direction, r.target) == (run, direction, target))
+        {
+            // The axis crept by more than the limit and stood again: one target, one reading.
+            passed_over += 1;
+            continue;
+        }
+        readings.push(Reading {
+            target,
+            run,
+            direction,
+            deviation,
+        });
+    }
+    if readings.is_empty() {
+        return Err(wrong(
+            &format!("channel {}", target.name),
+            format!(
+                "no stand of {} s within ±{}",
+                channels.dwell_s, channels.within
+            ),
+            "an axis that stands at its targets: check the channel, `within` and `dwell_s`"
+                .to_owned(),
+        ));
+    }
+    if channels.zero_at_first {
+        let first = readings[0].deviation;
+        readings
+            .iter_mut()
+            .for_each(|reading| reading.deviation -= first);
+    }
+    let unit = channels.unit.held_in();
+    notes.push(format!(
+        "{} stands of at least {} s read; while the axis stood the instrument moved by up to {widest:.2} {unit}",
+        readings.len(),
+        channels.dwell_s
+    ));
+    if passed_over > 0 {
+        notes.push(format!(
+            "{passed_over} stands elsewhere than at a target passed over"
+        ));
+    }
+    if channels.targets.is_empty() {
+        notes.push(
+            "the targets are where the axis stood, to the nearest 0.001: state them as `targets`"
+                .into(),
+        );
+    }
+    notes.extend(crate::csv_file::incomplete_runs(&readings));
+    Ok(Measurement {
+        name: log.name.clone(),
+        format: Some(FileFormat::Camonitor),
+        unit: Some(unit),
+        stated: Some(channels.unit),
+        metadata: Metadata {
+            date: log.date.clone(),
+            ..Metadata::default()
+        },
+        readings,
+        notes,
+        ..Measurement::default()
+    })
+}
+
+fn channel_of<'l>(log: &'l ChannelLog, name: &str) -> Result<&'l Channel, MetrologyError> {
+    log.channel(name).ok_or_else(|| {
+        let names: Vec<&str> = log
+            .channels
+            .iter()
+            .map(|channel| channel.name.as_str())
+            .collect();
+        MetrologyError::Readings {
+            name: log.name.clone(),
+            what: "channel".to_owned(),
+            found: format!("no `{name}`"),
+            expected: format!("one of {}", names.join(", ")),
+        }
+    })
+}
+
+/// µm of a mm, µrad of a degree, by the kind of the instrument.
+fn target_micro(unit: ReadingUnit) -> f64 {
+    match unit {
+        ReadingUnit::Mm | ReadingUnit::Um | ReadingUnit::Nm => ReadingUnit::Mm.micro(),
+        _ => ReadingUnit::Deg.micro(),
+    }
+}
+
+/// A channel reports only changes: each value holds until the next, the last until the log ends.
+fn stands(channel: &Channel, end_s: f64, channels: &Channels) -> Vec<Stand> {
+    let samples = &channel.samples;
+    let mut stands = Vec::new();
+    let mut start = 0;
+    for index in 1..=samples.len() {
+        let left = match samples.get(index) {
+            Some((_, value)) => (value - samples[start].1).abs() > channels.within,
+            None => true,
+        };
+        if !left {
+            continue;
+        }
+        let from_s = samples[start].0;
+        let to_s = samples.get(index).map_or(end_s, |(time, _)| *time);
+        if to_s - from_s >= channels.dwell_s {
+            let here = &samples[start..index];
+            let position = here.iter().map(|(_, value)| value).sum::<f64>() / here.len() as f64;
+            stands.push(Stand {
+                from_s,
+                to_s,
+                position,
+            });
+        }
+        start = index;
+    }
+    stands
+}
+
+/// The stated targets, or the places at which the axis stood, each once.
+fn nominal_targets(stands: &[Stand], channels: &Channels) -> Vec<f64> {
+    if !channels.targets.is_empty() {
+        return channels.targets.clone();
+    }
+    let mut positions: Vec<f64> = stands.iter().map(|stand| stand.position).collect();
+    positions.sort_by(f64::total_cmp);
+    let groups = positions.chunk_by(|a, b| b - a <= 2.0 * channels.within);
+    // −0 becomes 0.
+    let rounded =
+        |group: &[f64]| (group.iter().sum::<f64>() / group.len() as f64 * 1e3).round() / 1e3 + 0.0;
+    groups.map(rounded).collect()
+}
+
+fn nearest(targets: &[f64], position: f64) -> Option<f64> {
+    let nearer = |a: &&f64, b: &&f64| (**a - position).abs().total_cmp(&(**b - position).abs());
+    targets.iter().min_by(nearer).copied()
+}
+
+/// How far from a target the axis may stand and still be at it: a tenth of the smallest spacing, at least the limit of
+/// standing.
+fn reach(targets: &[f64], channels: &Channels) -> f64 {
+    let mut sorted = targets.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let spacing = sorted
+        .windows(2)
+        .map(|pair| pair[1] - pair[0])
+        .fold(f64::INFINITY, f64::min);
+    let tenth = if spacing.is_finite() {
+        spacing / 10.0
+    } else {
+        0.0
+    };
+    tenth.max(2.0 * channels.within)
+}
+
+/// The mean of a channel while the axis stood, and by how much it moved.
+fn mean_within(channel: &Channel, stand: &Stand, settle_s: f64) -> Option<(f64, f64)> {
+    let from = stand.from_s + settle_s;
+    let first = channel.samples.partition_point(|(time, _)| *time < from);
+    let end = channel
+        .samples
+        .partition_point(|(time, _)| *time < stand.to_s);
+    let within = channel.samples.get(first..end).unwrap_or_default();
+    if within.is_empty() {
+        let last = channel.samples.get(end.checked_sub(1)?)?;
+        return Some((last.1, 0.0));
+    }
+    let values = || within.iter().map(|(_, value)| *value);
+    let mean = values().sum::<f64>() / within.len() as f64;
+    let spread =
+        values().fold(f64::NEG_INFINITY, f64::max) - values().fold(f64::INFINITY, f64::min);
+    Some((mean, spread))
+}

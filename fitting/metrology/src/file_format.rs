@@ -1,0 +1,98 @@
+//! Kinds of measurement files: what each is called, how its signs are meant and how far that is proven.
+
+/// A kind of measurement file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+pub enum FileFormat {
+    /// Renishaw `.rtl`.
+    RenishawLinear,
+    /// Renishaw `.rta`.
+    RenishawAngular,
+    /// Renishaw `.rts`.
+    RenishawStraightness,
+    /// Renishaw `.REN`: an export of compensation values.
+    RenishawExport,
+    /// API laser `.pos`: means over the runs.
+    ApiPos,
+    /// Text report of a HP, Agilent or Keysight 5529 or 5530: statistics of each target.
+    KeysightReport,
+    /// Log of EPICS `camonitor`, whose dwells were taken as readings.
+    Camonitor,
+    /// The plain table `target,run,direction,deviation`.
+    Table,
+    /// A table whose columns a mapping names.
+    MappedTable,
+}
+
+impl FileFormat {
+    /// A word for documents and scripts.
+    pub fn key(self) -> &'static str {
+        match self {
+            Self::RenishawLinear => "renishaw-linear",
+            Self::RenishawAngular => "renishaw-angular",
+            Self::RenishawStraightness => "renishaw-straightness",
+            Self::RenishawExport => "renishaw-export",
+            Self::ApiPos => "api-pos",
+            Self::KeysightReport => "keysight-report",
+            Self::Camonitor => "camonitor",
+            Self::Table => "table",
+            Self::MappedTable => "mapped-table",
+        }
+    }
+
+    /// The instrument or program that writes such files, in words.
+    pub fn instrument(self) -> &'static str {
+        match self {
+            Self::RenishawLinear => "Renishaw laser, linear optics (.rtl)",
+            Self::RenishawAngular => "Renishaw laser, angular optics (.rta)",
+            Self::RenishawStraightness => "Renishaw laser, straightness optics (.rts)",
+            Self::RenishawExport => "compensation values exported for a control (.REN)",
+            Self::ApiPos => "API laser, means over the runs (.pos)",
+            Self::KeysightReport => "report of a HP, Agilent or Keysight 5529/5530 laser",
+            Self::Camonitor => "log of EPICS camonitor",
+            Self::Table => "table of readings",
+            Self::MappedTable => "table of readings, columns as stated",
+        }
+    }
+
+    /// How the sign of a deviation is meant.
+    pub fn sign(self) -> &'static str {
+        match self {
+            Self::RenishawLinear | Self::ApiPos | Self::Camonitor => "measured minus target",
+            Self::RenishawAngular => "as the optics were set up; measured minus target",
+            Self::RenishawStraightness => "as the optics were set up; not proven by a real file",
+            Self::RenishawExport => "not stated: compensation values, not deviations",
+            Self::KeysightReport => {
+                "laser reading minus machine reading, positive where the axis goes too far"
+            }
+            Self::Table | Self::MappedTable => {
+                "measured minus target, unless the writer meant another"
+            }
+        }
+    }
+}
+
+/// What kind of error the readings of a file are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+pub enum Quantity {
+    /// Along the axis.
+    Positioning,
+    /// Across the axis; which of the two directions no file says.
+    Straightness,
+    /// About some axis; which of the three no file says.
+    Angle,
+}
+
+impl Quantity {
+    /// The quantity in documents: `positioning`, `straightness` or `angle`.
+    pub fn key(self) -> &'static str {
+        match self {
+            Self::Positioning => "positioning",
+            Self::Straightness => "straightness",
+            Self::Angle => "angle",
+        }
+    }
+}

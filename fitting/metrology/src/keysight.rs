@@ -1,0 +1,236 @@
+//! Text reports of HP, Agilent and Keysight 5529/5530 lasers: statistics of each target.
+
+use volcomp_document::quoted;
+
+use crate::encoding::{decode, refuse_empty, wrong_kind};
+use crate::number::Place;
+use crate::report::{decimals_of, metadata_of};
+use crate::{Direction, FileFormat, Measurement, MetrologyError, Reading, ReadingUnit};
+
+const EXPECTED: &str = "a report with rows of target, forward, reverse and system mean, 2σ forward, 2σ reverse and dead zone";
+/// What a row holds, in the order of the published report.
+const COLUMNS: usize = 7;
+
+/// Whether a text has the words of such a report.
+pub(crate) fn is_report(text: &str) -> bool {
+    let lower = text.to_ascii_lowercase();
+    lower.contains("dead zone")
+        && ["forward", "reverse"]
+            .iter()
+            .all(|word| lower.contains(word))
+}
+
+/// Reads a text report of a HP, Agilent or Keysight 5529 or 5530 laser.
+///
+/// Rows are, with or without a number in front: target; mean forward, reverse, of both (system); 2σ forward, reverse; dead
+/// zone. The order is that of one published report. Each row proves it, or is refused: the system mean is that of the two, the dead zone is
+/// reverse minus forward. Errors are laser minus machine reading. Their unit is that of the one
+/// length or angle unit which the heads of the columns name in brackets; without it [`Measurement::unit`] is `None`.
+///
+/// A report holds no single readings: the means of forward and reverse become one run each, and a note says what cannot be had
+/// from them.
+///
+/// # Errors
+/// No such rows, rows that contradict themselves, several units, a target twice.
+pub fn parse_keysight_report(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError> {
+    let (text, encoding_note) = decode(bytes, name)?;
+    refuse_empty(&text, name, EXPECTED)?;
+    if !is_report(&text) {
+        let first = text.lines().next().unwrap_or_default().trim();
+        return Err(MetrologyError::Kind(wrong_kind(
+            name,
+            1,
+            quoted(first),
+            EXPECTED,
+        )));
+    }
+    let rows = rows(&text, name)?;
+    let unit = unit(&text, name)?;
+    let scale = unit.map_or(1.0, ReadingUnit::micro);
+    let readings_of = |direction, mean: fn(&Row) -> f64| {
+        rows.iter().map(move |row| Reading {
+            target: row.target,
+            run: 1,
+            direction,
+            deviation: mean(row) * scale,
+        })
+    };
+    let readings = readings_of(Direction::Positive, |row| row.forward)
+        .chain(readings_of(Direction::Negative, |row| row.reverse))
+        .collect();
+    let widest = rows.iter().map(|row| row.two_sigma).fold(0.0, f64::max);
+    let symbol = unit.map_or(String::new(), |unit| format!(" {unit}"));
+    let mut notes: Vec<String> = encoding_note.into_iter().collect();
+    notes.push(format!(
+        "a report of statistics: it holds means of each target, read as one run in each direction, and its 2σ of up to {widest}{symbol}; single runs, how many there were, A and R by ISO 230-2 and outliers are not in it"
+    ));
+    Ok(Measurement {
+        name: name.into(),
+        format: Some(FileFormat::KeysightReport),
+        unit: unit.map(ReadingUnit::held_in),
+        stated: unit,
+        metadata: metadata_of(text.lines()),
+        readings,
+        notes,
+        ..Measurement::default()
+    })
+}
+
+struct Row {
+    line: usize,
+    target: f64,
+    forward: f64,
+    reverse: f64,
+    two_sigma: f64,
+}
+
+fn rows(text: &str, name: &str) -> Result<Vec<Row>, MetrologyError> {
+    let mut rows: Vec<Row> = Vec::new();
+    for (index, line) in text.lines().enumerate() {
+        let place = Place {
+            file: name,
+            line: index + 1,
+        };
+        let cells: Vec<&str> = line.split_ascii_whitespace().collect();
+        let Some(first) = cells.first() else { continue };
+        if place.number("row", first).is_err() || cells.len() < 3 {
+            continue;
+        }
+        let cells = match cells.len() {
+            COLUMNS => &cells[..],
+            // A number of the row in front.
+            n if n == COLUMNS + 1 && *first == (rows.len() + 1).to_string() => &cells[1..],
+            n => {
+                let expected = format!("{COLUMNS} numbers: {EXPECTED}");
+                return Err(MetrologyError::Structure(place.finding(
+                    "row",
+                    format!("{n} in {}", quoted(line.trim())),
+                    expected,
+                )));
+            }
+        };
+        let row = row(place, cells)?;
+        if let Some(first) = rows.iter().find(|other| other.target == row.target) {
+            let found = format!("{} again (first in line {})", row.target, first.line);
+            return Err(MetrologyError::Repeated(place.finding(
+                "target",
+                found,
+                "each target once",
+            )));
+        }
+        rows.push(row);
+    }
+    if rows.is_empty() {
+        return Err(MetrologyError::Empty {
+            file: name.into(),
+            expected: EXPECTED.into(),
+        });
+    }
+    Ok(rows)
+}
+
+fn row(place: Place<'_>, cells: &[&str]) -> Result<Row, MetrologyError> {
+    let mut values = [0.0; COLUMNS];
+    for (value, cell) in values.iter_mut().zip(cells) {
+        *value = place.number("row", cell)?;
+    }
+    let [
+        target,
+        forward,
+        reverse,
+        system,
+        two_sigma_forward,
+        two_sigma_reverse,
+        dead_zone,
+    ] = values;
+    let decimals = cells[1..]
+        .iter()
+        .map(|cell| decimals_of(cell))
+        .min()
+        .unwrap_or(0);
+    // Each of three numbers is rounded by itself.
+    let rounding = 2.01 * 10_f64.powi(-i32::try_from(decimals).unwrap_or(i32::MAX));
+    let check = |what: &str, found: f64, expected: f64, why: &str| {
+        if (found - expected).abs() <= rounding {
+            return Ok(());
+        }
+        let expected = format!("{expected:.decimals$}, {why}");
+        Err(MetrologyError::Structure(place.finding(
+            what,
+            found.to_string(),
+            expected,
+        )))
+    };
+    let mean = f64::midpoint(forward, reverse);
+    check(
+        "system mean",
+        system,
+        mean,
+        "the mean of forward and reverse: are the columns in another order?",
+    )?;
+    check(
+        "dead zone",
+        dead_zone,
+        reverse - forward,
+        "reverse minus forward: are the columns in another order?",
+    )?;
+    let two_sigma = two_sigma_forward.max(two_sigma_reverse);
+    if two_sigma_forward.min(two_sigma_reverse) < 0.0 {
+        return Err(MetrologyError::Number(place.finding(
+            "2σ",
+            "a negative number",
+            "0 or more",
+        )));
+    }
+    Ok(Row {
+        line: place.line,
+        target,
+        forward,
+        reverse,
+        two_sigma,
+    })
+}
+
+/// The unit that stands in brackets on lines about means, errors, the dead zone or sigma; several are refused.
+fn unit(text: &str, name: &str) -> Result<Option<ReadingUnit>, MetrologyError> {
+    let mut found: Option<ReadingUnit> = None;
+    for (index, line) in text.lines().enumerate() {
+        let lower = line.to_lowercase();
+        if !["mean", "error", "dead zone", "sigma"]
+            .iter()
+            .any(|word| lower.contains(word))
+        {
+            continue;
+        }
+        let place = Place {
+            file: name,
+            line: index + 1,
+        };
+        for word in bracketed(&lower) {
+            let unit = match word {
+                "microns" | "micron" | "micrometers" | "micrometres" => Some(ReadingUnit::Um),
+                "arc-sec" | "arc sec" | "arcseconds" => Some(ReadingUnit::Arcsec),
+                word => ReadingUnit::named(word),
+            };
+            match (unit, found) {
+                (None, _) => {}
+                (Some(unit), Some(before)) if unit != before => {
+                    return Err(MetrologyError::Structure(place.finding(
+                        "unit",
+                        format!("{unit} and {before}"),
+                        "one unit for all means and sigmas",
+                    )));
+                }
+                (Some(unit), _) => found = Some(unit),
+            }
+        }
+    }
+    Ok(found)
+}
+
+fn bracketed(line: &str) -> impl Iterator<Item = &str> {
+    let inner = line.split(['(', '[']).skip(1);
+    inner
+        .filter_map(|part| part.split([')', ']']).next())
+        .map(str::trim)
+}

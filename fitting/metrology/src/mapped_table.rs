@@ -1,0 +1,312 @@
+//! Tables whose columns a mapping names.
+
+use std::collections::HashMap;
+
+use csv::{ReaderBuilder, Trim};
+use volcomp_document::quoted;
+
+use crate::csv_file::{incomplete_runs, zero_direction};
+use crate::encoding::{decode, refuse_empty};
+use crate::mapping::{ColumnName, Columns, TargetUnit};
+use crate::number::Place;
+use crate::travel::runs_by_travel;
+use crate::{Direction, FileFormat, Measurement, MetrologyError, Reading, ReadingUnit};
+
+/// Reads a table with the columns that a mapping names: rows in the order of travel, blank rows passed over.
+///
+/// Without a column of directions they follow the order of travel: a target is approached in the direction of the move towards
+/// it, the second time in a row from the other side. Without a column of runs they are counted.
+///
+/// # Errors
+/// A column that is not there or stands twice, cells that are no numbers, no direction or no run, a reading twice.
+pub fn parse_table_with(
+    bytes: &[u8],
+    name: &str,
+    columns: &Columns,
+) -> Result<Measurement, MetrologyError> {
+    let (text, encoding_note) = decode(bytes, name)?;
+    refuse_empty(&text, name, "a table with the columns of the mapping")?;
+    let rows = rows(&text, name, columns)?;
+    let header_end = columns.header_rows.min(rows.len());
+    let (header, body) = rows.split_at(header_end);
+    let places = Places::of(header.last(), name, columns)?;
+    let read: Vec<Row> = body
+        .iter()
+        .map(|(line, cells)| {
+            places.row(
+                Place {
+                    file: name,
+                    line: *line,
+                },
+                cells,
+                columns,
+            )
+        })
+        .collect::<Result<_, _>>()?;
+    if read.is_empty() {
+        return Err(MetrologyError::Empty {
+            file: name.into(),
+            expected: format!(
+                "at least one reading under {} header rows",
+                columns.header_rows
+            ),
+        });
+    }
+    let readings = readings(name, &read)?;
+    let mut notes: Vec<String> = encoding_note.into_iter().collect();
+    if columns.direction.is_none() {
+        notes.push("directions of approach follow the order of the rows".into());
+    }
+    notes.extend(incomplete_runs(&readings));
+    notes.extend(zero_direction(&readings));
+    Ok(Measurement {
+        name: name.into(),
+        format: Some(FileFormat::MappedTable),
+        unit: columns.unit.map(ReadingUnit::held_in),
+        stated: columns.unit,
+        target_unit: columns.target_unit.map(|unit| unit.key().to_owned()),
+        readings,
+        notes,
+        ..Measurement::default()
+    })
+}
+
+/// The rows that are not blank, with their lines.
+fn rows(
+    text: &str,
+    name: &str,
+    columns: &Columns,
+) -> Result<Vec<(usize, Vec<String>)>, MetrologyError> {
+    let Some(separator) = columns.separator else {
+        let lines = text
+            .lines()
+            .enumerate()
+            .map(|(index, line)| (index + 1, line));
+        let filled = lines.filter(|(_, line)| !line.trim().is_empty());
+        let cells = |line: &str| line.split_whitespace().map(str::to_owned).collect();
+        return Ok(filled.map(|(number, line)| (number, cells(line))).collect());
+    };
+    let mut reader = ReaderBuilder::new()
+        .has_headers(false)
+        .flexible(true)
+        .trim(Trim::All)
+        // The separators of a mapping are one byte each.
+        .delimiter(u8::try_from(separator).unwrap_or(b','))
+        .from_reader(text.as_bytes());
+    let mut rows = Vec::new();
+    for record in reader.records() {
+        let record = record.map_err(|error| {
+            let line = error.position().map_or(1, |at| at.line());
+            let place = Place {
+                file: name,
+                line: usize::try_from(line).unwrap_or(1),
+            };
+            MetrologyError::Structure(place.finding("row", error.to_string(), "cells"))
+        })?;
+        let line = record.position().map_or(1, csv::Position::line);
+        if record.iter().any(|cell| !cell.is_empty()) {
+            let cells = record.iter().map(str::to_owned).collect();
+            rows.push((usize::try_from(line).unwrap_or(1), cells));
+        }
+    }
+    Ok(rows)
+}
+
+/// The places of the columns, from 0.
+struct Places {
+    target: usize,
+    reading: usize,
+    run: Option<usize>,
+    direction: Option<usize>,
+}
+
+struct Row {
+    line: usize,
+    target: f64,
+    deviation: f64,
+    run: Option<u32>,
+    direction: Option<Direction>,
+}
+
+impl Places {
+    fn of(
+        header: Option<&(usize, Vec<String>)>,
+        file: &str,
+        columns: &Columns,
+    ) -> Result<Self, MetrologyError> {
+        let place_of = |what: &str, name: &ColumnName| match name {
+            ColumnName::Number(number) => Ok(number - 1),
+            ColumnName::Head(head) => {
+                let (line, cells) =
+                    header.map_or((1, &[][..]), |(line, cells)| (*line, &cells[..]));
+                let is_it = |cell: &&String| cell.to_lowercase() == head.to_lowercase();
+                let count = cells.iter().filter(is_it).count();
+                let found = cells.iter().position(|cell| is_it(&cell));
+                match found {
+                    Some(place) if count == 1 => Ok(place),
+                    _ => {
+                        let found = match count {
+                            0 => quoted(&cells.join(" | ")),
+                            _ => format!("{} {count} times", quoted(head)),
+                        };
+                        let expected = format!("one column {} (the {what})", quoted(head));
+                        Err(MetrologyError::Structure(
+                            Place { file, line }.finding("header", found, expected),
+                        ))
+                    }
+                }
+            }
+        };
+        let mut taken: HashMap<usize, &str> = HashMap::new();
+        for (what, name) in columns.names() {
+            let place = place_of(what, name)?;
+            if let Some(other) = taken.insert(place, what) {
+                return Err(MetrologyError::Readings {
+                    name: file.into(),
+                    what: "columns".into(),
+                    found: format!("column {} as {other} and as {what}", place + 1),
+                    expected: "a column of its own for each".into(),
+                });
+            }
+        }
+        Ok(Self {
+            target: place_of("target", &columns.target)?,
+            reading: place_of("reading", &columns.reading)?,
+            run: columns
+                .run
+                .as_ref()
+                .map(|name| place_of("run", name))
+                .transpose()?,
+            direction: columns
+                .direction
+                .as_ref()
+                .map(|name| place_of("direction", name))
+                .transpose()?,
+        })
+    }
+
+    fn row(
+        &self,
+        place: Place<'_>,
+        cells: &[String],
+        columns: &Columns,
+    ) -> Result<Row, MetrologyError> {
+        let cell = |what: &str, at: usize| {
+            cells.get(at).map(String::as_str).ok_or_else(|| {
+                let found = format!("{} cells", cells.len());
+                let expected = format!("at least {}: the {what} is column {}", at + 1, at + 1);
+                MetrologyError::Structure(place.finding("row", found, expected))
+            })
+        };
+        let number = |what: &str, at: usize| {
+            let text = cell(what, at)?;
+            if columns.decimal_comma {
+                if text.contains('.') {
+                    let expected = "a number with a decimal comma, as the mapping states";
+                    return Err(MetrologyError::Number(place.finding(
+                        what,
+                        quoted(text),
+                        expected,
+                    )));
+                }
+                return place.number(what, &text.replacen(',', ".", 1));
+            }
+            place.number(what, text)
+        };
+        let target = number("target", self.target)?;
+        let what = if columns.reads_position {
+            "measured"
+        } else {
+            "deviation"
+        };
+        let stated = number(what, self.reading)?;
+        let micro = columns.unit.map_or(1.0, ReadingUnit::micro);
+        let deviation = if columns.reads_position {
+            stated * micro - target * target_micro(columns)
+        } else {
+            stated * micro
+        };
+        Ok(Row {
+            line: place.line,
+            target,
+            deviation,
+            run: match self.run {
+                Some(at) => Some(place.count("run", cell("run", at)?)?),
+                None => None,
+            },
+            direction: match self.direction {
+                Some(at) => Some(direction(place, cell("direction", at)?)?),
+                None => None,
+            },
+        })
+    }
+}
+
+/// µm of a mm or µrad of a degree.
+fn target_micro(columns: &Columns) -> f64 {
+    let is_angle = columns
+        .unit
+        .is_some_and(|unit| unit.held_in() == crate::DeviationUnit::Urad);
+    match columns.target_unit {
+        Some(TargetUnit::Deg) => ReadingUnit::Deg.micro(),
+        None if is_angle => ReadingUnit::Deg.micro(),
+        _ => ReadingUnit::Mm.micro(),
+    }
+}
+
+fn direction(place: Place<'_>, text: &str) -> Result<Direction, MetrologyError> {
+    match text.to_lowercase().as_str() {
+        "+" | "+1" | "1" | "f" | "fwd" | "forward" | "pos" | "positive" | "up" | "↑" => {
+            Ok(Direction::Positive)
+        }
+        "-" | "−" | "-1" | "r" | "b" | "rev" | "reverse" | "bwd" | "backward" | "neg"
+        | "negative" | "down" | "↓" => Ok(Direction::Negative),
+        _ => Err(MetrologyError::Structure(place.finding(
+            "direction",
+            quoted(text),
+            "+ or -, forward or backward, 1 or -1",
+        ))),
+    }
+}
+
+fn readings(file: &str, rows: &[Row]) -> Result<Vec<Reading>, MetrologyError> {
+    let targets: Vec<f64> = rows.iter().map(|row| row.target).collect();
+    let travelled = runs_by_travel(&targets);
+    let mut seen: HashMap<(u32, Direction, u64), usize> = HashMap::new();
+    let mut counts: HashMap<(Direction, u64), u32> = HashMap::new();
+    let mut readings = Vec::with_capacity(rows.len());
+    for (row, (travel_run, travel_direction)) in rows.iter().zip(travelled) {
+        let direction = row.direction.unwrap_or(travel_direction);
+        let run = match (row.run, row.direction) {
+            (Some(run), _) => run,
+            (None, None) => travel_run,
+            (None, Some(_)) => {
+                let count = counts.entry((direction, row.target.to_bits())).or_default();
+                *count += 1;
+                *count
+            }
+        };
+        if let Some(first) = seen.insert((run, direction, row.target.to_bits()), row.line) {
+            let place = Place {
+                file,
+                line: row.line,
+            };
+            let found = format!(
+                "target {} in run {run} {direction} again (first in line {first})",
+                row.target
+            );
+            return Err(MetrologyError::Repeated(place.finding(
+                "reading",
+                found,
+                "each target once in a run",
+            )));
+        }
+        readings.push(Reading {
+            target: row.target,
+            run,
+            direction,
+            deviation: row.deviation,
+        });
+    }
+    Ok(readings)
+}

@@ -1,0 +1,276 @@
+//! What the columns of a table or the channels of a log mean, as a TOML file states it.
+
+use std::path::{Path, PathBuf};
+
+use volcomp_document::{Document, InputError, Section, Value};
+
+use crate::dwell::Channels;
+use crate::{MetrologyError, ReadingUnit};
+
+/// What the user says of a file that does not say it itself.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Mapping {
+    /// Of a table: which column is what.
+    Columns(Columns),
+    /// Of a log: which channel is what, and when the axis stands.
+    Channels(Channels),
+}
+
+/// A column of a table, by its head or its number from 1.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum ColumnName {
+    /// The head of the column, case ignored.
+    Head(String),
+    /// The number of the column, from 1.
+    Number(usize),
+}
+
+/// Which columns of a table are what.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Columns {
+    /// The targets.
+    pub target: ColumnName,
+    /// The deviations, or the measured positions from which the targets are subtracted.
+    pub reading: ColumnName,
+    /// Whether `reading` holds measured positions.
+    pub reads_position: bool,
+    /// The numbers of runs; without it runs are counted.
+    pub run: Option<ColumnName>,
+    /// The directions of approach; without it they follow the order of travel.
+    pub direction: Option<ColumnName>,
+    /// What separates the cells; `None`: one or more blanks.
+    pub separator: Option<char>,
+    /// Whether numbers have a decimal comma.
+    pub decimal_comma: bool,
+    /// The unit of the readings, where it is stated.
+    pub unit: Option<ReadingUnit>,
+    /// The unit of the targets: mm or deg.
+    pub target_unit: Option<TargetUnit>,
+    /// Rows above the first reading; the last of them holds the heads.
+    pub header_rows: usize,
+}
+
+/// The unit of targets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TargetUnit {
+    /// Millimetres.
+    Mm,
+    /// Degrees.
+    Deg,
+}
+
+impl TargetUnit {
+    /// The word in files: `mm` or `deg`.
+    pub fn key(self) -> &'static str {
+        match self {
+            Self::Mm => "mm",
+            Self::Deg => "deg",
+        }
+    }
+}
+
+const UNITS: [(&str, ReadingUnit); 10] = [
+    ("um", ReadingUnit::Um),
+    ("µm", ReadingUnit::Um),
+    ("mm", ReadingUnit::Mm),
+    ("nm", ReadingUnit::Nm),
+    ("urad", ReadingUnit::Urad),
+    ("µrad", ReadingUnit::Urad),
+    ("mrad", ReadingUnit::Mrad),
+    ("rad", ReadingUnit::Rad),
+    ("arcsec", ReadingUnit::Arcsec),
+    ("deg", ReadingUnit::Deg),
+];
+
+impl Mapping {
+    /// The name of the file that may stand beside a measurement file and says what is in it: `x.csv.toml` beside `x.csv`.
+    pub fn beside(file: &Path) -> PathBuf {
+        let mut name = file.file_name().unwrap_or_default().to_owned();
+        name.push(".toml");
+        file.with_file_name(name)
+    }
+
+    /// Reads the file beside a measurement file; `None` where there is none.
+    ///
+    /// # Errors
+    /// It cannot be read, is no TOML or says something else than the columns or the channels.
+    pub fn read_beside(file: &Path) -> Result<Option<Self>, MetrologyError> {
+        let path = Self::beside(file);
+        if !path.is_file() {
+            return Ok(None);
+        }
+        let unreadable = |error: volcomp_document::ReadError| MetrologyError::Mapping {
+            message: error.to_string(),
+        };
+        let document = Document::read(&path).map_err(unreadable)?;
+        Ok(document.decode(|root| Self::decode(&root))?)
+    }
+
+    /// The mapping that the keys `columns` or `channels` of a table state; `None` where it has neither.
+    ///
+    /// # Errors
+    /// Both keys, another key in a table of its own, a value that has no meaning.
+    pub fn decode(root: &Section<'_>) -> Result<Option<Self>, InputError> {
+        root.allow(&["columns", "channels"])?;
+        Self::decode_keys(root)
+    }
+
+    /// As [`Mapping::decode`], in a table that has other keys, too.
+    ///
+    /// # Errors
+    /// Both keys, a value that has no meaning.
+    pub fn decode_keys(section: &Section<'_>) -> Result<Option<Self>, InputError> {
+        match (section.section("columns")?, section.section("channels")?) {
+            (Some(_), Some(channels)) => Err(channels.error(
+                "found `columns` and `channels` together, expected one of them: a table has columns, a log has channels",
+            )),
+            (Some(columns), None) => Columns::decode(&columns).map(|c| Some(Self::Columns(c))),
+            (None, Some(channels)) => Channels::decode(&channels).map(|c| Some(Self::Channels(c))),
+            (None, None) => Ok(None),
+        }
+    }
+}
+
+impl Columns {
+    /// The columns as a table of a TOML file states them.
+    ///
+    /// # Errors
+    /// An unknown key, a value that has no meaning, no reading.
+    pub fn decode(section: &Section<'_>) -> Result<Self, InputError> {
+        section.allow(&[
+            "target",
+            "deviation",
+            "measured",
+            "run",
+            "direction",
+            "separator",
+            "decimal_comma",
+            "unit",
+            "target_unit",
+            "header_rows",
+        ])?;
+        let (reading, reads_position) = match (section.get("deviation"), section.get("measured")) {
+            (Some(value), None) => (column(&value)?, false),
+            (None, Some(value)) => (column(&value)?, true),
+            (Some(_), Some(both)) => {
+                return Err(both.error("found `deviation` and `measured`, expected one of them"));
+            }
+            (None, None) => {
+                return Err(section.error(
+                    "expected `deviation`, the column of deviations, or `measured`, that of measured positions",
+                ));
+            }
+        };
+        let separators = [
+            (",", Some(',')),
+            (";", Some(';')),
+            ("tab", Some('\t')),
+            ("\t", Some('\t')),
+            ("blank", None),
+        ];
+        let columns = Self {
+            target: column(&section.require("target")?)?,
+            reading,
+            reads_position,
+            run: section.optional("run", column)?,
+            direction: section.optional("direction", column)?,
+            separator: section.one_of("separator", &separators, Some(','))?,
+            decimal_comma: section.truth_or("decimal_comma", false)?,
+            unit: section.optional("unit", |value| value.one_of(&UNITS))?,
+            target_unit: section.optional("target_unit", |value| {
+                value.one_of(&[("mm", TargetUnit::Mm), ("deg", TargetUnit::Deg)])
+            })?,
+            header_rows: section.whole_or("header_rows", 0..=1000, 1)?,
+        };
+        if columns.decimal_comma && columns.separator == Some(',') {
+            return Err(section.error(
+                "found decimal commas and the separator `,`, expected `separator = \";\"`, \"tab\" or \"blank\"",
+            ));
+        }
+        if columns.reads_position && columns.unit.is_none() {
+            return Err(section.error(
+                "found `measured` without `unit`, expected the unit of the measured positions: `unit = \"mm\"`",
+            ));
+        }
+        let is_head = |name: &&ColumnName| matches!(name, ColumnName::Head(_));
+        if columns.header_rows == 0 && columns.names().any(|(_, name)| is_head(&name)) {
+            return Err(section.error(
+                "found names of columns and `header_rows = 0`, expected their numbers from 1",
+            ));
+        }
+        Ok(columns)
+    }
+
+    /// Every column that is named, with what it is.
+    pub(crate) fn names(&self) -> impl Iterator<Item = (&'static str, &ColumnName)> {
+        [
+            ("target", Some(&self.target)),
+            ("reading", Some(&self.reading)),
+            ("run", self.run.as_ref()),
+            ("direction", self.direction.as_ref()),
+        ]
+        .into_iter()
+        .filter_map(|(what, name)| Some((what, name?)))
+    }
+}
+
+fn column(value: &Value<'_>) -> Result<ColumnName, InputError> {
+    if value.is_number() {
+        return Ok(ColumnName::Number(value.whole(1..=10_000)?));
+    }
+    let name = value.text()?.trim();
+    if name.is_empty() {
+        return Err(
+            value.error("found an empty name, expected the head of a column or its number from 1")
+        );
+    }
+    Ok(ColumnName::Head(name.to_owned()))
+}
+
+impl Channels {
+    /// The channels as a table of a TOML file states them.
+    ///
+    /// # Errors
+    /// An unknown key, a value that has no meaning, no channel.
+    pub fn decode(section: &Section<'_>) -> Result<Self, InputError> {
+        section.allow(&[
+            "target",
+            "reading",
+            "reading_is",
+            "unit",
+            "targets",
+            "within",
+            "dwell_s",
+            "settle_s",
+            "zero_at_first",
+        ])?;
+        let reads_position = section
+            .require("reading_is")?
+            .one_of(&[("position", true), ("deviation", false)])?;
+        let channels = Self {
+            target: section.require("target")?.text()?.to_owned(),
+            reading: section.require("reading")?.text()?.to_owned(),
+            reads_position,
+            unit: section.require("unit")?.one_of(&UNITS)?,
+            targets: section
+                .optional("targets", Value::numbers)?
+                .unwrap_or_default(),
+            within: section.number_or("within", 0.0..=10.0, 0.005)?,
+            dwell_s: section.number_or("dwell_s", 0.0..=86_400.0, 1.0)?,
+            settle_s: section.number_or("settle_s", 0.0..=86_400.0, 0.0)?,
+            zero_at_first: section.truth_or("zero_at_first", false)?,
+        };
+        if channels.target == channels.reading {
+            return Err(section.error("found one channel as `target` and `reading`, expected two"));
+        }
+        let mut sorted = channels.targets.clone();
+        sorted.sort_by(f64::total_cmp);
+        if let Some(twice) = sorted.windows(2).find(|pair| pair[0] == pair[1]) {
+            return Err(section.error(format!(
+                "found the target {} twice, expected each target once",
+                twice[0]
+            )));
+        }
+        Ok(channels)
+    }
+}
