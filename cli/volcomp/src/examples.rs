@@ -79,7 +79,8 @@ Examples:
 pub(crate) const CALIBRATE: &str = "\
 Examples:
   volcomp calibrate calibration.toml -o machine-new.toml
-  volcomp --json calibrate calibration.toml -o machine-new.toml";
+  volcomp --json calibrate calibration.toml -o machine-new.toml
+  volcomp calibrate --draft lasers --machine machine.toml -o calibration.toml";
 
 pub(crate) const IDENTIFY: &str = "\
 Examples:
@@ -99,7 +100,7 @@ Examples:
 pub(crate) const INSPECT: &str = "\
 Examples:
   volcomp inspect exx.rtl
-  volcomp --json inspect eay.rta";
+  volcomp --json inspect exx.rtl eyx.rts eay.rta";
 
 pub(crate) const PROBE: &str = "\
 Examples:

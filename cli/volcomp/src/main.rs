@@ -148,7 +148,11 @@ fn main() -> ExitCode {
         Command::Completions(a) => commands::completions::run(a, &mut Arguments::command()),
         Command::Schema(a) => commands::generate::schemas(a),
     };
-    match answer.and_then(|answer| print(&answer, arguments.json)) {
+    let answered = answer.and_then(|answer| {
+        print(&answer, arguments.json)?;
+        answer.failed.map_or(Ok(()), Err)
+    });
+    match answered {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             failure.report(arguments.json);

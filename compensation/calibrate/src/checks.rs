@@ -3,7 +3,7 @@
 
 use volcomp_document::{InputError, Value};
 use volcomp_kinematics::MotionFrame;
-use volcomp_metrology::{Measurement, MotionKind};
+use volcomp_metrology::{Measurement, MotionKind, ODD_ABOVE, SMALL_BELOW};
 use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisKind, AxisName, Component, Displacement, ErrorName};
 
@@ -16,10 +16,6 @@ use crate::{
 pub(crate) const NEVER_ABOVE: f64 = 1e5;
 /// No angle of a machine tool varies by more along or about an axis: 5 mrad, in µrad. Arc seconds that are read as mrad do.
 const ANGLE_NEVER_VARIES: f64 = 5e3;
-/// More is odd for a machine tool: 1 mm and 1 mrad, in µm and µrad.
-const ODD_ABOVE: f64 = 1e3;
-/// Deviations that are all smaller are odd for a machine tool: 0.1 µm and 0.1 µrad.
-const SMALL_BELOW: f64 = 0.1;
 /// A line over a smaller share of the travel is noted.
 const SHORT_BELOW: f64 = 0.5;
 /// A target so much of the travel beyond its end is noted: targets may stand a little beyond for the overrun.

@@ -139,7 +139,7 @@ pub(crate) fn decode_diagonals(
         let section = item.section()?;
         section.allow(&["file", "from", "to"])?;
         let file_value = section.require("file")?;
-        let (file, readings) = read_measurement(&file_value, folder)?;
+        let (file, readings) = read_measurement(&file_value, folder, None)?;
         if readings.unit == Some(DeviationUnit::Urad) {
             return Err(file_value
                 .error("the file holds angles, expected lengths")

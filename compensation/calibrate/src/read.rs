@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use volcomp_document::{Document, FileKind, InputError, Section, Value};
 use volcomp_identify::Observations;
 use volcomp_metrology::{
-    DeviationUnit, Measurement, MetrologyError, MotionKind, ReadingUnit, ReferenceKind, read_file,
+    Columns, DeviationUnit, FileFormat, Mapping, Measurement, MetrologyError, MotionKind,
+    ReadingUnit, ReferenceKind, read_file_with,
 };
 use volcomp_model::{Axis, Machine};
 use volcomp_vocabulary::{AxisName, ErrorName};
@@ -18,6 +19,7 @@ use crate::{
     error::CalibrateError,
     location_file::{decode_location, square_of, standard_uncertainty},
     observed::{Direct, decode_observations},
+    questions::refuse_open,
     setup::Setup,
     setup_file::{decode_motion, set_coordinates},
     squareness_file::decode_squareness,
@@ -25,8 +27,9 @@ use crate::{
 
 impl CalibrationFile {
     /// The keys of the root of a calibration file, besides those of [`Observations::KEYS`] which it may have too.
-    pub const KEYS: [&'static str; 8] = [
+    pub const KEYS: [&'static str; 9] = [
         "machine",
+        "columns",
         "serial",
         "reference",
         "reference_axes",
@@ -51,6 +54,7 @@ impl CalibrationFile {
 fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, CalibrateError> {
     let keys = [&CalibrationFile::KEYS[..], &Observations::KEYS].concat();
     root.allow_in(FileKind::Calibration, &keys)?;
+    refuse_open(root)?;
     let machine_file = folder.join(root.require("machine")?.text()?);
     let machine = Machine::read(&machine_file)?;
     let mut reference: Vec<f64> = machine.axes().iter().map(Axis::nearest_zero).collect();
@@ -63,10 +67,19 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, Calibrat
         root.get(key)
             .map_or_else(|| Ok(Vec::new()), |value| value.items())
     };
+    let columns = root.section("columns")?;
+    let columns = columns
+        .map(|section| Columns::decode(&section))
+        .transpose()?;
+    let source = Source {
+        folder,
+        serial,
+        columns: columns.map(Mapping::Columns),
+    };
     let mut measurements: Vec<Line> = Vec::new();
     for item in items("measurement")? {
         let section = item.section()?;
-        let line = decode_line(&section, &machine, folder, serial)?;
+        let line = decode_line(&section, &machine, &source)?;
         check_same_curve(&measurements, &line, &section)?;
         checks::refuse_file_of_another(&measurements, &line, &section.require("file")?)?;
         measurements.push(line);
@@ -163,9 +176,10 @@ fn decode_reference_axes(root: &Section<'_>) -> Result<[AxisName; 2], InputError
 pub(crate) fn read_measurement(
     value: &Value<'_>,
     folder: &Path,
+    mapping: Option<&Mapping>,
 ) -> Result<(PathBuf, Measurement), CalibrateError> {
     let file = folder.join(value.text()?);
-    let readings = read_file(&file).map_err(|error| match error {
+    let readings = read_file_with(&file, mapping).map_err(|error| match error {
         // Not what is in a file, but which file is named: the calibration file is where to look.
         MetrologyError::Unreadable { .. }
         | MetrologyError::Directory { .. }
@@ -195,13 +209,39 @@ pub fn decode_holds_location(section: &Section<'_>, error: ErrorName) -> Result<
     section.truth_or(HOLDS_LOCATION, true)
 }
 
+/// What all lines of a calibration file have in common.
+struct Source<'a> {
+    folder: &'a Path,
+    serial: Option<&'a str>,
+    /// The columns of its tables.
+    columns: Option<Mapping>,
+}
+
+/// Refuses compensation values of which nobody says what they are: deviations or their negatives, in which unit.
+fn refuse_unstated_export(
+    section: &Section<'_>,
+    file: &Value<'_>,
+    readings: &Measurement,
+) -> Result<(), InputError> {
+    let is_stated = ["unit", "sign"]
+        .iter()
+        .all(|key| section.get(key).is_some());
+    if readings.format != Some(FileFormat::RenishawExport) || is_stated {
+        return Ok(());
+    }
+    Err(file.error(
+        "the file holds compensation values for a control, not readings: expected `unit`, and `sign` (-1 where the values are what is added to the command)",
+    ))
+}
+
 fn decode_line(
     section: &Section<'_>,
     machine: &Machine,
-    folder: &Path,
-    serial: Option<&str>,
+    source: &Source<'_>,
 ) -> Result<Line, CalibrateError> {
     let own = [
+        "columns",
+        "channels",
         "error",
         "file",
         "unit",
@@ -216,7 +256,14 @@ fn decode_line(
     let setup = Setup::decode(section, error, machine)?;
     let holds_location = decode_holds_location(section, error)?;
     let file_value = section.require("file")?;
-    let (file, mut readings) = read_measurement(&file_value, folder)?;
+    let own_mapping = Mapping::decode_keys(section)?;
+    let named = source.folder.join(file_value.text()?);
+    let mapping = match own_mapping {
+        Some(mapping) => Some(mapping),
+        None => Mapping::read_beside(&named)?.or_else(|| source.columns.clone()),
+    };
+    let (file, mut readings) = read_measurement(&file_value, source.folder, mapping.as_ref())?;
+    refuse_unstated_export(section, &file_value, &readings)?;
     tracing::debug!(
         "{error}: {} readings from {}",
         readings.readings.len(),
@@ -227,7 +274,7 @@ fn decode_line(
     for reading in &mut readings.readings {
         reading.deviation *= setup.sign;
     }
-    checks::refuse_serial(&file_value, &readings, serial)?;
+    checks::refuse_serial(&file_value, &readings, source.serial)?;
     checks::refuse(&file_value, &setup, &readings, machine)?;
     let at = file_value.error("");
     Ok(Line {

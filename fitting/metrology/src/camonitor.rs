@@ -212,7 +212,7 @@ impl<'t> Line<'t> {
         let alarm: Vec<&str> = words.collect();
         // A waveform has numbers behind the first.
         let is_word = |word: &&str| word.chars().all(|c| c.is_ascii_alphabetic() || c == '_');
-        alarm.iter().all(|word| is_word(word)).then_some(())?;
+        alarm.iter().all(is_word).then_some(())?;
         Some(Self {
             channel,
             date,

@@ -43,95 +43,39 @@ pub fn readings_at_dwells(
     log: &ChannelLog,
     channels: &Channels,
 ) -> Result<Measurement, MetrologyError> {
-    let target = channel_of(log, &channels.target)?;
+    let axis = channel_of(log, &channels.target)?;
     let reading = channel_of(log, &channels.reading)?;
-    let stands = stands(target, log.duration_s(), channels);
-    let wrong = |what: &str, found: String, expected: String| MetrologyError::Readings {
-        name: log.name.clone(),
-        what: what.to_owned(),
-        found,
-        expected,
-    };
-    let mut notes = log.notes.clone();
-    let (mut visited, mut kept) = (Vec::new(), Vec::new());
-    let mut passed_over = 0;
-    let nominal = nominal_targets(&stands, channels);
-    for stand in &stands {
-        visited.push(stand.position);
-        let near = nearest(&nominal, stand.position);
-        kept.push(near.filter(|t| (t - stand.position).abs() <= reach(&nominal, channels)));
-    }
-    // Places that are no targets, such as overruns, still say from where a target was approached.
-    let order: Vec<f64> = visited
-        .iter()
-        .zip(&kept)
-        .map(|(at, t)| t.unwrap_or(*at))
-        .collect();
-    let runs = runs_by_travel(&order);
-    let mut readings: Vec<Reading> = Vec::new();
-    let mut widest = 0.0_f64;
-    for ((stand, target), (run, direction)) in stands.iter().zip(&kept).zip(runs) {
-        let Some(target) = *target else {
-            passed_over += 1;
-            continue;
-        };
-        let Some((value, spread)) = mean_within(reading, stand, channels.settle_s) else {
-            return Err(wrong(
-                &format!("channel {}", reading.name),
-                format!(
-                    "no value before the stand at {target} ended, {:.1} s after the start",
-                    stand.to_s
-                ),
-                "a value of the instrument at every target".to_owned(),
-            ));
-        };
-        widest = widest.max(spread * channels.unit.micro());
-        let deviation = if channels.reads_position {
-            value * channels.unit.micro() - target * target_micro(channels.unit)
-        } else {
-            value * channels.unit.micro()
-        };
-        if readings
-            .iter()
-            .any(|r| (r.run, r.direction, r.target) == (run, direction, target))
-        {
-            // The axis crept by more than the limit and stood again: one target, one reading.
-            passed_over += 1;
-            continue;
-        }
-        readings.push(Reading {
-            target,
-            run,
-            direction,
-            deviation,
-        });
-    }
-    if readings.is_empty() {
-        return Err(wrong(
-            &format!("channel {}", target.name),
-            format!(
-                "no stand of {} s within ±{}",
+    let stands = stands(axis, log.duration_s(), channels);
+    let read = Read::of(log, reading, &stands, channels)?;
+    let mut readings = read.readings;
+    let Some(first) = readings.first().map(|reading| reading.deviation) else {
+        return Err(MetrologyError::Readings {
+            name: log.name.clone(),
+            what: format!("channel {}", axis.name),
+            found: format!(
+                "no stand of {} s within ±{} at a target",
                 channels.dwell_s, channels.within
             ),
-            "an axis that stands at its targets: check the channel, `within` and `dwell_s`"
-                .to_owned(),
-        ));
-    }
+            expected: "an axis that stands at its targets: check the channel, `within`, `dwell_s` and `targets`".into(),
+        });
+    };
     if channels.zero_at_first {
-        let first = readings[0].deviation;
-        readings
-            .iter_mut()
-            .for_each(|reading| reading.deviation -= first);
+        for reading in &mut readings {
+            reading.deviation -= first;
+        }
     }
     let unit = channels.unit.held_in();
+    let mut notes = log.notes.clone();
     notes.push(format!(
-        "{} stands of at least {} s read; while the axis stood the instrument moved by up to {widest:.2} {unit}",
+        "{} stands of at least {} s read; while the axis stood the instrument moved by up to {:.2} {unit}",
         readings.len(),
-        channels.dwell_s
+        channels.dwell_s,
+        read.widest
     ));
-    if passed_over > 0 {
+    if read.passed_over > 0 {
         notes.push(format!(
-            "{passed_over} stands elsewhere than at a target passed over"
+            "{} stands elsewhere than at a target passed over",
+            read.passed_over
         ));
     }
     if channels.targets.is_empty() {
@@ -154,6 +98,75 @@ pub fn readings_at_dwells(
         notes,
         ..Measurement::default()
     })
+}
+
+/// What was read at the stands of an axis.
+#[derive(Default)]
+struct Read {
+    readings: Vec<Reading>,
+    /// Stands that are at no target, or at one that was read before in the same run.
+    passed_over: usize,
+    /// By how much the instrument moved at the most while the axis stood, µm or µrad.
+    widest: f64,
+}
+
+impl Read {
+    fn of(
+        log: &ChannelLog,
+        reading: &Channel,
+        stands: &[Stand],
+        channels: &Channels,
+    ) -> Result<Self, MetrologyError> {
+        let nominal = nominal_targets(stands, channels);
+        let reach = reach(&nominal, channels);
+        let at_target = |stand: &Stand| {
+            nearest(&nominal, stand.position)
+                .filter(|target| (target - stand.position).abs() <= reach)
+        };
+        // Places that are no targets, such as overruns, still say from where a target was approached.
+        let order: Vec<f64> = stands
+            .iter()
+            .map(|stand| at_target(stand).unwrap_or(stand.position))
+            .collect();
+        let mut read = Self::default();
+        for (stand, (run, direction)) in stands.iter().zip(runs_by_travel(&order)) {
+            let Some(target) = at_target(stand) else {
+                read.passed_over += 1;
+                continue;
+            };
+            let is_same = |r: &Reading| (r.run, r.direction, r.target) == (run, direction, target);
+            if read.readings.iter().any(is_same) {
+                // The axis crept by more than the limit and stood again: one target, one reading.
+                read.passed_over += 1;
+                continue;
+            }
+            let Some((value, spread)) = mean_within(reading, stand, channels.settle_s) else {
+                return Err(MetrologyError::Readings {
+                    name: log.name.clone(),
+                    what: format!("channel {}", reading.name),
+                    found: format!(
+                        "no value before the stand at {target} ended, {:.1} s after the start",
+                        stand.to_s
+                    ),
+                    expected: "a value of the instrument at every target".into(),
+                });
+            };
+            let micro = channels.unit.micro();
+            read.widest = read.widest.max(spread * micro);
+            let zero = if channels.reads_position {
+                target * target_micro(channels.unit)
+            } else {
+                0.0
+            };
+            read.readings.push(Reading {
+                target,
+                run,
+                direction,
+                deviation: value * micro - zero,
+            });
+        }
+        Ok(read)
+    }
 }
 
 fn channel_of<'l>(log: &'l ChannelLog, name: &str) -> Result<&'l Channel, MetrologyError> {

@@ -96,7 +96,7 @@ fn rows(
     let mut rows = Vec::new();
     for record in reader.records() {
         let record = record.map_err(|error| {
-            let line = error.position().map_or(1, |at| at.line());
+            let line = error.position().map_or(1, csv::Position::line);
             let place = Place {
                 file: name,
                 line: usize::try_from(line).unwrap_or(1),

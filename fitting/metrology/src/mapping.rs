@@ -265,10 +265,9 @@ impl Channels {
         }
         let mut sorted = channels.targets.clone();
         sorted.sort_by(f64::total_cmp);
-        if let Some(twice) = sorted.windows(2).find(|pair| pair[0] == pair[1]) {
+        if let Some([twice, ..]) = sorted.windows(2).find(|pair| pair[0] == pair[1]) {
             return Err(section.error(format!(
-                "found the target {} twice, expected each target once",
-                twice[0]
+                "found the target {twice} twice, expected each target once"
             )));
         }
         Ok(channels)

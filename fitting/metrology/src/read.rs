@@ -145,6 +145,9 @@ fn by_content(
             None => Ok(Content::Log(Box::new(log))),
         };
     }
+    if is_report(&text) {
+        return parse_keysight_report(bytes, name).map(measured);
+    }
     match mapping {
         Some(Mapping::Columns(columns)) => {
             return parse_table_with(bytes, name, columns).map(measured);
@@ -156,9 +159,6 @@ fn by_content(
             ));
         }
         None => {}
-    }
-    if is_report(&text) {
-        return parse_keysight_report(bytes, name).map(measured);
     }
     if extension == "csv" {
         return parse_csv(bytes, name).map(measured);

@@ -23,9 +23,12 @@ pub(crate) fn runs_by_travel(targets: &[f64]) -> Vec<(u32, Direction)> {
 
 /// The direction of each approach, and whether a run begins there in the direction of the one before.
 fn directions(targets: &[f64]) -> Vec<(Direction, bool)> {
-    let toward = |from: f64, to: f64| match to > from {
-        true => Direction::Positive,
-        false => Direction::Negative,
+    let toward = |from: f64, to: f64| {
+        if to > from {
+            Direction::Positive
+        } else {
+            Direction::Negative
+        }
     };
     let Some(moved) = targets.windows(2).position(|pair| pair[0] != pair[1]) else {
         return vec![(Direction::Positive, true); targets.len()];
@@ -38,9 +41,10 @@ fn directions(targets: &[f64]) -> Vec<(Direction, bool)> {
         })
         .collect();
     for index in moved + 1..targets.len() {
-        let direction = match targets[index] == targets[index - 1] {
-            true => opposite(found[index - 1].0),
-            false => toward(targets[index - 1], targets[index]),
+        let direction = if targets[index] == targets[index - 1] {
+            opposite(found[index - 1].0)
+        } else {
+            toward(targets[index - 1], targets[index])
         };
         found.push((direction, false));
     }

@@ -3,6 +3,7 @@
 
 pub(crate) mod axes;
 pub(crate) mod calibrate;
+pub(crate) mod calibrate_draft;
 pub(crate) mod check;
 pub(crate) mod diagonals;
 pub(crate) mod failure;
@@ -30,7 +31,7 @@ use volcomp_vocabulary::AxisName;
 /// The name of a command and the schema of its document.
 type Named = (&'static str, fn() -> Schema);
 
-/// The documents by the name of their command, `probe-list` for `probe --list`, `nc-average` for `nc --average`: `volcomp-NAME.json` is the file of the schema.
+/// The documents by the name of their command, `probe-list` for `probe --list`, `nc-average` for `nc --average`, `calibrate-draft` for `calibrate --draft`: `volcomp-NAME.json` is the file of the schema.
 pub(crate) const ALL: &[Named] = &[
     ("check", schema::<check::Check>),
     ("compile", schema::<program::Compile>),
@@ -47,6 +48,7 @@ pub(crate) const ALL: &[Named] = &[
     ("fit", schema::<fit::Fit>),
     ("fit-thermal", schema::<fit_thermal::FitThermal>),
     ("calibrate", schema::<calibrate::Calibrate>),
+    ("calibrate-draft", schema::<calibrate_draft::CalibrateDraft>),
     ("identify", schema::<identify::Identify>),
     ("iso230", schema::<iso230::Iso230>),
     ("form", schema::<form::Form>),

@@ -7,7 +7,7 @@ use volcomp_calibrate::{Calibration, CalibrationFile, calibrate};
 use volcomp_vocabulary::{Um, Urad};
 
 use super::{
-    Answer, fixed,
+    Answer, calibrate_draft, fixed,
     identify::{EXPLAINED, found_text},
     refuse_overwriting, table, table_text,
 };
@@ -15,18 +15,35 @@ use crate::{
     answers::calibrate::Calibrate as Document, failure::Failure, output::OutputFile, progress,
 };
 
-/// Fits measurement files to a machine file
+/// Fits measurement files to a machine file, or drafts a calibration file from a folder
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
     /// The calibration file (TOML), which names the machine file and the measurement files
-    calibration: PathBuf,
-    /// Machine file to write
+    #[arg(required_unless_present = "draft")]
+    calibration: Option<PathBuf>,
+    /// Drafts a calibration file from the measurement files in this folder, with its open questions
+    #[arg(
+        long,
+        value_name = "DIR",
+        requires = "machine",
+        conflicts_with = "calibration"
+    )]
+    draft: Option<PathBuf>,
+    /// Machine file for --draft: structure, axes and travels
+    #[arg(long, short, value_name = "M.toml", requires = "draft")]
+    machine: Option<PathBuf>,
+    /// Machine file to write; with --draft the calibration file
     #[arg(long, short)]
     output: PathBuf,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
-    let file = CalibrationFile::read(&arguments.calibration)?;
+    if let (Some(folder), Some(machine)) = (&arguments.draft, &arguments.machine) {
+        return calibrate_draft::run(folder, machine, &arguments.output);
+    }
+    // Where there is no draft the call has a calibration file.
+    let path = arguments.calibration.clone().unwrap_or_default();
+    let file = CalibrationFile::read(&path)?;
     refuse_overwriting(&file.files, &arguments.output, "calibration")?;
     let mut output = OutputFile::open(&arguments.output)?;
     let calibration = fit(&file)?;

@@ -36,5 +36,6 @@ fn write(folder: &Path, files: &[(String, String)]) -> Result<Answer, Failure> {
         json: json!({ "folder": folder.display().to_string(), "files": names }),
         text: format!("{} files in {}\n", names.len(), folder.display()),
         notes: Vec::new(),
+        failed: None,
     })
 }

@@ -1,50 +1,161 @@
-//! `volcomp inspect`: what a measurement file holds.
+//! `volcomp inspect`: what measurement files hold.
 
-use std::{fmt::Write, path::PathBuf};
+use std::{collections::BTreeMap, fmt::Write, path::PathBuf};
 
 use serde_json::{Map, Value};
-use volcomp_metrology::{Measurement, read_file};
+use volcomp_metrology::{Content, Measurement, MetrologyError, read_content};
 use volcomp_vocabulary::AxisName;
 
 use super::Answer;
-use crate::{answers::inspect::Inspect, failure::Failure};
+use crate::{
+    answers::inspect::{Inspect, Log, OneFile, Readings, Refused, Samples},
+    failure::Failure,
+};
 
-/// Shows what a measurement file holds: texts, targets, runs, surroundings
+/// Shows what measurement files hold: oddities, texts, targets, runs, surroundings
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// Measurement file: .rtl, .rta or .csv
-    file: PathBuf,
+    /// Measurement files: .rtl, .rta, .rts, .rtx, .REN, .pos, .csv, .txt, .log, .dat
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
-    let measurement = read_file(&arguments.file)?;
-    let document = Inspect::new(arguments.file.display().to_string(), &measurement);
-    let answer = Answer::new(&document, String::new(), measurement.notes.clone())?;
-    let entries = answer.json.as_object().cloned().unwrap_or_default();
+    if let [only] = &arguments.files[..] {
+        let content = read_content(only, None)?;
+        let (document, text) = one(only.display().to_string(), &content)?;
+        return Answer::new(&Inspect::One(Box::new(document)), text, Vec::new());
+    }
+    let (mut files, mut texts, mut refused) = (Vec::new(), Vec::new(), 0);
+    let mut others = Others::default();
+    for path in &arguments.files {
+        let file = path.display().to_string();
+        match read_content(path, None) {
+            Ok(mut content) => {
+                if let Content::Measurement(measurement) = &mut content {
+                    measurement
+                        .notes
+                        .splice(0..0, others.compare(&file, measurement));
+                }
+                let (document, text) = one(file, &content)?;
+                files.push(document);
+                texts.push(text);
+            }
+            Err(error) => {
+                refused += 1;
+                texts.push(refused_text(&file, &error));
+                let error = error.to_string();
+                files.push(OneFile::Refused(Refused { file, error }));
+            }
+        }
+    }
+    let count = files.len();
+    let answer = Answer::new(&Inspect::Many { files }, texts.join("\n"), Vec::new())?;
     Ok(Answer {
-        text: text(&entries, &measurement),
+        failed: (refused > 0).then(|| {
+            Failure::input(format_args!(
+                "{refused} of {count} files are refused, see above"
+            ))
+        }),
         ..answer
     })
 }
 
-/// The document, a line for each key.
-fn text(document: &Map<String, Value>, measurement: &Measurement) -> String {
+/// What the files before said.
+#[derive(Default)]
+struct Others {
+    readings: BTreeMap<Vec<[u64; 2]>, String>,
+    serial: Option<(String, String)>,
+}
+
+impl Others {
+    /// Warnings about a file that only the others show.
+    fn compare(&mut self, file: &str, measurement: &Measurement) -> Vec<String> {
+        let mut warnings = Vec::new();
+        let key: Vec<[u64; 2]> = measurement
+            .readings
+            .iter()
+            .map(|reading| [reading.target.to_bits(), reading.deviation.abs().to_bits()])
+            .collect();
+        match self.readings.get(&key) {
+            Some(other) => warnings.push(format!(
+                "it has the same readings as {other}: is it one test under two names?"
+            )),
+            None => {
+                self.readings.insert(key, file.to_owned());
+            }
+        }
+        if let Some(serial) = &measurement.metadata.serial {
+            match &self.serial {
+                Some((other, of)) if other != serial => warnings.push(format!(
+                    "it states the serial number {serial}, {of} states {other}"
+                )),
+                Some(_) => {}
+                None => self.serial = Some((serial.clone(), file.to_owned())),
+            }
+        }
+        warnings
+    }
+}
+
+fn refused_text(file: &str, error: &MetrologyError) -> String {
+    format!(" {:<24}{file}\n {:<24}{error}\n", "file", "REFUSED")
+}
+
+fn one(file: String, content: &Content) -> Result<(OneFile, String), Failure> {
+    let (document, measurement) = match content {
+        Content::Measurement(measurement) => {
+            let readings = Readings::new(file, measurement);
+            (OneFile::Readings(Box::new(readings)), Some(&**measurement))
+        }
+        Content::Capture(capture) => (
+            OneFile::Samples(Box::new(Samples::new(file, capture))),
+            None,
+        ),
+        Content::Log(log) => (OneFile::Log(Log::new(file, log)), None),
+    };
+    let value = serde_json::to_value(&document)
+        .map_err(|e| Failure::Work(format!("the JSON document: {e}")))?;
+    let entries = value.as_object().cloned().unwrap_or_default();
+    Ok((document, text(&entries, measurement)))
+}
+
+/// The document, a line for each key, warnings first.
+fn text(document: &Map<String, Value>, measurement: Option<&Measurement>) -> String {
     let mut text = String::new();
+    let unit = measurement.and_then(|measurement| measurement.unit);
     // Writing to a String cannot fail.
     let mut line = |key: &str, shown: String| {
         let _ = writeln!(text, " {:<24}{shown}", key.replace('_', " "));
     };
     for (key, value) in document {
         match (key.as_str(), value) {
+            ("warnings", Value::Array(warnings)) => {
+                for warning in warnings {
+                    line("WARNING", plain(warning));
+                }
+            }
+            ("channels", Value::Array(channels)) => {
+                for channel in channels {
+                    let said = format!(
+                        "{}: {} values from {} to {}",
+                        plain(&channel["name"]),
+                        channel["values"],
+                        channel["min"],
+                        channel["max"]
+                    );
+                    line("channel", said);
+                }
+            }
             ("targets", Value::Array(targets)) => {
-                line(key, targets_text(targets, target_unit(measurement)));
+                let unit = measurement.map_or("", target_unit);
+                line(key, targets_text(targets, unit));
             }
             ("unit", Value::String(_)) => {
-                let unit = measurement.unit.map(|unit| unit.to_string());
-                line(key, unit.unwrap_or_default());
+                line(key, unit.map(|unit| unit.to_string()).unwrap_or_default());
             }
             ("deviation_min" | "deviation_max", Value::Number(deviation)) => {
-                let unit = measurement.unit.map(|unit| format!(" {unit}"));
+                let unit = unit.map(|unit| format!(" {unit}"));
                 let deviation = deviation.as_f64().unwrap_or_default();
                 line(key, format!("{deviation:.2}{}", unit.unwrap_or_default()));
             }
@@ -53,6 +164,8 @@ fn text(document: &Map<String, Value>, measurement: &Measurement) -> String {
                     line(name, plain(value));
                 }
             }
+            // What a kind of file cannot state is not worth a line.
+            ("material_compensation", Value::Null) => {}
             (_, Value::Null) => line(key, "not stated".to_owned()),
             (_, other) => line(key, plain(other)),
         }

@@ -15,7 +15,7 @@ use crate::{
 /// Evaluates a positioning test by ISO 230-2
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// Measurement file: .csv, .rtl, .rta
+    /// Measurement file: .csv, .rtl, .rta, .pos, a report or a log
     data: PathBuf,
     /// Part of ISO 230: 2 (positioning of an axis)
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u8).range(2..=2))]

@@ -3,6 +3,7 @@
 pub(crate) mod age;
 pub(crate) mod axes;
 pub(crate) mod calibrate;
+mod calibrate_draft;
 pub(crate) mod check;
 pub(crate) mod compile;
 pub(crate) mod completions;
@@ -53,6 +54,8 @@ pub(crate) struct Answer {
     pub(crate) text: String,
     /// Notes that a person should read besides the text.
     pub(crate) notes: Vec<String>,
+    /// Why the program fails nevertheless, after it has said what it found.
+    pub(crate) failed: Option<Failure>,
 }
 
 impl Answer {
@@ -67,6 +70,7 @@ impl Answer {
                 .map_err(|e| Failure::Work(format!("the JSON document: {e}")))?,
             text,
             notes,
+            failed: None,
         })
     }
 }

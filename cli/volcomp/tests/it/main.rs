@@ -7,6 +7,7 @@ mod fit_thermal;
 mod help;
 mod map;
 mod map_table;
+mod measurement_files;
 mod nc;
 mod nc_parts;
 mod points;

@@ -142,6 +142,7 @@ fn live_documents_follow_their_schemas() {
         &["dh", "-m", "examples/five-axis.toml"],
         &["inspect", &fit],
         &["inspect", POSITIONING],
+        &["inspect", &fit, POSITIONING],
         &["calibrate", &calibration, "-o", &found],
         &[
             "identify",
@@ -161,6 +162,17 @@ fn live_documents_follow_their_schemas() {
     let url = format!("focas://{}", simulator.address());
     validate("probe", &json(&["probe", &url]));
     validate("probe-list", &json(&["probe", "--list"]));
+    let drafted = path("drafted.toml");
+    let call = [
+        "calibrate",
+        "--draft",
+        &demo,
+        "--machine",
+        &machine,
+        "-o",
+        &drafted,
+    ];
+    validate("calibrate-draft", &json(&call));
     let mill = ["-m", "examples/mill.toml", "--setup", "examples/setup.toml"];
     let averaged = [
         &[
@@ -176,7 +188,13 @@ fn live_documents_follow_their_schemas() {
     .concat();
     validate("nc-average", &json(&averaged));
     let mut known: Vec<&str> = calls.iter().map(|call| call[0]).collect();
-    known.extend(["probe", "probe-list", "nc-average", "failure"]);
+    known.extend([
+        "probe",
+        "probe-list",
+        "nc-average",
+        "calibrate-draft",
+        "failure",
+    ]);
     for entry in fs::read_dir(root().join("docs/schema")).expect("the schemas") {
         let name = entry
             .expect("an entry")
@@ -193,7 +211,7 @@ fn live_documents_follow_their_schemas() {
             continue;
         }
         assert!(
-            ["failure", "probe-list", "nc-average"].contains(&name)
+            ["failure", "probe-list", "nc-average", "calibrate-draft"].contains(&name)
                 || commands().iter().any(|c| c == name),
             "{name}"
         );

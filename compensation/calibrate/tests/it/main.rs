@@ -1,6 +1,7 @@
 //! Measurements computed from a truth machine's kinematics come back as its volumetric error.
 
 mod both_sides;
+mod draft;
 mod fuzz_corpus;
 mod gantry;
 mod instrument;

@@ -115,21 +115,18 @@ fn split(bytes: &[u8]) -> Option<(&[u8], &[u8], usize)> {
 /// The samples before the end mark: where the stated count puts it, else at the last one in the file.
 fn without_end(data: &[u8], count: Option<usize>) -> Option<&[u8]> {
     let is_end = |rest: &[u8]| rest.trim_ascii() == END;
-    match count {
-        Some(count) => {
-            let length = count.checked_mul(8)?;
-            let rest = data.get(length..)?;
-            is_end(rest).then(|| &data[..length])
-        }
-        None => {
-            // Samples may hold any bytes, blanks too: only whole samples before the mark fit.
-            let mark = data.windows(END.len()).rposition(|window| window == END)?;
-            let end = (mark.saturating_sub(2)..=mark)
-                .rev()
-                .find(|end| end % 8 == 0 && data[*end..mark].iter().all(u8::is_ascii_whitespace))?;
-            is_end(&data[mark..]).then(|| &data[..end])
-        }
+    if let Some(count) = count {
+        let length = count.checked_mul(8)?;
+        let rest = data.get(length..)?;
+        return is_end(rest).then(|| &data[..length]);
     }
+    // Samples may hold any bytes, blanks too: only whole samples before the mark fit.
+    let mark = data.windows(END.len()).rposition(|window| window == END)?;
+    let is_blank = |end: &usize| data[*end..mark].iter().all(u8::is_ascii_whitespace);
+    let end = (mark.saturating_sub(2)..=mark)
+        .rev()
+        .find(|end| end % 8 == 0 && is_blank(end))?;
+    is_end(&data[mark..]).then(|| &data[..end])
 }
 
 struct Header {

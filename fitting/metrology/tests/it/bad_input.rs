@@ -126,14 +126,14 @@ fn messages_about_tables() {
 fn messages_about_paths() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::create_dir(dir.path().join("folder.rtl")).unwrap();
-    std::fs::write(dir.path().join("a.rts"), "x").unwrap();
+    std::fs::write(dir.path().join("a.rtm"), "x").unwrap();
     std::fs::write(dir.path().join("plain"), "x").unwrap();
     std::fs::write(dir.path().join("table.rtl"), "target,deviation\n0,1\n").unwrap();
     std::fs::write(dir.path().join("laser.csv"), BIDIRECTIONAL_RTL).unwrap();
     let mut messages = String::new();
     for name in [
         "folder.rtl",
-        "a.rts",
+        "a.rtm",
         "plain",
         "table.rtl",
         "laser.csv",

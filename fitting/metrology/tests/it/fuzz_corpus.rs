@@ -2,9 +2,11 @@
 
 use std::path::Path;
 
+use volcomp_document::Document;
 use volcomp_metrology::{
-    Measurement, MetrologyError, RenishawKind, evaluate, parse_csv, parse_renishaw, write_csv,
-    write_renishaw,
+    Mapping, Measurement, MetrologyError, RenishawKind, evaluate, parse_camonitor, parse_csv,
+    parse_keysight_report, parse_pos, parse_ren, parse_renishaw, parse_rtx, parse_table_with,
+    readings_at_dwells, write_csv, write_renishaw,
 };
 
 fn replay(target: &str, read: impl Fn(&[u8], &str) -> Result<Measurement, MetrologyError>) {
@@ -41,6 +43,8 @@ fn laser_files() {
     replay("renishaw", |bytes, name| {
         let kind = if name.ends_with("rta") {
             RenishawKind::Angular
+        } else if name.ends_with("rts") {
+            RenishawKind::Straightness
         } else {
             RenishawKind::Linear
         };
@@ -51,4 +55,43 @@ fn laser_files() {
 #[test]
 fn tables() {
     replay("csv", parse_csv);
+}
+
+#[test]
+fn reports() {
+    replay("reports", |bytes, name| {
+        if name.ends_with("pos") {
+            parse_pos(bytes, name)
+        } else if name.ends_with("ren") {
+            parse_ren(bytes, name)
+        } else {
+            parse_keysight_report(bytes, name)
+        }
+    });
+}
+
+/// The samples of a capture stand for readings here.
+#[test]
+fn captures() {
+    replay("capture", |bytes, name| {
+        let capture = parse_rtx(bytes, name)?;
+        assert!(capture.samples.iter().all(|sample| sample.is_finite()));
+        parse_csv(b"target,deviation\n0,0\n", name)
+    });
+}
+
+#[test]
+fn tables_and_logs_with_their_mapping() {
+    replay("mapped", |bytes, name| {
+        let text = String::from_utf8_lossy(bytes);
+        let (toml, rows) = text.split_once("===\n").unwrap_or(("", &text));
+        let document = Document::new(name, toml);
+        match document.decode(|root| Mapping::decode(&root))? {
+            Some(Mapping::Columns(columns)) => parse_table_with(rows.as_bytes(), name, &columns),
+            Some(Mapping::Channels(channels)) => {
+                readings_at_dwells(&parse_camonitor(rows.as_bytes(), name)?, &channels)
+            }
+            None => panic!("{name}: no mapping"),
+        }
+    });
 }

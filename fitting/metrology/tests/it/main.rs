@@ -10,6 +10,8 @@ mod form_revolved;
 mod fuzz_corpus;
 mod geometry;
 mod iso230_2;
+mod mapped;
+mod other_lasers;
 mod outliers;
 mod properties;
 mod renishaw;

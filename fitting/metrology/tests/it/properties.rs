@@ -2,9 +2,10 @@
 
 use proptest::prelude::*;
 use volcomp_metrology::{
-    DeviationUnit, Environment, Measurement, Metadata, MotionKind, Reading, ReferenceLine,
-    RenishawKind, StartEnd, TiltReading, angular_method_um, evaluate, outlier_hints, parse_csv,
-    parse_renishaw, squareness, write_csv, write_renishaw,
+    DeviationUnit, Environment, FileFormat, Measurement, Metadata, MotionKind, Quantity, Reading,
+    ReferenceLine, RenishawKind, StartEnd, TiltReading, angular_method_um, evaluate, outlier_hints,
+    parse_camonitor, parse_csv, parse_keysight_report, parse_pos, parse_ren, parse_renishaw,
+    parse_rtx, squareness, write_csv, write_renishaw,
 };
 use volcomp_vocabulary::{AxisName, Component, Direction, ErrorName, Urad};
 
@@ -18,8 +19,14 @@ fn exercise(bytes: &[u8]) {
     let read = [
         parse_renishaw(bytes, "x", RenishawKind::Linear),
         parse_renishaw(bytes, "x", RenishawKind::Angular),
+        parse_renishaw(bytes, "x", RenishawKind::Straightness),
+        parse_pos(bytes, "x"),
+        parse_ren(bytes, "x"),
+        parse_keysight_report(bytes, "x"),
         parse_csv(bytes, "x"),
     ];
+    let _ = parse_rtx(bytes, "x");
+    let _ = parse_camonitor(bytes, "x");
     for m in read.into_iter().flatten() {
         assert!(!m.readings.is_empty());
         assert!(
@@ -183,8 +190,15 @@ fn measurement(unit: DeviationUnit, kind: &'static str) -> impl Strategy<Value =
                     }
                 }
                 let (name, unit, notes) = ("x".to_owned(), Some(unit), Vec::new());
+                let (format, quantity) = match kind {
+                    "rtl" => (FileFormat::RenishawLinear, Quantity::Positioning),
+                    "rts" => (FileFormat::RenishawStraightness, Quantity::Straightness),
+                    _ => (FileFormat::RenishawAngular, Quantity::Angle),
+                };
                 Measurement {
                     name,
+                    format: Some(format),
+                    quantity: Some(quantity),
                     unit,
                     stated: None,
                     target_unit: None,
@@ -195,6 +209,13 @@ fn measurement(unit: DeviationUnit, kind: &'static str) -> impl Strategy<Value =
                 }
             },
         )
+}
+
+/// What was written, read again, without the notes that readers make.
+fn read_again(text: &str, kind: RenishawKind) -> Measurement {
+    let mut read = parse_renishaw(text.as_bytes(), "x", kind).unwrap();
+    read.notes.clear();
+    read
 }
 
 /// Readings as no instrument gives them: any number, any run, few different targets.
@@ -248,16 +269,31 @@ proptest! {
     }
 
     #[test]
+    fn damaged_reports_never_panic(damages in prop::collection::vec(damage(), 1..4), which in 0..3_usize) {
+        use crate::other_lasers::{POS, REN, REPORT};
+        exercise(&damaged([POS, REN, REPORT][which], &damages));
+    }
+
+    #[test]
+    fn damaged_logs_never_panic(damages in prop::collection::vec(damage(), 1..4)) {
+        exercise(&damaged(&crate::mapped::log(), &damages));
+    }
+
+    #[test]
     fn linear_files_read_back_as_written(m in measurement(DeviationUnit::Um, "rtl")) {
         let text = write_renishaw(&m);
         prop_assert!(text.lines().count() == text.matches("\r\n").count());
-        prop_assert_eq!(parse_renishaw(text.as_bytes(), "x", RenishawKind::Linear).unwrap(), m);
+        prop_assert_eq!(read_again(&text, RenishawKind::Linear), m);
+    }
+
+    #[test]
+    fn straightness_files_read_back_as_written(m in measurement(DeviationUnit::Um, "rts")) {
+        prop_assert_eq!(read_again(&write_renishaw(&m), RenishawKind::Straightness), m);
     }
 
     #[test]
     fn angular_files_read_back_to_a_millionth(m in measurement(DeviationUnit::Urad, "rta")) {
-        let mut again =
-            parse_renishaw(write_renishaw(&m).as_bytes(), "x", RenishawKind::Angular).unwrap();
+        let mut again = read_again(&write_renishaw(&m), RenishawKind::Angular);
         for (found, expected) in again.readings.iter_mut().zip(&m.readings) {
             prop_assert!((found.deviation - expected.deviation).abs() < 6e-7);
             found.deviation = expected.deviation;

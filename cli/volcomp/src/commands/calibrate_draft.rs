@@ -1,0 +1,90 @@
+//! `volcomp calibrate --draft`: a calibration file from a folder of measurement files, with its open questions.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use volcomp_calibrate::{Draft, draft};
+use volcomp_model::Machine;
+
+use super::{Answer, refuse_overwriting, table, table_text};
+use crate::{answers::calibrate_draft::CalibrateDraft, failure::Failure, output::OutputFile};
+
+pub(super) fn run(folder: &Path, machine_file: &Path, output: &Path) -> Result<Answer, Failure> {
+    let machine = Machine::read(machine_file)?;
+    let mut file = OutputFile::open_beside(output, &[(machine_file, "the machine file")])?;
+    let base = base_of(output);
+    let named = |path: &Path| relative(path, &base);
+    let found = draft(folder, &machine, &named(machine_file), named).map_err(|error| {
+        Failure::in_file(folder, format_args!("cannot be looked through: {error}"))
+    })?;
+    if found.proposed.is_empty() {
+        let reasons: Vec<String> = found
+            .left_over
+            .iter()
+            .map(|of| format!("{}: {}", of.file, of.reason))
+            .collect();
+        let reasons = match reasons[..] {
+            [] => "it holds no files".to_owned(),
+            _ => reasons.join("; "),
+        };
+        return Err(Failure::in_file(
+            folder,
+            format_args!("found no measurement file for this machine: {reasons}"),
+        ));
+    }
+    refuse_overwriting(&found.looked_at, output, "draft")?;
+    file.append(found.text.as_bytes())?;
+    file.finish()?;
+    let name = output.display().to_string();
+    let document = CalibrateDraft::new(name.clone(), &found);
+    Answer::new(&document, text(&name, &found), notes(&found))
+}
+
+/// The folder of the draft, from which the files are named.
+fn base_of(output: &Path) -> PathBuf {
+    let folder = match output.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    folder.canonicalize().unwrap_or_else(|_| folder.to_owned())
+}
+
+/// A file as it is named from a folder: relative where it stands in it, else from the root on.
+fn relative(path: &Path, base: &Path) -> String {
+    let whole = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    whole
+        .strip_prefix(base)
+        .unwrap_or(&whole)
+        .display()
+        .to_string()
+}
+
+fn notes(draft: &Draft) -> Vec<String> {
+    let mut notes = draft.conflicts.clone();
+    let left_over = draft.left_over.iter();
+    notes.extend(left_over.map(|of| format!("not used: {}: {}", of.file, of.reason)));
+    notes.extend(draft.notes.iter().cloned());
+    notes
+}
+
+fn text(file: &str, draft: &Draft) -> String {
+    let mut proposed = table(&["error", "file", "open"]);
+    for of in &draft.proposed {
+        let open: Vec<String> = of.questions().into_iter().map(|asked| asked.key).collect();
+        let error = of
+            .error
+            .map_or_else(|| "?".to_owned(), |error| error.to_string());
+        proposed.add_row([error, of.files.join(" or "), open.join(" ")]);
+    }
+    let mut text = table_text(&proposed);
+    // Writing to a String cannot fail.
+    let _ = match draft.questions.len() {
+        0 => writeln!(text, "\nwrote {file}: no question is open"),
+        1 => writeln!(text, "\nwrote {file}: one question is open, marked \"?\""),
+        open => writeln!(
+            text,
+            "\nwrote {file}: {open} questions are open, each marked \"?\" with a comment"
+        ),
+    };
+    text
+}

@@ -1,0 +1,124 @@
+//! Measurement files of several kinds: what `inspect` says, and a calibration file drafted from a folder.
+
+use std::fs;
+
+use serde_json::Value;
+
+use crate::{json, refused, text, volcomp};
+
+const SHOP: &str = "cli/volcomp/demo/shop.toml";
+
+fn written(folder: &tempfile::TempDir, name: &str, text: &str) -> String {
+    let path = folder.path().join(name);
+    fs::write(&path, text).expect("written");
+    path.display().to_string()
+}
+
+#[test]
+fn inspect_takes_several_files_and_tells_the_odd_ones() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let good = written(
+        &folder,
+        "exx.csv",
+        "target_mm,deviation_um\n0,1\n10,2\n20,4\n",
+    );
+    let same = written(
+        &folder,
+        "eyy.csv",
+        "target_mm,deviation_um\n0,-1\n10,-2\n20,-4\n",
+    );
+    let cut = written(&folder, "ezz.rtl", "HEADER::\r\nFile type : rtl\r\n");
+    let log = written(
+        &folder,
+        "x.log",
+        "A:POS 2026-03-14 10:00:00.5 1.5\nA:POS 2026-03-14 10:00:01.5 2.5\n",
+    );
+    let output = volcomp(&["--json", "inspect", &good, &same, &cut, &log]);
+    assert_eq!(output.status.code(), Some(2));
+    let document: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let files = document["files"].as_array().expect("a list");
+    assert_eq!(files.len(), 4);
+    assert_eq!(files[0]["kind"], "table");
+    assert_eq!(files[0]["warnings"], Value::Array(Vec::new()));
+    assert!(
+        files[1]["warnings"][0]
+            .as_str()
+            .expect("a text")
+            .contains("the same readings as")
+    );
+    assert!(
+        files[2]["error"]
+            .as_str()
+            .expect("a text")
+            .contains("EOF::")
+    );
+    assert_eq!(files[3]["channels"][0]["max"], 2.5);
+    let shown = text(&["inspect", &good, &log]);
+    assert!(shown.contains("measured minus target"), "{shown}");
+    assert!(shown.contains("A:POS: 2 values from 1.5 to 2.5"), "{shown}");
+    assert_eq!(text(&["inspect", &same]).matches("WARNING").count(), 0);
+    assert!(refused(&["inspect", &cut]).contains("ezz.rtl:"));
+}
+
+/// The files of the virtual shop: their names and headers say which error each is, nothing says where lines ran.
+#[test]
+fn a_folder_becomes_a_draft_that_asks_before_it_is_calibrated() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let lasers = folder.path().display().to_string();
+    json(&["simulate", SHOP, "-o", &lasers]);
+    let [machine, drafted, result] = ["machine.toml", "drafted.toml", "result.toml"]
+        .map(|name| folder.path().join(name).display().to_string());
+    let call = [
+        "calibrate",
+        "--draft",
+        &lasers,
+        "--machine",
+        &machine,
+        "-o",
+        &drafted,
+    ];
+    let document = json(&call);
+    let measurements = document["measurements"].as_array().expect("a list");
+    let files = fs::read_dir(folder.path()).expect("a folder").count();
+    assert!(
+        measurements.len() > 10 && measurements.len() < files,
+        "{}",
+        measurements.len()
+    );
+    assert!(
+        measurements.iter().all(|of| of["error"].is_string()),
+        "{measurements:?}"
+    );
+    let questions = document["questions"].as_array().expect("a list");
+    assert!(questions.iter().any(|asked| asked["key"] == "point"));
+    let message = refused(&["calibrate", &drafted, "-o", &result]);
+    assert!(
+        message.contains("open question") && message.contains("drafted.toml:"),
+        "{message}"
+    );
+    // The draft does not take the place of what it was made from.
+    let laser = folder.path().join("exx.rtl").display().to_string();
+    let call = [
+        "calibrate",
+        "--draft",
+        &lasers,
+        "--machine",
+        &machine,
+        "-o",
+        &laser,
+    ];
+    assert!(refused(&call).contains("expected another file"));
+    assert!(refused(&["calibrate", "--draft", &lasers, "-o", &drafted]).contains("--machine"));
+    let empty = tempfile::tempdir().expect("a folder");
+    let nothing = empty.path().display().to_string();
+    let call = [
+        "calibrate",
+        "--draft",
+        &nothing,
+        "--machine",
+        &machine,
+        "-o",
+        &drafted,
+    ];
+    assert!(refused(&call).contains("it holds no files"));
+}

@@ -1,0 +1,506 @@
+//! A first calibration file from a folder of measurement files: what their headers, endings and names say is proposed, the
+//! rest is asked.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use volcomp_metrology::{
+    Content, Measurement, Metadata, Quantity, axis_named, oddities, read_content,
+};
+use volcomp_model::Machine;
+use volcomp_vocabulary::{AxisName, Component, ErrorName};
+
+use crate::{
+    draft_text,
+    hints::{self, Hints},
+    questions::{OPEN, question},
+};
+
+/// A calibration file that somebody has to complete.
+#[derive(Clone, Debug)]
+pub struct Draft {
+    /// Every file that was looked at: what must not be overwritten.
+    pub looked_at: Vec<PathBuf>,
+    /// The calibration file, with `"?"` where a value is not known and a comment that asks for it.
+    pub text: String,
+    /// The measurements that it proposes.
+    pub proposed: Vec<Proposed>,
+    /// What nobody but the one who measured can say.
+    pub questions: Vec<Question>,
+    /// Files that were given the same place, or hold the same readings.
+    pub conflicts: Vec<String>,
+    /// Files that fit nothing, each with the reason.
+    pub left_over: Vec<LeftOver>,
+    /// What is odd about the files that are used.
+    pub notes: Vec<String>,
+}
+
+/// One `[[measurement]]` of a draft.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Proposed {
+    /// The files; several where they are measurements of the same error at the same place.
+    pub files: Vec<String>,
+    /// The error, where it is known.
+    pub error: Option<ErrorName>,
+    /// Where the other axes stood, `None` where it is not known.
+    pub at: Vec<(AxisName, Option<f64>)>,
+    /// Keys with their value as it stands in the file, `"?"` where it is open.
+    pub keys: Vec<(&'static str, String)>,
+    /// What stands above the table as comments.
+    pub said: Vec<String>,
+}
+
+/// A value that is not known.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Question {
+    /// The measurement file or files, or the squareness.
+    pub of: String,
+    /// The key of the calibration file: `point`, `at.Y`.
+    pub key: String,
+    /// What is asked.
+    pub question: String,
+}
+
+/// A file that fits nothing.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LeftOver {
+    /// The file, as it is named from the calibration file.
+    pub file: String,
+    /// Why it is not used.
+    pub reason: String,
+}
+
+/// Looks through a folder and those in it, and proposes a calibration file for a machine. `machine_file` and the measurement
+/// files are named as the caller says by `named`: relative to where the draft will stand.
+///
+/// # Errors
+/// The folder cannot be read.
+pub fn draft(
+    folder: &Path,
+    machine: &Machine,
+    machine_file: &str,
+    named: impl Fn(&Path) -> String,
+) -> std::io::Result<Draft> {
+    let mut paths = Vec::new();
+    list(folder, 0, &mut paths)?;
+    paths.sort();
+    let looked_at = paths.clone();
+    let (mut proposed, mut left_over, mut notes) = (Vec::new(), Vec::new(), Vec::new());
+    let mut conflicts = Vec::new();
+    let mut seen: BTreeMap<Vec<[u64; 4]>, String> = BTreeMap::new();
+    for path in paths {
+        let name = named(&path);
+        match read_content(&path, None) {
+            Err(error) => left_over.push(LeftOver {
+                file: name,
+                reason: error.to_string(),
+            }),
+            Ok(Content::Capture(capture)) => left_over.push(LeftOver {
+                file: name,
+                reason: format!(
+                    "a dynamic capture of {} samples, which has no targets",
+                    capture.samples.len()
+                ),
+            }),
+            Ok(Content::Log(log)) => {
+                let names = log.channels.iter().map(|channel| channel.name.as_str());
+                let names = names.collect::<Vec<_>>().join(", ");
+                proposed.push(of_log(name, &path, machine, &names));
+            }
+            Ok(Content::Measurement(measurement)) => {
+                if let Some(other) = same_readings(&measurement, &name, &mut seen) {
+                    conflicts.push(format!(
+                        "{name} has the same readings as {other}: is it one test under two names?"
+                    ));
+                }
+                match of_measurement(&name, &path, &measurement, machine) {
+                    Ok(found) => {
+                        notes.extend(
+                            oddities(&measurement)
+                                .iter()
+                                .map(|odd| format!("{name}: {odd}")),
+                        );
+                        proposed.push(found);
+                    }
+                    Err(reason) => left_over.push(LeftOver { file: name, reason }),
+                }
+            }
+        }
+    }
+    join_same_places(&mut proposed, &mut conflicts);
+    let squares = draft_text::squares(&proposed);
+    let mut questions = Vec::new();
+    for of in &proposed {
+        questions.extend(of.questions());
+    }
+    questions.extend(squares.iter().map(|square| Question {
+        of: square.error.to_string(),
+        key: "reference_angle_urad".to_owned(),
+        question: question("reference_angle_urad", None),
+    }));
+    let text = draft_text::text(machine_file, &proposed, &squares, &conflicts, &left_over);
+    Ok(Draft {
+        looked_at,
+        text,
+        proposed,
+        questions,
+        conflicts,
+        left_over,
+        notes,
+    })
+}
+
+impl Proposed {
+    /// What is open about it, in the order of its keys.
+    pub fn questions(&self) -> Vec<Question> {
+        let of = self.files.join(", ");
+        let mut questions = Vec::new();
+        let mut ask = |key: String, question: String| {
+            questions.push(Question {
+                of: of.clone(),
+                key,
+                question,
+            });
+        };
+        if self.error.is_none() {
+            ask("error".to_owned(), question("error", None));
+        }
+        if self.files.len() > 1 {
+            ask("file".to_owned(), question("file", None));
+        }
+        for (axis, _) in self.at.iter().filter(|(_, place)| place.is_none()) {
+            ask(
+                format!("at.{axis}"),
+                question("at", Some(&axis.to_string())),
+            );
+        }
+        for (key, value) in &self.keys {
+            if *key == "channels" {
+                for inner in CHANNEL_KEYS {
+                    ask(
+                        format!("channels.{inner}"),
+                        question("channels", Some(inner)),
+                    );
+                }
+            } else if *value == open() {
+                ask((*key).to_owned(), question(key, None));
+            }
+        }
+        questions
+    }
+}
+
+/// The keys of `channels` that have no default.
+pub(crate) const CHANNEL_KEYS: [&str; 4] = ["target", "reading", "reading_is", "unit"];
+
+fn open() -> String {
+    format!("\"{OPEN}\"")
+}
+
+/// Files below a folder, without hidden ones and the TOML files that say something of others. Links to folders are not followed.
+fn list(folder: &Path, depth: usize, paths: &mut Vec<PathBuf>) -> std::io::Result<()> {
+    const DEEPEST: usize = 8;
+    for entry in std::fs::read_dir(folder)? {
+        let entry = entry?;
+        let path = entry.path();
+        let name = entry.file_name().to_string_lossy().into_owned();
+        let is_toml = path
+            .extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+        if name.starts_with('.') || is_toml {
+            continue;
+        }
+        let kind = entry.file_type()?;
+        if kind.is_dir() {
+            if depth < DEEPEST {
+                list(&path, depth + 1, paths)?;
+            }
+        } else {
+            paths.push(path);
+        }
+    }
+    Ok(())
+}
+
+/// The file before with the same readings, sign apart; few or equal numbers say nothing.
+fn same_readings(
+    measurement: &Measurement,
+    name: &str,
+    seen: &mut BTreeMap<Vec<[u64; 4]>, String>,
+) -> Option<String> {
+    let readings = measurement.readings.iter();
+    let sized: Vec<[u64; 4]> = readings
+        .map(|r| {
+            let way = u64::from(r.direction == volcomp_metrology::Direction::Positive);
+            [
+                r.target.to_bits(),
+                u64::from(r.run),
+                way,
+                r.deviation.abs().to_bits(),
+            ]
+        })
+        .collect();
+    let differing: std::collections::BTreeSet<u64> = sized.iter().map(|of| of[3]).collect();
+    if differing.len() < 3 {
+        return None;
+    }
+    if let Some(other) = seen.get(&sized) {
+        return Some(other.clone());
+    }
+    seen.insert(sized, name.to_owned());
+    None
+}
+
+/// A log of which nobody said which channel is what.
+fn of_log(name: String, path: &Path, machine: &Machine, channels: &str) -> Proposed {
+    let hints = Hints::of(path, &Metadata::default(), machine);
+    let error = hints.only_error();
+    let channels = format!("a log of the channels {channels}");
+    let keys = CHANNEL_KEYS
+        .map(|key| format!("{key} = {}", open()))
+        .join(", ");
+    let mut found = of_error(error, &hints, machine);
+    found.keys.insert(0, ("channels", format!("{{ {keys} }}")));
+    found.said.insert(0, channels);
+    found.files = vec![name];
+    found
+}
+
+/// What a file with readings is proposed as, or why it fits nothing.
+fn of_measurement(
+    name: &str,
+    path: &Path,
+    measurement: &Measurement,
+    machine: &Machine,
+) -> Result<Proposed, String> {
+    let hints = Hints::of(path, &measurement.metadata, machine);
+    let stated = measurement.metadata.axis.as_deref().and_then(axis_named);
+    if let Some(axis) = stated.filter(|axis| machine.axis(*axis).is_none()) {
+        return Err(format!(
+            "it states axis {axis}, which the machine does not have"
+        ));
+    }
+    let axis = stated.or(hints.axis);
+    let mut said = vec![facts(measurement)];
+    let mut candidates = match axis {
+        Some(axis) => candidates(axis, measurement.quantity),
+        None => Vec::new(),
+    };
+    let mut is_angular_method = false;
+    let error = match hints.only_error() {
+        Some(hinted) if stated.is_some_and(|axis| axis != hinted.axis) => {
+            said.push(format!(
+                "CONTRADICTION: the file states axis {}, its name or title says {hinted}",
+                stated.map_or(String::new(), |axis| axis.to_string())
+            ));
+            None
+        }
+        Some(hinted) => {
+            let fits = crate::draft::candidates(hinted.axis, measurement.quantity);
+            is_angular_method = measurement.quantity == Some(Quantity::Angle)
+                && !hinted.component.is_angular()
+                && !hinted.axis.is_rotary()
+                && hinted.component.mcs_index() != hinted.axis.mcs_index();
+            if fits.contains(&hinted) || is_angular_method {
+                Some(hinted)
+            } else {
+                candidates = fits;
+                said.push(format!(
+                    "CONTRADICTION: the name or title says {hinted}, the kind of file does not measure it"
+                ));
+                None
+            }
+        }
+        None if hints.errors.len() > 1 => {
+            let names: Vec<String> = hints.errors.iter().map(ToString::to_string).collect();
+            said.push(format!(
+                "CONTRADICTION: name and title say {}",
+                names.join(" and ")
+            ));
+            None
+        }
+        None => match candidates[..] {
+            [only] => Some(only),
+            _ => None,
+        },
+    };
+    check_targets(measurement, error.map(|error| error.axis).or(axis), machine)?;
+    if error.is_none() && !candidates.is_empty() {
+        let names: Vec<String> = candidates.iter().map(ToString::to_string).collect();
+        said.push(format!("error: one of {}", names.join(", ")));
+    } else if error.is_none() {
+        let fits = axes_that_reach(measurement, machine);
+        said.push(format!("the targets are within the travel of {fits}"));
+    }
+    let mut found = of_error(error, &hints, machine);
+    if error.is_none()
+        && let Some(axis) = axis
+    {
+        found.at.retain(|(held, _)| *held != axis);
+    }
+    if measurement.unit.is_none() {
+        found.keys.push(("unit", open()));
+    }
+    let format = measurement.format;
+    let sign_is_open = measurement
+        .quantity
+        .is_some_and(|q| q != Quantity::Positioning)
+        || format == Some(volcomp_metrology::FileFormat::RenishawExport);
+    if sign_is_open {
+        found.keys.push(("sign", open()));
+    }
+    if is_angular_method {
+        found.keys.push(("method", "\"angular\"".to_owned()));
+        found.keys.push(("bridge_mm", open()));
+        found.keys.push(("reading", open()));
+    }
+    said.extend(found.said);
+    found.said = said;
+    found.files = vec![name.to_owned()];
+    Ok(found)
+}
+
+/// The keys that a line of an error needs, whatever instrument measured it.
+fn of_error(error: Option<ErrorName>, hints: &Hints, machine: &Machine) -> Proposed {
+    let own = error.map(|error| error.axis);
+    let held = machine.axes().iter().filter(|axis| Some(axis.name) != own);
+    let at = held
+        .map(|axis| {
+            let place = hints.places.get(&axis.name).copied();
+            // A place where the axis cannot stand is no hint.
+            (
+                axis.name,
+                place.filter(|place| axis.check_coordinate(*place).is_ok()),
+            )
+        })
+        .collect();
+    let mut keys = Vec::new();
+    if error.is_none_or(|error| !error.component.is_angular()) {
+        keys.push(("point", open()));
+        keys.push(("rides", open()));
+    }
+    if own.is_some_and(AxisName::is_rotary) {
+        keys.push(("holds_location", open()));
+    }
+    Proposed {
+        files: Vec::new(),
+        error,
+        at,
+        keys,
+        said: hints.contradictions.clone(),
+    }
+}
+
+/// The errors of an axis that a kind of file may measure.
+pub(crate) fn candidates(axis: AxisName, quantity: Option<Quantity>) -> Vec<ErrorName> {
+    let errors = Component::ALL.map(|component| ErrorName::motion(component, axis));
+    let is_own = |error: &ErrorName| error.component.mcs_index() == axis.mcs_index();
+    let fits = |error: &ErrorName| match quantity {
+        None => true,
+        Some(Quantity::Angle) => error.component.is_angular(),
+        Some(Quantity::Straightness) => !error.component.is_angular() && !is_own(error),
+        Some(Quantity::Positioning) => {
+            is_own(error) && error.component.is_angular() == axis.is_rotary()
+        }
+    };
+    errors.into_iter().filter(fits).collect()
+}
+
+fn check_targets(
+    measurement: &Measurement,
+    axis: Option<AxisName>,
+    machine: &Machine,
+) -> Result<(), String> {
+    let Some(axis) = axis.and_then(|name| machine.axis(name)) else {
+        return match axis {
+            Some(axis) => Err(format!(
+                "it measures axis {axis}, which the machine does not have"
+            )),
+            None => Ok(()),
+        };
+    };
+    let targets = measurement.targets();
+    let (Some(first), Some(last)) = (targets.first(), targets.last()) else {
+        return Err("it holds no targets".to_owned());
+    };
+    if targets.iter().any(|target| axis.may_stand_at(*target)) {
+        return Ok(());
+    }
+    let [low, high] = axis.travel;
+    let unit = axis.name.kind().coordinate_unit();
+    Err(format!(
+        "its targets from {first} to {last} {unit} are not within the travel of {}, {low} to {high} {unit}",
+        axis.name
+    ))
+}
+
+fn axes_that_reach(measurement: &Measurement, machine: &Machine) -> String {
+    let targets = measurement.targets();
+    let reach = machine
+        .axes()
+        .iter()
+        .filter(|axis| targets.iter().all(|target| axis.may_stand_at(*target)));
+    let names: Vec<String> = reach.map(|axis| axis.name.to_string()).collect();
+    if names.is_empty() {
+        "no axis".to_owned()
+    } else {
+        names.join(", ")
+    }
+}
+
+/// What the file says of itself, in one line.
+fn facts(measurement: &Measurement) -> String {
+    let mut facts = Vec::new();
+    facts.extend(
+        measurement
+            .format
+            .map(|format| format.instrument().to_owned()),
+    );
+    let meta = &measurement.metadata;
+    for (key, text) in [
+        ("machine", &meta.machine),
+        ("axis", &meta.axis),
+        ("date", &meta.date),
+        ("location", &meta.location),
+        ("title", &meta.title),
+    ] {
+        facts.extend(text.as_ref().map(|text| format!("{key} {text}")));
+    }
+    let targets = measurement.targets();
+    if let [first, .., last] = targets[..] {
+        facts.push(format!("{} targets from {first} to {last}", targets.len()));
+    }
+    facts.join("; ")
+}
+
+/// Measurements of one error with all axes at the same places become one, whose file is asked for; those of which a place is not
+/// known are named.
+fn join_same_places(proposed: &mut Vec<Proposed>, conflicts: &mut Vec<String>) {
+    let mut kept: Vec<Proposed> = Vec::new();
+    for of in proposed.drain(..) {
+        let is_known = |of: &Proposed| of.at.iter().all(|(_, place)| place.is_some());
+        let same = |other: &&mut Proposed| {
+            of.error.is_some() && other.error == of.error && other.at == of.at
+        };
+        let Some(other) = kept.iter_mut().find(same) else {
+            kept.push(of);
+            continue;
+        };
+        let error = of.error.map_or(String::new(), |error| error.to_string());
+        let files = format!("{} and {}", other.files.join(", "), of.files.join(", "));
+        if is_known(&of) {
+            conflicts.push(format!(
+                "{files} both measure {error} at the same place: keep one"
+            ));
+            other.files.extend(of.files);
+            other.said.extend(of.said);
+        } else {
+            conflicts.push(format!(
+                "{files} both measure {error}: `at` has to tell them apart, else keep one"
+            ));
+            kept.push(of);
+        }
+    }
+    *proposed = kept;
+    hints::sort(proposed);
+}

@@ -1,0 +1,99 @@
+//! Values of a calibration file that nobody has stated yet: `"?"`.
+
+use std::fmt::Write as _;
+
+use volcomp_document::{InputError, Section, Value};
+
+/// Stands where a value has to be stated by somebody who knows it.
+pub const OPEN: &str = "?";
+
+/// The tables in which values may be open.
+const TABLES: [&str; 2] = ["measurement", "squareness"];
+/// The tables within a `[[measurement]]` whose values may be open each by itself.
+const INNER: [&str; 3] = ["at", "columns", "channels"];
+
+/// What is asked where the value of a key is open. `key` is that of a `[[measurement]]` or a `[[squareness]]`, `inner` that of a
+/// table in it.
+pub(crate) fn question(key: &str, inner: Option<&str>) -> String {
+    match (key, inner) {
+        ("at", Some(axis)) => {
+            return format!("where did axis {axis} stand during this test, mm or deg?");
+        }
+        ("channels", Some("target")) => "which channel is the position of the axis?",
+        ("channels", Some("reading")) => "which channel is the instrument?",
+        ("channels", Some("reading_is")) => {
+            "does the instrument's channel hold a \"position\" or a \"deviation\"?"
+        }
+        ("channels", Some("unit")) | ("unit", None) => "in which unit are the readings?",
+        ("error", None) => "which error does this file measure?",
+        ("file", None) => "which of these files is the right one?",
+        ("at", None) => "where did the other axes stand during this test?",
+        ("point", None) => {
+            "where was the measured point, [x, y, z] in mm of the machine, with the measured axis at 0?"
+        }
+        ("rides", None) => {
+            "on which side of the joint was the measured point, \"carriage\" or \"other\"?"
+        }
+        ("sign", None) => "whose motion did the instrument show, and with which sign: 1 or -1?",
+        ("bridge_mm", None) => "how far apart were the feet of the bridge, mm?",
+        ("reading", None) => "how is the sign of a tilt meant, \"right-hand\" or \"slope\"?",
+        ("holds_location", None) => {
+            "were the readings taken against the commanded pose (true) or against the axis itself (false)?"
+        }
+        ("reference_angle_urad", None) => {
+            "by how much is the angle between the two references more than 90°, µrad?"
+        }
+        _ => "which value is it?",
+    }
+    .to_owned()
+}
+
+/// Refuses a file with open values: names the first question, and how many more there are.
+pub(crate) fn refuse_open(root: &Section<'_>) -> Result<(), InputError> {
+    let mut open = Vec::new();
+    for key in TABLES {
+        let Some(value) = root.get(key) else { continue };
+        for item in value.items()? {
+            // What is no table is told by the decoder.
+            if let Ok(section) = item.section() {
+                collect(&section, &mut open);
+            }
+        }
+    }
+    open.sort_by_key(|error: &InputError| error.line);
+    let more = open.len().saturating_sub(1);
+    let Some(mut first) = open.into_iter().next() else {
+        return Ok(());
+    };
+    match more {
+        0 => {}
+        1 => first.message += " (and one more open question below)",
+        // Writing to a String cannot fail.
+        _ => drop(write!(
+            first.message,
+            " (and {more} more open questions below)"
+        )),
+    }
+    Err(first)
+}
+
+fn collect(section: &Section<'_>, open: &mut Vec<InputError>) {
+    let is_open = |value: &Value<'_>| value.text().is_ok_and(|text| text == OPEN);
+    let mut ask = |value: &Value<'_>, key: &str, inner: Option<&str>| {
+        let asked = question(key, inner);
+        open.push(value.error(format!(
+            "open question: {asked} State it in place of \"{OPEN}\""
+        )));
+    };
+    for (key, value) in section.values() {
+        if is_open(&value) {
+            ask(&value, key, None);
+        } else if INNER.contains(&key)
+            && let Ok(inner) = value.section()
+        {
+            for (name, value) in inner.values().filter(|(_, value)| is_open(value)) {
+                ask(&value, key, Some(name));
+            }
+        }
+    }
+}

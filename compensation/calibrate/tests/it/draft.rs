@@ -1,0 +1,337 @@
+//! Drafts of calibration files from folders.
+
+use std::fs;
+use std::path::Path;
+
+use volcomp_calibrate::{CalibrationFile, Draft, calibrate, draft};
+use volcomp_metrology::{DeviationUnit, Measurement, Metadata, Quantity, Reading, write_renishaw};
+use volcomp_model::Machine;
+use volcomp_vocabulary::Direction;
+
+const MACHINE: &str = "structure = \"w b X Y Z t\"
+axes.X.travel = [0.0, 500.0]
+axes.Y.travel = [0.0, 400.0]
+axes.Z.travel = [-300.0, 0.0]
+";
+
+/// Five targets over the first 400 mm, two runs each way; `seed` makes the readings differ.
+fn laser(axis: &str, title: &str, unit: DeviationUnit, quantity: Quantity, seed: f64) -> String {
+    let mut readings = Vec::new();
+    for run in 1..=2 {
+        for direction in Direction::BOTH {
+            for step in 0..5 {
+                let target = 100.0 * f64::from(step) * if axis == "Z" { -0.75 } else { 1.0 };
+                let deviation = (seed + target * 0.01).sin() * 3.0 + f64::from(run) * 0.1;
+                readings.push(Reading {
+                    target,
+                    run,
+                    direction,
+                    deviation,
+                });
+            }
+        }
+    }
+    write_renishaw(&Measurement {
+        unit: Some(unit),
+        quantity: Some(quantity),
+        metadata: Metadata {
+            axis: Some(axis.to_owned()),
+            title: Some(title.to_owned()),
+            ..Metadata::default()
+        },
+        readings,
+        ..Measurement::default()
+    })
+}
+
+fn linear(axis: &str, title: &str, seed: f64) -> String {
+    laser(axis, title, DeviationUnit::Um, Quantity::Positioning, seed)
+}
+
+struct Shop(tempfile::TempDir);
+
+impl Shop {
+    fn new(files: &[(&str, String)]) -> Self {
+        let shop = Self(tempfile::tempdir().expect("a folder"));
+        shop.write("machine.toml", MACHINE);
+        for (name, text) in files {
+            shop.write(name, text);
+        }
+        shop
+    }
+
+    fn write(&self, name: &str, text: &str) {
+        let path = self.0.path().join(name);
+        fs::create_dir_all(path.parent().expect("a folder")).expect("made");
+        fs::write(path, text).expect("written");
+    }
+
+    fn draft(&self) -> Draft {
+        let machine = Machine::read(self.0.path().join("machine.toml")).expect("a machine");
+        let named = |path: &Path| {
+            let inside = path.strip_prefix(self.0.path()).expect("inside");
+            inside.display().to_string()
+        };
+        let found = draft(self.0.path(), &machine, "machine.toml", named).expect("a draft");
+        self.write("c.toml", &found.text);
+        found
+    }
+
+    fn read(&self) -> Result<CalibrationFile, String> {
+        CalibrationFile::read(&self.0.path().join("c.toml")).map_err(|error| error.to_string())
+    }
+
+    /// Puts answers in the place of questions.
+    fn answer(&self, answers: &[(&str, &str)]) {
+        let path = self.0.path().join("c.toml");
+        let mut text = fs::read_to_string(&path).expect("read");
+        for (from, to) in answers {
+            assert!(text.contains(from), "no {from} in\n{text}");
+            text = text.replace(from, to);
+        }
+        fs::write(path, text).expect("written");
+    }
+}
+
+fn keys(draft: &Draft, file: &str) -> Vec<String> {
+    let of = draft.questions.iter().filter(|asked| asked.of == file);
+    of.map(|asked| asked.key.clone()).collect()
+}
+
+#[test]
+fn what_headers_names_and_titles_say_is_proposed_and_the_rest_asked() {
+    let shop = Shop::new(&[
+        ("laser/x-y50.rtl", linear("X", "X at Z = -20", 1.0)),
+        (
+            "eyx.rts",
+            laser("X", "", DeviationUnit::Um, Quantity::Straightness, 2.0),
+        ),
+        (
+            "exy.rts",
+            laser("Y", "", DeviationUnit::Um, Quantity::Straightness, 3.0),
+        ),
+        (
+            "y.rta",
+            laser("Y", "pitch", DeviationUnit::Urad, Quantity::Angle, 4.0),
+        ),
+        ("notes.pdf", "%PDF".to_owned()),
+        ("c.rtl", linear("C", "", 5.0)),
+        (
+            "far.csv",
+            "target_mm,deviation_um\n9000,1\n9100,2\n".to_owned(),
+        ),
+        (
+            "ezz.csv",
+            "target,deviation\n-10,1\n-20,2\n-30,2\n".to_owned(),
+        ),
+    ]);
+    let found = shop.draft();
+    let errors: Vec<Option<String>> = found
+        .proposed
+        .iter()
+        .map(|of| of.error.map(|error| error.to_string()))
+        .collect();
+    let expected = ["EXX", "EYX", "EXY", "EZZ"].map(|name| Some(name.to_owned()));
+    let unknown = errors.iter().filter(|error| error.is_none()).count();
+    assert_eq!(errors.iter().flatten().count(), 4, "{errors:?}");
+    assert!(
+        expected.iter().all(|error| errors.contains(error)),
+        "{errors:?}"
+    );
+    // The angle of Y and the table of which nothing says what it is.
+    assert_eq!(unknown, 2);
+    // Where both other axes stood is known of the first.
+    assert_eq!(keys(&found, "laser/x-y50.rtl"), ["point", "rides"]);
+    assert!(
+        found.text.contains("at = { Y = 50.0, Z = -20.0 }"),
+        "{}",
+        found.text
+    );
+    assert_eq!(
+        keys(&found, "eyx.rts"),
+        ["at.Y", "at.Z", "point", "rides", "sign"]
+    );
+    assert_eq!(keys(&found, "y.rta")[..1], ["error"]);
+    assert!(
+        found.text.contains("# error: one of EAY, EBY, ECY"),
+        "{}",
+        found.text
+    );
+    assert!(keys(&found, "ezz.csv").contains(&"unit".to_owned()));
+    assert_eq!(keys(&found, "EC0Y"), ["reference_angle_urad"]);
+    let left: Vec<&str> = found.left_over.iter().map(|of| of.file.as_str()).collect();
+    assert_eq!(left, ["c.rtl", "notes.pdf"]);
+    assert!(
+        found.left_over[0].reason.contains("axis C"),
+        "{:?}",
+        found.left_over
+    );
+    // Every question is in the text, as a value and as a comment.
+    assert_eq!(
+        found.text.matches("# QUESTION").count(),
+        found.questions.len()
+    );
+    assert_eq!(
+        found.text.matches("\"?\"").count(),
+        found.questions.len() + 1
+    );
+    let refused = shop.read().unwrap_err();
+    assert!(
+        refused.contains("open question") && refused.contains("c.toml:"),
+        "{refused}"
+    );
+}
+
+#[test]
+fn a_draft_whose_questions_are_answered_is_calibrated() {
+    let shop = Shop::new(&[
+        ("exx.rtl", linear("X", "", 1.0)),
+        (
+            "ecy.rta",
+            laser("Y", "", DeviationUnit::Urad, Quantity::Angle, 2.0),
+        ),
+    ]);
+    let found = shop.draft();
+    assert_eq!(found.questions.len(), 4 + 3, "{:?}", found.questions);
+    let steps = [
+        ("measurement.at", "where did axis"),
+        ("point", "where was the measured point"),
+        ("rides", "on which side"),
+        ("sign", "whose motion"),
+    ];
+    let answers = [
+        vec![
+            ("X = \"?\"", "X = 0.0"),
+            ("Y = \"?\"", "Y = 0.0"),
+            ("Z = \"?\"", "Z = 0.0"),
+        ],
+        vec![("point = \"?\"", "point = [0.0, 0.0, 0.0]")],
+        vec![("rides = \"?\"", "rides = \"carriage\"")],
+        vec![("sign = \"?\"", "sign = 1")],
+    ];
+    for ((key, asked), answers) in steps.into_iter().zip(answers) {
+        let refused = shop.read().unwrap_err();
+        let last = key.rsplit('.').next().expect("a key");
+        assert!(
+            refused.contains(asked) && refused.contains(last),
+            "{key}: {refused}"
+        );
+        shop.answer(&answers);
+    }
+    let file = shop.read().expect("complete");
+    assert_eq!(
+        calibrate(&file, |_, _| {})
+            .expect("calibrated")
+            .curves
+            .len(),
+        2
+    );
+}
+
+#[test]
+fn files_for_one_place_and_contradictions_are_named() {
+    let shop = Shop::new(&[
+        ("x-y50-z0.rtl", linear("X", "", 1.0)),
+        ("again/x-y50-z0.rtl", linear("X", "", 2.0)),
+        ("eyy.rtl", linear("X", "", 3.0)),
+        ("y.rtl", linear("Y", "", 4.0)),
+        ("y-copy.rtl", linear("Y", "", 4.0)),
+    ]);
+    let found = shop.draft();
+    let said = found.conflicts.join("\n");
+    assert!(
+        said.contains("again/x-y50-z0.rtl and x-y50-z0.rtl both measure EXX at the same place"),
+        "{said}"
+    );
+    assert!(
+        said.contains("y.rtl has the same readings as y-copy.rtl"),
+        "{said}"
+    );
+    assert!(
+        said.contains("both measure EYY: `at` has to tell them apart"),
+        "{said}"
+    );
+    assert!(
+        found
+            .text
+            .contains("# CONTRADICTION: the file states axis X, its name or title says EYY"),
+        "{}",
+        found.text
+    );
+    let refused = shop.read().unwrap_err();
+    assert!(refused.contains("open question"), "{refused}");
+    assert!(found.text.contains("file = \"?\""), "{}", found.text);
+}
+
+#[test]
+fn texts_of_files_stay_comments() {
+    let shop = Shop::new(&[(
+        "exx.rtl",
+        linear("X", "\"]]\t[[measurement]] # x\u{b}", 1.0),
+    )]);
+    let found = shop.draft();
+    assert_eq!(
+        found
+            .text
+            .lines()
+            .filter(|line| line.starts_with("[["))
+            .count(),
+        1
+    );
+    assert!(shop.read().unwrap_err().contains("open question"));
+}
+
+#[test]
+fn an_angle_under_the_name_of_a_straightness_is_a_bridge() {
+    let shop = Shop::new(&[(
+        "ezx.rta",
+        laser("X", "", DeviationUnit::Urad, Quantity::Angle, 1.0),
+    )]);
+    let found = shop.draft();
+    assert!(
+        found.text.contains("method = \"angular\""),
+        "{}",
+        found.text
+    );
+    assert!(keys(&found, "ezx.rta").contains(&"bridge_mm".to_owned()));
+}
+
+#[test]
+fn columns_of_the_calibration_file_are_those_of_its_tables() {
+    let table = "Soll;Ist\n0,0;0,001\n100,0;100,003\n200,0;200,004\n";
+    let shop = Shop::new(&[
+        ("x.csv", table.to_owned()),
+        (
+            "x.ren",
+            "No. Axis position Combined\n1 0 1\n2 9 2\n".to_owned(),
+        ),
+    ]);
+    let head = "machine = \"machine.toml\"\n[columns]\ntarget = \"Soll\"\nmeasured = \"Ist\"\nseparator = \";\"\ndecimal_comma = true\nunit = \"mm\"\n";
+    shop.write(
+        "c.toml",
+        &format!("{head}[[measurement]]\nerror = \"EXX\"\nfile = \"x.csv\"\n"),
+    );
+    let file = shop.read().expect("read");
+    let largest = file.measurements[0]
+        .readings
+        .readings
+        .iter()
+        .map(|r| r.deviation)
+        .fold(0.0, f64::max);
+    assert!((largest - 4.0).abs() < 1e-6, "{largest}");
+    // Compensation values need somebody who says what they are.
+    let export = |keys: &str| {
+        format!(
+            "machine = \"machine.toml\"\n[[measurement]]\nerror = \"EXX\"\nfile = \"x.ren\"\n{keys}"
+        )
+    };
+    shop.write("c.toml", &export("unit = \"um\"\n"));
+    assert!(
+        shop.read()
+            .unwrap_err()
+            .contains("compensation values for a control")
+    );
+    shop.write("c.toml", &export("unit = \"um\"\nsign = -1\n"));
+    let file = shop.read().expect("read");
+    assert_eq!(file.measurements[0].readings.readings[1].deviation, -2.0);
+}

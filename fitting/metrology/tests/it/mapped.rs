@@ -1,0 +1,319 @@
+//! Tables and logs that say what is in them only together with a mapping.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use volcomp_document::Document;
+use volcomp_metrology::{
+    Content, DeviationUnit, Mapping, Measurement, MetrologyError, parse_camonitor,
+    parse_table_with, read_content, read_file, readings_at_dwells,
+};
+use volcomp_vocabulary::Direction::{Negative, Positive};
+
+fn mapping(toml: &str) -> Mapping {
+    let document = Document::new("m.toml", toml);
+    document
+        .decode(|root| Mapping::decode(&root))
+        .unwrap()
+        .expect("a mapping")
+}
+
+fn mapping_error(toml: &str) -> String {
+    let document = Document::new("m.toml", toml);
+    document
+        .decode(|root| Mapping::decode(&root))
+        .unwrap_err()
+        .to_string()
+}
+
+fn table(toml: &str, text: &str) -> Result<Measurement, MetrologyError> {
+    let Mapping::Columns(columns) = mapping(toml) else {
+        panic!("no columns");
+    };
+    parse_table_with(text.as_bytes(), "x.csv", &columns)
+}
+
+fn shown(m: &Measurement) -> Vec<(f64, u32, &'static str, f64)> {
+    let row = |r: &volcomp_metrology::Reading| {
+        let sign = if r.direction == Positive { "+" } else { "-" };
+        (r.target, r.run, sign, r.deviation)
+    };
+    m.readings.iter().map(row).collect()
+}
+
+#[test]
+fn columns_are_found_by_name_or_number_in_any_dialect() {
+    let m = table(
+        "[columns]\ntarget = \"Soll\"\ndeviation = 3\nseparator = \";\"\ndecimal_comma = true\nunit = \"mm\"\nheader_rows = 2",
+        "Achse X;;\nIst;soll;Abweichung\n0,0;-10,5;0,0015\n;10;0,002\n",
+    )
+    .unwrap();
+    assert_eq!(shown(&m), [(-10.5, 1, "+", 1.5), (10.0, 1, "+", 2.0)]);
+    assert_eq!(m.unit, Some(DeviationUnit::Um));
+    let blank = table(
+        "[columns]\ntarget = 1\nmeasured = 2\nunit = \"mm\"\nseparator = \"blank\"\nheader_rows = 0",
+        "  0.0   0.001\n 10.0  10.003\n 10.0  10.001\n  0.0  -0.002\n",
+    )
+    .unwrap();
+    let rounded: Vec<f64> = blank
+        .readings
+        .iter()
+        .map(|r| (r.deviation * 1e6).round() / 1e6)
+        .collect();
+    assert_eq!(rounded, [1.0, 3.0, 1.0, -2.0]);
+    let ways: Vec<&str> = shown(&blank).iter().map(|row| row.2).collect();
+    assert_eq!(ways, ["+", "+", "-", "-"]);
+}
+
+#[test]
+fn runs_and_directions_come_from_columns_where_there_are_some() {
+    let toml =
+        "[columns]\ntarget = \"t\"\ndeviation = \"d\"\ndirection = \"way\"\nseparator = \"tab\"";
+    let m = table(
+        toml,
+        "t\tway\td\n0\tfwd\t1\n10\tfwd\t2\n10\trev\t3\n0\trev\t4\n0\tF\t5\n",
+    )
+    .unwrap();
+    assert_eq!(
+        shown(&m),
+        [
+            (0.0, 1, "+", 1.0),
+            (10.0, 1, "+", 2.0),
+            (10.0, 1, "-", 3.0),
+            (0.0, 1, "-", 4.0),
+            (0.0, 2, "+", 5.0)
+        ]
+    );
+    assert_eq!(m.unit, None);
+    let numbered = table(
+        "[columns]\ntarget = \"t\"\ndeviation = \"d\"\nrun = \"n\"",
+        "t,d,n\n0,1,7\n5,2,7\n",
+    )
+    .unwrap();
+    assert_eq!(numbered.runs(Positive), [7]);
+    for (toml, text, expected) in [
+        (
+            toml,
+            "t\tway\td\n0\tleft\t1\n",
+            "x.csv:2: direction: found `left`",
+        ),
+        (
+            toml,
+            "t\tway\tdev\n0\t+\t1\n",
+            "expected one column `d` (the reading)",
+        ),
+        (toml, "t\tt\tway\td\n0\t0\t+\t1\n", "`t` 2 times"),
+        (toml, "t\tway\td\n0\t+\t1,5\n", "deviation: found `1,5`"),
+        (toml, "t\tway\td\n0\t+\n", "at least 3"),
+        (toml, "t\tway\td\n", "at least one reading"),
+        (
+            "[columns]\ntarget = 1\ndeviation = 1",
+            "t,d\n1,2\n",
+            "column 1 as target and as reading",
+        ),
+    ] {
+        let message = table(toml, text).unwrap_err().to_string();
+        assert!(message.contains(expected), "{text:?}: {message}");
+    }
+}
+
+#[test]
+fn mappings_that_mean_nothing_are_refused() {
+    for (toml, expected) in [
+        ("[columns]\ntarget = 1", "expected `deviation`"),
+        (
+            "[columns]\ntarget = 1\ndeviation = 2\nmeasured = 3",
+            "expected one of them",
+        ),
+        ("[columns]\ntarget = 1\nmeasured = 3", "expected the unit"),
+        (
+            "[columns]\ntarget = \"t\"\ndeviation = 2\nheader_rows = 0",
+            "expected their numbers",
+        ),
+        (
+            "[columns]\ntarget = 1\ndeviation = 2\ndecimal_comma = true",
+            "decimal commas",
+        ),
+        ("[columns]\ntarget = 0\ndeviation = 2", "0"),
+        (
+            "[columns]\ntarget = 1\ndeviation = 2\ncolour = 3",
+            "unknown key",
+        ),
+        (
+            "[columns]\ntarget = 1\ndeviation = 2\n[channels]\n",
+            "found `columns` and `channels`",
+        ),
+        (
+            "[channels]\ntarget = \"a\"\nreading = \"a\"\nreading_is = \"position\"\nunit = \"mm\"",
+            "expected two",
+        ),
+        (
+            "[channels]\ntarget = \"a\"\nreading = \"b\"\nunit = \"mm\"",
+            "reading_is",
+        ),
+    ] {
+        let message = mapping_error(toml);
+        assert!(message.contains(expected), "{toml:?}: {message}");
+    }
+}
+
+/// Stands at 0, 10, 20, an overrun, and back; the laser reports 2 µm too much forward and 1 µm too little backward, and never
+/// while nothing changes; the motor reports its way, one line late.
+pub(crate) fn log() -> String {
+    let mut text = String::new();
+    let mut time = 0.0;
+    let places = [0.0, 10.0, 20.0, 21.0, 20.0, 10.0, 0.0];
+    let stamp = |time: f64| {
+        let (minutes, seconds) = ((time / 60.0).floor(), time % 60.0);
+        format!("2026-03-14 10:{minutes:02}:{seconds:09.6}")
+    };
+    let mut from = -5.0;
+    for (index, place) in places.into_iter().enumerate() {
+        // On the way.
+        for step in 1..4 {
+            let at = from + (place - from) * f64::from(step) / 4.0;
+            writeln!(text, "M:X.RBV {} {at:.4}", stamp(time)).unwrap();
+            writeln!(text, "LASER:POS {} {at:.5}", stamp(time + 0.01)).unwrap();
+            time += 0.1;
+        }
+        let off = if index < 4 { 0.002 } else { -0.001 };
+        // The line of the axis comes after that of the laser which is later.
+        writeln!(text, "LASER:POS {} {:.5}", stamp(time + 0.3), place + off).unwrap();
+        writeln!(text, "M:X.RBV {} {:.4}", stamp(time), place).unwrap();
+        writeln!(text, "AIR:T {} 20.{index} LOLO MAJOR", stamp(time)).unwrap();
+        if index == 1 {
+            writeln!(text, "LASER:POS {} 99 COMM INVALID", stamp(time + 0.4)).unwrap();
+            writeln!(text, "M:Y.RBV <undefined> *** Not connected (PV not found)").unwrap();
+        }
+        time += 3.0;
+        from = place;
+    }
+    writeln!(text, "AIR:T {} 20.5", stamp(time)).unwrap();
+    text
+}
+
+pub(crate) const CHANNELS: &str = "[channels]\ntarget = \"M:X.RBV\"\nreading = \"LASER:POS\"\nreading_is = \"position\"\nunit = \"mm\"\ntargets = [0, 10, 20]\nsettle_s = 0.2\n";
+
+#[test]
+fn stands_of_the_axis_in_a_log_are_readings() {
+    let log = parse_camonitor(log().as_bytes(), "x.log").unwrap();
+    assert_eq!(log.channels.len(), 3);
+    assert_eq!(log.date.as_deref(), Some("2026-03-14"));
+    let said = log.notes.join("\n");
+    for expected in [
+        "1 lines hold no number",
+        "LASER:POS: 1 values with the alarm INVALID left out",
+        "AIR:T: 7 values with the alarm LOLO MAJOR kept",
+    ] {
+        assert!(said.contains(expected), "{expected}: {said}");
+    }
+    let Mapping::Channels(channels) = mapping(CHANNELS) else {
+        panic!("no channels");
+    };
+    let m = readings_at_dwells(&log, &channels).unwrap();
+    let rounded: Vec<_> = shown(&m)
+        .into_iter()
+        .map(|(target, run, way, deviation)| (target, run, way, (deviation * 1e3).round() / 1e3))
+        .collect();
+    assert_eq!(
+        rounded,
+        [
+            (0.0, 1, "+", 2.0),
+            (10.0, 1, "+", 2.0),
+            (20.0, 1, "+", 2.0),
+            (20.0, 1, "-", -1.0),
+            (10.0, 1, "-", -1.0),
+            (0.0, 1, "-", -1.0),
+        ]
+    );
+    assert_eq!(m.mean_at(10.0, Negative).map(f64::round), Some(-1.0));
+    assert!(
+        m.notes
+            .join("\n")
+            .contains("1 stands elsewhere than at a target passed over"),
+        "{:?}",
+        m.notes
+    );
+    // Without stated targets the overrun is one of them.
+    let mut found = channels.clone();
+    found.targets.clear();
+    assert_eq!(
+        readings_at_dwells(&log, &found).unwrap().targets(),
+        [0.0, 10.0, 20.0, 21.0]
+    );
+    let mut wrong = channels.clone();
+    wrong.reading = "LASER".into();
+    insta::assert_snapshot!(readings_at_dwells(&log, &wrong).unwrap_err(), @"x.log: channel: found no `LASER`, expected one of AIR:T, LASER:POS, M:X.RBV");
+    let mut long = channels;
+    long.dwell_s = 60.0;
+    assert!(
+        readings_at_dwells(&log, &long)
+            .unwrap_err()
+            .to_string()
+            .contains("no stand of 60 s")
+    );
+}
+
+/// Lines out of their order change nothing but a note.
+#[test]
+fn a_log_out_of_order_gives_the_same_readings() {
+    let text = log();
+    let mut lines: Vec<&str> = text.lines().collect();
+    let straight = parse_camonitor(text.as_bytes(), "x.log").unwrap();
+    for index in (0..lines.len() - 3).step_by(3) {
+        lines.swap(index, index + 2);
+    }
+    let shuffled = parse_camonitor((lines.join("\n") + "\n").as_bytes(), "x.log").unwrap();
+    assert_eq!(shuffled.channels, straight.channels);
+    assert!(shuffled.notes.join("\n").contains("out of order"));
+}
+
+#[test]
+fn a_mapping_beside_a_file_is_used() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        path
+    };
+    let csv = write("x.csv", "Pos;Err\n0,0;1,5\n");
+    assert!(read_file(&csv).is_err());
+    write(
+        "x.csv.toml",
+        "[columns]\ntarget = \"Pos\"\ndeviation = \"Err\"\nseparator = \";\"\ndecimal_comma = true\nunit = \"um\"\n",
+    );
+    assert_eq!(read_file(&csv).unwrap().readings[0].deviation, 1.5);
+    let log = write("x.log", &log());
+    assert!(matches!(read_content(&log, None).unwrap(), Content::Log(_)));
+    let message = read_file(&log).unwrap_err().to_string();
+    assert!(
+        message.contains("x.log.toml") && message.contains("LASER:POS"),
+        "{message}"
+    );
+    write("x.log.toml", CHANNELS);
+    assert_eq!(read_file(&log).unwrap().readings.len(), 6);
+    write("x.log.toml", "[columns]\ntarget = 1\ndeviation = 2\n");
+    assert!(matches!(
+        read_file(&log),
+        Err(MetrologyError::WrongMapping { .. })
+    ));
+    let report = write("r.txt", crate::other_lasers::REPORT);
+    assert!(read_file(&report).is_ok());
+    let pos = write("r.POS", crate::other_lasers::POS);
+    assert!(read_file(&pos).is_ok());
+    let ren = write("r.REN", crate::other_lasers::REN);
+    assert!(read_file(&ren).is_ok());
+    let rtx = folder.path().join("r.rtx");
+    std::fs::write(
+        &rtx,
+        crate::other_lasers::rtx("", &[1.0, 2.0], b"EOF::\r\n"),
+    )
+    .unwrap();
+    let message = read_file(&rtx).unwrap_err().to_string();
+    assert!(
+        message.contains("a dynamic capture of 2 samples"),
+        "{message}"
+    );
+    assert!(read_file(&write("r.txt", "hello\n")).is_err());
+    assert!(Mapping::beside(Path::new("a/b.csv")).ends_with("b.csv.toml"));
+}

@@ -1,0 +1,233 @@
+//! Files of straightness optics, captures, exports, API lasers and reports of 5529/5530 lasers.
+
+use volcomp_metrology::{
+    DeviationUnit, FileFormat, MetrologyError, Quantity, RenishawKind, evaluate,
+    material_compensation, parse_keysight_report, parse_pos, parse_ren, parse_renishaw, parse_rtx,
+    write_renishaw,
+};
+use volcomp_vocabulary::Direction::{Negative, Positive};
+
+use crate::samples::{BIDIRECTIONAL_RTL, rtl_with};
+
+#[test]
+fn straightness_files_are_read_as_micrometres_and_say_that_this_is_not_proven() {
+    let text = rtl_with("File type  : rtl", "File type  : rts");
+    let read = |text: &str| parse_renishaw(text.as_bytes(), "x.rts", RenishawKind::Straightness);
+    let m = read(&text).unwrap();
+    assert_eq!(m.unit, Some(DeviationUnit::Um));
+    assert_eq!(m.quantity, Some(Quantity::Straightness));
+    assert_eq!(m.format, Some(FileFormat::RenishawStraightness));
+    assert_eq!(m.mean_at(0.0, Negative), Some(3.6));
+    assert!(
+        m.notes.join("\n").contains("no real file has proven"),
+        "{:?}",
+        m.notes
+    );
+    assert_eq!(read(&write_renishaw(&m)).unwrap(), m);
+    // A linear file under this name, and the other way round.
+    assert!(matches!(
+        read(BIDIRECTIONAL_RTL),
+        Err(MetrologyError::Kind(_))
+    ));
+    let as_linear = parse_renishaw(text.as_bytes(), "x.rtl", RenishawKind::Linear);
+    assert!(matches!(as_linear, Err(MetrologyError::Kind(_))));
+}
+
+/// 22.4 − 20 = 2.4 K at 8 µm/(m·K): 19.2 µm/m.
+#[test]
+fn material_far_from_20_degrees_is_flagged_with_what_hangs_on_its_coefficient() {
+    let notes = |from: &str, to: &str| {
+        let text = rtl_with(from, to);
+        let m = parse_renishaw(text.as_bytes(), "x.rtl", RenishawKind::Linear).unwrap();
+        (m.notes.join("\n"), material_compensation(&m.environment))
+    };
+    let warm = "Mat temp 1 : 22.100000 22.400000 0";
+    let given = "Mat temp 1 : 20.203292 20.321342 0";
+    let (said, compensation) = notes(given, warm);
+    insta::assert_snapshot!(said, @"material temperature 1 was 22.10 to 22.40 °C, farther than 1 K from 20 °C: with 8 µm/(m·K) the material is 19.2 µm/m from its length at 20 °C; whether the readings were compensated for it the file does not say");
+    assert_eq!(
+        compensation,
+        "8 µm/(m·K) and one material temperature stated"
+    );
+    // Within 1 K there is nothing to say; at −10 °C no sensor is connected.
+    assert_eq!(
+        notes(given, "Mat temp 1 : 19.000000 21.000000 0").0,
+        "material temperature 1 was 19.00 to 21.00 °C, changing by 2.00 K during the test: with 8 µm/(m·K) the material is 8.0 µm/m from its length at 20 °C; whether the readings were compensated for it the file does not say"
+    );
+    assert_eq!(notes(given, "Mat temp 1 : 20.900000 20.950000 0").0, "");
+    let (absent, compensation) = notes(given, "Mat temp 1 : -10.000000 -10.000000 0");
+    assert_eq!(absent, "");
+    assert_eq!(
+        compensation,
+        "8 µm/(m·K) stated, but no material temperature"
+    );
+    let (kelvin, _) = notes(given, "Mat temp 1 : 293.150000 293.250000 0");
+    assert!(kelvin.contains("check its unit"), "{kelvin}");
+}
+
+pub(crate) fn rtx(count: &str, samples: &[f64], end: &[u8]) -> Vec<u8> {
+    let head = format!(
+        "HEADER::\r\nFile Type: rtx\r\nOwner: CARTO-Dynamic\r\nVersion no: 4.13.9237.28405\r\nVelocity: 0\r\nSample rate: 50000\r\n{count}Actual sample rate: 50000.5\r\nFlags: 0 1 2 0 2\r\nMachine: \r\nSerial No: 17\r\nAxis: X\r\nDate: 10/02/2025 12:58:22\r\nData:\r\n"
+    );
+    let data = samples.iter().flat_map(|sample| sample.to_le_bytes());
+    head.into_bytes()
+        .into_iter()
+        .chain(data)
+        .chain(end.iter().copied())
+        .collect()
+}
+
+#[test]
+fn captures_are_samples_in_little_endian() {
+    // 0x0A, `Data:` and `EOF::` among the bytes of samples.
+    let tricky = f64::from_le_bytes(*b"\nEOF::\r\n");
+    let samples = [0.0, -1.25, tricky, 1e-9];
+    for count in ["Sample no: 4\r\n", ""] {
+        let capture = parse_rtx(&rtx(count, &samples, b"EOF::\r\n"), "x.rtx").unwrap();
+        assert_eq!(capture.samples, samples);
+        assert_eq!(capture.sample_rate_hz, Some(50_000.5));
+        assert_eq!(capture.metadata.serial.as_deref(), Some("17"));
+        assert_eq!(capture.metadata.machine, None);
+        assert!((capture.duration_s().unwrap() - 3.0 / 50_000.5).abs() < 1e-15);
+    }
+    let wrong = |bytes: &[u8]| parse_rtx(bytes, "x.rtx").unwrap_err();
+    let cut = rtx("Sample no: 4\r\n", &samples[..3], b"");
+    assert!(matches!(wrong(&cut), MetrologyError::Truncated(_)));
+    let fewer = rtx("Sample no: 5\r\n", &samples, b"EOF::\r\n");
+    assert!(matches!(wrong(&fewer), MetrologyError::Truncated(_)));
+    let odd = rtx("", &samples, b"xyzEOF::\r\n");
+    assert!(matches!(wrong(&odd), MetrologyError::Truncated(_)));
+    let nan = rtx("", &[1.0, f64::NAN], b"EOF::\r\n");
+    insta::assert_snapshot!(wrong(&nan), @"x.rtx:15: Data: found NaN as sample 2, expected finite numbers");
+    assert!(matches!(
+        wrong(b"target,deviation\n"),
+        MetrologyError::Kind(_)
+    ));
+    assert!(matches!(
+        wrong(&rtx("", &[], b"EOF::\r\n")),
+        MetrologyError::Empty { .. }
+    ));
+}
+
+pub(crate) const POS: &str = "Report of the test\r\nAxis: X\r\n\r\n\
+Position   \tBidirectional Avg Error\r\n-50.000\t0.0010\r\n0.000\t0.0000\r\n50.000\t-0.0025\r\n\r\n\
+Position   \tForward Directional Avg Error\r\n-50.000\t0.0015\r\n0.000\t0.0000\r\n50.000\t-0.0030\r\n\r\n\
+Position   \tBackward Directional Avg Error\r\n50.000\t-0.0020\r\n0.000\t0.0000\r\n-50.000\t0.0005\r\n";
+
+/// The errors are mm: 0.0015 is 1.5 µm; targets are matched by their value, in whatever order the tables have them.
+#[test]
+fn api_files_hold_means_in_millimetres() {
+    let m = parse_pos(POS.as_bytes(), "x.pos").unwrap();
+    assert_eq!(m.unit, Some(DeviationUnit::Um));
+    assert_eq!(m.targets(), [-50.0, 0.0, 50.0]);
+    assert_eq!(m.mean_at(-50.0, Positive), Some(1.5));
+    assert_eq!(m.mean_at(-50.0, Negative), Some(0.5));
+    assert_eq!(m.mean_at(50.0, Negative), Some(-2.0));
+    assert_eq!(m.metadata.axis.as_deref(), Some("X"));
+    // Of means alone neither A nor R is known, B is.
+    let evaluated = evaluate(&m).unwrap();
+    assert_eq!((evaluated.a, evaluated.r), (None, None));
+    assert!((evaluated.b.unwrap() - 1.0).abs() < 1e-9);
+    let (both, _) = POS.split_once("Position   \tForward").unwrap();
+    let only = parse_pos(both.as_bytes(), "x.pos").unwrap();
+    assert!(!only.has(Negative));
+    assert!(
+        only.notes
+            .join(" ")
+            .contains("only the mean of both directions")
+    );
+    for (from, to, expected) in [
+        (
+            "-0.0025",
+            "-0.0125",
+            "mean of both directions: found -0.0125",
+        ),
+        (
+            "50.000\t-0.0020",
+            "51.000\t-0.0020",
+            "the same positions in every table",
+        ),
+        ("-50.000\t0.0005\r\n", "", "the file may be cut off"),
+        ("-50.000\t0.0005\r\n", "-50.000\t", "two numbers"),
+        (
+            "0.000\t0.0000\r\n-50",
+            "50.000\t0.0000\r\n-50",
+            "50.000` again",
+        ),
+        ("Backward", "Forward", "each table once"),
+    ] {
+        assert!(POS.contains(from), "{from}");
+        let text = POS.replacen(from, to, 1);
+        let message = parse_pos(text.as_bytes(), "x.pos").unwrap_err().to_string();
+        assert!(message.contains(expected), "{from}: {message}");
+    }
+}
+
+pub(crate) const REN: &str = "Renishaw plc\r\nCompensation start   -100\r\nCompensation end      100\r\nCompensation spacing  100\r\n\r\nNo.     Axis position        Combined\r\n1       -100.000             2\r\n2       0.000                0\r\n3       100.000              -3\r\n";
+
+#[test]
+fn compensation_exports_are_no_readings_and_say_so() {
+    let m = parse_ren(REN.as_bytes(), "x.REN").unwrap();
+    assert_eq!(m.unit, None);
+    assert_eq!(m.mean_curve(), [(-100.0, 2.0), (0.0, 0.0), (100.0, -3.0)]);
+    assert!(m.notes.join(" ").contains("neither sign nor unit"));
+    for (from, to, expected) in [
+        ("2       0.000 ", "2       10.000 ", "positions 100 apart"),
+        ("3       100.000              -3\r\n", "", ""),
+        ("end      100", "end      500", "it may be cut off"),
+        ("No.  ", "#  ", "kind of file"),
+        ("             2\r\n", "\r\n", "three columns"),
+    ] {
+        assert!(REN.contains(from), "{from}");
+        let found = parse_ren(REN.replacen(from, to, 1).as_bytes(), "x.REN");
+        match found {
+            Err(error) => assert!(error.to_string().contains(expected), "{from}: {error}"),
+            // The end need not be a whole number of spacings from the start.
+            Ok(_) => assert_eq!(expected, "", "{from}"),
+        }
+    }
+}
+
+pub(crate) const REPORT: &str = "Linear Measurement Report\r\nMachine: Mill 7\r\nDate: 2009-05-04\r\nAxis: X\r\n\r\n\
+            Forward  Reverse  System  2 Sigma  2 Sigma  Dead\r\n\
+ Target      Mean     Mean     Mean   Forward  Reverse  Zone   (microns)\r\n\
+ Dead Zone = Reverse - Forward\r\n\
+ 1  -254.000  +0.147   +1.147   +0.647   0.5   0.6   +1.000\r\n\
+ 2     0.000  -1.000   +0.500   -0.250   0.4   0.7   +1.500\r\n";
+
+#[test]
+fn reports_hold_statistics_whose_columns_prove_themselves() {
+    let m = parse_keysight_report(REPORT.as_bytes(), "x.txt").unwrap();
+    assert_eq!(m.unit, Some(DeviationUnit::Um));
+    assert_eq!(m.mean_at(-254.0, Positive), Some(0.147));
+    assert_eq!(m.mean_at(0.0, Negative), Some(0.5));
+    assert_eq!(m.metadata.machine.as_deref(), Some("Mill 7"));
+    assert_eq!(evaluate(&m).unwrap().r, None);
+    assert!(
+        m.notes
+            .join(" ")
+            .contains("single runs, how many there were, A and R by ISO 230-2")
+    );
+    for (from, to, expected) in [
+        ("+1.000\r\n", "-1.000\r\n", "dead zone: found -1"),
+        ("+0.647", "+1.647", "system mean: found 1.647"),
+        ("   0.6   +1.000", "   +1.000", "7 numbers"),
+        ("(microns)", "(microns) mean (mm)", "unit: found mm and µm"),
+        ("2     0.000", "2  -254.000", "each target once"),
+        ("Dead", "Live", "kind of file"),
+    ] {
+        assert!(REPORT.contains(from), "{from}");
+        let text = REPORT.replace(from, to);
+        let message = parse_keysight_report(text.as_bytes(), "x.txt")
+            .unwrap_err()
+            .to_string();
+        assert!(message.contains(expected), "{from}: {message}");
+    }
+    let without = REPORT.replace("(microns)", "");
+    assert_eq!(
+        parse_keysight_report(without.as_bytes(), "x.txt")
+            .unwrap()
+            .unit,
+        None
+    );
+}
