@@ -118,7 +118,7 @@ impl Read {
         channels: &Channels,
     ) -> Result<Self, MetrologyError> {
         let nominal = nominal_targets(stands, channels);
-        let reach = reach(&nominal, channels);
+        let reach = reach(channels);
         let at_target = |stand: &Stand| {
             nearest(&nominal, stand.position)
                 .filter(|target| (target - stand.position).abs() <= reach)
@@ -241,21 +241,9 @@ fn nearest(targets: &[f64], position: f64) -> Option<f64> {
     targets.iter().min_by(nearer).copied()
 }
 
-/// How far from a target the axis may stand and still be at it: a tenth of the smallest spacing, at least the limit of
-/// standing.
-fn reach(targets: &[f64], channels: &Channels) -> f64 {
-    let mut sorted = targets.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let spacing = sorted
-        .windows(2)
-        .map(|pair| pair[1] - pair[0])
-        .fold(f64::INFINITY, f64::min);
-    let tenth = if spacing.is_finite() {
-        spacing / 10.0
-    } else {
-        0.0
-    };
-    tenth.max(2.0 * channels.within)
+/// How far from a target the axis may stand and still be at it: ten times the limit of standing. An overrun is farther away.
+fn reach(channels: &Channels) -> f64 {
+    10.0 * channels.within
 }
 
 /// The mean of a channel while the axis stood, and by how much it moved.

@@ -98,7 +98,7 @@ fn captures_are_samples_in_little_endian() {
     let odd = rtx("", &samples, b"xyzEOF::\r\n");
     assert!(matches!(wrong(&odd), MetrologyError::Truncated(_)));
     let nan = rtx("", &[1.0, f64::NAN], b"EOF::\r\n");
-    insta::assert_snapshot!(wrong(&nan), @"x.rtx:15: Data: found NaN as sample 2, expected finite numbers");
+    insta::assert_snapshot!(wrong(&nan), @"x.rtx:13: Data: found NaN as sample 2, expected finite numbers");
     assert!(matches!(
         wrong(b"target,deviation\n"),
         MetrologyError::Kind(_)
@@ -211,7 +211,12 @@ fn reports_hold_statistics_whose_columns_prove_themselves() {
     for (from, to, expected) in [
         ("+1.000\r\n", "-1.000\r\n", "dead zone: found -1"),
         ("+0.647", "+1.647", "system mean: found 1.647"),
-        ("   0.6   +1.000", "   +1.000", "7 numbers"),
+        (
+            "   0.6   +1.000",
+            "   +1.000",
+            "are the columns in another order?",
+        ),
+        ("   0.5   0.6   +1.000", "   +1.000", "7 numbers"),
         ("(microns)", "(microns) mean (mm)", "unit: found mm and µm"),
         ("2     0.000", "2  -254.000", "each target once"),
         ("Dead", "Live", "kind of file"),
