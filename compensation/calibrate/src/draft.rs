@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use volcomp_metrology::{
-    Content, Measurement, Metadata, Quantity, axis_named, oddities, read_content,
+    Content, FileFormat, Measurement, Metadata, MotionKind, Quantity, axis_named, oddities,
+    read_content,
 };
 use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisName, Component, ErrorName};
@@ -301,7 +302,10 @@ fn of_measurement(
                 && !hinted.component.is_angular()
                 && !hinted.axis.is_rotary()
                 && hinted.component.mcs_index() != hinted.axis.mcs_index();
-            if fits.contains(&hinted) || is_angular_method {
+            // Lengths under the name of a straightness: some programs write these as .rtl, too.
+            let is_length = measurement.quantity == Some(Quantity::Positioning)
+                && !hinted.component.is_angular();
+            if fits.contains(&hinted) || is_angular_method || is_length {
                 Some(hinted)
             } else {
                 candidates = fits;
@@ -342,10 +346,13 @@ fn of_measurement(
         found.keys.push(("unit", open()));
     }
     let format = measurement.format;
-    let sign_is_open = measurement
-        .quantity
-        .is_some_and(|q| q != Quantity::Positioning)
-        || format == Some(volcomp_metrology::FileFormat::RenishawExport);
+    let is_positioning = match error {
+        Some(error) => MotionKind::of(error) == MotionKind::Positioning,
+        None => measurement
+            .quantity
+            .is_none_or(|q| q == Quantity::Positioning),
+    };
+    let sign_is_open = !is_positioning || format == Some(FileFormat::RenishawExport);
     if sign_is_open {
         found.keys.push(("sign", open()));
     }

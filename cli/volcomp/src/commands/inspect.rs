@@ -10,6 +10,7 @@ use super::Answer;
 use crate::{
     answers::inspect::{Inspect, Log, OneFile, Readings, Refused, Samples},
     failure::Failure,
+    table::folded,
 };
 
 /// Shows what measurement files hold: oddities, texts, targets, runs, surroundings
@@ -99,7 +100,8 @@ impl Others {
 }
 
 fn refused_text(file: &str, error: &MetrologyError) -> String {
-    format!(" {:<24}{file}\n {:<24}{error}\n", "file", "REFUSED")
+    let refused = folded(&format!("REFUSED: {error}"), " ");
+    format!("{refused} {:<24}{file}\n", "file")
 }
 
 fn one(file: String, content: &Content) -> Result<(OneFile, String), Failure> {
@@ -123,6 +125,10 @@ fn one(file: String, content: &Content) -> Result<(OneFile, String), Failure> {
 /// The document, a line for each key, warnings first.
 fn text(document: &Map<String, Value>, measurement: Option<&Measurement>) -> String {
     let mut text = String::new();
+    let warnings = document.get("warnings").and_then(Value::as_array);
+    for warning in warnings.into_iter().flatten() {
+        text += &folded(&format!("WARNING: {}", plain(warning)), " ");
+    }
     let unit = measurement.and_then(|measurement| measurement.unit);
     // Writing to a String cannot fail.
     let mut line = |key: &str, shown: String| {
@@ -130,11 +136,8 @@ fn text(document: &Map<String, Value>, measurement: Option<&Measurement>) -> Str
     };
     for (key, value) in document {
         match (key.as_str(), value) {
-            ("warnings", Value::Array(warnings)) => {
-                for warning in warnings {
-                    line("WARNING", plain(warning));
-                }
-            }
+            // These stand above.
+            ("warnings", _) => {}
             ("channels", Value::Array(channels)) => {
                 for channel in channels {
                     let said = format!(
