@@ -100,7 +100,7 @@ Examples:
 pub(crate) const INSPECT: &str = "\
 Examples:
   volcomp inspect exx.rtl
-  volcomp --json inspect exx.rtl eyx.rts eay.rta";
+  volcomp --json inspect exx.rtl eyx.rtl eay.rta";
 
 pub(crate) const PROBE: &str = "\
 Examples:

@@ -219,12 +219,13 @@ fn a_draft_whose_questions_are_answered_is_calibrated() {
         shop.answer(&answers);
     }
     let file = shop.read().expect("complete");
+    // A curve for each direction.
     assert_eq!(
         calibrate(&file, |_, _| {})
             .expect("calibrated")
             .curves
             .len(),
-        2
+        4
     );
 }
 
