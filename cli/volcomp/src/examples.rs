@@ -79,8 +79,7 @@ Examples:
 pub(crate) const CALIBRATE: &str = "\
 Examples:
   volcomp calibrate calibration.toml -o machine-new.toml
-  volcomp --json calibrate calibration.toml -o machine-new.toml
-  volcomp calibrate --draft lasers --machine machine.toml -o calibration.toml";
+  volcomp --json calibrate calibration.toml -o machine-new.toml";
 
 pub(crate) const IDENTIFY: &str = "\
 Examples:
@@ -100,7 +99,7 @@ Examples:
 pub(crate) const INSPECT: &str = "\
 Examples:
   volcomp inspect exx.rtl
-  volcomp --json inspect exx.rtl eyx.rtl eay.rta";
+  volcomp --json inspect exx.rtl eay.rta";
 
 pub(crate) const PROBE: &str = "\
 Examples:
