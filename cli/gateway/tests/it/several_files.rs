@@ -83,6 +83,13 @@ fn fleet(shop: &Shop, refused: &dyn Fn(&str)) {
     if !cfg!(feature = "fleet") {
         return;
     }
+    for name in ["mill-1", "mill-2"] {
+        use std::os::unix::fs::PermissionsExt as _;
+        let file = shop.dir.path().join(name).join("nkey");
+        let seed = nkeys::KeyPair::new_user().seed().expect("a seed");
+        std::fs::write(&file, seed).expect("writable");
+        std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0o600)).expect("ours");
+    }
     let member = |machine: &str, dir: &str| {
         format!(
             "[fleet]\nurl = \"nats://127.0.0.1:1\"\nsite = \"berlin\"\nmachine = \"{machine}\"\nserial = \"4711\"\nnkey_file = \"nkey\"\ntrusted_keys = [\"6kpsY+KcUgq+9VB7Ey7F+ZVHdq6+vnuSQh7qaRRG0iw=\"]\ndir = \"{dir}\"\n[dashboard]"
