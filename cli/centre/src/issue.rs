@@ -10,7 +10,8 @@ use crate::{
     records::{Machine, Model, Version},
     store::{
         Database, Issued, Store, StoreError,
-        models::{add_version, next_version},
+        machines::machine_named,
+        models::{add_version, model_of, newest, newest_version, next_version, text_of},
     },
 };
 
@@ -89,6 +90,8 @@ pub(crate) fn issue(
         model: model.sha256.clone(),
         enable: manifest.enable,
         confirm: manifest.confirm,
+        condition_s: manifest.condition_s,
+        telemetry_s: manifest.telemetry_s,
         value_sha256: ModelRef::of(&value).sha256,
         rollout: order.rollout,
         issued_s: now_s,
@@ -118,24 +121,24 @@ pub fn reissue(
     machine: &MachineId,
     by: &str,
 ) -> Result<Issued, NotIssued> {
-    let missing = |what, name: &str| NotIssued::Missing {
-        what,
-        name: name.to_owned(),
-    };
-    let known = store
-        .machine(machine)?
-        .ok_or_else(|| missing("machine", machine.as_str()))?;
-    let last = store
-        .issued(machine)?
-        .ok_or_else(|| NotIssued::NoModelYet {
-            machine: machine.clone(),
-        })?;
-    let model = store
-        .model(&last.model)?
-        .ok_or_else(|| missing("model", &last.model))?;
-    let text = store
-        .model_text(&last.model)?
-        .ok_or_else(|| missing("model", &last.model))?;
+    store.write_or(|database| reissue_in(database, key, machine, by))
+}
+
+/// The same within a transaction: the machine and its model are those that it has in this transaction.
+pub(crate) fn reissue_in(
+    database: &mut dyn Database,
+    key: &Key,
+    machine: &MachineId,
+    by: &str,
+) -> Result<Issued, NotIssued> {
+    let known = machine_named(database, machine)?;
+    let known = known.ok_or_else(|| missing("machine", machine.as_str()))?;
+    let last = newest(database, machine)?.ok_or_else(|| NotIssued::NoModelYet {
+        machine: machine.clone(),
+    })?;
+    let model = model_of(database, &last.model)?;
+    let model = model.ok_or_else(|| missing("model", &last.model))?;
+    let text = text_of(database, &last.model)?.ok_or_else(|| missing("model", &last.model))?;
     let order = Order {
         machine: &known,
         model: &model,
@@ -144,5 +147,44 @@ pub fn reissue(
         rollout: None,
         by,
     };
-    store.write_or(|database| issue(database, key, &order))
+    issue(database, key, &order)
+}
+
+/// Whether the newest manifest of a machine tells it other settings than those that it is registered with.
+pub fn differs(machine: &Machine, newest: &Version) -> bool {
+    (machine.enable, machine.condition_s, machine.telemetry_s)
+        != (newest.enable, newest.condition_s, newest.telemetry_s)
+}
+
+/// Issues the model of a machine once more where its newest manifest tells other settings than those that it is registered
+/// with. `None`: it tells them already.
+///
+/// # Errors
+/// There is no such machine, or it has no model.
+pub fn settle(
+    store: &Store,
+    key: &Key,
+    machine: &MachineId,
+    by: &str,
+) -> Result<Option<Issued>, NotIssued> {
+    store.write_or(|database| {
+        let known = machine_named(database, machine)?;
+        let known = known.ok_or_else(|| missing("machine", machine.as_str()))?;
+        let newest = newest_version(database, machine)?;
+        let newest = newest.ok_or_else(|| NotIssued::NoModelYet {
+            machine: machine.clone(),
+        })?;
+        if !differs(&known, &newest) {
+            return Ok(None);
+        }
+        reissue_in(database, key, machine, by).map(Some)
+    })
+}
+
+/// Something is not there.
+pub(crate) fn missing(what: &'static str, name: &str) -> NotIssued {
+    NotIssued::Missing {
+        what,
+        name: name.to_owned(),
+    }
 }

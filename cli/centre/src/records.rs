@@ -129,6 +129,12 @@ pub struct Version {
     pub enable: bool,
     /// The hash by which a person confirmed it.
     pub confirm: Option<String>,
+    /// Seconds between two conditions; `None`: 1.
+    #[serde(default)]
+    pub condition_s: Option<u32>,
+    /// Seconds between two whole states; `None`: 10.
+    #[serde(default)]
+    pub telemetry_s: Option<u32>,
     /// SHA-256 of the bytes of the signed value.
     pub value_sha256: String,
     /// The roll-out to which it belongs.

@@ -162,14 +162,14 @@ pub(super) struct AddMachine {
     #[arg(long, value_name = "S")]
     pub(super) telemetry_s: Option<u32>,
     /// Where its control was found, for people
-    #[arg(long, default_value = "")]
-    pub(super) address: String,
+    #[arg(long)]
+    pub(super) address: Option<String>,
     /// The make of its control, for people
-    #[arg(long, default_value = "")]
-    pub(super) control: String,
+    #[arg(long)]
+    pub(super) control: Option<String>,
     /// What else is to be known
-    #[arg(long, default_value = "")]
-    pub(super) note: String,
+    #[arg(long)]
+    pub(super) note: Option<String>,
 }
 
 #[derive(Subcommand)]

@@ -39,6 +39,11 @@ pub enum CommandError {
     /// The demonstration.
     #[error(transparent)]
     Demo(#[from] crate::demo::DemoError),
+    /// A part of the running centre has ended by itself.
+    #[error(
+        "{0} has ended by itself, which it never should: see the log; what was not acknowledged comes again after a start"
+    )]
+    Ended(&'static str),
     /// The operating system.
     #[error(transparent)]
     Io(#[from] std::io::Error),
@@ -64,6 +69,7 @@ impl CommandError {
             | Self::Demo(_)
             | Self::Engine(_)
             | Self::Issue(_)
+            | Self::Ended(_)
             | Self::Io(_)
             | Self::Found(_) => 1,
         }

@@ -11,9 +11,9 @@ use super::{
 };
 use crate::{
     config::Config,
-    issue::{NotIssued, reissue},
+    issue::{NotIssued, settle},
     models::NewModel,
-    records::{Live, Machine, Version},
+    records::{Live, Machine, Model, Version},
     registration::check,
 };
 
@@ -26,7 +26,7 @@ pub(super) struct Shown {
     pub(super) version: Option<Version>,
 }
 
-pub(super) fn add(config: &Config, add: AddMachine, by: &str) -> Result<(), CommandError> {
+pub(super) fn add(config: &Config, add: &AddMachine, by: &str) -> Result<(), CommandError> {
     let store = open(config)?;
     let identity = Identity {
         site: (add.site.parse())
@@ -34,28 +34,15 @@ pub(super) fn add(config: &Config, add: AddMachine, by: &str) -> Result<(), Comm
         machine: machine_named(&add.machine)?,
     };
     let like = NewModel::of_file(&add.like, by)?.model;
-    let before = store.machine(&identity.machine)?;
-    let mut machine = Machine {
-        identity,
-        serial: add.serial,
-        structure: like.structure,
-        axes: like.axes,
-        nkey: add.nkey.or(before.and_then(|machine| machine.nkey)),
-        address: add.address,
-        control: add.control,
-        enable: !add.disabled,
-        canary: add.canary,
-        due_days: add.due_days,
-        condition_s: add.condition_s,
-        telemetry_s: add.telemetry_s,
-        note: add.note,
-    };
-    check(&machine).map_err(|error| CommandError::Wrong(error.to_string()))?;
-    if let Some(file) = &add.new_nkey {
-        machine.nkey = Some(draw_nkey(file)?);
-    }
-    store.put_machine(&machine, by)?;
-    let name = &machine.identity.machine;
+    let name = &identity.machine;
+    store.change_machine(name, by, |before| {
+        let mut machine = named(before, &identity, add, like);
+        check(&machine).map_err(|error| CommandError::Wrong(error.to_string()))?;
+        if let Some(file) = &add.new_nkey {
+            machine.nkey = Some(draw_nkey(file)?);
+        }
+        Ok::<_, CommandError>(machine)
+    })?;
     let mut said = format!("{name} is registered\n");
     if let Some(file) = &add.new_nkey {
         let _ = writeln!(
@@ -65,6 +52,30 @@ pub(super) fn add(config: &Config, add: AddMachine, by: &str) -> Result<(), Comm
         );
     }
     print(&said)
+}
+
+/// A machine as it is named now: of one that is known, what is not named stays. It is enabled by `machine enable` alone.
+fn named(before: Option<Machine>, identity: &Identity, add: &AddMachine, like: Model) -> Machine {
+    let Model {
+        structure, axes, ..
+    } = like;
+    let new = || Machine::new(identity.clone(), String::new(), String::new(), Vec::new());
+    let before = before.unwrap_or_else(new);
+    Machine {
+        identity: identity.clone(),
+        serial: add.serial.clone(),
+        structure,
+        axes,
+        nkey: add.nkey.clone().or(before.nkey),
+        address: add.address.clone().unwrap_or(before.address),
+        control: add.control.clone().unwrap_or(before.control),
+        enable: before.enable && !add.disabled,
+        canary: before.canary || add.canary,
+        due_days: add.due_days.or(before.due_days),
+        condition_s: add.condition_s.or(before.condition_s),
+        telemetry_s: add.telemetry_s.or(before.telemetry_s),
+        note: add.note.clone().unwrap_or(before.note),
+    }
 }
 
 pub(super) fn list(config: &Config, json: bool) -> Result<(), CommandError> {
@@ -109,16 +120,21 @@ pub(super) fn enable(
     let name = machine_named(machine)?;
     let key = signing_key(config)?;
     let store = open(config)?;
-    let mut known = store.machine(&name)?.ok_or_else(|| no_machine(&name))?;
-    known.enable = enable;
-    store.put_machine(&known, by)?;
-    match reissue(&store, &key, &name, by) {
-        Ok(issued) => print(&format!(
+    store.change_machine(&name, by, |known| {
+        let known = known.ok_or_else(|| no_machine(&name))?;
+        Ok::<_, CommandError>(Machine { enable, ..known })
+    })?;
+    match settle(&store, &key, &name, by) {
+        Ok(Some(issued)) => print(&format!(
             "version {} is issued; the running centre sends it\n",
             issued.version
         )),
-        // It will be so in its first manifest.
-        Err(NotIssued::NoModelYet { .. }) => print(&format!("{name} has no model yet\n")),
+        Ok(None) => print(
+            "its newest manifest says so already; the running centre sends it where it is not sent yet\n",
+        ),
+        Err(NotIssued::NoModelYet { .. }) => print(&format!(
+            "it is noted; {name} has no model yet, and its first manifest will say so\n"
+        )),
         Err(other) => Err(other.into()),
     }
 }

@@ -54,7 +54,7 @@ impl Arguments {
             Command::Key(KeyCommand::New { name }) => server::new_key(&config()?, &name),
             Command::Key(KeyCommand::List) => server::list_keys(&config()?),
             Command::Key(KeyCommand::Nkey { file }) => server::new_nkey(&file),
-            Command::Machine(MachineCommand::Add(add)) => machines::add(&config()?, *add, &by),
+            Command::Machine(MachineCommand::Add(add)) => machines::add(&config()?, &add, &by),
             Command::Machine(MachineCommand::List { json }) => machines::list(&config()?, json),
             Command::Machine(MachineCommand::Remove { machine }) => {
                 machines::remove(&config()?, &machine, &by)

@@ -37,13 +37,16 @@ pub(super) fn run(config: &Config, log: LogForm) -> Result<(), CommandError> {
         .enable_all()
         .build()?;
     runtime.block_on(async {
-        let running = Engine::start(store.clone(), engine).await?;
+        let mut running = Engine::start(store.clone(), engine).await?;
         let page = match &config.page {
             Some(page) => Some(page::serve(page, config.rollout.clone(), &store).await?),
             None => None,
         };
         tracing::info!("the centre runs");
-        ended().await?;
+        tokio::select! {
+            told = ended() => told?,
+            part = running.ended() => return Err(CommandError::Ended(part)),
+        }
         tracing::info!("the centre ends");
         for task in page.iter().flatten() {
             task.abort();

@@ -5,7 +5,7 @@ use std::{
     time::Instant,
 };
 
-use volcomp_fleet::MachineId;
+use volcomp_fleet::{MachineId, Outcome};
 
 use super::{Engine, causes, writer::lock};
 use crate::{
@@ -28,6 +28,9 @@ pub(super) struct Open {
     known: Option<BTreeMap<Key, (u64, String, f64)>>,
     unreadable: BTreeMap<MachineId, (Instant, String)>,
     models: BTreeMap<String, Model>,
+    /// The newest version that it was learned at, and the model that a machine corrects by, of machines whose calibration
+    /// can be due.
+    in_force: BTreeMap<MachineId, (u64, Option<String>)>,
 }
 
 /// Raises, closes, and says more.
@@ -35,6 +38,7 @@ pub(super) fn look(
     engine: &Engine,
     state: &mut Open,
     machines: &[Machine],
+    versions: &BTreeMap<MachineId, Version>,
     since: &BTreeMap<MachineId, Since>,
 ) -> Result<(), StoreError> {
     let now = now_s();
@@ -44,11 +48,9 @@ pub(super) fn look(
             state.unreadable.insert(machine.clone(), told);
         }
     }
-    let versions: BTreeMap<MachineId, Version> = (engine.store.newest_versions()?.into_iter())
-        .map(|version| (version.machine.clone(), version))
-        .collect();
-    learn_models(engine, &mut state.models, &versions)?;
-    let mut causes = of_machines(engine, state, machines, &versions, now);
+    learn_in_force(engine, &mut state.in_force, machines, versions)?;
+    learn_models(engine, &mut state.models, versions, &state.in_force)?;
+    let mut causes = of_machines(engine, state, machines, versions, now);
     let over = of_centre(engine, &mut causes)?;
     let open = if let Some(open) = &mut state.known {
         open
@@ -121,8 +123,11 @@ fn learn_models(
     engine: &Engine,
     models: &mut BTreeMap<String, Model>,
     versions: &BTreeMap<MachineId, Version>,
+    in_force: &BTreeMap<MachineId, (u64, Option<String>)>,
 ) -> Result<(), StoreError> {
-    let used: BTreeSet<&String> = versions.values().map(|version| &version.model).collect();
+    let of_versions = versions.values().map(|version| &version.model);
+    let of_machines = in_force.values().filter_map(|(_, model)| model.as_ref());
+    let used: BTreeSet<&String> = of_versions.chain(of_machines).collect();
     for sha256 in &used {
         if !models.contains_key(*sha256)
             && let Some(model) = engine.store.model(sha256)?
@@ -131,6 +136,46 @@ fn learn_models(
         }
     }
     models.retain(|sha256, _| used.contains(sha256));
+    Ok(())
+}
+
+/// Learns by which model each machine corrects: a calibration that was refused, or that waits for a person, renews nothing.
+fn learn_in_force(
+    engine: &Engine,
+    in_force: &mut BTreeMap<MachineId, (u64, Option<String>)>,
+    machines: &[Machine],
+    versions: &BTreeMap<MachineId, Version>,
+) -> Result<(), StoreError> {
+    let due = machines.iter().filter(|machine| machine.due_days.is_some());
+    let mut learned = BTreeMap::new();
+    for machine in due {
+        let name = &machine.identity.machine;
+        let Some(newest) = versions.get(name) else {
+            continue;
+        };
+        let is_open = |version: &Version| {
+            !matches!(
+                version.outcome,
+                Some(Outcome::Refused { .. } | Outcome::NeedsConfirmation { .. })
+            )
+        };
+        let known = in_force.remove(name);
+        let model = if is_open(newest) {
+            Some(newest.model.clone())
+        } else if let Some((_, model)) = known.filter(|(version, _)| *version == newest.version) {
+            model
+        } else {
+            let versions = engine.store.versions(name)?;
+            let is_active = |version: &&Version| version.outcome == Some(Outcome::Activated);
+            let active = versions.iter().find(is_active);
+            let active = active.or_else(|| versions.iter().find(|version| is_open(version)));
+            active.map(|version| version.model.clone())
+        };
+        // While it is open it may be refused yet: then it is learned anew.
+        let at = if is_open(newest) { 0 } else { newest.version };
+        learned.insert(name.clone(), (at, model));
+    }
+    *in_force = learned;
     Ok(())
 }
 
@@ -148,6 +193,11 @@ fn of_machines(
         let name = &machine.identity.machine;
         let version = versions.get(name);
         let model = version.and_then(|version| state.models.get(&version.model));
+        let corrects = state
+            .in_force
+            .get(name)
+            .and_then(|(_, model)| model.as_ref());
+        let corrects = corrects.and_then(|model| state.models.get(model));
         let unreadable = state.unreadable.get(name);
         let causes = causes::of(&causes::Known {
             machine,
@@ -157,7 +207,7 @@ fn of_machines(
             model,
             clobbered_s: clobbered.get(name).map(|at| at.elapsed().as_secs_f64()),
             unreadable: unreadable.map(|(at, why)| (at.elapsed().as_secs_f64(), why.as_str())),
-            due_days: model.and_then(|model| due_days(machine, model, now_s)),
+            due_days: corrects.and_then(|model| due_days(machine, model, now_s)),
             now_s,
         });
         for (kind, text) in causes {
@@ -187,7 +237,12 @@ fn of_centre(
         }
     }
     if !stopped.is_empty() {
-        causes.insert((None, AlarmKind::Rollout), stopped.join(" "));
+        // Beside those that cannot go on.
+        let text = causes.entry((None, AlarmKind::Rollout)).or_default();
+        if !text.is_empty() {
+            text.push(' ');
+        }
+        text.push_str(&stopped.join(" "));
     }
     Ok(over)
 }

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, sync::Arc, time::Duration, time::Instant};
 
 use bytes::Bytes;
 use futures_util::StreamExt;
-use volcomp_fleet::{Desired, DesiredWatch, Found, Heard, MachineId};
+use volcomp_fleet::{Desired, DesiredWatch, Found, Heard, MachineId, ModelRef};
 
 use super::{Engine, blocking, writer::lock};
 use crate::{records::AlarmKind, store::Issued};
@@ -87,7 +87,14 @@ async fn put(engine: &Arc<Engine>, issued: Issued) -> Result<(), volcomp_fleet::
             .await?;
     }
     // After a start it may stand there already: the machine would hear nothing new.
-    if engine.hub.desired(&issued.machine).await?.as_ref() != Some(&value) {
+    let found = engine.hub.desired(&issued.machine).await?;
+    if found.as_ref() != Some(&value) {
+        if let Some(found) = found
+            && !is_own(engine, &found)
+            && !was_issued(engine, &issued.machine, &found).await
+        {
+            foreign(engine, &issued.machine);
+        }
         engine
             .hub
             .put_desired(&issued.machine, value.clone())
@@ -145,14 +152,34 @@ async fn restore(engine: &Engine, machine: &MachineId) {
         let own = lock(&engine.put).get(machine).map(|(_, own)| own.clone());
         let Some(own) = own else { return Ok(()) };
         if value.as_ref().is_none_or(|value| !is_own(engine, value)) {
-            tracing::error!("{machine}: a foreign value stood under its key, and is replaced");
-            lock(&engine.clobbered).insert(machine.clone(), Instant::now());
+            foreign(engine, machine);
         }
         engine.hub.put_desired(machine, own).await
     };
     if let Err(error) = result.await {
         // After the connection is there again every key is looked at.
         tracing::warn!("{machine}: {error}");
+    }
+}
+
+/// Tells that a foreign value is replaced.
+fn foreign(engine: &Engine, machine: &MachineId) {
+    tracing::error!("{machine}: a foreign value stood under its key, and is replaced");
+    lock(&engine.clobbered).insert(machine.clone(), Instant::now());
+}
+
+/// Whether a value was issued here once: by a key that was taken away since. Where the store cannot be read it counts so: the
+/// trouble with it is told.
+async fn was_issued(engine: &Arc<Engine>, machine: &MachineId, value: &[u8]) -> bool {
+    let sha256 = ModelRef::of(value).sha256;
+    let (of_store, machine) = (Arc::clone(engine), machine.clone());
+    let versions = blocking(move || of_store.store.versions(&machine)).await;
+    match versions {
+        Ok(versions) => versions.iter().any(|one| one.value_sha256 == sha256),
+        Err(error) => {
+            engine.trouble(AlarmKind::Store, Some(error.to_string()));
+            true
+        }
     }
 }
 

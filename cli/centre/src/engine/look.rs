@@ -6,16 +6,16 @@ use std::{
     time::{Duration, Instant},
 };
 
-use volcomp_fleet::{Acknowledgement, MachineId, SiteId};
+use volcomp_fleet::{MachineId, SiteId};
 
 use super::{Engine, alarms, blocking, writer::lock};
 use crate::{
     clock::now_s,
     ingest::Since,
-    issue::{NotIssued, Order, issue},
-    records::{AlarmKind, Machine, Model},
+    issue::{NotIssued, Order, differs, issue, missing, settle},
+    records::{AlarmKind, Machine, Model, Version},
     rollout::{Action, Event, Rollout, Seen},
-    store::{Database, Issued, StoreError, rollouts},
+    store::{Database, Issued, StoreError, machines::machine_named, rollouts},
 };
 
 /// A machine that was heard so long ago is heard, s.
@@ -24,6 +24,8 @@ const FRESH_S: f64 = 15.0;
 const MINUTE: Duration = Duration::from_secs(60);
 /// … and when they ended so long ago, s: most of what was under way has come.
 const CLOSED_AFTER_S: f64 = 30.0;
+/// So many machines are told other settings at one look.
+const SETTINGS: usize = 200;
 /// What is no longer kept is forgotten so often.
 const HOUR: Duration = Duration::from_secs(3600);
 
@@ -32,6 +34,10 @@ pub(super) struct State {
     last: Instant,
     minute: Instant,
     hour: Option<Instant>,
+    /// The last residual that was known of each machine, µm: conditions may be rarer than looks.
+    residual_um: BTreeMap<MachineId, f64>,
+    /// Machines whose settings cannot be sent, and why.
+    unsettled: BTreeMap<MachineId, String>,
     pub(super) alarms: alarms::Open,
 }
 
@@ -42,6 +48,8 @@ impl State {
             last: now,
             minute: now,
             hour: None,
+            residual_um: BTreeMap::new(),
+            unsettled: BTreeMap::new(),
             alarms: alarms::Open::default(),
         }
     }
@@ -79,7 +87,23 @@ fn look_now(engine: &Engine, state: &mut State) -> Result<(), StoreError> {
     let looked = {
         let mut ingest = lock(&engine.ingest);
         ingest.store_live(&engine.store)?;
-        ingest.look(FRESH_S)
+        let looked = ingest.look(FRESH_S);
+        for (machine, (seen, _)) in &looked {
+            let told = || {
+                ingest
+                    .machine(machine)?
+                    .live
+                    .as_ref()?
+                    .condition
+                    .as_ref()?
+                    .residual_um
+            };
+            let known = seen.residual_um.or_else(told);
+            if let Some(um) = known.filter(|um| um.is_finite()) {
+                state.residual_um.insert(machine.clone(), um);
+            }
+        }
+        looked
     };
     let seen: BTreeMap<MachineId, Seen> = (looked.iter())
         .map(|(machine, (seen, _))| (machine.clone(), seen.clone()))
@@ -87,17 +111,35 @@ fn look_now(engine: &Engine, state: &mut State) -> Result<(), StoreError> {
     let since: BTreeMap<MachineId, Since> = (looked.into_iter())
         .map(|(machine, (_, since))| (machine, since))
         .collect();
-    let mut answers = std::mem::take(&mut *lock(&engine.answers));
-    if let Err(error) = roll_out(engine, &machines, elapsed_s, &seen, &answers) {
-        // What was answered and heard counts at the next look, before what came meanwhile.
-        let mut waiting = lock(&engine.answers);
-        answers.append(&mut waiting);
-        *waiting = answers;
-        drop(waiting);
-        lock(&engine.ingest).put_back(since);
-        return Err(error);
-    }
-    alarms::look(engine, &mut state.alarms, &machines, &since)?;
+    let held = match roll_out(engine, elapsed_s, &seen, &state.residual_um) {
+        Ok(held) => held,
+        Err(error) => {
+            // What was heard counts at the next look, before what came meanwhile.
+            lock(&engine.ingest).put_back(since);
+            return Err(error);
+        }
+    };
+    let unseen = since
+        .iter()
+        .filter(|(name, _)| held.machines.contains(name));
+    let unseen = unseen.map(|(name, since)| {
+        // The alarms have these.
+        let unreadable = 0;
+        let since = Since {
+            unreadable,
+            ..since.clone()
+        };
+        (name.clone(), since)
+    });
+    let unseen: BTreeMap<MachineId, Since> = unseen.collect();
+    lock(&engine.ingest).put_back(unseen);
+    let why = (!held.why.is_empty()).then(|| held.why.join(" "));
+    engine.trouble(AlarmKind::Rollout, why);
+    let versions: BTreeMap<MachineId, Version> = (engine.store.newest_versions()?.into_iter())
+        .map(|version| (version.machine.clone(), version))
+        .collect();
+    settings(engine, &mut state.unsettled, &machines, &versions)?;
+    alarms::look(engine, &mut state.alarms, &machines, &versions, &since)?;
     if now.duration_since(state.minute) >= MINUTE {
         state.minute = now;
         lock(&engine.ingest).count_missing();
@@ -113,60 +155,154 @@ fn look_now(engine: &Engine, state: &mut State) -> Result<(), StoreError> {
     Ok(())
 }
 
-/// Moves every roll-out on, each in one transaction with what it issues.
-fn roll_out(
+/// Has every machine told what it is registered with, whoever changed that and however.
+fn settings(
     engine: &Engine,
+    unsettled: &mut BTreeMap<MachineId, String>,
     machines: &[Machine],
-    elapsed_s: f64,
-    seen: &BTreeMap<MachineId, Seen>,
-    answers: &[(MachineId, Acknowledgement)],
+    versions: &BTreeMap<MachineId, Version>,
 ) -> Result<(), StoreError> {
-    for id in engine.store.open_rollouts()? {
-        let Some(rollout) = engine.store.rollout(id)? else {
+    let before = std::mem::take(unsettled);
+    let mut issued = 0;
+    for machine in machines {
+        let name = &machine.identity.machine;
+        let newest = versions.get(name);
+        if issued == SETTINGS || !newest.is_some_and(|newest| differs(machine, newest)) {
             continue;
-        };
-        let model = engine.store.model(&rollout.model)?;
-        let text = engine.store.model_text(&rollout.model)?;
-        let material = Material {
-            engine,
-            machines,
-            model: model.as_ref().zip(text.as_deref()),
-            seen,
-        };
-        engine.store.write(|database| {
-            let Some((mut rollout, wish)) = rollouts::take(database, id)? else {
-                return Ok(());
-            };
-            let before = rollout.clone();
-            let wished = wish.map(|(wish, by)| Event::Wished { wish, by });
-            let answered = answers.iter().map(|(machine, answer)| Event::Answered {
-                machine: machine.clone(),
-                version: answer.version,
-                outcome: answer.outcome.clone(),
-            });
-            let looked = Event::Looked {
-                elapsed_s,
-                seen: seen.clone(),
-            };
-            for event in wished.into_iter().chain(answered).chain([looked]) {
-                let actions = rollout.step(event);
-                material.act(database, &mut rollout, actions)?;
+        }
+        match settle(&engine.store, &engine.settings.key, name, "centre") {
+            Ok(_) => issued += 1,
+            Err(NotIssued::Store(error)) => return Err(error),
+            Err(other) => {
+                let why = other.to_string();
+                if before.get(name) != Some(&why) {
+                    tracing::error!("the settings of {name} are not sent: {why}");
+                }
+                unsettled.insert(name.clone(), why);
             }
-            if rollout == before {
-                return Ok(());
-            }
-            rollouts::save(database, &rollout, &before.phase)
-        })?;
+        }
     }
     Ok(())
+}
+
+/// Roll-outs that could not be moved on.
+#[derive(Default)]
+struct Held {
+    /// Why, a sentence each.
+    why: Vec<String>,
+    /// Their machines: each is in one roll-out at a time.
+    machines: BTreeSet<MachineId>,
+}
+
+/// Moves every roll-out on, each in one transaction with what it issues. One that cannot be moved on holds up no other.
+fn roll_out(
+    engine: &Engine,
+    elapsed_s: f64,
+    seen: &BTreeMap<MachineId, Seen>,
+    residual_um: &BTreeMap<MachineId, f64>,
+) -> Result<Held, StoreError> {
+    let open = engine.store.open_rollouts()?;
+    if open.is_empty() {
+        return Ok(Held::default());
+    }
+    // What machines have answered is taken from the store at each look: a centre that was killed between an answer and its
+    // look hears of it after its start.
+    let versions: BTreeMap<MachineId, Version> = (engine.store.newest_versions()?.into_iter())
+        .map(|version| (version.machine.clone(), version))
+        .collect();
+    // A version that was never issued here is not one of a roll-out, whatever a machine tells.
+    let mut seen = seen.clone();
+    for (machine, seen) in &mut seen {
+        let newest = versions.get(machine).map_or(0, |version| version.version);
+        if seen.version > newest {
+            seen.version = 0;
+        }
+    }
+    let looked = Looked {
+        elapsed_s,
+        seen,
+        residual_um,
+        versions,
+    };
+    let mut held = Held::default();
+    for id in open {
+        if let Err(error) = move_on(engine, id, &looked) {
+            held.why
+                .push(format!("Roll-out {id} cannot go on: {error}."));
+            if let Ok(Some(rollout)) = engine.store.rollout(id) {
+                let machines = rollout.turns.into_iter().map(|turn| turn.machine);
+                held.machines.extend(machines);
+            }
+        }
+    }
+    Ok(held)
+}
+
+/// What every roll-out sees at one look.
+struct Looked<'a> {
+    elapsed_s: f64,
+    seen: BTreeMap<MachineId, Seen>,
+    /// The last residual that was known, µm.
+    residual_um: &'a BTreeMap<MachineId, f64>,
+    /// The newest version of each machine.
+    versions: BTreeMap<MachineId, Version>,
+}
+
+/// Moves one roll-out on.
+fn move_on(engine: &Engine, id: u64, looked: &Looked<'_>) -> Result<(), StoreError> {
+    let Some(rollout) = engine.store.rollout(id)? else {
+        return Ok(());
+    };
+    let model = engine.store.model(&rollout.model)?;
+    let text = engine.store.model_text(&rollout.model)?;
+    let material = Material {
+        engine,
+        model: model.as_ref().zip(text.as_deref()),
+        residual_um: looked.residual_um,
+    };
+    engine.store.write(|database| {
+        let Some((mut rollout, wishes)) = rollouts::take(database, id)? else {
+            return Ok(());
+        };
+        let before = rollout.clone();
+        let wished = (wishes.into_iter()).map(|(wish, by)| Event::Wished { wish, by });
+        let answered = answers(&rollout, &looked.versions);
+        let heard = Event::Looked {
+            elapsed_s: looked.elapsed_s,
+            seen: looked.seen.clone(),
+        };
+        for event in wished.chain(answered).chain([heard]) {
+            let actions = rollout.step(event);
+            material.act(database, &mut rollout, actions)?;
+        }
+        if rollout == before {
+            return Ok(());
+        }
+        rollouts::save(database, &rollout, &before.phase)
+    })
+}
+
+/// The answers that a roll-out has not heard of yet.
+fn answers(rollout: &Rollout, versions: &BTreeMap<MachineId, Version>) -> Vec<Event> {
+    let answered = rollout.turns.iter().filter_map(|turn| {
+        let version = versions.get(&turn.machine)?;
+        let outcome = version.outcome.clone()?;
+        turn.step
+            .waits_for(version.version, &outcome)
+            .then(|| Event::Answered {
+                machine: turn.machine.clone(),
+                version: version.version,
+                outcome,
+            })
+    });
+    answered.collect()
 }
 
 /// What a manifest of a roll-out is made of.
 struct Material<'a> {
     engine: &'a Engine,
-    machines: &'a [Machine],
     model: Option<(&'a Model, &'a str)>,
-    seen: &'a BTreeMap<MachineId, Seen>,
+    residual_um: &'a BTreeMap<MachineId, f64>,
 }
 
 impl Material<'_> {
@@ -182,7 +318,7 @@ impl Material<'_> {
             for Action::Issue { machine, confirm } in actions {
                 let event = match self.issue(database, rollout, &machine, confirm) {
                     Ok(issued) => Event::Issued {
-                        before_um: self.seen.get(&machine).and_then(|seen| seen.residual_um),
+                        before_um: self.residual_um.get(&machine).copied(),
                         version: issued.version,
                         machine,
                     },
@@ -209,17 +345,12 @@ impl Material<'_> {
         name: &MachineId,
         confirm: Option<String>,
     ) -> Result<Issued, NotIssued> {
-        let missing = |what, name: &str| NotIssued::Missing {
-            what,
-            name: name.to_owned(),
-        };
-        let mut machines = self.machines.iter();
-        let machine = machines
-            .find(|machine| machine.identity.machine == *name)
-            .ok_or_else(|| missing("machine", name.as_str()))?;
+        // As it stands in this transaction: it may have been disabled since the look began.
+        let machine = machine_named(database, name)?;
+        let machine = machine.ok_or_else(|| missing("machine", name.as_str()))?;
         let (model, text) = self.model.ok_or_else(|| missing("model", &rollout.model))?;
         let order = Order {
-            machine,
+            machine: &machine,
             model,
             text,
             confirm,

@@ -20,7 +20,7 @@ use std::{
 };
 
 use tokio::sync::oneshot;
-use volcomp_fleet::{Acknowledgement, Hub, Keeping, LinkError, LinkSettings, MachineId, SiteId};
+use volcomp_fleet::{Hub, Keeping, LinkError, LinkSettings, MachineId, SiteId};
 
 use self::writer::{Job, lock};
 use crate::{
@@ -101,8 +101,6 @@ pub struct Engine {
     hub: Hub,
     settings: Settings,
     ingest: Mutex<Ingest>,
-    /// Answers that no roll-out has heard of yet.
-    answers: Mutex<Vec<(MachineId, Acknowledgement)>>,
     /// What stands under the keys as far as this centre has put it: the version and the bytes.
     put: Mutex<BTreeMap<MachineId, (u64, bytes::Bytes)>>,
     /// When a foreign value stood under a key.
@@ -118,12 +116,22 @@ pub struct Engine {
 pub struct Running {
     engine: Arc<Engine>,
     tasks: tokio::task::JoinHandle<()>,
+    /// Closed when the writer ends.
+    writer: oneshot::Receiver<()>,
 }
 
 impl Running {
     /// What runs.
     pub fn engine(&self) -> &Arc<Engine> {
         &self.engine
+    }
+
+    /// Waits until it ends by itself, which it never should, and tells which part did.
+    pub async fn ended(&mut self) -> &'static str {
+        tokio::select! {
+            _ = &mut self.tasks => "the engine",
+            _ = &mut self.writer => "the thread that writes",
+        }
     }
 
     /// Ends it. What was not stored yet was not acknowledged, and comes again.
@@ -148,7 +156,6 @@ impl Engine {
             hub,
             settings,
             ingest: Mutex::new(ingest),
-            answers: Mutex::default(),
             put: Mutex::default(),
             clobbered: Mutex::default(),
             troubles: Mutex::default(),
@@ -157,11 +164,20 @@ impl Engine {
         });
         let (send, jobs) = mpsc::sync_channel(WAITING);
         let of_thread = Arc::clone(&engine);
+        let (alive, writer) = oneshot::channel::<()>();
         std::thread::Builder::new()
             .name("writer".to_owned())
-            .spawn(move || writer::run(&of_thread, &jobs))?;
+            .spawn(move || {
+                // Dropped at its end, whichever that is.
+                let _alive = alive;
+                writer::run(&of_thread, &jobs);
+            })?;
         let tasks = tokio::spawn(run(Arc::clone(&engine), send));
-        Ok(Running { engine, tasks })
+        Ok(Running {
+            engine,
+            tasks,
+            writer,
+        })
     }
 
     /// The store.
@@ -221,6 +237,11 @@ async fn run(engine: Arc<Engine>, jobs: mpsc::SyncSender<Job>) {
     let mut state = look::State::new();
     while !engine.is_ending() {
         looks.tick().await;
+        // None of them ends by itself: what does leaves a site or the keys alone, and the whole is better started again.
+        if tasks.try_join_next().is_some() {
+            tracing::error!("a part of the engine has ended");
+            return;
+        }
         for site in look::sites(&engine).await {
             if !sites.contains(&site) && prepared(&engine, &site).await {
                 for collection in engine.hub.collections(&site) {

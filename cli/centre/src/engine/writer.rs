@@ -54,7 +54,6 @@ fn store(engine: &Engine, messages: &[Received]) -> bool {
         let taken = lock(&engine.ingest).take(&engine.store, messages);
         match taken {
             Ok(taken) => {
-                lock(&engine.answers).extend(taken.answers);
                 engine.counts.add(taken.stored, taken.twice);
                 engine.trouble(AlarmKind::Store, None);
                 return true;

@@ -123,7 +123,6 @@ impl Rollout {
         let rules = &self.rules;
         for turn in &mut self.turns {
             let seen = seen.get(&turn.machine).filter(|seen| seen.heard);
-            let before_um = turn.before_um;
             turn.step = match (std::mem::replace(&mut turn.step, Step::Waiting), seen) {
                 (Step::Sent { version, .. }, Some(seen)) if seen.version >= version => {
                     soaking(version)
@@ -145,48 +144,18 @@ impl Rollout {
                     },
                     Some(seen),
                 ) if seen.version >= version => soaking(version),
-                (
-                    Step::Soaking {
-                        version,
-                        soaked_s,
-                        residual_um,
-                        known_s,
-                    },
-                    Some(seen),
-                ) => {
-                    let known = seen.residual_um.filter(|um| um.is_finite());
-                    let (residual_um, known_s) = match known {
-                        Some(um) if elapsed_s > 0.0 => {
-                            let all_s = known_s + elapsed_s;
-                            ((residual_um * known_s + um * elapsed_s) / all_s, all_s)
-                        }
-                        _ => (residual_um, known_s),
-                    };
-                    let soaked_s = soaked_s + elapsed_s;
-                    let is_soaked = soaked_s >= rules.soak_s;
-                    let judged = known_s >= RESIDUAL_AFTER_S || (is_soaked && known_s > 0.0);
-                    if let Some(why) = &seen.faulted {
-                        out(Some(version), format!("its guard has faulted: {why}"), true)
-                    } else if let Some(before) = before_um.filter(|before| {
-                        judged
-                            && residual_um > before * rules.residual_ratio
-                            && residual_um > before + rules.residual_um
-                    }) {
-                        let why = format!(
-                            "its residual has risen from {before:.1} µm to {residual_um:.1} µm"
-                        );
-                        out(Some(version), why, true)
-                    } else if is_soaked {
-                        Step::Done { version }
-                    } else {
-                        Step::Soaking {
-                            version,
-                            soaked_s,
-                            residual_um,
-                            known_s,
-                        }
-                    }
+                (step @ Step::Soaking { .. }, Some(seen)) => {
+                    watched(step, seen, elapsed_s, rules, turn.before_um)
                 }
+                // Its soak is over, and it has the model as long as the roll-out goes on.
+                (
+                    Step::Done { version },
+                    Some(Seen {
+                        version: seen,
+                        faulted: Some(why),
+                        ..
+                    }),
+                ) if *seen >= version => faulted(version, why),
                 (step, _) => step,
             };
         }
@@ -305,12 +274,80 @@ impl Rollout {
     }
 }
 
+/// A machine that is watched with the model, after one more look at it.
+fn watched(step: Step, seen: &Seen, elapsed_s: f64, rules: &Rules, before_um: Option<f64>) -> Step {
+    let Step::Soaking {
+        version,
+        soaked_s,
+        residual_um,
+        known_s,
+        older_s,
+    } = step
+    else {
+        return step;
+    };
+    if let Some(why) = &seen.faulted {
+        return faulted(version, why);
+    }
+    // The answer may overtake the condition that tells the version. One that goes on with an older one (its folder was
+    // restored, its gateway exchanged) is not watched with the model.
+    if seen.version < version {
+        let older_s = older_s + elapsed_s;
+        if older_s > rules.answer_s {
+            let why = format!("it has version {} in force again", seen.version);
+            return out(Some(version), why, false);
+        }
+        return Step::Soaking {
+            version,
+            soaked_s,
+            residual_um,
+            known_s,
+            older_s,
+        };
+    }
+    let known = seen.residual_um.filter(|um| um.is_finite());
+    let (residual_um, known_s) = match known {
+        Some(um) if elapsed_s > 0.0 => {
+            let all_s = known_s + elapsed_s;
+            ((residual_um * known_s + um * elapsed_s) / all_s, all_s)
+        }
+        _ => (residual_um, known_s),
+    };
+    let soaked_s = soaked_s + elapsed_s;
+    let is_soaked = soaked_s >= rules.soak_s;
+    let judged = known_s >= RESIDUAL_AFTER_S || (is_soaked && known_s > 0.0);
+    let risen = before_um.filter(|before| {
+        judged
+            && residual_um > before * rules.residual_ratio
+            && residual_um > before + rules.residual_um
+    });
+    if let Some(before) = risen {
+        let why = format!("its residual has risen from {before:.1} µm to {residual_um:.1} µm");
+        out(Some(version), why, true)
+    } else if is_soaked {
+        Step::Done { version }
+    } else {
+        Step::Soaking {
+            version,
+            soaked_s,
+            residual_um,
+            known_s,
+            older_s: 0.0,
+        }
+    }
+}
+
+fn faulted(version: u64, why: &str) -> Step {
+    out(Some(version), format!("its guard has faulted: {why}"), true)
+}
+
 fn soaking(version: u64) -> Step {
     Step::Soaking {
         version,
         soaked_s: 0.0,
         residual_um: 0.0,
         known_s: 0.0,
+        older_s: 0.0,
     }
 }
 

@@ -88,20 +88,24 @@ impl Rules {
                 expected: Self::WAVES.to_owned(),
             });
         }
-        within("soak_s", self.soak_s, &Self::SOAK_S)?;
-        within("answer_s", self.answer_s, &Self::ANSWER_S)?;
-        within("tolerate", self.tolerate, &Self::TOLERATE)?;
-        within("residual_ratio", self.residual_ratio, &Self::RESIDUAL_RATIO)?;
-        within("residual_um", self.residual_um, &Self::RESIDUAL_UM)
+        within("soak_s", &self.soak_s, &Self::SOAK_S)?;
+        within("answer_s", &self.answer_s, &Self::ANSWER_S)?;
+        within("tolerate", &self.tolerate, &Self::TOLERATE)?;
+        within(
+            "residual_ratio",
+            &self.residual_ratio,
+            &Self::RESIDUAL_RATIO,
+        )?;
+        within("residual_um", &self.residual_um, &Self::RESIDUAL_UM)
     }
 }
 
 fn within<N: PartialOrd + Display>(
     key: &'static str,
-    found: N,
+    found: &N,
     range: &RangeInclusive<N>,
 ) -> Result<(), NoRules> {
-    if range.contains(&found) {
+    if range.contains(found) {
         return Ok(());
     }
     Err(NoRules {
@@ -145,6 +149,9 @@ pub enum Step {
         residual_um: f64,
         /// The residual was known for so long, s.
         known_s: f64,
+        /// It tells for so long that an older version is in force, s.
+        #[serde(default)]
+        older_s: f64,
     },
     /// It is in force, and nothing spoke against it.
     Done {
@@ -165,6 +172,25 @@ pub enum Step {
 }
 
 impl Step {
+    /// Whether this answer to this version is one that is not known yet.
+    pub fn waits_for(&self, answered: u64, outcome: &Outcome) -> bool {
+        match self {
+            Self::Sent { version, .. } => answered >= *version,
+            Self::NeedsConfirmation { version, .. } => {
+                answered > *version
+                    || (answered == *version
+                        && !matches!(outcome, Outcome::NeedsConfirmation { .. }))
+            }
+            // That it is in force after all is seen by what the machine runs.
+            Self::Out {
+                version: Some(version),
+                against: false,
+                ..
+            } => answered >= *version && *outcome != Outcome::Activated,
+            Self::Waiting | Self::Soaking { .. } | Self::Done { .. } | Self::Out { .. } => false,
+        }
+    }
+
     fn is_over(&self) -> bool {
         matches!(self, Self::Done { .. } | Self::Out { .. })
     }

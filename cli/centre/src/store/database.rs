@@ -162,13 +162,29 @@ pub(super) fn transaction<T, E: From<StoreError>>(
     work: impl FnOnce(&mut dyn Database) -> Result<T, E>,
 ) -> Result<T, E> {
     database.execute("BEGIN", &[])?;
-    let done = work(database).and_then(|done| {
-        database.execute("COMMIT", &[])?;
+    let mut open = Open {
+        database,
+        is_done: false,
+    };
+    let done = work(&mut *open.database).and_then(|done| {
+        open.database.execute("COMMIT", &[])?;
         Ok(done)
     });
-    if done.is_err() {
-        // It may be gone already: the first reason is the one to be told.
-        let _ = database.execute("ROLLBACK", &[]);
-    }
+    open.is_done = done.is_ok();
     done
+}
+
+/// A transaction that is rolled back where it does not come to its end: its work fails, or ends its thread.
+struct Open<'a> {
+    database: &'a mut dyn Database,
+    is_done: bool,
+}
+
+impl Drop for Open<'_> {
+    fn drop(&mut self) {
+        if !self.is_done {
+            // It may be gone already: the first reason is the one to be told.
+            let _ = self.database.execute("ROLLBACK", &[]);
+        }
+    }
 }

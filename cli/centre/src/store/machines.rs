@@ -3,8 +3,34 @@
 use serde_json::json;
 use volcomp_fleet::MachineId;
 
-use super::{Store, StoreError, audit};
+use super::{Database, Store, StoreError, audit};
 use crate::records::Machine;
+
+/// A machine, as it stands in a transaction.
+pub(crate) fn machine_named(
+    database: &mut dyn Database,
+    machine: &MachineId,
+) -> Result<Option<Machine>, StoreError> {
+    let row = database.first(
+        "SELECT document FROM machines WHERE machine = ?1",
+        &[machine.as_str().into()],
+    )?;
+    row.map(|row| row.json(0)).transpose()
+}
+
+fn put(database: &mut dyn Database, machine: &Machine, by: &str) -> Result<(), StoreError> {
+    let name = machine.identity.machine.as_str();
+    database.execute(
+        "INSERT INTO machines (machine, site, document) VALUES (?1, ?2, ?3)
+         ON CONFLICT (machine) DO UPDATE SET site = excluded.site, document = excluded.document",
+        &[
+            name.into(),
+            machine.identity.site.as_str().into(),
+            serde_json::to_string(machine)?.into(),
+        ],
+    )?;
+    audit::append(database, by, "machine.put", name, json!(machine))
+}
 
 impl Store {
     /// Registers a machine, or changes what is known of it.
@@ -12,19 +38,23 @@ impl Store {
     /// # Errors
     /// The database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed.
     pub fn put_machine(&self, machine: &Machine, by: &str) -> Result<(), StoreError> {
-        let name = machine.identity.machine.as_str();
-        let document = serde_json::to_string(machine)?;
-        self.write(|database| {
-            database.execute(
-                "INSERT INTO machines (machine, site, document) VALUES (?1, ?2, ?3)
-                 ON CONFLICT (machine) DO UPDATE SET site = excluded.site, document = excluded.document",
-                &[
-                    name.into(),
-                    machine.identity.site.as_str().into(),
-                    document.into(),
-                ],
-            )?;
-            audit::append(database, by, "machine.put", name, json!(machine))
+        self.write(|database| put(database, machine, by))
+    }
+
+    /// Changes what is known of a machine, as it stands in the transaction: what others change at the same time stays.
+    ///
+    /// # Errors
+    /// Those of the change. Or: the database takes no change (its disk is full, another program holds it, its server is gone). Then nothing of it is changed.
+    pub fn change_machine<E: From<StoreError>>(
+        &self,
+        machine: &MachineId,
+        by: &str,
+        change: impl FnOnce(Option<Machine>) -> Result<Machine, E>,
+    ) -> Result<Machine, E> {
+        self.write_or(|database| {
+            let changed = change(machine_named(database, machine)?)?;
+            put(database, &changed, by)?;
+            Ok(changed)
         })
     }
 
@@ -33,13 +63,7 @@ impl Store {
     /// # Errors
     /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn machine(&self, machine: &MachineId) -> Result<Option<Machine>, StoreError> {
-        self.read(|database| {
-            let row = database.first(
-                "SELECT document FROM machines WHERE machine = ?1",
-                &[machine.as_str().into()],
-            )?;
-            row.map(|row| row.json(0)).transpose()
-        })
+        self.read(|database| machine_named(database, machine))
     }
 
     /// Every machine, by its name.

@@ -9,7 +9,7 @@ mod database;
 mod history;
 pub(crate) mod ingest;
 mod live;
-mod machines;
+pub(crate) mod machines;
 pub(crate) mod models;
 #[cfg(feature = "postgres")]
 mod postgres;

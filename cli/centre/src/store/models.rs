@@ -66,13 +66,7 @@ impl Store {
     /// # Errors
     /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn model_text(&self, sha256: &str) -> Result<Option<String>, StoreError> {
-        self.read(|database| {
-            let row = database.first(
-                "SELECT text FROM models WHERE sha256 = ?1",
-                &[sha256.into()],
-            )?;
-            row.map(|row| row.text(0).map(str::to_owned)).transpose()
-        })
+        self.read(|database| text_of(database, sha256))
     }
 
     /// Every model, the newest first.
@@ -107,13 +101,7 @@ impl Store {
     /// # Errors
     /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn issued(&self, machine: &MachineId) -> Result<Option<Issued>, StoreError> {
-        self.read(|database| {
-            let row = database.first(
-                "SELECT machine, version, model, value FROM desired WHERE machine = ?1",
-                &[machine.as_str().into()],
-            )?;
-            row.as_ref().map(issued).transpose()
-        })
+        self.read(|database| newest(database, machine))
     }
 
     /// The newest version of every machine, with what became of it.
@@ -130,6 +118,55 @@ impl Store {
             rows.iter().map(|row| row.json(0)).collect()
         })
     }
+}
+
+/// The text of a model, as it stands in a transaction.
+pub(crate) fn text_of(
+    database: &mut dyn Database,
+    sha256: &str,
+) -> Result<Option<String>, StoreError> {
+    let row = database.first(
+        "SELECT text FROM models WHERE sha256 = ?1",
+        &[sha256.into()],
+    )?;
+    row.map(|row| row.text(0).map(str::to_owned)).transpose()
+}
+
+/// A model by its whole checksum, as it stands in a transaction.
+pub(crate) fn model_of(
+    database: &mut dyn Database,
+    sha256: &str,
+) -> Result<Option<Model>, StoreError> {
+    let row = database.first(
+        "SELECT document FROM models WHERE sha256 = ?1",
+        &[sha256.into()],
+    )?;
+    row.map(|row| row.json(0)).transpose()
+}
+
+/// What a machine shall run, as it stands in a transaction.
+pub(crate) fn newest(
+    database: &mut dyn Database,
+    machine: &MachineId,
+) -> Result<Option<Issued>, StoreError> {
+    let row = database.first(
+        "SELECT machine, version, model, value FROM desired WHERE machine = ?1",
+        &[machine.as_str().into()],
+    )?;
+    row.as_ref().map(issued).transpose()
+}
+
+/// The newest version of a machine, as it stands in a transaction.
+pub(crate) fn newest_version(
+    database: &mut dyn Database,
+    machine: &MachineId,
+) -> Result<Option<Version>, StoreError> {
+    let row = database.first(
+        "SELECT versions.document FROM desired JOIN versions
+         ON versions.machine = desired.machine AND versions.version = desired.version WHERE desired.machine = ?1",
+        &[machine.as_str().into()],
+    )?;
+    row.map(|row| row.json(0)).transpose()
 }
 
 fn issued(row: &Row) -> Result<Issued, StoreError> {
@@ -150,8 +187,12 @@ pub(super) fn machine(row: &Row, column: usize) -> Result<MachineId, StoreError>
     })
 }
 
+/// A version that a machine tells is believed up to here: above it must be room for every version that will ever be issued.
+const HIGHEST_TOLD: u64 = 1 << 52;
+
 /// The version that the next manifest of a machine gets: above every one that was issued here, and above the one that the
-/// machine says is in force, which another centre may have issued.
+/// machine says is in force, which another centre may have issued. A machine may tell
+/// anything: what no centre can have issued does not count.
 pub(crate) fn next_version(
     database: &mut dyn Database,
     machine: &MachineId,
@@ -164,7 +205,16 @@ pub(crate) fn next_version(
     let issued = issued.map_or(Ok(0), |row| row.count(0))?;
     let live = database.first("SELECT document FROM live WHERE machine = ?1", &name())?;
     let live: Option<crate::records::Live> = live.map(|row| row.json(0)).transpose()?;
-    Ok(issued.max(live.map_or(0, |live| live.version)) + 1)
+    let told = live.map_or(0, |live| live.version);
+    let highest = issued.max(if told <= HIGHEST_TOLD { told } else { 0 });
+    let next = highest
+        .checked_add(1)
+        .filter(|next| i64::try_from(*next).is_ok());
+    next.ok_or_else(|| StoreError::Column {
+        column: 0,
+        found: format!("version {highest} of {machine}"),
+        expected: "a version above which there is another",
+    })
 }
 
 /// Adds a version with its signed value, which takes the place of the one before.

@@ -84,24 +84,30 @@ impl Store {
         })
     }
 
-    /// Writes down what a person wishes of a roll-out; the running centre takes it up within a second. A wish before it that
-    /// was not taken up yet is replaced.
+    /// Writes down what a person wishes of a roll-out; the running centre takes it up within a second, after those before
+    /// it; one that ends the roll-out before all of them.
     ///
     /// # Errors
     /// There is no such roll-out. Or: the database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed.
     pub fn wish(&self, id: u64, wish: &Wish, by: &str) -> Result<(), StoreError> {
         self.write(|database| {
-            let text = serde_json::to_string(&(wish, by))?;
-            let found = database.execute(
-                "UPDATE rollouts SET wish = ?2 WHERE id = ?1",
-                &[id.into(), text.into()],
-            )?;
-            if found == 0 {
+            let known = database.first("SELECT id FROM rollouts WHERE id = ?1", &[id.into()])?;
+            if known.is_none() {
                 return Err(StoreError::Missing {
                     what: "roll-out",
                     name: id.to_string(),
                 });
             }
+            let row = database.first(
+                "SELECT coalesce(max(number), 0) + 1 FROM wishes WHERE rollout = ?1",
+                &[id.into()],
+            )?;
+            let number = row.map_or(Ok(1), |row| row.count(0))?;
+            let text = serde_json::to_string(&(wish, by))?;
+            database.execute(
+                "INSERT INTO wishes (rollout, number, document) VALUES (?1, ?2, ?3)",
+                &[id.into(), number.into(), text.into()],
+            )?;
             audit::append(database, by, "rollout.wish", &id.to_string(), json!(wish))
         })
     }
@@ -115,24 +121,28 @@ fn open(database: &mut dyn Database) -> Result<Vec<Rollout>, StoreError> {
 /// A wish and who has it.
 type Wished = (Wish, String);
 
-/// A roll-out with the wish that waits, which is taken.
+/// A roll-out with the wishes that wait, in their order, which are taken. Where one of them ends it, the others are not done.
 pub(crate) fn take(
     database: &mut dyn Database,
     id: u64,
-) -> Result<Option<(Rollout, Option<Wished>)>, StoreError> {
-    let row = database.first(
-        "SELECT state, wish FROM rollouts WHERE id = ?1",
+) -> Result<Option<(Rollout, Vec<Wished>)>, StoreError> {
+    let row = database.first("SELECT state FROM rollouts WHERE id = ?1", &[id.into()])?;
+    let Some(row) = row else { return Ok(None) };
+    let rollout = row.json(0)?;
+    let rows = database.rows(
+        "SELECT document FROM wishes WHERE rollout = ?1 ORDER BY number",
         &[id.into()],
     )?;
-    let Some(row) = row else { return Ok(None) };
-    let wish = row.optional(1, super::database::Row::json)?;
-    if wish.is_some() {
-        database.execute(
-            "UPDATE rollouts SET wish = NULL WHERE id = ?1",
-            &[id.into()],
-        )?;
+    if rows.is_empty() {
+        return Ok(Some((rollout, Vec::new())));
     }
-    Ok(Some((row.json(0)?, wish)))
+    let wishes: Result<Vec<Wished>, StoreError> = rows.iter().map(|row| row.json(0)).collect();
+    let mut wishes = wishes?;
+    if let Some(end) = wishes.iter().position(|(wish, _)| *wish == Wish::Abort) {
+        wishes = vec![wishes.swap_remove(end)];
+    }
+    database.execute("DELETE FROM wishes WHERE rollout = ?1", &[id.into()])?;
+    Ok(Some((rollout, wishes)))
 }
 
 /// Stores where a roll-out stands. A change of its phase is written into the audit log.

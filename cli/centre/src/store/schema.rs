@@ -6,7 +6,7 @@ use super::{
 };
 
 /// Each step is one list of statements; a database knows how many of the steps it has. Steps are only ever added.
-const STEPS: &[&[&str]] = &[FIRST, BY_MACHINE];
+const STEPS: &[&[&str]] = &[FIRST, BY_MACHINE, WISHES];
 
 const FIRST: &[&str] = &[
     "CREATE TABLE machines (machine TEXT PRIMARY KEY, site TEXT NOT NULL, document TEXT NOT NULL)",
@@ -57,6 +57,14 @@ const FIRST: &[&str] = &[
 const BY_MACHINE: &[&str] = &[
     "DROP INDEX recent_at",
     "CREATE INDEX recent_of ON recent (machine, at_s)",
+];
+
+/// Every wish of a roll-out waits by itself: none takes the place of another. The column `wish` is no longer used.
+const WISHES: &[&str] = &[
+    "CREATE TABLE wishes (rollout BIGINT NOT NULL, number BIGINT NOT NULL, document TEXT NOT NULL,
+        PRIMARY KEY (rollout, number))",
+    "INSERT INTO wishes (rollout, number, document) SELECT id, 1, wish FROM rollouts WHERE wish IS NOT NULL",
+    "UPDATE rollouts SET wish = NULL",
 ];
 
 /// Brings a database to the newest schema.

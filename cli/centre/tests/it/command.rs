@@ -61,21 +61,6 @@ fn from_nothing_to_a_roll_out() {
     ));
     done(&format!("machine add mill-2 {add}"));
     wrong(&format!("machine add Mill {add}"), "lower-case");
-    // What the page refuses, the command line does, and a seed in place of the public nkey is not said again.
-    let seed = std::fs::read_to_string(folder.join("centre.nkey")).unwrap();
-    let seed = seed.trim();
-    let called = call(folder, &format!("machine add mill-3 {add} --nkey {seed}"));
-    assert_eq!(called.status, 2, "{}", called.err);
-    assert!(
-        called.err.contains("nkey: found 58 characters"),
-        "{}",
-        called.err
-    );
-    assert!(!called.err.contains(seed), "{}", called.err);
-    wrong(
-        &format!("machine add mill-3 {add} --condition-s 0"),
-        "condition_s: found 0, expected 1 to 86400 s",
-    );
     let listed = done("machine list");
     assert!(
         listed.contains("mill-1") && listed.contains("never heard"),
@@ -164,4 +149,72 @@ fn two_models_are_compared() {
     assert_eq!(lines.len(), 2, "{}", called.out);
     assert!(lines[0].starts_with("- ") && lines[0].contains('7'));
     assert!(lines[1].starts_with("+ ") && lines[1].contains('9'));
+}
+
+/// docs/src/fleet.md: "A stolen nkey is taken out by `machine remove` or by a new one (`machine add … --new-nkey`)". A machine that a
+/// person has disabled stays so, and what is not named stays as it is.
+#[test]
+fn a_machine_that_is_added_again_keeps_what_is_not_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let done = |arguments: &str| {
+        let called = call(folder, arguments);
+        assert_eq!(called.status, 0, "{arguments}: {}", called.err);
+        called.out
+    };
+    std::fs::write(
+        folder.join("centre.toml"),
+        "[nats]\nurl = \"nats://127.0.0.1:4222\"\n",
+    )
+    .unwrap();
+    done("key new main");
+    let gantry = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/gantry.toml");
+    let add = format!("machine add mill-1 --site berlin --serial 4711 --like {gantry}");
+    done(&format!(
+        "{add} --new-nkey one.nkey --due-days 365 --condition-s 10 --canary --note old --address 10.0.0.7"
+    ));
+    let noted = done("machine disable mill-1");
+    assert!(noted.contains("it is noted"), "{noted}");
+    let machine = || -> serde_json::Value {
+        serde_json::from_str::<Vec<serde_json::Value>>(&done("machine list --json")).unwrap()[0]
+            .take()
+    };
+    let before = machine();
+    done(&format!("{add} --new-nkey two.nkey --note new"));
+    let after = machine();
+    assert_eq!(after["enable"], false, "a person had disabled it");
+    assert_ne!(after["nkey"], before["nkey"]);
+    assert_eq!(after["note"], "new");
+    for key in ["due_days", "condition_s", "canary", "address", "serial"] {
+        assert_eq!(after[key], before[key], "{key}");
+    }
+}
+
+/// What the page refuses, the command line does, and a seed in place of the public nkey is not said again.
+#[test]
+fn a_machine_that_makes_no_sense_is_not_registered() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(
+        folder.join("centre.toml"),
+        "[nats]\nurl = \"nats://127.0.0.1:4222\"\n",
+    )
+    .unwrap();
+    assert_eq!(call(folder, "key nkey centre.nkey").status, 0);
+    let gantry = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/gantry.toml");
+    let add = format!("--site berlin --serial 4711 --like {gantry}");
+    let seed = std::fs::read_to_string(folder.join("centre.nkey")).unwrap();
+    let seed = seed.trim();
+    let called = call(folder, &format!("machine add mill-3 {add} --nkey {seed}"));
+    assert_eq!(called.status, 2, "{}", called.err);
+    assert!(
+        called.err.contains("nkey: found 58 characters"),
+        "{}",
+        called.err
+    );
+    assert!(!called.err.contains(seed), "{}", called.err);
+    let called = call(folder, &format!("machine add mill-3 {add} --condition-s 0"));
+    assert_eq!(called.status, 2, "{}", called.err);
+    let told = "condition_s: found 0, expected 1 to 86400 s";
+    assert!(called.err.contains(told), "{}", called.err);
 }

@@ -68,7 +68,7 @@ fn mistakes_are_named_with_their_place() {
         ),
         (
             "[rollout]\nwaves = [50, 20]\n[nats]\nurl = \"x\"\n",
-            "centre.toml:2: rollout.waves: expected percentages that rise to 100",
+            "centre.toml:2: rollout.waves: found [50, 20], expected percentages from 1 on that rise to 100",
         ),
         (
             "[rollout]\nwaves = [50]\n[nats]\nurl = \"x\"\n",

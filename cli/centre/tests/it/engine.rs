@@ -6,13 +6,16 @@ use std::{
 };
 
 use volcomp_centre::{
+    ingest::Ingest,
     records::AlarmKind,
-    rollout::{Phase, Rules},
+    rollout::{Phase, Rules, Wish},
 };
+use volcomp_fleet::Kind;
 
 use crate::{
     gateway::{self, Told},
     shop::{LONG, Shop, Wire, runtime, stored, until},
+    support::{condition, envelope, received},
 };
 
 fn quick() -> Rules {
@@ -289,6 +292,71 @@ fn a_full_disk_loses_nothing() {
         .await;
         shop.store.limit_pages(u32::MAX - 1).unwrap();
         all_is_stored(&shop, gateways).await;
+        centre.end().await;
+    });
+}
+
+/// One machine (or a thief of its nkey) tells that a huge version is in force: it gets versions all the same, and so does every other.
+#[test]
+fn a_huge_version_of_one_machine_stops_nobody_else() {
+    for told in [u64::MAX >> 1, u64::MAX] {
+        let Some(shop) = Shop::new(1, 2) else { return };
+        runtime().block_on(async {
+            let mut ingest = Ingest::of(&shop.store).unwrap();
+            let mut one = envelope("thief", 1, condition(4.0));
+            one.version = told;
+            let message = received("mill-0", Kind::Condition, 1, 1_800_000_000.0, &one);
+            ingest.take(&shop.store, &[message]).unwrap();
+            ingest.store_live(&shop.store).unwrap();
+            let centre = shop.centre(&shop.url()).await;
+            let version = |place: usize| {
+                let machine = &shop.machines[place].0.identity.machine;
+                shop.store
+                    .issued(machine)
+                    .unwrap()
+                    .map(|issued| issued.version)
+            };
+            for (number, version_of_it) in [(7, 1), (8, 2)] {
+                let id = shop.roll_out_to(number, &[0], quick());
+                until("it is issued", || version(0) == Some(version_of_it)).await;
+                shop.store.wish(id, &Wish::Abort, "anna").unwrap();
+                until("it is over", || {
+                    shop.store.rollout(id).unwrap().unwrap().phase.is_over()
+                })
+                .await;
+            }
+            shop.roll_out_to(9, &[1], quick());
+            until("the other gets its own", || version(1) == Some(1)).await;
+            centre.end().await;
+        });
+    }
+}
+
+/// A roll-out whose stored state cannot be read, or whose versions have come to their end, is told, and holds up no other.
+#[test]
+fn a_roll_out_that_cannot_go_on_holds_up_no_other() {
+    let Some(shop) = Shop::new(1, 2) else { return };
+    runtime().block_on(async {
+        shop.roll_out_to(7, &[0], quick());
+        let raw = rusqlite::Connection::open(shop.folder.path().join("centre.db")).unwrap();
+        raw.execute(
+            "INSERT INTO versions VALUES ('mill-0', ?1, 'ab', NULL, 'cd', '{}')",
+            [i64::MAX],
+        )
+        .unwrap();
+        shop.roll_out_to(8, &[1], quick());
+        let centre = shop.centre(&shop.url()).await;
+        let other = &shop.machines[1].0.identity.machine;
+        until("the other goes on", || {
+            shop.store.issued(other).unwrap().is_some()
+        })
+        .await;
+        until("it is told", || {
+            let open = shop.store.open_alarms().unwrap();
+            let mut told = open.iter().filter(|one| one.kind == AlarmKind::Rollout);
+            told.any(|one| one.text.contains("Roll-out 1 cannot go on"))
+        })
+        .await;
         centre.end().await;
     });
 }

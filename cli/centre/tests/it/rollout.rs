@@ -409,3 +409,71 @@ proptest! {
         prop_assert!(rollout.turns.iter().any(|turn| turn.wave == 0));
     }
 }
+
+/// A roll-out to two machines whose canary, m0, has version 1 in force.
+fn with_a_canary_that_has_it() -> Rollout {
+    let mut rollout = rollout(2, &[0], rules());
+    let actions = rollout.step(looked(1.0, &[]));
+    issue(&mut rollout, &actions);
+    rollout.step(answered(0, 1, Outcome::Activated));
+    rollout
+}
+
+/// docs/src/fleet.md: it stops by itself when "the guard of a machine that has it faults". The canary has it after its soak, too.
+#[test]
+fn a_canary_that_faults_after_its_soak_stops_the_roll_out() {
+    let mut rollout = with_a_canary_that_has_it();
+    let mut actions = Vec::new();
+    for _ in 0..2 {
+        actions = rollout.step(looked(10.0, &[(0, 1, 4.0)]));
+    }
+    assert!(matches!(step_of(&rollout, 0), Step::Done { .. }));
+    assert_eq!(issue(&mut rollout, &actions), [name(1)]);
+    let faulted = |version| {
+        let seen = Seen {
+            heard: true,
+            version,
+            faulted: Some("thermal runaway".to_owned()),
+            residual_um: None,
+        };
+        Event::Looked {
+            elapsed_s: 1.0,
+            seen: BTreeMap::from([(name(0), seen)]),
+        }
+    };
+    // With another version it is not the model's.
+    rollout.step(faulted(0));
+    assert_eq!(rollout.phase, Phase::Running);
+    rollout.step(faulted(1));
+    let Phase::Stopped { why } = &rollout.phase else {
+        panic!("{:?}", rollout.phase);
+    };
+    assert!(
+        why.contains("m0: its guard has faulted: thermal runaway"),
+        "{why}"
+    );
+}
+
+/// A machine that tells that an older version is in force (its folder was restored, its gateway exchanged) is not watched with
+/// the model, and it stays out where it goes on so.
+#[test]
+fn a_machine_that_runs_another_version_is_not_soaked() {
+    let mut rollout = with_a_canary_that_has_it();
+    for _ in 0..6 {
+        rollout.step(looked(10.0, &[(0, 0, 4.0)]));
+        assert!(matches!(step_of(&rollout, 0), Step::Soaking { soaked_s, .. } if soaked_s == 0.0));
+    }
+    // It has been told for an answer's time: a canary that stays out stops it.
+    rollout.step(looked(10.0, &[(0, 0, 4.0)]));
+    let Phase::Stopped { why } = &rollout.phase else {
+        panic!("{:?}", rollout.phase);
+    };
+    assert!(why.contains("m0: it has version 0 in force again"), "{why}");
+    // The condition with the version may come after the answer.
+    let mut rollout = with_a_canary_that_has_it();
+    rollout.step(looked(10.0, &[(0, 0, 4.0)]));
+    for _ in 0..2 {
+        rollout.step(looked(10.0, &[(0, 1, 4.0)]));
+    }
+    assert!(matches!(step_of(&rollout, 0), Step::Done { .. }));
+}

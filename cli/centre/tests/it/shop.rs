@@ -180,10 +180,17 @@ impl Shop {
 
     /// Starts a roll-out to all machines; another number is another model.
     pub(crate) fn roll_out(&self, number: u32, rules: Rules) -> u64 {
+        let all: Vec<usize> = (0..self.machines.len()).collect();
+        self.roll_out_to(number, &all, rules)
+    }
+
+    /// The same to some of the machines.
+    pub(crate) fn roll_out_to(&self, number: u32, places: &[usize], rules: Rules) -> u64 {
         let new = model(number);
         self.store.add_model(&new.model, &new.text).unwrap();
-        let machines: Vec<_> = (self.machines.iter())
-            .map(|(machine, _)| (machine.identity.machine.clone(), machine.canary))
+        let machines: Vec<_> = (places.iter())
+            .map(|place| &self.machines[*place].0)
+            .map(|machine| (machine.identity.machine.clone(), machine.canary))
             .collect();
         let start = |id| {
             let by = "anna".to_owned();

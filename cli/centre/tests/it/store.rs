@@ -97,6 +97,7 @@ on_each_database! {
     what_fails_in_the_middle_leaves_nothing,
     people_and_their_sessions,
     a_database_of_a_newer_program_is_left_alone,
+    a_thread_that_ends_in_the_middle_leaves_nothing,
     a_database_of_an_older_program_is_brought_up,
     minutes_are_closed_machine_by_machine,
     names_that_are_none_stop_nobody,
@@ -455,6 +456,21 @@ fn minutes_are_closed_machine_by_machine(place: &Place) {
     }
 }
 
+/// A thread that ends in the middle of a change leaves nothing of it behind, and others go on.
+fn a_thread_that_ends_in_the_middle_leaves_nothing(place: &Place) {
+    let store = place.open().unwrap();
+    store.put_machine(&machine("mill-a"), "anna").unwrap();
+    let ended = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+        store.change_machine(&mill(), "anna", |_| -> Result<_, StoreError> {
+            panic!("in the middle")
+        })
+    }));
+    assert!(ended.is_err());
+    store.put_machine(&machine("mill-b"), "anna").unwrap();
+    assert_eq!(place.open().unwrap().machines().unwrap().len(), 2);
+    assert_eq!(store.broken_audit().unwrap(), None);
+}
+
 /// A database as the first program left it is brought to the newest schema, with what is in it.
 fn a_database_of_an_older_program_is_brought_up(place: &Place) {
     let store = place.open().unwrap();
@@ -462,15 +478,35 @@ fn a_database_of_an_older_program_is_brought_up(place: &Place) {
     let from_s = 1_800_000_000.0;
     ingest.take(&store, &conditions(0..90, from_s)).unwrap();
     drop(store);
+    let start = |id| {
+        let machines = [(mill(), false)];
+        Rollout::new(
+            id,
+            String::new(),
+            &machines,
+            Rules::default(),
+            "anna".to_owned(),
+            0.0,
+        )
+    };
+    let store = place.open().unwrap();
+    store.start_rollout(start).unwrap();
+    drop(store);
     for sql in [
+        // A wish that waits, as the first programs kept it.
+        "UPDATE rollouts SET wish = '[{\"wish\":\"pause\"},\"anna\"]'",
         "DROP INDEX recent_of",
         "CREATE INDEX recent_at ON recent (at_s)",
+        "DROP TABLE wishes",
         "UPDATE schema SET steps = 1",
     ] {
         place.execute(sql);
     }
     let store = place.open().unwrap();
     assert_eq!(store.close_minutes(from_s + 60.0).unwrap(), 60);
+    // The wish waits still; a count that is another one is refused.
+    place.execute("CREATE TABLE counted (count BIGINT CHECK (count = 1))");
+    place.execute("INSERT INTO counted SELECT count(*) FROM wishes WHERE rollout = 1");
     drop(place.open().unwrap());
 }
 

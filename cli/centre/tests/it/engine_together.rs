@@ -1,0 +1,200 @@
+//! What people and the centre do at one time.
+
+use std::{sync::Arc, time::Duration};
+
+use volcomp_centre::{
+    issue::reissue,
+    records::Machine,
+    rollout::{Phase, Rollout, Rules, Wish},
+    store::Store,
+};
+use volcomp_fleet::Desired;
+
+use crate::{
+    shop::{Shop, runtime, until},
+    support::model,
+};
+
+/// A person forbids correcting (`machine disable`: the registry first, then a manifest) while the centre is at its look with the machines
+/// that it has read before.
+#[test]
+fn a_roll_out_does_not_enable_a_machine_that_was_just_disabled() {
+    let Some(shop) = Shop::new(1, 1) else { return };
+    runtime().block_on(async {
+        let centre = shop.centre(&shop.url()).await;
+        let rules = Rules { soak_s: 0.0, answer_s: 1000.0, ..Rules::default() };
+        let first = shop.roll_out(7, rules.clone());
+        let name = shop.machines[0].0.identity.machine.clone();
+        until("it has a model", || shop.store.issued(&name).unwrap().is_some()).await;
+        shop.store.wish(first, &Wish::Abort, "anna").unwrap();
+        until("it is over", || shop.store.rollout(first).unwrap().unwrap().phase.is_over()).await;
+        let new = model(8);
+        shop.store.add_model(&new.model, &new.text).unwrap();
+        // Another program writes for two seconds: the centre has read the machines and waits to issue.
+        let path = shop.folder.path().join("centre.db");
+        let (machine, key) = (shop.machines[0].0.clone(), shop.key.clone());
+        let sha256 = new.model.sha256.clone();
+        let by_hand = tokio::task::spawn_blocking(move || {
+            let store = Store::open(&path).unwrap();
+            let machines = [(machine.identity.machine.clone(), false)];
+            store
+                .start_rollout(|id| Rollout::new(id, sha256, &machines, rules, "anna".into(), 0.0))
+                .unwrap();
+            let raw = rusqlite::Connection::open(&path).unwrap();
+            raw.busy_timeout(Duration::from_secs(30)).unwrap();
+            raw.execute_batch("BEGIN IMMEDIATE").unwrap();
+            std::thread::sleep(Duration::from_secs(2));
+            let disabled = Machine { enable: false, ..machine.clone() };
+            raw.execute(
+                "UPDATE machines SET document = ?1 WHERE machine = ?2",
+                rusqlite::params![serde_json::to_string(&disabled).unwrap(), machine.identity.machine.as_str()],
+            )
+            .unwrap();
+            raw.execute_batch("COMMIT").unwrap();
+            reissue(&store, &key, &machine.identity.machine, "anna").unwrap().version
+        });
+        let disabled = by_hand.await.unwrap();
+        tokio::time::sleep(Duration::from_secs(4)).await;
+        centre.end().await;
+        let versions = shop.store.versions(&name).unwrap();
+        let newest = &versions[0];
+        assert!(
+            !newest.enable,
+            "anna forbade it with version {disabled}, and version {} of the roll-out allows it again",
+            newest.version
+        );
+    });
+}
+
+/// Settings are sent again (`machine enable`) while the centre issues another model: the machine must not get the old one back.
+#[test]
+fn settings_that_are_sent_again_do_not_bring_the_old_model_back() {
+    let Some(shop) = Shop::new(1, 1) else { return };
+    let (old, new) = (model(7), model(8));
+    for one in [&old, &new] {
+        shop.store.add_model(&one.model, &one.text).unwrap();
+    }
+    let name = shop.machines[0].0.identity.machine.clone();
+    runtime().block_on(async {
+        let centre = shop.centre(&shop.url()).await;
+        let id = shop.roll_out(7, Rules::default());
+        until("it has the old one", || {
+            shop.store.issued(&name).unwrap().is_some()
+        })
+        .await;
+        shop.store.wish(id, &Wish::Abort, "anna").unwrap();
+        until("it is over", || {
+            shop.store.rollout(id).unwrap().unwrap().phase.is_over()
+        })
+        .await;
+        centre.end().await;
+    });
+    let path = shop.folder.path().join("centre.db");
+    let raw = rusqlite::Connection::open(&path).unwrap();
+    let before = shop.store.issued(&name).unwrap().unwrap().version;
+    raw.execute_batch("BEGIN IMMEDIATE").unwrap();
+    let (key, machine, store) = (shop.key.clone(), name.clone(), Arc::clone(&shop.store));
+    let other = std::thread::spawn(move || reissue(&store, &key, &machine, "anna").unwrap());
+    std::thread::sleep(Duration::from_secs(1));
+    // What the centre does at that moment: version n + 1 of the new model.
+    raw.execute(
+        "INSERT INTO versions SELECT machine, version + 1, ?1, 1, 'x', document FROM versions WHERE machine = ?2 AND version = ?3",
+        rusqlite::params![new.model.sha256, name.as_str(), i64::try_from(before).unwrap()],
+    )
+    .unwrap();
+    raw.execute(
+        "UPDATE desired SET version = version + 1, model = ?1 WHERE machine = ?2",
+        rusqlite::params![new.model.sha256, name.as_str()],
+    )
+    .unwrap();
+    raw.execute_batch("COMMIT").unwrap();
+    let issued = other.join().unwrap();
+    assert_eq!(issued.version, before + 2);
+    assert_eq!(
+        issued.model, new.model.sha256,
+        "the model before the roll-out is sent after the one of the roll-out"
+    );
+}
+
+/// Somebody stops a roll-out for good; within the same second, or while the centre is down, somebody else confirms a machine.
+#[test]
+fn a_stop_is_not_replaced_by_another_wish() {
+    let Some(shop) = Shop::new(1, 1) else { return };
+    runtime().block_on(async {
+        let id = shop.roll_out(7, Rules::default());
+        let machine = shop.machines[0].0.identity.machine.clone();
+        shop.store.wish(id, &Wish::Abort, "anna").unwrap();
+        let confirm = Wish::Confirm {
+            machine: machine.clone(),
+            hash: "ab".into(),
+        };
+        shop.store.wish(id, &confirm, "bert").unwrap();
+        let centre = shop.centre(&shop.url()).await;
+        let rollout = || shop.store.rollout(id).unwrap().unwrap();
+        until("it is over", || rollout().phase.is_over()).await;
+        centre.end().await;
+        let issued = shop
+            .store
+            .issued(&machine)
+            .unwrap()
+            .map(|issued| issued.version);
+        assert_eq!(rollout().phase, Phase::Aborted { by: "anna".into() });
+        assert_eq!(
+            issued, None,
+            "anna stopped it for good, and something was issued"
+        );
+    });
+}
+
+/// Whoever changes what a machine is registered with (the page, `machine add`, another program): the machine is told, once.
+#[test]
+fn a_machine_is_told_what_it_is_registered_with_whoever_changed_it() {
+    let Some(shop) = Shop::new(1, 2) else { return };
+    runtime().block_on(async {
+        let centre = shop.centre(&shop.url()).await;
+        let name = shop.machines[0].0.identity.machine.clone();
+        shop.roll_out(
+            7,
+            Rules {
+                soak_s: 0.0,
+                answer_s: 1000.0,
+                ..Rules::default()
+            },
+        );
+        let newest = || shop.store.versions(&name).unwrap().into_iter().next();
+        until("it has a model", || newest().is_some()).await;
+        let registered = shop.machines[0].0.clone();
+        let forbidden = Machine {
+            enable: false,
+            ..registered.clone()
+        };
+        shop.store.put_machine(&forbidden, "anna").unwrap();
+        until("it is told", || {
+            newest().is_some_and(|newest| !newest.enable)
+        })
+        .await;
+        let slower = Machine {
+            condition_s: Some(10),
+            ..forbidden
+        };
+        shop.store.put_machine(&slower, "anna").unwrap();
+        until("it is told", || {
+            newest().is_some_and(|newest| newest.condition_s == Some(10) && !newest.enable)
+        })
+        .await;
+        // What a manifest does not tell is nothing to be sent again.
+        let noted = Machine {
+            note: "near the door".into(),
+            ..slower
+        };
+        shop.store.put_machine(&noted, "anna").unwrap();
+        tokio::time::sleep(Duration::from_secs(3)).await;
+        centre.end().await;
+        let told = shop.store.issued(&name).unwrap().unwrap();
+        assert_eq!(told.version, 3);
+        let signed = Desired::parse(told.value.as_bytes()).unwrap();
+        let manifest: serde_json::Value = serde_json::from_str(&signed.manifest).unwrap();
+        assert_eq!(manifest["enable"], false);
+        assert_eq!(manifest["condition_s"], 10);
+    });
+}
