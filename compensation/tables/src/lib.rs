@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+pub mod axis_table;
 mod bytes;
 mod choice;
 pub mod control;

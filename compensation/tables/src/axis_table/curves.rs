@@ -1,0 +1,153 @@
+//! Tables back as curves of a machine file.
+
+use core::fmt::Write;
+
+use volcomp_curve::{Curve, ErrorCurve, Table};
+use volcomp_model::write_curve;
+use volcomp_vocabulary::{AxisName, Component, Displacement, ErrorName};
+
+use super::{AxisTable, Content, ErrorTables, ExchangeError};
+
+/// Curves (mm or deg, µm or µrad) and location errors (µm or µrad), as `[errors]` of a machine file states them.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Curves {
+    /// Error motions.
+    pub motions: Vec<(ErrorName, ErrorCurve)>,
+    /// Location errors.
+    pub locations: Vec<(ErrorName, f64)>,
+}
+
+/// The error motion that a table is: its own axis is positioning, another one straightness, by the directions that the letters stand for.
+fn name_of(table: &AxisTable) -> ErrorName {
+    let component = match (table.output.is_rotary(), table.output.mcs_index()) {
+        (false, 0) => Component::EX,
+        (false, 1) => Component::EY,
+        (false, _) => Component::EZ,
+        (true, 0) => Component::EA,
+        (true, 1) => Component::EB,
+        (true, _) => Component::EC,
+    };
+    ErrorName::motion(component, table.input)
+}
+
+/// Tables as curves of a machine file.
+///
+/// # Errors
+/// Two tables that are one error, a grid over three axes.
+pub fn curves(content: &Content) -> Result<Curves, ExchangeError> {
+    let found = match content {
+        Content::Axes(tables) => {
+            let each = tables
+                .iter()
+                .map(|table| Ok((name_of(table), curve_of(table)?)));
+            Curves {
+                motions: each.collect::<Result<_, ExchangeError>>()?,
+                locations: Vec::new(),
+            }
+        }
+        Content::Errors(errors) => of_errors(errors)?,
+        Content::Grid(_) => {
+            return Err(ExchangeError::NoCurves(
+                "found a grid over several axes, expected tables over one: a machine file has no such curve; --json prints it".to_owned(),
+            ));
+        }
+    };
+    let names: Vec<ErrorName> = found.motions.iter().map(|(name, _)| *name).collect();
+    match (1..names.len()).find(|place| names[..*place].contains(&names[*place])) {
+        Some(place) => Err(ExchangeError::NoCurves(format!(
+            "found two tables that are {}, expected one for each error",
+            names[place]
+        ))),
+        None => Ok(found),
+    }
+}
+
+fn curve_of(table: &AxisTable) -> Result<ErrorCurve, ExchangeError> {
+    let kind = table.output.kind();
+    let curve = |values: &[f64]| {
+        let micro = |value: &f64| Displacement::new(kind, *value).um_or_urad();
+        linear(table.input, &table.positions, values.iter().map(micro))
+    };
+    let forward = curve(&table.forward)?;
+    Ok(match &table.backward {
+        None => ErrorCurve::from(forward),
+        Some(backward) => ErrorCurve::Pair {
+            forward: forward.into(),
+            backward: curve(backward)?.into(),
+        },
+    })
+}
+
+fn linear(
+    axis: AxisName,
+    positions: &[f64],
+    values: impl Iterator<Item = f64>,
+) -> Result<Curve, ExchangeError> {
+    // Ten decimals: what is behind them comes from the conversion of units.
+    let tidy = |x: f64| (x * 1e10).round() / 1e10 + 0.0;
+    let edge = |at: &f64| tidy(Displacement::new(axis.kind(), *at).mm_or_deg());
+    let nodes = positions.iter().map(edge).zip(values.map(tidy));
+    let table = Table::linear(nodes.map(|(at, value)| [at, value]).collect());
+    Ok(Curve::Table(table.map_err(|error| {
+        ExchangeError::NoCurves(format!("table over {axis}: {error}"))
+    })?))
+}
+
+fn of_errors(errors: &ErrorTables) -> Result<Curves, ExchangeError> {
+    let micro =
+        |name: ErrorName, value: f64| Displacement::new(name.component.kind(), value).um_or_urad();
+    let motion = |table: &super::ErrorTable| {
+        let values = table.values.iter().map(|value| micro(table.name, *value));
+        Ok((
+            table.name,
+            ErrorCurve::from(linear(table.name.axis, &table.positions, values)?),
+        ))
+    };
+    Ok(Curves {
+        motions: errors
+            .curves
+            .iter()
+            .map(motion)
+            .collect::<Result<_, ExchangeError>>()?,
+        locations: errors
+            .locations
+            .iter()
+            .map(|(name, value)| (*name, micro(*name, *value)))
+            .collect(),
+    })
+}
+
+/// The curves as the part `[errors]` of a machine file.
+pub fn to_toml(curves: &Curves) -> String {
+    let mut text = String::from("[errors]\n");
+    let field = |field: &volcomp_curve::Field| match field {
+        volcomp_curve::Field::Curve(curve) => write_curve(curve),
+        // Tables become no grids.
+        volcomp_curve::Field::Grid(_) => "0.0".to_owned(),
+    };
+    for (name, curve) in &curves.motions {
+        // Writing to a string does not fail.
+        let _ = match curve {
+            ErrorCurve::Single(single) => writeln!(text, "{name} = {}", field(single)),
+            ErrorCurve::Pair { forward, backward } => {
+                writeln!(
+                    text,
+                    "{name} = {{ forward = {}, backward = {} }}",
+                    field(forward),
+                    field(backward)
+                )
+            }
+            ErrorCurve::Reversal { mean, reversal } => {
+                writeln!(
+                    text,
+                    "{name} = {{ mean = {}, reversal = {reversal:?} }}",
+                    field(mean)
+                )
+            }
+        };
+    }
+    for (name, value) in &curves.locations {
+        let _ = writeln!(text, "{name} = {value:?}");
+    }
+    text
+}

@@ -1,0 +1,264 @@
+//! Tables into files and back, by format.
+
+use volcomp_vocabulary::Displacement;
+
+use super::{
+    AxisNumbers, AxisTable, ErrorTables, ExchangeError, Facts, Format, GridTable, TextFile, csv,
+    etalon, facts, fanuc, fanuc_3d, heidenhain, isg_csv, isg_ssfk, linuxcnc, siemens,
+};
+
+/// Tables of one kind.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Content {
+    /// Tables of one axis over one axis.
+    Axes(Vec<AxisTable>),
+    /// The component errors themselves.
+    Errors(ErrorTables),
+    /// A grid.
+    Grid(GridTable),
+}
+
+/// What a writer has to know besides the tables.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WriteOptions {
+    /// Where the tables come from.
+    pub facts: Facts,
+    /// The numbers of the axes in the control.
+    pub axes: AxisNumbers,
+    /// The encoder whose table `$AA_ENC_COMP` is written: 0 or 1.
+    pub encoder: u8,
+    /// The detection unit of a FANUC, mm and deg.
+    pub detection_unit: f64,
+}
+
+/// What a reader has to know besides the files.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReadOptions {
+    /// The numbers of the axes in the control, where they are known.
+    pub axes: AxisNumbers,
+    /// The encoder whose table `$AA_ENC_COMP` is read; `None`: that of which there is a table.
+    pub encoder: Option<u8>,
+    /// The detection unit of a FANUC, mm and deg.
+    pub detection_unit: f64,
+}
+
+impl Default for WriteOptions {
+    fn default() -> Self {
+        Self {
+            facts: Facts::default(),
+            axes: AxisNumbers::default(),
+            encoder: 0,
+            detection_unit: 0.001,
+        }
+    }
+}
+
+impl Default for ReadOptions {
+    fn default() -> Self {
+        Self {
+            axes: AxisNumbers::default(),
+            encoder: None,
+            detection_unit: 0.001,
+        }
+    }
+}
+
+/// Files that were made.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Written {
+    /// The files.
+    pub files: Vec<TextFile>,
+    /// What the files do not hold, and what the control has to be told besides.
+    pub notes: Vec<String>,
+}
+
+/// Something odd in a file that was read.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Warning {
+    /// The file.
+    pub file: String,
+    /// The line, from 1; `None` where the whole file is meant.
+    pub line: Option<usize>,
+    /// What is odd, and what was made of it.
+    pub text: String,
+}
+
+impl core::fmt::Display for Warning {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self.line {
+            Some(line) => write!(f, "{}:{line}: {}", self.file, self.text),
+            None => write!(f, "{}: {}", self.file, self.text),
+        }
+    }
+}
+
+impl Warning {
+    pub(crate) fn at(file: &TextFile, line: usize, text: impl Into<String>) -> Self {
+        Self {
+            file: file.name.clone(),
+            line: Some(line),
+            text: text.into(),
+        }
+    }
+
+    pub(crate) fn whole(file: &TextFile, text: impl Into<String>) -> Self {
+        Self {
+            file: file.name.clone(),
+            line: None,
+            text: text.into(),
+        }
+    }
+}
+
+/// What was read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReadTables {
+    /// The tables.
+    pub content: Content,
+    /// What was odd.
+    pub warnings: Vec<Warning>,
+}
+
+/// Writes tables for a control.
+///
+/// # Errors
+/// No tables, tables of another kind than the format holds, numbers that it cannot hold.
+pub fn write(
+    format: Format,
+    content: &Content,
+    options: &WriteOptions,
+) -> Result<Written, ExchangeError> {
+    let refusal = match content {
+        Content::Axes(tables) => tables.iter().find_map(AxisTable::refusal),
+        Content::Errors(errors) => errors.curves.iter().find_map(super::ErrorTable::refusal),
+        Content::Grid(_) => None,
+    };
+    if let Some(refusal) = refusal {
+        return Err(ExchangeError::NoCurves(refusal));
+    }
+    let mut written = match (format, content) {
+        (Format::Csv, Content::Axes(tables)) => csv::write(tables, options)?,
+        (Format::Linuxcnc, Content::Axes(tables)) => {
+            linuxcnc::write(tables, linuxcnc::Type::Positions)?
+        }
+        (Format::LinuxcncType1, Content::Axes(tables)) => {
+            linuxcnc::write(tables, linuxcnc::Type::Trims)?
+        }
+        (Format::Siemens840d, Content::Axes(tables)) => siemens::write(tables, options)?,
+        (Format::HeidenhainTnc640, Content::Axes(tables)) => heidenhain::write_tnc640(tables)?,
+        (Format::HeidenhainItnc530 | Format::HeidenhainTnc407, Content::Axes(tables)) => {
+            heidenhain::write_itnc530(tables, format)?
+        }
+        (Format::Fanuc, Content::Axes(tables)) => fanuc::write(tables, options)?,
+        (Format::IsgSsfk, Content::Axes(tables)) => isg_ssfk::write(tables, options)?,
+        (Format::IsgCsv, Content::Errors(errors)) => isg_csv::write(errors, options),
+        (Format::Etalon, Content::Errors(errors)) => etalon::write(errors),
+        (Format::Fanuc3d, Content::Grid(grid)) => fanuc_3d::write(grid, options)?,
+        (format, _) => {
+            return Err(ExchangeError::Unfit {
+                format,
+                what: "tables".to_owned(),
+                found: "tables of another kind".to_owned(),
+                expected: "what this format holds".to_owned(),
+            });
+        }
+    };
+    if written.files.is_empty() {
+        return Err(ExchangeError::Unfit {
+            format,
+            what: "tables".to_owned(),
+            found: if written.notes.is_empty() {
+                "none that is not zero".to_owned()
+            } else {
+                format!("none that it holds ({})", written.notes.join("; "))
+            },
+            expected: "one at the least".to_owned(),
+        });
+    }
+    if !format.has_comments() {
+        let notes = written.notes.clone();
+        written.files.push(facts::file(format, options, &notes));
+    }
+    Ok(written)
+}
+
+/// Reads the tables of a control. The file with the facts is passed over.
+///
+/// # Errors
+/// A line that is not of the format, numbers that contradict each other, no tables.
+pub fn read(
+    format: Format,
+    files: &[TextFile],
+    options: &ReadOptions,
+) -> Result<ReadTables, ExchangeError> {
+    let files: Vec<&TextFile> = files
+        .iter()
+        .filter(|file| file.base() != super::FACTS_FILE)
+        .collect();
+    let mut warnings = Vec::new();
+    let content = match format {
+        Format::Csv => Content::Axes(csv::read(&files)?),
+        Format::Linuxcnc => Content::Axes(linuxcnc::read(
+            &files,
+            linuxcnc::Type::Positions,
+            &mut warnings,
+        )?),
+        Format::LinuxcncType1 => Content::Axes(linuxcnc::read(
+            &files,
+            linuxcnc::Type::Trims,
+            &mut warnings,
+        )?),
+        Format::Siemens840d => Content::Axes(siemens::read(&files, options, &mut warnings)?),
+        Format::HeidenhainTnc640 => Content::Axes(heidenhain::read_tnc640(&files, &mut warnings)?),
+        Format::HeidenhainItnc530 | Format::HeidenhainTnc407 => {
+            Content::Axes(heidenhain::read_itnc530(&files, &mut warnings)?)
+        }
+        Format::Fanuc => Content::Axes(fanuc::read(&files, options, &mut warnings)?),
+        Format::Fanuc3d => Content::Grid(fanuc_3d::read(&files)?),
+        Format::IsgSsfk => Content::Axes(isg_ssfk::read(&files, options, &mut warnings)?),
+        Format::IsgCsv => Content::Errors(isg_csv::read(&files)?),
+        Format::Etalon => Content::Errors(etalon::read(&files)?),
+    };
+    let is_empty = match &content {
+        Content::Axes(tables) => tables.is_empty(),
+        Content::Errors(errors) => errors.curves.is_empty() && errors.locations.is_empty(),
+        Content::Grid(grid) => grid.values.is_empty(),
+    };
+    if is_empty {
+        let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();
+        return Err(ExchangeError::NoCurves(format!(
+            "{}: found no table, expected one of the format {format}{}",
+            names.join(", "),
+            warnings
+                .first()
+                .map_or_else(String::new, |warning: &Warning| format!(
+                    " ({})",
+                    warning.text
+                ))
+        )));
+    }
+    Ok(ReadTables { content, warnings })
+}
+
+/// A position as files of a control state it, rounded as they round it: mm or deg.
+pub(crate) fn edge_of(table: &AxisTable) -> impl Iterator<Item = f64> {
+    table.positions.iter().map(|at| table.input_at_edge(*at))
+}
+
+/// A deviation that stands in a file as mm or deg.
+pub(crate) fn deviation_from_edge(output: volcomp_vocabulary::AxisName, mm_or_deg: f64) -> f64 {
+    Displacement::from_coordinate(output.kind(), mm_or_deg).mm_or_rad()
+}
+
+/// An evenly spaced table: first position and spacing, mm or deg.
+pub(crate) fn even(format: Format, table: &AxisTable) -> Result<(f64, f64), ExchangeError> {
+    let (Some(spacing), Some(first)) = (table.spacing(), table.positions.first()) else {
+        return Err(ExchangeError::Unfit {
+            format,
+            what: format!("table {} over {}", table.output, table.input),
+            found: "positions at different distances".to_owned(),
+            expected: "the same distance everywhere".to_owned(),
+        });
+    };
+    Ok((table.input_at_edge(*first), table.input_at_edge(spacing)))
+}

@@ -1,0 +1,111 @@
+//! What every file of tables states about itself.
+
+use core::fmt::Write;
+
+use volcomp_model::Machine;
+use volcomp_vocabulary::AxisName;
+
+use super::{
+    exchange::WriteOptions,
+    format::Format,
+    text::{TextFile, short},
+};
+
+/// The name of the file with the facts, beside files that hold no comments.
+pub const FACTS_FILE: &str = "volcomp-tables.txt";
+
+/// Where tables come from.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Facts {
+    /// The name of the machine.
+    pub machine: String,
+    /// The checksum of the machine file.
+    pub checksum: String,
+    /// Where the axes stand that a table does not go over, mm or deg.
+    pub at: Vec<(AxisName, f64)>,
+    /// The temperatures of the sensors, in words; empty where none is stated.
+    pub temperatures: String,
+}
+
+impl Facts {
+    /// The facts of a machine with its axes at a reference position.
+    pub fn of(machine: &Machine, at: Vec<(AxisName, f64)>, temperatures: String) -> Self {
+        Self {
+            machine: machine.name.clone(),
+            checksum: machine.checksum(),
+            at,
+            temperatures,
+        }
+    }
+
+    /// The lines of a head, without the mark of a comment.
+    pub(crate) fn lines(&self, format: Format, options: &WriteOptions) -> Vec<String> {
+        let mut at = String::new();
+        for (name, place) in &self.at {
+            // Writing to a string does not fail.
+            let _ = write!(at, " {name}={}", short(*place, 6));
+        }
+        let temperatures = match self.temperatures.as_str() {
+            "" => "not stated (thermal terms left out)",
+            stated => stated,
+        };
+        let mut lines = vec![
+            format!("Compensation tables, format {format}, written by volcomp {}", env!("CARGO_PKG_VERSION")),
+            format!("Machine: {}, {}", one_line(&self.machine), self.checksum),
+            "Convention: deviation = actual - commanded of the output axis, over the commanded position of the input axis".to_owned(),
+            format!("Reference position (mm, deg), where tables of one axis over another are zero:{at}"),
+            format!("Temperatures: {}", one_line(temperatures)),
+            format!("Sign: {}", format.sign()),
+            format!("Directions: {}", directions(format)),
+            format.trust().to_owned(),
+        ];
+        if matches!(
+            format,
+            Format::Siemens840d | Format::Fanuc | Format::IsgSsfk
+        ) {
+            let used = options.axes.iter();
+            let used = used.map(|(name, number)| format!(" {name}={number}"));
+            lines.push(format!("Axis numbers:{}", used.collect::<String>()));
+        }
+        lines.push("No real control was tried, and nothing is certified.".to_owned());
+        lines
+    }
+}
+
+/// What a format says of the two directions of motion.
+fn directions(format: Format) -> &'static str {
+    match format {
+        Format::Csv => {
+            "forward after positive, backward after negative motion; an empty cell of backward: as forward"
+        }
+        Format::Linuxcnc | Format::LinuxcncType1 | Format::IsgSsfk => "both",
+        Format::Siemens840d => {
+            "$AA_ENC_COMP holds the mean of both; $AN_CEC_DIRECTION 1 holds for positive, -1 for negative motion, 0 for both"
+        }
+        Format::HeidenhainTnc640 => {
+            "BACKLASH holds the values of the own axis after negative motion; columns of other axes the mean of both"
+        }
+        Format::Fanuc => "both where 3605#0 is 1, the second set of points for negative motion",
+        _ => "the mean of both",
+    }
+}
+
+/// Text that stays one line.
+pub(crate) fn one_line(text: &str) -> String {
+    text.chars()
+        .map(|c| if c.is_control() { ' ' } else { c })
+        .collect()
+}
+
+/// The file with the facts.
+pub(crate) fn file(format: Format, options: &WriteOptions, more: &[String]) -> TextFile {
+    let mut text = String::new();
+    for line in options.facts.lines(format, options).iter().chain(more) {
+        text += line;
+        text.push('\n');
+    }
+    TextFile {
+        name: FACTS_FILE.to_owned(),
+        text,
+    }
+}

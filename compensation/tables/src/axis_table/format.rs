@@ -1,0 +1,226 @@
+//! The formats and what is known of each.
+
+use core::{fmt, str::FromStr};
+
+/// A format of compensation tables.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Format {
+    /// volcomp's own.
+    Csv,
+    /// LinuxCNC, COMP_FILE_TYPE 0: nominal, actual forward, actual backward.
+    Linuxcnc,
+    /// LinuxCNC, COMP_FILE_TYPE 1: nominal, trim forward, trim backward.
+    LinuxcncType1,
+    /// SINUMERIK 840D: $AA_ENC_COMP and $AN_CEC.
+    Siemens840d,
+    /// HEIDENHAIN TNC 640: .com and .cma.
+    HeidenhainTnc640,
+    /// HEIDENHAIN iTNC 530: .COM.
+    HeidenhainItnc530,
+    /// HEIDENHAIN TNC 407, in the form of the iTNC 530, with the spacing that a TNC 407 takes.
+    HeidenhainTnc407,
+    /// FANUC pitch error compensation as a parameter file.
+    Fanuc,
+    /// The grid of the FANUC 3-D compensation as a table, whose parameters are not known.
+    Fanuc3d,
+    /// ISG kernel and TwinCAT NCI/CNC: axis compensation, kw.ssfk.
+    IsgSsfk,
+    /// TwinCAT TF5280, volumetric compensation: the ISG CSV.
+    IsgCsv,
+    /// TwinCAT TF5280, volumetric compensation: the Etalon exchange format.
+    Etalon,
+}
+
+/// What a format holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Holds {
+    Axes,
+    Errors,
+    Grid,
+}
+
+/// A word that names no format.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("found format `{found}`, expected one of: {}", Format::ALL.map(Format::name).join(", "))]
+pub struct UnknownFormat {
+    /// The word.
+    pub found: String,
+}
+
+impl Format {
+    /// All of them.
+    pub const ALL: [Self; 12] = [
+        Self::Csv,
+        Self::Linuxcnc,
+        Self::LinuxcncType1,
+        Self::Siemens840d,
+        Self::HeidenhainTnc640,
+        Self::HeidenhainItnc530,
+        Self::HeidenhainTnc407,
+        Self::IsgSsfk,
+        Self::IsgCsv,
+        Self::Etalon,
+        Self::Fanuc,
+        Self::Fanuc3d,
+    ];
+
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Csv => "csv",
+            Self::Linuxcnc => "linuxcnc",
+            Self::LinuxcncType1 => "linuxcnc-type1",
+            Self::Siemens840d => "siemens-840d",
+            Self::HeidenhainTnc640 => "heidenhain",
+            Self::HeidenhainItnc530 => "heidenhain-itnc530",
+            Self::HeidenhainTnc407 => "heidenhain-tnc407",
+            Self::Fanuc => "fanuc",
+            Self::Fanuc3d => "fanuc-3d",
+            Self::IsgSsfk => "isg-ssfk",
+            Self::IsgCsv => "isg-csv",
+            Self::Etalon => "etalon",
+        }
+    }
+
+    pub(crate) fn holds(self) -> Holds {
+        match self {
+            Self::IsgCsv | Self::Etalon => Holds::Errors,
+            Self::Fanuc3d => Holds::Grid,
+            _ => Holds::Axes,
+        }
+    }
+
+    /// Whether its files hold lines that the control passes over; else the facts stand in a file beside them.
+    pub fn has_comments(self) -> bool {
+        matches!(
+            self,
+            Self::Csv | Self::Siemens840d | Self::IsgCsv | Self::Fanuc3d
+        )
+    }
+
+    /// What a number of it says, as it is written.
+    pub fn sign(self) -> &'static str {
+        match self {
+            Self::Csv => {
+                "a value is the deviation, actual - commanded of the output axis, in um (linear) or urad (rotary); positions are in mm or deg"
+            }
+            Self::Linuxcnc => {
+                "a line is nominal, actual after positive motion, actual after negative motion; the control adds nominal - actual to the motor's command; mm or deg"
+            }
+            Self::LinuxcncType1 => {
+                "a line is nominal, trim after positive motion, trim after negative motion; trim = commanded - actual, which the control adds to the motor's command; mm or deg"
+            }
+            Self::Siemens840d => {
+                "a value is actual - commanded, in mm or deg: a positive value moves the axis in its negative direction"
+            }
+            Self::HeidenhainTnc640 | Self::HeidenhainItnc530 | Self::HeidenhainTnc407 => {
+                "a value is actual - commanded, in mm or deg"
+            }
+            Self::Fanuc => {
+                "the value of a point is the step of -(actual - commanded) from the point before, in detection units times the magnification"
+            }
+            Self::Fanuc3d => {
+                "a value is the deviation, actual - commanded of the output axis, in um; positions are in mm"
+            }
+            Self::IsgSsfk => "a value is actual - setpoint, in 0.1 um (rotary: 0.0001 deg)",
+            Self::IsgCsv | Self::Etalon => {
+                "a value is the error motion of the tool side relative to the workpiece side (ISO 230-1 names), in mm or rad; positions are in mm or deg"
+            }
+        }
+    }
+
+    /// What the sign rests on. No format was tried on a control.
+    pub fn trust(self) -> &'static str {
+        match self {
+            Self::Csv => "Sign proven by definition: this is the format of volcomp itself.",
+            Self::Linuxcnc | Self::LinuxcncType1 => {
+                "Sign proven by the source text of LinuxCNC (usrmotintf.cc, control.c), not on a machine."
+            }
+            Self::Siemens840d => {
+                "$AA_ENC_COMP: sign proven by an independent public program that writes it; a manual says the same; not on a machine. \
+                 $AN_CEC: sign unproven: try with one small known value first."
+            }
+            Self::HeidenhainTnc640 => {
+                "Sign unproven: try with one small known value first. Form of the file by public programs and a manual."
+            }
+            Self::HeidenhainItnc530 => {
+                "Sign unproven: try with one small known value first. Form of the rows by a public program; the line NR and the end by guess."
+            }
+            Self::HeidenhainTnc407 => {
+                "Sign unproven: try with one small known value first. Form of the file unproven for this control."
+            }
+            Self::Fanuc => {
+                "Sign proven by one independent public program that writes such values, not on a machine. Numbering of the data (N10000 + point), \
+                 the unit of 3624 and 3625 and the place of the data for negative motion are from memory: unproven, compare with a file that your \
+                 control has put out, and try with one small known value first."
+            }
+            Self::Fanuc3d => {
+                "This is no file for a control: the parameters of the 3-D compensation are not known to volcomp. Sign unproven: try with one small \
+                 known value first."
+            }
+            Self::IsgSsfk => {
+                "Sign unproven: try with one small known value first. The worked example of the maker's manual (setpoint 19866.7 um, actual 19856.5 and \
+                 19874.7: -102, +80) has this sign. Axis numbers and the unit of rotary axes are unproven, too."
+            }
+            Self::IsgCsv | Self::Etalon => {
+                "Sign unproven: try with one small known value first. Above all: whether an error of an axis that carries the workpiece is meant as its \
+                 own motion, which has the other sign."
+            }
+        }
+    }
+
+    /// The format that files are in, by their names and beginnings; `None` where it is not certain. A file of LinuxCNC does not say its type.
+    pub fn of_files(files: &[super::TextFile]) -> Option<Self> {
+        files.iter().find_map(|file| Self::of_file(&file.text))
+    }
+
+    fn of_file(text: &str) -> Option<Self> {
+        let has = |word: &str| text.contains(word);
+        let mut lines = text
+            .lines()
+            .map(str::trim)
+            .filter(|line| !line.is_empty() && !line.starts_with('#') && !line.starts_with("//"));
+        let first = lines.next().unwrap_or("");
+        if has("$AN_CEC") || has("$AA_ENC_COMP") {
+            Some(Self::Siemens840d)
+        } else if has("kw.ssfk.") {
+            Some(Self::IsgSsfk)
+        } else if first.starts_with("BEGIN ") {
+            Some(if first.contains("DATUM:") {
+                Self::HeidenhainItnc530
+            } else {
+                Self::HeidenhainTnc640
+            })
+        } else if first.starts_with('[') && (has("Gridpoints") || has("VALUE")) {
+            Some(Self::Etalon)
+        } else if first.starts_with("input,output,position") {
+            Some(Self::Csv)
+        } else if first.contains("deviation ") {
+            Some(Self::Fanuc3d)
+        } else if first.starts_with('%') {
+            Some(Self::Fanuc)
+        } else if super::isg_csv::is_head(first) {
+            Some(Self::IsgCsv)
+        } else {
+            None
+        }
+    }
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for Format {
+    type Err = UnknownFormat;
+
+    fn from_str(text: &str) -> Result<Self, UnknownFormat> {
+        let named = Self::ALL.into_iter().find(|format| format.name() == text);
+        named.ok_or_else(|| UnknownFormat {
+            found: text.to_owned(),
+        })
+    }
+}

@@ -1,0 +1,276 @@
+//! LinuxCNC's COMP_FILE: three numbers in a line, at most 256 lines.
+
+use core::fmt::Write;
+
+use volcomp_vocabulary::AxisName;
+
+use super::{
+    AxisTable, ExchangeError, Format, LineError, TextFile, Warning, Written,
+    exchange::{deviation_from_edge, edge_of},
+    text::short,
+};
+
+/// LinuxCNC's table has so many places.
+const MOST_LINES: usize = 256;
+/// Decimals of mm and deg: 1 nm.
+const DECIMALS: usize = 6;
+const DECIMALS_ROTARY: usize = 8;
+
+/// COMP_FILE_TYPE.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Type {
+    /// 0: nominal, actual forward, actual backward.
+    Positions,
+    /// 1: nominal, trim forward, trim backward.
+    Trims,
+}
+
+impl Type {
+    fn format(self) -> Format {
+        match self {
+            Self::Positions => Format::Linuxcnc,
+            Self::Trims => Format::LinuxcncType1,
+        }
+    }
+
+    /// trim = nominal − actual.
+    fn value(self, nominal: f64, deviation: f64) -> f64 {
+        match self {
+            Self::Positions => nominal + deviation,
+            Self::Trims => -deviation,
+        }
+    }
+
+    fn deviation(self, nominal: f64, value: f64) -> f64 {
+        match self {
+            Self::Positions => value - nominal,
+            Self::Trims => 0.0 - value,
+        }
+    }
+}
+
+pub(crate) fn write(tables: &[AxisTable], kind: Type) -> Result<Written, ExchangeError> {
+    let mut written = Written::default();
+    let mut crossed = Vec::new();
+    for table in tables {
+        if !table.is_own() {
+            crossed.push(format!("{} over {}", table.output, table.input));
+            continue;
+        }
+        let count = table.positions.len();
+        if count > MOST_LINES {
+            return Err(ExchangeError::Unfit {
+                format: kind.format(),
+                what: format!("axis {}", table.input),
+                found: format!("{count} positions"),
+                expected: format!("{MOST_LINES} at the most: take a larger step"),
+            });
+        }
+        let decimals = if table.input.is_rotary() {
+            DECIMALS_ROTARY
+        } else {
+            DECIMALS
+        };
+        let mut text = String::new();
+        let backward = table.backward.as_ref().unwrap_or(&table.forward);
+        let rows = edge_of(table).zip(&table.forward).zip(backward);
+        for ((at, forward), backward) in rows {
+            // The nominal as it is written, so that the difference is the deviation to the last digit.
+            let nominal: f64 = short(at, decimals).parse().unwrap_or(at);
+            let [forward, backward] = [forward, backward]
+                .map(|value| short(kind.value(nominal, table.output_at_edge(*value)), decimals));
+            // Writing to a string does not fail.
+            let _ = writeln!(text, "{} {forward} {backward}", short(nominal, decimals));
+        }
+        if table.modulo {
+            written.notes.push(format!(
+                "axis {}: LinuxCNC does not repeat the table; beyond {} the end value holds",
+                table.input,
+                table
+                    .positions
+                    .last()
+                    .map_or(0.0, |at| table.input_at_edge(*at))
+            ));
+        }
+        written.files.push(TextFile {
+            name: format!("{}.comp", table.input),
+            text,
+        });
+    }
+    if !crossed.is_empty() {
+        written.notes.push(format!(
+            "left out, as a COMP_FILE corrects its own joint alone: {}",
+            crossed.join(", ")
+        ));
+    }
+    if !written.files.is_empty() {
+        let number = u8::from(kind == Type::Trims);
+        written.notes.push(format!(
+            "in the section [JOINT_n] of each axis: COMP_FILE = X.comp, COMP_FILE_TYPE = {number}; machine units have to be mm and deg; \
+             BACKLASH is ignored where there is a COMP_FILE"
+        ));
+    }
+    Ok(written)
+}
+
+/// The axis of a file: the letter that its name is, `X.comp`, `x.comp`, `axis-x.comp`.
+fn axis_of(file: &TextFile) -> Result<AxisName, ExchangeError> {
+    let base = file.base();
+    let stem = base.split('.').next().unwrap_or(base);
+    let last = stem.rsplit(['-', '_', ' ']).next().unwrap_or(stem);
+    last.to_ascii_uppercase().parse().map_err(|_| {
+        LineError::whole(
+            file,
+            format!("the name `{stem}`"),
+            "a name that ends in the letter of the axis: X.comp, axis-x.comp",
+        )
+    })
+}
+
+pub(crate) fn read(
+    files: &[&TextFile],
+    kind: Type,
+    warnings: &mut Vec<Warning>,
+) -> Result<Vec<AxisTable>, ExchangeError> {
+    files
+        .iter()
+        .map(|file| read_file(file, kind, warnings))
+        .collect()
+}
+
+fn read_file(
+    file: &TextFile,
+    kind: Type,
+    warnings: &mut Vec<Warning>,
+) -> Result<AxisTable, ExchangeError> {
+    let axis = axis_of(file)?;
+    let mut table = AxisTable {
+        input: axis,
+        output: axis,
+        positions: Vec::new(),
+        forward: Vec::new(),
+        backward: None,
+        modulo: false,
+    };
+    let mut backward = Vec::new();
+    let mut lines = file.text.lines().enumerate();
+    for (index, line) in lines.by_ref() {
+        let number = index + 1;
+        let Some(three) = scanned(line) else {
+            let rest = file
+                .text
+                .lines()
+                .skip(number)
+                .filter(|line| scanned(line).is_some())
+                .count();
+            if !line.trim().is_empty() || rest > 0 {
+                warnings.push(Warning::at(
+                    file,
+                    number,
+                    format!("LinuxCNC stops reading here, as this is no line of three numbers; {rest} lines of numbers behind it do not count"),
+                ));
+            }
+            break;
+        };
+        let [nominal, forward, back] = three;
+        if !three.iter().all(|x| x.abs() <= 1e9) {
+            return Err(LineError::at(
+                file,
+                number,
+                format!("`{line}`"),
+                "numbers that a machine has",
+            ));
+        }
+        let at = AxisTable::input_from_edge(axis, nominal);
+        if table.positions.last().is_some_and(|last| *last >= at) {
+            return Err(LineError::at(
+                file,
+                number,
+                format!("nominal {nominal}"),
+                "strictly rising nominals",
+            ));
+        }
+        if table.positions.len() == MOST_LINES {
+            return Err(LineError::at(file, number, "a line 257", "256 at the most"));
+        }
+        table.positions.push(at);
+        table
+            .forward
+            .push(deviation_from_edge(axis, kind.deviation(nominal, forward)));
+        backward.push(deviation_from_edge(axis, kind.deviation(nominal, back)));
+    }
+    if table.positions.len() < 2 {
+        return Err(LineError::whole(
+            file,
+            format!("{} lines of three numbers", table.positions.len()),
+            "2 at the least",
+        ));
+    }
+    if backward
+        .iter()
+        .zip(&table.forward)
+        .any(|(a, b)| (a - b).abs() > 1e-12)
+    {
+        table.backward = Some(backward);
+    }
+    if kind == Type::Trims
+        && table
+            .forward
+            .iter()
+            .zip(&table.positions)
+            .all(|(deviation, at)| {
+                // The sum of what is added and where it is added to would be 0.
+                (deviation + at).abs() < 0.1 * at.abs().max(1e-3)
+            })
+    {
+        warnings.push(Warning::whole(
+            file,
+            "the trims are as large as the nominals: is this a file of type 0?",
+        ));
+    }
+    Ok(table)
+}
+
+/// What `sscanf("%lf %lf %lf")` finds in a line, but for hexadecimal numbers.
+fn scanned(line: &str) -> Option<[f64; 3]> {
+    let mut rest = line;
+    let mut found = [0.0; 3];
+    for number in &mut found {
+        rest = rest.trim_start();
+        let length = prefix(rest.as_bytes())?;
+        let (text, behind) = rest.split_at_checked(length)?;
+        *number = text.parse::<f64>().ok().filter(|x| x.is_finite())? + 0.0;
+        rest = behind;
+    }
+    Some(found)
+}
+
+/// How many bytes at the beginning are a number.
+fn prefix(bytes: &[u8]) -> Option<usize> {
+    let digits = |from: usize| {
+        bytes
+            .iter()
+            .skip(from)
+            .take_while(|b| b.is_ascii_digit())
+            .count()
+    };
+    let mut at = usize::from(matches!(bytes.first(), Some(b'+' | b'-')));
+    let whole = digits(at);
+    at += whole;
+    let mut parts = 0;
+    if bytes.get(at) == Some(&b'.') {
+        parts = digits(at + 1);
+        at += 1 + parts;
+    }
+    if whole + parts == 0 {
+        return None;
+    }
+    if matches!(bytes.get(at), Some(b'e' | b'E')) {
+        let sign = usize::from(matches!(bytes.get(at + 1), Some(b'+' | b'-')));
+        let exponent = digits(at + 1 + sign);
+        if exponent > 0 {
+            at += 1 + sign + exponent;
+        }
+    }
+    Some(at)
+}

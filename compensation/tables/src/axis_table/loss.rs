@@ -1,0 +1,448 @@
+//! What tables lose against the model.
+
+use volcomp_curve::{ErrorCurve, Field};
+use volcomp_kinematics::{CorrectionOptions, State};
+use volcomp_model::{Machine, Temperatures, Thermal};
+use volcomp_vocabulary::{
+    AxisKind, AxisName, Component, Direction, Displacement, MAX_AXES, PerAxis,
+};
+
+use super::{
+    AxisNumbers, Content, ExchangeError, Format, ReadOptions, TableOptions, WriteOptions, curves,
+    read, sampled, write,
+};
+
+/// So many poses are looked at, at the most, in each direction.
+const POSES: usize = 3000;
+/// So many nodes along an axis at the most.
+const NODES: usize = 13;
+
+/// A kind of error whose share of the loss is told alone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Category {
+    /// Error motions of linear axes along themselves.
+    Positioning,
+    /// Error motions of linear axes across themselves.
+    Straightness,
+    /// Location and assembly errors of linear axes.
+    Squareness,
+    /// Angular error motions of linear axes, which act through levers (Abbe).
+    Angular,
+    /// Errors that depend on a second coordinate.
+    SecondCoordinate,
+    /// What differs between the directions of motion.
+    Reversal,
+    /// What 1 K at every sensor changes.
+    Thermal,
+    /// All errors of rotary axes.
+    Rotary,
+}
+
+impl Category {
+    /// All of them.
+    pub const ALL: [Self; 8] = [
+        Self::Positioning,
+        Self::Straightness,
+        Self::Squareness,
+        Self::Angular,
+        Self::SecondCoordinate,
+        Self::Reversal,
+        Self::Thermal,
+        Self::Rotary,
+    ];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Positioning => "positioning",
+            Self::Straightness => "straightness",
+            Self::Squareness => "squareness",
+            Self::Angular => "angular",
+            Self::SecondCoordinate => "second coordinate",
+            Self::Reversal => "reversal",
+            Self::Thermal => "thermal, 1 K",
+            Self::Rotary => "rotary",
+        }
+    }
+}
+
+/// What is left on one axis where the tables correct.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AxisLoss {
+    /// The corrected axis.
+    pub axis: AxisName,
+    /// The largest correction of the model, mm or rad.
+    pub correction: f64,
+    /// The largest difference of the tables from it, mm or rad.
+    pub largest: f64,
+    /// Root of the mean square of the difference, mm or rad.
+    pub rms: f64,
+    /// Where the largest is, mm or deg, in the order of the chain.
+    pub at: Vec<(AxisName, f64)>,
+    /// In which direction the axes came there; `None`: the mean of both.
+    pub direction: Option<Direction>,
+}
+
+/// What is left of one category.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CategoryLoss {
+    /// Which.
+    pub category: Category,
+    /// For each corrected axis.
+    pub axes: Vec<AxisLoss>,
+}
+
+/// What tables lose against the model, over the work space.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Loss {
+    /// At how many poses, each in both directions.
+    pub poses: usize,
+    /// All errors together, for each corrected axis.
+    pub axes: Vec<AxisLoss>,
+    /// Each category that the machine has, alone.
+    pub categories: Vec<CategoryLoss>,
+}
+
+/// What the correction of a control is that holds such tables.
+enum Held {
+    Content(Content),
+    /// The control computes with its component errors as the model does.
+    Machine(Box<Machine>),
+}
+
+/// How tables are made and what they are held against.
+struct Trial<'a> {
+    temperatures: &'a Temperatures,
+    options: &'a TableOptions,
+    write: &'a WriteOptions,
+    format: Format,
+    correction: CorrectionOptions,
+    outputs: Vec<usize>,
+    poses: Vec<State>,
+}
+
+/// Compares what a control does with the tables of this format, as they stand in the files, with the model: all errors together and each category
+/// alone, at poses over the travel of all axes, after positive and after negative motion of all axes.
+///
+/// # Errors
+/// As [`sampled`], [`write`](super::write) and [`read`](super::read).
+pub fn loss(
+    machine: &Machine,
+    temperatures: &Temperatures,
+    options: &TableOptions,
+    format: Format,
+    write: &WriteOptions,
+) -> Result<Loss, ExchangeError> {
+    let correction = machine.correction_options();
+    let correctors = correction.correctors(machine.chain());
+    let mut outputs: Vec<usize> = (0..machine.axes().len())
+        .filter(|place| correctors.contains(*place))
+        .collect();
+    outputs.sort_by_key(|&place| machine.axes()[place].name.index());
+    let trial = Trial {
+        temperatures,
+        options,
+        write,
+        format,
+        correction,
+        outputs,
+        poses: poses(machine),
+    };
+    let directions = Direction::BOTH.map(Some);
+    let held = trial.held(machine)?;
+    let model = |state: &State| trial.model(machine, temperatures, state);
+    let control = |state: &State| trial.control(machine, held.as_ref(), state);
+    let axes = trial.compare(machine, &directions, &model, &control);
+    let mut categories = Vec::new();
+    for category in Category::ALL {
+        let axes = match category {
+            Category::Reversal => {
+                if !has_reversal(machine) {
+                    continue;
+                }
+                // What the directions add to the mean of both.
+                let added = |of: &dyn Fn(&State) -> PerAxis<f64>, state: &State| {
+                    let (here, mean) = (
+                        of(state),
+                        of(&State {
+                            q: state.q,
+                            ..State::default()
+                        }),
+                    );
+                    PerAxis::from_fn(|place| here[place] - mean[place])
+                };
+                trial.compare(
+                    machine,
+                    &directions,
+                    &|state| added(&model, state),
+                    &|state| added(&control, state),
+                )
+            }
+            Category::Thermal => {
+                let Some(warmer) = warmer(machine, temperatures) else {
+                    continue;
+                };
+                let change = |state: &State| {
+                    let (now, then) = (model(state), trial.model(machine, &warmer, state));
+                    PerAxis::from_fn(|place| then[place] - now[place])
+                };
+                trial.compare(machine, &[None], &change, &|_| PerAxis::ZERO)
+            }
+            _ => {
+                let Some(alone) = alone(machine, category)? else {
+                    continue;
+                };
+                let held = trial.held(&alone)?;
+                trial.compare(
+                    machine,
+                    &[None],
+                    &|state| trial.model(&alone, temperatures, state),
+                    &|state| trial.control(&alone, held.as_ref(), state),
+                )
+            }
+        };
+        categories.push(CategoryLoss { category, axes });
+    }
+    Ok(Loss {
+        poses: trial.poses.len(),
+        axes,
+        categories,
+    })
+}
+
+/// Poses over the travel of all axes.
+fn poses(machine: &Machine) -> Vec<State> {
+    let axes = machine.axes();
+    let count = (1..=NODES).rev().find(|count| {
+        let power = u32::try_from(axes.len()).unwrap_or(u32::MAX);
+        count.checked_pow(power).is_some_and(|poses| poses <= POSES)
+    });
+    let count = count.unwrap_or(1);
+    let mut poses = vec![State::default()];
+    for (index, axis) in axes.iter().enumerate() {
+        let nodes = axis.nodes(count);
+        let place = |pose: &State, at: &f64| {
+            let mut pose = *pose;
+            pose.q[index] = Displacement::from_coordinate(axis.name.kind(), *at).mm_or_rad();
+            pose
+        };
+        poses = poses
+            .iter()
+            .flat_map(|pose| nodes.iter().map(move |at| place(pose, at)))
+            .collect();
+    }
+    poses
+}
+
+fn has_reversal(machine: &Machine) -> bool {
+    machine
+        .errors()
+        .any(|(_, curve)| !matches!(curve, ErrorCurve::Single(_)))
+}
+
+/// Every sensor 1 K warmer; `None` without thermal terms.
+fn warmer(machine: &Machine, temperatures: &Temperatures) -> Option<Temperatures> {
+    let thermal = machine.thermal();
+    let sensors = thermal.sensors();
+    let warmer = sensors.iter().map(|name| {
+        let now = temperatures
+            .get(*name)
+            .copied()
+            .unwrap_or(thermal.reference_degc);
+        ((*name).to_owned(), now + 1.0)
+    });
+    (!sensors.is_empty()).then(|| warmer.collect())
+}
+
+/// The machine with the errors of one category alone; `None` where it has none.
+fn alone(machine: &Machine, category: Category) -> Result<Option<Machine>, ExchangeError> {
+    let mut found = machine.clone();
+    found.clear_errors();
+    found.set_thermal(Thermal::default())?;
+    let mut is_empty = true;
+    for (name, curve) in machine.errors() {
+        let own = own_component(name.axis);
+        let is_grid = curve.fields().any(|field| matches!(field, Field::Grid(_)));
+        let of = match (name.axis.kind(), is_grid) {
+            (AxisKind::Rotary, _) => Category::Rotary,
+            (AxisKind::Linear, true) => Category::SecondCoordinate,
+            (AxisKind::Linear, false) if name.component.is_angular() => Category::Angular,
+            (AxisKind::Linear, false) if name.component == own => Category::Positioning,
+            (AxisKind::Linear, false) => Category::Straightness,
+        };
+        if of == category {
+            found.set_error(name, curve.clone())?;
+            is_empty = false;
+        }
+    }
+    let kind = match category {
+        Category::Squareness => AxisKind::Linear,
+        Category::Rotary => AxisKind::Rotary,
+        _ => return Ok((!is_empty).then_some(found)),
+    };
+    for (name, value) in machine.locations() {
+        if name.axis.kind() == kind && *value != 0.0 {
+            found.set_location(*name, *value)?;
+            is_empty = false;
+        }
+    }
+    for (index, axis) in machine.axes().iter().enumerate() {
+        let six = machine.assembly(index);
+        if axis.name.kind() == kind && six.iter().any(|value| *value != 0.0) {
+            found.set_assembly(axis.name, six)?;
+            is_empty = false;
+        }
+    }
+    Ok((!is_empty).then_some(found))
+}
+
+/// The component along the direction that the letter of a linear axis stands for.
+fn own_component(axis: AxisName) -> Component {
+    match axis.mcs_index() {
+        0 => Component::EX,
+        1 => Component::EY,
+        _ => Component::EZ,
+    }
+}
+
+impl Trial<'_> {
+    /// What a control holds of a machine: what is read back from the files. `None` where there is nothing that they hold.
+    fn held(&self, machine: &Machine) -> Result<Option<Held>, ExchangeError> {
+        let content = sampled(machine, self.temperatures, self.options, self.format)?;
+        let files = match write(self.format, &content, self.write) {
+            Ok(written) => written.files,
+            // Nothing that this format holds: nothing is corrected.
+            Err(ExchangeError::Unfit { what, .. }) if what == "tables" => return Ok(None),
+            Err(other) => return Err(other),
+        };
+        let options = ReadOptions {
+            axes: self.write.axes.clone(),
+            encoder: Some(self.write.encoder),
+            detection_unit: self.write.detection_unit,
+        };
+        let content = read(self.format, &files, &options)?.content;
+        let Content::Errors(_) = &content else {
+            return Ok(Some(Held::Content(content)));
+        };
+        let mut copy = machine.clone();
+        copy.clear_errors();
+        copy.set_thermal(Thermal::default())?;
+        let curves = curves(&content)?;
+        for (name, curve) in curves.motions {
+            copy.set_error(name, curve)?;
+        }
+        for (name, value) in curves.locations {
+            copy.set_location(name, value)?;
+        }
+        Ok(Some(Held::Machine(Box::new(copy))))
+    }
+
+    fn model(&self, machine: &Machine, temperatures: &Temperatures, state: &State) -> PerAxis<f64> {
+        machine
+            .correction_at(state, temperatures, &self.correction)
+            .delta
+    }
+
+    fn control(&self, machine: &Machine, held: Option<&Held>, state: &State) -> PerAxis<f64> {
+        let axes = machine.axes();
+        let index = |name: AxisName| {
+            axes.iter()
+                .position(|axis| axis.name == name)
+                .unwrap_or(MAX_AXES)
+        };
+        let mut sum = PerAxis::ZERO;
+        let mut add = |axis: AxisName, deviation: f64| {
+            if let Some(place) = sum.0.get_mut(index(axis)) {
+                *place -= deviation;
+            }
+        };
+        match held {
+            None => {}
+            Some(Held::Machine(machine)) => {
+                return self.model(machine, &Temperatures::new(), state);
+            }
+            Some(Held::Content(Content::Axes(tables))) => {
+                for table in tables {
+                    let place = index(table.input);
+                    let at = state.q.0.get(place).copied().unwrap_or(0.0);
+                    let approach = state.approach.0.get(place).copied().flatten();
+                    add(table.output, table.deviation(at, approach));
+                }
+            }
+            Some(Held::Content(Content::Grid(grid))) => {
+                let at: Vec<f64> = grid
+                    .axes
+                    .iter()
+                    .map(|axis| state.q.0.get(index(*axis)).copied().unwrap_or(0.0))
+                    .collect();
+                for (axis, deviation) in grid.outputs.iter().zip(grid.deviation(&at)) {
+                    add(*axis, deviation);
+                }
+            }
+            Some(Held::Content(Content::Errors(_))) => {}
+        }
+        sum
+    }
+
+    fn compare(
+        &self,
+        machine: &Machine,
+        directions: &[Option<Direction>],
+        model: &dyn Fn(&State) -> PerAxis<f64>,
+        control: &dyn Fn(&State) -> PerAxis<f64>,
+    ) -> Vec<AxisLoss> {
+        let axes = machine.axes();
+        let mut found: Vec<AxisLoss> = self
+            .outputs
+            .iter()
+            .map(|&place| AxisLoss {
+                axis: axes[place].name,
+                correction: 0.0,
+                largest: 0.0,
+                rms: 0.0,
+                at: Vec::new(),
+                direction: None,
+            })
+            .collect();
+        for pose in &self.poses {
+            for &direction in directions {
+                let state = State {
+                    q: pose.q,
+                    approach: PerAxis([direction; MAX_AXES]),
+                };
+                let (wanted, given) = (model(&state), control(&state));
+                for (found, &place) in found.iter_mut().zip(&self.outputs) {
+                    let difference = (wanted[place] - given[place]).abs();
+                    found.correction = found.correction.max(wanted[place].abs());
+                    found.rms += difference * difference;
+                    if difference > found.largest || found.at.is_empty() {
+                        found.largest = difference;
+                        found.direction = direction;
+                        found.at = axes
+                            .iter()
+                            .zip(state.q.iter())
+                            .map(|(axis, q)| {
+                                (
+                                    axis.name,
+                                    Displacement::new(axis.name.kind(), *q).mm_or_deg(),
+                                )
+                            })
+                            .collect();
+                    }
+                }
+            }
+        }
+        let looks = (self.poses.len() * directions.len()).max(1) as f64;
+        for found in &mut found {
+            found.rms = (found.rms / looks).sqrt();
+        }
+        found
+    }
+}
+
+impl AxisNumbers {
+    /// The numbers of a machine's axes where nobody states others: 1, 2, 3 … in the order X Y Z A B C U V W.
+    pub fn of_machine(machine: &Machine) -> Self {
+        Self::counted(machine.axes().iter().map(|axis| axis.name))
+    }
+}

@@ -1,0 +1,39 @@
+//! Tables that a control adds to the commands of its axes, as plain data: made from a machine, written for a control, read back, and
+//! held against the model.
+
+mod curves;
+mod error_table;
+mod exchange;
+mod facts;
+mod format;
+mod grid_table;
+mod loss;
+mod numbers;
+mod refusal;
+mod sampled;
+mod table;
+mod text;
+
+mod csv;
+mod etalon;
+mod fanuc;
+mod fanuc_3d;
+mod heidenhain;
+mod isg_csv;
+mod isg_ssfk;
+mod linuxcnc;
+mod siemens;
+
+pub use curves::{Curves, curves, to_toml};
+pub use error_table::{ErrorTable, ErrorTables};
+pub use exchange::{Content, ReadOptions, ReadTables, Warning, WriteOptions, Written, read, write};
+pub use facts::{FACTS_FILE, Facts};
+pub use format::{Format, UnknownFormat};
+pub use grid_table::GridTable;
+pub use heidenhain::{spacing_refused_by_tnc407, steps_of_tnc407};
+pub use loss::{AxisLoss, Category, CategoryLoss, Loss, loss};
+pub use numbers::AxisNumbers;
+pub use refusal::{ExchangeError, LineError};
+pub use sampled::{TableOptions, sampled};
+pub use table::AxisTable;
+pub use text::TextFile;

@@ -1,0 +1,341 @@
+//! Tables from a machine.
+
+use volcomp_kinematics::State;
+use volcomp_model::{Axis, Machine, Temperatures};
+use volcomp_vocabulary::{AxisName, Component, Direction, Displacement, ErrorName, PerAxis};
+
+use super::{
+    error_table::{ErrorTable, ErrorTables},
+    exchange::Content,
+    format::{Format, Holds},
+    grid_table::GridTable,
+    refusal::ExchangeError,
+    table::{AxisTable, NOTHING},
+};
+
+/// More nodes along an axis no control holds.
+const MOST_NODES: f64 = 10_000.0;
+
+/// How tables are made from a machine.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TableOptions {
+    /// From node to node along a linear axis, mm.
+    pub step_mm: f64,
+    /// From node to node along a rotary axis, deg.
+    pub step_deg: f64,
+    /// Where the axes stand that a table does not go over, mm or deg; those that are not named at 0 or the nearest end of travel.
+    pub at: Vec<(AxisName, f64)>,
+}
+
+impl Default for TableOptions {
+    /// Every 50 mm and 15 deg, the others at 0.
+    fn default() -> Self {
+        Self {
+            step_mm: 50.0,
+            step_deg: 15.0,
+            at: Vec::new(),
+        }
+    }
+}
+
+impl TableOptions {
+    /// Where each axis stands, mm or deg, in the order of the chain.
+    ///
+    /// # Errors
+    /// An axis that is not there, or that stands beyond its travel.
+    pub fn reference(&self, machine: &Machine) -> Result<Vec<(AxisName, f64)>, ExchangeError> {
+        machine.state(&self.at)?;
+        let stands = |axis: &Axis| {
+            let stated = self.at.iter().find(|(name, _)| *name == axis.name);
+            let at = stated.map_or_else(|| axis.nearest_zero(), |(_, at)| *at);
+            if axis.may_stand_at(at) {
+                return Ok((axis.name, at));
+            }
+            Err(ExchangeError::Wish {
+                what: format!("--at {}", axis.name),
+                found: at.to_string(),
+                expected: format!("{} to {}, its travel", axis.travel[0], axis.travel[1]),
+            })
+        };
+        machine.axes().iter().map(stands).collect()
+    }
+}
+
+/// What a format holds of a machine, at these temperatures and with the tool that is in its spindle.
+///
+/// Tables of axes: on every line through the reference position the sum of the tables is the model's correction, at the nodes. A table
+/// of one axis over another is zero at the reference position, in the mean of both directions.
+///
+/// # Errors
+/// A step that is no number above 0 or does not divide a turn, a reference position beyond the travel.
+pub fn sampled(
+    machine: &Machine,
+    temperatures: &Temperatures,
+    options: &TableOptions,
+    format: Format,
+) -> Result<Content, ExchangeError> {
+    for (what, step) in [
+        ("--step", options.step_mm),
+        ("--step-deg", options.step_deg),
+    ] {
+        if !(step > 0.0 && step.is_finite()) {
+            return Err(ExchangeError::Wish {
+                what: what.to_owned(),
+                found: step.to_string(),
+                expected: "a number above 0".to_owned(),
+            });
+        }
+    }
+    let lines = Lines {
+        machine,
+        temperatures,
+        options,
+        reference: machine.state(&options.reference(machine)?)?,
+    };
+    Ok(match format.holds() {
+        Holds::Axes => Content::Axes(lines.axis_tables()?),
+        Holds::Errors => Content::Errors(lines.error_tables()?),
+        Holds::Grid => Content::Grid(GridTable::of(machine, temperatures, options)?),
+    })
+}
+
+/// A node of a table: where the model is asked, and what is made of it there.
+enum Node {
+    Within(f64),
+    /// Beyond the end of the travel: on the line through the node before and the end, so that the value at the end is the model's.
+    Beyond {
+        inner: f64,
+        end: f64,
+        at: f64,
+    },
+}
+
+impl Node {
+    fn at(&self) -> f64 {
+        match self {
+            Self::Within(at) | Self::Beyond { at, .. } => *at,
+        }
+    }
+
+    fn values<const N: usize>(&self, of: impl Fn(f64) -> [f64; N]) -> [f64; N] {
+        match *self {
+            Self::Within(at) => of(at),
+            Self::Beyond { inner, end, at } => {
+                let (near, far) = (of(inner), of(end));
+                let share = (at - inner) / (end - inner);
+                core::array::from_fn(|place| near[place] + share * (far[place] - near[place]))
+            }
+        }
+    }
+}
+
+struct Lines<'a> {
+    machine: &'a Machine,
+    temperatures: &'a Temperatures,
+    options: &'a TableOptions,
+    reference: State,
+}
+
+impl Lines<'_> {
+    /// The nodes along an axis, mm or deg: whole steps from where the axis stands, so that it stands at a node.
+    fn nodes(&self, axis: &Axis, index: usize) -> Result<Vec<Node>, ExchangeError> {
+        let [low, high] = axis.travel;
+        let (option, step) = if axis.name.is_rotary() {
+            ("--step-deg", self.options.step_deg)
+        } else {
+            ("--step", self.options.step_mm)
+        };
+        if (high - low) / step > MOST_NODES {
+            return Err(ExchangeError::Wish {
+                what: format!("{option}, axis {}", axis.name),
+                found: step.to_string(),
+                expected: format!(
+                    "a travel of {} in {MOST_NODES} steps at the most",
+                    high - low
+                ),
+            });
+        }
+        if let Some(period) = axis.modulo {
+            let parts = (period / step).round();
+            if (parts * step - period).abs() > 1e-9 * period || parts < 1.0 {
+                return Err(ExchangeError::Wish {
+                    what: format!("{option}, axis {} with modulo", axis.name),
+                    found: step.to_string(),
+                    expected: format!("a whole part of {period}"),
+                });
+            }
+            #[expect(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "below MOST_NODES"
+            )]
+            let parts = parts as u32;
+            return Ok((0..=parts)
+                .map(|part| Node::Within(low + step * f64::from(part)))
+                .collect());
+        }
+        let at = Displacement::new(axis.name.kind(), self.reference.q[index]).mm_or_deg();
+        let whole = |length: f64| (length / step - 1e-9).ceil().max(0.0);
+        let (below, above) = (whole(at - low), whole(high - at));
+        #[expect(clippy::cast_possible_truncation, reason = "below MOST_NODES")]
+        let (first, last) = (-(below as i32), above as i32);
+        let last = if first == last { last + 1 } else { last };
+        let within = |node: f64| node >= low - 1e-9 && node <= high + 1e-9;
+        let node = |steps: i32| {
+            let place = at + step * f64::from(steps);
+            if within(place) {
+                return Node::Within(place);
+            }
+            let (inner, end) = if place > high {
+                (place - step, high)
+            } else {
+                (place + step, low)
+            };
+            if (end - inner).abs() < 1e-6 * step {
+                // No travel at all: the one value holds.
+                return Node::Beyond {
+                    inner: end,
+                    end: end + step.copysign(place - end),
+                    at: end,
+                };
+            }
+            Node::Beyond {
+                inner,
+                end,
+                at: place,
+            }
+        };
+        Ok((first..=last).map(node).collect())
+    }
+
+    fn axis_tables(&self) -> Result<Vec<AxisTable>, ExchangeError> {
+        let machine = self.machine;
+        let options = machine.correction_options();
+        let correctors = options.correctors(machine.chain());
+        let correction = |state: &State| -> PerAxis<f64> {
+            machine
+                .correction_at(state, self.temperatures, &options)
+                .delta
+        };
+        let standing = correction(&self.reference);
+        let mut tables = Vec::new();
+        for (input, axis) in machine.axes().iter().enumerate() {
+            let nodes = self.nodes(axis, input)?;
+            let along = |direction: Direction| -> Vec<PerAxis<f64>> {
+                let of = |at: f64| {
+                    let mut state = self.reference;
+                    state.q[input] = AxisTable::input_from_edge(axis.name, at);
+                    state.approach[input] = Some(direction);
+                    correction(&state).0
+                };
+                nodes.iter().map(|node| PerAxis(node.values(of))).collect()
+            };
+            let [forward, backward] = Direction::BOTH.map(along);
+            let positions: Vec<f64> = nodes
+                .iter()
+                .map(|node| AxisTable::input_from_edge(axis.name, node.at()))
+                .collect();
+            for (output, other) in machine.axes().iter().enumerate() {
+                if !correctors.contains(output) {
+                    continue;
+                }
+                let base = if output == input {
+                    0.0
+                } else {
+                    standing[output]
+                };
+                let values = |found: &[PerAxis<f64>]| -> Vec<f64> {
+                    found
+                        .iter()
+                        .map(|delta| base - delta[output] + 0.0)
+                        .collect()
+                };
+                let (forward, backward) = (values(&forward), values(&backward));
+                let differ = |(a, b): (&f64, &f64)| (a - b).abs() > NOTHING;
+                let has_reversal = forward.iter().zip(&backward).any(differ);
+                let mut table = AxisTable {
+                    input: axis.name,
+                    output: other.name,
+                    positions: positions.clone(),
+                    forward,
+                    backward: has_reversal.then_some(backward),
+                    modulo: axis.modulo.is_some(),
+                };
+                close(&mut table);
+                if !table.is_nothing() {
+                    tables.push(table);
+                }
+            }
+        }
+        tables.sort_by_key(|table| (table.input.index(), table.output.index()));
+        Ok(tables)
+    }
+
+    fn error_tables(&self) -> Result<ErrorTables, ExchangeError> {
+        use volcomp_kinematics::ErrorSource;
+        let source = self.machine.source(self.temperatures);
+        let mut found = ErrorTables::default();
+        for (index, axis) in self.machine.axes().iter().enumerate() {
+            let nodes = self.nodes(axis, index)?;
+            let of = |at: f64| {
+                let mut state = self.reference;
+                state.q[index] = AxisTable::input_from_edge(axis.name, at);
+                let motion = source.error_motion(index, &state);
+                let (linear, angular) = (motion.linear_mm, motion.angular_rad);
+                [
+                    linear.x, linear.y, linear.z, angular.x, angular.y, angular.z,
+                ]
+            };
+            let values: Vec<[f64; 6]> = nodes.iter().map(|node| node.values(of)).collect();
+            for component in Component::ALL {
+                let mut values: Vec<f64> = values
+                    .iter()
+                    .map(|six| six[component.index()] + 0.0)
+                    .collect();
+                if values.iter().all(|value| value.abs() < 1e-12) {
+                    continue;
+                }
+                if axis.modulo.is_some()
+                    && let Some(&first) = values.first()
+                {
+                    values.pop();
+                    values.push(first);
+                }
+                found.curves.push(ErrorTable {
+                    name: ErrorName::motion(component, axis.name),
+                    positions: nodes
+                        .iter()
+                        .map(|node| AxisTable::input_from_edge(axis.name, node.at()))
+                        .collect(),
+                    values,
+                });
+            }
+        }
+        let locations = self.machine.locations().iter();
+        found.locations = locations
+            .map(|(name, value)| {
+                (
+                    *name,
+                    Displacement::from_micro(name.component.kind(), *value).mm_or_rad(),
+                )
+            })
+            .collect();
+        Ok(found)
+    }
+}
+
+/// The last node of a turn is its first.
+fn close(table: &mut AxisTable) {
+    if !table.modulo {
+        return;
+    }
+    for values in [Some(&mut table.forward), table.backward.as_mut()]
+        .into_iter()
+        .flatten()
+    {
+        if let Some(&first) = values.first() {
+            values.pop();
+            values.push(first);
+        }
+    }
+}

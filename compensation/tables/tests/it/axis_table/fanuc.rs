@@ -1,0 +1,132 @@
+//! FANUC pitch error compensation: steps that sum up.
+
+use volcomp_tables::axis_table::{AxisTable, Content, Format, WriteOptions, write};
+use volcomp_tables::vocabulary::{AxisName, Direction};
+
+use super::{close, edges, numbers, refused, tables};
+
+/// −100 to 200 mm in 100 mm, in µm.
+fn table(forward: [f64; 4], backward: Option<[f64; 4]>) -> AxisTable {
+    let mm = |um: [f64; 4]| um.map(|um| um * 1e-3).to_vec();
+    AxisTable {
+        input: AxisName::X,
+        output: AxisName::X,
+        positions: vec![-100.0, 0.0, 100.0, 200.0],
+        forward: mm(forward),
+        backward: backward.map(mm),
+        modulo: false,
+    }
+}
+
+fn written(table: AxisTable) -> Result<String, String> {
+    let options = WriteOptions {
+        axes: numbers(),
+        ..WriteOptions::default()
+    };
+    let written = write(Format::Fanuc, &Content::Axes(vec![table]), &options);
+    written
+        .map(|written| written.files[0].text.clone())
+        .map_err(|error| error.to_string())
+}
+
+#[test]
+fn a_value_is_minus_the_step_of_the_error() {
+    // The errors 2, 0, 3, 7 µm: from −100 to 0 the error falls by 2, then rises by 3 and 4.
+    let text = written(table([2.0, 0.0, 3.0, 7.0], None)).expect("written");
+    assert_eq!(
+        text,
+        "%\nN03605A1P00000000\nN03620A1P1\nN03621A1P0\nN03622A1P3\nN03623A1P1\nN03624A1P100.0\nN03625A1P0.0\nN10000P0\nN10001P2\nN10002P-3\nN10003P-4\n%\n"
+    );
+    // Rounding does not add up: thirds of a detection unit.
+    let text = written(table([0.0, 0.0, 0.4, 0.8], None)).expect("written");
+    assert!(text.contains("N10002P0\nN10003P-1\n"), "{text}");
+}
+
+#[test]
+fn both_directions() {
+    let text = written(table([2.0, 0.0, 3.0, 7.0], Some([5.0, 4.0, 4.0, 9.0]))).expect("written");
+    assert!(
+        text.contains("N03605A1P00000001\n") && text.contains("N03626A1P4\nN03627A1P-4\n"),
+        "{text}"
+    );
+    let (found, _) = tables(Format::Fanuc, "PITCH.TXT", &text);
+    for (at, forward, backward) in [
+        (-100.0, 0.002, 0.005),
+        (0.0, 0.0, 0.004),
+        (200.0, 0.007, 0.009),
+    ] {
+        close(
+            found[0].deviation(at, Some(Direction::Positive)),
+            forward,
+            1e-12,
+        );
+        close(
+            found[0].deviation(at, Some(Direction::Negative)),
+            backward,
+            1e-12,
+        );
+    }
+}
+
+#[test]
+fn files_as_controls_put_them_out() {
+    // EOB as LF or CR, a semicolon for it, other parameters between, two axes in a record.
+    let text = "%\rN00000P00001100;\rN05898S1P30.0S2P30.0;\rN03620A1P1A2P0;\rN03621A1P0A2P0;\rN03622A1P2A2P0;\rN03623A1P2A2P0;\rN03624A1P50.0A2P0;\rN10000P0;\rN10001P-1;\rN10002P3;\r%\r";
+    let (found, warnings) = tables(Format::Fanuc, "p", text);
+    // Magnification 2: 1 µm steps count double; the second axis has no points.
+    assert_eq!(found.len(), 1);
+    let expected = [(-50.0, -0.002), (0.0, 0.0), (50.0, -0.006)];
+    for (found, expected) in edges(&found[0]).into_iter().zip(expected) {
+        close(found.0, expected.0, 1e-12);
+        close(found.1, expected.1, 1e-12);
+    }
+    assert!(
+        warnings
+            .iter()
+            .any(|told| told.contains("axis Y: no interval")),
+        "{warnings:?}"
+    );
+    let whole = text.replace("A1P50.0", "A1P50");
+    assert!(
+        tables(Format::Fanuc, "p", &whole)
+            .1
+            .iter()
+            .any(|told| told.contains("no decimal point"))
+    );
+}
+
+#[test]
+fn refusals() {
+    let told = written(table([0.0, 0.0, 0.0, 200.0], None)).expect_err("refused");
+    assert!(told.contains("a step of -200 detection units"), "{told}");
+    let mut shifted = table([0.0, 1.0, 2.0, 3.0], None);
+    shifted.positions = vec![10.0, 110.0, 210.0, 310.0];
+    let told = written(shifted).expect_err("refused");
+    assert!(
+        told.contains("no point at machine zero, between 10 and 310"),
+        "{told}"
+    );
+    for text in [
+        "hello\n",
+        "N\n",
+        "N03620A1\n",
+        "N03620AxP1\n",
+        "N10000Q1\n",
+        "N10000P\n",
+    ] {
+        let told = refused(Format::Fanuc, "p.txt", text);
+        assert!(told.starts_with("p.txt:1: found "), "{told}");
+    }
+    let told = refused(
+        Format::Fanuc,
+        "p.txt",
+        "N03620A7P0\nN03621A7P0\nN03622A7P1\nN03624A7P1.0\n",
+    );
+    assert!(told.contains("--axis-numbers X=7"), "{told}");
+    let told = refused(
+        Format::Fanuc,
+        "p.txt",
+        "N03620A1P9\nN03621A1P0\nN03622A1P1\nN03624A1P1.0\n",
+    );
+    assert!(told.contains("reference 9"), "{told}");
+}

@@ -1,0 +1,252 @@
+//! What tables lose, against closed forms.
+
+use volcomp_tables::axis_table::{
+    AxisNumbers, Category, Format, Loss, TableOptions, WriteOptions, loss,
+};
+use volcomp_tables::model::{Machine, Temperatures};
+use volcomp_tables::vocabulary::{AxisName, Direction};
+
+use super::{close, machine::example};
+
+fn machine(errors: &str) -> Machine {
+    // Thirteen poses along each axis stand 100 mm apart.
+    Machine::parse(
+        &format!(
+            "structure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0.0, 1200.0]\nY.travel = [0.0, 1200.0]\nZ.travel = [0.0, 1200.0]\n{errors}"
+        ),
+        "m.toml",
+    )
+    .expect("a machine")
+}
+
+fn lost(machine: &Machine, format: Format, step_mm: f64) -> Loss {
+    let options = TableOptions {
+        step_mm,
+        ..TableOptions::default()
+    };
+    let write = WriteOptions {
+        axes: AxisNumbers::of_machine(machine),
+        ..WriteOptions::default()
+    };
+    loss(machine, &Temperatures::new(), &options, format, &write).expect("told")
+}
+
+/// The largest of an axis, µm.
+fn um(loss: &Loss, category: Option<Category>, axis: AxisName) -> f64 {
+    let axes = match category {
+        None => &loss.axes,
+        Some(wanted) => {
+            &loss
+                .categories
+                .iter()
+                .find(|found| found.category == wanted)
+                .expect("it is there")
+                .axes
+        }
+    };
+    axes.iter()
+        .find(|found| found.axis == axis)
+        .expect("it is there")
+        .largest
+        * 1e3
+}
+
+use AxisName::{X, Y, Z};
+
+#[test]
+fn straight_lines_lose_the_bend_between_nodes() {
+    // c h² / 4 in the middle of a step of h: 1e-4 µm/mm² × 200² / 4 = 1 µm.
+    let machine = machine("[errors]\nEXX = { poly = [0.0, 0.0, 1.0e-4] }\n");
+    let found = lost(&machine, Format::Csv, 200.0);
+    assert_eq!(found.poses, 13 * 13 * 13);
+    close(um(&found, None, X), 1.0, 2e-3);
+    close(um(&found, Some(Category::Positioning), X), 1.0, 2e-3);
+    assert_eq!(found.categories.len(), 1);
+    let x = &found.axes[0];
+    let at =
+        x.at.iter()
+            .find(|(axis, _)| *axis == X)
+            .expect("it is there")
+            .1;
+    assert!(
+        (at / 100.0).round() % 2.0 == 1.0,
+        "in the middle of a step: {at}"
+    );
+    close(
+        lost(&machine, Format::Csv, 100.0).axes[0].largest,
+        0.0,
+        1e-6,
+    );
+}
+
+#[test]
+fn squareness_is_a_table_over_another_axis() {
+    // EC0Y = 20 µrad: 24 µm in X at the end of Y.
+    let machine = machine("[errors]\nEC0Y = 20.0\n");
+    close(
+        um(
+            &lost(&machine, Format::Csv, 100.0),
+            Some(Category::Squareness),
+            X,
+        ),
+        0.0,
+        2e-3,
+    );
+    close(
+        um(
+            &lost(&machine, Format::Siemens840d, 100.0),
+            Some(Category::Squareness),
+            X,
+        ),
+        0.0,
+        2e-3,
+    );
+    close(
+        um(
+            &lost(&machine, Format::Linuxcnc, 100.0),
+            Some(Category::Squareness),
+            X,
+        ),
+        24.0,
+        2e-3,
+    );
+    // In the format of component errors it is a number.
+    close(
+        um(
+            &lost(&machine, Format::Etalon, 100.0),
+            Some(Category::Squareness),
+            X,
+        ),
+        0.0,
+        2e-3,
+    );
+}
+
+#[test]
+fn levers_stand_at_the_reference() {
+    // EBX = 0.05 µrad/mm: 60 µrad at the end, times 1200 mm of Z away from where the tables hold: 72 µm.
+    let machine = machine("[errors]\nEBX = { poly = [0.0, 0.05] }\n");
+    for format in [
+        Format::Csv,
+        Format::Siemens840d,
+        Format::HeidenhainTnc640,
+        Format::Linuxcnc,
+    ] {
+        close(
+            um(&lost(&machine, format, 100.0), Some(Category::Angular), X),
+            72.0,
+            0.2,
+        );
+    }
+    // A grid and component errors know the lever.
+    for format in [Format::Fanuc3d, Format::Etalon, Format::IsgCsv] {
+        close(
+            um(&lost(&machine, format, 100.0), Some(Category::Angular), X),
+            0.0,
+            0.02,
+        );
+    }
+}
+
+#[test]
+fn reversal_is_lost_where_a_format_has_one_value() {
+    let machine = machine(
+        "[errors]\nEXX = { mean = { poly = [0.0, 0.01] }, reversal = 6.0 }\nEYX = { mean = 0.0, reversal = 4.0 }\n",
+    );
+    let of = |format: Format| {
+        let found = lost(&machine, format, 100.0);
+        [X, Y].map(|axis| um(&found, Some(Category::Reversal), axis))
+    };
+    let expect = |format: Format, [x, y]: [f64; 2]| {
+        let found = of(format);
+        close(found[0], x, 0.01);
+        close(found[1], y, 0.01);
+    };
+    expect(Format::Csv, [0.0, 0.0]);
+    expect(Format::Siemens840d, [3.0, 0.0]);
+    expect(Format::Linuxcnc, [0.0, 2.0]);
+    expect(
+        Format::HeidenhainTnc640,
+        [0.05, 2.0].map(|x: f64| if x < 1.0 { 0.0 } else { x }),
+    );
+    expect(Format::HeidenhainItnc530, [3.0, 2.0]);
+    expect(Format::Etalon, [3.0, 2.0]);
+    let found = lost(&machine, Format::Siemens840d, 100.0);
+    assert!(
+        found.axes[0]
+            .direction
+            .is_some_and(|direction| Direction::BOTH.contains(&direction))
+    );
+}
+
+#[test]
+fn a_second_coordinate_is_lost_beside_the_line() {
+    let machine = machine(
+        "[errors]\nEZY = { grid = { axes = [\"Y\", \"Z\"], nodes = [[0, 1200], [0, 1200]], values = [[0.0, 0.0], [10.0, 18.0]] } }\n",
+    );
+    close(
+        um(
+            &lost(&machine, Format::Csv, 100.0),
+            Some(Category::SecondCoordinate),
+            Z,
+        ),
+        8.0,
+        0.01,
+    );
+}
+
+#[test]
+fn thermal_terms_are_what_a_kelvin_changes() {
+    let machine = machine(
+        "[thermal]\nreference = 20.0\n[[thermal.expansion]]\nerror = \"EXX\"\nsensor = \"scale\"\num_per_m_k = 11.5\nfixed_mm = 0.0\n[errors]\nEXX = 0.0\nEYX = { poly = [0.0, 0.001] }\n",
+    );
+    // 11.5 µm/(m·K) × 1.2 m.
+    close(
+        um(
+            &lost(&machine, Format::Csv, 100.0),
+            Some(Category::Thermal),
+            X,
+        ),
+        13.8,
+        0.01,
+    );
+}
+
+#[test]
+fn every_format_tells_of_every_example() {
+    for name in ["gantry.toml", "mill.toml", "five-axis.toml"] {
+        let machine = example(name);
+        for format in Format::ALL {
+            if format == Format::HeidenhainTnc407 {
+                continue;
+            }
+            let options = TableOptions {
+                step_mm: 100.0,
+                ..TableOptions::default()
+            };
+            let write = WriteOptions {
+                axes: AxisNumbers::of_machine(&machine),
+                ..WriteOptions::default()
+            };
+            match loss(&machine, &Temperatures::new(), &options, format, &write) {
+                Ok(found) => {
+                    assert!(found.poses > 1000, "{name} {format}");
+                    for axis in &found.axes {
+                        assert!(
+                            axis.rms <= axis.largest && axis.at.len() == machine.axes().len(),
+                            "{name} {format} {axis:?}"
+                        );
+                    }
+                }
+                Err(told) => {
+                    let told = told.to_string();
+                    // A rotary axis from −110 deg, in a control that has 0 to 360.
+                    assert!(
+                        name == "five-axis.toml" && told.contains("0 to 360 deg"),
+                        "{name} {format}: {told}"
+                    );
+                }
+            }
+        }
+    }
+}

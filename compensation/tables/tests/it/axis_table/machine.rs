@@ -1,0 +1,177 @@
+//! Tables from machines: on the lines through the reference position they are the model's correction.
+
+use volcomp_tables::axis_table::{
+    AxisTable, Content, Format, TableOptions, curves, sampled, to_toml,
+};
+use volcomp_tables::model::{Machine, Temperatures};
+use volcomp_tables::vocabulary::{AxisName, Direction};
+
+use super::close;
+
+pub(super) fn example(name: &str) -> Machine {
+    Machine::read(volcomp_test_support::root().join("examples").join(name)).expect("an example")
+}
+
+fn tables(machine: &Machine, options: &TableOptions) -> Vec<AxisTable> {
+    match sampled(machine, &Temperatures::new(), options, Format::Csv).expect("tables") {
+        Content::Axes(tables) => tables,
+        _ => panic!("tables of axes"),
+    }
+}
+
+#[test]
+fn on_lines_through_the_reference_the_sum_is_the_models_correction() {
+    use AxisName::{A, B, C, X, Y, Z};
+    let cases: [(&str, Vec<(AxisName, f64)>); 4] = [
+        ("gantry.toml", vec![(X, 3000.0), (Y, 1250.0), (Z, 500.0)]),
+        ("mill.toml", vec![(Z, -120.0)]),
+        ("five-axis.toml", vec![(X, 100.0), (B, 40.0), (C, 75.0)]),
+        ("trunnion.toml", vec![(A, -35.0)]),
+    ];
+    let steady = Temperatures::new();
+    for (name, at) in cases {
+        let machine = example(name);
+        let options = TableOptions {
+            at,
+            ..TableOptions::default()
+        };
+        let tables = tables(&machine, &options);
+        let standing = machine
+            .state(&options.reference(&machine).expect("it stands"))
+            .expect("a state");
+        let wanted = machine.correction_options();
+        let index = |axis: AxisName| machine.index_of(axis).expect("an axis");
+        let mut looked_at = 0;
+        for table in &tables {
+            let along = index(table.input);
+            let [low, high] = machine.axes()[along].travel;
+            for direction in Direction::BOTH {
+                for &node in &table.positions {
+                    let edge = table.input_at_edge(node);
+                    if edge < low || edge > high {
+                        continue;
+                    }
+                    let mut state = standing;
+                    state.q[along] = node;
+                    state.approach[along] = Some(direction);
+                    let model = machine.correction_at(&state, &steady, &wanted);
+                    let output = index(table.output);
+                    let sum: f64 = tables
+                        .iter()
+                        .filter(|other| other.output == table.output)
+                        .map(|other| {
+                            other.deviation(
+                                state.q[index(other.input)],
+                                state.approach[index(other.input)],
+                            )
+                        })
+                        .sum();
+                    close(-sum, model.delta[output], 1e-8);
+                    looked_at += 1;
+                }
+            }
+            // A table of one axis over another is zero at the reference.
+            if table.input != table.output {
+                close(table.deviation(standing.q[along], None), 0.0, 1e-9);
+            }
+        }
+        assert!(looked_at > 20, "{name}: {looked_at}");
+    }
+}
+
+#[test]
+fn nodes_beyond_the_travel_keep_its_end() {
+    let machine = Machine::parse(
+        "structure = \"w b X t\"\n[axes.X]\ntravel = [-30.0, 175.0]\n[errors]\nEXX = { poly = [1.0, 0.1, 0.001] }\n",
+        "m.toml",
+    )
+    .expect("a machine");
+    let tables = tables(
+        &machine,
+        &TableOptions {
+            step_mm: 50.0,
+            ..TableOptions::default()
+        },
+    );
+    assert_eq!(tables[0].positions, [-50.0, 0.0, 50.0, 100.0, 150.0, 200.0]);
+    let steady = Temperatures::new();
+    for end in [-30.0, 175.0] {
+        let state = machine.state(&[(AxisName::X, end)]).expect("a state");
+        let model = machine.correction_at(&state, &steady, &machine.correction_options());
+        close(-tables[0].deviation(end, None), model.delta[0], 1e-9);
+    }
+    assert_eq!(tables[0].backward, None);
+}
+
+#[test]
+fn reversal_makes_two_directions() {
+    let machine = example("mill.toml");
+    let tables = tables(&machine, &TableOptions::default());
+    let z = tables
+        .iter()
+        .find(|table| (table.input, table.output) == (AxisName::Z, AxisName::Z))
+        .expect("it is there");
+    // The reversal of the example, 3 µm, forward − backward.
+    let [forward, backward] = Direction::BOTH.map(|direction| z.deviation(-100.0, Some(direction)));
+    close(forward - backward, 0.003, 1e-6);
+}
+
+#[test]
+fn what_cannot_be_is_refused() {
+    let machine = example("five-axis.toml");
+    let told = |options: TableOptions| {
+        sampled(&machine, &Temperatures::new(), &options, Format::Csv)
+            .expect_err("refused")
+            .to_string()
+    };
+    let base = TableOptions::default();
+    assert!(
+        told(TableOptions {
+            step_mm: 0.0,
+            ..base.clone()
+        })
+        .contains("--step: found 0")
+    );
+    assert!(
+        told(TableOptions {
+            step_mm: 0.001,
+            ..base.clone()
+        })
+        .contains("10000 steps at the most")
+    );
+    assert!(
+        told(TableOptions {
+            step_deg: 7.0,
+            ..base.clone()
+        })
+        .contains("expected a whole part of 360")
+    );
+    let beyond = told(TableOptions {
+        at: vec![(AxisName::X, 900.0)],
+        ..base
+    });
+    assert_eq!(beyond, "--at X: found 900, expected 0 to 800, its travel");
+}
+
+#[test]
+fn back_to_curves_of_the_machine_file() {
+    let machine = example("mill.toml");
+    let content = sampled(
+        &machine,
+        &Temperatures::new(),
+        &TableOptions::default(),
+        Format::Csv,
+    )
+    .expect("tables");
+    let text = to_toml(&curves(&content).expect("curves"));
+    for name in ["EXX = ", "EYX = ", "EZZ = { forward = { table = ["] {
+        assert!(text.contains(name), "{text}");
+    }
+    let whole = format!(
+        "structure = \"w X' Y' b Z t\"\n[axes]\nX.travel = [0.0, 600.0]\nY.travel = [0.0, 400.0]\nZ.travel = [-500.0, 0.0]\n{text}"
+    );
+    let read = Machine::parse(&whole, "m.toml").expect("a part of a machine file");
+    // 20 µm per metre; and the pitch, 0.05 µrad/mm, through 530 mm from the table surface up to the tool where Z stands at 0.
+    let exx = read.error("EXX".parse().expect("a name")).expect("a curve");
+    close(exx.value(0, &[300.0, 0.0, 0.0], None), 0.02 * 300.0 + 0.05 * 300.0 * 0.53, 0.01);
+}

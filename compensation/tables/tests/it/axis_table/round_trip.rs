@@ -1,0 +1,389 @@
+//! Every format: what is written comes back within its resolution.
+
+use proptest::prelude::*;
+use volcomp_tables::axis_table::{
+    AxisTable, Content, ErrorTable, ErrorTables, Format, GridTable, ReadOptions, WriteOptions,
+    read, write,
+};
+use volcomp_tables::vocabulary::{AxisName, Direction, ErrorName};
+
+use super::numbers;
+
+/// Positions and values in mm and deg; the node number `zero` is at 0.
+fn table(input: AxisName, output: AxisName) -> impl Strategy<Value = AxisTable> {
+    let steps = prop_oneof![Just(0.5), Just(1.0), Just(2.5), Just(10.0), Just(50.0)];
+    (
+        2_usize..40,
+        steps,
+        any::<prop::sample::Index>(),
+        any::<bool>(),
+    )
+        .prop_flat_map(move |(count, step, zero, has_reversal)| {
+            let values = || prop::collection::vec(-0.05..0.05_f64, count);
+            let zero = zero.index(count);
+            (values(), values()).prop_map(move |(forward, backward)| {
+                let inside = |axis: AxisName, edge: f64| {
+                    if axis.is_rotary() {
+                        edge.to_radians()
+                    } else {
+                        edge
+                    }
+                };
+                let each = |values: Vec<f64>| {
+                    values
+                        .into_iter()
+                        .map(|value| inside(output, value))
+                        .collect::<Vec<_>>()
+                };
+                AxisTable {
+                    input,
+                    output,
+                    positions: (0..count)
+                        .map(|node| inside(input, (node as f64 - zero as f64) * step))
+                        .collect(),
+                    forward: each(forward),
+                    backward: has_reversal.then(|| each(backward)),
+                    modulo: false,
+                }
+            })
+        })
+}
+
+/// What a format keeps of a table.
+#[derive(Clone, Copy)]
+enum Keeps {
+    Everything,
+    /// Both directions where the axis itself deviates, else their mean.
+    OwnDirections,
+    /// The mean where the axis itself deviates, else both directions.
+    CrossDirections,
+    OwnAlone,
+    OwnMean,
+    /// The deviation from that at 0.
+    OwnFromZero,
+}
+
+fn kept(table: &AxisTable, keeps: Keeps) -> Option<AxisTable> {
+    let mean = || AxisTable {
+        forward: table.mean(),
+        backward: None,
+        ..table.clone()
+    };
+    let own = table.input == table.output;
+    match keeps {
+        Keeps::Everything => Some(table.clone()),
+        Keeps::OwnDirections => Some(if own { table.clone() } else { mean() }),
+        Keeps::CrossDirections => Some(if own { mean() } else { table.clone() }),
+        Keeps::OwnAlone => own.then(|| table.clone()),
+        Keeps::OwnMean => own.then(mean),
+        Keeps::OwnFromZero => own.then(|| {
+            let zero = table.deviation(0.0, Some(Direction::Positive));
+            let less =
+                |values: &Vec<f64>| values.iter().map(|value| value - zero).collect::<Vec<_>>();
+            AxisTable {
+                forward: less(&table.forward),
+                backward: table.backward.as_ref().map(less),
+                ..table.clone()
+            }
+        }),
+    }
+}
+
+/// `within`: mm or deg of a value.
+fn comes_back(
+    format: Format,
+    tables: &[AxisTable],
+    keeps: Keeps,
+    within: f64,
+) -> Result<(), TestCaseError> {
+    let options = WriteOptions {
+        axes: numbers(),
+        ..WriteOptions::default()
+    };
+    let written = write(format, &Content::Axes(tables.to_vec()), &options).expect("written");
+    for file in &written.files {
+        prop_assert!(
+            !file.text.contains("-0.0000\n") && !file.text.contains("=-0\n"),
+            "{}",
+            file.text
+        );
+    }
+    if !matches!(
+        format,
+        Format::Linuxcnc | Format::LinuxcncType1 | Format::HeidenhainTnc407
+    ) {
+        prop_assert_eq!(Format::of_files(&written.files), Some(format));
+    }
+    let options = ReadOptions {
+        axes: numbers(),
+        encoder: Some(0),
+        ..ReadOptions::default()
+    };
+    let found = read(format, &written.files, &options).expect("read");
+    let Content::Axes(found) = found.content else {
+        panic!("tables of axes")
+    };
+    let expected: Vec<AxisTable> = tables
+        .iter()
+        .filter_map(|table| kept(table, keeps))
+        .collect();
+    prop_assert_eq!(found.len(), expected.len());
+    for expected in expected {
+        let found = found
+            .iter()
+            .find(|found| (found.input, found.output) == (expected.input, expected.output))
+            .expect("the table is there");
+        let positions: Vec<f64> = expected
+            .positions
+            .windows(2)
+            .flat_map(|pair| [pair[0], 0.7 * pair[0] + 0.3 * pair[1]])
+            .collect();
+        let ends = [
+            expected.positions[0] - 1.0,
+            expected.positions[expected.positions.len() - 1] + 1.0,
+        ];
+        for at in positions.into_iter().chain(ends) {
+            for direction in [Some(Direction::Positive), Some(Direction::Negative), None] {
+                let difference = expected.output_at_edge(
+                    found.deviation(at, direction) - expected.deviation(at, direction),
+                );
+                prop_assert!(
+                    difference.abs() <= within + 1e-9,
+                    "{format} {} over {} at {at}: {difference}",
+                    expected.output,
+                    expected.input
+                );
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Own and cross tables of linear and rotary axes.
+fn several() -> impl Strategy<Value = Vec<AxisTable>> {
+    use AxisName::{A, C, X, Y};
+    (
+        table(X, X),
+        table(X, Y),
+        table(C, C),
+        table(A, C),
+        table(A, X),
+    )
+        .prop_map(|(a, b, c, d, e)| vec![a, b, c, d, e])
+}
+
+/// As the TNC has them: all tables over an axis at the same positions.
+fn several_of_one() -> impl Strategy<Value = Vec<AxisTable>> {
+    use AxisName::{C, X, Y};
+    (table(X, X), prop::collection::vec(-0.05..0.05_f64, 40)).prop_map(|(own, values)| {
+        let along = |output: AxisName| AxisTable {
+            output,
+            forward: (0..own.positions.len()).map(|node| values[node]).collect(),
+            backward: None,
+            ..own.clone()
+        };
+        let to_rotary = AxisTable {
+            forward: own
+                .positions
+                .iter()
+                .map(|at| (at * 1e-4).to_radians())
+                .collect(),
+            ..along(C)
+        };
+        vec![own.clone(), along(Y), to_rotary]
+    })
+}
+
+fn error_tables() -> impl Strategy<Value = ErrorTables> {
+    let numbers = |text: &'static str, table: AxisTable| {
+        let name: ErrorName = text.parse().expect("a name");
+        ErrorTable {
+            name,
+            positions: table.positions,
+            values: table.forward,
+        }
+    };
+    use AxisName::{C, X};
+    (table(X, X), table(X, C), table(C, X), -1e-3..1e-3_f64).prop_map(move |(a, b, c, square)| {
+        ErrorTables {
+            curves: vec![numbers("EXX", a), numbers("EBX", b), numbers("EYC", c)],
+            locations: vec![("EC0Y".parse().expect("a name"), square)],
+        }
+    })
+}
+
+fn errors_come_back(
+    format: Format,
+    errors: &ErrorTables,
+    has_locations: bool,
+) -> Result<(), TestCaseError> {
+    let written = write(
+        format,
+        &Content::Errors(errors.clone()),
+        &WriteOptions::default(),
+    )
+    .expect("written");
+    prop_assert_eq!(Format::of_files(&written.files), Some(format));
+    let found = read(format, &written.files, &ReadOptions::default()).expect("read");
+    let Content::Errors(found) = found.content else {
+        panic!("errors")
+    };
+    prop_assert_eq!(found.curves.len(), errors.curves.len());
+    for expected in &errors.curves {
+        let found = found
+            .curves
+            .iter()
+            .find(|found| found.name == expected.name)
+            .expect("it is there");
+        let within = if expected.name.component.is_angular() {
+            1e-10
+        } else {
+            1e-7
+        };
+        prop_assert_eq!(found.positions.len(), expected.positions.len());
+        for (a, b) in found.positions.iter().zip(&expected.positions) {
+            prop_assert!((a - b).abs() < 1e-9);
+        }
+        for (a, b) in found.values.iter().zip(&expected.values) {
+            prop_assert!((a - b).abs() <= within, "{} {a} {b}", expected.name);
+        }
+    }
+    prop_assert_eq!(found.locations.len(), usize::from(has_locations));
+    for (found, expected) in found.locations.iter().zip(&errors.locations) {
+        prop_assert_eq!(found.0, expected.0);
+        prop_assert!((found.1 - expected.1).abs() <= 1e-10);
+    }
+    Ok(())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 40, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn csv(tables in several()) {
+        comes_back(Format::Csv, &tables, Keeps::Everything, 1e-9)?;
+    }
+
+    #[test]
+    fn linuxcnc(tables in several()) {
+        comes_back(Format::Linuxcnc, &tables, Keeps::OwnAlone, 0.5e-6)?;
+        comes_back(Format::LinuxcncType1, &tables, Keeps::OwnAlone, 0.5e-6)?;
+    }
+
+    #[test]
+    fn siemens_840d(tables in several()) {
+        comes_back(Format::Siemens840d, &tables, Keeps::CrossDirections, 0.5e-6)?;
+    }
+
+    #[test]
+    fn heidenhain(tables in several_of_one()) {
+        comes_back(Format::HeidenhainTnc640, &tables, Keeps::OwnDirections, 0.5e-4)?;
+    }
+
+    #[test]
+    fn heidenhain_itnc530(own in table(AxisName::X, AxisName::X), cross in table(AxisName::X, AxisName::Y)) {
+        comes_back(Format::HeidenhainItnc530, &[own, cross], Keeps::OwnMean, 0.5e-4)?;
+    }
+
+    #[test]
+    fn isg_ssfk(tables in several()) {
+        comes_back(Format::IsgSsfk, &tables, Keeps::OwnAlone, 0.5e-4)?;
+    }
+
+    #[test]
+    fn fanuc(tables in several()) {
+        comes_back(Format::Fanuc, &tables, Keeps::OwnFromZero, 0.5e-3)?;
+    }
+
+    #[test]
+    fn isg_csv(errors in error_tables()) {
+        errors_come_back(Format::IsgCsv, &errors, false)?;
+    }
+
+    #[test]
+    fn etalon(errors in error_tables()) {
+        errors_come_back(Format::Etalon, &errors, true)?;
+    }
+
+    #[test]
+    fn fanuc_3d(values in prop::collection::vec(-0.05..0.05_f64, 2 * 3 * 4 * 2), at in [-10.0..110.0_f64, -10.0..110.0_f64, -10.0..110.0_f64]) {
+        use AxisName::{X, Y, Z};
+        let grid = GridTable {
+            axes: vec![X, Y, Z],
+            lines: vec![vec![0.0, 100.0], vec![0.0, 30.0, 100.0], vec![0.0, 10.0, 50.0, 100.0]],
+            outputs: vec![X, Z],
+            values,
+        };
+        let written = write(Format::Fanuc3d, &Content::Grid(grid.clone()), &WriteOptions::default()).expect("written");
+        prop_assert_eq!(Format::of_files(&written.files), Some(Format::Fanuc3d));
+        let found = read(Format::Fanuc3d, &written.files, &ReadOptions::default()).expect("read");
+        let Content::Grid(found) = found.content else { panic!("a grid") };
+        for (a, b) in found.deviation(&at).iter().zip(grid.deviation(&at)) {
+            prop_assert!((a - b).abs() <= 1e-9);
+        }
+        // Against nested straight lines.
+        let lerp = |a: f64, b: f64, s: f64| a + s * (b - a);
+        let cell = |lines: &[f64], at: f64| {
+            let at = at.clamp(lines[0], lines[lines.len() - 1]);
+            let cell = (0..lines.len() - 1).rev().find(|cell| at >= lines[*cell]).expect("inside");
+            (cell, (at - lines[cell]) / (lines[cell + 1] - lines[cell]))
+        };
+        let [(x, s), (y, t), (z, u)] = [0, 1, 2].map(|axis| cell(&grid.lines[axis], at[axis]));
+        let node = |x: usize, y: usize, z: usize| grid.values[((x * 3 + y) * 4 + z) * 2 + 1];
+        let along_z = |x: usize, y: usize| lerp(node(x, y, z), node(x, y, z + 1), u);
+        let along_y = |x: usize| lerp(along_z(x, y), along_z(x, y + 1), t);
+        let expected = lerp(along_y(x), along_y(x + 1), s);
+        prop_assert!((grid.deviation(&at)[1] - expected).abs() < 1e-12);
+    }
+}
+
+#[test]
+fn a_turn_comes_back_as_a_turn() {
+    use AxisName::C;
+    let positions: Vec<f64> = (0..=24)
+        .map(|node| f64::from(node * 15).to_radians())
+        .collect();
+    let table = AxisTable {
+        input: C,
+        output: C,
+        forward: positions
+            .iter()
+            .map(|at| 1e-4 * at.sin() + 0.0)
+            .map(|v| if v.abs() < 1e-12 { 0.0 } else { v })
+            .collect(),
+        backward: None,
+        positions,
+        modulo: true,
+    };
+    let write_options = WriteOptions {
+        axes: numbers(),
+        ..WriteOptions::default()
+    };
+    let formats = [
+        Format::Csv,
+        Format::Siemens840d,
+        Format::HeidenhainTnc640,
+        Format::HeidenhainItnc530,
+        Format::IsgSsfk,
+        Format::Fanuc,
+    ];
+    for format in formats {
+        let files = write(format, &Content::Axes(vec![table.clone()]), &write_options)
+            .expect("written")
+            .files;
+        let found = read(format, &files, &super::options()).expect("read");
+        let Content::Axes(found) = found.content else {
+            panic!("tables")
+        };
+        assert!(found[0].modulo, "{format}");
+        // 380 deg is 20 deg, −90 deg is 270 deg.
+        for (at, same) in [(380.0_f64, 20.0_f64), (-90.0, 270.0)] {
+            let [a, b] = [at, same].map(|deg| found[0].deviation(deg.to_radians(), None));
+            assert!((a - b).abs() < 1e-9, "{format}: {a} {b}");
+            assert!(
+                (a - table.deviation(same.to_radians(), None)).abs() < 1e-5,
+                "{format}"
+            );
+        }
+    }
+}

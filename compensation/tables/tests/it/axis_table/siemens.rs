@@ -1,0 +1,289 @@
+//! SINUMERIK 840D: what real archives hold.
+
+use volcomp_tables::axis_table::{Content, Format, ReadOptions, WriteOptions, read, write};
+use volcomp_tables::vocabulary::{AxisName, Direction};
+
+use super::{close, edges, file, numbers, refused, tables};
+
+const F: Format = Format::Siemens840d;
+
+/// A table as an archive has it.
+fn cec(
+    number: u32,
+    values: &[f64],
+    [input, output]: [&str; 2],
+    [step, min, max]: [f64; 3],
+    more: &str,
+) -> String {
+    let mut text = String::new();
+    for (point, value) in values.iter().enumerate() {
+        text += &format!("$AN_CEC[{number},{point}]={value}\n");
+    }
+    text += &format!(
+        "$AN_CEC_INPUT_NCU[{number}]=1\n$AN_CEC_INPUT_AXIS[{number}]=({input})\n$AN_CEC_OUTPUT_NCU[{number}]=1\n\
+         $AN_CEC_OUTPUT_AXIS[{number}]=({output})\n$AN_CEC_STEP[{number}]={step}\n$AN_CEC_MIN[{number}]={min}\n\
+         $AN_CEC_MAX[{number}]={max}\n$AN_CEC_DIRECTION[{number}]=0\n$AN_CEC_MULT_BY_TABLE[{number}]=0\n\
+         $AN_CEC_IS_MODULO[{number}]=0\n$AN_CEC_TYPE[{number}]=0\n"
+    );
+    text + more
+}
+
+fn framed(text: &str) -> String {
+    format!("\nMETRIC\n\nCHANDATA(1)\n{text}M17\n")
+}
+
+#[test]
+fn a_length_that_is_no_whole_number_of_steps_is_read_and_told() {
+    let values: Vec<f64> = (0..15)
+        .map(|n| if n < 10 { 0.001 * f64::from(n) } else { 0.0 })
+        .collect();
+    let text = framed(&cec(0, &values, ["AX2", "AX1"], [100.0, -850.0, 0.0], ""));
+    let (found, warnings) = tables(F, "NC_CEC.INI", &text);
+    assert_eq!(
+        (found[0].input, found[0].output),
+        (AxisName::Y, AxisName::X)
+    );
+    let nodes = edges(&found[0]);
+    assert_eq!(nodes.len(), 10);
+    assert_eq!(nodes[0], (-850.0, 0.0));
+    // Point 9 would stand at 50; at MAX the straight line towards it counts.
+    close(nodes[9].0, 0.0, 1e-12);
+    close(nodes[9].1, 0.0085, 1e-12);
+    close(found[0].deviation(400.0, None), 0.0085, 1e-12);
+    assert!(
+        warnings[0].contains("NC_CEC.INI:") && warnings[0].contains("8.5, no whole number"),
+        "{warnings:?}"
+    );
+}
+
+#[test]
+fn allocated_points_that_are_not_used_are_passed_over() {
+    let mut values = vec![0.001, 0.002, 0.003];
+    values.resize(17, 0.0);
+    let (found, warnings) = tables(
+        F,
+        "a",
+        &framed(&cec(0, &values, ["AX1", "AX2"], [50.0, 0.0, 100.0], "")),
+    );
+    assert_eq!(
+        edges(&found[0]),
+        [(0.0, 0.001), (50.0, 0.002), (100.0, 0.003)]
+    );
+    assert!(warnings.is_empty(), "{warnings:?}");
+    values[16] = 0.5;
+    let (_, warnings) = tables(
+        F,
+        "a",
+        &framed(&cec(0, &values, ["AX1", "AX2"], [50.0, 0.0, 100.0], "")),
+    );
+    assert!(
+        warnings[0].contains("1 values behind point 2"),
+        "{warnings:?}"
+    );
+}
+
+#[test]
+fn a_table_that_is_not_defined_is_left_out() {
+    let undefined = cec(7, &[0.0, 0.0], ["X", "X"], [0.0, 0.0, 0.0], "");
+    let text =
+        framed(&(cec(0, &[0.0, 0.01], ["AX1", "AX3"], [100.0, 0.0, 100.0], "") + &undefined));
+    let (found, warnings) = tables(F, "a", &text);
+    assert_eq!(found.len(), 1);
+    assert!(warnings[0].contains("table 7: not defined"), "{warnings:?}");
+}
+
+#[test]
+fn rotary_axes_are_in_degrees_whichever_side_they_are_on() {
+    let text = framed(
+        &(cec(6, &[0.0, -0.0005], ["AX5", "AX4"], [30.0, 0.0, 30.0], "")
+            + &cec(5, &[0.0, 0.004], ["AX5", "AX3"], [30.0, 0.0, 30.0], "")),
+    );
+    let (found, _) = tables(F, "a", &text);
+    let [to_linear, to_rotary] = [&found[0], &found[1]];
+    assert_eq!(
+        (to_rotary.input, to_rotary.output),
+        (AxisName::A, AxisName::C)
+    );
+    close(to_rotary.positions[1], 30_f64.to_radians(), 1e-12);
+    close(to_rotary.forward[1], -0.0005_f64.to_radians(), 1e-15);
+    assert_eq!(to_linear.forward[1], 0.004);
+}
+
+#[test]
+fn a_modulo_table_of_the_second_encoder() {
+    let mut text = String::new();
+    for n in 0..=24 {
+        let value = if n == 12 {
+            "0.0054"
+        } else if n == 3 {
+            "-0.000"
+        } else {
+            "0"
+        };
+        text += &format!("$AA_ENC_COMP[1,{n},AX4]={value}\n");
+    }
+    text += "$AA_ENC_COMP_STEP[1,AX4]=15\n$AA_ENC_COMP_MIN[1,AX4]=0\n$AA_ENC_COMP_MAX[1,AX4]=360\n$AA_ENC_COMP_IS_MODULO[1,AX4]=1\n";
+    let (found, warnings) = tables(F, "AX_EEC.INI", &framed(&text));
+    assert!(warnings.is_empty(), "{warnings:?}");
+    assert!(found[0].modulo && found[0].input == AxisName::C);
+    close(
+        found[0].deviation((-180.0_f64).to_radians(), None),
+        0.0054_f64.to_radians(),
+        1e-12,
+    );
+    assert!(found[0].forward[3].is_sign_positive(), "-0.000 is 0");
+}
+
+#[test]
+fn spellings_of_programs_and_manuals() {
+    let text = "N10 $AN_CEC [0,0]     = 0.000 ;comment\n$AN_CEC [0.1]=-0.000\nN30 $an_cec[ 0 , 2 ] = 0.003; n=2 \"950\"\n\
+                $AN_CEC_INPUT_AXIS [0] = (AX1)\n$AN_CEC_OUTPUT_AXIS[0]=( AX2 )\n$AN_CEC_STEP [0]=100\n$AN_CEC_MIN[0]=0\n$AN_CEC_MAX[0]=200\n\
+                $AN_CEC_IS_MODULO[0]=-1\n$MA_ENC_COMP_ENABLE[0,AX1]=1\nM17\n";
+    let (found, warnings) = tables(F, "a", text);
+    assert_eq!(edges(&found[0]), [(0.0, 0.0), (100.0, 0.0), (200.0, 0.003)]);
+    assert!(found[0].modulo);
+    assert!(
+        found[0]
+            .forward
+            .iter()
+            .all(|value| value.is_sign_positive())
+    );
+    let told = warnings.join("\n");
+    for words in [
+        "IS_MODULO is -1",
+        "$MA_ENC_COMP_ENABLE",
+        "METRIC does not stand",
+    ] {
+        assert!(told.contains(words), "{told}");
+    }
+}
+
+#[test]
+fn a_missing_equals_sign_is_told_once() {
+    let text = framed(
+        "$AA_ENC_COMP[1,0,X] 0.003\n$AA_ENC_COMP[1,1,X] 0.004\n$AA_ENC_COMP_STEP[1,X] 50\n$AA_ENC_COMP_MIN[1,X] -50\n$AA_ENC_COMP_MAX[1,X] 0\n",
+    );
+    let (found, warnings) = tables(F, "a", &text);
+    assert_eq!(edges(&found[0]), [(-50.0, 0.003), (0.0, 0.004)]);
+    assert_eq!(warnings.len(), 1);
+    assert!(warnings[0].starts_with("a:5: found no `=`"), "{warnings:?}");
+}
+
+#[test]
+fn tables_for_single_directions_become_one() {
+    let one = cec(
+        0,
+        &[0.0, 0.01],
+        ["AX1", "AX2"],
+        [100.0, 0.0, 100.0],
+        "$AN_CEC_DIRECTION[0]=1\n",
+    );
+    let other = cec(
+        1,
+        &[0.0, 0.03, 0.04],
+        ["AX1", "AX2"],
+        [50.0, 0.0, 100.0],
+        "$AN_CEC_DIRECTION[1]=-1\n",
+    );
+    let (found, _) = tables(F, "a", &framed(&(one.clone() + &other)));
+    assert_eq!(found.len(), 1);
+    close(
+        found[0].deviation(50.0, Some(Direction::Positive)),
+        0.005,
+        1e-12,
+    );
+    close(
+        found[0].deviation(50.0, Some(Direction::Negative)),
+        0.03,
+        1e-12,
+    );
+    // The other direction is not corrected at all.
+    let (found, _) = tables(F, "a", &framed(&one));
+    close(
+        found[0].deviation(100.0, Some(Direction::Negative)),
+        0.0,
+        0.0,
+    );
+}
+
+#[test]
+fn refusals_name_line_found_and_expected() {
+    let inch = refused(F, "a.ini", "INCH\n");
+    assert_eq!(inch, "a.ini:1: found INCH, expected METRIC");
+    let axis = refused(
+        F,
+        "a.ini",
+        &framed(&cec(0, &[0.0, 1.0], ["AX9", "AX1"], [1.0, 0.0, 1.0], "")),
+    );
+    assert!(
+        axis.contains("axis `AX9`") && axis.contains("--axis-numbers"),
+        "{axis}"
+    );
+    let missing = refused(
+        F,
+        "a.ini",
+        &framed(&cec(0, &[0.0], ["AX1", "AX2"], [1.0, 0.0, 2.0], "")),
+    );
+    assert!(missing.contains("without point 1"), "{missing}");
+    for text in [
+        "$AN_CEC[0,0]=x y\n",
+        "$AN_CEC[0,0=1\n",
+        "hello\n",
+        "$AN_CEC[a,0]=1\n",
+        "$AN_CEC[0,0]=nan\n",
+        "$AN_CEC[0,0]=1e300\n",
+    ] {
+        let told = refused(F, "a.ini", text);
+        assert!(told.starts_with("a.ini:1: found "), "{told}");
+    }
+    let both: String = (0..2)
+        .map(|e| format!("$AA_ENC_COMP[{e},0,X]=0.1\n$AA_ENC_COMP[{e},1,X]=0.1\n$AA_ENC_COMP_STEP[{e},X]=1\n$AA_ENC_COMP_MIN[{e},X]=0\n$AA_ENC_COMP_MAX[{e},X]=1\n"))
+        .collect();
+    assert!(refused(F, "a.ini", &framed(&both)).contains("--encoder 0 or 1"));
+    let chosen = ReadOptions {
+        axes: numbers(),
+        encoder: Some(1),
+        ..ReadOptions::default()
+    };
+    assert!(read(F, &[file("a.ini", &framed(&both))], &chosen).is_ok());
+}
+
+#[test]
+fn what_is_written_has_none_of_it() {
+    let text = framed(&cec(
+        0,
+        &[0.0, -0.0, 0.002],
+        ["AX5", "AX3"],
+        [30.0, 0.0, 60.0],
+        "$AN_CEC_IS_MODULO[0]=-1\n",
+    ));
+    let (found, _) = tables(F, "a", &text);
+    let options = WriteOptions {
+        axes: numbers(),
+        ..WriteOptions::default()
+    };
+    let written = write(F, &Content::Axes(found), &options).expect("written");
+    let [file] = written.files.as_slice() else {
+        panic!("one file")
+    };
+    assert_eq!(file.name, "NC_CEC.INI");
+    assert!(
+        file.text
+            .contains("METRIC\n\nCHANDATA(1)\n$AN_CEC[0,0]=0.000000\n$AN_CEC[0,1]=0.000000\n"),
+        "{}",
+        file.text
+    );
+    assert!(
+        file.text
+            .ends_with("$AN_CEC_IS_MODULO[0]=1\n$AN_CEC_TYPE[0]=0\nM17\n")
+    );
+    assert!(
+        file.text.contains("; ")
+            && file
+                .text
+                .contains("$AN_CEC: sign unproven: try with one small known value first")
+    );
+    // The head states the numbers, so it is read without them.
+    let again = read(F, &written.files, &ReadOptions::default()).expect("read");
+    assert!(again.warnings.is_empty(), "{:?}", again.warnings);
+}

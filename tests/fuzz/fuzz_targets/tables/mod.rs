@@ -1,0 +1,26 @@
+//! What every reader of compensation tables has to keep on any text.
+
+use volcomp_tables::axis_table::{AxisNumbers, Format, ReadOptions, TextFile, WriteOptions, curves, read, to_toml, write};
+use volcomp_tables::vocabulary::AxisName::{A, C, X, Y, Z};
+
+/// No panic on any bytes; what is read becomes curves or a refusal, and what is written of it is read again.
+pub fn keeps(format: Format, bytes: &[u8]) {
+    let Ok(text) = core::str::from_utf8(bytes) else {
+        return;
+    };
+    let file = TextFile { name: "X.comp".to_owned(), text: text.to_owned() };
+    let axes = AxisNumbers::stated(vec![(X, 1), (Y, 2), (Z, 3), (C, 4), (A, 5)]).unwrap_or_default();
+    let options = ReadOptions { axes: axes.clone(), ..ReadOptions::default() };
+    let _ = Format::of_files(core::slice::from_ref(&file));
+    let Ok(found) = read(format, &[file], &options) else {
+        return;
+    };
+    if let Ok(curves) = curves(&found.content) {
+        let _ = to_toml(&curves);
+    }
+    // A control's table may be one that its writer refuses: points that a rounding brings together, both encoders.
+    let written = write(format, &found.content, &WriteOptions { axes, ..WriteOptions::default() });
+    if let Ok(written) = written {
+        let _ = read(format, &written.files, &options);
+    }
+}
