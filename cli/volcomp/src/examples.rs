@@ -111,6 +111,16 @@ Examples:
   volcomp map-table -m gantry.toml --words 5000 -o gantry.map
   volcomp map-table -m mill.toml --tool T5 --within 2 --words 8000 -o mill.map";
 
+pub(crate) const EXPORT: &str = "\
+Examples:
+  volcomp export -m gantry.toml --format csv --step 200 -o gantry-tables.csv
+  volcomp export -m mill.toml --format siemens-840d --at Z=-200 -o mill-840d";
+
+pub(crate) const IMPORT: &str = "\
+Examples:
+  volcomp import gantry-tables.csv -o curves.toml
+  volcomp --json import mill-840d";
+
 pub(crate) const COMPILE: &str = "\
 Examples:
   volcomp compile gantry.toml -o gantry.blob

@@ -66,6 +66,10 @@ enum Command {
     Map(commands::map::Arguments),
     #[command(after_help = examples::MAP_TABLE)]
     MapTable(commands::map_table::Arguments),
+    #[command(after_help = examples::EXPORT)]
+    Export(commands::export::Arguments),
+    #[command(after_help = examples::IMPORT)]
+    Import(commands::import::Arguments),
     #[command(after_help = examples::AXES)]
     Axes(commands::axes::Arguments),
     #[command(after_help = examples::DH)]
@@ -128,6 +132,8 @@ fn main() -> ExitCode {
         Command::Diagonals(a) => commands::diagonals::run(a),
         Command::Map(a) => commands::map::run(a),
         Command::MapTable(a) => commands::map_table::run(a),
+        Command::Export(a) => commands::export::run(a),
+        Command::Import(a) => commands::import::run(a),
         Command::Axes(a) => commands::axes::run(a),
         Command::Dh(a) => commands::dh::run(a),
         Command::Sensitivity(a) => commands::sensitivity::run(a),

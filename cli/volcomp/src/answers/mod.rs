@@ -6,11 +6,13 @@ pub(crate) mod calibrate;
 pub(crate) mod calibrate_draft;
 pub(crate) mod check;
 pub(crate) mod diagonals;
+pub(crate) mod export;
 pub(crate) mod failure;
 pub(crate) mod fit;
 pub(crate) mod fit_thermal;
 pub(crate) mod form;
 pub(crate) mod identify;
+pub(crate) mod import;
 pub(crate) mod inspect;
 pub(crate) mod iso230;
 pub(crate) mod map;
@@ -41,6 +43,8 @@ pub(crate) const ALL: &[Named] = &[
     ("diagonals", schema::<diagonals::Diagonals>),
     ("map", schema::<map::Map>),
     ("map-table", schema::<map_table::MapTable>),
+    ("export", schema::<export::Export>),
+    ("import", schema::<import::Import>),
     ("axes", schema::<axes::Axes>),
     ("dh", schema::<axes::Dh>),
     ("sensitivity", schema::<sensitivity::Sensitivity>),

@@ -13,6 +13,7 @@ use clap::Args;
 use volcomp_document::{CsvTable, ReadError};
 use volcomp_kinematics::State;
 use volcomp_model::{Machine, ModelError, POSSIBLE_DEGC, Temperatures};
+use volcomp_tables::axis_table::AxisNumbers;
 use volcomp_vocabulary::{AxisName, Direction};
 
 pub(crate) use self::words::axis;
@@ -252,6 +253,27 @@ pub(crate) fn numbers<const N: usize>(
         .ok_or_else(|| Failure::Input(format!("{option}: found `{text}`, expected {expected}")))
 }
 
+/// The numbers of axes in a control: `--axis-numbers X=1,C=4`.
+pub(crate) fn axis_numbers(text: &str) -> Result<AxisNumbers, Failure> {
+    const OPTION: &str = "--axis-numbers";
+    let mut numbers = Vec::new();
+    for (letter, value) in assignments(OPTION, text, AXES, "X=1")? {
+        let name = axis(OPTION, letter)?;
+        let number = value.parse::<u16>().ok().filter(|number| *number > 0);
+        let number = number.ok_or_else(|| {
+            Failure::Input(format!(
+                "{OPTION}: found `{name}={value}`, expected a whole number from 1 on"
+            ))
+        })?;
+        numbers.push((name, number));
+    }
+    AxisNumbers::stated(numbers).ok_or_else(|| {
+        Failure::Input(format!(
+            "{OPTION}: found `{text}`, expected each axis and each number once"
+        ))
+    })
+}
+
 impl PointArguments {
     pub(crate) fn states(
         &self,
@@ -327,7 +349,8 @@ fn not_compiled(path: &Path, error: ModelError) -> Failure {
     }
 }
 
-fn parse_at(text: &str) -> Result<Vec<(AxisName, f64)>, Failure> {
+/// The coordinates of `--at`: mm or deg, at least one axis.
+pub(crate) fn parse_at(text: &str) -> Result<Vec<(AxisName, f64)>, Failure> {
     let mut coordinates: Vec<(AxisName, f64)> = Vec::new();
     for (letter, value) in assignments("--at", text, AXES, "X=100")? {
         let name = axis("--at", letter)?;

@@ -1,0 +1,414 @@
+//! `volcomp export`: a machine as the compensation tables of a control.
+
+use std::path::{Path, PathBuf};
+
+use volcomp_model::{Machine, Temperatures};
+use volcomp_tables::axis_table::{
+    AxisLoss, AxisNumbers, Content, ErrorTable, ExchangeError, Facts, Format, LineError,
+    TableOptions, TextFile, WriteOptions, loss, sampled, write,
+};
+use volcomp_vocabulary::{AxisKind, Direction, Displacement};
+
+use super::{Answer, fixed, machine_notes, table, table_text};
+use crate::{
+    answers::{
+        ByAxis,
+        export::{self, CategoryLoss, Export, Loss, Made},
+    },
+    failure::{Failure, FileFailure},
+    output::OutputFile,
+    points::{MachineArguments, axis_numbers, parse_at},
+    table::{folded, to_the_left},
+};
+
+/// The corrections as the compensation tables of a control
+///
+/// A control holds less than the model: tables over one axis, for the line on which the other axes stand as `--at` says. What is lost
+/// is told, for all errors together and for each kind alone. No format was tried on a real control; the head of each file, or the
+/// file volcomp-tables.txt beside it, says what its sign rests on.
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    machine: MachineArguments,
+    /// csv, linuxcnc, linuxcnc-type1, siemens-840d, heidenhain, heidenhain-itnc530, heidenhain-tnc407, isg-ssfk, isg-csv, etalon, fanuc or
+    /// fanuc-3d
+    #[arg(long)]
+    format: Format,
+    /// Folder for the files, or the file where there is only one; what stands there by these names is replaced
+    #[arg(long, short, value_name = "FOLDER")]
+    output: PathBuf,
+    /// From position to position along a linear axis, mm
+    #[arg(long, value_name = "MM", default_value_t = 50.0)]
+    step: f64,
+    /// From position to position along a rotary axis, deg
+    #[arg(long, value_name = "DEG", default_value_t = 15.0)]
+    step_deg: f64,
+    /// Where the axes stand that a table does not go over: X=400,Z=-100 (mm, deg); axes not named stand at 0
+    #[arg(long, allow_hyphen_values = true)]
+    at: Option<String>,
+    #[command(flatten)]
+    control: ControlArguments,
+}
+
+/// What is not in a machine file about its control.
+#[derive(clap::Args)]
+pub(crate) struct ControlArguments {
+    /// The numbers of the axes in the control: X=1,Y=2,Z=3,C=4 [default of export: 1, 2, 3 … in the order X Y Z A B C U V W]
+    #[arg(long, value_name = "NUMBERS")]
+    pub(crate) axis_numbers: Option<String>,
+    /// The encoder of `$AA_ENC_COMP`: 0 or 1 [default of export: 0]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=1))]
+    pub(crate) encoder: Option<u8>,
+    /// The detection unit of a FANUC, mm or deg
+    #[arg(long, value_name = "UNIT", default_value_t = 0.001)]
+    pub(crate) detection_unit: f64,
+}
+
+impl ControlArguments {
+    /// The numbers of the axes, where they are stated.
+    pub(crate) fn numbers(&self) -> Result<Option<AxisNumbers>, Failure> {
+        self.axis_numbers.as_deref().map(axis_numbers).transpose()
+    }
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+    let (machine, temperatures) = arguments.machine.read()?;
+    let notes = machine_notes(&machine, &temperatures);
+    let at = arguments.at.as_deref().map(parse_at).transpose()?;
+    let options = TableOptions {
+        step_mm: arguments.step,
+        step_deg: arguments.step_deg,
+        at: at.unwrap_or_default(),
+    };
+    let reference = options.reference(&machine)?;
+    let stated: Vec<String> = temperatures
+        .iter()
+        .map(|(name, degc)| format!("{name} = {degc} °C"))
+        .collect();
+    let numbers = arguments.control.numbers()?;
+    let write_options = WriteOptions {
+        facts: Facts::of(&machine, reference.clone(), stated.join(", ")),
+        axes: numbers.unwrap_or_else(|| AxisNumbers::of_machine(&machine)),
+        encoder: arguments.control.encoder.unwrap_or(0),
+        detection_unit: arguments.control.detection_unit,
+    };
+    let mut place = Place::of(arguments)?;
+    let format = arguments.format;
+    let content = sampled(&machine, &temperatures, &options, format)?;
+    let written = write(format, &content, &write_options)?;
+    let lost = told(&machine, &temperatures, &options, format, &write_options)?;
+    let files = place.write(&written.files, arguments)?;
+    let document = Export {
+        format: format.to_string(),
+        files,
+        machine: machine.checksum(),
+        at: reference.into_iter().collect(),
+        sign: format.sign().to_owned(),
+        trust: format.trust().to_owned(),
+        tables: made(&content),
+        notes: written.notes,
+        loss: lost,
+    };
+    let text = text(&document);
+    Answer::new(&document, text, notes)
+}
+
+/// Where the files go.
+enum Place {
+    File(Box<Option<OutputFile>>),
+    Folder(PathBuf),
+}
+
+impl Place {
+    /// A path with an ending is a file, where it is no folder already.
+    fn of(arguments: &Arguments) -> Result<Self, Failure> {
+        let path = &arguments.output;
+        if path.is_file() || (path.extension().is_some() && !path.is_dir()) {
+            let beside = [(arguments.machine.machine.as_path(), "the machine")];
+            let file = OutputFile::open_beside(path, &beside)?;
+            return Ok(Self::File(Box::new(Some(file))));
+        }
+        let parent = match path.parent() {
+            Some(parent) if !parent.as_os_str().is_empty() => parent,
+            _ => Path::new("."),
+        };
+        if !parent.is_dir() {
+            let message = format!(
+                "{}: cannot be written: there is no folder {}",
+                path.display(),
+                parent.display()
+            );
+            return Err(Failure::Input(message));
+        }
+        Ok(Self::Folder(path.clone()))
+    }
+
+    fn write(&mut self, files: &[TextFile], arguments: &Arguments) -> Result<Vec<String>, Failure> {
+        match (self, files) {
+            (Self::File(output), [only]) => {
+                if let Some(mut output) = output.take() {
+                    output.append(only.text.as_bytes())?;
+                    output.finish()?;
+                }
+                Ok(vec![arguments.output.display().to_string()])
+            }
+            (Self::File(_), files) => Err(Failure::Input(format!(
+                "--output: found {}, expected a folder: the format {} has {} files",
+                arguments.output.display(),
+                arguments.format,
+                files.len()
+            ))),
+            (Self::Folder(folder), files) => {
+                if !folder.is_dir() {
+                    std::fs::create_dir(&*folder).map_err(|e| {
+                        Failure::in_file(folder, format_args!("cannot be made a folder: {e}"))
+                    })?;
+                }
+                let beside = [(arguments.machine.machine.as_path(), "the machine")];
+                let mut open = Vec::new();
+                for file in files {
+                    let path = folder.join(&file.name);
+                    open.push((OutputFile::open_beside(&path, &beside)?, file, path));
+                }
+                let mut names = Vec::new();
+                for (mut output, file, path) in open {
+                    output.append(file.text.as_bytes())?;
+                    output.finish()?;
+                    names.push(path.display().to_string());
+                }
+                Ok(names)
+            }
+        }
+    }
+}
+
+/// The unit of a deviation in JSON.
+pub(crate) fn unit(kind: AxisKind) -> String {
+    match kind {
+        AxisKind::Linear => "um",
+        AxisKind::Rotary => "urad",
+    }
+    .to_owned()
+}
+
+fn largest<'a>(kind: AxisKind, values: impl Iterator<Item = &'a f64>) -> f64 {
+    let sizes = values.map(|value| Displacement::new(kind, *value).um_or_urad().abs());
+    sizes.fold(0.0, f64::max)
+}
+
+fn made(content: &Content) -> Vec<Made> {
+    let ends = |positions: &[f64]| {
+        let first = positions.first().copied().unwrap_or(0.0);
+        (first, positions.last().copied().unwrap_or(first))
+    };
+    match content {
+        Content::Axes(tables) => tables
+            .iter()
+            .map(|table| {
+                let (first, last) = ends(&table.positions);
+                let backward = table.backward.iter().flatten();
+                Made {
+                    input: table.input.to_string(),
+                    output: table.output.to_string(),
+                    positions: table.positions.len(),
+                    first: table.input_at_edge(first),
+                    last: table.input_at_edge(last),
+                    both_directions: table.backward.is_some(),
+                    largest: largest(table.output.kind(), table.forward.iter().chain(backward)),
+                    unit: unit(table.output.kind()),
+                }
+            })
+            .collect(),
+        Content::Errors(errors) => errors
+            .curves
+            .iter()
+            .map(|table| of_error(table, ends(&table.positions)))
+            .collect(),
+        Content::Grid(grid) => {
+            let outputs = grid.outputs.iter().enumerate();
+            let lines = grid.lines.first().map_or(&[][..], Vec::as_slice);
+            let (first, last) = ends(lines);
+            let all: Vec<String> = grid.axes.iter().map(ToString::to_string).collect();
+            outputs
+                .map(|(place, output)| Made {
+                    input: all.join(" "),
+                    output: output.to_string(),
+                    positions: grid.nodes(),
+                    first,
+                    last,
+                    both_directions: false,
+                    largest: largest(
+                        output.kind(),
+                        grid.values
+                            .iter()
+                            .skip(place)
+                            .step_by(grid.outputs.len().max(1)),
+                    ),
+                    unit: unit(output.kind()),
+                })
+                .collect()
+        }
+    }
+}
+
+fn of_error(table: &ErrorTable, (first, last): (f64, f64)) -> Made {
+    let (axis, kind) = (table.name.axis.kind(), table.name.component.kind());
+    let edge = |at: f64| Displacement::new(axis, at).mm_or_deg();
+    Made {
+        input: table.name.axis.to_string(),
+        output: table.name.to_string(),
+        positions: table.positions.len(),
+        first: edge(first),
+        last: edge(last),
+        both_directions: false,
+        largest: largest(kind, table.values.iter()),
+        unit: unit(kind),
+    }
+}
+
+fn told(
+    machine: &Machine,
+    temperatures: &Temperatures,
+    options: &TableOptions,
+    format: Format,
+    write: &WriteOptions,
+) -> Result<Loss, Failure> {
+    let found = loss(machine, temperatures, options, format, write)?;
+    let axes = |axes: Vec<AxisLoss>| axes.into_iter().map(of_axis).collect::<Vec<_>>();
+    let categories = found.categories.into_iter().map(|of| CategoryLoss {
+        category: of.category.name().to_owned(),
+        axes: axes(of.axes),
+    });
+    Ok(Loss {
+        poses: found.poses,
+        categories: categories.collect(),
+        axes: axes(found.axes),
+    })
+}
+
+fn of_axis(found: AxisLoss) -> export::AxisLoss {
+    let kind = found.axis.kind();
+    let micro = |value: f64| Displacement::new(kind, value).um_or_urad();
+    export::AxisLoss {
+        axis: found.axis.to_string(),
+        unit: unit(kind),
+        correction: micro(found.correction),
+        largest: micro(found.largest),
+        rms: micro(found.rms),
+        at: found.at.into_iter().collect(),
+        direction: found.direction.map(|direction| match direction {
+            Direction::Positive => "+".to_owned(),
+            Direction::Negative => "-".to_owned(),
+        }),
+    }
+}
+
+/// `X=100 Y=0 +`.
+fn place_of(at: &ByAxis, direction: Option<&str>) -> String {
+    let mut words: Vec<String> =
+        at.0.iter()
+            .map(|(name, at)| format!("{name}={}", fixed(*at, 0)))
+            .collect();
+    words.extend(direction.map(str::to_owned));
+    words.join(" ")
+}
+
+fn shown_unit(unit: &str) -> &'static str {
+    if unit == "um" { "µm" } else { "µrad" }
+}
+
+fn text(document: &Export) -> String {
+    let mut tables = table(&[
+        "table",
+        "over",
+        "positions",
+        "first",
+        "last",
+        "directions",
+        "largest",
+        "unit",
+    ]);
+    for made in &document.tables {
+        tables.add_row(vec![
+            made.output.clone(),
+            made.input.clone(),
+            made.positions.to_string(),
+            fixed(made.first, 3),
+            fixed(made.last, 3),
+            if made.both_directions { "2" } else { "1" }.to_owned(),
+            fixed(made.largest, 2),
+            shown_unit(&made.unit).to_owned(),
+        ]);
+    }
+    let mut lost = table(&[
+        "what is lost",
+        "axis",
+        "of",
+        "largest",
+        "RMS",
+        "unit",
+        "where",
+    ]);
+    to_the_left(&mut lost, &[6]);
+    let all = [("all errors", &document.loss.axes)];
+    let each = document
+        .loss
+        .categories
+        .iter()
+        .map(|of| (of.category.as_str(), &of.axes));
+    for (name, axes) in all.into_iter().chain(each) {
+        for (place, axis) in axes.iter().enumerate() {
+            lost.add_row(vec![
+                if place == 0 { name } else { "" }.to_owned(),
+                axis.axis.clone(),
+                fixed(axis.correction, 2),
+                fixed(axis.largest, 2),
+                fixed(axis.rms, 2),
+                shown_unit(&axis.unit).to_owned(),
+                place_of(&axis.at, axis.direction.as_deref()),
+            ]);
+        }
+    }
+    let mut text = String::new();
+    for file in &document.files {
+        text += file;
+        text.push('\n');
+    }
+    text += &format!("\n{}\n", table_text(&tables));
+    text += &table_text(&lost);
+    text.push('\n');
+    let mut sentences = vec![
+        format!(
+            "Lost: the difference between what the control corrects with these files and the model, over {} poses after positive (+) and negative (-) \
+             motion of all axes; each kind of error alone in the mean of both.",
+            document.loss.poses
+        ),
+        format!("Sign: {}.", document.sign),
+        document.trust.clone(),
+    ];
+    sentences.extend(document.notes.iter().map(|note| format!("Note: {note}.")));
+    for sentence in sentences {
+        text += &folded(&sentence, "");
+    }
+    text
+}
+
+impl From<ExchangeError> for Failure {
+    fn from(error: ExchangeError) -> Self {
+        match error {
+            ExchangeError::Model(error) => error.into(),
+            ExchangeError::Cell(place) => Self::Place(place),
+            ExchangeError::Line(place) => {
+                let message = place.to_string();
+                let LineError { file, line, .. } = place;
+                Self::File(Box::new(FileFailure {
+                    file,
+                    line: line.map(|line| line as u64),
+                    key: None,
+                    message,
+                }))
+            }
+            other => Self::Input(other.to_string()),
+        }
+    }
+}

@@ -1,0 +1,253 @@
+//! `volcomp import`: the compensation tables of a control as curves of a machine file.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use volcomp_document::read_text;
+use volcomp_tables::axis_table::{
+    Content, Curves, ExchangeError, FACTS_FILE, Format, ReadOptions, TextFile, curves, read,
+    to_toml,
+};
+use volcomp_vocabulary::Displacement;
+
+use super::{
+    Answer,
+    export::{ControlArguments, unit},
+};
+use crate::{
+    answers::import::{Import, Read},
+    failure::Failure,
+    output::OutputFile,
+};
+
+/// The compensation tables of a control as curves of a machine file
+///
+/// A table of an axis over itself becomes positioning (EXX), one of another axis straightness (EYX), by the directions that the letters
+/// stand for. What is odd in the files is told on standard error. The curves are printed, or written with `--output`.
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// Files of one control, or a folder of them
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// The format, where the files do not show it: as for `export`
+    #[arg(long)]
+    format: Option<Format>,
+    /// File for the curves: the part `[errors]` of a machine file
+    #[arg(long, short, value_name = "FILE")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    control: ControlArguments,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+    let paths = paths(&arguments.files)?;
+    let mut files = Vec::new();
+    for path in &paths {
+        files.push(TextFile {
+            name: path.display().to_string(),
+            text: read_text(path)?,
+        });
+    }
+    let format = match arguments.format.or_else(|| Format::of_files(&files)) {
+        Some(format) => format,
+        None => return Err(not_shown(&paths)),
+    };
+    let output = match &arguments.output {
+        None => None,
+        Some(path) => {
+            let inputs: Vec<(&Path, &str)> = paths
+                .iter()
+                .map(|path| (path.as_path(), "a table"))
+                .collect();
+            Some(OutputFile::open_beside(path, &inputs)?)
+        }
+    };
+    let options = ReadOptions {
+        axes: arguments.control.numbers()?.unwrap_or_default(),
+        encoder: arguments.control.encoder,
+        detection_unit: arguments.control.detection_unit,
+    };
+    let found = read(format, &files, &options)?;
+    // A grid has no curves, but its numbers can be printed.
+    let made = match (curves(&found.content), &found.content) {
+        (Ok(made), _) => Some(made),
+        (Err(ExchangeError::NoCurves(_)), Content::Grid(_)) if output.is_none() => None,
+        (Err(error), _) => return Err(error.into()),
+    };
+    let text = made.as_ref().map_or_else(String::new, to_toml);
+    if let Some(mut output) = output {
+        output.append(text.as_bytes())?;
+        output.finish()?;
+    }
+    let warnings: Vec<String> = found.warnings.iter().map(ToString::to_string).collect();
+    let document = Import {
+        format: format.to_string(),
+        files: paths
+            .iter()
+            .map(|path| path.display().to_string())
+            .collect(),
+        warnings: warnings.clone(),
+        tables: tables(&found.content),
+        errors: made.as_ref().map(as_json).transpose()?,
+        output: arguments
+            .output
+            .as_ref()
+            .map(|path| path.display().to_string()),
+    };
+    let mut notes = warnings;
+    let shown = match (&made, &arguments.output) {
+        (None, _) => {
+            notes.push(
+                "a grid over several axes is no curve of a machine file: --json prints its numbers"
+                    .to_owned(),
+            );
+            String::new()
+        }
+        (Some(_), None) => text,
+        (Some(made), Some(path)) => {
+            let names = made.motions.iter().map(|(name, _)| name.to_string());
+            let names: Vec<String> = names
+                .chain(made.locations.iter().map(|(name, _)| name.to_string()))
+                .collect();
+            format!("{}: {}\n", path.display(), names.join(", "))
+        }
+    };
+    Answer::new(&document, shown, notes)
+}
+
+/// The files, those of folders in the order of their names, without the one with the facts.
+fn paths(given: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
+    let mut paths = Vec::new();
+    for path in given {
+        if !path.is_dir() {
+            paths.push(path.clone());
+            continue;
+        }
+        let unreadable =
+            |e: std::io::Error| Failure::in_file(path, format_args!("cannot be read: {e}"));
+        let mut inside = Vec::new();
+        for entry in std::fs::read_dir(path).map_err(unreadable)? {
+            let file = entry.map_err(unreadable)?.path();
+            if file.is_file() && file.file_name().is_some_and(|name| name != FACTS_FILE) {
+                inside.push(file);
+            }
+        }
+        if inside.is_empty() {
+            return Err(Failure::in_file(
+                path,
+                "found no file in this folder, expected compensation tables",
+            ));
+        }
+        inside.sort();
+        paths.extend(inside);
+    }
+    Ok(paths)
+}
+
+fn not_shown(paths: &[PathBuf]) -> Failure {
+    let is_comp = paths
+        .iter()
+        .any(|path| path.extension().is_some_and(|ending| ending == "comp"));
+    let expected = if is_comp {
+        "--format linuxcnc for COMP_FILE_TYPE 0 or --format linuxcnc-type1 for 1: the file does not say it".to_owned()
+    } else {
+        format!(
+            "--format and one of: {}",
+            Format::ALL.map(Format::name).join(", ")
+        )
+    };
+    let first = paths
+        .first()
+        .map_or_else(|| Path::new("").to_owned(), Clone::clone);
+    Failure::in_file(
+        &first,
+        format_args!("found no format that is certain, expected {expected}"),
+    )
+}
+
+fn as_json(made: &Curves) -> Result<Value, Failure> {
+    let text = to_toml(made);
+    let table: toml::Table = text
+        .parse()
+        .map_err(|e| Failure::Work(format!("the curves: {e}")))?;
+    let json =
+        serde_json::to_value(&table).map_err(|e| Failure::Work(format!("the curves: {e}")))?;
+    Ok(json.get("errors").cloned().unwrap_or(Value::Null))
+}
+
+fn tables(content: &Content) -> Vec<Read> {
+    match content {
+        Content::Axes(tables) => tables
+            .iter()
+            .map(|table| {
+                let kind = table.output.kind();
+                let micro = |values: &Vec<f64>| {
+                    values
+                        .iter()
+                        .map(|value| Displacement::new(kind, *value).um_or_urad())
+                        .collect()
+                };
+                Read {
+                    input: vec![table.input.to_string()],
+                    output: table.output.to_string(),
+                    positions: vec![
+                        table
+                            .positions
+                            .iter()
+                            .map(|at| table.input_at_edge(*at))
+                            .collect(),
+                    ],
+                    forward: micro(&table.forward),
+                    backward: table.backward.as_ref().map(micro),
+                    unit: unit(kind),
+                    modulo: table.modulo,
+                }
+            })
+            .collect(),
+        Content::Errors(errors) => {
+            let motions = errors.curves.iter().map(|table| {
+                let (axis, kind) = (table.name.axis.kind(), table.name.component.kind());
+                Read {
+                    input: vec![table.name.axis.to_string()],
+                    output: table.name.to_string(),
+                    positions: vec![
+                        table
+                            .positions
+                            .iter()
+                            .map(|at| Displacement::new(axis, *at).mm_or_deg())
+                            .collect(),
+                    ],
+                    forward: table
+                        .values
+                        .iter()
+                        .map(|value| Displacement::new(kind, *value).um_or_urad())
+                        .collect(),
+                    backward: None,
+                    unit: unit(kind),
+                    modulo: false,
+                }
+            });
+            motions.collect()
+        }
+        Content::Grid(grid) => {
+            let outputs = grid.outputs.iter().enumerate();
+            outputs
+                .map(|(place, output)| Read {
+                    input: grid.axes.iter().map(ToString::to_string).collect(),
+                    output: output.to_string(),
+                    positions: grid.lines.clone(),
+                    forward: grid
+                        .values
+                        .iter()
+                        .skip(place)
+                        .step_by(grid.outputs.len().max(1))
+                        .map(|mm| mm * 1e3)
+                        .collect(),
+                    backward: None,
+                    unit: unit(output.kind()),
+                    modulo: false,
+                })
+                .collect()
+        }
+    }
+}
