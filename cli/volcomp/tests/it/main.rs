@@ -3,6 +3,7 @@
 mod answers;
 mod check;
 mod correct;
+mod export;
 mod fit_thermal;
 mod help;
 mod map;

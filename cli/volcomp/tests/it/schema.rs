@@ -43,6 +43,7 @@ fn live_documents_follow_their_schemas() {
     let blob = path("m.blob");
     let map = path("map.csv");
     let image = path("gantry.map");
+    let (exported, imported) = (path("tables.csv"), path("curves.toml"));
     let fit = format!("{demo}/exx.rtl");
     let angular = format!("{demo}/eay.rta");
     let (found, lasers) = (path("found.toml"), path("lasers"));
@@ -85,6 +86,16 @@ fn live_documents_follow_their_schemas() {
             "-o",
             &image,
         ],
+        &[
+            "export",
+            "-m",
+            "examples/five-axis.toml",
+            "--format",
+            "csv",
+            "-o",
+            &exported,
+        ],
+        &["import", &exported, "-o", &imported],
         &[
             "map", "-m", &machine, "--grid", "3x3x3", "--truth", &truth, "-o", &map,
         ],

@@ -128,33 +128,13 @@ fn read_file(file: &TextFile, errors: &mut ErrorTables) -> Result<(), ExchangeEr
         if !closes {
             continue;
         }
-        let numbers = open.take().unwrap_or_default();
-        let Some(of) = name.take().filter(|name| !name.location) else {
-            return Err(LineError::at(
-                file,
-                line,
-                "Gridpoints",
-                "the name of an error motion before them: [EXX]",
-            ));
-        };
-        if numbers.len() % 2 != 0 {
-            return Err(LineError::at(
-                file,
-                line,
-                format!("{} numbers", numbers.len()),
-                "pairs of position and value",
-            ));
-        }
-        let pairs = numbers.chunks_exact(2);
-        let table = ErrorTable {
-            name: of,
-            positions: pairs
-                .clone()
-                .map(|pair| ErrorTable::from_edge(of.axis, pair[0]))
-                .collect(),
-            values: pairs.map(|pair| pair[1]).collect(),
-        };
-        take(file, line, table, errors)?;
+        close(
+            file,
+            line,
+            name.take(),
+            &open.take().unwrap_or_default(),
+            errors,
+        )?;
     }
     if open.is_some() {
         return Err(LineError::at(
@@ -182,4 +162,40 @@ fn key<'a>(text: &'a str, key: &str) -> Option<&'a str> {
             .is_some_and(|k| k.eq_ignore_ascii_case(key))
     })?;
     Some(rest.trim_start().strip_prefix('=')?.trim())
+}
+
+/// The closing brace: the numbers are a table.
+fn close(
+    file: &TextFile,
+    line: usize,
+    name: Option<ErrorName>,
+    numbers: &[f64],
+    errors: &mut ErrorTables,
+) -> Result<(), ExchangeError> {
+    let Some(of) = name.filter(|name| !name.location) else {
+        return Err(LineError::at(
+            file,
+            line,
+            "Gridpoints",
+            "the name of an error motion before them: [EXX]",
+        ));
+    };
+    if numbers.len() % 2 != 0 {
+        return Err(LineError::at(
+            file,
+            line,
+            format!("{} numbers", numbers.len()),
+            "pairs of position and value",
+        ));
+    }
+    let pairs = numbers.chunks_exact(2);
+    let table = ErrorTable {
+        name: of,
+        positions: pairs
+            .clone()
+            .map(|pair| ErrorTable::from_edge(of.axis, pair[0]))
+            .collect(),
+        values: pairs.map(|pair| pair[1]).collect(),
+    };
+    take(file, line, table, errors)
 }

@@ -219,6 +219,17 @@ pub fn read(
         Format::IsgCsv => Content::Errors(isg_csv::read(&files)?),
         Format::Etalon => Content::Errors(etalon::read(&files)?),
     };
+    let refusal = match &content {
+        Content::Axes(tables) => tables.iter().find_map(AxisTable::refusal),
+        Content::Errors(_) | Content::Grid(_) => None,
+    };
+    if let Some(refusal) = refusal {
+        let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();
+        return Err(ExchangeError::NoCurves(format!(
+            "{}: {refusal}",
+            names.join(", ")
+        )));
+    }
     let is_empty = match &content {
         Content::Axes(tables) => tables.is_empty(),
         Content::Errors(errors) => errors.curves.is_empty() && errors.locations.is_empty(),

@@ -255,6 +255,26 @@ fn table(
         backward: is_bilateral.then(Vec::new),
         modulo: get("kw.ssfk.modulo").unwrap_or(0) != 0,
     };
+    fill(file, found, interval, &mut read)?;
+    match read.refusal() {
+        Some(refusal) => Err(LineError::whole(file, refusal, "a whole table")),
+        None => Ok(read),
+    }
+}
+
+/// Puts the entries into a table.
+fn fill(
+    file: &TextFile,
+    found: &Found,
+    interval: i64,
+    read: &mut AxisTable,
+) -> Result<(), ExchangeError> {
+    let (axis, line) = (read.input, found.line);
+    let start = found
+        .numbers
+        .get("kw.ssfk.kw_startpos")
+        .copied()
+        .unwrap_or(0);
     #[expect(clippy::cast_precision_loss, reason = "below 1e15")]
     let edge = |steps: i64| steps as f64 * STEP;
     for (expected, (place, [setpoint, forward, backward])) in found.entries.iter().enumerate() {
@@ -272,11 +292,11 @@ fn table(
         let steps = match (interval, setpoint) {
             (0, Some(setpoint)) => *setpoint,
             (0, None) => return Err(missing("setpoint")),
-            (interval, _) => get("kw.ssfk.kw_startpos").unwrap_or(0).saturating_add(
+            (interval, _) => start.saturating_add(
                 interval.saturating_mul(i64::try_from(expected).unwrap_or(i64::MAX)),
             ),
         };
-        if steps.abs() > 1_000_000_000_000 {
+        if steps.unsigned_abs() > 1_000_000_000_000 {
             return Err(LineError::at(
                 file,
                 line,
@@ -297,8 +317,5 @@ fn table(
             ));
         }
     }
-    match read.refusal() {
-        Some(refusal) => Err(LineError::whole(file, refusal, "a whole table")),
-        None => Ok(read),
-    }
+    Ok(())
 }

@@ -1,70 +1,20 @@
 //! What tables lose against the model.
 
-use volcomp_curve::{ErrorCurve, Field};
+use volcomp_curve::ErrorCurve;
 use volcomp_kinematics::{CorrectionOptions, State};
 use volcomp_model::{Machine, Temperatures, Thermal};
-use volcomp_vocabulary::{
-    AxisKind, AxisName, Component, Direction, Displacement, MAX_AXES, PerAxis,
-};
+use volcomp_vocabulary::{AxisName, Direction, Displacement, MAX_AXES, PerAxis};
 
 use super::{
-    AxisNumbers, Content, ExchangeError, Format, ReadOptions, TableOptions, WriteOptions, curves,
-    read, sampled, write,
+    AxisNumbers, Content, ExchangeError, Format, ReadOptions, TableOptions, WriteOptions,
+    category::{Category, alone},
+    curves, read, sampled, write,
 };
 
 /// So many poses are looked at, at the most, in each direction.
 const POSES: usize = 3000;
 /// So many nodes along an axis at the most.
 const NODES: usize = 13;
-
-/// A kind of error whose share of the loss is told alone.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Category {
-    /// Error motions of linear axes along themselves.
-    Positioning,
-    /// Error motions of linear axes across themselves.
-    Straightness,
-    /// Location and assembly errors of linear axes.
-    Squareness,
-    /// Angular error motions of linear axes, which act through levers (Abbe).
-    Angular,
-    /// Errors that depend on a second coordinate.
-    SecondCoordinate,
-    /// What differs between the directions of motion.
-    Reversal,
-    /// What 1 K at every sensor changes.
-    Thermal,
-    /// All errors of rotary axes.
-    Rotary,
-}
-
-impl Category {
-    /// All of them.
-    pub const ALL: [Self; 8] = [
-        Self::Positioning,
-        Self::Straightness,
-        Self::Squareness,
-        Self::Angular,
-        Self::SecondCoordinate,
-        Self::Reversal,
-        Self::Thermal,
-        Self::Rotary,
-    ];
-
-    /// Its name.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Positioning => "positioning",
-            Self::Straightness => "straightness",
-            Self::Squareness => "squareness",
-            Self::Angular => "angular",
-            Self::SecondCoordinate => "second coordinate",
-            Self::Reversal => "reversal",
-            Self::Thermal => "thermal, 1 K",
-            Self::Rotary => "rotary",
-        }
-    }
-}
 
 /// What is left on one axis where the tables correct.
 #[derive(Clone, Debug, PartialEq)]
@@ -252,57 +202,6 @@ fn warmer(machine: &Machine, temperatures: &Temperatures) -> Option<Temperatures
         ((*name).to_owned(), now + 1.0)
     });
     (!sensors.is_empty()).then(|| warmer.collect())
-}
-
-/// The machine with the errors of one category alone; `None` where it has none.
-fn alone(machine: &Machine, category: Category) -> Result<Option<Machine>, ExchangeError> {
-    let mut found = machine.clone();
-    found.clear_errors();
-    found.set_thermal(Thermal::default())?;
-    let mut is_empty = true;
-    for (name, curve) in machine.errors() {
-        let own = own_component(name.axis);
-        let is_grid = curve.fields().any(|field| matches!(field, Field::Grid(_)));
-        let of = match (name.axis.kind(), is_grid) {
-            (AxisKind::Rotary, _) => Category::Rotary,
-            (AxisKind::Linear, true) => Category::SecondCoordinate,
-            (AxisKind::Linear, false) if name.component.is_angular() => Category::Angular,
-            (AxisKind::Linear, false) if name.component == own => Category::Positioning,
-            (AxisKind::Linear, false) => Category::Straightness,
-        };
-        if of == category {
-            found.set_error(name, curve.clone())?;
-            is_empty = false;
-        }
-    }
-    let kind = match category {
-        Category::Squareness => AxisKind::Linear,
-        Category::Rotary => AxisKind::Rotary,
-        _ => return Ok((!is_empty).then_some(found)),
-    };
-    for (name, value) in machine.locations() {
-        if name.axis.kind() == kind && *value != 0.0 {
-            found.set_location(*name, *value)?;
-            is_empty = false;
-        }
-    }
-    for (index, axis) in machine.axes().iter().enumerate() {
-        let six = machine.assembly(index);
-        if axis.name.kind() == kind && six.iter().any(|value| *value != 0.0) {
-            found.set_assembly(axis.name, six)?;
-            is_empty = false;
-        }
-    }
-    Ok((!is_empty).then_some(found))
-}
-
-/// The component along the direction that the letter of a linear axis stands for.
-fn own_component(axis: AxisName) -> Component {
-    match axis.mcs_index() {
-        0 => Component::EX,
-        1 => Component::EY,
-        _ => Component::EZ,
-    }
 }
 
 impl Trial<'_> {

@@ -1,6 +1,7 @@
 //! Tables that a control adds to the commands of its axes, as plain data: made from a machine, written for a control, read back, and
 //! held against the model.
 
+mod category;
 mod curves;
 mod error_table;
 mod exchange;
@@ -24,6 +25,7 @@ mod isg_ssfk;
 mod linuxcnc;
 mod siemens;
 
+pub use category::Category;
 pub use curves::{Curves, curves, to_toml};
 pub use error_table::{ErrorTable, ErrorTables};
 pub use exchange::{Content, ReadOptions, ReadTables, Warning, WriteOptions, Written, read, write};
@@ -31,7 +33,7 @@ pub use facts::{FACTS_FILE, Facts};
 pub use format::{Format, UnknownFormat};
 pub use grid_table::GridTable;
 pub use heidenhain::{spacing_refused_by_tnc407, steps_of_tnc407};
-pub use loss::{AxisLoss, Category, CategoryLoss, Loss, loss};
+pub use loss::{AxisLoss, CategoryLoss, Loss, loss};
 pub use numbers::AxisNumbers;
 pub use refusal::{ExchangeError, LineError};
 pub use sampled::{TableOptions, sampled};

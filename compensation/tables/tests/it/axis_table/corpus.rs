@@ -2,9 +2,11 @@
 
 use std::fs;
 
-use volcomp_tables::axis_table::Format;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use volcomp_tables::axis_table::{Format, WriteOptions, curves, read, to_toml, write};
 
-use super::read_text;
+use super::{numbers, read_text};
 
 #[test]
 fn the_corpus_is_read_and_refused_as_its_names_say() {
@@ -37,4 +39,72 @@ fn the_corpus_is_read_and_refused_as_its_names_say() {
         targets += 1;
     }
     assert_eq!(targets, 11);
+}
+
+/// What the fuzz targets look for, on a drawn few thousand texts near the kept ones: no panic, and what is read can be written and
+/// read again.
+#[test]
+fn broken_texts_are_refused_and_nothing_else() {
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    let pieces = [
+        "-",
+        ".",
+        "1e9",
+        "1e-9",
+        "\n",
+        " ",
+        "[",
+        "]",
+        "0",
+        "-0.000",
+        "nan",
+        ";",
+        "=",
+        "X",
+        "{",
+        "}",
+        "%",
+        "9999999999",
+        "µ",
+    ];
+    for format in Format::ALL {
+        let folder = volcomp_test_support::root()
+            .join("tests/fuzz/corpus")
+            .join(format!("table_{}", format.name().replace('-', "_")));
+        let Ok(entries) = fs::read_dir(&folder) else {
+            assert_eq!(format, Format::HeidenhainTnc407);
+            continue;
+        };
+        let texts: Vec<String> = entries
+            .map(|entry| fs::read_to_string(entry.expect("an entry").path()).expect("UTF-8"))
+            .collect();
+        let mut read_again = 0;
+        for number in 0..600 {
+            let mut characters: Vec<char> = texts[number % texts.len()].chars().collect();
+            for _ in 0..rng.random_range(1..4) {
+                let at = rng.random_range(0..characters.len());
+                let to = (at + rng.random_range(0..4)).min(characters.len());
+                let piece = pieces[rng.random_range(0..pieces.len())];
+                characters.splice(at..to, piece.chars());
+            }
+            let text: String = characters.into_iter().collect();
+            let Ok(found) = read_text(format, "X.comp", &text) else {
+                continue;
+            };
+            if let Ok(curves) = curves(&found.content) {
+                to_toml(&curves);
+            }
+            let options = WriteOptions {
+                axes: numbers(),
+                ..WriteOptions::default()
+            };
+            let Ok(written) = write(format, &found.content, &options) else {
+                continue;
+            };
+            if read(format, &written.files, &super::options()).is_ok() {
+                read_again += 1;
+            }
+        }
+        assert!(read_again > 20, "{format}: {read_again}");
+    }
 }

@@ -173,5 +173,9 @@ fn back_to_curves_of_the_machine_file() {
     let read = Machine::parse(&whole, "m.toml").expect("a part of a machine file");
     // 20 µm per metre; and the pitch, 0.05 µrad/mm, through 530 mm from the table surface up to the tool where Z stands at 0.
     let exx = read.error("EXX".parse().expect("a name")).expect("a curve");
-    close(exx.value(0, &[300.0, 0.0, 0.0], None), 0.02 * 300.0 + 0.05 * 300.0 * 0.53, 0.01);
+    close(
+        exx.value(0, &[300.0, 0.0, 0.0], None),
+        0.02 * 300.0 + 0.05 * 300.0 * 0.53,
+        0.01,
+    );
 }

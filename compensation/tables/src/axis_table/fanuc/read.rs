@@ -1,233 +1,15 @@
-//! FANUC pitch error compensation as a file of parameters: steps from point to point, in detection units.
+//! A file of parameters, as volcomp or a control puts it out.
 
-use core::fmt::Write;
 use std::collections::BTreeMap;
 
-use super::{
-    AxisTable, ExchangeError, Format, LineError, ReadOptions, TextFile, Warning, WriteOptions,
-    Written,
-    exchange::{deviation_from_edge, even},
-    text::{number, short, whole},
+use volcomp_vocabulary::AxisName;
+
+use super::super::{
+    AxisTable, ExchangeError, LineError, ReadOptions, TextFile, Warning,
+    exchange::deviation_from_edge,
+    text::{number, whole},
 };
-
-const FORMAT: Format = Format::Fanuc;
-/// Where the data begin: N10000 + point, from memory.
-const DATA: u32 = 10_000;
-/// More points than that have no place in N10000 to N19999.
-const MOST_POINTS: usize = 10_000;
-/// What a point holds by option, and without it: from memory.
-const MOST_STEPS: i64 = 127;
-const FEW_STEPS: i64 = 7;
-
-/// The points of one axis.
-struct Points {
-    axis: u16,
-    reference: u32,
-    first: u32,
-    last: u32,
-    interval: f64,
-    turn: f64,
-    /// The first point for negative motion, and the value at the reference position after it.
-    negative: Option<(u32, i64)>,
-}
-
-pub(crate) fn write(
-    tables: &[AxisTable],
-    options: &WriteOptions,
-) -> Result<Written, ExchangeError> {
-    let mut written = Written::default();
-    let mut crossed = Vec::new();
-    let mut all: Vec<Points> = Vec::new();
-    let mut data: Vec<(u32, i64)> = Vec::new();
-    let mut next = 0_u32;
-    let mut is_wide = Vec::new();
-    let mut offsets = Vec::new();
-    if !(options.detection_unit > 0.0 && options.detection_unit.is_finite()) {
-        return Err(ExchangeError::Wish {
-            what: "--detection-unit".to_owned(),
-            found: options.detection_unit.to_string(),
-            expected: "a number above 0".to_owned(),
-        });
-    }
-    for table in tables {
-        if !table.is_own() {
-            crossed.push(format!("{} over {}", table.output, table.input));
-            continue;
-        }
-        let unfit = |found: String, expected: String| ExchangeError::Unfit {
-            format: FORMAT,
-            what: format!("axis {}", table.input),
-            found,
-            expected,
-        };
-        let Some(axis) = options.axes.number(table.input) else {
-            let expected = format!(
-                "its number in the control: --axis-numbers {}=1",
-                table.input
-            );
-            return Err(unfit("no number".to_owned(), expected));
-        };
-        let (low, interval) = even(FORMAT, table)?;
-        let count = table.positions.len();
-        let place = (0.0 - low) / interval;
-        let Some(reference) = whole(place)
-            .filter(|k| (place - *k as f64).abs() < 1e-6)
-            .and_then(|k| usize::try_from(k).ok())
-            .filter(|k| *k < count)
-        else {
-            return Err(unfit(
-                format!(
-                    "no point at machine zero, between {low} and {}",
-                    low + interval * (count - 1) as f64
-                ),
-                "one there, where the reference position is: --at with whole steps from 0"
-                    .to_owned(),
-            ));
-        };
-        let base = table.forward[reference];
-        if base.abs() > 1e-6 {
-            offsets.push(format!(
-                "{} {} µm or µrad",
-                table.input,
-                short(base * table_micro(table), 2)
-            ));
-        }
-        let counted = |values: &[f64]| -> Result<Vec<i64>, ExchangeError> {
-            let units = values.iter().map(|value| {
-                let units = (base - value) * table.output_at_edge(1.0) / options.detection_unit;
-                whole(units).ok_or_else(|| unfit(units.to_string(), "a smaller number".to_owned()))
-            });
-            units.collect()
-        };
-        let mut put = |units: &[i64], from: u32| -> Result<(), ExchangeError> {
-            for (point, step) in (from..)
-                .zip(std::iter::once(0).chain(units.windows(2).map(|pair| pair[1] - pair[0])))
-            {
-                if step.abs() > MOST_STEPS {
-                    return Err(unfit(
-                        format!("a step of {step} detection units from point to point"),
-                        format!("{MOST_STEPS} at the most: take a smaller step"),
-                    ));
-                }
-                if step.abs() > FEW_STEPS && is_wide.last() != Some(&table.input) {
-                    is_wide.push(table.input);
-                }
-                data.push((point, step));
-            }
-            Ok(())
-        };
-        let sets = if table.backward.is_some() { 2 } else { 1 };
-        if next as usize + sets * count > MOST_POINTS {
-            return Err(unfit(
-                format!("{count} points more"),
-                format!("{MOST_POINTS} of all axes at the most"),
-            ));
-        }
-        let length = u32::try_from(count).unwrap_or(u32::MAX);
-        let first = next;
-        put(&counted(&table.forward)?, first)?;
-        next += length;
-        let negative = match &table.backward {
-            None => None,
-            Some(backward) => {
-                let units = counted(backward)?;
-                put(&units, next)?;
-                let from = next;
-                next += length;
-                Some((from, units[reference]))
-            }
-        };
-        all.push(Points {
-            axis,
-            reference: first + u32::try_from(reference).unwrap_or(0),
-            first,
-            last: first + length - 1,
-            interval,
-            turn: if table.modulo {
-                interval * (count - 1) as f64
-            } else {
-                0.0
-            },
-            negative,
-        });
-    }
-    if !crossed.is_empty() {
-        written.notes.push(format!(
-            "left out, as pitch error compensation corrects its own axis alone: {}",
-            crossed.join(", ")
-        ));
-    }
-    if all.is_empty() {
-        return Ok(written);
-    }
-    all.sort_by_key(|points| points.axis);
-    written.files.push(TextFile {
-        name: "PITCH.TXT".to_owned(),
-        text: text(&all, &data),
-    });
-    written.notes.push(format!(
-        "detection unit {} mm or deg, magnification 1",
-        short(options.detection_unit, 9)
-    ));
-    if !offsets.is_empty() {
-        written.notes.push(format!(
-            "the deviation at the reference position is taken as 0: {}",
-            offsets.join(", ")
-        ));
-    }
-    if !is_wide.is_empty() {
-        let names: Vec<String> = is_wide.iter().map(ToString::to_string).collect();
-        written.notes.push(format!(
-            "steps beyond -{FEW_STEPS} to {FEW_STEPS} on {}: a control takes them by option only (from memory, unproven)",
-            names.join(", ")
-        ));
-    }
-    Ok(written)
-}
-
-/// µm in a mm, µrad in a rad.
-fn table_micro(table: &AxisTable) -> f64 {
-    volcomp_vocabulary::Displacement::new(table.output.kind(), 1.0).um_or_urad()
-}
-
-fn text(all: &[Points], data: &[(u32, i64)]) -> String {
-    let mut text = String::from("%\n");
-    let mut put = |number: u32, of: &dyn Fn(&Points) -> Option<String>| {
-        let values: String = all
-            .iter()
-            .filter_map(|points| Some(format!("A{}P{}", points.axis, of(points)?)))
-            .collect();
-        if !values.is_empty() {
-            // Writing to a string does not fail.
-            let _ = writeln!(text, "N{number:05}{values}");
-        }
-    };
-    put(3605, &|points| {
-        Some(format!("{:08}", u8::from(points.negative.is_some())))
-    });
-    put(3620, &|points| Some(points.reference.to_string()));
-    put(3621, &|points| Some(points.first.to_string()));
-    put(3622, &|points| Some(points.last.to_string()));
-    put(3623, &|_| Some("1".to_owned()));
-    put(3624, &|points| Some(real(points.interval)));
-    put(3625, &|points| Some(real(points.turn)));
-    put(3626, &|points| Some(points.negative?.0.to_string()));
-    put(3627, &|points| Some(points.negative?.1.to_string()));
-    for (point, step) in data {
-        let _ = writeln!(text, "N{:05}P{step}", DATA + point);
-    }
-    text + "%\n"
-}
-
-/// With a decimal point, as 30.0 stands in known files.
-fn real(value: f64) -> String {
-    let text = short(value, 9);
-    if text.contains('.') {
-        text
-    } else {
-        text + ".0"
-    }
-}
+use super::DATA;
 
 /// What stands in a file: by parameter and axis, and by point.
 #[derive(Default)]
@@ -330,7 +112,7 @@ fn record(
             .take_while(|b| b.is_ascii_digit() || matches!(b, b'+' | b'-' | b'.'))
             .count();
         let (value, behind) = value.split_at(length);
-        let Some(size) = super::text::number(value) else {
+        let Some(size) = super::super::text::number(value) else {
             return Err(wrong());
         };
         match axis {
@@ -354,6 +136,14 @@ fn record(
     Ok(())
 }
 
+/// The points of an axis, and how far they are apart.
+struct Extent {
+    first: u32,
+    last: u32,
+    reference: u32,
+    interval: f64,
+}
+
 struct Reader<'a> {
     file: &'a TextFile,
     line: usize,
@@ -374,11 +164,12 @@ impl Reader<'_> {
         u32::try_from(point).ok().filter(|point| *point < 10_000)
     }
 
-    fn table(
+    /// Which points an axis has; `None` where it has none.
+    fn extent(
         &self,
-        axis: volcomp_vocabulary::AxisName,
+        axis: AxisName,
         warnings: &mut Vec<Warning>,
-    ) -> Result<Option<AxisTable>, ExchangeError> {
+    ) -> Result<Option<Extent>, ExchangeError> {
         let wrong =
             |found: String, expected: &str| LineError::at(self.file, self.line, found, expected);
         let interval = self.real(3624).unwrap_or(0.0);
@@ -415,6 +206,28 @@ impl Reader<'_> {
             );
             warnings.push(Warning::at(self.file, self.line, text));
         }
+        Ok(Some(Extent {
+            first,
+            last,
+            reference,
+            interval,
+        }))
+    }
+
+    fn table(
+        &self,
+        axis: AxisName,
+        warnings: &mut Vec<Warning>,
+    ) -> Result<Option<AxisTable>, ExchangeError> {
+        let Some(Extent {
+            first,
+            last,
+            reference,
+            interval,
+        }) = self.extent(axis, warnings)?
+        else {
+            return Ok(None);
+        };
         let magnification = self.real(3623).filter(|m| *m > 0.0).unwrap_or(1.0);
         let place = (reference - first) as usize;
         let summed = |from: u32| -> Vec<i64> {
@@ -459,8 +272,10 @@ impl Reader<'_> {
             (false, _) => None,
             (true, Some(from)) => Some(deviations(summed(from), self.real(3627).unwrap_or(0.0))),
             (true, None) => {
-                return Err(wrong(
-                    "3605#0 is 1 without 3626".to_owned(),
+                return Err(LineError::at(
+                    self.file,
+                    self.line,
+                    "3605#0 is 1 without 3626",
                     "the first point for negative motion",
                 ));
             }

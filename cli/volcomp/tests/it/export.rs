@@ -1,0 +1,265 @@
+//! `volcomp export` and `volcomp import`: files, answers, the way back, what is refused.
+
+use std::fs;
+
+use volcomp_model::Machine;
+
+use crate::{json, refused, root, text, volcomp};
+
+const GANTRY: &str = "examples/gantry.toml";
+const MILL: &str = "examples/mill.toml";
+
+fn folder() -> (tempfile::TempDir, String) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("tables").display().to_string();
+    (folder, path)
+}
+
+#[test]
+fn from_a_machine_to_tables_and_back_to_curves() {
+    let (folder, tables) = folder();
+    let curves = folder.path().join("curves.toml").display().to_string();
+    for format in ["csv", "siemens-840d"] {
+        let answer = json(&[
+            "export", "-m", MILL, "--format", format, "--step", "25", "-o", &tables,
+        ]);
+        assert_eq!(answer["format"], format);
+        // Besides the second coordinate that the mill has through its pitch, what is lost is small beside what is corrected.
+        let x = &answer["loss"]["axes"][0];
+        assert_eq!(
+            (x["axis"].as_str(), x["unit"].as_str()),
+            (Some("X"), Some("um"))
+        );
+        assert!(x["largest"].as_f64() < x["correction"].as_f64(), "{x}");
+        let numbers = ["--axis-numbers", "X=1,Y=2,Z=3"];
+        let back = json(&[&["import", &tables, "-o", &curves][..], &numbers].concat());
+        assert_eq!(back["format"], format);
+        let part = fs::read_to_string(&curves).expect("written");
+        let whole = format!(
+            "structure = \"w X' Y' b Z t\"\n[axes]\nX.travel = [0.0, 600.0]\nY.travel = [0.0, 400.0]\nZ.travel = [-500.0, 0.0]\n{part}"
+        );
+        let read = Machine::parse(&whole, "m.toml").expect("a part of a machine file");
+        // 20 µm/m and 30 µrad at the end, 530 mm above the table surface.
+        let exx = read.error("EXX".parse().expect("a name")).expect("a curve");
+        let found = exx.value(0, &[600.0, 0.0, 0.0], None);
+        assert!(
+            (found - (12.0 + 0.03 * 530.0)).abs() < 0.01,
+            "{format}: {found}"
+        );
+        assert_eq!(
+            back["errors"]["EXX"]["table"].as_array().map(Vec::len),
+            Some(25)
+        );
+        fs::remove_dir_all(&tables).expect("removed");
+    }
+}
+
+#[test]
+fn every_format_writes_files_that_are_read_again() {
+    let formats = [
+        "csv",
+        "linuxcnc",
+        "linuxcnc-type1",
+        "siemens-840d",
+        "heidenhain",
+        "heidenhain-itnc530",
+        "isg-ssfk",
+        "isg-csv",
+        "etalon",
+        "fanuc",
+        "fanuc-3d",
+    ];
+    for format in formats {
+        let (_folder, tables) = folder();
+        let answer = json(&[
+            "export", "-m", GANTRY, "--format", format, "--step", "250", "-o", &tables,
+        ]);
+        for file in answer["files"].as_array().expect("files") {
+            assert!(
+                fs::metadata(file.as_str().expect("a name")).is_ok(),
+                "{file}"
+            );
+        }
+        let categories: Vec<&str> = answer["loss"]["categories"]
+            .as_array()
+            .expect("a list")
+            .iter()
+            .filter_map(|of| of["category"].as_str())
+            .collect();
+        assert_eq!(
+            categories,
+            [
+                "positioning",
+                "straightness",
+                "squareness",
+                "angular",
+                "second coordinate",
+                "reversal",
+                "thermal, 1 K"
+            ],
+            "{format}"
+        );
+        let back = json(&[
+            "import",
+            &tables,
+            "--format",
+            format,
+            "--axis-numbers",
+            "X=1,Y=2,Z=3",
+        ]);
+        assert_eq!(back["errors"].is_null(), format == "fanuc-3d", "{format}");
+        assert!(!back["tables"].as_array().expect("tables").is_empty());
+        let all: String = answer["files"]
+            .as_array()
+            .expect("files")
+            .iter()
+            .map(|file| fs::read_to_string(file.as_str().expect("a name")).expect("read"))
+            .collect();
+        for words in [
+            "actual - commanded",
+            "sha256:",
+            "Reference position",
+            "Directions:",
+            env!("CARGO_PKG_VERSION"),
+        ] {
+            assert!(all.contains(words), "{format}: {words}");
+        }
+        assert!(
+            all.contains("nproven") || all.contains("proven by"),
+            "{format}"
+        );
+    }
+}
+
+#[test]
+fn a_file_or_a_folder() {
+    let (folder, _) = folder();
+    let one = folder.path().join("one.csv").display().to_string();
+    let answer = json(&["export", "-m", MILL, "--format", "csv", "-o", &one]);
+    assert_eq!(answer["files"], serde_json::json!([one]));
+    let several = refused(&["export", "-m", MILL, "--format", "linuxcnc", "-o", &one]);
+    assert!(
+        several.contains("expected a folder: the format linuxcnc has"),
+        "{several}"
+    );
+    let itself = folder.path().join("m.toml");
+    fs::copy(root().join(MILL), &itself).expect("copied");
+    let itself = itself.display().to_string();
+    let told = refused(&["export", "-m", &itself, "--format", "csv", "-o", &itself]);
+    assert!(told.contains("the file of the machine"), "{told}");
+    let nowhere = refused(&[
+        "export",
+        "-m",
+        MILL,
+        "--format",
+        "csv",
+        "-o",
+        "/nowhere/at/all",
+    ]);
+    assert!(
+        nowhere.contains("there is no folder /nowhere/at"),
+        "{nowhere}"
+    );
+}
+
+#[test]
+fn what_people_read() {
+    let (_folder, tables) = folder();
+    let told = text(&[
+        "export",
+        "-m",
+        MILL,
+        "--format",
+        "siemens-840d",
+        "--at",
+        "Z=-200",
+        "-o",
+        &tables,
+    ]);
+    for words in [
+        "all errors",
+        "positioning",
+        "reversal",
+        "sign unproven",
+        "MD38000",
+        "half of the reversal",
+    ] {
+        assert!(told.replace('\n', " ").contains(words), "{words}: {told}");
+    }
+    for line in told.lines() {
+        assert!(
+            line.chars().count() <= 80 || line.contains("/tables/"),
+            "{line}"
+        );
+    }
+    // Odd things are told on standard error, and the curves printed.
+    let comp = format!("{tables}/X.comp");
+    fs::write(&comp, "0 0.001 0\n50 50.002 50\n\n100 100 100\n").expect("written");
+    let output = volcomp(&["import", &comp, "--format", "linuxcnc"]);
+    assert_eq!(output.status.code(), Some(0));
+    let (said, shown) = (
+        String::from_utf8_lossy(&output.stderr),
+        String::from_utf8_lossy(&output.stdout),
+    );
+    assert!(
+        said.replace('\n', " ")
+            .contains("LinuxCNC stops reading here"),
+        "{said}"
+    );
+    assert_eq!(
+        shown,
+        "[errors]\nEXX = { forward = { table = [[0.0, 1.0], [50.0, 2.0]], interpolation = \"linear\" }, backward = { table = [[0.0, 0.0], [50.0, 0.0]], interpolation = \"linear\" } }\n"
+    );
+}
+
+#[test]
+fn what_cannot_be_is_refused() {
+    let (folder, tables) = folder();
+    let export =
+        |more: &[&str]| refused(&[&["export", "-m", MILL, "-o", &tables][..], more].concat());
+    assert!(export(&["--format", "haas"]).contains("found format `haas`"));
+    assert!(
+        export(&["--format", "csv", "--step", "0"])
+            .contains("--step: found 0, expected a number above 0")
+    );
+    assert!(
+        export(&["--format", "csv", "--at", "X=700"])
+            .contains("--at X: found 700, expected 0 to 600, its travel")
+    );
+    assert!(
+        export(&["--format", "linuxcnc", "--step", "1"])
+            .contains("found 601 positions, expected 256 at the most")
+    );
+    assert!(
+        export(&["--format", "heidenhain-tnc407"])
+            .contains("a power of two times 0.1 µm: 26.2144 or 52.4288")
+    );
+    assert!(export(&["--format", "fanuc", "--at", "X=10"]).contains("no point at machine zero"));
+    assert!(
+        export(&["--format", "fanuc", "--axis-numbers", "X=1"]).contains("found no number")
+    );
+    assert!(
+        export(&["--format", "csv", "--axis-numbers", "X=1,Y=1"])
+            .contains("each axis and each number once")
+    );
+    assert!(fs::metadata(&tables).is_err(), "nothing is left");
+
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let comp = path("x.comp");
+    fs::write(&comp, "0 0 0\n1 1 1\n").expect("written");
+    assert!(refused(&["import", &comp]).contains("--format linuxcnc for COMP_FILE_TYPE 0"));
+    let archive = path("a.ini");
+    fs::write(&archive, "$AN_CEC[0,0]=x y\n").expect("written");
+    let output = volcomp(&["--json", "import", &archive]);
+    assert_eq!(output.status.code(), Some(2));
+    let told: serde_json::Value = serde_json::from_slice(&output.stderr).expect("an object");
+    assert_eq!(told["error"]["file"], archive);
+    assert_eq!(told["error"]["line"], 1);
+    assert!(refused(&["import", "nowhere.csv"]).contains("nowhere.csv"));
+    let curves = path("c.toml");
+    assert!(
+        refused(&["import", &comp, "--format", "linuxcnc", "-o", &comp])
+            .contains("the file of a table")
+    );
+    assert!(fs::metadata(&curves).is_err());
+}
