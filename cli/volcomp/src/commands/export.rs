@@ -32,10 +32,10 @@ pub(crate) struct Arguments {
     machine: MachineArguments,
     /// csv, linuxcnc, linuxcnc-type1, siemens-840d, heidenhain, heidenhain-itnc530, heidenhain-tnc407, isg-ssfk, isg-csv, etalon, fanuc or
     /// fanuc-3d
-    #[arg(long)]
+    #[arg(long, value_name = "NAME")]
     format: Format,
     /// Folder for the files, or the file where there is only one; what stands there by these names is replaced
-    #[arg(long, short, value_name = "FOLDER")]
+    #[arg(long, short, value_name = "PATH")]
     output: PathBuf,
     /// From position to position along a linear axis, mm
     #[arg(long, value_name = "MM", default_value_t = 50.0)]
