@@ -374,7 +374,9 @@ fn text(document: &Export) -> String {
         text += file;
         text.push('\n');
     }
-    text += &format!("\n{}\n", table_text(&tables));
+    text.push('\n');
+    text += &table_text(&tables);
+    text.push('\n');
     text += &table_text(&lost);
     text.push('\n');
     let mut sentences = vec![

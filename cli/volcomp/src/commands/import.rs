@@ -48,9 +48,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             text: read_text(path)?,
         });
     }
-    let format = match arguments.format.or_else(|| Format::of_files(&files)) {
-        Some(format) => format,
-        None => return Err(not_shown(&paths)),
+    let shown = || Format::of_files(&files);
+    let Some(format) = arguments.format.or_else(shown) else {
+        return Err(not_shown(&paths));
     };
     let output = match &arguments.output {
         None => None,

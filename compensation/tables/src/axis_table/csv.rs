@@ -12,12 +12,9 @@ use super::{
 
 const HEAD: &str = "input,output,position,forward,backward,modulo";
 
-pub(crate) fn write(
-    tables: &[AxisTable],
-    options: &WriteOptions,
-) -> Result<Written, ExchangeError> {
+pub(crate) fn write(tables: &[AxisTable], options: &WriteOptions) -> Written {
     if tables.is_empty() {
-        return Ok(Written::default());
+        return Written::default();
     }
     let mut text = String::new();
     for line in options.facts.lines(Format::Csv, options) {
@@ -49,10 +46,10 @@ pub(crate) fn write(
         }
     }
     let name = "tables.csv".to_owned();
-    Ok(Written {
+    Written {
         files: vec![TextFile { name, text }],
         notes: Vec::new(),
-    })
+    }
 }
 
 /// Comment lines become empty ones, so that lines keep their numbers.

@@ -180,7 +180,7 @@ fn close(
             "the name of an error motion before them: [EXX]",
         ));
     };
-    if numbers.len() % 2 != 0 {
+    if !numbers.len().is_multiple_of(2) {
         return Err(LineError::at(
             file,
             line,

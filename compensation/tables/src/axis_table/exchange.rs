@@ -137,7 +137,7 @@ pub fn write(
         return Err(ExchangeError::NoCurves(refusal));
     }
     let mut written = match (format, content) {
-        (Format::Csv, Content::Axes(tables)) => csv::write(tables, options)?,
+        (Format::Csv, Content::Axes(tables)) => csv::write(tables, options),
         (Format::Linuxcnc, Content::Axes(tables)) => {
             linuxcnc::write(tables, linuxcnc::Type::Positions)?
         }

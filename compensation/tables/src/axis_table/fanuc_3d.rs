@@ -114,9 +114,9 @@ pub(crate) fn read(files: &[&TextFile]) -> Result<GridTable, ExchangeError> {
                 LineError::at(file, row.line(), volcomp_document::quoted(text), "a number")
             })?;
             if *is_value {
-                values.push(found * 1e-3)
+                values.push(found * 1e-3);
             } else {
-                at.push(found)
+                at.push(found);
             }
         }
         rows.push((at, values, row.line()));

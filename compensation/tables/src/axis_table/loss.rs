@@ -256,7 +256,7 @@ impl Trial<'_> {
             }
         };
         match held {
-            None => {}
+            None | Some(Held::Content(Content::Errors(_))) => {}
             Some(Held::Machine(machine)) => {
                 return self.model(machine, &Temperatures::new(), state);
             }
@@ -278,7 +278,6 @@ impl Trial<'_> {
                     add(*axis, deviation);
                 }
             }
-            Some(Held::Content(Content::Errors(_))) => {}
         }
         sum
     }

@@ -244,7 +244,9 @@ impl Reader<'_> {
                 })
                 .collect();
             let base = sums.get(place).copied().unwrap_or(0);
-            sums.iter_mut().for_each(|value| *value -= base);
+            for value in &mut sums {
+                *value -= base;
+            }
             sums
         };
         #[expect(clippy::cast_precision_loss, reason = "sums of few small numbers")]

@@ -86,8 +86,12 @@ fn it_stops_silently_and_we_do_not() {
 
 #[test]
 fn its_limits() {
-    let lines =
-        |count: u32| -> String { (0..count).map(|n| format!("{n} {n}.001 {n}\n")).collect() };
+    let lines = |count: u32| {
+        (0..count)
+            .map(|n| format!("{n} {n}.001 {n}\n"))
+            .collect::<Vec<_>>()
+            .concat()
+    };
     assert_eq!(
         tables(Format::Linuxcnc, "X.comp", &lines(256)).0[0]
             .positions

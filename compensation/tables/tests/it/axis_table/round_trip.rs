@@ -195,6 +195,7 @@ fn several_of_one() -> impl Strategy<Value = Vec<AxisTable>> {
 }
 
 fn error_tables() -> impl Strategy<Value = ErrorTables> {
+    use AxisName::{C, X};
     let numbers = |text: &'static str, table: AxisTable| {
         let name: ErrorName = text.parse().expect("a name");
         ErrorTable {
@@ -203,7 +204,6 @@ fn error_tables() -> impl Strategy<Value = ErrorTables> {
             values: table.forward,
         }
     };
-    use AxisName::{C, X};
     (table(X, X), table(X, C), table(C, X), -1e-3..1e-3_f64).prop_map(move |(a, b, c, square)| {
         ErrorTables {
             curves: vec![numbers("EXX", a), numbers("EBX", b), numbers("EYC", c)],

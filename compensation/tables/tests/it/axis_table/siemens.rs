@@ -1,5 +1,7 @@
 //! SINUMERIK 840D: what real archives hold.
 
+use std::fmt::Write;
+
 use volcomp_tables::axis_table::{Content, Format, ReadOptions, WriteOptions, read, write};
 use volcomp_tables::vocabulary::{AxisName, Direction};
 
@@ -17,14 +19,16 @@ fn cec(
 ) -> String {
     let mut text = String::new();
     for (point, value) in values.iter().enumerate() {
-        text += &format!("$AN_CEC[{number},{point}]={value}\n");
+        writeln!(text, "$AN_CEC[{number},{point}]={value}").expect("a string");
     }
-    text += &format!(
+    write!(
+        text,
         "$AN_CEC_INPUT_NCU[{number}]=1\n$AN_CEC_INPUT_AXIS[{number}]=({input})\n$AN_CEC_OUTPUT_NCU[{number}]=1\n\
          $AN_CEC_OUTPUT_AXIS[{number}]=({output})\n$AN_CEC_STEP[{number}]={step}\n$AN_CEC_MIN[{number}]={min}\n\
          $AN_CEC_MAX[{number}]={max}\n$AN_CEC_DIRECTION[{number}]=0\n$AN_CEC_MULT_BY_TABLE[{number}]=0\n\
          $AN_CEC_IS_MODULO[{number}]=0\n$AN_CEC_TYPE[{number}]=0\n"
-    );
+    )
+    .expect("a string");
     text + more
 }
 
@@ -120,7 +124,7 @@ fn a_modulo_table_of_the_second_encoder() {
         } else {
             "0"
         };
-        text += &format!("$AA_ENC_COMP[1,{n},AX4]={value}\n");
+        writeln!(text, "$AA_ENC_COMP[1,{n},AX4]={value}").expect("a string");
     }
     text += "$AA_ENC_COMP_STEP[1,AX4]=15\n$AA_ENC_COMP_MIN[1,AX4]=0\n$AA_ENC_COMP_MAX[1,AX4]=360\n$AA_ENC_COMP_IS_MODULO[1,AX4]=1\n";
     let (found, warnings) = tables(F, "AX_EEC.INI", &framed(&text));
@@ -236,9 +240,10 @@ fn refusals_name_line_found_and_expected() {
         let told = refused(F, "a.ini", text);
         assert!(told.starts_with("a.ini:1: found "), "{told}");
     }
-    let both: String = (0..2)
+    let both = (0..2)
         .map(|e| format!("$AA_ENC_COMP[{e},0,X]=0.1\n$AA_ENC_COMP[{e},1,X]=0.1\n$AA_ENC_COMP_STEP[{e},X]=1\n$AA_ENC_COMP_MIN[{e},X]=0\n$AA_ENC_COMP_MAX[{e},X]=1\n"))
-        .collect();
+        .collect::<Vec<_>>()
+        .concat();
     assert!(refused(F, "a.ini", &framed(&both)).contains("--encoder 0 or 1"));
     let chosen = ReadOptions {
         axes: numbers(),
