@@ -15,13 +15,16 @@ use volcomp_fleet::{Acknowledgement, Condition, Envelope, Kind, MachineId, Recei
 use crate::{
     instance::{Header, Instances},
     point,
-    records::Live,
+    records::{ConditionMade, Live},
     rollout::Seen,
     store::{Store, StoreError, ingest as rows},
 };
 
 /// What a gateway draws at its start is shorter than this, bytes: a database has an index of it.
 const LONGEST_INSTANCE: usize = 256;
+
+/// A residual that is larger is none, µm: a kilometre.
+const LARGEST_UM: f64 = 1e9;
 
 /// A machine as it is heard.
 #[derive(Clone, Debug, Default)]
@@ -269,11 +272,16 @@ fn one(
             let text = String::from_utf8_lossy(&message.bytes);
             let text: String = text.chars().take(1000).collect();
             let document = serde_json::json!({ "unreadable": text, "why": error.to_string() });
-            return rows::add_record(database, machine, message.stored_s, &document.to_string());
+            // The server hands it out again where the centre was killed before its acknowledgement: by its place in the stream, and by
+            // its time where a stream was made anew, it is known.
+            let kind = message.kind.name();
+            let key = format!("{kind} {} {}", message.sequence, message.stored_s);
+            let text = document.to_string();
+            return rows::add_record(database, machine, message.stored_s, &text, Some(key));
         }
     };
     let header = body.header(message);
-    let Some(at_s) = heard.instances.take(&header) else {
+    let Some(made) = heard.instances.take(&header) else {
         taken.twice += 1;
         if let Body::Answer(envelope) = body {
             // It may have been stored without a roll-out having heard of it. One that has takes no notice.
@@ -281,6 +289,7 @@ fn one(
         }
         return Ok(());
     };
+    let at_s = made.at_s;
     taken.stored += 1;
     let live = heard.live.get_or_insert_with(|| Live {
         machine: machine.clone(),
@@ -290,6 +299,7 @@ fn one(
         model: String::new(),
         condition: None,
         lost: 0,
+        made: None,
     });
     live.heard_s = live.heard_s.max(message.stored_s);
     heard.taken = Some(Instant::now());
@@ -302,7 +312,7 @@ fn one(
             if condition.state == "faulted" {
                 heard.since.faulted = Some(condition.reasons.join("; "));
             }
-            if let Some(um) = condition.residual_um.filter(|um| um.is_finite()) {
+            if let Some(um) = condition.residual_um.filter(|um| um.abs() < LARGEST_UM) {
                 heard.since.residual.0 += um;
                 heard.since.residual.1 += 1;
             }
@@ -310,13 +320,17 @@ fn one(
             live.version = envelope.version;
             live.model = envelope.model;
             live.condition = Some(condition);
+            live.made = Some(ConditionMade {
+                at_s: message.stored_s - made.late_s,
+                late_s: made.late_s,
+            });
         }
         Body::Telemetry(envelope) => {
             rows::add_telemetry(database, machine, at_s, envelope.body.get())?;
         }
-        Body::Record(_) => {
+        Body::Record(envelope) => {
             let text = String::from_utf8_lossy(&message.bytes);
-            rows::add_record(database, machine, at_s, &text)?;
+            rows::add_record(database, machine, at_s, &text, envelope.body.key())?;
         }
         Body::Answer(envelope) => {
             rows::answer(database, machine, message.stored_s, &envelope.body)?;
@@ -341,8 +355,25 @@ fn read<T: DeserializeOwned>(message: &Received) -> Result<Envelope<T>, serde_js
 enum Body {
     Condition(Envelope<Condition>),
     Telemetry(Envelope<Box<serde_json::value::RawValue>>),
-    Record(Envelope<serde::de::IgnoredAny>),
+    Record(Envelope<Record>),
     Answer(Envelope<Acknowledgement>),
+}
+
+/// A record, of which the centre reads the checksum alone.
+#[derive(serde::Deserialize)]
+struct Record {
+    #[serde(default)]
+    checksum: String,
+}
+
+impl Record {
+    /// By what a record that comes again is known: each names the one before, so that no two of a machine have one checksum.
+    /// `None`: the record has none.
+    fn key(self) -> Option<String> {
+        let is_checksum =
+            self.checksum.len() == 64 && self.checksum.bytes().all(|byte| byte.is_ascii_hexdigit());
+        is_checksum.then_some(self.checksum)
+    }
 }
 
 impl Body {

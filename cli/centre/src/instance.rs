@@ -5,8 +5,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::intervals::Intervals;
 
-/// So many gateways of a machine are remembered.
+/// So many gateways of a machine are remembered, and those that were heard within a day of the newest: a batch that is handed out
+/// again, of however many starts, is known …
 const MOST: usize = 16;
+const REMEMBERED_S: f64 = 86_400.0;
+/// … up to so many, as one batch has messages.
+const MOST_OF_A_DAY: usize = 2048;
+/// Over so long the time at which a gateway was started is measured anew, s: clocks drift, and the server's may be set.
+const WINDOW_S: f64 = 300.0;
 /// A time since the start that is longer is none, s.
 const LONGEST_S: f64 = 1e9;
 /// A message is not older than this when it comes, s: no gateway keeps one so long.
@@ -30,6 +36,55 @@ pub struct Instance {
     /// The highest number at the last count of what is missing.
     #[serde(default)]
     pub counted_to: u64,
+    /// When it was started as its latest conditions and whole states tell it.
+    #[serde(default)]
+    pub recent: Option<Recent>,
+}
+
+/// The start of a gateway as its messages of a few minutes tell it. It follows clocks that drift, which [`Instance::start_s`] does not,
+/// and no time counts in which nothing was made or nothing came: what waited for an hour is late by an hour.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Recent {
+    /// The message with which these minutes begin: when it was stored and how long after the start it was made, s.
+    from_s: [f64; 2],
+    /// The earliest start that a message of these minutes tells, s.
+    start_s: f64,
+    /// That of the minutes before.
+    before_s: f64,
+}
+
+impl Recent {
+    fn of(stored_s: f64, uptime_s: f64) -> Self {
+        let start_s = stored_s - uptime_s;
+        Self {
+            from_s: [stored_s, uptime_s],
+            start_s,
+            before_s: start_s,
+        }
+    }
+
+    /// Takes a message. Tells for how long it was on its way, beyond the fastest of these minutes.
+    fn take(&mut self, stored_s: f64, uptime_s: f64) -> f64 {
+        let start_s = stored_s - uptime_s;
+        let [from_stored_s, from_uptime_s] = self.from_s;
+        if stored_s - from_stored_s >= WINDOW_S && uptime_s - from_uptime_s >= WINDOW_S {
+            *self = Self {
+                before_s: self.start_s,
+                ..Self::of(stored_s, uptime_s)
+            };
+        }
+        self.start_s = self.start_s.min(start_s);
+        (start_s - self.start_s.min(self.before_s)).max(0.0)
+    }
+}
+
+/// When a message was made.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Made {
+    /// s by the clock of the server.
+    pub at_s: f64,
+    /// For how long it was on its way, s.
+    pub late_s: f64,
 }
 
 /// The gateways that a machine has had, the newest last.
@@ -57,11 +112,11 @@ pub struct Header<'a> {
 }
 
 impl Instances {
-    /// Takes a message. `None`: it is stored already; else when it was made, s by the clock of the server.
+    /// Takes a message. `None`: it is stored already; else when it was made.
     ///
     /// The time is counted from the start of the gateway, so that a clock of a gateway which is wrong moves nothing, and what
     /// waited for the connection stands where it belongs.
-    pub fn take(&mut self, message: &Header<'_>) -> Option<f64> {
+    pub fn take(&mut self, message: &Header<'_>) -> Option<Made> {
         let uptime_s = Some(message.uptime_s).filter(|s| (0.0..LONGEST_S).contains(s));
         let start_s = message.stored_s - uptime_s.unwrap_or(0.0);
         let known = self
@@ -69,13 +124,18 @@ impl Instances {
             .iter()
             .position(|one| one.instance == message.instance);
         let place = known.unwrap_or_else(|| {
-            if self.each.len() >= MOST {
+            while self.each.len() >= MOST {
                 let silent = (0..self.each.len()).min_by(|one, other| {
                     self.each[*one]
                         .heard_s
                         .total_cmp(&self.each[*other].heard_s)
                 });
-                silent.map(|place| self.each.remove(place));
+                let Some(place) = silent else { break };
+                let since_s = message.stored_s - self.each[place].heard_s;
+                if since_s < REMEMBERED_S && self.each.len() < MOST_OF_A_DAY {
+                    break;
+                }
+                self.each.remove(place);
             }
             self.each.push(Instance {
                 instance: message.instance.to_owned(),
@@ -85,6 +145,7 @@ impl Instances {
                 stored: Intervals::default(),
                 passing_from: None,
                 counted_to: 0,
+                recent: None,
             });
             self.each.len() - 1
         });
@@ -95,6 +156,13 @@ impl Instances {
         }
         one.start_s = one.start_s.min(start_s);
         let made_s = one.start_s + uptime_s.unwrap_or(message.stored_s - one.start_s);
+        let late_s = match uptime_s.filter(|_| message.passing.is_some()) {
+            Some(uptime_s) => one
+                .recent
+                .get_or_insert_with(|| Recent::of(message.stored_s, uptime_s))
+                .take(message.stored_s, uptime_s),
+            None => 0.0,
+        };
         if let Some(sequence) = message.passing {
             let from = *one.passing_from.get_or_insert(sequence);
             // One gateway sends what it has made before its restart before what it makes after. A message of an earlier one
@@ -108,14 +176,18 @@ impl Instances {
                 self.cloned_s = Some(message.stored_s);
             }
         }
-        Some(made_s.clamp(message.stored_s - OLDEST_S, message.stored_s))
+        Some(Made {
+            at_s: made_s.clamp(message.stored_s - OLDEST_S, message.stored_s),
+            late_s: late_s.min(OLDEST_S),
+        })
     }
 
     /// Counts what is missing for good: below what was the highest number at the count before, which was long ago enough.
     pub fn count_missing(&mut self) -> u64 {
-        let mut missing = 0;
+        let mut missing = 0_u64;
         for one in &mut self.each {
-            missing += one.stored.missing_below(one.counted_to);
+            let of_one = one.stored.missing_below(one.counted_to);
+            missing = of_one.saturating_add(missing);
             one.counted_to = one.stored.highest().unwrap_or(0);
         }
         missing
@@ -144,11 +216,12 @@ mod tests {
     #[test]
     fn a_backlog_stands_where_it_was_made() {
         let mut instances = Instances::default();
-        assert_eq!(instances.take(&message("a", 5, 105.0, 1)), Some(105.0));
+        let mut made = |message: &Header<'_>| instances.take(message).map(|made| made.at_s);
+        assert_eq!(made(&message("a", 5, 105.0, 1)), Some(105.0));
         // Cut off for 1000 s, then everything at once.
         for number in 6..1005 {
-            let made = instances.take(&message("a", number, 1105.0, number));
-            assert_eq!(made, Some(100.0 + number as f64));
+            let made_s = made(&message("a", number, 1105.0, number));
+            assert_eq!(made_s, Some(100.0 + number as f64));
         }
         assert_eq!(
             instances.take(&message("a", 6, 1106.0, 2000)),
@@ -156,6 +229,57 @@ mod tests {
             "twice"
         );
         assert_eq!(instances.cloned_s, None);
+    }
+
+    /// A gateway that is cut off for an hour and sends what waited; then a clock that drifts, and one that is set.
+    #[test]
+    fn a_message_that_waited_is_late_and_a_clock_that_is_wrong_makes_none_late() {
+        let mut instances = Instances::default();
+        let mut number = 0;
+        let mut late = |made_s: f64, stored_s: f64| {
+            number += 1;
+            let message = Header {
+                instance: "a",
+                number,
+                uptime_s: made_s,
+                stored_s,
+                passing: Some(number),
+            };
+            instances.take(&message).map(|made| made.late_s)
+        };
+        for second in 0..1000 {
+            assert_eq!(late(second.into(), 5000.0 + f64::from(second)), Some(0.0));
+        }
+        // A thousand in each second of what waited for an hour: the first is late by an hour, the last by nothing.
+        for second in 1000..4600_u32 {
+            let stored_s = 9600.0 + f64::from((second - 1000) / 1000);
+            let told = late(second.into(), stored_s);
+            assert_eq!(told, Some(stored_s - 5000.0 - f64::from(second)));
+        }
+        // 100 ppm for ten days, in which the start seems to move by 86 s.
+        for minute in 1..14_400 {
+            let made_s = 4600.0 + 60.0 * f64::from(minute);
+            let told = late(made_s, 9604.0 + 60.006 * f64::from(minute));
+            assert!(told.is_some_and(|late_s| late_s < 4.5), "{told:?}");
+        }
+        // Somebody sets the clock of the server by an hour: after two times five minutes it is as it was.
+        for minute in 14_400..14_420 {
+            let made_s = 4600.0 + 60.0 * f64::from(minute);
+            let told = late(made_s, 13_204.0 + 60.006 * f64::from(minute));
+            assert!(minute < 14_411 || told < Some(0.5), "{minute}: {told:?}");
+        }
+    }
+
+    #[test]
+    fn gateways_are_forgotten_after_a_day_and_never_grow_without_end() {
+        let mut instances = Instances::default();
+        for start in 0..3000_u32 {
+            let name = start.to_string();
+            instances.take(&message(&name, 1, f64::from(start), start.into()));
+        }
+        assert_eq!(instances.each.len(), MOST_OF_A_DAY);
+        instances.take(&message("later", 1, 200_000.0, 4000));
+        assert_eq!(instances.each.len(), MOST);
     }
 
     #[test]
@@ -200,7 +324,7 @@ mod tests {
                 uptime_s,
                 ..message("a", uptime_s.to_bits(), 50.0, 1)
             });
-            assert_eq!(made, Some(50.0));
+            assert_eq!(made.map(|made| made.at_s), Some(50.0));
         }
     }
 }

@@ -28,9 +28,13 @@ fn round(value: f64) -> f64 {
     (value * 1e3).round() / 1e3 + 0.0
 }
 
+/// A number that is still one when it is rounded: JSON has no other, and a row that holds another is never read again.
+fn finite(value: f64) -> Option<f64> {
+    Some(round(value)).filter(|value| value.is_finite())
+}
+
 /// The point of one condition.
 pub(crate) fn of(condition: &Condition, at_s: f64) -> Point {
-    let finite = |value: f64| value.is_finite().then(|| round(value));
     let known = condition.residual_um.and_then(finite);
     Point {
         at_s: round(at_s),
@@ -50,10 +54,8 @@ pub(crate) fn of(condition: &Condition, at_s: f64) -> Point {
 }
 
 fn rounded<K: Ord + Clone>(values: &BTreeMap<K, f64>) -> BTreeMap<K, f64> {
-    let finite = values.iter().filter(|(_, value)| value.is_finite());
-    finite
-        .map(|(key, value)| (key.clone(), round(*value)))
-        .collect()
+    let known = |(key, value): (&K, &f64)| Some((key.clone(), finite(*value)?));
+    values.iter().filter_map(known).collect()
 }
 
 /// One point for several, in rising order of time: means weighted by their counts, over the points in which the value is
@@ -86,7 +88,7 @@ fn weighted(values: impl Iterator<Item = (u64, f64)>) -> Option<f64> {
         weight += count as f64;
         sum += count as f64 * value;
     }
-    (weight > 0.0).then(|| round(sum / weight))
+    finite(sum / weight)
 }
 
 fn by_name<K: Ord + Clone>(
@@ -101,8 +103,6 @@ fn by_name<K: Ord + Clone>(
             *sum += point.count as f64 * value;
         }
     }
-    let known = sums.into_iter().filter(|(_, (weight, _))| *weight > 0.0);
-    known
-        .map(|(name, (weight, sum))| (name, round(sum / weight)))
-        .collect()
+    let known = |(name, (weight, sum)): (K, (f64, f64))| Some((name, finite(sum / weight)?));
+    sums.into_iter().filter_map(known).collect()
 }

@@ -316,6 +316,29 @@ pub struct Live {
     pub condition: Option<volcomp_fleet::Condition>,
     /// Messages that are missing for good.
     pub lost: u64,
+    /// When the last condition was made; `None`: there is none, or it was stored by an older program.
+    #[serde(default)]
+    pub made: Option<ConditionMade>,
+}
+
+/// When a condition was made.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ConditionMade {
+    /// s by the clock of the server.
+    pub at_s: f64,
+    /// For how long it waited and was on its way until the server stored it, s.
+    pub late_s: f64,
+}
+
+impl Live {
+    /// When the last condition was made. Of an older program: when the last message was stored.
+    pub fn made(&self) -> Option<ConditionMade> {
+        let stored = ConditionMade {
+            at_s: self.heard_s,
+            late_s: 0.0,
+        };
+        self.condition.as_ref().map(|_| self.made.unwrap_or(stored))
+    }
 }
 
 /// One record of the centre's own audit log. Its hash covers the one before.

@@ -201,7 +201,7 @@ function machinePage(page, name) {
 function showMachine(id, { machine, live, age_s: age, silent, versions, telemetry, alarms, records }) {
   const condition = live && !silent ? live.condition : null;
   const state = condition ? condition.state : live ? "unknown" : "never heard";
-  const heard = age === null || age === undefined ? "" : `, heard ${lasting(age)} ago`;
+  const heard = age === null || age === undefined ? "" : `, condition of ${lasting(age)} ago`;
   element("machine-head").replaceChildren(make("div", { class: "head" }, make("h1", { textContent: id }), badge(state), make("span", { class: "soft", textContent: `${machine.site}, ${machine.structure}${heard}` }), machine.enable ? null : make("span", { class: "bad", textContent: "must not be corrected" })));
   const corrections = condition ? [...Object.entries(condition.correction_um).map(([axis, um]) => [axis, `${signed(um, 1)} µm`]), ...Object.entries(condition.correction_urad || {}).map(([axis, urad]) => [axis, `${signed(urad, 1)} µrad`])] : [];
   element("machine-now").replaceChildren(panel("Now", facts([

@@ -27,7 +27,15 @@ const READ: u32 = 20_000;
 const RECORDS: u32 = 50;
 
 pub(super) async fn overview(State(face): Shared) -> Answer {
-    let document = face.overview().document.clone();
+    let overview = face.overview();
+    if let Some(age) = overview.too_old() {
+        let why = format!(
+            "the centre could not look at its machines for {} s: what they do now is not known, and its log says why",
+            age.as_secs()
+        );
+        return Err(Refused::new(StatusCode::SERVICE_UNAVAILABLE, why));
+    }
+    let document = overview.document.clone();
     if document.is_empty() {
         let why = "the overview is not made yet: ask again in a second";
         return Err(Refused::new(StatusCode::SERVICE_UNAVAILABLE, why));
@@ -43,7 +51,7 @@ pub(super) fn named(name: &str) -> Result<MachineId, Refused> {
 
 pub(super) async fn machine(State(face): Shared, Path(name): Path<String>) -> Answer {
     let id = named(&name)?;
-    let age_s = face.overview().ages_s.get(&id).copied();
+    let age_s = face.overview().age_s(&id);
     let found = face
         .ask(move |store| {
             let Some(machine) = store.machine(&id)? else {

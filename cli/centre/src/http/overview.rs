@@ -2,7 +2,7 @@
 
 use std::{
     collections::{BTreeMap, HashMap},
-    time::Instant,
+    time::{Duration, Instant},
 };
 
 use axum::body::Bytes;
@@ -22,11 +22,17 @@ const PERIODS: f64 = 3.0;
 /// … and this is the time that a message may be on its way through the server and the store, s.
 const ON_ITS_WAY_S: f64 = 2.0;
 
+/// What is older than this, and than what it takes to make it three times, is not told as what holds now.
+const OLD: Duration = Duration::from_secs(5);
+const MOST_OF_TAKING: Duration = Duration::from_secs(25);
+
 /// What the page is told every second, as it is sent.
 #[derive(Default)]
 pub(super) struct Overview {
     pub(super) document: Bytes,
-    pub(super) ages_s: HashMap<MachineId, f64>,
+    ages_s: HashMap<MachineId, f64>,
+    /// When it was made, and for how long.
+    made: Option<(Instant, Duration)>,
 }
 
 /// A machine at a glance. What is not known is `null`.
@@ -42,7 +48,7 @@ struct Row<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
     was: Option<&'a str>,
     reasons: &'a [String],
-    /// Seconds since it was heard.
+    /// Seconds since its last condition was made.
     age_s: Option<f64>,
     silent: bool,
     armed: Option<bool>,
@@ -65,6 +71,8 @@ struct Row<'a> {
 
 #[derive(Serialize)]
 struct Document<'a> {
+    /// When this was made, s since 1970.
+    made_s: f64,
     notice: &'a str,
     machines: Vec<Row<'a>>,
     /// Open alarms of the centre itself.
@@ -78,6 +86,7 @@ pub(super) fn is_silent(machine: &Machine, age_s: f64) -> bool {
 
 impl Overview {
     pub(super) fn of(store: &Store, ages: &mut Ages, notice: &str) -> Result<Self, StoreError> {
+        let began = Instant::now();
         let machines = store.machines()?;
         let live: HashMap<MachineId, Live> = (store.live()?.into_iter())
             .map(|live| (live.machine.clone(), live))
@@ -102,7 +111,8 @@ impl Overview {
             .map(|machine| {
                 let id = &machine.identity.machine;
                 let heard = live.get(id);
-                let age_s = heard.map(|live| ages.age_s(id, live.heard_s, now_s, now));
+                let made = heard.and_then(Live::made);
+                let age_s = made.map(|made| ages.age_s(id, made, now_s, now));
                 if let Some(age_s) = age_s {
                     ages_s.insert(id.clone(), age_s);
                 }
@@ -149,6 +159,7 @@ impl Overview {
             })
             .collect();
         let document = Document {
+            made_s: now_s,
             notice,
             machines: rows,
             centre,
@@ -156,7 +167,22 @@ impl Overview {
         Ok(Self {
             document: serde_json::to_vec(&document)?.into(),
             ages_s,
+            made: Some((began, began.elapsed())),
         })
+    }
+
+    /// How long ago it was made, where it is too old to be told as what holds now: it is made every second, and takes a while
+    /// where there are many machines.
+    pub(super) fn too_old(&self) -> Option<Duration> {
+        let (at, took) = self.made?;
+        let age = at.elapsed();
+        (age > OLD + (3 * took).min(MOST_OF_TAKING)).then_some(age)
+    }
+
+    /// The age of the last condition of a machine now, s.
+    pub(super) fn age_s(&self, machine: &MachineId) -> Option<f64> {
+        let (at, _) = self.made?;
+        Some(self.ages_s.get(machine)? + at.elapsed().as_secs_f64())
     }
 }
 

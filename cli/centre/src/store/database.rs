@@ -120,6 +120,19 @@ impl Row {
     pub fn json<T: serde::de::DeserializeOwned>(&self, column: usize) -> Result<T, StoreError> {
         Ok(serde_json::from_str(self.text(column)?)?)
     }
+
+    /// A document of another program that is kept as it came. JSON that is none for this program (a number beyond the range, half a
+    /// character) is told as a text, with the reason.
+    ///
+    /// # Errors
+    /// The column is another thing.
+    pub fn json_or_text(&self, column: usize) -> Result<serde_json::Value, StoreError> {
+        let text = self.text(column)?;
+        Ok(serde_json::from_str(text).unwrap_or_else(|error| {
+            let shown: String = text.chars().take(1000).collect();
+            serde_json::json!({ "unreadable": shown, "why": error.to_string() })
+        }))
+    }
 }
 
 /// A connection to a database.

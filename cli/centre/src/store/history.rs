@@ -8,7 +8,7 @@ use volcomp_fleet::MachineId;
 
 use super::{
     Store, StoreError,
-    database::{Database, Value},
+    database::{Database, Row, Value},
 };
 use crate::{
     point,
@@ -117,21 +117,20 @@ impl Store {
                     count.into(),
                 ],
             )?;
-            let mut points: Vec<Point> = Vec::new();
+            let name = machine.as_str();
             if resolution != Resolution::Raw {
-                return rows.iter().rev().map(|row| row.json(0)).collect();
+                let mut points = readable(&rows, name, table);
+                points.reverse();
+                return Ok(points);
             }
-            for row in &rows {
-                points.extend(row.json::<Vec<Point>>(0)?);
-            }
+            let minutes: Vec<Vec<Point>> = readable(&rows, name, table);
+            let mut points: Vec<Point> = minutes.into_iter().flatten().collect();
             // What its minute has not been closed of.
             let recent = database.rows(
                 "SELECT document FROM recent WHERE machine = ?1 AND at_s >= ?2 AND at_s <= ?3 ORDER BY at_s",
                 &[machine.as_str().into(), from_s.into(), to_s.into()],
             )?;
-            for row in &recent {
-                points.push(row.json(0)?);
-            }
+            points.extend(readable::<Point>(&recent, name, "recent"));
             points.retain(|point| (from_s..=to_s).contains(&point.at_s));
             points.sort_by(|one, other| one.at_s.total_cmp(&other.at_s));
             let most = usize::try_from(count).unwrap_or(usize::MAX);
@@ -153,7 +152,7 @@ impl Store {
                 "SELECT at_s, document FROM telemetry WHERE machine = ?1 ORDER BY at_s DESC LIMIT 1",
                 &[machine.as_str().into()],
             )?;
-            row.map(|row| Ok((row.real(0)?, row.json(1)?))).transpose()
+            row.map(|row| Ok((row.real(0)?, row.json_or_text(1)?))).transpose()
         })
     }
 
@@ -199,7 +198,7 @@ fn close_oldest(database: &mut dyn Database, machine: &Value, end: i64) -> Resul
         "SELECT min(at_s) FROM recent WHERE machine = ?1",
         std::slice::from_ref(machine),
     )?;
-    let oldest = oldest.map_or(Ok(None), |row| row.optional(0, super::Row::real))?;
+    let oldest = oldest.map_or(Ok(None), |row| row.optional(0, Row::real))?;
     let oldest = oldest.map(|at_s| place(at_s, 60.0));
     let Some(minute) = oldest.filter(|minute| *minute < end) else {
         return Ok(0);
@@ -214,8 +213,8 @@ fn close_oldest(database: &mut dyn Database, machine: &Value, end: i64) -> Resul
         "SELECT document FROM recent WHERE machine = ?1 AND at_s >= ?2 AND at_s < ?3 ORDER BY at_s",
         &range,
     )?;
-    let new: Result<Vec<Point>, StoreError> = rows.iter().map(|row| row.json(0)).collect();
-    close_one(database, machine, minute, new?)?;
+    let new: Vec<Point> = readable(&rows, text(machine), "recent");
+    close_one(database, machine, minute, new)?;
     database.execute(
         "DELETE FROM recent WHERE machine = ?1 AND at_s >= ?2 AND at_s < ?3",
         &range,
@@ -236,7 +235,8 @@ fn close_one(
         &key(),
     )?;
     if let Some(row) = raw {
-        points.extend(row.json::<Vec<Point>>(0)?);
+        let before: Vec<Vec<Point>> = readable(&[row], text(machine), "raw");
+        points.extend(before.into_iter().flatten());
         points.sort_by(|one, other| one.at_s.total_cmp(&other.at_s));
     }
     put(
@@ -253,7 +253,8 @@ fn close_one(
         "SELECT document FROM minutes WHERE machine = ?1 AND minute = ?2",
         &key(),
     )?;
-    let before: Option<Point> = before.map(|row| row.json(0)).transpose()?;
+    let before: Option<Point> =
+        before.and_then(|row| readable(&[row], text(machine), "minutes").pop());
     if before
         .as_ref()
         .is_some_and(|before| before.count > mean.count)
@@ -275,15 +276,15 @@ fn close_one(
             "SELECT document FROM hours WHERE machine = ?1 AND hour = ?2",
             &hour_key,
         )?;
-        let so_far: Option<Point> = so_far.map(|row| row.json(0)).transpose()?;
+        let so_far: Option<Point> =
+            so_far.and_then(|row| readable(&[row], text(machine), "hours").pop());
         so_far.into_iter().chain([mean]).collect()
     } else {
         let rows = database.rows(
             "SELECT document FROM minutes WHERE machine = ?1 AND minute >= ?2 AND minute < ?3 ORDER BY minute",
             &[machine.clone(), (hour * 60).into(), (hour * 60 + 60).into()],
         )?;
-        let shares: Result<Vec<Point>, StoreError> = rows.iter().map(|row| row.json(0)).collect();
-        shares?
+        readable(&rows, text(machine), "minutes")
     };
     if let Some(of_hour) = point::mean(&shares, hour as f64 * 3600.0) {
         put(
@@ -295,6 +296,27 @@ fn close_one(
         )?;
     }
     Ok(())
+}
+
+/// The documents of rows. One that cannot be read is told and left out: the history of a machine, and that of every other, goes on
+/// without it.
+fn readable<T: serde::de::DeserializeOwned>(rows: &[Row], machine: &str, table: &str) -> Vec<T> {
+    let read = |row: &Row| match row.json(0) {
+        Ok(document) => Some(document),
+        Err(error) => {
+            tracing::warn!("{machine}: a row of the table {table} is left out: {error}");
+            None
+        }
+    };
+    rows.iter().filter_map(read).collect()
+}
+
+/// The name of a machine, to be told.
+fn text(machine: &Value) -> &str {
+    match machine {
+        Value::Text(name) => name,
+        _ => "a machine",
+    }
 }
 
 fn put(

@@ -36,15 +36,18 @@ pub(crate) fn add_telemetry(
     )
 }
 
+/// Adds a record, where there is none of the machine with its key.
 pub(crate) fn add_record(
     database: &mut dyn Database,
     machine: &MachineId,
     at_s: f64,
     document: &str,
+    key: Option<String>,
 ) -> Result<(), StoreError> {
     database.execute_later(
-        "INSERT INTO records (machine, at_s, document) VALUES (?1, ?2, ?3)",
-        vec![machine.into(), at_s.into(), document.into()],
+        "INSERT INTO records (machine, at_s, document, record) VALUES (?1, ?2, ?3, ?4)
+         ON CONFLICT (machine, record) DO NOTHING",
+        vec![machine.into(), at_s.into(), document.into(), key.into()],
     )
 }
 
@@ -124,7 +127,7 @@ impl Store {
                 &[of.into(), count.into()],
             )?;
             rows.iter()
-                .map(|row| Ok((row.real(0)?, row.json(1)?)))
+                .map(|row| Ok((row.real(0)?, row.json_or_text(1)?)))
                 .collect()
         })
     }

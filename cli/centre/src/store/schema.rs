@@ -6,7 +6,7 @@ use super::{
 };
 
 /// Each step is one list of statements; a database knows how many of the steps it has. Steps are only ever added.
-const STEPS: &[&[&str]] = &[FIRST, BY_MACHINE, WISHES];
+const STEPS: &[&[&str]] = &[FIRST, BY_MACHINE, WISHES, RECORDS_ONCE];
 
 const FIRST: &[&str] = &[
     "CREATE TABLE machines (machine TEXT PRIMARY KEY, site TEXT NOT NULL, document TEXT NOT NULL)",
@@ -65,6 +65,12 @@ const WISHES: &[&str] = &[
         PRIMARY KEY (rollout, number))",
     "INSERT INTO wishes (rollout, number, document) SELECT id, 1, wish FROM rollouts WHERE wish IS NOT NULL",
     "UPDATE rollouts SET wish = NULL",
+];
+
+/// A record that comes again is known by its checksum. Those of before have none here, and two that are nothing are not the same.
+const RECORDS_ONCE: &[&str] = &[
+    "ALTER TABLE records ADD COLUMN record TEXT",
+    "CREATE UNIQUE INDEX records_once ON records (machine, record)",
 ];
 
 /// Brings a database to the newest schema.

@@ -87,6 +87,7 @@ fn told(page: &Page, number: usize, silent: bool) -> (Machine, Live) {
         model: String::new(),
         condition: Some(condition),
         lost: 0,
+        made: None,
     };
     (machine, live)
 }

@@ -20,6 +20,7 @@ mod engine_watching;
 mod form;
 mod gateway;
 mod http;
+mod ingest;
 mod page;
 #[cfg(feature = "postgres")]
 mod postgres;

@@ -495,6 +495,8 @@ fn a_database_of_an_older_program_is_brought_up(place: &Place) {
     for sql in [
         // A wish that waits, as the first programs kept it.
         "UPDATE rollouts SET wish = '[{\"wish\":\"pause\"},\"anna\"]'",
+        "DROP INDEX records_once",
+        "ALTER TABLE records DROP COLUMN record",
         "DROP INDEX recent_of",
         "CREATE INDEX recent_at ON recent (at_s)",
         "DROP TABLE wishes",

@@ -1,5 +1,7 @@
 //! What the page is told: a history over its whole span, rules as they are configured; and how often a password is looked at.
 
+use std::time::Duration;
+
 use serde_json::json;
 use volcomp_centre::{
     clock::now_s, http::FaceSettings, ingest::Ingest, rollout::Rules, users::Role,
@@ -101,4 +103,97 @@ fn wrong_passwords_that_come_at_one_time_are_counted() {
     let turned_away = statuses.iter().filter(|status| **status == 429).count();
     assert!((5..=6).contains(&looked_at), "{statuses:?}");
     assert_eq!(looked_at + turned_away, statuses.len(), "{statuses:?}");
+}
+
+/// A machine was cut off for an hour. Now it is connected again and sends what waited: audit records first, then conditions one after the
+/// other: one of an hour ago is no one of this second. An audit record that comes makes no condition younger.
+#[test]
+fn a_condition_of_an_hour_ago_is_not_told_as_one_of_now() {
+    let page = Page::start();
+    page.store.put_machine(&machine("mill-a"), "anna").unwrap();
+    let mut ingest = Ingest::of(&page.store).unwrap();
+    let now = now_s();
+    let mut first = envelope("a", 1, condition(4.0));
+    first.uptime_s = 1.0;
+    let mut second = envelope("a", 2, condition(4.0));
+    second.uptime_s = 2.0;
+    let batch = [
+        received("mill-a", Kind::Condition, 1, now - 3600.0, &first),
+        // Made a second later, and an hour on the disk of the gateway.
+        received("mill-a", Kind::Condition, 2, now, &second),
+    ];
+    ingest.take(&page.store, &batch).unwrap();
+    let record = envelope("a", 3, json!({ "checksum": "ab", "record": "{}" }));
+    ingest
+        .take(
+            &page.store,
+            &[received("mill-a", Kind::Audit, 1, now, &record)],
+        )
+        .unwrap();
+    ingest.store_live(&page.store).unwrap();
+    let cookie = page.session(Role::Viewer);
+    std::thread::sleep(Duration::from_millis(2500));
+    let overview = page.get("/api/overview", &cookie).json();
+    let row = &overview["machines"][0];
+    assert!(
+        row["state"] == "unknown" || row["age_s"].as_f64().unwrap() > 3000.0,
+        "state {}, armed {}, {} s old; it was made an hour ago",
+        row["state"],
+        row["armed"],
+        row["age_s"]
+    );
+}
+
+/// The database cannot be read any more (another program, a disk that fails): what was told last is not told as what holds now.
+#[test]
+fn an_overview_that_cannot_be_made_is_not_told_as_of_now() {
+    let page = Page::start();
+    page.store.put_machine(&machine("mill-a"), "anna").unwrap();
+    let mut ingest = Ingest::of(&page.store).unwrap();
+    let one = envelope("a", 1, condition(4.0));
+    ingest
+        .take(
+            &page.store,
+            &[received("mill-a", Kind::Condition, 1, now_s(), &one)],
+        )
+        .unwrap();
+    ingest.store_live(&page.store).unwrap();
+    let cookie = page.session(Role::Viewer);
+    std::thread::sleep(Duration::from_millis(2500));
+    let raw = rusqlite::Connection::open(page.folder.path().join("centre.db")).unwrap();
+    raw.execute_batch("ALTER TABLE live RENAME TO gone")
+        .unwrap();
+    std::thread::sleep(Duration::from_secs(10));
+    let answer = page.get("/api/overview", &cookie);
+    assert_eq!(answer.status, 503, "{}", answer.body);
+    let why = answer.json()["error"].as_str().unwrap().to_owned();
+    assert!(why.contains("could not look at its machines for"), "{why}");
+    raw.execute_batch("ALTER TABLE gone RENAME TO live")
+        .unwrap();
+    std::thread::sleep(Duration::from_millis(2500));
+    let told = page.get("/api/overview", &cookie).json();
+    let made_s = told["made_s"].as_f64().unwrap();
+    assert!((now_s() - made_s).abs() < 5.0, "{made_s}");
+}
+
+/// Whole states and records are kept as they came. A number that no reader takes must not close the page of the machine.
+#[test]
+fn a_document_that_cannot_be_read_back_does_not_close_the_page_of_its_machine() {
+    for (kind, body) in [
+        (Kind::Telemetry, "1e999"),
+        (Kind::Audit, "{\"checksum\":\"\",\"record\":\"\\ud800\"}"),
+    ] {
+        let page = Page::start();
+        page.store.put_machine(&machine("mill-a"), "anna").unwrap();
+        let mut ingest = Ingest::of(&page.store).unwrap();
+        let mut message = received("mill-a", kind, 1, now_s(), &envelope("a", 1, ()));
+        let text = String::from_utf8(message.bytes.to_vec()).unwrap();
+        message.bytes = text.replace("null", body).into();
+        ingest.take(&page.store, &[message]).unwrap();
+        ingest.store_live(&page.store).unwrap();
+        let cookie = page.session(Role::Viewer);
+        std::thread::sleep(Duration::from_millis(1500));
+        let answer = page.get("/api/machines/mill-a", &cookie);
+        assert_eq!(answer.status, 200, "{kind:?} {body}: {}", answer.body);
+    }
 }

@@ -1,0 +1,191 @@
+//! What machines say: a message that is none spoils nothing, and one that comes again counts once.
+
+use std::path::Path;
+
+use volcomp_centre::{ingest::Ingest, records::Resolution, store::Store};
+use volcomp_fleet::{AuditLine, Kind, Received};
+
+use crate::support::{condition, envelope, identity, received};
+
+const FROM_S: f64 = 1_800_000_000.0;
+
+fn store(folder: &Path) -> Store {
+    Store::open(&folder.join("centre.db")).unwrap()
+}
+
+/// A number that JSON holds and that becomes infinite when it is rounded to three digits, and a row that is none.
+#[test]
+fn a_number_that_is_large_and_a_row_that_is_none_stop_no_history() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = store(folder.path());
+    let mut ingest = Ingest::of(&store).unwrap();
+    let mut large = condition(4.0);
+    large.temperatures_degc.insert("bed".into(), Some(1e306));
+    let bad = received(
+        "mill-b",
+        Kind::Condition,
+        1,
+        FROM_S,
+        &envelope("b", 1, large),
+    );
+    let good = received(
+        "mill-a",
+        Kind::Condition,
+        2,
+        FROM_S,
+        &envelope("a", 1, condition(4.0)),
+    );
+    ingest.take(&store, &[bad, good]).unwrap();
+    let raw = rusqlite::Connection::open(folder.path().join("centre.db")).unwrap();
+    let sql =
+        "INSERT INTO recent (machine, at_s, document) VALUES ('mill-b', ?1, '{\"at_s\":null}')";
+    raw.execute(sql, [FROM_S + 1.0]).unwrap();
+    store.close_minutes(FROM_S + 120.0).unwrap();
+    for machine in ["mill-a", "mill-b"] {
+        for resolution in [Resolution::Raw, Resolution::Minute, Resolution::Hour] {
+            let machine = &identity(machine).machine;
+            let told = store
+                .history(machine, resolution, FROM_S - 60.0, FROM_S + 120.0, 10)
+                .unwrap();
+            assert_eq!(told.len(), 1, "{machine} {resolution:?}");
+            assert!(!told[0].temperatures_degc.contains_key("bed"));
+        }
+    }
+}
+
+/// A gateway that was started seventeen times while it was cut off sends what waited; the centre is killed between its commit and its
+/// acknowledgement, so the same batch comes again.
+#[test]
+fn a_batch_of_many_starts_that_comes_again_is_stored_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = store(folder.path());
+    let mut ingest = Ingest::of(&store).unwrap();
+    let batch: Vec<Received> = (0..17)
+        .map(|start: u64| {
+            let one = envelope(&format!("run-{start}"), 1, condition(4.0));
+            received(
+                "mill-a",
+                Kind::Condition,
+                start + 1,
+                FROM_S + start as f64,
+                &one,
+            )
+        })
+        .collect();
+    assert_eq!(ingest.take(&store, &batch).unwrap().stored, 17);
+    let mut again = Ingest::of(&store).unwrap();
+    let taken = again.take(&store, &batch).unwrap();
+    assert_eq!((taken.stored, taken.twice), (0, 17));
+}
+
+/// What cannot be read is kept: once, however often the server hands it out.
+#[test]
+fn a_message_that_cannot_be_read_is_kept_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = store(folder.path());
+    let mut ingest = Ingest::of(&store).unwrap();
+    let mut message = received(
+        "mill-a",
+        Kind::Condition,
+        7,
+        FROM_S,
+        &envelope("a", 1, condition(4.0)),
+    );
+    message.bytes = "{".into();
+    ingest.take(&store, std::slice::from_ref(&message)).unwrap();
+    ingest.take(&store, &[message]).unwrap();
+    let kept = store
+        .machine_records(&identity("mill-a").machine, 10)
+        .unwrap();
+    assert_eq!(kept.len(), 1, "{kept:?}");
+}
+
+/// A gateway is killed after the server has stored a record and before it has written its cursor (every five seconds), and is started
+/// again after more than the two minutes for which the server knows an id. The record has the same id and the same checksum, and another number.
+#[test]
+fn an_audit_record_that_is_sent_again_after_a_restart_is_stored_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = store(folder.path());
+    let mut ingest = Ingest::of(&store).unwrap();
+    let line = AuditLine {
+        checksum: "ab".repeat(32),
+        record: "{\"what\":\"armed\"}".into(),
+    };
+    for (place, start) in ["before", "after"].into_iter().enumerate() {
+        let at_s = FROM_S + 600.0 * place as f64;
+        let one = envelope(start, 1, line.clone());
+        let message = received("mill-a", Kind::Audit, place as u64 + 1, at_s, &one);
+        ingest.take(&store, &[message]).unwrap();
+    }
+    let kept = store
+        .machine_records(&identity("mill-a").machine, 10)
+        .unwrap();
+    assert_eq!(kept.len(), 1, "the machine armed once");
+    // Another machine has another log.
+    let one = envelope("a", 1, line);
+    let other = received("mill-b", Kind::Audit, 3, FROM_S, &one);
+    ingest.take(&store, &[other]).unwrap();
+    let kept = store.machine_records(&identity("mill-b").machine, 10);
+    assert_eq!(kept.unwrap().len(), 1);
+}
+
+/// Of a history that is longer than what is asked for the newest points are told.
+#[test]
+fn a_history_that_is_too_long_keeps_its_newest_points() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = store(folder.path());
+    let mut ingest = Ingest::of(&store).unwrap();
+    let batch: Vec<Received> = (0..100)
+        .map(|number: u64| {
+            let one = envelope("a", number, condition(number as f64));
+            received(
+                "mill-a",
+                Kind::Condition,
+                number + 1,
+                FROM_S + 60.0 * number as f64,
+                &one,
+            )
+        })
+        .map(|mut message| {
+            // Made when it was stored.
+            let mut json: serde_json::Value = serde_json::from_slice(&message.bytes).unwrap();
+            json["uptime_s"] = (message.stored_s - FROM_S).into();
+            message.bytes = serde_json::to_vec(&json).unwrap().into();
+            message
+        })
+        .collect();
+    ingest.take(&store, &batch).unwrap();
+    store.close_minutes(FROM_S + 6000.0).unwrap();
+    let machine = identity("mill-a").machine;
+    let all = store
+        .history(&machine, Resolution::Minute, FROM_S, FROM_S + 6000.0, 1000)
+        .unwrap();
+    let some = store
+        .history(&machine, Resolution::Minute, FROM_S, FROM_S + 6000.0, 20)
+        .unwrap();
+    assert_eq!(all.len(), 100);
+    assert_eq!(
+        some.last().map(|point| point.at_s),
+        all.last().map(|point| point.at_s),
+        "the newest is left out"
+    );
+}
+
+/// Numbers are a machine's to tell, up to the largest.
+#[test]
+fn numbers_at_the_end_of_their_range_can_be_counted() {
+    let mut instances = volcomp_centre::instance::Instances::default();
+    for instance in ["a", "b"] {
+        for number in [0, u64::MAX] {
+            instances.take(&volcomp_centre::instance::Header {
+                instance,
+                number,
+                uptime_s: 1.0,
+                stored_s: FROM_S,
+                passing: None,
+            });
+        }
+    }
+    instances.count_missing();
+    assert!(instances.count_missing() > 0);
+}
