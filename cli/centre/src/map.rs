@@ -10,6 +10,8 @@ use volcomp_vocabulary::AxisName;
 
 /// Nodes along each axis of a section.
 const NODES: usize = 21;
+/// Nodes along each axis of the work space, its corners among them, where the largest error is sought.
+const SOUGHT: usize = 11;
 /// Corrections are taken in steps of this, as most controls do: mm and rad.
 const STEP_MM: f64 = 1e-3;
 const STEP_RAD: f64 = 1e-4 / 180.0 * std::f64::consts::PI;
@@ -41,7 +43,7 @@ pub struct Section {
 pub struct ErrorMap {
     /// Sections over the first two, the first and the last, and the last two of the linear axes.
     pub sections: Vec<Section>,
-    /// The largest error before and after, µm.
+    /// The largest error of the whole work space before and after, µm: where the other axes stand.
     pub largest_um: [f64; 2],
     /// The ranges of the body diagonals (ISO 230-6) before and after, µm; empty where one of X, Y, Z is missing.
     pub diagonals_um: Vec<(&'static str, [f64; 2])>,
@@ -49,6 +51,14 @@ pub struct ErrorMap {
     pub others: Vec<(AxisName, f64)>,
     /// Whether the terms of temperature are left out: the map is that at the reference temperature.
     pub reference_temperature: bool,
+}
+
+/// The larger of what was found and of these, before and after.
+fn larger(largest_um: &mut [f64; 2], found_um: &[[f64; 2]]) {
+    for (place, largest) in largest_um.iter_mut().enumerate() {
+        let found = found_um.iter().map(|values| values[place]);
+        *largest = found.fold(*largest, f64::max);
+    }
 }
 
 /// The map of a model at its reference temperature, rotary axes where they are nearest to zero.
@@ -90,6 +100,12 @@ pub fn error_map(machine: &Machine) -> Result<ErrorMap, ModelError> {
         others: others.clone(),
         reference_temperature: true,
     };
+    // A plane through the middle knows nothing of the corners.
+    let space = MapGrid::over_travels(machine, [SOUGHT; 3], &others)?;
+    let whole: Vec<[f64; 2]> = (0..space.len())
+        .map(|index| lengths_um(&space.node(machine, index).1))
+        .collect();
+    larger(&mut map.largest_um, &whole);
     for (across, up) in [(0, 1), (0, 2), (1, 2)] {
         if up >= grid.axes.len() {
             continue;
@@ -106,12 +122,7 @@ pub fn error_map(machine: &Machine) -> Result<ErrorMap, ModelError> {
         let both: Vec<[f64; 2]> = (0..plane.len())
             .map(|index| lengths_um(&plane.node(machine, index).1))
             .collect();
-        for (largest, place) in map.largest_um.iter_mut().zip([0, 1]) {
-            *largest = both
-                .iter()
-                .map(|values| values[place])
-                .fold(*largest, f64::max);
-        }
+        larger(&mut map.largest_um, &both);
         let rows = |place: usize| {
             let rows = both.chunks(NODES);
             rows.map(|row| row.iter().map(|values| values[place]).collect())

@@ -175,3 +175,19 @@ fn wrong_forms_say_what_is_wrong() {
     );
     check(&|form| form.axes[1].travel = [f64::NAN, 1.0], "travel");
 }
+
+/// "Largest before and after" of the page, against the corner of the work space, where a scale error along three axes is largest.
+#[test]
+fn the_largest_error_of_the_map_is_that_of_the_work_space() {
+    let scale = |name| typed(name, CurveForm::Poly(vec![0.0, 0.1]));
+    let mut form = form();
+    form.errors = vec![scale("EXX"), scale("EYY"), scale("EZZ")];
+    let built = build(&form).expect("a model");
+    // 100 µm/m along 500, 400 and 300 mm.
+    let largest_um = (50.0_f64.powi(2) + 40.0_f64.powi(2) + 30.0_f64.powi(2)).sqrt();
+    let [told_um, _] = built.map.largest_um;
+    assert!(
+        (told_um - largest_um).abs() < 0.5,
+        "told {told_um} µm, the corner has {largest_um:.1} µm"
+    );
+}
