@@ -5,9 +5,9 @@ const CARRIES = ["the tool moves in X, Y and Z", "X carries the workpiece", "X a
 const TURNS = ["no rotary axes", "both turn the workpiece", "both turn the tool", "one each"];
 const HINTS = {
   number: "one number: 12.5",
-  poly: "c0, c1, c2 …: 0, 0.0073, -2.1e-7",
-  table: "one node a line: coordinate, value",
-  cubic: "one node a line: coordinate, value",
+  poly: "c0 c1 c2 …: 0 0.0073 -2.1e-7",
+  table: "one node a line: coordinate value",
+  cubic: "one node a line: coordinate value",
 };
 
 /** The names of the errors of these axes: motions, squareness, locations. */
@@ -18,11 +18,22 @@ function errorNames(axes) {
   return [...square, ...axes.flatMap((axis) => about[axis] || []), ...motions];
 }
 
-const numbersIn = (text) => text.split(/[\s,;]+/).filter(Boolean).map((word) => {
+/** Numbers between blanks or semicolons. A comma is none of both: whoever writes 0,035 would get two numbers. */
+const numbersIn = (text) => text.split(/[\s;]+/).filter(Boolean).map((word) => {
+  if (word.includes(",")) throw new Refused(0, `found ${JSON.stringify(word)}, expected a point as the decimal sign, and blanks or semicolons between numbers: no comma`);
   const number = Number(word.replace("−", "-"));
   if (!Number.isFinite(number)) throw new Refused(0, `found ${JSON.stringify(word)}, expected a number`);
   return number;
 });
+
+/** Does something with what was typed into a field: what is wrong is told with its name. */
+function inField(name, work) {
+  try {
+    return work();
+  } catch (problem) {
+    throw new Refused(0, `${name}: ${problem.message}`);
+  }
+}
 
 /** What was typed for an error, as the centre takes it. */
 function curveOf(kind, text) {
@@ -48,7 +59,7 @@ function buildPage(page) {
   const pairs = ["C A", "A C", "C B", "B C", "B A", "A B"];
   const letters = choose(pairs.map((pair) => [pair, pair]), "C A");
   const code = make("input", { placeholder: "w C' A' b X Y Z t", value: "w X' Y' b Z t" });
-  const tip = make("input", { placeholder: "0, 0, 0" });
+  const tip = make("input", { placeholder: "0 0 0" });
   const axesPlace = make("div", { class: "lines" });
   const typed = new Map();
   const errors = make("div", { class: "lines" });
@@ -71,22 +82,21 @@ function buildPage(page) {
         typed.set(axis, {
           low: make("input", { type: "number", step: "any", value: isRotary ? "-120" : "0", required: true }),
           high: make("input", { type: "number", step: "any", value: isRotary ? "120" : "500", required: true }),
-          point: isRotary ? make("input", { placeholder: "0, 0, 0" }) : null,
+          point: isRotary ? make("input", { placeholder: "0 0 0" }) : null,
         });
       }
       const { low, high, point } = typed.get(axis);
       const unit = "ABC".includes(axis) ? "deg" : "mm";
       return make("div", { class: "axis-line" }, make("strong", { textContent: axis }), field(`from, ${unit}`, low), field(`to, ${unit}`, high), point ? make("div", { class: "points" }, field("a point on its centre line: x, y, z in mm", point)) : null);
     }));
-    const names = errorNames(axes());
-    for (const select of document.querySelectorAll("select.error-name")) {
-      const chosen = select.value;
-      select.replaceChildren(...names.map((one) => make("option", { value: one, textContent: one, selected: one === chosen })));
-    }
+    for (const select of document.querySelectorAll("select.error-name")) select.replaceWith(errorSelect(select.value));
   }
 
   function errorSelect(chosen) {
-    const select = choose(errorNames(axes()).map((one) => [one, one]), chosen);
+    const names = errorNames(axes()).map((one) => [one, one]);
+    // An error that nobody has named is asked for.
+    const known = names.some(([one]) => one === chosen);
+    const select = choose(known ? names : [["", "which?"], ...names], known ? chosen : "");
     select.className = "error-name";
     select.ariaLabel = "Error";
     return select;
@@ -103,18 +113,26 @@ function buildPage(page) {
     errors.append(row);
   }
 
+  function errorOf(row, what) {
+    const { value } = row.querySelector(".error-name");
+    if (!value) throw new Refused(0, `${what}: expected the error that it holds, such as EXX: choose it from the list`);
+    return value;
+  }
+
   function addFile(file) {
-    const guessed = (file.name.toUpperCase().match(/E[ABCXYZ]0?[ABCUVWXYZ]/) || ["EXX"])[0];
+    const guessed = (file.name.toUpperCase().match(/E[ABCXYZ]0?[ABCUVWXYZ]/) || [""])[0];
     const unit = choose([["", "the file's"], ["um", "µm"], ["mm", "mm"], ["urad", "µrad"], ["mrad", "mrad"], ["arcsec", "arcsec"], ["deg", "deg"]], "");
     unit.ariaLabel = "Unit";
     const side = make("input", { type: "checkbox" });
-    const at = make("input", { type: "text", placeholder: "others at: Y=400, Z=-200", ariaLabel: "Where the other axes stood" });
+    const at = make("input", { type: "text", placeholder: "others at: Y=400 Z=-200", ariaLabel: "Where the other axes stood" });
     const row = make("div", { class: "line file" }, errorSelect(guessed), make("span", { class: "said", textContent: file.name }), unit, make("label", { class: "row" }, side, "workpiece's side"), at, make("button", { type: "button", class: "quiet", textContent: "Remove", onclick: () => row.remove() }));
     row.read = async () => ({
-      error: row.querySelector(".error-name").value, name: file.name, text: await file.text(), unit: unit.value || null, workpiece_side: side.checked,
-      at: Object.fromEntries(at.value.split(/[,;]/).map((part) => part.trim()).filter(Boolean).map((part) => {
-        const [axis, value] = part.split("=").map((word) => word.trim());
-        return [axis, numbersIn(value || "")[0]];
+      error: errorOf(row, file.name), name: file.name, text: await file.text(), unit: unit.value || null, workpiece_side: side.checked,
+      at: Object.fromEntries(at.value.replace(/\s*=\s*/g, "=").split(/[\s;]+/).filter(Boolean).map((part) => {
+        const [axis, value] = part.split("=");
+        const [number, ...more] = inField(file.name, () => numbersIn(value || ""));
+        if (number === undefined || more.length) throw new Refused(0, `${file.name}: found ${JSON.stringify(part)}, expected an axis and where it stood, such as Y=400`);
+        return [axis, number];
       })),
     });
     files.append(row);
@@ -132,16 +150,12 @@ function buildPage(page) {
       structure: way.value === "code" ? { code: code.value } : { translational: Number(translational.value), rotary: Number(rotary.value), rotary_axes: rotary.value === "0" ? [] : letters.value.split(" ") },
       axes: inOrder([...new Set(axes())]).map((axis) => {
         const one = typed.get(axis);
-        return { axis, travel: [one.low.valueAsNumber, one.high.valueAsNumber], point_mm: one.point ? point(one.point.value) : undefined };
+        return { axis, travel: [one.low.valueAsNumber, one.high.valueAsNumber], point_mm: one.point ? inField(`${axis}, a point on its centre line`, () => point(one.point.value)) : undefined };
       }),
-      tip_mm: point(tip.value),
+      tip_mm: inField("Tool tip at machine zero", () => point(tip.value)),
       errors: [...errors.children].filter((row) => row.querySelector("textarea").value.trim()).map((row) => {
         const [error, kind] = row.querySelectorAll("select");
-        try {
-          return { error: error.value, value: curveOf(kind.value, row.querySelector("textarea").value) };
-        } catch (problem) {
-          throw new Refused(0, `${error.value}: ${problem.message}`);
-        }
+        return { error: errorOf(row, "an error that is typed"), value: inField(error.value, () => curveOf(kind.value, row.querySelector("textarea").value)) };
       }),
       uploads: await Promise.all([...files.children].map((row) => row.read())),
     };
@@ -185,7 +199,8 @@ function showBuilt(place, built) {
   const map = make("div", {});
   const measured = make("input", { type: "date" });
   const said = make("p", { class: "said", role: "status" });
-  const save = make("button", { class: "main", textContent: "Save as a model", onclick: () => act(save, said, () => post("/api/models", { text: built.text, measured: measured.value, notes: built.notes }), ({ model, added }) => {
+  const understood = make("input", { type: "checkbox", onchange: () => { save.disabled = !understood.checked; } });
+  const save = make("button", { class: "main", textContent: "Save as a model", disabled: Boolean(built.warning), onclick: () => act(save, said, () => post("/api/models", { text: built.text, measured: measured.value, notes: built.notes }), ({ model, added }) => {
     const link = make("a", { href: `#model/${model.sha256}`, textContent: short(model.sha256) });
     requestAnimationFrame(() => said.append(" ", link));
     return added ? "saved:" : "it was there already:";
@@ -193,11 +208,12 @@ function showBuilt(place, built) {
   const mapPanel = panel("Error over the work space, µm", map);
   mapPanel.classList.add("wide");
   place.replaceChildren(
+    built.warning ? panel("Is this right?", make("p", { class: "bad", id: "warning", textContent: built.warning })) : "",
     built.notes.length ? panel("To be read", make("ul", {}, ...built.notes.map((note) => make("li", { textContent: note })))) : "",
     formulaPanel(built),
     mapPanel,
     panel("Machine file", make("details", {}, make("summary", { textContent: "Show it" }), make("pre", { textContent: built.text }))),
-    panel("Save", make("div", { class: "fields" }, field("Day of the measurements", measured)), make("div", { class: "buttons" }, save, said)),
+    panel("Save", make("div", { class: "fields" }, field("Day of the measurements", measured)), built.warning ? make("label", { class: "row" }, understood, "The numbers are right: save it all the same.") : "", make("div", { class: "buttons" }, save, said)),
   );
   drawSections(map, built.map);
 }

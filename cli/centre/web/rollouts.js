@@ -74,7 +74,7 @@ async function startPage(page, checksum) {
   const number = (value, properties = {}) => make("input", { type: "number", step: "any", min: 0, value, ...properties });
   const soak = number(rules.soak_s / 60), answer = number(rules.answer_s / 60), tolerate = number(rules.tolerate, { step: 1 }), ratio = number(rules.residual_ratio, { min: 1 }), rise = number(rules.residual_um);
   const first = number(1, { step: 1, min: 1 });
-  const waves = make("input", { value: rules.waves.join(", ") });
+  const waves = make("input", { value: rules.waves.join(" ") });
   const said = make("p", { class: "said", role: "status" });
   const fill = () => {
     const chosen = models.find((one) => one.sha256 === model.value);

@@ -8,7 +8,8 @@ use std::{
 use serde::Serialize;
 use toml::{Table, Value};
 use volcomp_calibrate::{CalibrationFile, calibrate};
-use volcomp_model::Machine;
+use volcomp_document::InputError;
+use volcomp_model::{Machine, ModelError};
 use volcomp_sensitivity::{Expression, terms};
 
 use super::{CurveForm, Form, FormError, StructureForm, Upload};
@@ -45,6 +46,8 @@ pub struct Built {
     pub map: ErrorMap,
     /// What a person should read.
     pub notes: Vec<String>,
+    /// The model has an error that no machine should have: a person must say that the numbers are right.
+    pub warning: Option<String>,
 }
 
 /// Makes the model of a form.
@@ -53,7 +56,7 @@ pub struct Built {
 /// What is wrong with the form, with the key of the machine file or the line of a measurement file.
 pub fn build(form: &Form) -> Result<Built, FormError> {
     check(form)?;
-    let typed = Machine::parse(&toml::to_string(&table(form))?, "the form")?;
+    let typed = Machine::parse(&toml::to_string(&table(form))?, "the form").map_err(field)?;
     let mut notes = typed.notes();
     let machine = if form.uploads.is_empty() {
         typed
@@ -63,10 +66,23 @@ pub fn build(form: &Form) -> Result<Built, FormError> {
         machine
     };
     let text = machine.to_toml();
+    let map = error_map(&machine)?;
     Ok(Built {
         described: described(&machine, &text),
-        map: error_map(&machine)?,
+        warning: warning(&map),
+        map,
         notes,
+    })
+}
+
+/// A machine of which a guard would refuse the correction is a machine whose numbers were not meant.
+fn warning(map: &ErrorMap) -> Option<String> {
+    let largest_mm = map.largest_um[0] / 1000.0;
+    let volcomp_vocabulary::Mm(most_mm) = volcomp_guard::ceiling::LIMIT;
+    (largest_mm > most_mm).then(|| {
+        format!(
+            "The error is up to {largest_mm:.1} mm in the work space. No guard corrects an axis by more than {most_mm} mm, and machines have some hundredths: look whether the numbers and their units are as they were meant."
+        )
     })
 }
 
@@ -205,6 +221,30 @@ fn curve(value: &CurveForm) -> Value {
     table.into()
 }
 
+/// What is wrong in the machine file of a form is told with the field of the form: nobody has seen the file.
+fn field(error: ModelError) -> FormError {
+    let ModelError::Input(InputError { key, message, .. }) = error else {
+        return error.into();
+    };
+    let parts: Vec<&str> = key.split('.').collect();
+    let field = match parts.as_slice() {
+        ["name"] => "Name".to_owned(),
+        ["structure", ..] => "Structure code".to_owned(),
+        ["type", "translational"] => "Linear type number".to_owned(),
+        ["type", "rotary"] => "Rotary type number".to_owned(),
+        ["type", "rotary_axes", ..] => "Rotary axes".to_owned(),
+        ["type", ..] => "Stacking by type numbers".to_owned(),
+        ["axes", axis, "travel", ..] => format!("Travels, {axis}: from and to"),
+        ["axes", axis, "point", ..] => format!("Travels, {axis}: a point on its centre line"),
+        ["axes", axis, ..] => format!("Travels, {axis}"),
+        ["axes"] => "Travels".to_owned(),
+        ["tool", ..] => "Tool tip at machine zero".to_owned(),
+        ["errors", error, ..] => format!("Component error {error}"),
+        _ => key,
+    };
+    FormError::Field { field, message }
+}
+
 /// The machine with the errors of measurement files, and what is to be read about them.
 fn calibrated(machine: &Machine, uploads: &[Upload]) -> Result<(Machine, Vec<String>), FormError> {
     let folder = tempfile::tempdir()?;
@@ -212,6 +252,8 @@ fn calibrated(machine: &Machine, uploads: &[Upload]) -> Result<(Machine, Vec<Str
     std::fs::write(folder.path().join(machine_file), machine.to_toml())?;
     let mut measurements = Vec::new();
     let mut counts: BTreeMap<String, u32> = BTreeMap::new();
+    // The names as the person has chosen the files, for messages.
+    let mut chosen = vec![(folder.path().join(machine_file), "the form".to_owned())];
     for upload in uploads {
         let ending = Path::new(&upload.name)
             .extension()
@@ -226,7 +268,9 @@ fn calibrated(machine: &Machine, uploads: &[Upload]) -> Result<(Machine, Vec<Str
         let count = counts.entry(upload.error.to_string()).or_default();
         *count += 1;
         let name = format!("{}-{count}.{ending}", upload.error);
-        std::fs::write(folder.path().join(&name), &upload.text)?;
+        let path = folder.path().join(&name);
+        std::fs::write(&path, &upload.text)?;
+        chosen.push((path, upload.name.chars().take(80).collect()));
         let mut one = Table::new();
         one.insert("error".to_owned(), upload.error.to_string().into());
         one.insert("file".to_owned(), name.into());
@@ -249,7 +293,19 @@ fn calibrated(machine: &Machine, uploads: &[Upload]) -> Result<(Machine, Vec<Str
     calibration.insert("measurement".to_owned(), measurements.into());
     let path = folder.path().join("the-form-calibration.toml");
     std::fs::write(&path, toml::to_string(&calibration)?)?;
-    let file = CalibrationFile::read(&path)?;
-    let done = calibrate(&file, |_, _| {})?;
-    Ok((done.machine, done.warnings))
+    chosen.push((path.clone(), "the measurement files".to_owned()));
+    let told = |mut text: String| {
+        // One path is the beginning of no other: each ends with its ending.
+        for (path, name) in &chosen {
+            text = text.replace(&path.display().to_string(), name);
+        }
+        text
+    };
+    let file = CalibrationFile::read(&path);
+    let done = file.and_then(|file| calibrate(&file, |_, _| {}));
+    let done = done.map_err(|error| FormError::Calibrate {
+        told: told(error.to_string()),
+        source: Box::new(error),
+    })?;
+    Ok((done.machine, done.warnings.into_iter().map(told).collect()))
 }

@@ -45,13 +45,20 @@ pub enum FormError {
     /// The machine file is none.
     #[error("{0}")]
     Model(#[from] ModelError),
+    /// A field of the form is wrong.
+    #[error("{field}: {message}")]
+    Field {
+        /// The field, as the form names it.
+        field: String,
+        /// What was found and what was expected.
+        message: String,
+    },
     /// The measurement files make no model.
-    #[error("{0}")]
-    Calibrate(Box<CalibrateError>),
-}
-
-impl From<CalibrateError> for FormError {
-    fn from(error: CalibrateError) -> Self {
-        Self::Calibrate(Box::new(error))
-    }
+    #[error("{told}")]
+    Calibrate {
+        /// Why, with the files as they were chosen.
+        told: String,
+        /// Why, with the files as they are here.
+        source: Box<CalibrateError>,
+    },
 }

@@ -119,8 +119,21 @@ fn measurement_files_become_curves() {
     assert!(matches!(build(&form), Err(FormError::Ending { .. })));
     form.uploads[0].name = "x.csv".to_owned();
     form.uploads[0].text = "\u{0}garbage".to_owned();
+    form.uploads[0].name = "monday.csv".to_owned();
     let error = build(&form).expect_err("no measurement").to_string();
-    assert!(!error.is_empty());
+    // The file as it was chosen, and no path of the computer on which the centre runs.
+    assert!(
+        error.contains("monday.csv") && !error.contains(".tmp"),
+        "{error}"
+    );
+    assert!(
+        !error.contains(&*std::env::temp_dir().display().to_string()),
+        "{error}"
+    );
+    form.uploads[0].text = "target,deviation\n0,0\n500,10\n".to_owned();
+    form.uploads[0].unit = Some("furlong".to_owned());
+    let error = build(&form).expect_err("no unit").to_string();
+    assert!(error.starts_with("the measurement files:"), "{error}");
 }
 
 #[test]
@@ -150,8 +163,12 @@ fn wrong_forms_say_what_is_wrong() {
         change(&mut form);
         let error = build(&form).expect_err(part).to_string();
         assert!(error.contains(part), "{error}");
+        assert!(!error.contains("the form:"), "{error}");
     };
-    check(&|form| form.axes[0].travel = [5.0, 1.0], "travel");
+    check(
+        &|form| form.axes[0].travel = [5.0, 1.0],
+        "Travels, X: from and to: ",
+    );
     check(
         &|form| form.axes.push(axis(AxisName::X, [0.0, 1.0])),
         "axis X",
@@ -163,7 +180,7 @@ fn wrong_forms_say_what_is_wrong() {
                 code: "w X b b t".to_owned(),
             }
         },
-        "structure",
+        "Structure code: ",
     );
     check(
         &|form| form.errors = vec![typed("EXX", CurveForm::Poly(vec![0.0; 20_000]))],
@@ -171,9 +188,12 @@ fn wrong_forms_say_what_is_wrong() {
     );
     check(
         &|form| form.errors = vec![typed("EXB", CurveForm::Number(1.0))],
-        "EXB",
+        "Component error EXB: ",
     );
-    check(&|form| form.axes[1].travel = [f64::NAN, 1.0], "travel");
+    check(
+        &|form| form.axes[1].travel = [f64::NAN, 1.0],
+        "Travels, Y: ",
+    );
 }
 
 /// "Largest before and after" of the page, against the corner of the work space, where a scale error along three axes is largest.
@@ -190,4 +210,17 @@ fn the_largest_error_of_the_map_is_that_of_the_work_space() {
         (told_um - largest_um).abs() < 0.5,
         "told {told_um} µm, the corner has {largest_um:.1} µm"
     );
+}
+
+/// A comma in the wrong place makes metres of micrometres: above what a guard corrects at the most, a person is asked.
+#[test]
+fn an_error_beyond_what_a_guard_corrects_is_asked_about() {
+    let mut form = form();
+    // 500 mm of X: 1.9 mm and 2.1 mm at its end.
+    for (slope, is_asked) in [(3.8, false), (4.2, true)] {
+        form.errors = vec![typed("EXX", CurveForm::Poly(vec![0.0, slope]))];
+        let built = build(&form).expect("a model");
+        assert_eq!(built.warning.is_some(), is_asked, "{:?}", built.warning);
+        assert!(built.warning.iter().all(|text| text.contains("2.1 mm")));
+    }
 }
