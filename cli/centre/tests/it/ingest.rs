@@ -1,11 +1,17 @@
 //! What machines say: a message that is none spoils nothing, and one that comes again counts once.
 
-use std::path::Path;
+use std::{
+    path::Path,
+    time::{Duration, Instant},
+};
 
 use volcomp_centre::{ingest::Ingest, records::Resolution, store::Store};
-use volcomp_fleet::{AuditLine, Kind, Received};
+use volcomp_fleet::{AuditLine, Hub, Keeping, Kind, LinkSettings, MachineLink, Received};
 
-use crate::support::{condition, envelope, identity, received};
+use crate::{
+    shop::{Shop, runtime, until},
+    support::{condition, envelope, identity, received},
+};
 
 const FROM_S: f64 = 1_800_000_000.0;
 
@@ -188,4 +194,75 @@ fn numbers_at_the_end_of_their_range_can_be_counted() {
     }
     instances.count_missing();
     assert!(instances.count_missing() > 0);
+}
+
+/// A gateway is killed after the server has stored a record of its log and before it has written its cursor, and started again at once. It sends the
+/// record again under the id and the number of its new start: no number is missing, and the record is there once.
+#[test]
+fn a_record_that_is_sent_again_after_a_kill_is_no_gap() {
+    let Some(shop) = Shop::new(1, 1) else { return };
+    runtime().block_on(async {
+        let url = shop.url();
+        let hub = Hub::connect(&LinkSettings {
+            url: url.clone(),
+            seed: shop.centre.seed().unwrap(),
+            roots: None,
+        })
+        .await
+        .unwrap();
+        let (identity, key) = (&shop.machines[0].0.identity, &shop.machines[0].1);
+        while hub
+            .prepare(std::slice::from_ref(&identity.site), Keeping::default())
+            .await
+            .is_err()
+        {
+            tokio::time::sleep(Duration::from_millis(200)).await;
+        }
+        let seed = key.seed().unwrap();
+        let settings = LinkSettings {
+            url,
+            seed,
+            roots: None,
+        };
+        let link = MachineLink::connect(&settings, identity).await.unwrap();
+        until("it is connected", || link.is_connected()).await;
+        let line = AuditLine {
+            checksum: "ab".repeat(32),
+            record: "{}".into(),
+        };
+        let record = |start| serde_json::to_vec(&envelope(start, 2, line.clone())).unwrap();
+        let told =
+            |start, number| serde_json::to_vec(&envelope(start, number, condition(4.0))).unwrap();
+        for (kind, id, bytes) in [
+            (Kind::Condition, "one-1", told("one", 1)),
+            (Kind::Audit, "one-2", record("one")),
+            (Kind::Condition, "two-1", told("two", 1)),
+            (Kind::Audit, "two-2", record("two")),
+            (Kind::Condition, "two-3", told("two", 3)),
+        ] {
+            link.publish(kind, id, bytes.into()).await.unwrap();
+        }
+        let mut ingest = Ingest::of(&shop.store).unwrap();
+        for mut collection in hub.collections(&identity.site) {
+            let end = Instant::now() + Duration::from_secs(5);
+            while Instant::now() < end {
+                let next = tokio::time::timeout(Duration::from_secs(1), collection.next());
+                if let Ok(Ok(batch)) = next.await {
+                    ingest.take(&shop.store, &batch.messages).unwrap();
+                }
+            }
+        }
+        ingest.count_missing();
+        ingest.count_missing();
+        let lost = ingest
+            .machine(&identity.machine)
+            .unwrap()
+            .live
+            .as_ref()
+            .unwrap()
+            .lost;
+        assert_eq!(lost, 0, "nothing is missing");
+        let kept = shop.store.machine_records(&identity.machine, 10).unwrap();
+        assert_eq!(kept.len(), 1, "{kept:?}");
+    });
 }

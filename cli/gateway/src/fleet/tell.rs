@@ -253,15 +253,12 @@ impl Teller {
         }))
     }
 
-    /// The next record of the log. Its id is that of the record, so that one which is sent again after a crash is known.
+    /// The next record of the log. One that is sent again after a crash has another number and so another id: the server stores it
+    /// again, so that no number is missing, and the centre knows it by its checksum.
     fn next_record(&mut self) -> Option<Waiting> {
         if self.record.is_none() {
             let line = self.log.first()?.clone();
-            let id = format!("audit-{}", line.checksum);
             self.record = self.message(Kind::Audit, line);
-            if let Some(record) = &mut self.record {
-                record.id = id;
-            }
         }
         self.record.clone()
     }
