@@ -57,7 +57,12 @@ function askForLogin(why = "") {
 function showTabs(current) {
   element("tabs").hidden = false;
   element("tabs").replaceChildren(...PAGES.filter(([, tab, role]) => tab && may(role)).map(([hash, tab]) => make("a", { href: `#${hash}`, textContent: tab, ...(hash === current ? { ariaCurrent: "page" } : {}) })));
-  for (const tab of element("tabs").children) if (tab.getAttribute("href") === `#${current}`) tab.setAttribute("aria-current", "page");
+  for (const tab of element("tabs").children) {
+    if (tab.getAttribute("href") !== `#${current}`) continue;
+    tab.setAttribute("aria-current", "page");
+    // On a telephone the tabs are wider than the screen.
+    tab.parentElement.scrollLeft = tab.offsetLeft - tab.parentElement.offsetLeft - (tab.parentElement.clientWidth - tab.offsetWidth) / 2;
+  }
   element("person").hidden = false;
   setText(element("who"), `${me.name} (${me.role})`);
 }

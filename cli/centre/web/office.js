@@ -63,11 +63,11 @@ async function auditPage(page) {
     const records = await get(`/api/audit${last === null ? "" : `?before=${last}`}`);
     for (const record of records) {
       last = record.number;
-      rows.append(make("tr", {}, cell(record.number), cell(clock(record.at_s)), cell(record.by), cell(record.action), cell(record.object, { class: "text" }), cell(make("pre", { textContent: JSON.stringify(record.details) }), { class: "text" })));
+      rows.append(make("tr", {}, cell(record.number), cell(clock(record.at_s)), cell(record.by), cell(record.action), cell(record.object, { class: "text" }), cell(make("pre", { textContent: JSON.stringify(record.details) }), { class: "text details" })));
     }
     more.hidden = records.length === 0 || last <= 1;
   };
-  page.replaceChildren(make("div", { class: "head" }, make("h1", { textContent: "Audit log of the centre" })), make("div", { class: "panel" }, shown, more));
+  page.replaceChildren(make("div", { class: "head" }, make("h1", { textContent: "Audit log of the centre" })), make("div", { class: "panel audit" }, shown, more));
   await load();
 }
 

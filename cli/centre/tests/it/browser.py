@@ -157,6 +157,15 @@ with sync_playwright() as playwright:
     assert "login.refused" in page.inner_text("main")
     if count < 10:
         shot(page, "audit")
+        # On a telephone the facts of a record have a line of their own, and the tab of the page is on the screen.
+        page.set_viewport_size(SIZES[1])
+        page.reload()
+        page.wait_for_selector("main tbody tr")
+        narrow = page.evaluate("() => Math.min(...[...document.querySelectorAll('td.details')].map((cell) => cell.clientWidth))")
+        assert narrow > 250, narrow
+        left, right = page.evaluate("() => { const { left, right } = document.querySelector('#tabs a[aria-current]').getBoundingClientRect(); return [left, right]; }")
+        assert 0 <= left and right <= SIZES[1]["width"], (left, right)
+        page.set_viewport_size(SIZES[0])
     assert page.title() != "hit" and not errors, errors
     assert not foreign, foreign
     browser.close()
