@@ -119,9 +119,52 @@ pub fn date_s(text: &str) -> Option<f64> {
     Some(days as f64 * DAY_S)
 }
 
+/// A time, s since 1970, as people read it: `2026-11-25 14:03:59`, UTC.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "a time of this program lies within the years 1970 to 9999"
+)]
+pub fn date(at_s: f64) -> String {
+    let at_s = at_s.clamp(0.0, 253_402_300_799.0) as i64;
+    let (days, second) = (at_s.div_euclid(86_400), at_s.rem_euclid(86_400));
+    // The year begins in March, so that the leap day is its last: `date_s` the other way round.
+    let days = days + 719_468;
+    let (age, of_age) = (days.div_euclid(146_097), days.rem_euclid(146_097));
+    let of_age_years = (of_age - of_age / 1460 + of_age / 36_524 - of_age / 146_096) / 365;
+    let of_year = of_age - (365 * of_age_years + of_age_years / 4 - of_age_years / 100);
+    let month = (5 * of_year + 2) / 153;
+    let day = of_year - (153 * month + 2) / 5 + 1;
+    let month = if month < 10 { month + 3 } else { month - 9 };
+    let year = 400 * age + of_age_years + i64::from(month <= 2);
+    let [hour, minute] = [second / 3600, second / 60 % 60];
+    format!(
+        "{year:04}-{month:02}-{day:02} {hour:02}:{minute:02}:{:02}",
+        second % 60
+    )
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_time_is_told_as_date_tells_it() {
+        // `date -u -d @951782400 '+%F %T'` and so on.
+        for (at_s, text) in [
+            (0.0, "1970-01-01 00:00:00"),
+            (951_782_400.0, "2000-02-29 00:00:00"),
+            (1_795_661_039.9, "2026-11-26 02:43:59"),
+            (253_402_300_799.0, "9999-12-31 23:59:59"),
+            (f64::NAN, "1970-01-01 00:00:00"),
+        ] {
+            assert_eq!(date(at_s), text);
+        }
+        for day in 0..200_000 {
+            let at_s = f64::from(day) * DAY_S;
+            let text = date(at_s);
+            assert_eq!(date_s(&text[..10]), Some(at_s), "{text}");
+        }
+    }
 
     #[test]
     fn days_are_counted_as_date_does() {

@@ -20,6 +20,12 @@ const END: &str = "key";
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum KeyError {
+    /// The file is there: a secret is never written over.
+    #[error("{}: there already, kept", file.display())]
+    There {
+        /// The file.
+        file: PathBuf,
+    },
     /// A file cannot be read or written.
     #[error("{}: {source}", .file.display())]
     File {
@@ -167,7 +173,12 @@ pub fn write_secret(file: &Path, text: &str) -> Result<(), KeyError> {
         writeln!(opened, "{text}")?;
         opened.sync_all()
     };
-    write().map_err(failed(file))
+    write().map_err(|error| match error.kind() {
+        io::ErrorKind::AlreadyExists => KeyError::There {
+            file: file.to_owned(),
+        },
+        _ => failed(file)(error),
+    })
 }
 
 /// Reads a file that only its owner may read.

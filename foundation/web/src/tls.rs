@@ -37,6 +37,12 @@ pub enum TlsError {
         /// The reason why no certificate is made.
         source: rcgen::Error,
     },
+    /// A file that is there: it is never written over.
+    #[error("{}: there already, kept; expected another folder, or that it is moved away first", file.display())]
+    There {
+        /// The path of the file.
+        file: PathBuf,
+    },
     /// A file or folder that cannot be written.
     #[error("{}: {source}", file.display())]
     Write {
@@ -111,5 +117,8 @@ pub fn make(dir: &Path, names: &[String]) -> Result<[PathBuf; 2], TlsError> {
 
 fn failed(file: &Path) -> impl FnOnce(std::io::Error) -> TlsError {
     let file = file.to_owned();
-    move |source| TlsError::Write { file, source }
+    move |source| match source.kind() {
+        std::io::ErrorKind::AlreadyExists => TlsError::There { file },
+        _ => TlsError::Write { file, source },
+    }
 }

@@ -91,6 +91,9 @@ pub(super) enum Command {
         /// So many records
         #[arg(long, default_value_t = 20)]
         count: u32,
+        /// Print one JSON document
+        #[arg(long)]
+        json: bool,
     },
 }
 

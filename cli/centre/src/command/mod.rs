@@ -49,7 +49,7 @@ impl Arguments {
             }
             Command::Check => run::check(&config()?),
             Command::NatsConfig => server::nats_config(&config()?),
-            Command::Audit { count } => server::audit(&config()?, count),
+            Command::Audit { count, json } => server::audit(&config()?, count, json),
             Command::Alarms { all, json } => server::alarms(&config()?, all, json),
             Command::Key(KeyCommand::New { name }) => server::new_key(&config()?, &name),
             Command::Key(KeyCommand::List) => server::list_keys(&config()?),

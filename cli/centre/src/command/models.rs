@@ -96,5 +96,10 @@ pub(super) fn drift(config: &Config, machine: &str) -> Result<(), CommandError> 
             stages.push(drift::Stage::of(&model, &text)?);
         }
     }
+    if stages.is_empty() {
+        return print(&format!(
+            "{name} has had no model yet: there is nothing to compare\n"
+        ));
+    }
     print(&text::drift(&stages))
 }

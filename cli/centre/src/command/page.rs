@@ -23,7 +23,15 @@ pub(super) async fn serve(
         Some((certificate, key)) => Some(tls::acceptor(certificate, key)?),
         None => None,
     };
-    let listener = TcpListener::bind(config.listen).await?;
+    let bound = TcpListener::bind(config.listen).await;
+    let listener = bound.map_err(|error| {
+        let why = if error.kind() == std::io::ErrorKind::AddrInUse {
+            "another program has it: expected a free address, or that the other centre is ended first".to_owned()
+        } else {
+            error.to_string()
+        };
+        CommandError::Found(format!("the page cannot be served on {}: {why}", config.listen))
+    })?;
     let scheme = if acceptor.is_some() { "https" } else { "http" };
     tracing::info!("the page is on {scheme}://{}", listener.local_addr()?);
     let of_store = Arc::clone(store);

@@ -68,10 +68,10 @@ pub(super) fn start(config: &Config, start: &StartRollout, by: &str) -> Result<(
         Rollout::new(id, model.sha256.clone(), &machines, rules, by, now_s())
     })?;
     print(&format!(
-        "roll-out {} of {} to {} machines is started; the running centre moves it on\n",
+        "roll-out {} of {} to {} is started; the running centre moves it on\n",
         rollout.id,
         model.name,
-        rollout.turns.len()
+        text::counted(rollout.turns.len())
     ))
 }
 
@@ -87,6 +87,8 @@ pub(super) fn status(config: &Config, id: Option<u64>, json: bool) -> Result<(),
     };
     if json {
         print_json(&rollouts)
+    } else if rollouts.is_empty() {
+        print("there is no roll-out yet\n")
     } else {
         print(&text::rollouts(&rollouts, id.is_some()))
     }

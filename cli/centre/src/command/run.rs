@@ -1,6 +1,13 @@
 //! Running the centre, and checking what it needs.
 
-use std::{fmt::Write, io::IsTerminal};
+use std::{fmt::Write as _, io::IsTerminal};
+
+use tracing_subscriber::{
+    filter::{LevelFilter, Targets},
+    fmt,
+    layer::SubscriberExt,
+    util::SubscriberInitExt,
+};
 
 use super::{
     CommandError,
@@ -16,12 +23,17 @@ use crate::{
 };
 
 pub(super) fn run(config: &Config, log: LogForm) -> Result<(), CommandError> {
-    let lines = tracing_subscriber::fmt()
+    let lines = fmt::layer()
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal());
+    // The client of the server tells each of its tries; the engine tells once that the server is not reached.
+    let told = Targets::new()
+        .with_default(LevelFilter::INFO)
+        .with_target("async_nats", LevelFilter::OFF);
+    let registry = tracing_subscriber::registry().with(told);
     match log {
-        LogForm::Text => lines.with_target(false).init(),
-        LogForm::Json => lines.json().init(),
+        LogForm::Text => registry.with(lines.with_target(false)).init(),
+        LogForm::Json => registry.with(lines.json()).init(),
     }
     let (link, _) = link(config)?;
     let engine = Settings {

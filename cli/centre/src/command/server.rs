@@ -87,10 +87,14 @@ pub(super) fn nats_config(config: &Config) -> Result<(), CommandError> {
     print(&settings(config)?.text()?)
 }
 
-pub(super) fn audit(config: &Config, count: u32) -> Result<(), CommandError> {
+pub(super) fn audit(config: &Config, count: u32, json: bool) -> Result<(), CommandError> {
     let store = open(config)?;
     let records = store.audit_records(None, count)?;
-    print(&text::audit(&records))?;
+    if json {
+        print_json(&records)?;
+    } else {
+        print(&text::audit(&records))?;
+    }
     chain_holds(&store)
 }
 

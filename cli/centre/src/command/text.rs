@@ -6,7 +6,7 @@ use volcomp_fleet::largest_moves;
 
 use super::machines::Shown;
 use crate::{
-    drift::Stage,
+    drift::{Stage, date},
     records::{Alarm, AuditRecord, Model},
     rollout::{Phase, Rollout, Step},
 };
@@ -37,6 +37,12 @@ fn row(cells: &[&str]) -> Vec<String> {
 /// The beginning of a checksum, long enough to be one.
 fn short(sha256: &str) -> &str {
     sha256.get(..12).unwrap_or(sha256)
+}
+
+/// "1 machine", "2 machines".
+pub(super) fn counted(machines: usize) -> String {
+    let end = if machines == 1 { "" } else { "s" };
+    format!("{machines} machine{end}")
 }
 
 pub(super) fn machines(shown: &[Shown]) -> String {
@@ -108,7 +114,7 @@ pub(super) fn audit(records: &[AuditRecord]) -> String {
     for record in records.iter().rev() {
         rows.push(row(&[
             &record.number.to_string(),
-            &format!("{:.0}", record.at_s),
+            &date(record.at_s),
             &record.by,
             &record.action,
             &record.object,
@@ -164,11 +170,11 @@ pub(super) fn rollouts(rollouts: &[Rollout], whole: bool) -> String {
             .count();
         let _ = writeln!(
             text,
-            "roll-out {} of {} by {}: {done} of {} machines; it {}",
+            "roll-out {} of {} by {}: {done} of {}; it {}",
             rollout.id,
             short(&rollout.model),
             rollout.by,
-            rollout.turns.len(),
+            counted(rollout.turns.len()),
             phase(&rollout.phase)
         );
         let rows = rollout.turns.iter().filter(|turn| {

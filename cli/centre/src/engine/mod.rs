@@ -243,7 +243,9 @@ async fn run(engine: Arc<Engine>, jobs: mpsc::SyncSender<Job>) {
             return;
         }
         for site in look::sites(&engine).await {
-            if !sites.contains(&site) && prepared(&engine, &site).await {
+            // Without a server that is told once, by the alarm.
+            let is_new = !sites.contains(&site) && engine.is_connected();
+            if is_new && prepared(&engine, &site).await {
                 for collection in engine.hub.collections(&site) {
                     tasks.spawn(collect(collection, jobs.clone()));
                 }
@@ -253,7 +255,10 @@ async fn run(engine: Arc<Engine>, jobs: mpsc::SyncSender<Job>) {
         state = look::look(&engine, state).await;
         let sent = desired::send(&engine).await;
         let trouble = match sent {
-            _ if !engine.is_connected() => Some("the server is not reached".to_owned()),
+            _ if !engine.is_connected() => Some(format!(
+                "the server is not reached: found nothing at {} that takes the nkey of this centre, expected a nats-server with the configuration of `nats-config`",
+                engine.settings.link.url
+            )),
             sent => sent.err(),
         };
         engine.trouble(AlarmKind::Server, trouble);

@@ -1,6 +1,13 @@
 //! The command line, without a server: what it prints, and its exit status.
 
-use std::{os::unix::fs::PermissionsExt, path::Path, process::Command};
+use std::{
+    io::{BufRead, BufReader},
+    net::TcpListener,
+    os::unix::fs::PermissionsExt,
+    path::Path,
+    process::{Command, Stdio},
+    time::Duration,
+};
 
 struct Called {
     status: i32,
@@ -49,10 +56,13 @@ fn from_nothing_to_a_roll_out() {
     wrong("check", "main.key");
     let public = done("key new main");
     assert!(done("key list").starts_with(public.trim_end()));
-    wrong("key new main", "main.key");
+    wrong("key new main", "main.key: there already, kept");
     wrong("key new ../main", "expected letters");
     done("key nkey centre.nkey");
-    wrong("key nkey centre.nkey", "centre.nkey");
+    wrong("key nkey centre.nkey", "centre.nkey: there already, kept");
+    done("tls-init localhost");
+    wrong("tls-init localhost", "key.pem: there already, kept");
+    assert!(done("rollout status").contains("there is no roll-out yet"));
     let gantry = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/gantry.toml");
     let gantry = gantry.display();
     let add = format!("--site berlin --serial 4711 --like {gantry}");
@@ -61,6 +71,17 @@ fn from_nothing_to_a_roll_out() {
     ));
     done(&format!("machine add mill-2 {add}"));
     wrong(&format!("machine add Mill {add}"), "lower-case");
+    let noted = done("machine disable mill-2");
+    assert!(
+        noted.contains("noted that mill-2 must not be corrected"),
+        "{noted}"
+    );
+    done("machine enable mill-2");
+    let drift = done("model drift mill-2");
+    assert_eq!(
+        drift,
+        "mill-2 has had no model yet: there is nothing to compare\n"
+    );
     let listed = done("machine list");
     assert!(
         listed.contains("mill-1") && listed.contains("never heard"),
@@ -101,7 +122,10 @@ fn from_nothing_to_a_roll_out() {
         "found no machine",
     );
     let started = done(&format!("rollout start --model {short} --all"));
-    assert!(started.contains("roll-out 1"), "{started}");
+    assert!(
+        started.contains("roll-out 1") && started.contains("to 2 machines"),
+        "{started}"
+    );
     wrong(
         &format!("rollout start --model {short} --all"),
         "roll-out 1",
@@ -118,6 +142,11 @@ fn from_nothing_to_a_roll_out() {
         log.contains("rollout.start") && log.contains("anna"),
         "{log}"
     );
+    // A date, and one document for programs.
+    let year = volcomp_centre::drift::date(volcomp_centre::clock::now_s())[..5].to_owned();
+    assert!(log.contains(&format!("  {year}")), "{log}");
+    let records: serde_json::Value = serde_json::from_str(&done("audit --json")).unwrap();
+    assert_eq!(records[0]["action"], "rollout.wish", "{records}");
     done("machine remove mill-2");
     wrong("machine remove mill-2", "found no machine");
     // A secret that others can read is none.
@@ -217,4 +246,51 @@ fn a_machine_that_makes_no_sense_is_not_registered() {
     assert_eq!(called.status, 2, "{}", called.err);
     let told = "condition_s: found 0, expected 1 to 86400 s";
     assert!(called.err.contains(told), "{}", called.err);
+}
+
+/// A centre without a server says so once, with its address; a second one says whose place is taken.
+#[test]
+fn what_is_in_the_way_of_running_is_told_once_with_its_address() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    // Of two ports that are taken nobody answers on the first: it is closed again.
+    let free = TcpListener::bind("127.0.0.1:0").unwrap();
+    let server = free.local_addr().unwrap();
+    drop(free);
+    let nats = format!("[nats]\nurl = \"nats://{server}\"\n");
+    std::fs::write(folder.join("centre.toml"), &nats).unwrap();
+    for arguments in [
+        "key new main",
+        "key nkey centre.nkey",
+        "machine add mill-1 --site berlin --serial 1 --like mill.toml",
+    ] {
+        std::fs::write(folder.join("mill.toml"), crate::support::model_text(7)).unwrap();
+        let called = call(folder, arguments);
+        assert_eq!(called.status, 0, "{}", called.err);
+    }
+    let mut running = Command::new(env!("CARGO_BIN_EXE_volcomp-centre"))
+        .current_dir(folder)
+        .arg("run")
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(running.stderr.take().unwrap()).lines();
+    let told = format!("the server is not reached: found nothing at nats://{server}");
+    let first = lines.find(|line| line.as_ref().unwrap().contains(&told));
+    std::thread::sleep(Duration::from_secs(3));
+    running.kill().unwrap();
+    running.wait().unwrap();
+    let others: Vec<String> = lines.map(Result::unwrap).collect();
+    assert!(first.is_some(), "{others:?}");
+    let again = |line: &String| line.contains("not reached") || line.contains("IO error");
+    assert!(!others.iter().any(again), "{others:?}");
+
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let page = taken.local_addr().unwrap();
+    let config = format!("{nats}[page]\nlisten = \"{page}\"\n");
+    std::fs::write(folder.join("centre.toml"), config).unwrap();
+    let called = call(folder, "run");
+    assert_eq!(called.status, 1, "{}", called.err);
+    let told = format!("the page cannot be served on {page}: another program has it");
+    assert!(called.err.contains(&told), "{}", called.err);
 }
