@@ -96,8 +96,7 @@ pub(crate) fn of(map: &Map, field: &impl Field, travels: &[[f64; 2]]) -> Misfit 
             directions: directions[number as usize % directions.len()],
             ..Position::default()
         };
-        for axis in 0..axes {
-            let [low, high] = ends[axis];
+        for (axis, [low, high]) in ends.iter().copied().enumerate() {
             let share = spread(number, axis);
             let at = f64::from(low) + share * (f64::from(high) - f64::from(low));
             position.steps[axis] = steps(at);
