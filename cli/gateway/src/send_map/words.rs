@@ -22,7 +22,7 @@ pub(super) enum Place {
     /// In a SINUMERIK, over OPC UA.
     #[cfg(feature = "sinumerik")]
     Sinumerik {
-        server: volcomp_sinumerik::Server,
+        server: Box<volcomp_sinumerik::Server>,
         nodes: volcomp_sinumerik::MapNodes,
         capacity: usize,
     },
@@ -62,7 +62,9 @@ impl Place {
         match &config.control {
             #[cfg(feature = "sinumerik")]
             MapControl::Sinumerik { server, nodes } => Ok(Self::Sinumerik {
-                server: crate::sinumerik::server(&address, server).map_err(GatewayError::Device)?,
+                server: Box::new(
+                    crate::sinumerik::server(&address, server).map_err(GatewayError::Device)?,
+                ),
                 nodes: nodes.clone(),
                 capacity: config.allowed.capacity,
             }),
