@@ -44,6 +44,7 @@ pub struct Instance {
 /// The start of a gateway as its messages of a few minutes tell it. It follows clocks that drift, which [`Instance::start_s`] does not,
 /// and no time counts in which nothing was made or nothing came: what waited for an hour is late by an hour.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[expect(clippy::struct_field_names, reason = "each ends with its unit")]
 pub struct Recent {
     /// The message with which these minutes begin: when it was stored and how long after the start it was made, s.
     from_s: [f64; 2],

@@ -23,7 +23,6 @@ use volcomp_digital_io::LineSet;
 
 use crate::{config::Config, error::GatewayError};
 
-
 /// Locks every controller of a configuration for as long as the answer lives.
 ///
 /// # Errors
