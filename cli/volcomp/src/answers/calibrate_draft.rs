@@ -36,6 +36,10 @@ pub(crate) struct Proposed {
 
 /// A value that is not known.
 #[derive(Debug, Serialize, JsonSchema)]
+#[expect(
+    clippy::struct_field_names,
+    reason = "the key of the document is the word for it"
+)]
 pub(crate) struct Question {
     /// The measurement files, or the squareness.
     pub(crate) of: String,

@@ -136,8 +136,8 @@ fn text(document: &Map<String, Value>, measurement: Option<&Measurement>) -> Str
     };
     for (key, value) in document {
         match (key.as_str(), value) {
-            // These stand above.
-            ("warnings", _) => {}
+            // The former stand above; what a kind of file cannot state is not worth a line.
+            ("warnings", _) | ("material_compensation", Value::Null) => {}
             ("channels", Value::Array(channels)) => {
                 for channel in channels {
                     let said = format!(
@@ -167,8 +167,6 @@ fn text(document: &Map<String, Value>, measurement: Option<&Measurement>) -> Str
                     line(name, plain(value));
                 }
             }
-            // What a kind of file cannot state is not worth a line.
-            ("material_compensation", Value::Null) => {}
             (_, Value::Null) => line(key, "not stated".to_owned()),
             (_, other) => line(key, plain(other)),
         }
