@@ -133,7 +133,12 @@ pub(super) fn enable(
             "its newest manifest says so already; the running centre sends it where it is not sent yet\n",
         ),
         // It will be so in its first manifest.
-        Err(NotIssued::NoModelYet { .. }) => print(&format!("{name} has no model yet\n")),
+        Err(NotIssued::NoModelYet { .. }) => {
+            let may = if enable { "may" } else { "must not" };
+            print(&format!(
+                "it is noted that {name} {may} be corrected; it has no model yet, and is told with its first one\n"
+            ))
+        }
         Err(other) => Err(other.into()),
     }
 }
