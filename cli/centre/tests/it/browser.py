@@ -153,14 +153,13 @@ with sync_playwright() as playwright:
     page.wait_for_selector("main table select")
     shot(page, "users")
     page.click("#tabs a[href='#audit']")
-    page.wait_for_selector("main tbody tr")
-    assert "login.refused" in page.inner_text("main")
+    page.wait_for_selector(".panel.audit tbody tr:has-text('login.refused')")
     if count < 10:
         shot(page, "audit")
         # On a telephone the facts of a record have a line of their own, and the tab of the page is on the screen.
         page.set_viewport_size(SIZES[1])
         page.reload()
-        page.wait_for_selector("main tbody tr")
+        page.wait_for_selector(".panel.audit tbody tr")
         narrow = page.evaluate("() => Math.min(...[...document.querySelectorAll('td.details')].map((cell) => cell.clientWidth))")
         assert narrow > 250, narrow
         left, right = page.evaluate("() => { const { left, right } = document.querySelector('#tabs a[aria-current]').getBoundingClientRect(); return [left, right]; }")
