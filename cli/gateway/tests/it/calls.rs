@@ -116,13 +116,9 @@ fn elsewhere_only_with_tls_and_a_token() {
     assert!(String::from_utf8_lossy(&refused.stderr).contains("tls-init"));
     let made = call(&["tls-init", "localhost", "127.0.0.1", "-o", path(dir.path())]);
     assert_eq!(made.status.code(), Some(0));
-    assert_eq!(
-        call(&["tls-init", "localhost", "-o", path(dir.path())])
-            .status
-            .code(),
-        Some(1),
-        "keys are not overwritten"
-    );
+    let again = call(&["tls-init", "localhost", "-o", path(dir.path())]);
+    assert_eq!(again.status.code(), Some(2), "keys are not overwritten");
+    assert!(String::from_utf8_lossy(&again.stderr).contains("there already, kept"));
     let control = control();
     let config = configuration(dir.path(), &control, "");
     let free = free_port();
