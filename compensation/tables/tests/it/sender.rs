@@ -275,7 +275,7 @@ fn limits_of_either_side_are_not_passed() {
     let change: [(Change, &str); 3] = [
         (|s| s.limit[1] = 101, "takes corrections up to"),
         (|s| s.rate[0] = 4, "moves a correction at"),
-        (|s| s.time_out_scans = 41, "goes to zero"),
+        (|s| s.time_out_scans = 41, "begins to go to zero"),
     ];
     for (change, expected) in change {
         let mut control = Control::new();

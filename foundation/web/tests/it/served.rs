@@ -64,7 +64,7 @@ async fn plain_text_to_a_page_with_tls_is_not_answered() {
     // What is there is not overwritten.
     assert!(matches!(
         tls::make(dir.path(), &names),
-        Err(TlsError::Write { .. })
+        Err(TlsError::There { .. })
     ));
     let acceptor = tls::acceptor(&certificate, &key).expect("ours");
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("free");
