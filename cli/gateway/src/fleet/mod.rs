@@ -2,7 +2,7 @@
 //!
 //! Two threads: one hears manifests and puts them in force, one tells and sends. Neither touches the cycle: they speak to
 //! the service by requests, as the dashboard does, and read the state that it publishes. A disk that hangs holds up neither
-//! the order to disarm nor the service. State: the folder of [`store`], and what waits for the server.
+//! the order to disarm nor the service. State: the folder of `store`, and what waits for the server.
 
 use std::{
     io,
