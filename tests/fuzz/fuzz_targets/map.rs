@@ -18,7 +18,7 @@ fuzz_target!(|bytes: &[u8]| {
                 steps: [steps; 5],
                 ..Position::default()
             };
-            map.parts(&position);
+            let _ = map.parts(&position);
         }
     }
     let _ = Map::from_image(bytes, 1);
