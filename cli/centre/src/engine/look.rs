@@ -135,9 +135,7 @@ fn look_now(engine: &Engine, state: &mut State) -> Result<(), StoreError> {
     lock(&engine.ingest).put_back(unseen);
     let why = (!held.why.is_empty()).then(|| held.why.join(" "));
     engine.trouble(AlarmKind::Rollout, why);
-    let versions: BTreeMap<MachineId, Version> = (engine.store.newest_versions()?.into_iter())
-        .map(|version| (version.machine.clone(), version))
-        .collect();
+    let versions = newest_versions(engine)?;
     settings(engine, &mut state.unsettled, &machines, &versions)?;
     alarms::look(engine, &mut state.alarms, &machines, &versions, &since)?;
     if now.duration_since(state.minute) >= MINUTE {
@@ -153,6 +151,14 @@ fn look_now(engine: &Engine, state: &mut State) -> Result<(), StoreError> {
         engine.store.forget(engine.settings.keep, now_s())?;
     }
     Ok(())
+}
+
+/// The newest version of each machine that has one.
+fn newest_versions(engine: &Engine) -> Result<BTreeMap<MachineId, Version>, StoreError> {
+    let versions = engine.store.newest_versions()?.into_iter();
+    Ok(versions
+        .map(|version| (version.machine.clone(), version))
+        .collect())
 }
 
 /// Has every machine told what it is registered with, whoever changed that and however.
@@ -207,9 +213,7 @@ fn roll_out(
     }
     // What machines have answered is taken from the store at each look: a centre that was killed between an answer and its
     // look hears of it after its start.
-    let versions: BTreeMap<MachineId, Version> = (engine.store.newest_versions()?.into_iter())
-        .map(|version| (version.machine.clone(), version))
-        .collect();
+    let versions = newest_versions(engine)?;
     // A version that was never issued here is not one of a roll-out, whatever a machine tells.
     let mut seen = seen.clone();
     for (machine, seen) in &mut seen {

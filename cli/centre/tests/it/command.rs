@@ -29,15 +29,18 @@ fn call(folder: &Path, arguments: &str) -> Called {
     }
 }
 
+/// What a call prints that does what it is asked.
+fn done(folder: &Path, arguments: &str) -> String {
+    let called = call(folder, arguments);
+    assert_eq!(called.status, 0, "{arguments}: {}", called.err);
+    called.out
+}
+
 #[test]
 fn from_nothing_to_a_roll_out() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    let done = |arguments: &str| {
-        let called = call(folder, arguments);
-        assert_eq!(called.status, 0, "{arguments}: {}", called.err);
-        called.out
-    };
+    let done = |arguments: &str| done(folder, arguments);
     let wrong = |arguments: &str, told: &str| {
         let called = call(folder, arguments);
         assert_eq!(
@@ -138,11 +141,7 @@ fn from_nothing_to_a_roll_out() {
 fn what_is_empty_or_there_already_is_told_in_a_sentence() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    let done = |arguments: &str| {
-        let called = call(folder, arguments);
-        assert_eq!(called.status, 0, "{arguments}: {}", called.err);
-        called.out
-    };
+    let done = |arguments: &str| done(folder, arguments);
     std::fs::write(folder.join("centre.toml"), "[nats]\nurl = \"nats://a:1\"\n").unwrap();
     std::fs::write(folder.join("mill.toml"), crate::support::model_text(7)).unwrap();
     done("key new main");
@@ -177,11 +176,7 @@ fn what_is_empty_or_there_already_is_told_in_a_sentence() {
 fn a_machine_that_is_added_again_keeps_what_is_not_named() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    let done = |arguments: &str| {
-        let called = call(folder, arguments);
-        assert_eq!(called.status, 0, "{arguments}: {}", called.err);
-        called.out
-    };
+    let done = |arguments: &str| done(folder, arguments);
     std::fs::write(
         folder.join("centre.toml"),
         "[nats]\nurl = \"nats://127.0.0.1:4222\"\n",
