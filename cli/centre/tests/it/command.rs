@@ -9,13 +9,13 @@ use std::{
     time::Duration,
 };
 
-struct Called {
-    status: i32,
-    out: String,
-    err: String,
+pub(crate) struct Called {
+    pub(crate) status: i32,
+    pub(crate) out: String,
+    pub(crate) err: String,
 }
 
-fn call(folder: &Path, arguments: &str) -> Called {
+pub(crate) fn call(folder: &Path, arguments: &str) -> Called {
     let output = Command::new(env!("CARGO_BIN_EXE_volcomp-centre"))
         .current_dir(folder)
         .args(["--by", "anna"])

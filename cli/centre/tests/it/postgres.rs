@@ -4,8 +4,6 @@ use std::{
     io::{Read, Write},
     net::{TcpListener, TcpStream},
     os::unix::{fs::PermissionsExt, net::UnixStream},
-    path::Path,
-    process::Command,
     sync::{
         Arc,
         atomic::{AtomicU8, Ordering},
@@ -24,6 +22,7 @@ use volcomp_test_support::until;
 
 use crate::{
     cluster::{Cluster, ROLE},
+    command::call,
     gateway::{self, Told},
     shop::{LONG, Shop, runtime},
     support::{condition, envelope, identity, machine, received},
@@ -296,25 +295,6 @@ fn a_database_of_another_encoding_is_refused() {
         told.contains("found the encoding LATIN1, expected a database in UTF8"),
         "{told}"
     );
-}
-
-struct Called {
-    status: i32,
-    out: String,
-    err: String,
-}
-
-fn call(folder: &Path, arguments: &str) -> Called {
-    let output = Command::new(env!("CARGO_BIN_EXE_volcomp-centre"))
-        .current_dir(folder)
-        .args(arguments.split_whitespace())
-        .output()
-        .unwrap();
-    Called {
-        status: output.status.code().unwrap(),
-        out: String::from_utf8(output.stdout).unwrap(),
-        err: String::from_utf8(output.stderr).unwrap(),
-    }
 }
 
 /// The command line over TLS, with a password: which is in a file that others cannot read, and in nothing that is printed.

@@ -7,7 +7,7 @@ use std::{
 
 use volcomp_devices::{Address, Scheme};
 use volcomp_document::{Document, InputError, Section, Value};
-use volcomp_focas::{MapPlaces, PmcAddress, PmcArea};
+use volcomp_focas::{Block, MapPlaces, PmcAddress, PmcArea};
 use volcomp_guard::{barrier::LARGEST_MACHINE, ceiling};
 use volcomp_sinumerik::MapNodes;
 use volcomp_tables::{
@@ -230,26 +230,25 @@ fn fanuc(root: &Section<'_>, capacity: usize) -> Result<MapControl, InputError> 
     })
 }
 
-/// Two of the three that share bytes.
-fn overlap(places: &MapPlaces) -> Option<&'static str> {
-    let of = |place: PmcAddress, words: usize| {
-        let at = usize::from(place.at);
-        (place.area, at..at + 2 * words)
+/// Two of the three that share bytes. Both buffers end within the addresses of the PMC: see [`MapPlaces::fits`].
+fn overlap(places: &MapPlaces) -> Option<String> {
+    let block = |what, first: PmcAddress, words: usize| {
+        let end = usize::from(first.at) + 2 * words - 1;
+        let at = u16::try_from(end).unwrap_or(u16::MAX);
+        Block {
+            key: what,
+            what,
+            first,
+            last: PmcAddress { at, ..first },
+        }
     };
-    let mailbox = of(places.mailbox, FRAME_WORDS);
-    let report = of(places.report, REPORT_WORDS);
-    let buffers = of(places.buffers, 2 * places.capacity);
-    let meet = |one: &(PmcArea, std::ops::Range<usize>),
-                other: &(PmcArea, std::ops::Range<usize>)| {
-        one.0 == other.0 && one.1.start < other.1.end && other.1.start < one.1.end
-    };
-    [
-        (&mailbox, &report, "mailbox and report"),
-        (&mailbox, &buffers, "mailbox and buffers"),
-        (&report, &buffers, "report and buffers"),
-    ]
-    .into_iter()
-    .find_map(|(one, other, what)| meet(one, other).then_some(what))
+    let mailbox = block("mailbox", places.mailbox, FRAME_WORDS);
+    let report = block("report", places.report, REPORT_WORDS);
+    let buffers = block("buffers", places.buffers, 2 * places.capacity);
+    [(mailbox, report), (mailbox, buffers), (report, buffers)]
+        .iter()
+        .find(|(one, other)| one.shared(other).is_some())
+        .map(|(one, other)| format!("{} and {}", one.what, other.what))
 }
 
 fn nodes(section: &Section<'_>) -> Result<MapNodes, InputError> {
