@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 mod error;
+mod file;
 mod instrument;
 mod measure;
 mod observation;
@@ -14,9 +15,10 @@ mod size;
 mod wear;
 
 pub use error::{InstrumentError, ObservationError, ShopError};
+pub use file::{Format, Header};
 pub use instrument::{Imperfections, Instrument};
 pub use observation::{Bar, Poses, Reads, Setting, ShopObservation};
 pub use plan::{Plan, PlannedPose};
-pub use shop::{CALIBRATED, Format, Shop, ShopLine, ShopLocation};
+pub use shop::{CALIBRATED, Shop, ShopLine, ShopLocation};
 pub use volcomp_calibrate::LineOfSight;
 pub use wear::{Wear, WearError, Worn};

@@ -9,8 +9,7 @@ use volcomp_calibrate::{HOLDS_LOCATION, LineOfSight, Method, SetUp, location_see
 use volcomp_document::toml_string;
 use volcomp_kinematics::{ErrorMotion, ErrorSource, State};
 use volcomp_metrology::{
-    DeviationUnit, Measurement, MotionKind, TiltReading, squareness_parts, tilt_sign, write_csv,
-    write_renishaw,
+    DeviationUnit, Measurement, MotionKind, TiltReading, squareness_parts, tilt_sign,
 };
 use volcomp_model::{Axis, Temperatures};
 use volcomp_vocabulary::{AxisName, Direction, ErrorName, Urad};
@@ -18,7 +17,7 @@ use volcomp_vocabulary::{AxisName, Direction, ErrorName, Urad};
 use crate::{
     error::{InstrumentError, ShopError},
     instrument::bridge_targets,
-    shop::{Format, Shop, ShopLine, ShopLocation},
+    shop::{Shop, ShopLine, ShopLocation},
 };
 
 /// The random numbers of location errors are others than those of lines and observations.
@@ -102,10 +101,7 @@ impl Shop {
     /// The names of the [`files`](Self::files), without making them.
     pub fn file_names(&self) -> Vec<String> {
         let mut names = vec!["machine.toml".to_owned()];
-        names.extend(self.lines.iter().map(|line| {
-            let ending = self.ending(line.setup.reads_angles());
-            format!("{}.{ending}", line.name)
-        }));
+        names.extend(self.lines.iter().map(ShopLine::file_name));
         if self.has_calibration() {
             names.push("calibration.toml".to_owned());
         }
@@ -296,29 +292,6 @@ impl Shop {
                     .run(&targets, DeviationUnit::Urad, tilt, &mut random)
             }
         })
-    }
-
-    /// The ending of a measurement file.
-    fn ending(&self, holds_angles: bool) -> &'static str {
-        match (self.format, holds_angles) {
-            (Format::Csv, _) => "csv",
-            (Format::Renishaw, true) => "rta",
-            (Format::Renishaw, false) => "rtl",
-        }
-    }
-
-    /// The name and text of a line's measurement file.
-    fn measurement_file(&self, line: &ShopLine, measurement: &Measurement) -> (String, String) {
-        let ending = self.ending(measurement.unit == Some(DeviationUnit::Urad));
-        let mut described = measurement.clone();
-        described.metadata.machine = Some(self.truth.name.clone());
-        described.metadata.axis = Some(line.setup.error.axis.to_string());
-        described.metadata.title = Some(line.setup.error.to_string());
-        let text = match self.format {
-            Format::Csv => write_csv(&described),
-            Format::Renishaw => write_renishaw(&described),
-        };
-        (format!("{}.{ending}", line.name), text)
     }
 }
 

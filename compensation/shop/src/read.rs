@@ -13,15 +13,17 @@ use volcomp_vocabulary::{AxisKind, AxisName, ErrorName, Um, Urad};
 
 use crate::{
     error::ShopError,
+    file::{Format, Header},
     instrument::{Imperfections, Instrument, MAX_READINGS, MAX_TARGETS, bridge_targets},
     read_observation::decode_observations,
-    shop::{Format, Shop, ShopLine, ShopLocation},
+    shop::{Shop, ShopLine, ShopLocation},
 };
 
-const TOP_KEYS: [&str; 9] = [
+const TOP_KEYS: [&str; 10] = [
     "machine",
     "seed",
     "format",
+    "header",
     "instrument",
     "measurement",
     "squareness",
@@ -85,9 +87,13 @@ fn decode(root: &Section<'_>, truth: Machine) -> Result<Shop, InputError> {
         root.get(key)
             .map_or_else(|| Ok(Vec::new()), |value| value.items())
     };
+    let usual = Usual {
+        instrument: &instrument,
+        format: root.one_of("format", &Format::NAMES, Format::default())?,
+    };
     let mut lines: Vec<ShopLine> = Vec::new();
     for item in items("measurement")? {
-        decode_measurement(&item.section()?, &truth, &instrument, &mut lines)?;
+        decode_measurement(&item.section()?, &truth, &usual, &mut lines)?;
     }
     let mut squareness: Vec<(ErrorName, Urad)> = Vec::new();
     for item in items("squareness")? {
@@ -116,11 +122,10 @@ fn decode(root: &Section<'_>, truth: Machine) -> Result<Shop, InputError> {
         lines,
         squareness,
         locations,
-        format: root.one_of(
-            "format",
-            &[("renishaw", Format::Renishaw), ("csv", Format::Csv)],
-            Format::Renishaw,
-        )?,
+        header: match root.section("header")? {
+            Some(section) => decode_header(&section)?,
+            None => Header::default(),
+        },
         observations,
         unknown,
         inputs,
@@ -160,15 +165,50 @@ fn decode_location(
     Ok(())
 }
 
+/// `[header]`: what every measurement file says of the test.
+fn decode_header(section: &Section<'_>) -> Result<Header, InputError> {
+    section.allow(&[
+        "date",
+        "by",
+        "serial",
+        "location",
+        "air_degc",
+        "material_degc",
+        "expansion_um_per_m_k",
+    ])?;
+    let text = |key: &str| {
+        section
+            .get(key)
+            .map(|value| value.text().map(str::to_owned))
+            .transpose()
+    };
+    let number = |key: &str| section.get(key).map(|value| value.number()).transpose();
+    Ok(Header {
+        date: text("date")?,
+        by: text("by")?,
+        serial: text("serial")?,
+        location: text("location")?,
+        air_degc: number("air_degc")?,
+        material_degc: number("material_degc")?,
+        expansion_um_per_m_k: number("expansion_um_per_m_k")?,
+    })
+}
+
+/// What a `[[measurement]]` takes unless it states otherwise.
+struct Usual<'s> {
+    instrument: &'s Instrument,
+    format: Format,
+}
+
 /// One `[[measurement]]`: a line for each error it names.
 fn decode_measurement(
     section: &Section<'_>,
     truth: &Machine,
-    instrument: &Instrument,
+    usual: &Usual<'_>,
     lines: &mut Vec<ShopLine>,
 ) -> Result<(), InputError> {
     let keys = [
-        &["error", "errors", "file", "curve", HOLDS_LOCATION][..],
+        &["error", "errors", "file", "format", "curve", HOLDS_LOCATION][..],
         &Setup::KEYS,
         &INSTRUMENT_KEYS,
     ];
@@ -202,7 +242,7 @@ fn decode_measurement(
             return Err(value.error(format!("the file {name} is written already")));
         }
         let setup = Setup::decode(section, error, truth)?;
-        let instrument = decode_instrument(section, instrument)?;
+        let instrument = decode_instrument(section, usual.instrument)?;
         if let Method::Angular { bridge_mm, .. } = setup.method {
             // Known to be a straightness by this.
             tilt_sign(error, TiltReading::Slope).map_err(|e| value.error(e.to_string()))?;
@@ -218,7 +258,8 @@ fn decode_measurement(
                 .map_err(|e| value.error(e.to_string()))?;
         }
         let curve = section.get("curve");
-        lines.push(ShopLine {
+        let line = ShopLine {
+            format: section.one_of("format", &Format::NAMES, usual.format)?,
             setup,
             instrument,
             curve: curve
@@ -226,7 +267,11 @@ fn decode_measurement(
                 .transpose()?,
             holds_location: decode_holds_location(section, error)?,
             name,
-        });
+        };
+        if let Some(reason) = line.format.refuses(&line) {
+            return Err(value.error(format!("{error}: {reason}")));
+        }
+        lines.push(line);
     }
     Ok(())
 }

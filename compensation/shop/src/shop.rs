@@ -7,7 +7,11 @@ use volcomp_identify::Unknown;
 use volcomp_model::Machine;
 use volcomp_vocabulary::{ErrorName, Urad};
 
-use crate::{instrument::Instrument, observation::ShopObservation};
+use crate::{
+    file::{Format, Header},
+    instrument::Instrument,
+    observation::ShopObservation,
+};
 
 /// A truth machine with the measurements to be made on it.
 #[derive(Clone, Debug)]
@@ -22,8 +26,8 @@ pub struct Shop {
     pub squareness: Vec<(ErrorName, Urad)>,
     /// The location errors that are read directly.
     pub locations: Vec<ShopLocation>,
-    /// The kind of the measurement files.
-    pub format: Format,
+    /// What the measurement files say of the test.
+    pub header: Header,
     /// The volumetric observations to be made.
     pub observations: Vec<ShopObservation>,
     /// What the file of observations asks for.
@@ -59,14 +63,6 @@ pub struct ShopLine {
     pub holds_location: bool,
     /// Name of the measurement file without its ending.
     pub name: String,
-}
-
-/// The kind of the measurement files.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Format {
-    /// `.rtl` for lengths, `.rta` for angles.
-    #[default]
-    Renishaw,
-    /// CSV tables with the columns `target`, `run`, `direction` and `deviation`, whose heads state their units.
-    Csv,
+    /// The kind of the measurement file.
+    pub format: Format,
 }

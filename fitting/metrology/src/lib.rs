@@ -2,6 +2,7 @@
 
 mod abbe;
 mod api_pos;
+mod api_pos_write;
 mod camonitor;
 mod csv_file;
 mod csv_head;
@@ -13,6 +14,7 @@ mod file_format;
 pub mod form;
 mod iso230_2;
 mod keysight;
+mod keysight_write;
 mod mapped_table;
 mod mapping;
 mod measurement;
@@ -30,6 +32,7 @@ mod travel;
 
 pub use abbe::{CarriedSide, Rides, Travel, abbe_um, lever_mm};
 pub use api_pos::parse_pos;
+pub use api_pos_write::write_pos;
 pub use camonitor::{Channel, ChannelLog, parse_camonitor};
 pub use csv_file::{parse_csv, write_csv};
 pub use dwell::{Channels, readings_at_dwells};
@@ -40,6 +43,7 @@ pub use error::{Finding, MetrologyError};
 pub use file_format::{FileFormat, Quantity};
 pub use iso230_2::{Approach, Iso230Part2, TargetRow, evaluate};
 pub use keysight::parse_keysight_report;
+pub use keysight_write::write_keysight_report;
 pub use mapped_table::parse_table_with;
 pub use mapping::{ColumnName, Columns, Mapping, TargetUnit};
 pub use measurement::{DeviationUnit, Environment, Measurement, Metadata, Reading, StartEnd};

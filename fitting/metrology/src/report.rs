@@ -8,6 +8,25 @@ pub(crate) fn decimals_of(text: &str) -> usize {
     crate::number::decimals(mantissa)
 }
 
+/// The same lines, CRLF, for what is known; line breaks in texts become blanks.
+pub(crate) fn head_of(metadata: &Metadata) -> String {
+    let texts = [
+        ("Machine", &metadata.machine),
+        ("Serial No", &metadata.serial),
+        ("Date", &metadata.date),
+        ("By", &metadata.by),
+        ("Axis", &metadata.axis),
+        ("Location", &metadata.location),
+        ("Title", &metadata.title),
+    ];
+    let known = texts
+        .into_iter()
+        .filter_map(|(key, text)| Some((key, text.as_ref()?)));
+    known
+        .map(|(key, text)| format!("{key}: {}\r\n", text.replace(char::is_control, " ")))
+        .collect()
+}
+
 /// Lines `key: value` with keys that say the same in every report; others are passed over.
 pub(crate) fn metadata_of<'t>(lines: impl Iterator<Item = &'t str>) -> Metadata {
     let mut metadata = Metadata::default();

@@ -4,6 +4,7 @@ mod both_sides;
 mod coverage;
 mod example;
 mod figures;
+mod formats;
 mod fuzz_corpus;
 mod held_rotary;
 mod locations;

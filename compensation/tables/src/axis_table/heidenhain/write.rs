@@ -32,7 +32,7 @@ fn check(format: Format, table: &AxisTable) -> Result<(), ExchangeError> {
         edge_of(table).last().unwrap_or(0.0),
     );
     if table.input.is_rotary() && (first < -1e-6 || last > 360.0 + 1e-6) {
-        let found = format!("positions from {first} to {last} deg");
+        let found = format!("positions from {first:.4} to {last:.4} deg");
         return Err(unfit(format, table, found, "0 to 360 deg".to_owned()));
     }
     Ok(())

@@ -1,0 +1,139 @@
+//! The measurement file of a line: its kind, its head, its text.
+
+use volcomp_metrology::{
+    DeviationUnit, Environment, Measurement, Metadata, MotionKind, Quantity, StartEnd, write_csv,
+    write_keysight_report, write_pos, write_renishaw,
+};
+
+use crate::shop::{Shop, ShopLine};
+
+/// The kind of a measurement file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Format {
+    /// Of a Renishaw laser: `.rtl` for lengths, `.rts` for straightness optics, `.rta` for angles.
+    #[default]
+    Renishaw,
+    /// CSV tables with the columns `target`, `run`, `direction` and `deviation`, whose heads state their units.
+    Csv,
+    /// Position file of an API laser, `.pos`: means over the runs, lengths alone.
+    ApiPos,
+    /// Text report of a 5529 laser, `.txt`: means and scatter over the runs of both directions.
+    KeysightReport,
+}
+
+impl Format {
+    /// The formats by the word that a shop file has for them.
+    pub(crate) const NAMES: [(&'static str, Self); 4] = [
+        ("renishaw", Self::Renishaw),
+        ("csv", Self::Csv),
+        ("api-pos", Self::ApiPos),
+        ("keysight-report", Self::KeysightReport),
+    ];
+
+    /// The ending of a file that holds angles or lengths, the latter by straightness optics or not.
+    fn ending(self, holds_angles: bool, straightness: bool) -> &'static str {
+        match (self, holds_angles, straightness) {
+            (Self::Csv, ..) => "csv",
+            (Self::ApiPos, ..) => "pos",
+            (Self::KeysightReport, ..) => "txt",
+            (Self::Renishaw, true, _) => "rta",
+            (Self::Renishaw, false, true) => "rts",
+            (Self::Renishaw, false, false) => "rtl",
+        }
+    }
+
+    /// Why a line cannot be written in this format, if it cannot.
+    pub(crate) fn refuses(self, line: &ShopLine) -> Option<&'static str> {
+        match self {
+            Self::ApiPos if line.setup.reads_angles() => {
+                Some("`api-pos` holds lengths, expected another format for angles")
+            }
+            Self::KeysightReport if !line.instrument.both_directions => Some(
+                "`keysight-report` holds both directions in each row, expected `both_directions = true`",
+            ),
+            _ => None,
+        }
+    }
+}
+
+/// What every measurement file says of the test, as far as its format has a place for it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Header {
+    /// The date of the test.
+    pub date: Option<String>,
+    /// Who measured.
+    pub by: Option<String>,
+    /// The serial number of the machine.
+    pub serial: Option<String>,
+    /// Where the machine stands.
+    pub location: Option<String>,
+    /// Temperature of the air during the test, °C.
+    pub air_degc: Option<f64>,
+    /// Temperature of the material during the test, °C. The readings of the virtual shop do not depend on it.
+    pub material_degc: Option<f64>,
+    /// Expansion coefficient that was set in the program of the laser, µm/(m·K).
+    pub expansion_um_per_m_k: Option<f64>,
+}
+
+impl Header {
+    fn environment(&self) -> Environment {
+        let constant = |value: Option<f64>, unit_code| {
+            value.map(|value| StartEnd {
+                start: value,
+                end: value,
+                unit_code,
+            })
+        };
+        Environment {
+            air_temperature: constant(self.air_degc, Some(0)),
+            material_temperature: [constant(self.material_degc, Some(0)), None, None],
+            expansion_coefficient: constant(self.expansion_um_per_m_k, None),
+            ..Environment::default()
+        }
+    }
+}
+
+impl ShopLine {
+    /// The name of the measurement file with its ending.
+    pub(crate) fn file_name(&self) -> String {
+        let straightness = MotionKind::of(self.setup.error) == MotionKind::Straightness;
+        let ending = self.format.ending(self.setup.reads_angles(), straightness);
+        format!("{}.{ending}", self.name)
+    }
+}
+
+impl Shop {
+    /// The name and text of a line's measurement file.
+    pub(crate) fn measurement_file(
+        &self,
+        line: &ShopLine,
+        measurement: &Measurement,
+    ) -> (String, String) {
+        let header = &self.header;
+        let error = line.setup.error;
+        let holds_angles = measurement.unit == Some(DeviationUnit::Urad);
+        let straightness = MotionKind::of(error) == MotionKind::Straightness && !holds_angles;
+        let described = Measurement {
+            quantity: straightness.then_some(Quantity::Straightness),
+            metadata: Metadata {
+                machine: Some(self.truth.name.clone()),
+                axis: Some(error.axis.to_string()),
+                title: Some(error.to_string()),
+                date: header.date.clone(),
+                by: header.by.clone(),
+                serial: header.serial.clone(),
+                location: header.location.clone(),
+                ..Metadata::default()
+            },
+            environment: header.environment(),
+            ..measurement.clone()
+        };
+        let text = match line.format {
+            Format::Csv => write_csv(&described),
+            Format::Renishaw => write_renishaw(&described),
+            Format::ApiPos => write_pos(&described),
+            Format::KeysightReport => write_keysight_report(&described),
+        };
+        (line.file_name(), text)
+    }
+}
