@@ -1,5 +1,6 @@
 //! The demonstration: a server, three simulated machines and the page, in a folder that is removed at the end.
 
+mod confirm;
 mod machine;
 
 use std::{
@@ -15,6 +16,7 @@ use volcomp_fleet::{
     server::{Server, ServerError, free_address},
 };
 
+pub use self::confirm::CONFIRMS_AFTER;
 use self::machine::Simulated;
 use crate::{
     clock::now_s,
@@ -165,10 +167,11 @@ impl Demo {
         let face = Face::new(
             Arc::clone(&store),
             FaceSettings {
-                notice: "Demonstration: simulated machines, nothing is kept".to_owned(),
+                notice: notice(),
                 ..FaceSettings::default()
             },
         );
+        tasks.push(tokio::spawn(confirm::confirm(Arc::clone(&store))));
         tasks.push(tokio::spawn(Arc::clone(&face).refresh()));
         tasks.push(tokio::spawn(volcomp_web::serve(
             listener,
@@ -205,6 +208,16 @@ impl Demo {
             engine.end().await;
         }
     }
+}
+
+/// What stands above the page.
+fn notice() -> String {
+    format!(
+        "Demonstration: the machines are simulated, their models are invented, and nothing is kept. As on a real machine, a \
+         model that moves the axes far waits until a person confirms it (Roll-outs, Confirm); here the demonstration confirms \
+         it by itself after {} s.",
+        CONFIRMS_AFTER.as_secs()
+    )
 }
 
 fn registered(
@@ -260,6 +273,8 @@ fn prepared(
         let name = machine.identity.machine.to_string();
         let mut new = NewModel::of_text((*text).to_owned(), &name, Origin::Form, ADMIN)?;
         "2026-03-02".clone_into(&mut new.model.measured);
+        let invented = "This model is part of the demonstration: nothing was measured, and the day of the measurement is invented";
+        new.model.notes.push(invented.to_owned());
         store.add_model(&new.model, &new.text)?;
         let chosen = [(machine.identity.machine.clone(), true)];
         let rules = Rules {

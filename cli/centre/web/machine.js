@@ -204,11 +204,15 @@ function showMachine(id, { machine, live, age_s: age, silent, versions, telemetr
   const heard = age === null || age === undefined ? "" : `, condition of ${lasting(age)} ago`;
   element("machine-head").replaceChildren(make("div", { class: "head" }, make("h1", { textContent: id }), badge(state), make("span", { class: "soft", textContent: `${machine.site}, ${machine.structure}${heard}` }), machine.enable ? null : make("span", { class: "bad", textContent: "must not be corrected" })));
   const corrections = condition ? [...Object.entries(condition.correction_um).map(([axis, um]) => [axis, `${signed(um, 1)} µm`]), ...Object.entries(condition.correction_urad || {}).map(([axis, urad]) => [axis, `${signed(urad, 1)} µrad`])] : [];
+  const told = telemetry && telemetry.state ? telemetry.state.body || telemetry.state : {};
+  // A gateway knows what its model leaves, never the true error: that only a simulated machine can tell.
+  const truth = !silent && told.simulated && Array.isArray(told.true_residual_um) ? Math.hypot(...told.true_residual_um) : null;
   element("machine-now").replaceChildren(panel("Now", facts([
     ["state", state],
     ["why", condition ? condition.reasons.join(", ") : live && live.condition ? `silent; last: ${live.condition.state}` : ""],
     ["armed", condition ? (condition.armed ? "yes" : "no") : "unknown"],
-    ["residual", condition ? (isNumber(condition.residual_um) ? `${fixed(condition.residual_um, 1)} µm by the model` : "unknown") : "unknown"],
+    ["residual", condition && isNumber(condition.residual_um) ? `${fixed(condition.residual_um, 1)} µm: the error that the model leaves here` : "unknown"],
+    ...(isNumber(truth) ? [["true error", `${fixed(truth, 1)} µm, known in this simulation only; told ${lasting(telemetry.age_s)} ago`]] : []),
     ...(corrections.length ? inOrder(corrections.map(([axis]) => axis)).map((axis) => [`correction ${axis}`, corrections.find(([one]) => one === axis)[1]]) : [["correction", "unknown"]]),
     ["version", live && !silent ? `${live.version || "none"}${versions.length && versions[0].version !== live.version ? `, ${versions[0].version} wanted` : ""}` : "unknown"],
     ["overruns, faults", condition ? `${condition.overruns}, ${condition.faults}` : "unknown"],

@@ -1,26 +1,35 @@
-//! A simulated machine with its gateway, as far as the centre sees it: it takes signed models, corrects by them, and tells its
-//! condition. What it really is differs a little from its model, and it warms up.
+//! A simulated machine with its gateway, as far as the centre sees it: it takes signed models, has a person confirm those that move
+//! its axes far, corrects, and tells its condition. What it really is differs a little from its model, and it warms up.
+//!
+//! Its gateway tells what a real one can know: the residual is the error that its model leaves. The true error is told beside it,
+//! as a gateway with a simulated machine does.
 
 use std::{collections::BTreeMap, time::Duration};
 
 use serde_json::json;
 use tokio::time::{Instant, MissedTickBehavior};
 use volcomp_fleet::{
-    Acknowledgement, Condition, Desired, Envelope, Kind, LinkSettings, MachineLink, ModelRef,
-    Outcome, Trust, VerifyingKey,
+    Acknowledgement, Condition, Desired, Envelope, Kind, LinkSettings, MachineLink, Manifest,
+    ModelRef, Outcome, Trust, VerifyingKey,
 };
 use volcomp_model::{
-    Machine as Model, Temperatures, corrected,
+    Machine as Model, MapGrid, Temperatures, corrected,
     kinematics::{Form, State},
     quantised,
 };
-use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement, PerAxis};
 
 use super::DemoError;
 use crate::{clock::now_s, models::NoModel, records::Machine, users::Token};
 
-/// The correction ramps in within this time, s.
+/// A correction ramps to another one within this time, s.
 const RAMP_S: f64 = 5.0;
+/// A change that moves the correction of a linear axis by more must be confirmed by a person: `confirm_um` of its gateway, µm.
+const CONFIRM_UM: f64 = 10.0;
+/// The same for rotary axes: `confirm_urad`.
+const CONFIRM_URAD: f64 = 10.0;
+/// Nodes along each axis of the grid on which a change is judged.
+const JUDGED: usize = 5;
 /// The machine is worse than its model says by this share.
 const WORSE: f64 = 1.08;
 
@@ -32,8 +41,14 @@ pub(super) struct Simulated {
     instance: String,
     number: u64,
     begun: Instant,
-    /// The model in force, its version, and since when.
-    running: Option<(Model, u64, Instant)>,
+    /// The model in force, and its version.
+    active: Option<(Model, u64)>,
+    /// The correction ramps from that of one model to that of another; `None`: no correction.
+    from: Option<Model>,
+    to: Option<Model>,
+    since: Instant,
+    /// The centre forbids correcting.
+    disabled: bool,
     cycles: u64,
 }
 
@@ -58,7 +73,11 @@ impl Simulated {
             instance: drawn.text().chars().take(16).collect(),
             number: 0,
             begun: Instant::now(),
-            running: None,
+            active: None,
+            from: None,
+            to: None,
+            since: Instant::now(),
+            disabled: false,
             cycles: 0,
         })
     }
@@ -85,11 +104,11 @@ impl Simulated {
                 number: self.number,
                 uptime_s: self.begun.elapsed().as_secs_f64(),
                 wall_s: now_s(),
-                version: self.running.as_ref().map_or(0, |(_, version, _)| *version),
+                version: self.active.as_ref().map_or(0, |(_, version)| *version),
                 model: self
-                    .running
+                    .active
                     .as_ref()
-                    .map_or_else(String::new, |(model, ..)| model.checksum()),
+                    .map_or_else(String::new, |(model, _)| model.checksum()),
                 body,
             };
             let id = format!("{}-{}", self.instance, self.number);
@@ -102,7 +121,7 @@ impl Simulated {
         }
     }
 
-    /// Takes a manifest, or refuses it.
+    /// Takes a manifest, asks for its confirmation, or refuses it.
     fn desired(&mut self, value: &[u8]) -> serde_json::Result<serde_json::Value> {
         let parsed = Desired::parse(value).map_err(|e| e.to_string());
         let taken = parsed.and_then(|desired| {
@@ -114,9 +133,7 @@ impl Simulated {
         let (version, outcome) = match taken {
             Ok((manifest, model)) => {
                 self.trust.highest = manifest.version;
-                let begun = Instant::now();
-                self.running = manifest.enable.then_some((model, manifest.version, begun));
-                (manifest.version, Outcome::Activated)
+                (manifest.version, self.judged(&manifest, model))
             }
             Err(why) => (0, Outcome::Refused { why }),
         };
@@ -125,6 +142,63 @@ impl Simulated {
             value_sha256: ModelRef::of(value).sha256,
             outcome,
         })
+    }
+
+    /// What becomes of a manifest that was accepted (rule 13 of the guard).
+    fn judged(&mut self, manifest: &Manifest, model: Model) -> Outcome {
+        // What is forbidden is forbidden at once, whatever becomes of the model.
+        if !manifest.enable {
+            self.disabled = true;
+            self.ramp(None);
+        }
+        let hash = model.checksum();
+        let [worst_um, worst_urad] = self.largest_move(&model);
+        let is_far = worst_um > CONFIRM_UM || worst_urad > CONFIRM_URAD;
+        if is_far && manifest.confirm.as_ref() != Some(&hash) {
+            let has_rotary = (self.machine.axes.iter()).any(|axis| axis.kind() == AxisKind::Rotary);
+            return Outcome::NeedsConfirmation {
+                hash,
+                worst_um: format!("{worst_um:.1}"),
+                worst_urad: has_rotary
+                    .then(|| format!("{worst_urad:.1}"))
+                    .unwrap_or_default(),
+            };
+        }
+        self.disabled = !manifest.enable;
+        self.ramp(manifest.enable.then(|| model.clone()));
+        self.active = Some((model, manifest.version));
+        Outcome::Activated
+    }
+
+    /// Begins the ramp to the correction of a model.
+    fn ramp(&mut self, to: Option<Model>) {
+        self.from = std::mem::replace(&mut self.to, to);
+        self.since = Instant::now();
+    }
+
+    /// How far the correction moves at the most, over a grid in the work space, where a model takes the place of the one in
+    /// force: of linear axes in µm, of rotary ones in µrad.
+    fn largest_move(&self, new: &Model) -> [f64; 2] {
+        let old = self.active.as_ref().map(|(model, _)| model);
+        let rotary: Vec<(AxisName, f64)> = (new.axes().iter())
+            .filter(|axis| axis.name.kind() == AxisKind::Rotary)
+            .map(|axis| (axis.name, axis.nearest_zero()))
+            .collect();
+        let Ok(grid) = MapGrid::over_travels(new, [JUDGED; 3], &rotary) else {
+            return [f64::INFINITY; 2];
+        };
+        let mut worst = [0.0_f64; 2];
+        for index in 0..grid.len() {
+            let (_, state) = grid.node(new, index);
+            let of = |model: Option<&Model>| correction(model, &state);
+            let (before, after) = (of(old), of(Some(new)));
+            for (axis, (before, after)) in self.machine.axes.iter().zip(before.iter().zip(&after)) {
+                let place = usize::from(axis.kind() == AxisKind::Rotary);
+                worst[place] = worst[place].max((after - before).abs() * 1e6);
+            }
+        }
+        // mm and rad: both come as millionths.
+        [worst[0] * 1e-3, worst[1]]
     }
 
     /// Where the axes stand now: each goes to and fro in a time of its own.
@@ -153,54 +227,63 @@ impl Simulated {
         ])
     }
 
-    /// The correction that is applied (mm, rad, in machine order), and the length of the error that is left, µm.
-    fn corrected(&self, state: &State) -> (volcomp_vocabulary::PerAxis<f64>, f64) {
-        let none = Temperatures::new();
-        let mut delta = volcomp_vocabulary::PerAxis::ZERO;
-        let error_mm = |at: &State| {
-            let error = self.truth.error_at(at, Form::Exact, &none);
-            error.position_mm * WORSE
-        };
-        let Some((model, _, since)) = &self.running else {
-            return (delta, error_mm(state).norm() * 1e3);
-        };
-        let correction = model.correction_at(state, &none, &model.correction_options());
-        let share = (since.elapsed().as_secs_f64() / RAMP_S).min(1.0);
-        for (place, full) in delta.0.iter_mut().zip(correction.delta.0) {
-            *place = full * share;
+    fn ramped(&self) -> f64 {
+        (self.since.elapsed().as_secs_f64() / RAMP_S).min(1.0)
+    }
+
+    /// The correction that is applied: mm, rad, in machine order.
+    fn applied(&self, state: &State) -> PerAxis<f64> {
+        let share = self.ramped();
+        let [from, to] = [&self.from, &self.to].map(|model| correction(model.as_ref(), state));
+        let mut applied = PerAxis::ZERO;
+        for (place, (from, to)) in applied.0.iter_mut().zip(from.into_iter().zip(to)) {
+            *place = from + share * (to - from);
         }
-        delta.0 = quantised(model, &delta.0, 1e-3, 1e-6);
-        let moved = self.truth.chain().ideal_tip_mm(&corrected(state, &delta.0))
-            - self.truth.chain().ideal_tip_mm(state);
-        (delta, (error_mm(state) + moved).norm() * 1e3)
+        applied.0 = quantised(&self.truth, &applied.0, 1e-3, 1e-6);
+        applied
+    }
+
+    /// The error of the tool tip that the model in force leaves with the correction that is applied, µm: what a gateway can know.
+    fn residual_um(&self, state: &State, applied: &PerAxis<f64>) -> Option<f64> {
+        let (model, _) = self.active.as_ref()?;
+        Some(length(left_um(model, 1.0, state, applied)))
     }
 
     fn condition(&mut self) -> Condition {
         let state = self.place();
-        let (delta, left_um) = self.corrected(&state);
+        let applied = self.applied(&state);
         let mut correction_um = BTreeMap::new();
         let mut correction_urad = BTreeMap::new();
-        for (axis, value) in self.machine.axes.iter().zip(delta.0) {
+        for (axis, value) in self.machine.axes.iter().zip(applied.0) {
             match axis.kind() {
                 AxisKind::Linear => correction_um.insert(*axis, value * 1e3),
                 AxisKind::Rotary => correction_urad.insert(*axis, value * 1e6),
             };
         }
-        let ramping = (self.running.as_ref())
-            .is_some_and(|(_, _, since)| since.elapsed().as_secs_f64() < RAMP_S);
-        let (name, reasons) = match &self.running {
-            None => ("disarmed", vec!["no model was sent yet".to_owned()]),
-            Some(_) if ramping => ("arming", Vec::new()),
-            Some(_) => ("compensating", Vec::new()),
+        let is_ramping = self.ramped() < 1.0;
+        let name = match (&self.from, &self.to) {
+            (None, Some(_)) if is_ramping => "arming",
+            (_, Some(_)) => "compensating",
+            (Some(_), None) if is_ramping => "ramping-out",
+            (_, None) => "disarmed",
+        };
+        let reasons = if self.disabled {
+            vec!["disabled by the centre".to_owned()]
+        } else if self.active.is_none() && self.trust.highest > 0 {
+            vec!["the first model waits to be confirmed".to_owned()]
+        } else if self.active.is_none() {
+            vec!["no model was sent yet".to_owned()]
+        } else {
+            Vec::new()
         };
         self.cycles += 500;
         Condition {
             state: name.to_owned(),
             reasons,
-            armed: self.running.is_some(),
+            armed: self.to.is_some(),
             correction_um,
             correction_urad,
-            residual_um: Some(left_um),
+            residual_um: self.residual_um(&state, &applied),
             temperatures_degc: self.degc(),
             cycle_p99_us: 2010.0 + (self.cycles % 7000) as f64 / 100.0,
             overruns: 0,
@@ -232,11 +315,36 @@ impl Simulated {
         let histogram: Vec<(u64, u64)> = (permille.iter())
             .map(|&(edge, share)| (edge, self.cycles * share / 1000))
             .collect();
+        let none = PerAxis::ZERO;
         json!({
             "simulated": true,
+            "true_error_um": left_um(&self.truth, WORSE, &state, &none),
+            "true_residual_um": left_um(&self.truth, WORSE, &state, &self.applied(&state)),
             "positions_mm": positions_mm,
             "positions_deg": positions_deg,
             "cycle": { "period_us": 2000.0, "count": self.cycles, "overruns": 0, "p99_us": 2090.0, "histogram_us": histogram },
         })
     }
+}
+
+/// The correction of a model, mm and rad in machine order; without one none.
+fn correction(model: Option<&Model>, state: &State) -> [f64; 9] {
+    model.map_or([0.0; 9], |model| {
+        let options = model.correction_options();
+        let correction = model.correction_at(state, &Temperatures::new(), &options);
+        correction.delta.0
+    })
+}
+
+/// The error of the tool tip with a correction, where the machine is as this model says but for a factor, µm along X, Y, Z.
+fn left_um(model: &Model, factor: f64, state: &State, applied: &PerAxis<f64>) -> [f64; 3] {
+    let error = model.error_at(state, Form::Exact, &Temperatures::new());
+    let chain = model.chain();
+    let moved = chain.ideal_tip_mm(&corrected(state, &applied.0)) - chain.ideal_tip_mm(state);
+    let left = error.position_mm * factor + moved;
+    [left.x, left.y, left.z].map(|mm| mm * 1e3)
+}
+
+fn length(vector: [f64; 3]) -> f64 {
+    vector.iter().map(|part| part * part).sum::<f64>().sqrt()
 }

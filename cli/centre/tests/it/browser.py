@@ -6,23 +6,16 @@ import sys
 
 from playwright.sync_api import sync_playwright
 
+import browser_shots
+from browser_shots import SIZES
+
 url, password, count, folder = sys.argv[1:5]
 count = int(count)
 WAIT = 90_000
-SIZES = ({"width": 1280, "height": 800}, {"width": 390, "height": 844})
 
 
 def shot(page, name):
-    for scheme in ("light", "dark"):
-        page.emulate_media(color_scheme=scheme)
-        for size in SIZES:
-            page.set_viewport_size(size)
-            page.wait_for_timeout(400)
-            page.screenshot(path=f"{folder}/centre-{count}-{name}-{size['width']}-{scheme}.png", full_page=count < 10)
-            wide = page.evaluate("() => document.documentElement.scrollWidth")
-            assert wide <= size["width"], f"{name}: {wide} px do not fit {size['width']}"
-    page.emulate_media(color_scheme="light")
-    page.set_viewport_size(SIZES[0])
+    browser_shots.shot(page, folder, f"{count}-{name}", whole=count < 10)
 
 
 with sync_playwright() as playwright:

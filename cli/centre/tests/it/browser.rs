@@ -22,7 +22,7 @@ use volcomp_test_support::peers;
 use crate::page::{PASSWORD, Page};
 
 /// Runs a script of this folder in the browser.
-fn run(script: &str, arguments: &[&str]) {
+pub(crate) fn run(script: &str, arguments: &[&str]) {
     if !Path::new("/usr/bin/chromium").exists() {
         peers::not_run("Chromium");
         return;
@@ -35,6 +35,7 @@ fn run(script: &str, arguments: &[&str]) {
         .arg(here.join("tests/it").join(script))
         .args(arguments)
         .arg(here.join("../../target"))
+        .env("PYTHONDONTWRITEBYTECODE", "1")
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
