@@ -143,12 +143,18 @@ function facts(pairs) {
   }));
 }
 
+/** What a map is, of a machine in this state: none is a measurement. */
+function originOfMap(heard) {
+  if (heard === undefined) return "Computed from the model, not measured.";
+  return heard ? "Computed from the model that this machine has, not measured." : "Computed from the model that was sent, not measured. This machine was never heard: nothing says that it corrects, or that the model is there.";
+}
+
 /** Three sections of the map, before and after the correction, to one scale. */
-function drawSections(place, map) {
-  place.replaceChildren();
+function drawSections(place, map, heard) {
+  place.replaceChildren(make("p", { class: heard === false ? "bad origin" : "origin", textContent: originOfMap(heard) }));
   const scale = map.largest_um[0];
   const turn = (state) => make("h2", { textContent: state });
-  for (const [key, words] of [["before_um", "Without correction"], ["after_um", "With correction, in steps of 1 µm"]]) {
+  for (const [key, words] of [["before_um", "Without correction, computed"], ["after_um", "With correction in steps of 1 µm, computed"]]) {
     const largest = map.largest_um[key === "before_um" ? 0 : 1];
     place.append(turn(`${words}: up to ${fixed(largest, 1)} µm`));
     const row = make("div", { class: "maps" });

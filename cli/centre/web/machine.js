@@ -14,7 +14,7 @@ function drawHistory(canvas, from, to, series, unit, gap) {
   if (values.length === 0) {
     context.fillStyle = soft;
     context.textAlign = "center";
-    context.fillText("nothing is known of this time", width / 2, height / 2);
+    context.fillText("nothing was told in this time", width / 2, height / 2);
     return;
   }
   let [low, high] = [Math.min(...values), Math.max(...values)];
@@ -123,9 +123,9 @@ function showHistory(place, { now_s: to, together, points }, [resolution, hours]
   for (const draw of drawn) draw();
 }
 
-function outcomeOf(version) {
+function outcomeOf(version, heard) {
   const { outcome } = version;
-  if (!outcome) return [badge("sent", "not answered"), ""];
+  if (!outcome) return [badge("sent", "not answered"), heard ? "" : "sent, and never heard of"];
   if (outcome.outcome === "activated") return [badge("activated"), clock(version.answered_s)];
   if (outcome.outcome === "refused") return [badge("refused"), outcome.why];
   const moves = [outcome.worst_um && `${outcome.worst_um} µm`, outcome.worst_urad && `${outcome.worst_urad} µrad`].filter(Boolean).join(", ");
@@ -158,10 +158,10 @@ function machinePage(page, name) {
     place("head"),
     make("div", { class: "panels tight" }, place("now"), place("degc"), place("cycle"), place("facts")),
     make("section", { class: "panel" }, make("h2", { textContent: "History" }), spans, charts),
-    make("section", { class: "panel", id: "machine-map" }, make("h2", { textContent: "Error over the work space, µm" }), map),
+    make("section", { class: "panel", id: "machine-map" }, make("h2", { textContent: "Error over the work space by the model, µm" }), map),
     place("versions"), place("alarms"), place("records"), place("change"),
   );
-  let model = null;
+  let drawn = "";
   let changeShown = false;
   const history = async () => {
     const chosen = span.chosen;
@@ -172,7 +172,7 @@ function machinePage(page, name) {
       charts.replaceChildren(make("p", { class: "bad", textContent: error.message }));
     }
   };
-  const drawn = repeat(history, HISTORY_EVERY_MS);
+  const endHistory = repeat(history, HISTORY_EVERY_MS);
   const told = repeat(async () => {
     const answer = await get(`/api/machines/${encodeURIComponent(id)}`);
     showMachine(id, answer);
@@ -180,10 +180,11 @@ function machinePage(page, name) {
       changeShown = true;
       if (may("engineer")) element("machine-change").replaceChildren(make("details", { class: "panel" }, make("summary", { textContent: "Registration" }), machineForm(answer.machine, false)));
     }
-    if (answer.model && answer.model !== model) {
-      model = answer.model;
+    const heard = Boolean(answer.live && answer.live.condition);
+    if (answer.model && drawn !== `${answer.model} ${heard}`) {
+      drawn = `${answer.model} ${heard}`;
       try {
-        drawSections(map, await get(`/api/models/${model}/map`));
+        drawSections(map, await get(`/api/models/${answer.model}/map`), heard);
       } catch (error) {
         map.replaceChildren(make("p", { class: "bad", textContent: error.message }));
       }
@@ -193,7 +194,7 @@ function machinePage(page, name) {
     for (const part of ["degc", "cycle"]) element(`machine-${part}`).replaceChildren();
   });
   return () => {
-    drawn();
+    endHistory();
     told();
   };
 }
@@ -207,7 +208,9 @@ function showMachine(id, { machine, live, age_s: age, silent, versions, telemetr
   const told = telemetry && telemetry.state ? telemetry.state.body || telemetry.state : {};
   // A gateway knows what its model leaves, never the true error: that only a simulated machine can tell.
   const truth = !silent && told.simulated && Array.isArray(told.true_residual_um) ? Math.hypot(...told.true_residual_um) : null;
-  element("machine-now").replaceChildren(panel("Now", facts([
+  if (!live) {
+    element("machine-now").replaceChildren(panel("Now", make("p", { class: "unknown", textContent: "Never heard: its gateway has told nothing yet, so nothing is known of what the machine does. Its gateway needs the nkey file of this machine, the address of the server and the public key of the centre in its table [fleet]; the server needs a configuration that names the machine (nats-config)." })));
+  } else element("machine-now").replaceChildren(panel("Now", facts([
     ["state", state],
     ["why", condition ? condition.reasons.join(", ") : live && live.condition ? `silent; last: ${live.condition.state}` : ""],
     ["armed", condition ? (condition.armed ? "yes" : "no") : "unknown"],
@@ -219,15 +222,15 @@ function showMachine(id, { machine, live, age_s: age, silent, versions, telemetr
     ["messages lost", live ? String(live.lost) : "unknown"],
   ])));
   const degc = condition ? Object.entries(condition.temperatures_degc) : [];
-  element("machine-degc").replaceChildren(panel("Temperatures", degc.length ? facts(degc.map(([name, value]) => [name, value === null ? make("span", { class: "bad", textContent: "broken" }) : `${fixed(value, 2)} °C`])) : make("p", { class: "soft", textContent: condition ? "no thermometer" : "unknown" })));
-  showCycle(telemetry, silent);
+  element("machine-degc").replaceChildren(panel("Temperatures", degc.length ? facts(degc.map(([name, value]) => [name, value === null ? make("span", { class: "bad", textContent: "broken" }) : `${fixed(value, 2)} °C`])) : make("p", { class: "soft", textContent: condition ? "no thermometer" : live ? "unknown" : "never heard" })));
+  showCycle(telemetry, live ? silent && "unknown" : "never heard");
   element("machine-facts").replaceChildren(panel("Registered", facts([
     ["serial", machine.serial], ["control", machine.control], ["address", machine.address], ["axes", machine.axes.join(" ")],
     ["key", machine.nkey ? short(machine.nkey) + "…" : "none: it cannot reach the server"], ["first in roll-outs", machine.canary ? "yes" : "no"],
     ["calibration due", machine.due_days ? `${machine.due_days} d after the last one` : "never"], ["note", machine.note],
   ])));
   element("machine-versions").replaceChildren(panel("Models and versions", versions.length === 0 ? make("p", { class: "soft", textContent: "Nothing was sent to it yet." }) : table(["version", "model", "issued", "answer", ""], versions.slice(0, 20).map((version) => {
-    const [shown, why] = outcomeOf(version);
+    const [shown, why] = outcomeOf(version, Boolean(live));
     return make("tr", {}, cell(`${version.version}${live && live.version === version.version ? " (in force)" : ""}`), cell(make("a", { href: `#model/${version.model}`, textContent: short(version.model) })), cell(`${clock(version.issued_s)}, ${version.by}`), cell(shown), cell(why, { class: "text" }));
   }))));
   element("machine-alarms").replaceChildren(panel("Alarms", alarms.length === 0 ? make("p", { class: "soft", textContent: "none" }) : table(["", "what", "when", ""], alarms.slice(0, 20).map((alarm) => alarmRow(alarm, false)))));
@@ -235,11 +238,11 @@ function showMachine(id, { machine, live, age_s: age, silent, versions, telemetr
   element("machine-records").replaceChildren(make("details", { class: "panel", open }, make("summary", { textContent: "Audit log of the gateway" }), make("pre", { textContent: records.map(({ at_s: at, record }) => `${clock(at)}  ${JSON.stringify(record)}`).join("\n") || "nothing yet" })));
 }
 
-function showCycle(telemetry, silent) {
+function showCycle(telemetry, otherwise) {
   const place = element("machine-cycle");
   const cycle = telemetry && telemetry.state && (telemetry.state.body || telemetry.state).cycle;
   if (!cycle || !Array.isArray(cycle.histogram_us)) {
-    place.replaceChildren(panel("Time of a cycle, µs", make("p", { class: "soft", textContent: silent ? "unknown" : "not told yet" })));
+    place.replaceChildren(panel("Time of a cycle, µs", make("p", { class: "soft", textContent: otherwise || "not told yet" })));
     return;
   }
   if (!place.querySelector("canvas")) place.replaceChildren(panel("Time of a cycle, µs", make("canvas", { role: "img", ariaLabel: "How many cycles took how long" }), make("p", {})));

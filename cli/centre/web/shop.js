@@ -10,16 +10,18 @@ const badness = (row) => {
   return place < 0 ? 1 : place;
 };
 const orNone = (text, soft) => text || soft || "–";
-const known = (row, text) => (row.silent ? "unknown" : text);
+const isNeverHeard = (row) => row.state === "never heard";
+const known = (row, text) => (isNeverHeard(row) ? "–" : row.silent ? "unknown" : text);
 
 function versionOf(row) {
+  if (isNeverHeard(row)) return row.wanted === null ? "–" : `${row.wanted} sent`;
   if (row.silent) return row.wanted === null ? "unknown" : `unknown → ${row.wanted}`;
   if (row.version === row.wanted || row.wanted === null) return row.version ? String(row.version) : "none";
   return `${row.version || "none"} → ${row.wanted}`;
 }
 
 function degreesOf(row) {
-  if (row.silent) return "unknown";
+  if (row.silent) return known(row);
   const broken = row.broken_sensors ? ` (${row.broken_sensors} broken)` : "";
   if (!isNumber(row.coldest_degc)) return row.broken_sensors ? "broken" : "–";
   return `${fixed(row.coldest_degc, 1)}…${fixed(row.warmest_degc, 1)}${broken}`;
@@ -37,7 +39,7 @@ const COLUMNS = [
   ["site", "site", "tertiary", (row) => row.site, (row) => row.site],
   ["state", "state", "", (row) => row.state, badness],
   ["why", "why", "text tertiary", (row) => (row.silent && row.was ? `last: ${row.was}` : row.reasons.join(", ")), (row) => row.reasons.join()],
-  ["age", "heard ago", "number", (row) => (row.age_s === null ? (row.state === "never heard" ? "never" : "unknown") : lasting(row.age_s)), (row) => row.age_s ?? Infinity],
+  ["age", "heard ago", "number", (row) => (row.age_s === null ? (isNeverHeard(row) ? "never" : "unknown") : lasting(row.age_s)), (row) => row.age_s ?? Infinity],
   ["version", "version", "number tertiary", versionOf, (row) => row.version ?? -1],
   ["correction", "correction, µm", "number secondary", (row) => known(row, fixed(row.correction_um, 1)), (row) => row.correction_um ?? -1],
   ["residual", "residual, µm", "number secondary", (row) => known(row, fixed(row.residual_um, 1)), (row) => row.residual_um ?? -1],

@@ -32,6 +32,29 @@ with sync_playwright() as playwright:
     shot(page, folder, "demo-rollouts")
     page.click("section[data-rollout='1'] a[href^='#model/']")
     page.wait_for_selector("text=nothing was measured")
+    # A machine that was never heard says so; what is drawn of it comes from the model that was sent, and is called so.
+    model = page.evaluate("location.hash").split("/")[1]
+    ask = """async ([path, body]) => {
+        const headers = { "X-Volcomp": "1", "Content-Type": "application/json" };
+        const answer = await fetch(path, { method: body ? "POST" : "GET", headers, body: body && JSON.stringify(body) });
+        return [answer.status, await answer.json()];
+    }"""
+    like = page.evaluate(ask, ["/api/machines/mill-1", None])[1]["machine"]
+    assert page.evaluate(ask, ["/api/machines", {**like, "machine": "ghost", "nkey": None}])[0] == 200
+    assert page.evaluate(ask, ["/api/rollouts", {"model": model, "machines": ["ghost"]}])[0] == 200
+    page.click("#tabs a[href='#shop']")
+    page.wait_for_selector("tr[data-machine=ghost] [data-key=version]:has-text('sent')")
+    row = page.locator("tr[data-machine=ghost]")
+    assert row.locator("[data-key=state]").inner_text() == "never heard"
+    assert row.locator("[data-key=residual]").inner_text() == "–"
+    page.click("tr[data-machine=ghost] a")
+    page.wait_for_selector("#machine-now:has-text('Never heard')")
+    page.wait_for_selector("#machine-map canvas.map")
+    origin = page.inner_text("#machine-map .origin")
+    assert "Computed from the model that was sent" in origin and "never heard" in origin, origin
+    heads = page.locator("#machine-map h2").all_inner_texts()
+    assert sum("computed" in head for head in heads) == 2, heads
+    shot(page, folder, "demo-never")
     assert not errors, errors
     browser.close()
 print("done", flush=True)
