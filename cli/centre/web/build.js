@@ -238,6 +238,33 @@ async function modelsPage(page) {
   );
 }
 
+/** The tables of a model for a control that compensates by itself, as files to be taken away. */
+async function tablesPanel(model) {
+  const formats = await get("/api/formats");
+  const format = choose(formats.map((one) => [one.format, one.format]), formats[0].format);
+  const number = (value) => make("input", { type: "number", step: "any", min: 0, value, required: true });
+  const stepMm = number(50), stepDeg = number(15);
+  const said = make("p", { class: "said", role: "status" });
+  const place = make("div", { class: "lines" });
+  const button = make("button", { textContent: "Make the tables" });
+  return panel("Tables for a control", make("p", { class: "soft", textContent: "A control that compensates by itself holds tables over one axis. They say less than the model, and none was tried on a real control." }),
+    make("form", { onsubmit: (event) => {
+      event.preventDefault();
+      place.replaceChildren();
+      const query = new URLSearchParams({ format: format.value, step_mm: stepMm.value, step_deg: stepDeg.value });
+      act(button, said, () => get(`/api/models/${model.sha256}/tables?${query}`), (told) => {
+        const at = told.at.map(([axis, value]) => `${axis} = ${fixed(value, 0)}`).join(", ");
+        place.replaceChildren(
+          make("p", {}, ...told.files.flatMap((name) => [make("a", { class: "download", href: `/api/models/${model.sha256}/tables/${encodeURIComponent(name)}?${query}`, download: "", textContent: name }), " "])),
+          make("p", { class: "soft", textContent: `A number: ${told.sign}. The axes that a table does not go over stand at ${at} (mm, deg).` }),
+          make("p", { class: "soft", textContent: told.trust }),
+          ...told.notes.map((note) => make("p", { class: "soft", textContent: `${note}.` })),
+          make("p", { class: "soft", textContent: `For other places of the axes, axis numbers, and what the tables lose against the model: volcomp export -m FILE --format ${told.format} -o FOLDER, with the machine file from above.` }),
+        );
+      });
+    } }, make("div", { class: "fields" }, field("Format", format, "as volcomp export names it"), field("Step along linear axes, mm", stepMm, "from position to position, such as 50"), field("Step along rotary axes, deg", stepDeg, "from position to position, such as 15")), make("div", { class: "buttons" }, button, said)), place);
+}
+
 async function modelPage(page, checksum) {
   const { model, described } = await get(`/api/models/${encodeURIComponent(checksum)}`);
   const map = make("div", {}, make("p", { textContent: "…" }));
@@ -247,7 +274,8 @@ async function modelPage(page, checksum) {
     make("div", { class: "head" }, make("h1", { textContent: model.name || "Model" }), make("span", { class: "soft", textContent: short(model.sha256) }), may("engineer") ? make("a", { href: `#rollout/${model.sha256}`, textContent: "Roll it out" }) : null),
     make("div", { class: "panels" }, mapPanel, formulaPanel(described),
       panel("To be read", model.notes.length ? make("ul", {}, ...model.notes.map((note) => make("li", { textContent: note }))) : make("p", { class: "soft", textContent: "nothing" })),
-      panel("Machine file", facts([["checksum", model.sha256], ["measured", model.measured || "unknown"], ["added", `${clock(model.added_s)}, ${model.by}`]]), make("details", {}, make("summary", { textContent: "Show it" }), make("pre", { textContent: described.text })))),
+      panel("Machine file", facts([["checksum", model.sha256], ["measured", model.measured || "unknown"], ["added", `${clock(model.added_s)}, ${model.by}`]]), make("p", {}, make("a", { class: "download", href: `/api/models/${model.sha256}/file`, download: "", textContent: "Download the machine file" }), ": every byte as it is signed and sent."), make("details", {}, make("summary", { textContent: "Show it" }), make("pre", { textContent: described.text }))),
+      await tablesPanel(model)),
   );
   drawSections(map, await get(`/api/models/${model.sha256}/map`));
 }

@@ -124,8 +124,9 @@ function table(heads, rows) {
   return make("div", { class: "scroll" }, make("table", {}, make("thead", {}, head), make("tbody", {}, ...rows)));
 }
 
-function field(text, input) {
-  return make("label", {}, text, input);
+/** An input with what it is (with its unit), and beneath what is meant by it, with an example. */
+function field(text, input, hint) {
+  return make("label", {}, make("span", { class: "what", textContent: text }), input, hint ? make("span", { class: "hint", textContent: hint }) : null);
 }
 
 function choose(options, value) {

@@ -185,6 +185,19 @@ pub(super) enum ModelCommand {
         #[arg(long)]
         json: bool,
     },
+    /// Print what is known of a model
+    Show {
+        /// The beginning of its checksum
+        model: String,
+    },
+    /// Write the machine file of a model into a new file, byte by byte as it is signed
+    Download {
+        /// The beginning of its checksum
+        model: String,
+        /// The new file
+        #[arg(long, short, value_name = "FILE")]
+        output: PathBuf,
+    },
     /// Compare two models line by line
     Diff {
         /// The beginning of the checksum of one

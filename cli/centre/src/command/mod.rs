@@ -67,6 +67,10 @@ impl Arguments {
             }
             Command::Model(ModelCommand::Add(add)) => models::add(&config()?, &add, &by),
             Command::Model(ModelCommand::List { json }) => models::list(&config()?, json),
+            Command::Model(ModelCommand::Show { model }) => models::show(&config()?, &model),
+            Command::Model(ModelCommand::Download { model, output }) => {
+                models::download(&config()?, &model, &output)
+            }
             Command::Model(ModelCommand::Diff { one, other }) => {
                 models::diff(&config()?, &one, &other)
             }

@@ -1,6 +1,6 @@
 //! Models on the command line.
 
-use std::fmt::Write;
+use std::{fmt::Write as _, io::Write as _, path::Path};
 
 use super::{CommandError, arguments::AddModel, machine_named, open, print, print_json, text};
 use crate::{
@@ -62,6 +62,44 @@ pub(super) fn named(store: &Store, beginning: &str) -> Result<(Model, String), C
     let model = store.model(beginning)?.ok_or_else(wrong)?;
     let text = store.model_text(&model.sha256)?.ok_or_else(wrong)?;
     Ok((model, text))
+}
+
+pub(super) fn show(config: &Config, beginning: &str) -> Result<(), CommandError> {
+    let store = open(config)?;
+    let (model, _) = named(&store, beginning)?;
+    print(&text::model(&model))
+}
+
+pub(super) fn download(
+    config: &Config,
+    beginning: &str,
+    output: &Path,
+) -> Result<(), CommandError> {
+    let store = open(config)?;
+    let (model, text) = named(&store, beginning)?;
+    let file = std::fs::OpenOptions::new()
+        .write(true)
+        .create_new(true)
+        .open(output);
+    let written = file.and_then(|mut file| {
+        file.write_all(text.as_bytes())?;
+        file.sync_all()
+    });
+    written.map_err(|error| {
+        let why = match error.kind() {
+            std::io::ErrorKind::AlreadyExists => {
+                "is there already, and is not replaced: name a new file".to_owned()
+            }
+            _ => format!("cannot be written: {error}"),
+        };
+        CommandError::Wrong(format!("{}: {why}", output.display()))
+    })?;
+    print(&format!(
+        "{}: {} bytes, SHA-256 {}\n",
+        output.display(),
+        model.bytes,
+        model.sha256
+    ))
 }
 
 pub(super) fn diff(config: &Config, one: &str, other: &str) -> Result<(), CommandError> {

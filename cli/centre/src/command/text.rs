@@ -7,7 +7,7 @@ use volcomp_fleet::largest_moves;
 use super::machines::Shown;
 use crate::{
     drift::{Stage, date},
-    records::{Alarm, AuditRecord, Model},
+    records::{Alarm, AuditRecord, Model, Origin},
     rollout::{Phase, Rollout, Step},
 };
 
@@ -92,6 +92,34 @@ pub(super) fn models(models: &[Model]) -> String {
             &model.by,
         ]));
     }
+    columns(&rows)
+}
+
+/// Everything that is known of a model but its text.
+pub(super) fn model(model: &Model) -> String {
+    let letters: Vec<String> = model.axes.iter().map(ToString::to_string).collect();
+    let origin = match &model.origin {
+        Origin::Form => "the form of the page".to_owned(),
+        Origin::File { name } => format!("the machine file {name}"),
+        Origin::Calibration { path } => format!("the calibration {path}"),
+    };
+    let measured = if model.measured.is_empty() {
+        "unknown"
+    } else {
+        &model.measured
+    };
+    let facts = [
+        ("checksum", model.sha256.as_str()),
+        ("in gateways", &model.checksum),
+        ("name", &model.name),
+        ("structure", &model.structure),
+        ("axes", &letters.join(" ")),
+        ("made from", &origin),
+        ("measured", measured),
+        ("added by", &model.by),
+    ];
+    let mut rows: Vec<Vec<String>> = facts.map(|(name, fact)| row(&[name, fact])).to_vec();
+    rows.extend(model.notes.iter().map(|note| row(&["note", note])));
     columns(&rows)
 }
 

@@ -12,6 +12,7 @@ mod models;
 mod overview;
 mod people;
 mod routes;
+mod tables;
 mod who;
 
 pub use face::{Face, FaceSettings};

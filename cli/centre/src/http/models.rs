@@ -30,7 +30,7 @@ pub(super) async fn models(State(face): Shared) -> Answer {
 }
 
 /// A model by its checksum, or the beginning of it, with its text.
-async fn found(face: &Arc<Face>, checksum: String) -> Result<(Model, String), Refused> {
+pub(super) async fn found(face: &Arc<Face>, checksum: String) -> Result<(Model, String), Refused> {
     let found = face.ask(move |store| {
         let Some(model) = store.model(&checksum)? else {
             return Ok(None);

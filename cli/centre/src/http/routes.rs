@@ -12,7 +12,9 @@ use axum::{
 };
 use volcomp_web::{headers, hosts};
 
-use super::{answer::Refused, calls, change, discovery, face::Face, machines, models, people, who};
+use super::{
+    answer::Refused, calls, change, discovery, face::Face, machines, models, people, tables, who,
+};
 use crate::users::Role;
 
 /// The largest body of a request, bytes; that of a form with measurement files is larger.
@@ -67,6 +69,10 @@ routes! {
     "GET" "/api/models" VIEWER => get(models::models);
     "GET" "/api/models/{model}" VIEWER => get(models::model);
     "GET" "/api/models/{model}/map" VIEWER => get(models::map);
+    "GET" "/api/models/{model}/file" VIEWER => get(tables::file);
+    "GET" "/api/models/{model}/tables" VIEWER => get(tables::tables);
+    "GET" "/api/models/{model}/tables/{file}" VIEWER => get(tables::table);
+    "GET" "/api/formats" VIEWER => get(tables::formats);
     "GET" "/api/rollouts" VIEWER => get(calls::rollouts);
     "GET" "/api/rules" VIEWER => get(calls::rules);
     "GET" "/api/alarms" VIEWER => get(calls::alarms);

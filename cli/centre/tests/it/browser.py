@@ -85,6 +85,16 @@ with sync_playwright() as playwright:
         assert page.locator("canvas.map").count() == 6
         assert "<script>" in page.inner_text("h1")
         assert "dX = " in page.inner_text("#formula")
+        # It can be taken out of the centre: as it is signed, and as tables of a control.
+        with page.expect_download() as coming:
+            page.click("text=Download the machine file")
+        assert "EC0Y = 15.0" in open(coming.value.path()).read()
+        page.select_option("main form select", "csv")
+        page.click("text=Make the tables")
+        page.wait_for_selector("main form + .lines a.download")
+        with page.expect_download() as coming:
+            page.click("main form + .lines a.download")
+        assert "X,X,800,24," in open(coming.value.path()).read()
         shot(page, "model")
         # A model by form.
         page.click("#tabs a[href='#build']")

@@ -305,3 +305,44 @@ fn two_models_are_compared() {
     assert!(lines[0].starts_with("- ") && lines[0].contains('7'));
     assert!(lines[1].starts_with("+ ") && lines[1].contains('9'));
 }
+
+/// A model leaves the centre byte by byte as it came, and no file is replaced by it.
+#[test]
+fn a_model_is_shown_and_downloaded() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    std::fs::write(
+        path.join("centre.toml"),
+        "[nats]\nurl = \"nats://127.0.0.1:4222\"\n",
+    )
+    .unwrap();
+    let text = format!("# as measured\n{}", crate::support::model_text(20));
+    std::fs::write(path.join("m.toml"), &text).unwrap();
+    let added = done(path, "model add m.toml --measured 2026-11-25");
+    let sha256 = added.lines().last().unwrap().split(' ').next().unwrap();
+    let shown = done(path, &format!("model show {}", &sha256[..6]));
+    for part in [
+        sha256,
+        "w X' b Y Z t",
+        "X Y Z",
+        "2026-11-25",
+        "m.toml",
+        "anna",
+    ] {
+        assert!(shown.contains(part), "{part}: {shown}");
+    }
+    let said = done(path, &format!("model download {sha256} -o out.toml"));
+    assert!(said.contains(sha256), "{said}");
+    assert_eq!(
+        std::fs::read_to_string(path.join("out.toml")).unwrap(),
+        text
+    );
+    let again = call(path, &format!("model download {sha256} -o m.toml"));
+    assert_eq!(again.status, 2);
+    assert!(
+        again.err.contains("m.toml: is there already"),
+        "{}",
+        again.err
+    );
+    assert_eq!(std::fs::read_to_string(path.join("m.toml")).unwrap(), text);
+}

@@ -5,6 +5,8 @@ use std::time::Duration;
 use serde_json::json;
 use volcomp_centre::{
     http::{Need, ROUTES},
+    models::NewModel,
+    records::Origin,
     users::{Moment, Role, Session},
 };
 
@@ -26,6 +28,7 @@ fn every_role_on_every_route() {
             .path
             .replace("{machine}", "mill-9")
             .replace("{model}", "abc")
+            .replace("{file}", "x.csv")
             .replace("{rollout}", "9")
             .replace("{alarm}", "9")
             .replace("{user}", "nobody");
@@ -455,4 +458,58 @@ fn a_roll_out_that_is_held_can_be_read_again() {
             "{text}"
         );
     }
+}
+
+/// A model can be taken out of the centre: byte by byte as it is signed, and as tables of a control.
+#[test]
+fn a_model_is_taken_away_as_it_is_signed_and_as_tables() {
+    let page = Page::start();
+    let text = "name = \"../a \\\"b\\\"\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 500.0]\n[axes.Y]\ntravel = [0.0, 400.0]\n[axes.Z]\ntravel = [0.0, 300.0]\n[errors]\n# a comment stays\nEXX = { poly = [0.0, 0.03] }\n";
+    let new = NewModel::of_text(text.to_owned(), "m", Origin::Form, "test").expect("a model");
+    page.store.add_model(&new.model, &new.text).expect("stored");
+    let viewer = page.session(Role::Viewer);
+    let sha256 = &new.model.sha256;
+    let file = page.get(&format!("/api/models/{sha256}/file"), &viewer);
+    assert_eq!((file.status, file.body.as_str()), (200, text));
+    let name = format!("filename=\"a--b-{}.toml\"", &sha256[..10]);
+    assert!(file.head.contains(&name), "{}", file.head);
+    let path = format!("/api/models/{sha256}/tables");
+    let told = page
+        .get(&format!("{path}?format=csv&step_mm=100"), &viewer)
+        .json();
+    assert!(
+        told["trust"]
+            .as_str()
+            .is_some_and(|text| text.starts_with("Sign proven")),
+        "{told}"
+    );
+    let name = told["files"][0].as_str().expect("a file").to_owned();
+    let table = page.get(&format!("{path}/{name}?format=csv&step_mm=100"), &viewer);
+    // 0.03 µm/mm of X are 15 µm at 500 mm.
+    assert!(table.body.contains("\nX,X,500,15,"), "{}", table.body);
+    // Every format that is offered has files.
+    for format in page
+        .get("/api/formats", &viewer)
+        .json()
+        .as_array()
+        .expect("formats")
+    {
+        let format = format["format"].as_str().expect("a name");
+        let told = page.get(&format!("{path}?format={format}"), &viewer).json();
+        let files = told["files"].as_array().map_or(0, Vec::len);
+        assert!(files > 0, "{format}: {told}");
+    }
+    let wrong = page.get(&format!("{path}?format=csv&step_mm=0"), &viewer);
+    assert_eq!(wrong.status, 400);
+    assert!(
+        wrong.body.contains("Step along linear axes: found 0"),
+        "{}",
+        wrong.body
+    );
+    assert_eq!(page.get(&format!("{path}?format=dxf"), &viewer).status, 400);
+    assert_eq!(
+        page.get(&format!("{path}/other.csv?format=csv"), &viewer)
+            .status,
+        404
+    );
 }

@@ -1,0 +1,188 @@
+//! What of a model can be taken away: its machine file byte by byte as it is signed, and its tables for a control, as
+//! `volcomp export` writes them.
+
+use std::sync::Arc;
+
+use axum::{
+    extract::{Path, Query, State},
+    http::{HeaderValue, header},
+    response::{IntoResponse, Response},
+};
+use serde::{Deserialize, Serialize};
+use volcomp_model::{Machine, Temperatures};
+use volcomp_tables::axis_table::{
+    AxisNumbers, ExchangeError, Facts, Format, TableOptions, UnknownFormat, WriteOptions, Written,
+    sampled, write,
+};
+use volcomp_vocabulary::AxisName;
+
+use super::{
+    answer::{Answer, Refused, document},
+    face::{Face, Shared},
+    models::found,
+};
+use crate::records::Model;
+
+/// What is asked of tables.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Asked {
+    /// The name of the format, as `volcomp export` has it.
+    #[serde(default)]
+    format: String,
+    /// From position to position along a linear axis, mm.
+    #[serde(default)]
+    step_mm: Option<f64>,
+    /// From position to position along a rotary axis, deg.
+    #[serde(default)]
+    step_deg: Option<f64>,
+}
+
+/// The tables of a format, without their texts.
+#[derive(Serialize)]
+struct Told {
+    format: String,
+    /// The names of the files.
+    files: Vec<String>,
+    /// Where the axes stand that a table does not go over, mm and deg.
+    at: Vec<(AxisName, f64)>,
+    /// What a number in the files says.
+    sign: &'static str,
+    /// What the sign rests on, and whether it is proven.
+    trust: &'static str,
+    /// What the files do not hold, and what the control has to be told besides.
+    notes: Vec<String>,
+}
+
+/// A format that can be asked for.
+#[derive(Serialize)]
+struct Known {
+    format: &'static str,
+    trust: &'static str,
+}
+
+/// The formats that tables can have.
+pub(super) async fn formats() -> Answer {
+    let known = Format::ALL.map(|format| Known {
+        format: format.name(),
+        trust: format.trust(),
+    });
+    document(&known.as_slice())
+}
+
+/// The machine file, as it is signed and sent.
+pub(super) async fn file(State(face): Shared, Path(checksum): Path<String>) -> Answer {
+    let (model, text) = found(&face, checksum).await?;
+    attachment(&file_name(&model), "application/toml", text)
+}
+
+pub(super) async fn tables(
+    State(face): Shared,
+    Path(checksum): Path<String>,
+    Query(asked): Query<Asked>,
+) -> Answer {
+    let (told, _) = made(&face, checksum, asked).await?;
+    document(&told)
+}
+
+pub(super) async fn table(
+    State(face): Shared,
+    Path((checksum, name)): Path<(String, String)>,
+    Query(asked): Query<Asked>,
+) -> Answer {
+    let (_, written) = made(&face, checksum, asked).await?;
+    let mut files = written.files.into_iter();
+    let file = files
+        .find(|file| file.name == name)
+        .ok_or_else(|| Refused::missing("the format has no such file"))?;
+    attachment(&name, "text/plain; charset=utf-8", file.text)
+}
+
+async fn made(
+    face: &Arc<Face>,
+    checksum: String,
+    asked: Asked,
+) -> Result<(Told, Written), Refused> {
+    let format: Format = (asked.format.parse())
+        .map_err(|error: UnknownFormat| Refused::wrong(format!("format: {error}")))?;
+    let (_, text) = found(face, checksum).await?;
+    face.work(move || {
+        let machine = Machine::parse(&text, "the model").map_err(Refused::inside)?;
+        let usual = TableOptions::default();
+        let options = TableOptions {
+            step_mm: asked.step_mm.unwrap_or(usual.step_mm),
+            step_deg: asked.step_deg.unwrap_or(usual.step_deg),
+            ..usual
+        };
+        let (at, written) = written(&machine, format, &options).map_err(refused)?;
+        let told = Told {
+            format: format.to_string(),
+            files: written.files.iter().map(|file| file.name.clone()).collect(),
+            at,
+            sign: format.sign(),
+            trust: format.trust(),
+            notes: written.notes.clone(),
+        };
+        Ok((told, written))
+    })
+    .await?
+}
+
+/// Where the axes stand that no table goes over, mm and deg, and the files.
+type Exported = (Vec<(AxisName, f64)>, Written);
+
+fn written(
+    machine: &Machine,
+    format: Format,
+    options: &TableOptions,
+) -> Result<Exported, ExchangeError> {
+    let at = options.reference(machine)?;
+    let content = sampled(machine, &Temperatures::new(), options, format)?;
+    let write_options = WriteOptions {
+        facts: Facts::of(machine, at.clone(), String::new()),
+        axes: AxisNumbers::of_machine(machine),
+        encoder: 0,
+        detection_unit: 0.001,
+    };
+    Ok((at, write(format, &content, &write_options)?))
+}
+
+/// What cannot be made, with the fields of the page.
+fn refused(error: ExchangeError) -> Refused {
+    let ExchangeError::Wish {
+        what,
+        found,
+        expected,
+    } = &error
+    else {
+        return Refused::wrong(error.to_string());
+    };
+    let field = match what.as_str() {
+        "--step" => "Step along linear axes",
+        "--step-deg" => "Step along rotary axes",
+        other => other,
+    };
+    Refused::wrong(format!("{field}: found {found}, expected {expected}"))
+}
+
+/// The name of the file of a model: what stands in its own name is no path.
+fn file_name(model: &Model) -> String {
+    let kept = |letter: char| letter.is_ascii_alphanumeric() || letter == '-';
+    let name: String = (model.name.chars().take(40))
+        .map(|letter| if kept(letter) { letter } else { '-' })
+        .collect();
+    let name = name.trim_matches('-');
+    let name = if name.is_empty() { "model" } else { name };
+    format!("{name}-{}.toml", model.sha256.get(..10).unwrap_or_default())
+}
+
+fn attachment(name: &str, kind: &'static str, text: String) -> Answer {
+    let disposition = HeaderValue::from_str(&format!("attachment; filename=\"{name}\""))
+        .map_err(Refused::inside)?;
+    let head = [
+        (header::CONTENT_TYPE, HeaderValue::from_static(kind)),
+        (header::CONTENT_DISPOSITION, disposition),
+    ];
+    let response: Response = (head, text).into_response();
+    Ok(response)
+}
