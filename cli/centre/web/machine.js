@@ -250,6 +250,19 @@ function showCycle(telemetry, otherwise) {
   setText(place.querySelector("p"), `99 % within ${fixed(cycle.p99_us, 0)} µs; ${cycle.count} cycles, ${cycle.overruns} overruns; told ${lasting(telemetry.age_s)} ago`);
 }
 
+/** What each field of a registration is. */
+const REGISTRATION = {
+  machine: ["Name", "Lower-case letters, digits and hyphens, such as mill-1. Its gateway has the same name in machine of [fleet]."],
+  site: ["Site", "Where it stands: lower-case letters, digits and hyphens, such as berlin. Its gateway has the same in site of [fleet]."],
+  serial: ["Serial number of the machine tool", "As on its name plate and in serial of [fleet], such as 4711. A gateway refuses a model for another one."],
+  structure: ["Structure code", "The axes from the workpiece (w) over the bed (b) to the tool (t), such as w X' b Y Z t; a dash ' marks an axis that carries the workpiece."],
+  control: ["Control", "Make and type as on its name plate, such as SINUMERIK ONE; for people, nothing depends on it."],
+  address: ["Address of the control", "Host and port, such as 192.0.2.17:4840; for people."],
+  nkey: ["Public key of its gateway", "Begins with U: what volcomp-centre key nkey prints. Empty: it cannot reach the server yet."],
+  due_days: ["Next calibration due after, days", "An alarm is raised so many days after the last one, such as 365. Empty: never."],
+  note: ["Note", "Anything that people should know of it."],
+};
+
 /** The registration of a machine: a new one, or one that is there. */
 function machineForm(machine, isNew) {
   const input = (value, properties = {}) => make("input", { value: value ?? "", ...properties });
@@ -266,7 +279,6 @@ function machineForm(machine, isNew) {
   };
   const canary = make("input", { type: "checkbox", checked: Boolean(machine.canary) });
   const enable = make("input", { type: "checkbox", checked: machine.enable !== false });
-  const names = { machine: "Name", site: "Site", serial: "Serial number of the machine tool", structure: "Structure", control: "Control", address: "Address", nkey: "Public key of its gateway", due_days: "Days until a calibration is due again", note: "Note" };
   const said = make("p", { class: "said" });
   const button = make("button", { class: "main", textContent: isNew ? "Register" : "Save" });
   const remove = isNew ? null : make("button", { class: "stop", type: "button", textContent: "Remove the machine", onclick: () => {
@@ -290,8 +302,8 @@ function machineForm(machine, isNew) {
       return "saved";
     });
   } },
-  make("div", { class: "fields" }, ...Object.keys(inputs).map((key) => field(names[key], inputs[key]))),
-  make("div", { class: "fields" }, make("label", { class: "row" }, enable, "may be corrected"), make("label", { class: "row" }, canary, "among the first of a roll-out")),
+  make("div", { class: "fields" }, ...Object.keys(inputs).map((key) => field(REGISTRATION[key][0], inputs[key], key === "control" && isNew && machine.address && !machine.control ? "The search could not read it: enter make and type as on its name plate, such as SINUMERIK ONE." : REGISTRATION[key][1]))),
+  make("div", { class: "fields" }, make("label", { class: "row" }, enable, "It may be corrected"), make("label", { class: "row" }, canary, "It is among the first machines of each roll-out (canary)")),
   make("div", { class: "buttons" }, button, remove, said));
 }
 
@@ -306,7 +318,7 @@ function registerPage(page) {
   const { proposals, ...machine } = known;
   const form = machineForm({ enable: true, canary: false, control: "", address: "", note: "", ...machine }, true);
   const structure = form.querySelectorAll("input")[3];
-  const candidates = proposals && proposals.length ? field("What the axes may mean: choose, and look at the machine", choose([["", "–"], ...proposals.map((one) => [one.structure, `${one.structure}: ${one.design}`])], structure.value)) : null;
+  const candidates = proposals && proposals.length ? field("How its axes may be stacked: choose one, and compare it with the machine", choose([["", "–"], ...proposals.map((one) => [one.structure, `${one.structure}: ${one.design}`])], structure.value)) : null;
   if (candidates) candidates.querySelector("select").addEventListener("change", (event) => {
     structure.value = event.target.value;
   });

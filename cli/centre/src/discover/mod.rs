@@ -6,6 +6,7 @@
 mod clean;
 mod focas;
 mod gateway;
+mod make;
 mod modbus;
 mod opcua;
 mod opcua_wire;

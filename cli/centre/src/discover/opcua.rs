@@ -9,6 +9,7 @@ use tokio::{
 
 use super::{
     Device, Kind,
+    make::make_of,
     opcua_wire::{LONGEST, get_endpoints, hello, open, parse_endpoints, parse_opened},
 };
 
@@ -49,16 +50,16 @@ async fn questions(at: SocketAddr, stream: &mut TcpStream) -> io::Result<Device>
         _ => None,
     };
     if let Some(endpoint) = told {
+        device.control = make_of(&[&endpoint.name, &endpoint.product]);
         device.name = endpoint.name;
-        device.control = endpoint.product;
-        device.note = match endpoint.policies[..] {
-            [] => String::new(),
-            _ => format!("security: {}", endpoint.policies.join(", ")),
-        };
-        let says = format!("{} {}", device.name, device.control).to_lowercase();
-        if says.contains("sinumerik") || says.contains("siemens") {
-            device.control = super::clean(&format!("Siemens {}", device.control));
+        let mut notes = Vec::new();
+        if !endpoint.product.is_empty() {
+            notes.push(format!("product {}", endpoint.product));
         }
+        if !endpoint.policies.is_empty() {
+            notes.push(format!("security: {}", endpoint.policies.join(", ")));
+        }
+        device.note = super::clean(&notes.join("; "));
     }
     Ok(device)
 }

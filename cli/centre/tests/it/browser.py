@@ -142,6 +142,16 @@ with sync_playwright() as playwright:
         page.wait_for_selector(".said.bad:has-text('private')")
         shot(page, "network")
         errors[:] = [error for error in errors if "400" not in error]
+        # What a server tells of itself is no control: where the make is not known the field is empty, and says what to enter.
+        devices = [{"address": "192.0.2.17", "port": 4840, "kind": "opc-ua", "answers": True, "control": "", "name": "server", "axes": [], "note": "product urn:server", "proposals": []}]
+        latest = {"running": False, "by": "", "subnets": ["192.0.2.17"], "done": 1, "of": 1, "devices": devices}
+        page.route("**/api/discovery", lambda route: route.fulfill(json=latest))
+        page.click("text=Register…")
+        field = page.locator("label:has(.what:text-is('Control'))")
+        assert field.locator("input").input_value() == ""
+        assert "enter make and type" in field.locator(".hint").inner_text()
+        shot(page, "register")
+        page.unroute("**/api/discovery")
         page.click("#tabs a[href='#alarms']")
         page.wait_for_selector("main h1:has-text('Alarms')")
     # An engineer sees no users and no audit log.

@@ -271,8 +271,12 @@ fn an_opc_ua_server_tells_what_it_is() {
     let device = &found[0];
     assert!(device.answers, "{device:?}");
     assert_eq!(device.name, "OPCUAServer@840D");
-    assert!(device.control.starts_with("Siemens "), "{device:?}");
-    assert_eq!(device.note, "security: Basic256Sha256");
+    // Make and type, and no URI, which is the product of the server's software.
+    assert_eq!(device.control, "Siemens SINUMERIK 840D");
+    assert_eq!(
+        device.note,
+        "product http://siemens.example/sinumerik; security: Basic256Sha256"
+    );
     // Nothing tells its axes: nothing is proposed.
     assert!(device.axes.is_empty() && device.proposals.is_empty());
 }
