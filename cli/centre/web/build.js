@@ -1,14 +1,33 @@
 "use strict";
 // A model by form: how the axes are stacked, their travels, the component errors typed or from files; its formula and its map.
 
-const CARRIES = ["the tool moves in X, Y and Z", "X carries the workpiece", "X and Y carry the workpiece", "X, Y and Z carry the workpiece"];
-const TURNS = ["no rotary axes", "both turn the workpiece", "both turn the tool", "one each"];
+const CARRIES = ["none: the tool moves in X, Y and Z", "X carries the workpiece", "X and Y carry the workpiece", "X, Y and Z carry the workpiece"];
+const TURNS = ["there are no rotary axes", "both turn the workpiece", "both turn the tool", "one turns the workpiece, one the tool"];
 const HINTS = {
-  number: "one number: 12.5",
-  poly: "c0 c1 c2 …: 0 0.0073 -2.1e-7",
-  table: "one node a line: coordinate value",
-  cubic: "one node a line: coordinate value",
+  number: ["One number for the whole travel, such as 12.5", (value) => `in ${value}`],
+  poly: ["Coefficients c0 c1 c2 … of c0 + c1·q + c2·q² + …, such as 0 0.0073 -2.1e-7", (value, position) => `in ${value}, ${value}/${position}, ${value}/${position}² …; q is the coordinate of the axis in ${position}`],
+  table: ["Coordinate and value, a pair in each line, straight between them; such as 0 0, then 250 4.1", (value, position) => `in ${position} and ${value}`],
+  cubic: ["Coordinate and value, a pair in each line, a smooth curve through them; such as 0 0, then 250 4.1", (value, position) => `in ${position} and ${value}`],
 };
+const MOTIONS = { X: "along X", Y: "along Y", Z: "along Z", A: "rotation about X", B: "rotation about Y", C: "rotation about Z" };
+const isRotary = (axis) => "ABC".includes(axis);
+
+/** What an error of ISO 230-1 is, in words: `EXX` positioning deviation, `EYX` straightness, `EAX` roll and so on. */
+function errorWords(name) {
+  const kind = name[1], axis = name[name.length - 1];
+  if (name.length === 4) {
+    if (!isRotary(axis)) return `squareness of ${axis} to ${{ A: "YZ", B: "XZ", C: "XY" }[kind].replace(axis, "")}`;
+    return "XYZ".includes(kind) ? `offset of the centre line of ${axis} along ${kind}` : `tilt of the centre line of ${axis} about ${"XYZ"["ABC".indexOf(kind)]}`;
+  }
+  if (kind === axis) return isRotary(axis) ? `angular positioning deviation of ${axis}` : `positioning deviation of ${axis}`;
+  if (isRotary(axis)) return "XYZ".includes(kind) ? `motion of the table or head ${axis} ${MOTIONS[kind]}` : `tilt of ${axis}: ${MOTIONS[kind]}`;
+  if ("XYZ".includes(kind)) return `straightness of ${axis}: motion ${MOTIONS[kind]}`;
+  if ("XYZ"["ABC".indexOf(kind)] === axis) return `roll of ${axis}: ${MOTIONS[kind]}`;
+  return `tilt of ${axis}: ${MOTIONS[kind]}`;
+}
+
+/** The unit of an error, and of the position over which it is stated. */
+const unitsOf = (name) => ["ABC".includes(name[1]) ? "µrad" : "µm", isRotary(name[name.length - 1]) ? "deg" : "mm"];
 
 /** The names of the errors of these axes: motions, squareness, locations. */
 function errorNames(axes) {
@@ -39,13 +58,13 @@ function inField(name, work) {
 function curveOf(kind, text) {
   if (kind === "number") {
     const list = numbersIn(text);
-    if (list.length !== 1) throw new Refused(0, "expected one number");
+    if (list.length !== 1) throw new Refused(0, `found ${list.length} numbers, expected one, such as 12.5`);
     return { number: list[0] };
   }
   if (kind === "poly") return { poly: numbersIn(text) };
   const nodes = text.split("\n").map((row) => row.trim()).filter(Boolean).map((row) => {
     const node = numbersIn(row);
-    if (node.length !== 2) throw new Refused(0, `found ${JSON.stringify(row)}, expected a coordinate and a value`);
+    if (node.length !== 2) throw new Refused(0, `found ${JSON.stringify(row)}, expected a coordinate and a value, such as 250 4.1`);
     return node;
   });
   return { [kind]: nodes };
@@ -53,7 +72,7 @@ function curveOf(kind, text) {
 
 function buildPage(page) {
   const name = make("input", { maxLength: 100 });
-  const way = choose([["type", "type numbers"], ["code", "a structure code"]], "type");
+  const way = choose([["type", "two type numbers: the usual machines"], ["code", "a structure code: any machine"]], "type");
   const translational = choose(CARRIES.map((text, number) => [String(number), `${number}: ${text}`]), "2");
   const rotary = choose(TURNS.map((text, number) => [String(number), `${number}: ${text}`]), "0");
   const pairs = ["C A", "A C", "C B", "B C", "B A", "A B"];
@@ -66,9 +85,9 @@ function buildPage(page) {
   const files = make("div", { class: "lines" });
   const result = make("div", { class: "panels", id: "built" });
   const said = make("p", { class: "said", role: "status" });
-  const lettersField = field("Rotary axes, from the workpiece to the tool", letters);
-  const typeFields = [field("Linear type number", translational), field("Rotary type number", rotary), lettersField];
-  const codeField = field("Structure code, from the workpiece to the tool", code);
+  const lettersField = field("Rotary axes, from the workpiece to the tool", letters, "The first one is nearer to the workpiece, such as C A for a trunnion: the table C on the cradle A.");
+  const typeFields = [field("Linear type number", translational, "How many of X, Y, Z carry the workpiece, in this order; the others carry the tool."), field("Rotary type number", rotary, "What the two rotary axes of a five-axis machine turn. A machine with one rotary axis needs a structure code."), lettersField];
+  const codeField = field("Structure code", code, "The axes from the workpiece (w) over the bed (b) to the tool (t), such as w C' A' b X Y Z t; a dash ' marks an axis that carries the workpiece.");
 
   const axes = () => (way.value === "code" ? axesOf(code.value) : ["X", "Y", "Z", ...(rotary.value === "0" ? [] : letters.value.split(" "))]);
 
@@ -78,54 +97,61 @@ function buildPage(page) {
     codeField.hidden = way.value !== "code";
     axesPlace.replaceChildren(...inOrder([...new Set(axes())]).map((axis) => {
       if (!typed.has(axis)) {
-        const isRotary = "ABC".includes(axis);
+        const turns = isRotary(axis);
         typed.set(axis, {
-          low: make("input", { type: "number", step: "any", value: isRotary ? "-120" : "0", required: true }),
-          high: make("input", { type: "number", step: "any", value: isRotary ? "120" : "500", required: true }),
-          point: isRotary ? make("input", { placeholder: "0 0 0" }) : null,
+          low: make("input", { type: "number", step: "any", value: turns ? "-120" : "0", required: true }),
+          high: make("input", { type: "number", step: "any", value: turns ? "120" : "500", required: true }),
+          point: turns ? make("input", { placeholder: "0 0 0" }) : null,
         });
       }
       const { low, high, point } = typed.get(axis);
-      const unit = "ABC".includes(axis) ? "deg" : "mm";
-      return make("div", { class: "axis-line" }, make("strong", { textContent: axis }), field(`from, ${unit}`, low), field(`to, ${unit}`, high), point ? make("div", { class: "points" }, field("a point on its centre line: x, y, z in mm", point)) : null);
+      const unit = isRotary(axis) ? "deg" : "mm";
+      return make("div", { class: "axis-line" }, make("strong", { textContent: axis }), field(`from, ${unit}`, low), field(`to, ${unit}`, high), point ? make("div", { class: "points" }, field("A point on its centre line: x y z, mm", point, "In machine coordinates with all axes at zero, such as 0 0 -350. Empty: 0 0 0.")) : null);
     }));
     for (const select of document.querySelectorAll("select.error-name")) select.replaceWith(errorSelect(select.value));
   }
 
   function errorSelect(chosen) {
-    const names = errorNames(axes()).map((one) => [one, one]);
+    const names = errorNames(axes()).map((one) => [one, `${one}: ${errorWords(one)}`]);
     // An error that nobody has named is asked for.
     const known = names.some(([one]) => one === chosen);
-    const select = choose(known ? names : [["", "which?"], ...names], known ? chosen : "");
+    const select = choose(known ? names : [["", "Which error does it hold?"], ...names], known ? chosen : "");
     select.className = "error-name";
     select.ariaLabel = "Error";
     return select;
   }
 
   function addError(chosen = "EXX") {
-    const kind = choose([["number", "number"], ["poly", "polynomial"], ["table", "table"], ["cubic", "table, cubic"]], /0/.test(chosen) ? "number" : "poly");
-    kind.ariaLabel = "Kind of value";
-    const text = make("textarea", { rows: 2, ariaLabel: "Value in µm or µrad" });
-    const hint = () => { text.placeholder = `${HINTS[kind.value]}; µm or µrad over mm or deg`; };
-    kind.addEventListener("change", hint);
+    const kind = choose([["number", "one number"], ["poly", "a polynomial"], ["table", "a table, straight lines"], ["cubic", "a table, smooth curve"]], /0/.test(chosen) ? "number" : "poly");
+    kind.ariaLabel = "How the error is stated";
+    const text = make("textarea", { rows: 2, ariaLabel: "Values of the error" });
+    const said = make("span", { class: "hint soft" });
+    const row = make("div", { class: "line" }, errorSelect(chosen), kind, make("button", { type: "button", class: "quiet", textContent: "Remove", onclick: () => row.remove() }), text, said);
+    const hint = () => {
+      const [what, units] = HINTS[kind.value];
+      setText(said, `${what}; ${units(...unitsOf(row.querySelector(".error-name").value || "EXX"))}.`);
+    };
+    row.addEventListener("change", hint);
     hint();
-    const row = make("div", { class: "line" }, errorSelect(chosen), kind, text, make("button", { type: "button", class: "quiet", textContent: "Remove", onclick: () => row.remove() }));
     errors.append(row);
   }
 
   function errorOf(row, what) {
     const { value } = row.querySelector(".error-name");
-    if (!value) throw new Refused(0, `${what}: expected the error that it holds, such as EXX: choose it from the list`);
+    if (!value) throw new Refused(0, `${what}: expected the error that it holds, such as EXX, the positioning deviation of X: choose it from the list`);
     return value;
   }
 
   function addFile(file) {
     const guessed = (file.name.toUpperCase().match(/E[ABCXYZ]0?[ABCUVWXYZ]/) || [""])[0];
-    const unit = choose([["", "the file's"], ["um", "µm"], ["mm", "mm"], ["urad", "µrad"], ["mrad", "mrad"], ["arcsec", "arcsec"], ["deg", "deg"]], "");
-    unit.ariaLabel = "Unit";
+    const unit = choose([["", "as the file states it"], ["um", "µm"], ["mm", "mm"], ["urad", "µrad"], ["mrad", "mrad"], ["arcsec", "arcsec"], ["deg", "deg"]], "");
     const side = make("input", { type: "checkbox" });
-    const at = make("input", { type: "text", placeholder: "others at: Y=400 Z=-200", ariaLabel: "Where the other axes stood" });
-    const row = make("div", { class: "line file" }, errorSelect(guessed), make("span", { class: "said", textContent: file.name }), unit, make("label", { class: "row" }, side, "workpiece's side"), at, make("button", { type: "button", class: "quiet", textContent: "Remove", onclick: () => row.remove() }));
+    const at = make("input", { type: "text", placeholder: "Y=400 Z=-200" });
+    const row = make("div", { class: "line file" }, make("strong", { class: "said", textContent: file.name }), make("div", { class: "fields" },
+      field("Error that it holds", errorSelect(guessed), "Name of ISO 230-1"),
+      field("Unit of its readings", unit, "Needed only where the file states none."),
+      field("Where the other axes stood, mm or deg", at, "Such as Y=400 Z=-200. Needed for the Abbe offset and for straightness; empty: at zero."),
+      make("label", { class: "row" }, side, "The instrument measured the motion of the workpiece's side: the sign is turned.")), make("button", { type: "button", class: "quiet", textContent: "Remove", onclick: () => row.remove() }));
     row.read = async () => ({
       error: errorOf(row, file.name), name: file.name, text: await file.text(), unit: unit.value || null, workpiece_side: side.checked,
       at: Object.fromEntries(at.value.replace(/\s*=\s*/g, "=").split(/[\s;]+/).filter(Boolean).map((part) => {
@@ -142,7 +168,7 @@ function buildPage(page) {
     const point = (text) => {
       if (!text.trim()) return undefined;
       const list = numbersIn(text);
-      if (list.length !== 3) throw new Refused(0, `found ${JSON.stringify(text)}, expected three numbers`);
+      if (list.length !== 3) throw new Refused(0, `found ${JSON.stringify(text)}, expected three numbers x y z in mm, such as 0 0 -150`);
       return list;
     };
     return {
@@ -179,9 +205,9 @@ function buildPage(page) {
       });
     } },
     make("div", { class: "panels" },
-      panel("Machine", make("div", { class: "fields" }, field("Name", name), field("Stacking by", way), ...typeFields, codeField, field("Tool tip at machine zero: x, y, z in mm", tip)), make("h2", { textContent: "Travels" }), axesPlace),
-      panel("Component errors, typed", errors, make("div", { class: "buttons" }, make("button", { type: "button", textContent: "Add an error", onclick: () => addError("EXX") }))),
-      panel("Component errors from measurement files", make("p", { class: "soft", textContent: "Laser files (.rtl, .rta) and tables (.csv); curves are fitted, Abbe and straightness lines are taken out." }), files, make("div", { class: "buttons" }, field("Files", pick)))),
+      panel("Machine", make("div", { class: "fields" }, field("Name of the model", name, "For people, such as mill-1, March 2026."), field("How the axes are stacked is stated by", way, "Which axis sits on which, from the workpiece to the tool."), ...typeFields, codeField, field("Tool tip at machine zero: x y z, mm", tip, "Where the tip stands when all axes are at zero, in machine coordinates, such as 400 325 -150. Empty: 0 0 0.")), make("h2", { textContent: "Travels: the lowest and the highest coordinate of each axis" }), axesPlace),
+      panel("Component errors, typed", make("p", { class: "soft", textContent: "The names are those of ISO 230-1: E, then the direction (X, Y, Z along an axis; A, B, C about X, Y, Z), then the axis that moves. EXX is the positioning deviation of X, EYX its straightness along Y, EAX its roll; EC0Y is the squareness of Y to X. A value is actual less commanded, of the tool relative to the workpiece. What stays empty counts as 0." }), errors, make("div", { class: "buttons" }, make("button", { type: "button", textContent: "Add an error", onclick: () => addError("EXX") }))),
+      panel("Component errors from measurement files", make("p", { class: "soft", textContent: "Files of laser interferometers (Renishaw .rtl, .rta) and tables (.csv with the columns target and deviation). A curve is fitted through each; the part that comes from angular errors over the Abbe offset, and the slope of straightness lines, are taken out." }), files, make("div", { class: "buttons" }, field("Measurement files", pick, "Several at once; exx.rtl is taken for EXX by its name.")))),
     make("div", { class: "buttons" }, button, said)),
     result,
   );
@@ -191,7 +217,7 @@ function buildPage(page) {
 
 function formulaPanel(described) {
   const tool = ["Xt", "Yt", "Zt"].map((symbol, place) => `${symbol} = ${described.tool_mm[place]}`).join(", ");
-  const type = described.type_numbers ? `type numbers ${described.type_numbers.join(" and ")}` : "none of the sixteen types";
+  const type = described.type_numbers ? `linear type number ${described.type_numbers[0]} (so many of X, Y, Z carry the workpiece), rotary type number ${described.type_numbers[1]} (${TURNS[described.type_numbers[1]]})` : "none of the sixteen machines that type numbers name";
   return panel("Formula", make("p", { textContent: `${described.structure}: ${type}` }), make("pre", { id: "formula", textContent: described.formula.join("\n\n") }), make("p", { class: "soft", textContent: `First order; lengths in mm, angles in rad; ${tool}.` }));
 }
 
@@ -209,11 +235,11 @@ function showBuilt(place, built) {
   mapPanel.classList.add("wide");
   place.replaceChildren(
     built.warning ? panel("Is this right?", make("p", { class: "bad", id: "warning", textContent: built.warning })) : "",
-    built.notes.length ? panel("To be read", make("ul", {}, ...built.notes.map((note) => make("li", { textContent: note })))) : "",
+    built.notes.length ? panel("Notes on this model", make("ul", {}, ...built.notes.map((note) => make("li", { textContent: note })))) : "",
     formulaPanel(built),
     mapPanel,
     panel("Machine file", make("details", {}, make("summary", { textContent: "Show it" }), make("pre", { textContent: built.text }))),
-    panel("Save", make("div", { class: "fields" }, field("Day of the measurements", measured)), built.warning ? make("label", { class: "row" }, understood, "The numbers are right: save it all the same.") : "", make("div", { class: "buttons" }, save, said)),
+    panel("Save", make("div", { class: "fields" }, field("Day of the measurements", measured, "From it the next calibration falls due. Empty: unknown.")), built.warning ? make("label", { class: "row" }, understood, "The numbers are right: save it all the same.") : "", make("div", { class: "buttons" }, save, said)),
   );
   drawSections(map, built.map);
 }
@@ -234,7 +260,7 @@ async function modelsPage(page) {
   page.replaceChildren(
     make("div", { class: "head" }, make("h1", { textContent: "Models" }), may("engineer") ? make("a", { href: "#build", textContent: "Build one by form" }) : null),
     panel("", models.length === 0 ? make("p", { class: "soft", textContent: "There is none yet." }) : table(["model", "name", "structure", "from", "measured", "added"], models.map((model) => make("tr", {}, cell(make("a", { href: `#model/${model.sha256}`, textContent: short(model.sha256) })), cell(model.name || "–", { class: "text" }), cell(model.structure), cell(origin(model.origin), { class: "text" }), cell(model.measured || "unknown"), cell(`${clock(model.added_s)}, ${model.by}`))))),
-    may("engineer") ? panel("Add a machine file", make("div", { class: "fields" }, field("File", pick), field("Day of the measurements", measured)), make("div", { class: "buttons" }, button, said)) : "",
+    may("engineer") ? panel("Add a machine file", make("div", { class: "fields" }, field("Machine file", pick, "A .toml file, as volcomp calibrate writes it."), field("Day of the measurements", measured, "From it the next calibration falls due. Empty: unknown.")), make("div", { class: "buttons" }, button, said)) : "",
   );
 }
 
@@ -273,7 +299,7 @@ async function modelPage(page, checksum) {
   page.replaceChildren(
     make("div", { class: "head" }, make("h1", { textContent: model.name || "Model" }), make("span", { class: "soft", textContent: short(model.sha256) }), may("engineer") ? make("a", { href: `#rollout/${model.sha256}`, textContent: "Roll it out" }) : null),
     make("div", { class: "panels" }, mapPanel, formulaPanel(described),
-      panel("To be read", model.notes.length ? make("ul", {}, ...model.notes.map((note) => make("li", { textContent: note }))) : make("p", { class: "soft", textContent: "nothing" })),
+      panel("Notes on this model", model.notes.length ? make("ul", {}, ...model.notes.map((note) => make("li", { textContent: note }))) : make("p", { class: "soft", textContent: "nothing" })),
       panel("Machine file", facts([["checksum", model.sha256], ["measured", model.measured || "unknown"], ["added", `${clock(model.added_s)}, ${model.by}`]]), make("p", {}, make("a", { class: "download", href: `/api/models/${model.sha256}/file`, download: "", textContent: "Download the machine file" }), ": every byte as it is signed and sent."), make("details", {}, make("summary", { textContent: "Show it" }), make("pre", { textContent: described.text }))),
       await tablesPanel(model)),
   );

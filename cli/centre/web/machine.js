@@ -128,8 +128,7 @@ function outcomeOf(version, heard) {
   if (!outcome) return [badge("sent", "not answered"), heard ? "" : "sent, and never heard of"];
   if (outcome.outcome === "activated") return [badge("activated"), clock(version.answered_s)];
   if (outcome.outcome === "refused") return [badge("refused"), outcome.why];
-  const moves = [outcome.worst_um && `${outcome.worst_um} µm`, outcome.worst_urad && `${outcome.worst_urad} µrad`].filter(Boolean).join(", ");
-  return [badge("needs-confirmation", "needs confirmation"), `moves by up to ${moves || "any distance"}: confirm it in its roll-out`];
+  return [badge("needs-confirmation", "needs confirmation"), `It would move the axes by up to ${movesOf(outcome)}: a person must confirm it in its roll-out.`];
 }
 
 function alarmRow(alarm, withMachine) {

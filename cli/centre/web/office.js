@@ -31,8 +31,8 @@ function networkPage(page) {
       event.preventDefault();
       act(button, said, () => post("/api/discovery", { subnets: subnets.value.split(/[\s,;]+/).filter(Boolean), mine: mine.checked, per_second: pace.valueAsNumber }), "");
     } },
-    make("p", { class: "soft", textContent: "Gateways, FANUC controls (FOCAS), OPC UA servers and Modbus modules in the subnets that are stated here. Nothing is written to any of them; what is found is a proposal." }),
-    make("div", { class: "fields" }, field("Subnets or addresses, one a line", subnets), field("New connections a second", pace), make("label", { class: "row" }, mine, "public ranges among them are ours")),
+    make("p", { class: "soft", textContent: "Finds gateways, FANUC controls (FOCAS), OPC UA servers and Modbus modules in the subnets that are stated here, and in no others. Nothing is written to any of them; what is found is a proposal." }),
+    make("div", { class: "fields" }, field("Subnets or addresses, one in each line", subnets, "Such as 192.168.10.0/24 or 192.168.10.17; at most 65 536 addresses each."), field("New connections in a second", pace, "1 to 1000, such as 50. Controls on a busy network are asked slowly."), make("label", { class: "row" }, mine, "Public addresses among them belong to us: search them, too.")),
     make("div", { class: "buttons" }, button, said)), make("section", { class: "panel" }, state, place));
   let before = "";
   return repeat(async () => {
@@ -41,7 +41,7 @@ function networkPage(page) {
     const key = JSON.stringify(latest.devices);
     if (key === before) return;
     before = key;
-    place.replaceChildren(latest.devices.length === 0 ? "" : table(["address", "what", "control", "axes", "structure", ""], latest.devices.map((device) => {
+    place.replaceChildren(latest.devices.length === 0 ? "" : table(["address", "answers as", "control", "axes", "structure, proposed", ""], latest.devices.map((device) => {
       const first = device.structure || (device.proposals[0] || {}).structure || "";
       const register = make("button", { class: "quiet", textContent: "Register…", onclick: () => {
         registerPage.proposed = { address: `${device.address}:${device.port}`, control: device.control, structure: first, proposals: device.proposals, note: "" };

@@ -4,13 +4,19 @@
 const ROLLOUTS_EVERY_MS = 2000;
 const STEP_COLOURS = { done: "#0b6e3a", soaking: "#2f7fd0", sent: "#7cb8f2", "needs-confirmation": "#c77700", out: "#b3261e" };
 
+/** How far a change moves the axes, as the machine tells it. */
+const movesOf = ({ worst_um: um, worst_urad: urad }) => [um && `${um} µm`, urad && `${urad} µrad`].filter(Boolean).join(" and ") || "a distance that is not finite";
+
+/** What each step is called on the page. */
+const STEP_NAMES = { waiting: "not sent yet", sent: "sent", "needs-confirmation": "needs confirmation", soaking: "watched", done: "done", out: "out" };
+
 function stepWords(turn) {
-  if (turn.step === "sent") return `version ${turn.version}, waits for its answer for ${lasting(turn.waited_s)}`;
-  if (turn.step === "soaking") return `version ${turn.version} in force, watched for ${lasting(turn.soaked_s)}, residual ${turn.known_s > 0 ? `${fixed(turn.residual_um, 1)} µm` : "unknown"}${isNumber(turn.before_um) ? `, before ${fixed(turn.before_um, 1)} µm` : ""}`;
-  if (turn.step === "done") return `version ${turn.version} in force`;
-  if (turn.step === "out") return `${turn.why}${turn.excused ? " (let go on in spite of it)" : ""}`;
-  if (turn.step === "needs-confirmation") return `version ${turn.version} moves the axes by up to ${[turn.worst_um && `${turn.worst_um} µm`, turn.worst_urad && `${turn.worst_urad} µrad`].filter(Boolean).join(", ") || "any distance"}`;
-  return "";
+  if (turn.step === "sent") return `Version ${turn.version} was sent; its answer has been awaited for ${lasting(turn.waited_s)}.`;
+  if (turn.step === "soaking") return `Version ${turn.version} is in force. The machine has been watched for ${lasting(turn.soaked_s)}; its mean residual is ${turn.known_s > 0 ? `${fixed(turn.residual_um, 1)} µm` : "unknown"}${isNumber(turn.before_um) ? `, before it was ${fixed(turn.before_um, 1)} µm` : ""}.`;
+  if (turn.step === "done") return `Version ${turn.version} is in force.`;
+  if (turn.step === "out") return `${turn.why}${turn.excused ? " (the roll-out was let go on in spite of it)" : ""}.`;
+  if (turn.step === "needs-confirmation") return `Version ${turn.version} would move the axes by up to ${movesOf(turn)}. It is not in force before a person confirms it: look at the map of the model first.`;
+  return "It was sent nothing yet.";
 }
 
 function rolloutPanel(rollout) {
@@ -36,8 +42,8 @@ function rolloutPanel(rollout) {
   }));
   const { why: cause, by } = rollout.phase;
   const why = cause || (by ? `${phase === "paused" ? "held" : "ended"} by ${by}` : "");
-  const rows = turns.map((turn) => make("tr", {}, cell(make("a", { href: `#machine/${turn.machine}`, textContent: turn.machine })), cell(turn.wave === 0 ? "first" : String(turn.wave)), cell(badge(turn.step, turn.step.replace("-", " "))), cell(stepWords(turn), { class: "text" }), cell(turn.step === "needs-confirmation" && may("engineer") ? wish("Confirm", { wish: "confirm", machine: turn.machine, hash: turn.hash }) : "–")));
-  const list = table(["machine", "wave", "step", "", ""], rows.slice(0, 200));
+  const rows = turns.map((turn) => make("tr", {}, cell(make("a", { href: `#machine/${turn.machine}`, textContent: turn.machine })), cell(turn.wave === 0 ? "first" : String(turn.wave)), cell(badge(turn.step, STEP_NAMES[turn.step] || turn.step)), cell(stepWords(turn), { class: "text" }), cell(turn.step === "needs-confirmation" && may("engineer") ? wish("Confirm", { wish: "confirm", machine: turn.machine, hash: turn.hash }) : "–")));
+  const list = table(["machine", "wave", "step", "what that means", ""], rows.slice(0, 200));
   return make("section", { class: "panel", data: { rollout: id } },
     make("div", { class: "head" }, make("h2", { textContent: `Roll-out ${id}` }), badge(phase), make("a", { href: `#model/${rollout.model}`, textContent: short(rollout.model) }), make("span", { class: "soft", textContent: `${clock(rollout.since_s)}, ${rollout.by}; ${turns.filter((turn) => turn.step === "done").length} of ${turns.length} done` })),
     why ? make("p", { class: phase === "stopped" ? "bad" : "soft", textContent: why }) : "", bar,
@@ -84,11 +90,11 @@ async function startPage(page, checksum) {
   };
   model.addEventListener("change", fill);
   fill();
-  const all = make("button", { type: "button", class: "quiet", textContent: "All", onclick: () => {
+  const all = make("button", { type: "button", class: "quiet", textContent: "Choose all", onclick: () => {
     for (const box of choices.querySelectorAll("input")) box.checked = true;
   } });
-  const button = make("button", { class: "main", textContent: "Start" });
-  page.replaceChildren(make("div", { class: "head" }, make("h1", { textContent: "Start a roll-out" })), make("form", { class: "panel", onsubmit: (event) => {
+  const button = make("button", { class: "main", textContent: "Start the roll-out" });
+  page.replaceChildren(make("div", { class: "head" }, make("h1", { textContent: "Start a roll-out" })), make("p", { class: "soft", textContent: "The model goes to the first machines, which are watched; then to the others, in waves. Where something speaks against it the roll-out stops by itself, and a person decides." }), make("form", { class: "panel", onsubmit: (event) => {
     event.preventDefault();
     const chosen = [...choices.querySelectorAll("input:checked")].map((box) => box.value);
     act(button, said, () => post("/api/rollouts", {
@@ -98,8 +104,21 @@ async function startPage(page, checksum) {
       location.hash = "#rollouts";
     });
   } },
-  make("div", { class: "fields" }, field("Model", model)),
-  make("h2", { textContent: "Machines with its structure" }), all, choices, make("p", {}),
-  make("div", { class: "fields" }, field("So many of them first", first), field("Watched for, min", soak), field("An answer within, min", answer), field("Then in waves, % of the others", waves), field("So many may stay out", tolerate), field("Stops where the residual is above, times before", ratio), field("and above before by, µm", rise)),
+  make("div", { class: "fields" }, field("Model", model, "Name, beginning of its checksum, structure.")),
+  make("h2", { textContent: "Machines that shall get it: those with its structure" }), make("p", { class: "soft", textContent: "A model holds the errors of one machine. Give it to several only where you know that it is true for each." }), choices, make("div", { class: "buttons" }, all),
+  make("h2", { textContent: "The first machines (canaries)" }),
+  make("div", { class: "fields" },
+    field("How many machines go first", first, "The first of the list above, besides those that are registered as canaries. Such as 1."),
+    field("Each machine is watched for, min", soak, "So long it must correct with the model and be heard before the next ones get it. Such as 10."),
+    field("It must answer within, min", answer, "One of the first machines that does not answer in time stops the roll-out. Such as 5.")),
+  make("h2", { textContent: "The other machines" }),
+  make("div", { class: "fields" },
+    field("Waves, percent of the others", waves, "How many percent have had their turn at the end of each wave, rising to 100. Such as 25 100."),
+    field("How many of them may stay out", tolerate, "So many may not answer before the roll-out stops. Such as 0.")),
+  make("h2", { textContent: "It stops where the residual rises" }),
+  make("p", { class: "soft", textContent: "The residual is the error that the model leaves with the correction that is applied, as the gateway tells it. The roll-out stops where its mean is above both bounds." }),
+  make("div", { class: "fields" },
+    field("Bound as a multiple of the residual before", ratio, "Such as 1.5: half as much again."),
+    field("Bound above the residual before, µm", rise, "Such as 2.")),
   make("div", { class: "buttons" }, button, said)));
 }

@@ -228,12 +228,12 @@ fn field(error: ModelError) -> FormError {
     };
     let parts: Vec<&str> = key.split('.').collect();
     let field = match parts.as_slice() {
-        ["name"] => "Name".to_owned(),
+        ["name"] => "Name of the model".to_owned(),
         ["structure", ..] => "Structure code".to_owned(),
         ["type", "translational"] => "Linear type number".to_owned(),
         ["type", "rotary"] => "Rotary type number".to_owned(),
         ["type", "rotary_axes", ..] => "Rotary axes".to_owned(),
-        ["type", ..] => "Stacking by type numbers".to_owned(),
+        ["type", ..] => "Type numbers".to_owned(),
         ["axes", axis, "travel", ..] => format!("Travels, {axis}: from and to"),
         ["axes", axis, "point", ..] => format!("Travels, {axis}: a point on its centre line"),
         ["axes", axis, ..] => format!("Travels, {axis}"),

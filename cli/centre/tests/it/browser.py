@@ -98,6 +98,11 @@ with sync_playwright() as playwright:
         shot(page, "model")
         # A model by form.
         page.click("#tabs a[href='#build']")
+        # Each field says what it is, in which unit, with an example.
+        bare = page.evaluate("() => [...document.querySelectorAll('main form label')].filter((one) => one.querySelector('.what') && !one.querySelector('.hint')).map((one) => one.querySelector('.what').textContent)")
+        assert all(one.startswith(("from", "to")) for one in bare), bare
+        for part in ("Linear type number", "Rotary type number", "EYX: straightness of X: motion along Y", "EAX: roll of X", "ISO 230-1", "EC0Y: squareness of Y to X"):
+            assert part in page.text_content("main form"), part
         page.select_option("main form select >> nth=1", "1")
         page.locator(".line textarea").first.fill("0, 0,02")
         page.click("text=Show the model")
@@ -129,7 +134,9 @@ with sync_playwright() as playwright:
         page.click("#tabs a[href='#rollouts']")
         page.click("a[href='#rollout/']")
         page.wait_for_selector(".choices input")
-        page.click("text=All")
+        page.click("text=Choose all")
+        bare = page.evaluate("() => [...document.querySelectorAll('main form label')].filter((one) => one.querySelector('.what') && !one.querySelector('.hint')).map((one) => one.querySelector('.what').textContent)")
+        assert not bare, bare
         shot(page, "start")
         page.click("button.main")
         page.wait_for_selector("section[data-rollout='1']")
