@@ -150,10 +150,38 @@ function originOfMap(heard) {
   return heard ? "Computed from the model that this machine has, not measured." : "Computed from the model that was sent, not measured. This machine was never heard: nothing says that it corrects, or that the model is there.";
 }
 
+/** The colours of a map with their values, from 0 to the largest. */
+function drawScale(canvas, largest) {
+  const { context, width, height } = surface(canvas);
+  const left = 14, right = width - 48, bottom = height - 24;
+  for (let px = left; px < right; px += 1) {
+    context.fillStyle = shade((px - left) / (right - left));
+    context.fillRect(px, 2, 1.5, bottom - 2);
+  }
+  context.strokeStyle = line;
+  context.lineWidth = 1;
+  context.strokeRect(left, 2, right - left, bottom - 2);
+  context.fillStyle = ink;
+  context.textAlign = "center";
+  context.textBaseline = "alphabetic";
+  const marks = ticks([0, largest], Math.max(2, Math.floor((right - left) / 70)));
+  for (const um of marks) {
+    const x = left + (right - left) * um / largest;
+    context.fillRect(x - 0.5, bottom, 1, 5);
+    context.fillText(String(+um.toPrecision(3)), x, height - 4);
+  }
+  context.textAlign = "left";
+  context.fillText("µm", right + 10, (bottom + 2) / 2 + 5);
+}
+
 /** Three sections of the map, before and after the correction, to one scale. */
 function drawSections(place, map, heard) {
   place.replaceChildren(make("p", { class: heard === false ? "bad origin" : "origin", textContent: originOfMap(heard) }));
-  const scale = map.largest_um[0];
+  // One scale for both, which ends at a round number: what the correction leaves is seen to be less.
+  const scale = roundUp(Math.max(...map.largest_um, 0.1), [1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10]);
+  const key = make("canvas", { class: "scale", role: "img", ariaLabel: `Colour scale of both maps: 0 to ${scale} µm` });
+  place.append(make("p", { class: "soft", textContent: "Length of the position error, one scale for both maps:" }), key);
+  requestAnimationFrame(() => drawScale(key, scale));
   const turn = (state) => make("h2", { textContent: state });
   for (const [key, words] of [["before_um", "Without correction, computed"], ["after_um", "With correction in steps of 1 µm, computed"]]) {
     const largest = map.largest_um[key === "before_um" ? 0 : 1];
@@ -168,7 +196,7 @@ function drawSections(place, map, heard) {
     }
   }
   const others = map.others.map(([name, at]) => `${name} = ${fixed(at, 0)}`).join(", ");
-  place.append(make("p", { class: "soft", textContent: `By the model, at its reference temperature${others ? `, ${others}` : ""}; light 0, dark ${fixed(scale, 1)} µm. What is really left needs a measurement.` }));
+  place.append(make("p", { class: "soft", textContent: `At the reference temperature of the model${others ? `, with ${others}` : ""}. What is really left is shown by a measurement only.` }));
   if (map.diagonals_um.length) {
     place.append(table(["body diagonal", "range before, µm", "range after, µm"], map.diagonals_um.map(([name, [before, after]]) => make("tr", {}, cell(name), cell(fixed(before, 1)), cell(fixed(after, 1))))));
   }

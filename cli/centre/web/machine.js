@@ -6,6 +6,31 @@ const COLOURS = ["#b3261e", "#0b6e3a", "#2f7fd0", "#c77700", "#8e44ad", "#00838f
 const STATE_COLOURS = { compensating: "#0b6e3a", arming: "#2f7fd0", "ramping-out": "#2f7fd0", holding: "#c77700", faulted: "#b3261e", disarmed: "#7b8794" };
 const SPANS = [["raw", 0.25, "15 min"], ["raw", 2, "2 h"], ["minute", 24, "day"], ["minute", 168, "week"], ["hour", 2160, "90 days"]];
 
+/** Steps of an axis of time, s: round ones by the clock. */
+const TIME_STEPS = [60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400, 172800, 604800, 1209600, 2592000];
+const two = (value) => String(value).padStart(2, "0");
+
+/** Round times within a span (s since 1970), by the clock of this computer: {at, text, isDay}. */
+function timeTicks(from, to, most) {
+  const step = TIME_STEPS.find((one) => (to - from) / one <= most) || TIME_STEPS[TIME_STEPS.length - 1];
+  const shift = -60 * new Date(from * 1000).getTimezoneOffset();
+  const made = [];
+  for (let at = Math.ceil((from + shift) / step) * step - shift; at <= to; at += step) {
+    const date = new Date(at * 1000);
+    const isDay = step >= 86400 || (date.getHours() === 0 && date.getMinutes() === 0);
+    made.push({ at, isDay, text: isDay ? `${two(date.getMonth() + 1)}-${two(date.getDate())}` : `${two(date.getHours())}:${two(date.getMinutes())}` });
+  }
+  return made;
+}
+
+/** "2026-11-26 13:57 to 14:12": the period of a history, with the zone of its times. */
+function periodOf(from, to) {
+  const [first, last] = [clock(from).slice(0, 16), clock(to).slice(0, 16)];
+  const minutes = -new Date(to * 1000).getTimezoneOffset();
+  const zone = `UTC${minutes < 0 ? "−" : "+"}${Math.floor(Math.abs(minutes) / 60)}${minutes % 60 ? `:${two(Math.abs(minutes) % 60)}` : ""}`;
+  return `${first} to ${first.slice(0, 10) === last.slice(0, 10) ? last.slice(11) : last}, by the clock of this computer (${zone})`;
+}
+
 /** Lines over time, from `from` to `to` (s since 1970), each {name, colour, points: [[s, value or null]]}. A gap of time is a gap. */
 function drawHistory(canvas, from, to, series, unit, gap) {
   const { context, width, height } = surface(canvas);
@@ -35,13 +60,7 @@ function drawHistory(canvas, from, to, series, unit, gap) {
     context.stroke();
     context.fillText(String(+value.toPrecision(4)).replace("-", "−"), left - 6, y(value));
   }
-  context.textBaseline = "alphabetic";
-  context.textAlign = "center";
-  const marks = width < 420 ? 2 : 4;
-  for (let mark = 0; mark <= marks; mark += 1) {
-    const at = from + (to - from) * mark / marks;
-    context.fillText(mark === marks ? "now" : `−${lasting(to - at)}`, Math.min(Math.max(x(at), left + 20), width - 20), height - 4);
-  }
+  drawTimes(context, timeTicks(from, to, (width - left) / 70), x, top, bottom, width);
   for (const { points, colour } of series) {
     context.strokeStyle = colour;
     context.lineWidth = 2;
@@ -63,18 +82,35 @@ function drawHistory(canvas, from, to, series, unit, gap) {
   }
 }
 
+/** The axis of time: a mark and its time by the clock, days with their date. */
+function drawTimes(context, marks, x, top, bottom, width) {
+  context.textBaseline = "alphabetic";
+  context.textAlign = "center";
+  for (const { at, text, isDay } of marks) {
+    context.strokeStyle = line;
+    context.beginPath();
+    context.moveTo(x(at), isDay ? top : bottom);
+    context.lineTo(x(at), bottom + 5);
+    context.stroke();
+    context.fillStyle = isDay ? ink : soft;
+    context.fillText(text, Math.min(Math.max(x(at), 20), width - 20), bottom + 18);
+  }
+}
+
 /** The states over time as a ribbon; where nothing was heard it is empty. */
 function drawRibbon(canvas, from, to, points, gap) {
   const { context, width, height } = surface(canvas);
   const x = (at) => 52 + (width - 60) * (at - from) / (to - from);
+  const bottom = height - 22;
   context.strokeStyle = line;
-  context.strokeRect(52, 4, width - 60, height - 8);
+  context.strokeRect(52, 4, width - 60, bottom - 4);
   points.forEach((point, index) => {
     const next = points[index + 1];
     const end = next && next.at_s - point.at_s <= gap ? next.at_s : point.at_s + gap / 3;
     context.fillStyle = STATE_COLOURS[point.state] || "#b3261e";
-    context.fillRect(x(point.at_s), 4, Math.max(1, x(Math.min(end, to)) - x(point.at_s) + 0.5), height - 8);
+    context.fillRect(x(point.at_s), 4, Math.max(1, x(Math.min(end, to)) - x(point.at_s) + 0.5), bottom - 4);
   });
+  drawTimes(context, timeTicks(from, to, (width - 52) / 70), x, 4, bottom, width);
 }
 
 function chart(title, series, kind = "") {
@@ -112,14 +148,14 @@ function showHistory(place, { now_s: to, together, points }, [resolution, hours]
     ["Correction, µm", byName(points, "correction_um")],
     ["Correction, µrad", byName(points, "correction_urad")],
     ["Temperatures, °C", byName(points, "temperatures_degc")],
-    ["Cycle: 99 % within, µs", [{ name: "p99", colour: COLOURS[2], points: points.map((point) => [point.at_s, point.cycle_p99_us]) }]],
+    ["Time within which 99 % of the cycles end, µs", [{ name: "p99", colour: COLOURS[2], points: points.map((point) => [point.at_s, point.cycle_p99_us]) }]],
   ]) {
     if (series.length === 0) continue;
     const [shown, canvas] = chart(title, series);
     charts.push(shown);
     drawn.push(() => drawHistory(canvas, from, to, series, title, gap));
   }
-  place.replaceChildren(...charts);
+  place.replaceChildren(make("p", { class: "soft wide period", textContent: periodOf(from, to) }), ...charts);
   for (const draw of drawn) draw();
 }
 

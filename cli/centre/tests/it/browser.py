@@ -2,6 +2,7 @@
 
 Every assertion is about what a person sees or touches. The last machine is silent.
 """
+import re
 import sys
 
 from playwright.sync_api import sync_playwright
@@ -76,6 +77,12 @@ with sync_playwright() as playwright:
     assert "12.5" in page.inner_text("#machine-now")
     degc = page.inner_text("#machine-degc")
     assert "<b>spindle</b>" in degc and "broken" in degc, degc
+    # The history says from when to when it goes.
+    page.wait_for_selector(".period")
+    period = page.inner_text(".period")
+    assert re.fullmatch(r"\d{4}-\d\d-\d\d \d\d:\d\d to (\d{4}-\d\d-\d\d )?\d\d:\d\d, by the clock of this computer \(UTC.*\)", period), period
+    ticks = page.evaluate("() => { const from = new Date(2026, 2, 5, 22, 13).getTime() / 1000; return timeTicks(from, from + 4 * 3600, 6).map((one) => one.text); }")
+    assert ticks == ["23:00", "03-06", "01:00", "02:00"], ticks
     shot(page, "machine")
     if count < 10:
         # The model with its map, before and after.
@@ -83,6 +90,19 @@ with sync_playwright() as playwright:
         page.click("main table a")
         page.wait_for_selector("canvas.map")
         assert page.locator("canvas.map").count() == 6
+        # A colour scale in numbers, whose colours fall in lightness all the way: they can be told apart without seeing colours.
+        label = page.get_attribute("canvas.scale", "aria-label")
+        assert label == "Colour scale of both maps: 0 to 25 µm", label
+        page.wait_for_timeout(300)
+        light = page.evaluate("""() => {
+            const canvas = document.querySelector("canvas.scale"), ratio = window.devicePixelRatio;
+            const wide = canvas.clientWidth - 14 - 48;
+            return [...Array(20).keys()].map((step) => {
+                const [r, g, b] = canvas.getContext("2d").getImageData((16 + (wide - 4) * step / 19) * ratio, 8 * ratio, 1, 1).data;
+                return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+            });
+        }""")
+        assert all(one - other > 3 for one, other in zip(light, light[1:])), light
         assert "<script>" in page.inner_text("h1")
         assert "dX = " in page.inner_text("#formula")
         # It can be taken out of the centre: as it is signed, and as tables of a control.
