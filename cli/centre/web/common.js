@@ -119,9 +119,11 @@ function cell(value, properties = {}) {
   return made;
 }
 
-function table(heads, rows) {
+/** A table; on a telephone each row of it is a card whose values have their headings before them. */
+function table(heads, rows, kind = "cards") {
   const head = make("tr", {}, ...heads.map((text) => make("th", { textContent: text, scope: "col" })));
-  return make("div", { class: "scroll" }, make("table", {}, make("thead", {}, head), make("tbody", {}, ...rows)));
+  for (const row of rows) [...row.cells].forEach((cell, index) => { if (heads[index]) cell.dataset.label = heads[index]; });
+  return make("div", { class: `scroll ${kind}` }, make("table", {}, make("thead", {}, head), make("tbody", {}, ...rows)));
 }
 
 /** An input with what it is (with its unit), and beneath what is meant by it, with an example. */
@@ -198,6 +200,6 @@ function drawSections(place, map, heard) {
   const others = map.others.map(([name, at]) => `${name} = ${fixed(at, 0)}`).join(", ");
   place.append(make("p", { class: "soft", textContent: `At the reference temperature of the model${others ? `, with ${others}` : ""}. What is really left is shown by a measurement only.` }));
   if (map.diagonals_um.length) {
-    place.append(table(["body diagonal", "range before, µm", "range after, µm"], map.diagonals_um.map(([name, [before, after]]) => make("tr", {}, cell(name), cell(fixed(before, 1)), cell(fixed(after, 1))))));
+    place.append(table(["body diagonal", "range before, µm", "range after, µm"], map.diagonals_um.map(([name, [before, after]]) => make("tr", {}, cell(name), cell(fixed(before, 1)), cell(fixed(after, 1)))), "narrow"));
   }
 }

@@ -56,7 +56,7 @@ function networkPage(page) {
 async function auditPage(page) {
   const rows = make("tbody", {});
   const more = make("button", { textContent: "Older", onclick: () => load() });
-  const shown = table(["no.", "when", "who", "what", "object", "facts"], []);
+  const shown = table(["no.", "when", "who", "what", "object", "facts"], [], "");
   shown.querySelector("tbody").replaceWith(rows);
   let last = null;
   const load = async () => {
