@@ -5,7 +5,7 @@ use axum::{
     http::{StatusCode, header},
     response::{IntoResponse, Response},
 };
-use serde_json::json;
+use serde::Serialize;
 
 use crate::store::StoreError;
 
@@ -66,14 +66,18 @@ impl From<StoreError> for Refused {
 
 impl IntoResponse for Refused {
     fn into_response(self) -> Response {
-        (self.status, Json(json!({ "error": self.why }))).into_response()
+        #[derive(Serialize)]
+        struct Why {
+            error: String,
+        }
+        (self.status, Json(Why { error: self.why })).into_response()
     }
 }
 
 pub(super) type Answer = Result<Response, Refused>;
 
 /// A document.
-pub(super) fn document(document: &impl serde::Serialize) -> Answer {
+pub(super) fn document(document: &impl Serialize) -> Answer {
     let bytes = serde_json::to_vec(document).map_err(Refused::inside)?;
     Ok(json_bytes(bytes))
 }
@@ -85,7 +89,16 @@ pub(super) fn json_bytes(bytes: impl Into<axum::body::Body>) -> Response {
 
 /// It is done.
 pub(super) fn done() -> Answer {
-    document(&json!({ "done": true }))
+    #[derive(Serialize)]
+    struct Done {
+        done: bool,
+    }
+    document(&Done { done: true })
+}
+
+/// Further facts of a record of the audit log.
+pub(super) fn facts(facts: &impl Serialize) -> Result<serde_json::Value, Refused> {
+    serde_json::to_value(facts).map_err(Refused::inside)
 }
 
 /// Reads the document of a request.

@@ -4,10 +4,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use axum::{Extension, body::Bytes, extract::State};
 use serde::{Deserialize, Serialize};
-use serde_json::json;
 
 use super::{
-    answer::{Answer, Refused, document, done, read},
+    answer::{Answer, Refused, document, done, facts, read},
     face::Shared,
 };
 use crate::{
@@ -54,6 +53,14 @@ struct Ask {
     per_second: Option<f64>,
 }
 
+/// What the audit log is told of a search.
+#[derive(Serialize)]
+struct Searched<'a> {
+    subnets: &'a [String],
+    per_second: f64,
+    mine: bool,
+}
+
 pub(super) async fn search(
     State(face): Shared,
     Extension(user): Extension<User>,
@@ -85,7 +92,11 @@ pub(super) async fn search(
         search.ports.clone_from(ports);
     }
     let of = search.addresses();
-    let details = json!({ "subnets": ask.subnets, "per_second": per_second, "mine": ask.mine });
+    let details = facts(&Searched {
+        subnets: &ask.subnets,
+        per_second,
+        mine: ask.mine,
+    })?;
     let begun = face.searches.with(|latest| {
         if latest.running {
             return false;

@@ -4,8 +4,7 @@ use axum::{
     extract::{Path, Query, State},
     http::StatusCode,
 };
-use serde::Deserialize;
-use serde_json::json;
+use serde::{Deserialize, Serialize};
 use volcomp_fleet::MachineId;
 
 use super::{
@@ -16,7 +15,7 @@ use super::{
 use crate::{
     clock::now_s,
     point::mean,
-    records::{Point, Resolution},
+    records::{Alarm, Live, Machine, Point, Resolution, Version},
 };
 
 /// So many points of a history are told at most: where there are more, one for several that follow one another, their mean.
@@ -49,6 +48,39 @@ pub(super) fn named(name: &str) -> Result<MachineId, Refused> {
         .map_err(|_| Refused::missing("there is no such machine"))
 }
 
+/// One machine in depth.
+#[derive(Serialize)]
+struct Deep {
+    machine: Machine,
+    /// What it told last; `None`: it was never heard.
+    live: Option<Live>,
+    /// The age of its last condition, s.
+    age_s: Option<f64>,
+    silent: bool,
+    /// The newest first.
+    versions: Vec<Version>,
+    /// The model in force; where none is known to be, the one that was sent last.
+    model: Option<String>,
+    telemetry: Option<Told>,
+    alarms: Vec<Alarm>,
+    records: Vec<Record>,
+}
+
+/// A whole state, as the gateway told it.
+#[derive(Serialize)]
+struct Told {
+    at_s: f64,
+    age_s: f64,
+    state: serde_json::Value,
+}
+
+/// A record of the gateway's audit log.
+#[derive(Serialize)]
+struct Record {
+    at_s: f64,
+    record: serde_json::Value,
+}
+
 pub(super) async fn machine(State(face): Shared, Path(name): Path<String>) -> Answer {
     let id = named(&name)?;
     let age_s = face.overview().age_s(&id);
@@ -62,21 +94,33 @@ pub(super) async fn machine(State(face): Shared, Path(name): Path<String>) -> An
             let telemetry = store.telemetry(&id)?;
             let alarms = store.alarms(Some(&id), RECORDS)?;
             let records = store.machine_records(&id, RECORDS)?;
-            let running = live.as_ref().and_then(|live| in_force(&versions, live.version));
-            let model = running.or(versions.first()).map(|version| version.model.clone());
+            let running = live
+                .as_ref()
+                .and_then(|live| in_force(&versions, live.version));
+            let model = running
+                .or(versions.first())
+                .map(|version| version.model.clone());
             // Where the age is not known yet the machine is taken for silent.
             let silent = age_s.is_none_or(|age_s| is_silent(&machine, age_s));
-            Ok(Some(json!({
-                "machine": machine,
-                "live": live,
-                "age_s": age_s,
-                "silent": silent,
-                "versions": versions,
-                "model": model,
-                "telemetry": telemetry.map(|(at_s, state)| json!({ "at_s": at_s, "age_s": now_s() - at_s, "state": state })),
-                "alarms": alarms,
-                "records": records.into_iter().map(|(at_s, record)| json!({ "at_s": at_s, "record": record })).collect::<Vec<_>>(),
-            })))
+            let telemetry = telemetry.map(|(at_s, state)| Told {
+                at_s,
+                age_s: now_s() - at_s,
+                state,
+            });
+            let records = records.into_iter();
+            Ok(Some(Deep {
+                machine,
+                live,
+                age_s,
+                silent,
+                versions,
+                model,
+                telemetry,
+                alarms,
+                records: records
+                    .map(|(at_s, record)| Record { at_s, record })
+                    .collect(),
+            }))
         })
         .await?;
     match found {
@@ -90,6 +134,14 @@ pub(super) struct Range {
     resolution: Resolution,
     /// The last so many hours.
     hours: f64,
+}
+
+#[derive(Serialize)]
+struct History {
+    now_s: f64,
+    /// So many points stand together for one, as their mean.
+    together: usize,
+    points: Vec<Point>,
 }
 
 pub(super) async fn history(
@@ -113,5 +165,9 @@ pub(super) async fn history(
         .chunks(together)
         .filter_map(|some| mean(some, some.first()?.at_s));
     let told: Vec<Point> = means.collect();
-    document(&json!({ "now_s": now_s(), "together": together, "points": told }))
+    document(&History {
+        now_s: now_s(),
+        together,
+        points: told,
+    })
 }

@@ -7,8 +7,7 @@ use axum::{
     body::Bytes,
     extract::{Path, State},
 };
-use serde::Deserialize;
-use serde_json::json;
+use serde::{Deserialize, Serialize};
 use volcomp_model::Machine;
 
 use super::{
@@ -17,7 +16,7 @@ use super::{
 };
 use crate::{
     drift::date_s,
-    form::{Form, build, described},
+    form::{Described, Form, build, described},
     map::error_map,
     models::NewModel,
     records::{Model, Origin},
@@ -43,13 +42,20 @@ pub(super) async fn found(face: &Arc<Face>, checksum: String) -> Result<(Model, 
         .ok_or_else(|| Refused::missing("there is no such model"))
 }
 
+/// A model with what its machine file says.
+#[derive(Serialize)]
+struct Shown {
+    model: Model,
+    described: Described,
+}
+
 pub(super) async fn model(State(face): Shared, Path(checksum): Path<String>) -> Answer {
     let (model, text) = found(&face, checksum).await?;
     let described = face
         .work(move || Machine::parse(&text, "the model").map(|machine| described(&machine, &text)))
         .await?
         .map_err(Refused::inside)?;
-    document(&json!({ "model": model, "described": described }))
+    document(&Shown { model, described })
 }
 
 pub(super) async fn map(State(face): Shared, Path(checksum): Path<String>) -> Answer {
@@ -91,6 +97,14 @@ struct Add {
     notes: Vec<String>,
 }
 
+/// A model that was added.
+#[derive(Serialize)]
+struct Added {
+    model: Model,
+    /// Whether it is new; otherwise it was there already.
+    added: bool,
+}
+
 pub(super) async fn add(
     State(face): Shared,
     Extension(user): Extension<User>,
@@ -130,5 +144,8 @@ pub(super) async fn add(
     let added = face
         .ask(move |store| store.add_model(&model, &text))
         .await?;
-    document(&json!({ "model": answer, "added": added }))
+    document(&Added {
+        model: answer,
+        added,
+    })
 }

@@ -1,6 +1,9 @@
 //! Logging in and out, passwords, and who may do what.
 
-use std::{net::SocketAddr, sync::Arc};
+use std::{
+    net::{IpAddr, SocketAddr},
+    sync::Arc,
+};
 
 use axum::{
     Extension,
@@ -8,11 +11,10 @@ use axum::{
     extract::{Path, State},
     http::{HeaderMap, HeaderValue, StatusCode, header},
 };
-use serde::Deserialize;
-use serde_json::json;
+use serde::{Deserialize, Serialize};
 
 use super::{
-    answer::{Answer, Refused, document, done, read},
+    answer::{Answer, Refused, document, done, facts, read},
     face::{Face, Shared},
     who,
 };
@@ -26,6 +28,21 @@ use crate::{
 struct Login {
     name: String,
     password: String,
+}
+
+/// What the audit log is told of a login that was refused.
+#[derive(Serialize)]
+struct TriedFrom {
+    from: IpAddr,
+}
+
+/// Who is logged in.
+#[derive(Serialize)]
+struct Me<'a> {
+    name: &'a UserName,
+    role: Role,
+    /// What stands above the page; empty: nothing.
+    notice: &'a str,
 }
 
 /// Whether the password is that of a user who may log in: then the user. Wrong ones are slowed down and written down.
@@ -61,7 +78,7 @@ async fn proven(
         _ => {
             face.throttle.wrong(from.ip(), &tried);
             drop(place);
-            let details = json!({ "from": from.ip() });
+            let details = facts(&TriedFrom { from: from.ip() })?;
             face.ask(move |store| store.audit("centre", "login.refused", &tried, details))
                 .await?;
             let why = "the name or the password is wrong";
@@ -88,7 +105,11 @@ pub(super) async fn login(
     let shown = cookie(&face, token.text())?;
     face.ask(move |store| store.begin_session(&token, &session))
         .await?;
-    let mut response = document(&json!({ "name": user.name, "role": user.role }))?;
+    let mut response = document(&Me {
+        name: &user.name,
+        role: user.role,
+        notice: &face.settings.notice,
+    })?;
     response.headers_mut().insert(header::SET_COOKIE, shown);
     Ok(response)
 }
@@ -99,7 +120,11 @@ fn cookie(face: &Face, token: &str) -> Result<HeaderValue, Refused> {
 }
 
 pub(super) async fn me(State(face): Shared, Extension(user): Extension<User>) -> Answer {
-    document(&json!({ "name": user.name, "role": user.role, "notice": face.settings.notice }))
+    document(&Me {
+        name: &user.name,
+        role: user.role,
+        notice: &face.settings.notice,
+    })
 }
 
 pub(super) async fn logout(

@@ -1,6 +1,9 @@
 //! Who asks: the session of the cookie, the role that a route needs, and whether a change was meant by our own page.
 
-use std::{net::SocketAddr, sync::Arc};
+use std::{
+    net::{IpAddr, SocketAddr},
+    sync::Arc,
+};
 
 use axum::{
     Extension,
@@ -9,9 +12,13 @@ use axum::{
     middleware::Next,
     response::{IntoResponse, Response},
 };
-use serde_json::json;
+use serde::Serialize;
 
-use super::{answer::Refused, face::Face, routes::Need};
+use super::{
+    answer::{Refused, facts},
+    face::Face,
+    routes::Need,
+};
 use crate::users::{Moment, Token, User};
 
 /// The header that our page sends with every change: a page of somebody else cannot send it without being asked for permission
@@ -69,6 +76,15 @@ fn is_ours(headers: &HeaderMap) -> Result<(), Refused> {
     }
 }
 
+/// What the audit log is told of a change that somebody asked for.
+#[derive(Serialize)]
+struct Asked<'a> {
+    from: IpAddr,
+    method: &'a str,
+    /// What was answered.
+    status: u16,
+}
+
 /// Lets a request through to its route, or not; what somebody changes is written into the audit log, with the address from which
 /// the request came.
 pub(super) async fn admit(
@@ -101,10 +117,18 @@ pub(super) async fn admit(
     let response = next.run(request).await;
     if changes {
         let status = response.status().as_u16();
-        let details = json!({ "from": from.ip(), "method": method.as_str(), "status": status });
-        let written = face
-            .ask(move |store| store.audit(name.as_str(), "request", &path, details))
-            .await;
+        let details = facts(&Asked {
+            from: from.ip(),
+            method: method.as_str(),
+            status,
+        });
+        let written = match details {
+            Ok(details) => {
+                face.ask(move |store| store.audit(name.as_str(), "request", &path, details))
+                    .await
+            }
+            Err(refused) => Err(refused),
+        };
         if written.is_err() {
             tracing::error!(
                 "page: a change by {} could not be written into the audit log",
