@@ -19,6 +19,30 @@ function stepWords(turn) {
   return "It was sent nothing yet.";
 }
 
+/** Which machines of a roll-out have what, in groups: words, and whether a machine's turn belongs there. */
+const HOLDS = [
+  ["correct with the new model, and go on with it", (turn) => turn.step === "soaking" || turn.step === "done"],
+  ["were sent the new model, and are out; whether they have it in force shows the page of each", (turn) => turn.step === "out" && turn.version !== null],
+  ["wait for a confirmation, and correct with what they had before", (turn) => turn.step === "needs-confirmation"],
+  ["were sent the new model, and have not answered yet", (turn) => turn.step === "sent"],
+  ["were sent nothing, and correct with what they had before", (turn) => turn.step === "waiting" || (turn.step === "out" && turn.version === null)],
+];
+
+/** Where a roll-out has stopped by itself: what that means, which machine has what, and the ways on. */
+function leadOn(rollout, wish) {
+  const links = (turns) => turns.slice(0, 30).flatMap((turn, index) => [index ? ", " : "", make("a", { href: `#machine/${encodeURIComponent(turn.machine)}`, textContent: turn.machine })]);
+  const groups = HOLDS.map(([words, belongs]) => [words, rollout.turns.filter(belongs)]).filter(([, turns]) => turns.length);
+  const ways = may("engineer") ? [
+    [wish("Go on in spite of it", { wish: "resume" }), "What has stopped it is let go for the machines that are out, and the next ones get the model. Choose this where you know the cause, and it is not the model."],
+    [wish("Stop for good", { wish: "abort" }, "stop"), "Nothing more is sent. Machines that have the new model keep it until they get another one."],
+    [make("a", { href: "#rollout/", textContent: "Roll out the model before" }), "Stop this one for good first; then choose the model that the machines had before: the page of each machine lists it under Models and versions."],
+  ] : [];
+  return make("div", { class: "lead" },
+    make("p", { textContent: "It has stopped by itself, and nothing more is sent. Nothing is taken back by that: each machine goes on with what it has." }),
+    make("ul", {}, ...groups.map(([words, turns]) => make("li", {}, make("strong", { textContent: `${turns.length} of ${rollout.turns.length} ` }), `${words}: `, ...links(turns), turns.length > 30 ? " …" : ""))),
+    ways.length ? make("div", { class: "ways" }, ...ways.flatMap(([button, words]) => [button, make("p", { textContent: words })])) : make("p", { class: "soft", textContent: "An engineer decides how it goes on." }));
+}
+
 function rolloutPanel(rollout) {
   const { id, turns } = rollout;
   const { is: phase } = rollout.phase;
@@ -30,8 +54,8 @@ function rolloutPanel(rollout) {
   const buttons = [];
   if (may("engineer")) {
     if (phase === "running") buttons.push(wish("Hold", { wish: "pause" }));
-    if (phase === "paused" || phase === "stopped") buttons.push(wish(phase === "stopped" ? "Go on in spite of it" : "Go on", { wish: "resume" }));
-    if (!["aborted", "done"].includes(phase)) buttons.push(wish("Stop for good", { wish: "abort" }, "stop"));
+    if (phase === "paused") buttons.push(wish("Go on", { wish: "resume" }));
+    if (!["aborted", "done", "stopped"].includes(phase)) buttons.push(wish("Stop for good", { wish: "abort" }, "stop"));
   }
   const counts = Object.keys(STEP_COLOURS).map((step) => [step, turns.filter((turn) => turn.step === step).length]).filter(([, count]) => count);
   const bar = make("div", { class: "bar", role: "img", ariaLabel: counts.map(([step, count]) => `${count} ${step}`).join(", ") }, ...counts.map(([step, count]) => {
@@ -47,6 +71,7 @@ function rolloutPanel(rollout) {
   return make("section", { class: "panel", data: { rollout: id } },
     make("div", { class: "head" }, make("h2", { textContent: `Roll-out ${id}` }), badge(phase), make("a", { href: `#model/${rollout.model}`, textContent: short(rollout.model) }), make("span", { class: "soft", textContent: `${clock(rollout.since_s)}, ${rollout.by}; ${turns.filter((turn) => turn.step === "done").length} of ${turns.length} done` })),
     why ? make("p", { class: phase === "stopped" ? "bad" : "soft", textContent: why }) : "", bar,
+    phase === "stopped" ? leadOn(rollout, wish) : "",
     turns.length > 8 ? make("details", {}, make("summary", { textContent: "Machines" }), list) : list,
     make("div", { class: "buttons" }, ...buttons, said));
 }

@@ -15,6 +15,7 @@ use volcomp_centre::{
     clock::now_s,
     models::NewModel,
     records::{Live, Machine, Origin},
+    rollout::{Phase, Rollout, Rules, Step},
 };
 use volcomp_fleet::Condition;
 use volcomp_test_support::peers;
@@ -122,6 +123,42 @@ fn in_the_browser(count: usize) {
     let (page, ends, talks) = shop(count);
     let url = format!("http://{}/", page.address);
     run("browser.py", &[&url, PASSWORD, &count.to_string()]);
+    ends.store(true, Ordering::Relaxed);
+    talks.join().expect("it ended");
+}
+
+/// A roll-out that has stopped by itself says what that means, which machine has what, and how it can go on.
+#[test]
+fn a_roll_out_that_has_stopped_leads_on() {
+    let (page, ends, talks) = shop(4);
+    let model = page.store.models().expect("read").remove(0);
+    let machines: Vec<_> = (0..4)
+        .map(|number| {
+            (
+                format!("mill-{number}").parse().expect("a name"),
+                number == 0,
+            )
+        })
+        .collect();
+    let started = page.store.start_rollout(|number| {
+        let rules = Rules::default();
+        let by = "anna".to_owned();
+        let mut rollout = Rollout::new(number, model.sha256, &machines, rules, by, now_s());
+        rollout.turns[0].step = Step::Done { version: 1 };
+        let why = "its residual has risen from 1.0 µm to 9.0 µm".to_owned();
+        rollout.turns[1].step = Step::Out {
+            version: Some(1),
+            why: why.clone(),
+            against: true,
+            excused: false,
+        };
+        let why = format!("{}: {why}", rollout.turns[1].machine);
+        rollout.phase = Phase::Stopped { why };
+        rollout
+    });
+    started.expect("stored");
+    let url = format!("http://{}/", page.address);
+    run("browser_stopped.py", &[&url, PASSWORD]);
     ends.store(true, Ordering::Relaxed);
     talks.join().expect("it ended");
 }

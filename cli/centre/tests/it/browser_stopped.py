@@ -1,0 +1,36 @@
+"""A roll-out that has stopped, in a headless Chromium: `browser_stopped.py URL PASSWORD FOLDER`."""
+import sys
+
+from playwright.sync_api import sync_playwright
+
+from browser_shots import SIZES, shot
+
+url, password, folder = sys.argv[1:4]
+
+with sync_playwright() as playwright:
+    browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"])
+    for name in ("viewer", "engineer"):
+        page = browser.new_page(viewport=SIZES[0])
+        page.set_default_timeout(90_000)
+        page.goto(url)
+        page.fill("input[name=name]", name)
+        page.fill("input[name=password]", password)
+        page.click("#login button")
+        page.click("#tabs a[href='#rollouts']")
+        page.wait_for_selector("section[data-rollout='1'] .lead")
+        lead = page.inner_text("section[data-rollout='1'] .lead")
+        for part in (
+            "1 of 4 correct with the new model, and go on with it: mill-0",
+            "1 of 4 were sent the new model, and are out; whether they have it in force shows the page of each: mill-1",
+            "2 of 4 were sent nothing, and correct with what they had before: mill-2, mill-3",
+        ):
+            assert part in lead, lead
+        # A viewer is offered nothing that is refused.
+        assert page.locator(".lead button").count() == (2 if name == "engineer" else 0)
+        if name == "engineer":
+            shot(page, folder, "stopped")
+            page.click("text=Stop for good")
+            page.wait_for_selector("text=taken up within a second")
+        page.close()
+    browser.close()
+print("done", flush=True)
