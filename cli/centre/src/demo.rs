@@ -213,9 +213,8 @@ impl Demo {
 /// What stands above the page.
 fn notice() -> String {
     format!(
-        "Demonstration: the machines are simulated, their models are invented, and nothing is kept. As on a real machine, a \
-         model that moves the axes far waits until a person confirms it (Roll-outs, Confirm); here the demonstration confirms \
-         it by itself after {} s.",
+        "Demonstration: simulated machines, invented models, and nothing is kept. A model that moves the axes far waits for \
+         Confirm under Roll-outs, as on a real machine; after {} s the demonstration confirms it by itself.",
         CONFIRMS_AFTER.as_secs()
     )
 }

@@ -64,7 +64,7 @@ function showTabs(current) {
     tab.parentElement.scrollLeft = tab.offsetLeft - tab.parentElement.offsetLeft - (tab.parentElement.clientWidth - tab.offsetWidth) / 2;
   }
   element("person").hidden = false;
-  setText(element("who"), `${me.name} (${me.role})`);
+  element("who").replaceChildren(me.name, make("span", { class: "role", textContent: ` (${me.role})` }));
 }
 
 async function showPage() {
@@ -131,8 +131,7 @@ element("logout").addEventListener("click", async () => {
   askForLogin();
 });
 window.addEventListener("hashchange", showPage);
-// What was drawn has the colours of before; a form that is being filled is not taken away for that.
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
-  if (!document.querySelector("main form")) showPage();
-});
+// What was drawn has the colours and the width of before.
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redrawAll);
+window.addEventListener("resize", redrawAll);
 begin();

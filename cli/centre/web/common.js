@@ -152,6 +152,19 @@ function originOfMap(heard) {
   return heard ? "Computed from the model that this machine has, not measured." : "Computed from the model that was sent, not measured. This machine was never heard: nothing says that it corrects, or that the model is there.";
 }
 
+/** Draws on a canvas now, and again whenever its size or the colours of the page change. */
+function drawOn(canvas, draw) {
+  canvas.redraw = () => {
+    // One that is not shown has no size to draw in.
+    if (canvas.clientWidth > 100 && canvas.clientHeight > 20) draw();
+  };
+  requestAnimationFrame(canvas.redraw);
+}
+
+function redrawAll() {
+  for (const canvas of document.querySelectorAll("canvas")) if (canvas.redraw) canvas.redraw();
+}
+
 /** The colours of a map with their values, from 0 to the largest. */
 function drawScale(canvas, largest) {
   const { context, width, height } = surface(canvas);
@@ -183,18 +196,18 @@ function drawSections(place, map, heard) {
   const scale = roundUp(Math.max(...map.largest_um, 0.1), [1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10]);
   const key = make("canvas", { class: "scale", role: "img", ariaLabel: `Colour scale of both maps: 0 to ${scale} µm` });
   place.append(make("p", { class: "soft", textContent: "Length of the position error, one scale for both maps:" }), key);
-  requestAnimationFrame(() => drawScale(key, scale));
-  const turn = (state) => make("h2", { textContent: state });
-  for (const [key, words] of [["before_um", "Without correction, computed"], ["after_um", "With correction in steps of 1 µm, computed"]]) {
-    const largest = map.largest_um[key === "before_um" ? 0 : 1];
+  drawOn(key, () => drawScale(key, scale));
+  const turn = (state) => make("h2", { class: "turn", textContent: state });
+  for (const [state, words] of [["before_um", "Without correction, computed"], ["after_um", "With correction in steps of 1 µm, computed"]]) {
+    const largest = map.largest_um[state === "before_um" ? 0 : 1];
     place.append(turn(`${words}: up to ${fixed(largest, 1)} µm`));
     const row = make("div", { class: "maps" });
     place.append(row);
     for (const section of map.sections) {
-      const canvas = make("canvas", { class: "map", role: "img" });
+      const canvas = make("canvas", { class: "map", role: "img" }), values = section[state];
       canvas.setAttribute("aria-label", `Position error over ${section.axes.map((axis) => axis.name).join(" and ")}, ${words.toLowerCase()}`);
       row.append(make("figure", {}, canvas, make("figcaption", { class: "soft", textContent: section.at ? `at ${section.at[0]} = ${fixed(section.at[1], 0)} mm` : "" })));
-      requestAnimationFrame(() => drawMap(canvas, section[key], section.axes, null, scale));
+      drawOn(canvas, () => drawMap(canvas, values, section.axes, null, scale));
     }
   }
   const others = map.others.map(([name, at]) => `${name} = ${fixed(at, 0)}`).join(", ");

@@ -2,8 +2,9 @@
 // One machine in depth: what it is doing, its history, its model and versions, its alarms, its registration.
 
 const MACHINE_EVERY_MS = 2000, HISTORY_EVERY_MS = 15000;
-const COLOURS = ["#b3261e", "#0b6e3a", "#2f7fd0", "#c77700", "#8e44ad", "#00838f", "#ad1457", "#827717", "#5d4037"];
-const STATE_COLOURS = { compensating: "#0b6e3a", arming: "#2f7fd0", "ramping-out": "#2f7fd0", holding: "#c77700", faulted: "#b3261e", disarmed: "#7b8794" };
+// They can be told apart without seeing red and green, on light and on dark.
+const COLOURS = ["#d55e00", "#009e73", "#3b8fd6", "#dd9500", "#cc79a7", "#56b4e9", "#a0743c", "#8a8f00", "#7b8794"];
+const STATE_COLOURS = { compensating: "#009e73", arming: "#3b8fd6", "ramping-out": "#3b8fd6", holding: "#c77700", faulted: "#b3261e", disarmed: "#7b8794" };
 const SPANS = [["raw", 0.25, "15 min"], ["raw", 2, "2 h"], ["minute", 24, "day"], ["minute", 168, "week"], ["hour", 2160, "90 days"]];
 
 /** Steps of an axis of time, s: round ones by the clock. */
@@ -32,7 +33,7 @@ function periodOf(from, to) {
 }
 
 /** Lines over time, from `from` to `to` (s since 1970), each {name, colour, points: [[s, value or null]]}. A gap of time is a gap. */
-function drawHistory(canvas, from, to, series, unit, gap) {
+function drawHistory(canvas, from, to, series, gap) {
   const { context, width, height } = surface(canvas);
   const left = 52, bottom = height - 22, top = 8;
   const values = series.flatMap((one) => one.points.map((point) => point[1])).filter(isNumber);
@@ -141,7 +142,7 @@ function showHistory(place, { now_s: to, together, points }, [resolution, hours]
   const states = [...new Set(points.map((point) => point.state))];
   const drawn = [];
   const [ribbon, ribbonCanvas] = chart("State", states.map((state) => ({ name: state, colour: STATE_COLOURS[state] || "#b3261e" })), "ribbon");
-  drawn.push(() => drawRibbon(ribbonCanvas, from, to, points, gap));
+  drawn.push([ribbonCanvas, () => drawRibbon(ribbonCanvas, from, to, points, gap)]);
   const charts = [ribbon];
   for (const [title, series] of [
     ["Residual by the model, µm", residual],
@@ -153,10 +154,10 @@ function showHistory(place, { now_s: to, together, points }, [resolution, hours]
     if (series.length === 0) continue;
     const [shown, canvas] = chart(title, series);
     charts.push(shown);
-    drawn.push(() => drawHistory(canvas, from, to, series, title, gap));
+    drawn.push([canvas, () => drawHistory(canvas, from, to, series, gap)]);
   }
   place.replaceChildren(make("p", { class: "soft wide period", textContent: periodOf(from, to) }), ...charts);
-  for (const draw of drawn) draw();
+  for (const [canvas, draw] of drawn) drawOn(canvas, draw);
 }
 
 function outcomeOf(version, heard) {
@@ -281,7 +282,8 @@ function showCycle(telemetry, otherwise) {
     return;
   }
   if (!place.querySelector("canvas")) place.replaceChildren(panel("Time of a cycle, µs", make("canvas", { role: "img", ariaLabel: "How many cycles took how long" }), make("p", {})));
-  drawBars(place.querySelector("canvas"), cycle.histogram_us);
+  const canvas = place.querySelector("canvas");
+  drawOn(canvas, () => drawBars(canvas, cycle.histogram_us));
   setText(place.querySelector("p"), `99 % within ${fixed(cycle.p99_us, 0)} µs; ${cycle.count} cycles, ${cycle.overruns} overruns; told ${lasting(telemetry.age_s)} ago`);
 }
 

@@ -14,7 +14,7 @@ function stepWords(turn) {
   if (turn.step === "sent") return `Version ${turn.version} was sent; its answer has been awaited for ${lasting(turn.waited_s)}.`;
   if (turn.step === "soaking") return `Version ${turn.version} is in force. The machine has been watched for ${lasting(turn.soaked_s)}; its mean residual is ${turn.known_s > 0 ? `${fixed(turn.residual_um, 1)} µm` : "unknown"}${isNumber(turn.before_um) ? `, before it was ${fixed(turn.before_um, 1)} µm` : ""}.`;
   if (turn.step === "done") return `Version ${turn.version} is in force.`;
-  if (turn.step === "out") return `${turn.why}${turn.excused ? " (the roll-out was let go on in spite of it)" : ""}.`;
+  if (turn.step === "out") return `${turn.why.slice(0, 1).toUpperCase()}${turn.why.slice(1)}${turn.excused ? " (the roll-out was let go on in spite of it)" : ""}.`;
   if (turn.step === "needs-confirmation") return `Version ${turn.version} would move the axes by up to ${movesOf(turn)}. It is not in force before a person confirms it: look at the map of the model first.`;
   return "It was sent nothing yet.";
 }
@@ -66,7 +66,7 @@ function rolloutPanel(rollout) {
   }));
   const { why: cause, by } = rollout.phase;
   const why = cause || (by ? `${phase === "paused" ? "held" : "ended"} by ${by}` : "");
-  const rows = turns.map((turn) => make("tr", {}, cell(make("a", { href: `#machine/${turn.machine}`, textContent: turn.machine })), cell(turn.wave === 0 ? "first" : String(turn.wave)), cell(badge(turn.step, STEP_NAMES[turn.step] || turn.step)), cell(stepWords(turn), { class: "text" }), cell(turn.step === "needs-confirmation" && may("engineer") ? wish("Confirm", { wish: "confirm", machine: turn.machine, hash: turn.hash }) : "–")));
+  const rows = turns.map((turn) => make("tr", {}, cell(make("a", { href: `#machine/${turn.machine}`, textContent: turn.machine })), cell(turn.wave === 0 ? "first" : String(turn.wave)), cell(badge(turn.step, STEP_NAMES[turn.step] || turn.step)), cell(stepWords(turn), { class: "text" }), cell(turn.step === "needs-confirmation" && may("engineer") ? wish("Confirm", { wish: "confirm", machine: turn.machine, hash: turn.hash }) : "")));
   const list = table(["machine", "wave", "step", "what that means", ""], rows.slice(0, 200));
   return make("section", { class: "panel", data: { rollout: id } },
     make("div", { class: "head" }, make("h2", { textContent: `Roll-out ${id}` }), badge(phase), make("a", { href: `#model/${rollout.model}`, textContent: short(rollout.model) }), make("span", { class: "soft", textContent: `${clock(rollout.since_s)}, ${rollout.by}; ${turns.filter((turn) => turn.step === "done").length} of ${turns.length} done` })),

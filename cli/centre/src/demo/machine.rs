@@ -13,7 +13,7 @@ use volcomp_fleet::{
     ModelRef, Outcome, Trust, VerifyingKey,
 };
 use volcomp_model::{
-    Machine as Model, MapGrid, Temperatures, corrected,
+    Axis, Machine as Model, MapGrid, Temperatures, corrected,
     kinematics::{Form, State},
     quantised,
 };
@@ -176,29 +176,37 @@ impl Simulated {
         self.since = Instant::now();
     }
 
-    /// How far the correction moves at the most, over a grid in the work space, where a model takes the place of the one in
-    /// force: of linear axes in µm, of rotary ones in µrad.
+    /// How far the correction moves at the most, over a grid in the work space and with the rotary axes at the ends and near the
+    /// middle of their travels, where a model takes the place of the one in force: of linear axes in µm, of rotary ones in µrad.
     fn largest_move(&self, new: &Model) -> [f64; 2] {
         let old = self.active.as_ref().map(|(model, _)| model);
-        let rotary: Vec<(AxisName, f64)> = (new.axes().iter())
-            .filter(|axis| axis.name.kind() == AxisKind::Rotary)
-            .map(|axis| (axis.name, axis.nearest_zero()))
-            .collect();
-        let Ok(grid) = MapGrid::over_travels(new, [JUDGED; 3], &rotary) else {
-            return [f64::INFINITY; 2];
-        };
         let mut worst = [0.0_f64; 2];
-        for index in 0..grid.len() {
-            let (_, state) = grid.node(new, index);
-            let of = |model: Option<&Model>| correction(model, &state);
-            let (before, after) = (of(old), of(Some(new)));
-            for (axis, (before, after)) in self.machine.axes.iter().zip(before.iter().zip(&after)) {
-                let place = usize::from(axis.kind() == AxisKind::Rotary);
-                worst[place] = worst[place].max((after - before).abs() * 1e6);
+        for stand in [
+            |axis: &Axis| axis.travel[0],
+            Axis::nearest_zero,
+            |axis: &Axis| axis.travel[1],
+        ] {
+            let rotary = (new.axes().iter()).filter(|axis| axis.name.kind() == AxisKind::Rotary);
+            let at: Vec<(AxisName, f64)> = rotary.map(|axis| (axis.name, stand(axis))).collect();
+            let Ok(grid) = MapGrid::over_travels(new, [JUDGED; 3], &at) else {
+                return [f64::INFINITY; 2];
+            };
+            for index in 0..grid.len() {
+                let (_, state) = grid.node(new, index);
+                let [before, after] = [old, Some(new)].map(|model| correction(model, &state));
+                let moves = before
+                    .iter()
+                    .zip(after)
+                    .map(|(before, after)| after - before);
+                for (axis, moved) in self.machine.axes.iter().zip(moves) {
+                    match axis.kind() {
+                        AxisKind::Linear => worst[0] = worst[0].max(moved.abs() * 1e3),
+                        AxisKind::Rotary => worst[1] = worst[1].max(moved.abs() * 1e6),
+                    }
+                }
             }
         }
-        // mm and rad: both come as millionths.
-        [worst[0] * 1e-3, worst[1]]
+        worst
     }
 
     /// Where the axes stand now: each goes to and fro in a time of its own.

@@ -10,7 +10,7 @@ use super::{
     face::Shared,
 };
 use crate::{
-    discover::{Device, FASTEST_PER_SECOND, PER_SECOND, Search, Subnet},
+    discover::{Device, FASTEST_PER_SECOND, NotSearched, PER_SECOND, Search, Subnet},
     users::User,
 };
 
@@ -75,9 +75,15 @@ pub(super) async fn search(
     let mut subnets = Vec::new();
     for text in &ask.subnets {
         let subnet: Subnet = text.parse().map_err(|e| Refused::wrong(format!("{e}")))?;
-        subnet
-            .check(ask.mine)
-            .map_err(|e| Refused::wrong(e.to_string()))?;
+        subnet.check(ask.mine).map_err(|error| {
+            Refused::wrong(match error {
+                // The way on is a box of the page, and no option of the command line.
+                NotSearched::Public { found } => format!(
+                    "{found} is not a private range: others' computers may be there. If it is yours tick the box below the subnets"
+                ),
+                error => error.to_string(),
+            })
+        })?;
         subnets.push(subnet);
     }
     let per_second = ask.per_second.unwrap_or(PER_SECOND);

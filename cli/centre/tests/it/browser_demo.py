@@ -12,7 +12,7 @@ with sync_playwright() as playwright:
     page = browser.new_page(viewport=SIZES[0])
     page.set_default_timeout(90_000)
     errors = []
-    page.on("pageerror", lambda e: errors.append(str(e)))
+    page.on("pageerror", lambda e: errors.append(f"{page.url}: {e} {e.stack}"))
     page.goto(url)
     page.fill("input[name=name]", "demo")
     page.fill("input[name=password]", password)
