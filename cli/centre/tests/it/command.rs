@@ -346,3 +346,29 @@ fn a_model_is_shown_and_downloaded() {
     );
     assert_eq!(std::fs::read_to_string(path.join("m.toml")).unwrap(), text);
 }
+
+/// The first hour of the book names the model of the example by the beginning of its checksum.
+#[test]
+fn the_first_hour_names_the_model_of_the_example() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let root = volcomp_test_support::root();
+    std::fs::write(
+        path.join("centre.toml"),
+        "[nats]\nurl = \"nats://127.0.0.1:4222\"\n",
+    )
+    .unwrap();
+    let calibration = root.join("examples/calibration");
+    let added = done(
+        path,
+        &format!("model add --calibration {}", calibration.display()),
+    );
+    let sha256 = added.lines().last().unwrap();
+    let book = std::fs::read_to_string(root.join("docs/src/fleet.md")).unwrap();
+    for named in [
+        format!("{}... mill-600", &sha256[..12]),
+        format!("rollout start --model {} --machine mill-1", &sha256[..4]),
+    ] {
+        assert!(book.contains(&named), "{named}");
+    }
+}
