@@ -273,7 +273,7 @@ async function tablesPanel(model) {
   const said = make("p", { class: "said", role: "status" });
   const place = make("div", { class: "lines" });
   const button = make("button", { textContent: "Make the tables" });
-  return panel("Tables for a control", make("p", { class: "soft", textContent: "A control that compensates by itself holds tables over one axis. They say less than the model, and none was tried on a real control." }),
+  const shown = panel("Tables for a control", make("p", { class: "soft", textContent: "A control that compensates by itself holds tables over one axis. They say less than the model, and none was tried on a real control." }),
     make("form", { onsubmit: (event) => {
       event.preventDefault();
       place.replaceChildren();
@@ -288,7 +288,9 @@ async function tablesPanel(model) {
           make("p", { class: "soft", textContent: `For other places of the axes, axis numbers, and what the tables lose against the model: volcomp export -m FILE --format ${told.format} -o FOLDER, with the machine file from above.` }),
         );
       });
-    } }, make("div", { class: "fields" }, field("Format", format, "as volcomp export names it"), field("Step along linear axes, mm", stepMm, "from position to position, such as 50"), field("Step along rotary axes, deg", stepDeg, "from position to position, such as 15")), make("div", { class: "buttons" }, button, said)), place);
+    } }, make("div", { class: "fields" }, field("Format", format, "The name that volcomp export has for it."), field("Step along linear axes, mm", stepMm, "From position to position of a table, such as 50."), field("Step along rotary axes, deg", stepDeg, "From position to position of a table, such as 15.")), make("div", { class: "buttons" }, button, said)), place);
+  shown.classList.add("wide");
+  return shown;
 }
 
 async function modelPage(page, checksum) {

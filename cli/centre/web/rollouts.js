@@ -129,7 +129,7 @@ async function startPage(page, checksum) {
       location.hash = "#rollouts";
     });
   } },
-  make("div", { class: "fields" }, field("Model", model, "Name, beginning of its checksum, structure.")),
+  make("div", { class: "fields one" }, field("Model", model, "Name, beginning of the checksum and structure of each model that the centre has.")),
   make("h2", { textContent: "Machines that shall get it: those with its structure" }), make("p", { class: "soft", textContent: "A model holds the errors of one machine. Give it to several only where you know that it is true for each." }), choices, make("div", { class: "buttons" }, all),
   make("h2", { textContent: "The first machines (canaries)" }),
   make("div", { class: "fields" },

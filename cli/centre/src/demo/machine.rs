@@ -159,9 +159,11 @@ impl Simulated {
             return Outcome::NeedsConfirmation {
                 hash,
                 worst_um: format!("{worst_um:.1}"),
-                worst_urad: has_rotary
-                    .then(|| format!("{worst_urad:.1}"))
-                    .unwrap_or_default(),
+                worst_urad: if has_rotary {
+                    format!("{worst_urad:.1}")
+                } else {
+                    String::new()
+                },
             };
         }
         self.disabled = !manifest.enable;

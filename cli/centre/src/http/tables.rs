@@ -114,7 +114,7 @@ async fn made(
             step_deg: asked.step_deg.unwrap_or(usual.step_deg),
             ..usual
         };
-        let (at, written) = written(&machine, format, &options).map_err(refused)?;
+        let (at, written) = written(&machine, format, &options).map_err(|error| refused(&error))?;
         let told = Told {
             format: format.to_string(),
             files: written.files.iter().map(|file| file.name.clone()).collect(),
@@ -148,12 +148,12 @@ fn written(
 }
 
 /// What cannot be made, with the fields of the page.
-fn refused(error: ExchangeError) -> Refused {
+fn refused(error: &ExchangeError) -> Refused {
     let ExchangeError::Wish {
         what,
         found,
         expected,
-    } = &error
+    } = error
     else {
         return Refused::wrong(error.to_string());
     };
