@@ -146,10 +146,20 @@ function facts(pairs) {
   }));
 }
 
-/** What a map is, of a machine in this state: none is a measurement. */
-function originOfMap(heard) {
-  if (heard === undefined) return "Computed from the model, not measured.";
-  return heard ? "Computed from the model that this machine has, not measured." : "Computed from the model that was sent, not measured. This machine was never heard: nothing says that it corrects, or that the model is there.";
+/** What a map is: none is a measurement. Of a machine by what is known of the model there. */
+const ORIGINS = {
+  model: "Computed from the model, not measured.",
+  active: "Computed from the model that this machine has in force, not measured.",
+  silent: "Computed from the model that this machine had in force when it was last heard, not measured.",
+  sent: "Computed from the model that was sent last, not measured. This machine has not told that it is in force.",
+  never: "Computed from the model that was sent, not measured. This machine was never heard: nothing says that it corrects, or that the model is there.",
+};
+
+/** Which of these a machine is. */
+function originOf({ live, silent, versions }) {
+  if (!live) return "never";
+  if (!versions.some((one) => one.version === live.version)) return "sent";
+  return silent ? "silent" : "active";
 }
 
 /** Draws on a canvas now, and again whenever its size or the colours of the page change. */
@@ -190,8 +200,8 @@ function drawScale(canvas, largest) {
 }
 
 /** Three sections of the map, before and after the correction, to one scale. */
-function drawSections(place, map, heard) {
-  place.replaceChildren(make("p", { class: heard === false ? "bad origin" : "origin", textContent: originOfMap(heard) }));
+function drawSections(place, map, origin = "model") {
+  place.replaceChildren(make("p", { class: origin === "never" ? "bad origin" : "origin", textContent: ORIGINS[origin] }));
   // One scale for both, which ends at a round number: what the correction leaves is seen to be less.
   const scale = roundUp(Math.max(...map.largest_um, 0.1), [1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10]);
   const key = make("canvas", { class: "scale", role: "img", ariaLabel: `Colour scale of both maps: 0 to ${scale} µm` });

@@ -216,11 +216,11 @@ function machinePage(page, name) {
       changeShown = true;
       if (may("engineer")) element("machine-change").replaceChildren(make("details", { class: "panel" }, make("summary", { textContent: "Registration" }), machineForm(answer.machine, false)));
     }
-    const heard = Boolean(answer.live && answer.live.condition);
-    if (answer.model && drawn !== `${answer.model} ${heard}`) {
-      drawn = `${answer.model} ${heard}`;
+    const origin = originOf(answer);
+    if (answer.model && drawn !== `${answer.model} ${origin}`) {
+      drawn = `${answer.model} ${origin}`;
       try {
-        drawSections(map, await get(`/api/models/${answer.model}/map`), heard);
+        drawSections(map, await get(`/api/models/${answer.model}/map`), origin);
       } catch (error) {
         map.replaceChildren(make("p", { class: "bad", textContent: error.message }));
       }

@@ -26,6 +26,9 @@ with sync_playwright() as playwright:
     now = page.inner_text("#machine-now")
     assert "the error that the model leaves here" in now, now
     page.wait_for_selector("#machine-map canvas.map")
+    assert "has in force, not measured" in page.inner_text("#machine-map .origin")
+    told = """(version) => originOf({ live: version === null ? null : { version }, silent: false, versions: [{ version: 2 }, { version: 1 }] })"""
+    assert [page.evaluate(told, version) for version in (None, 0, 2)] == ["never", "sent", "active"]
     shot(page, folder, "demo-machine")
     page.click("#tabs a[href='#rollouts']")
     page.wait_for_selector("section[data-rollout='3']")
