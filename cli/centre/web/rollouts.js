@@ -21,11 +21,11 @@ function stepWords(turn) {
 
 /** Which machines of a roll-out have what, in groups: words, and whether a machine's turn belongs there. */
 const HOLDS = [
-  ["correct with the new model, and go on with it", (turn) => turn.step === "soaking" || turn.step === "done"],
+  ["have the new model in force, and keep it", (turn) => turn.step === "soaking" || turn.step === "done"],
   ["were sent the new model, and are out; whether they have it in force shows the page of each", (turn) => turn.step === "out" && turn.version !== null],
-  ["wait for a confirmation, and correct with what they had before", (turn) => turn.step === "needs-confirmation"],
+  ["wait for a confirmation, and keep what they had before", (turn) => turn.step === "needs-confirmation"],
   ["were sent the new model, and have not answered yet", (turn) => turn.step === "sent"],
-  ["were sent nothing, and correct with what they had before", (turn) => turn.step === "waiting" || (turn.step === "out" && turn.version === null)],
+  ["were sent nothing, and keep what they had before", (turn) => turn.step === "waiting" || (turn.step === "out" && turn.version === null)],
 ];
 
 /** Where a roll-out has stopped by itself: what that means, which machine has what, and the ways on. */

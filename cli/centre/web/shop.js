@@ -65,7 +65,7 @@ function shopPage(page) {
     make("div", { class: "head" }, make("h1", { id: "shop-title", textContent: "Shop" }), filter, buttons),
     make("div", { id: "tally", class: "tally" }),
     make("div", { id: "centre-alarms" }),
-    make("div", { class: "panel scroll" }, make("table", { id: "shop-table" }, make("thead", {}, make("tr", {}, ...heads)), make("tbody", {})), make("p", { id: "nothing", class: "soft" }), make("p", { class: "soft narrow-only", textContent: "A wider screen shows more columns. Touch a machine for all that is known of it." })),
+    make("div", { class: "panel scroll" }, make("p", { class: "soft narrow-only", textContent: "A wider screen shows more columns. Touch a machine for all that is known of it." }), make("table", { id: "shop-table" }, make("thead", {}, make("tr", {}, ...heads)), make("tbody", {})), make("p", { id: "nothing", class: "soft" })),
   );
   return repeat(async () => {
     shop.document = await get("/api/overview");

@@ -20,9 +20,9 @@ with sync_playwright() as playwright:
         page.wait_for_selector("section[data-rollout='1'] .lead")
         lead = page.inner_text("section[data-rollout='1'] .lead")
         for part in (
-            "1 of 4 correct with the new model, and go on with it: mill-0",
+            "1 of 4 have the new model in force, and keep it: mill-0",
             "1 of 4 were sent the new model, and are out; whether they have it in force shows the page of each: mill-1",
-            "2 of 4 were sent nothing, and correct with what they had before: mill-2, mill-3",
+            "2 of 4 were sent nothing, and keep what they had before: mill-2, mill-3",
         ):
             assert part in lead, lead
         # A viewer is offered nothing that is refused.
