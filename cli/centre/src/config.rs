@@ -6,11 +6,14 @@ use std::{
 };
 
 use volcomp_document::{Document, InputError, ReadError, Section, Value};
-use volcomp_fleet::{Cluster, Keeping, ServerTls};
+use volcomp_fleet::Keeping;
 
-pub use crate::config_page::PageConfig;
 #[cfg(feature = "postgres")]
 use crate::store::PostgresPlace;
+pub use crate::{
+    config_page::PageConfig,
+    config_server::{ClusterConfig, ServerConfig},
+};
 use crate::{rollout::Rules, store::Keep};
 
 /// A day, s.
@@ -69,21 +72,6 @@ pub struct KeysConfig {
     pub folder: PathBuf,
     /// The name of the key that signs.
     pub sign_with: String,
-}
-
-/// The table `[server]`: what `nats-config` writes beside the users.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ServerConfig {
-    /// The name of the server.
-    pub name: String,
-    /// The address on which clients reach it.
-    pub listen: String,
-    /// The folder of its streams.
-    pub store: PathBuf,
-    /// TLS towards clients.
-    pub tls: Option<ServerTls>,
-    /// The cluster.
-    pub cluster: Option<Cluster>,
 }
 
 /// The configuration.
@@ -149,19 +137,13 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<Config, InputError> {
         page: (of("page")?.map(|section| PageConfig::decode(&section, folder))).transpose()?,
         rollout: (of("rollout")?.map(|section| rules(&section)).transpose()?).unwrap_or_default(),
         server: match of("server")? {
-            Some(section) => server(&section, folder)?,
-            None => ServerConfig {
-                name: "centre".to_owned(),
-                listen: "127.0.0.1:4222".to_owned(),
-                store: folder.join("streams"),
-                tls: None,
-                cluster: None,
-            },
+            Some(section) => ServerConfig::decode(&section, folder)?,
+            None => ServerConfig::alone(folder),
         },
     })
 }
 
-fn path(value: &Value<'_>, folder: &Path) -> Result<PathBuf, InputError> {
+pub(crate) fn path(value: &Value<'_>, folder: &Path) -> Result<PathBuf, InputError> {
     Ok(folder.join(value.text()?))
 }
 
@@ -311,52 +293,5 @@ fn rules(section: &Section<'_>) -> Result<Rules, InputError> {
             default.residual_ratio,
         )?,
         residual_um: section.number_or("residual_um", Rules::RESIDUAL_UM, default.residual_um)?,
-    })
-}
-
-fn server(section: &Section<'_>, folder: &Path) -> Result<ServerConfig, InputError> {
-    section.allow(&[
-        "name",
-        "listen",
-        "store",
-        "certificate",
-        "key",
-        "cluster",
-        "cluster_listen",
-        "routes",
-    ])?;
-    let text = |key: &str, default: &str| match section.get(key) {
-        Some(value) => value.text().map(str::to_owned),
-        None => Ok(default.to_owned()),
-    };
-    let tls = match (section.get("certificate"), section.get("key")) {
-        (Some(certificate), Some(key)) => Some(ServerTls {
-            certificate: path(&certificate, folder)?,
-            key: path(&key, folder)?,
-        }),
-        (None, None) => None,
-        _ => {
-            return Err(section.error("found one of certificate and key, expected both or neither"));
-        }
-    };
-    let cluster = match section.get("cluster") {
-        None => None,
-        Some(name) => Some(Cluster {
-            name: name.text()?.to_owned(),
-            listen: section.require("cluster_listen")?.text()?.to_owned(),
-            routes: (section.require("routes")?.texts()?.into_iter())
-                .map(str::to_owned)
-                .collect(),
-        }),
-    };
-    Ok(ServerConfig {
-        name: text("name", "centre")?,
-        listen: text("listen", "127.0.0.1:4222")?,
-        store: match section.get("store") {
-            Some(value) => path(&value, folder)?,
-            None => folder.join("streams"),
-        },
-        tls,
-        cluster,
     })
 }

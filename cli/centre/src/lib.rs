@@ -4,6 +4,7 @@ pub mod clock;
 pub mod command;
 pub mod config;
 mod config_page;
+mod config_server;
 pub mod demo;
 pub mod discover;
 pub mod drift;

@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 mod accept;
+mod cluster;
 #[cfg(feature = "nats")]
 mod collect;
 #[cfg(feature = "nats")]
@@ -20,6 +21,7 @@ mod streams;
 mod subjects;
 
 pub use accept::{Accepted, NotAccepted, Trust};
+pub use cluster::{Cluster, RoutePassword};
 #[cfg(feature = "nats")]
 pub use collect::{Batch, Collection, Received};
 #[cfg(feature = "nats")]
@@ -31,7 +33,7 @@ pub use manifest::{
     Desired, INLINE_LIMIT, Manifest, ModelRef, NotADesired, SigningKey, VerifyingKey, trusted_key,
 };
 pub use permissions::{
-    Cluster, MAX_PAYLOAD, MachineUser, NoConfiguration, Permissions, ServerSettings, ServerTls,
+    MAX_PAYLOAD, MachineUser, NoConfiguration, Permissions, ServerSettings, ServerTls,
     is_public_nkey,
 };
 pub use report::{Acknowledgement, AuditLine, Condition, Envelope, Outcome, largest_moves};

@@ -181,7 +181,7 @@ fn signed_bytes(manifest: &str) -> Vec<u8> {
     [PURPOSE, manifest.as_bytes()].concat()
 }
 
-fn hex(bytes: &[u8]) -> String {
+pub(crate) fn hex(bytes: &[u8]) -> String {
     use std::fmt::Write;
     bytes.iter().fold(String::new(), |mut text, byte| {
         // Writing to a string never fails.

@@ -5,7 +5,7 @@
 
 use std::{collections::BTreeSet, fmt::Write, path::PathBuf};
 
-use crate::{Identity, Subjects, models_bucket, subjects::latest_desired_subject};
+use crate::{Cluster, Identity, Subjects, models_bucket, subjects::latest_desired_subject};
 
 /// The largest message, bytes: a model of one MiB with its manifest, as JSON.
 pub const MAX_PAYLOAD: usize = 4 * 1024 * 1024;
@@ -68,17 +68,6 @@ pub struct ServerTls {
     pub key: PathBuf,
 }
 
-/// A server among the others of its cluster.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Cluster {
-    /// The name of the cluster.
-    pub name: String,
-    /// The address on which the other servers reach this one.
-    pub listen: String,
-    /// The addresses of the servers of the cluster, `nats://HOST:PORT`.
-    pub routes: Vec<String>,
-}
-
 /// The settings of a NATS server.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ServerSettings {
@@ -111,6 +100,12 @@ pub enum NoConfiguration {
         /// The text that was found.
         found: String,
     },
+    /// An address of a server of the cluster that is none, or that has a password of its own.
+    #[error("routes: found {found}, expected nats://HOST:PORT without a user")]
+    Route {
+        /// What was found.
+        found: String,
+    },
     /// A key that is no public nkey of a user.
     #[error(
         "found the key {found:?}, expected the public nkey of a user: U and 55 letters and digits"
@@ -128,7 +123,8 @@ pub enum NoConfiguration {
 }
 
 impl ServerSettings {
-    /// The text of the configuration file of the server.
+    /// The text of the configuration file of the server. **Of a server in a cluster it holds the password of the cluster**, and
+    /// belongs into a file that only its owner reads.
     ///
     /// # Errors
     /// A text or a key that cannot stand in it.
@@ -152,16 +148,7 @@ impl ServerSettings {
             );
         }
         if let Some(cluster) = &self.cluster {
-            let routes: Result<Vec<String>, NoConfiguration> = (cluster.routes.iter())
-                .map(|route| quoted("routes", route))
-                .collect();
-            let _ = writeln!(
-                text,
-                "cluster {{ name: {}, listen: {}, routes: [{}] }}",
-                quoted("cluster", &cluster.name)?,
-                quoted("cluster", &cluster.listen)?,
-                routes?.join(", ")
-            );
+            text.push_str(&cluster.text(self.tls.as_ref())?);
         }
         text.push_str("authorization {\n  users: [\n");
         let mut seen = BTreeSet::new();
@@ -214,7 +201,7 @@ fn check_nkey(nkey: &str) -> Result<(), NoConfiguration> {
     }
 }
 
-fn quoted(what: &'static str, text: &str) -> Result<String, NoConfiguration> {
+pub(crate) fn quoted(what: &'static str, text: &str) -> Result<String, NoConfiguration> {
     let breaks_out = |c: char| c == '"' || c == '\\' || c.is_control();
     if text.contains(breaks_out) {
         return Err(NoConfiguration::Text {

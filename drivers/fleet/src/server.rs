@@ -2,8 +2,9 @@
 
 use std::{
     ffi::OsStr,
-    io,
+    io::{self, Write},
     net::{TcpListener, TcpStream},
+    os::unix::fs::{MetadataExt, OpenOptionsExt, fchown},
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
     time::{Duration, Instant},
@@ -63,6 +64,32 @@ pub fn free_address() -> io::Result<String> {
     Ok(TcpListener::bind("127.0.0.1:0")?.local_addr()?.to_string())
 }
 
+/// Writes a configuration, which may hold the password of a cluster, in the place of the one before: only its owner can read
+/// it. One that another user owns (the one as which the server runs) stays that user's.
+///
+/// # Errors
+/// It cannot be written.
+pub fn write_private(file: &Path, text: &str) -> io::Result<()> {
+    let mut beside = file.as_os_str().to_owned();
+    beside.push(".new");
+    let beside = PathBuf::from(beside);
+    match std::fs::remove_file(&beside) {
+        Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(e),
+        _ => {}
+    }
+    let mut written = std::fs::OpenOptions::new()
+        .write(true)
+        .create_new(true)
+        .mode(0o600)
+        .open(&beside)?;
+    if let Ok(before) = std::fs::metadata(file) {
+        fchown(&written, Some(before.uid()), Some(before.gid()))?;
+    }
+    written.write_all(text.as_bytes())?;
+    written.sync_all()?;
+    std::fs::rename(&beside, file)
+}
+
 impl Server {
     /// Starts a server with its configuration and its log in `folder`, and waits until it listens.
     ///
@@ -80,7 +107,7 @@ impl Server {
     pub fn spawn(settings: &ServerSettings, folder: &Path) -> Result<Self, ServerError> {
         let program = program().ok_or(ServerError::NotInstalled)?;
         let configuration = folder.join("nats.conf");
-        std::fs::write(&configuration, settings.text()?)?;
+        write_private(&configuration, &settings.text()?)?;
         let child = Command::new(program)
             .args([OsStr::new("-c"), configuration.as_os_str()])
             .args([OsStr::new("-l"), folder.join("nats.log").as_os_str()])
@@ -125,7 +152,7 @@ impl Server {
     /// The settings make no configuration, or the server does not take them.
     pub fn reload(&self, settings: &ServerSettings) -> Result<(), ServerError> {
         let program = program().ok_or(ServerError::NotInstalled)?;
-        std::fs::write(&self.configuration, settings.text()?)?;
+        write_private(&self.configuration, &settings.text()?)?;
         let told = Command::new(program)
             .arg("--signal")
             .arg(format!("reload={}", self.child.id()))

@@ -76,7 +76,11 @@ pub(super) enum Command {
         listen: SocketAddr,
     },
     /// Print the configuration of the NATS server, with every machine that has an nkey
-    NatsConfig,
+    NatsConfig {
+        /// Write it into this file, which only its owner can read; the one before is replaced
+        #[arg(long, short, value_name = "FILE")]
+        output: Option<PathBuf>,
+    },
     /// Print what is wrong
     Alarms {
         /// Those that are over, too

@@ -48,7 +48,7 @@ impl Arguments {
                 ))
             }
             Command::Check => run::check(&config()?),
-            Command::NatsConfig => server::nats_config(&config()?),
+            Command::NatsConfig { output } => server::nats_config(&config()?, output.as_deref()),
             Command::Audit { count, json } => server::audit(&config()?, count, json),
             Command::Alarms { all, json } => server::alarms(&config()?, all, json),
             Command::Key(KeyCommand::New { name }) => server::new_key(&config()?, &name),

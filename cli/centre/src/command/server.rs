@@ -1,9 +1,15 @@
 //! Keys, the configuration of the server, the audit log, alarms.
 
-use std::{fmt::Write, path::Path};
+use std::{
+    fmt::Write,
+    os::{fd::AsFd, unix::fs::PermissionsExt},
+    path::Path,
+};
 
 use nkeys::KeyPair;
-use volcomp_fleet::{LinkSettings, MachineUser, ServerSettings};
+use volcomp_fleet::{
+    Cluster, LinkSettings, MachineUser, RoutePassword, ServerSettings, server::write_private,
+};
 
 use super::{CommandError, open, print, print_json, text};
 use crate::{
@@ -62,7 +68,7 @@ pub(super) fn link(config: &Config) -> Result<(LinkSettings, String), CommandErr
 
 /// The settings of the server with every machine that has an nkey.
 pub(super) fn settings(config: &Config) -> Result<ServerSettings, CommandError> {
-    let (_, centre) = link(config)?;
+    let (link, centre) = link(config)?;
     let machines = open(config)?.machines()?;
     let server = &config.server;
     Ok(ServerSettings {
@@ -70,7 +76,13 @@ pub(super) fn settings(config: &Config) -> Result<ServerSettings, CommandError> 
         listen: server.listen.clone(),
         store: server.store.clone(),
         tls: server.tls.clone(),
-        cluster: server.cluster.clone(),
+        cluster: server.cluster.as_ref().map(|cluster| Cluster {
+            name: cluster.name.clone(),
+            listen: cluster.listen.clone(),
+            routes: cluster.routes.clone(),
+            password: RoutePassword::of_seed(&link.seed),
+            roots: config.nats.ca.clone(),
+        }),
         centres: vec![centre],
         machines: (machines.into_iter())
             .filter_map(|machine| {
@@ -83,8 +95,34 @@ pub(super) fn settings(config: &Config) -> Result<ServerSettings, CommandError> 
     })
 }
 
-pub(super) fn nats_config(config: &Config) -> Result<(), CommandError> {
-    print(&settings(config)?.text()?)
+pub(super) fn nats_config(config: &Config, output: Option<&Path>) -> Result<(), CommandError> {
+    let settings = settings(config)?;
+    let text = settings.text()?;
+    if let Some(file) = output {
+        return write_private(file, &text).map_err(|source| {
+            KeyError::File {
+                file: file.to_owned(),
+                source,
+            }
+            .into()
+        });
+    }
+    if settings.cluster.is_some()
+        && let Some(mode) = printed_for_others()?
+    {
+        return Err(CommandError::Wrong(format!(
+            "the configuration holds the password of the cluster, and the mode of the file that it is printed into is {mode:03o}, expected `nats-config --output FILE`, which makes one that only its owner can read"
+        )));
+    }
+    print(&text)
+}
+
+/// The mode of the file into which this program prints, where others can read that.
+fn printed_for_others() -> Result<Option<u32>, CommandError> {
+    let printed = std::io::stdout().as_fd().try_clone_to_owned()?;
+    let printed = std::fs::File::from(printed).metadata()?;
+    let mode = printed.permissions().mode() & 0o777;
+    Ok((printed.is_file() && mode & 0o077 != 0).then_some(mode))
 }
 
 pub(super) fn audit(config: &Config, count: u32, json: bool) -> Result<(), CommandError> {

@@ -30,7 +30,7 @@ pub(crate) fn call(folder: &Path, arguments: &str) -> Called {
 }
 
 /// What a call prints that does what it is asked.
-fn done(folder: &Path, arguments: &str) -> String {
+pub(crate) fn done(folder: &Path, arguments: &str) -> String {
     let called = call(folder, arguments);
     assert_eq!(called.status, 0, "{arguments}: {}", called.err);
     called.out

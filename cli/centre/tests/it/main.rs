@@ -25,6 +25,7 @@ mod page;
 #[cfg(feature = "postgres")]
 mod postgres;
 mod rollout;
+mod servers;
 mod shop;
 mod store;
 mod support;

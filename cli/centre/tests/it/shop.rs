@@ -84,6 +84,8 @@ impl Shop {
                         .iter()
                         .map(|route| format!("nats://{route}"))
                         .collect(),
+                    password: volcomp_fleet::RoutePassword::of_seed(&centre.seed().unwrap()),
+                    roots: None,
                 }),
                 centres: vec![centre.public_key()],
                 machines: users.clone(),

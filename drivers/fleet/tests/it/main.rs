@@ -8,6 +8,7 @@
 
 mod acceptance;
 mod bench;
+mod cluster;
 mod fuzz_corpus;
 mod hub;
 mod permissions;
