@@ -6,7 +6,7 @@
 
 use std::{
     collections::{BTreeMap, BTreeSet},
-    time::Instant,
+    time::{Duration, Instant},
 };
 
 use serde::de::DeserializeOwned;
@@ -35,8 +35,9 @@ pub struct Heard {
     pub instances: Instances,
     /// What happened since the last look.
     pub since: Since,
-    /// When a message was taken last, by a clock that does not jump; `None`: not since the start of the program.
-    pub taken: Option<Instant>,
+    /// When the newest condition was made, by a clock that does not jump; `None`: none came since the start of the program.
+    /// Other messages say nothing of how the machine is now.
+    pub told: Option<Instant>,
 }
 
 /// What was heard since the last look.
@@ -207,20 +208,24 @@ impl Ingest {
         self.machines.get(machine)
     }
 
-    /// For how long a machine was not heard, s; before it was heard, since the start of the program.
+    /// How old the last condition of a machine is, s; before one came, since the start of the program.
     pub fn quiet_s(&self, machine: &MachineId) -> f64 {
-        let taken = self.machines.get(machine).and_then(|heard| heard.taken);
-        taken.unwrap_or(self.start).elapsed().as_secs_f64()
+        let told = self.machines.get(machine).and_then(|heard| heard.told);
+        told.unwrap_or(self.start).elapsed().as_secs_f64()
     }
 
     /// What a roll-out sees of each machine, and what happened since the last look, which begins anew. A machine counts as
-    /// heard where its last message came within `fresh_s`.
-    pub fn look(&mut self, fresh_s: f64) -> BTreeMap<MachineId, (Seen, Since)> {
+    /// heard where its last condition is not older than `fresh_s` of it.
+    pub fn look(
+        &mut self,
+        fresh_s: impl Fn(&MachineId) -> f64,
+    ) -> BTreeMap<MachineId, (Seen, Since)> {
         let look = |(machine, heard): (&MachineId, &mut Heard)| {
             let since = std::mem::take(&mut heard.since);
             let (sum, count) = since.residual;
             let seen = Seen {
-                heard: (heard.taken).is_some_and(|at| at.elapsed().as_secs_f64() <= fresh_s),
+                heard: (heard.told)
+                    .is_some_and(|at| at.elapsed().as_secs_f64() <= fresh_s(machine)),
                 version: heard.live.as_ref().map_or(0, |live| live.version),
                 faulted: since.faulted.clone(),
                 residual_um: (count > 0).then(|| sum / count as f64),
@@ -302,7 +307,6 @@ fn one(
         made: None,
     });
     live.heard_s = live.heard_s.max(message.stored_s);
-    heard.taken = Some(Instant::now());
     match body {
         Body::Condition(envelope) => {
             let condition = envelope.body;
@@ -320,6 +324,10 @@ fn one(
             live.version = envelope.version;
             live.model = envelope.model;
             live.condition = Some(condition);
+            // What waited at the gateway tells how the machine was. Before the start of this computer there is no time.
+            let waited = Duration::try_from_secs_f64(made.late_s).unwrap_or_default();
+            let made_at = Instant::now().checked_sub(waited);
+            heard.told = heard.told.max(made_at);
             live.made = Some(ConditionMade {
                 at_s: message.stored_s - made.late_s,
                 late_s: made.late_s,

@@ -67,6 +67,15 @@ impl Machine {
             note: String::new(),
         }
     }
+
+    /// A machine of which no condition came for longer than this is not heard, s: five of its intervals, and at least 15 s.
+    /// Alarms and roll-outs go by it alike.
+    pub fn silent_after_s(&self) -> f64 {
+        (5.0 * f64::from(self.condition_s.unwrap_or(1))).max(Self::SILENT_S)
+    }
+
+    /// No machine is silent before this, s.
+    pub const SILENT_S: f64 = 15.0;
 }
 
 /// Where a model comes from.

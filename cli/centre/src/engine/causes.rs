@@ -10,10 +10,6 @@ use crate::{
     records::{AlarmKind, Machine, Model, Version},
 };
 
-/// A machine is silent after so many intervals of its condition, …
-const INTERVALS: f64 = 5.0;
-/// … and not before this, s.
-const SILENT_S: f64 = 15.0;
 /// Two gateways were heard at a time: told for so long after the last time, s.
 const CLONED_S: f64 = 60.0;
 /// What happened at one moment is told for so long, s.
@@ -25,7 +21,7 @@ const BEHIND_S: f64 = 600.0;
 pub(super) struct Known<'a> {
     pub(super) machine: &'a Machine,
     pub(super) heard: Option<&'a Heard>,
-    /// It was not heard for so long, by a clock that does not jump, s.
+    /// No condition of it came for so long, by a clock that does not jump, s.
     pub(super) quiet_s: f64,
     /// The newest version with its model.
     pub(super) version: Option<&'a Version>,
@@ -118,8 +114,7 @@ fn of_version(known: &Known<'_>, causes: &mut BTreeMap<AlarmKind, String>) {
 fn of_heard(known: &Known<'_>, causes: &mut BTreeMap<AlarmKind, String>) {
     let Some(heard) = known.heard else { return };
     let Some(live) = &heard.live else { return };
-    let interval_s = f64::from(known.machine.condition_s.unwrap_or(1));
-    if known.quiet_s > (INTERVALS * interval_s).max(SILENT_S) {
+    if known.quiet_s > known.machine.silent_after_s() {
         causes.insert(
             AlarmKind::Silent,
             "It is not heard. It goes on with the model that it has.".to_owned(),

@@ -18,8 +18,6 @@ use crate::{
     store::{Database, Issued, StoreError, machines::machine_named, rollouts},
 };
 
-/// A machine that was heard so long ago is heard, s.
-const FRESH_S: f64 = 15.0;
 /// Minutes are closed so often, …
 const MINUTE: Duration = Duration::from_secs(60);
 /// … and when they ended so long ago, s: most of what was under way has come.
@@ -87,7 +85,10 @@ fn look_now(engine: &Engine, state: &mut State) -> Result<(), StoreError> {
     let looked = {
         let mut ingest = lock(&engine.ingest);
         ingest.store_live(&engine.store)?;
-        let looked = ingest.look(FRESH_S);
+        let limits: BTreeMap<&MachineId, f64> = (machines.iter())
+            .map(|machine| (&machine.identity.machine, machine.silent_after_s()))
+            .collect();
+        let looked = ingest.look(|name| limits.get(name).copied().unwrap_or(Machine::SILENT_S));
         for (machine, (seen, _)) in &looked {
             let told = || {
                 ingest

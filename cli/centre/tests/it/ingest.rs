@@ -6,11 +6,14 @@ use std::{
 };
 
 use volcomp_centre::{ingest::Ingest, records::Resolution, store::Store};
-use volcomp_fleet::{AuditLine, Hub, Keeping, Kind, LinkSettings, MachineLink, Received};
+use volcomp_fleet::{
+    Acknowledgement, AuditLine, Hub, Keeping, Kind, LinkSettings, MachineId, MachineLink, Outcome,
+    Received,
+};
 
 use crate::{
     shop::{Shop, runtime, until},
-    support::{condition, envelope, identity, received},
+    support::{condition, envelope, identity, machine, received},
 };
 
 const FROM_S: f64 = 1_800_000_000.0;
@@ -265,4 +268,57 @@ fn a_record_that_is_sent_again_after_a_kill_is_no_gap() {
         let kept = shop.store.machine_records(&identity.machine, 10).unwrap();
         assert_eq!(kept.len(), 1, "{kept:?}");
     });
+}
+
+/// docs/src/fleet.md: "no condition for five of its intervals, at least 15 s". A machine is heard by its conditions alone, by when
+/// they were made, and by its own interval: at 60 s a condition of 20 s ago is a fresh one.
+#[test]
+fn a_machine_is_heard_by_its_conditions_and_its_own_interval() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = store(folder.path());
+    let mut ingest = Ingest::of(&store).unwrap();
+    let name: MachineId = "mill-1".parse().unwrap();
+    let limit = |condition_s| {
+        let mut machine = machine("mill-1");
+        machine.condition_s = condition_s;
+        machine.silent_after_s()
+    };
+    assert_eq!([None, Some(2), Some(60)].map(limit), [15.0, 15.0, 300.0]);
+    let heard = |ingest: &mut Ingest, condition_s| {
+        let (seen, _) = ingest.look(|_| limit(condition_s))[&name].clone();
+        seen.heard
+    };
+    // Other messages say nothing of how it is.
+    let answer = envelope(
+        "a",
+        1,
+        Acknowledgement {
+            version: 1,
+            value_sha256: "x".into(),
+            outcome: Outcome::Activated,
+        },
+    );
+    let at_s = 1_800_000_000.0;
+    ingest
+        .take(&store, &[received("mill-1", Kind::Ack, 1, at_s, &answer)])
+        .unwrap();
+    assert!(!heard(&mut ingest, Some(60)));
+    let told = |number, stored_s| {
+        received(
+            "mill-1",
+            Kind::Condition,
+            number,
+            stored_s,
+            &envelope("a", number, condition(4.0)),
+        )
+    };
+    ingest.take(&store, &[told(2, at_s + 2.0)]).unwrap();
+    assert!(heard(&mut ingest, None));
+    let mut ingest = Ingest::of(&store).unwrap();
+    // It was made at 3 s, and waited for 20 s.
+    ingest.take(&store, &[told(3, at_s + 23.0)]).unwrap();
+    assert!(!heard(&mut ingest, None));
+    assert!(heard(&mut ingest, Some(60)));
+    let quiet_s = ingest.quiet_s(&name);
+    assert!((20.0..60.0).contains(&quiet_s), "{quiet_s}");
 }

@@ -310,7 +310,7 @@ fn what_cannot_be_read_is_kept_for_a_person(place: &Place) {
         }
     }
     assert_eq!(store.machine_records(&mill(), 100).unwrap().len(), 16);
-    let looked = ingest.look(1.0);
+    let looked = ingest.look(|_| 1.0);
     assert_eq!(looked[&mill()].1.unreadable, 16);
 }
 
