@@ -1,7 +1,7 @@
 //! Issuing a manifest: a version that is higher than every one before, signed, and stored with its value in one transaction.
 //! From the store it goes to the server, now or as soon as that is there.
 
-use volcomp_fleet::{Desired, MachineId, Manifest, ModelRef};
+use volcomp_fleet::{Desired, MachineId, Manifest, ModelRef, Outcome};
 
 use crate::{
     clock::now_s,
@@ -11,7 +11,10 @@ use crate::{
     store::{
         Database, Issued, Store, StoreError,
         machines::machine_named,
-        models::{add_version, model_of, newest, newest_version, next_version, text_of},
+        models::{
+            add_version, change_version, clear_desired, model_of, newest, newest_version,
+            next_version, text_of, versions_of,
+        },
     },
 };
 
@@ -98,6 +101,7 @@ pub(crate) fn issue(
         by: order.by.to_owned(),
         outcome: None,
         answered_s: None,
+        withdrawn: false,
     };
     // It is JSON, so it is a text.
     let value = String::from_utf8_lossy(&value).into_owned();
@@ -131,23 +135,77 @@ pub(crate) fn reissue_in(
     machine: &MachineId,
     by: &str,
 ) -> Result<Issued, NotIssued> {
-    let known = machine_named(database, machine)?;
-    let known = known.ok_or_else(|| missing("machine", machine.as_str()))?;
     let last = newest(database, machine)?.ok_or_else(|| NotIssued::NoModelYet {
         machine: machine.clone(),
     })?;
-    let model = model_of(database, &last.model)?;
-    let model = model.ok_or_else(|| missing("model", &last.model))?;
-    let text = text_of(database, &last.model)?.ok_or_else(|| missing("model", &last.model))?;
+    // It stays the model of its roll-out: settings make nothing good.
+    let rollout = newest_version(database, machine)?.and_then(|version| version.rollout);
+    issue_again(database, key, machine, &last.model, rollout, by)
+}
+
+/// Issues a model that the machine was to have before.
+fn issue_again(
+    database: &mut dyn Database,
+    key: &Key,
+    name: &MachineId,
+    sha256: &str,
+    rollout: Option<u64>,
+    by: &str,
+) -> Result<Issued, NotIssued> {
+    let known = machine_named(database, name)?;
+    let known = known.ok_or_else(|| missing("machine", name.as_str()))?;
+    let model = model_of(database, sha256)?.ok_or_else(|| missing("model", sha256))?;
+    let text = text_of(database, sha256)?.ok_or_else(|| missing("model", sha256))?;
     let order = Order {
         machine: &known,
         model: &model,
         text: &text,
         confirm: None,
-        rollout: None,
+        rollout,
         by,
     };
     issue(database, key, &order)
+}
+
+/// Takes back what a roll-out has issued for a machine that does not have it in force: the model that it was to have before is
+/// issued once more; where there was none, nothing stands under its key.
+pub(crate) fn withdraw(
+    database: &mut dyn Database,
+    key: &Key,
+    machine: &MachineId,
+    rollout: u64,
+) -> Result<(), StoreError> {
+    let of_it = |version: &Version| version.rollout == Some(rollout);
+    let newest = newest_version(database, machine)?;
+    let is_to_be = |newest: &Version| of_it(newest) && newest.outcome != Some(Outcome::Activated);
+    if !newest.as_ref().is_some_and(is_to_be) {
+        return Ok(());
+    }
+    let versions = versions_of(database, machine)?;
+    for version in versions.iter().filter(|version| of_it(version)) {
+        let withdrawn = Version {
+            withdrawn: true,
+            ..version.clone()
+        };
+        change_version(database, &withdrawn)?;
+    }
+    let mut versions = versions.into_iter();
+    let before = versions.find(|version| !of_it(version) && !version.withdrawn);
+    let issued = match before {
+        Some(before) => {
+            let (model, rollout) = (&before.model, before.rollout);
+            issue_again(database, key, machine, model, rollout, "centre")
+        }
+        None => Err(NotIssued::NoModelYet {
+            machine: machine.clone(),
+        }),
+    };
+    match issued {
+        Ok(_) => Ok(()),
+        Err(NotIssued::Store(error)) => Err(error),
+        // It has had none, or one that fits it no longer.
+        Err(_) => clear_desired(database, machine),
+    }
 }
 
 /// Whether the newest manifest of a machine tells it other settings than those that it is registered with.

@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+pub mod back;
 pub mod clock;
 pub mod command;
 pub mod config;

@@ -156,6 +156,9 @@ pub struct Version {
     pub outcome: Option<Outcome>,
     /// When that came, s.
     pub answered_s: Option<f64>,
+    /// It was taken back before it was in force, since its roll-out had stopped.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub withdrawn: bool,
 }
 
 /// How bad an alarm is.
@@ -194,6 +197,8 @@ pub enum AlarmKind {
     Unreadable,
     /// The machine runs another model than it shall.
     OtherModel,
+    /// The machine has the model of a roll-out that stopped or was ended before it was done.
+    Suspect,
     /// A calibration is due.
     Due,
     /// A roll-out was stopped.
@@ -218,6 +223,7 @@ impl AlarmKind {
             Self::Sensor => "sensor",
             Self::Unreadable => "unreadable",
             Self::OtherModel => "other-model",
+            Self::Suspect => "suspect",
             Self::Due => "due",
             Self::Rollout => "rollout",
             Self::Store => "store",
@@ -233,7 +239,8 @@ impl AlarmKind {
             | Self::NeedsConfirmation
             | Self::Sensor
             | Self::Unreadable
-            | Self::OtherModel => Severity::Warning,
+            | Self::OtherModel
+            | Self::Suspect => Severity::Warning,
             Self::Faulted
             | Self::Clone
             | Self::Clobbered

@@ -209,6 +209,11 @@ pub(super) enum ModelCommand {
         /// The beginning of the checksum of the other
         other: String,
     },
+    /// Roll out to a machine the model that it has had in force before the one that it has now
+    Back {
+        /// The name of the machine
+        machine: String,
+    },
     /// Print how the errors of a machine have changed from model to model
     Drift {
         /// The name of the machine
@@ -243,6 +248,13 @@ pub(super) enum RolloutCommand {
         /// Print one JSON document
         #[arg(long)]
         json: bool,
+    },
+    /// Say that a machine keeps the model of a roll-out that stopped or was ended
+    Keep {
+        /// The number of the roll-out
+        id: u64,
+        /// The name of the machine
+        machine: String,
     },
     #[command(flatten)]
     Wish(WishCommand),
@@ -287,6 +299,9 @@ pub(super) struct StartRollout {
     /// Every machine with the structure and the axes of the model
     #[arg(long, conflicts_with = "machine")]
     pub(super) all: bool,
+    /// The machines shall have one model, although a model is measured on one of them
+    #[arg(long, requires = "all")]
+    pub(super) same_model: bool,
     /// A machine is watched for so long before the next ones, s
     #[arg(long, value_name = "S")]
     pub(super) soak_s: Option<f64>,

@@ -1,8 +1,8 @@
 //! Why a command was not done.
 
 use crate::{
-    config::ConfigError, engine::EngineError, issue::NotIssued, keys::KeyError, models::NoModel,
-    store::StoreError,
+    back::NoWayBack, config::ConfigError, engine::EngineError, issue::NotIssued, keys::KeyError,
+    models::NoModel, store::StoreError,
 };
 
 /// Why a command was not done.
@@ -30,6 +30,9 @@ pub enum CommandError {
     /// The engine does not start.
     #[error(transparent)]
     Engine(#[from] EngineError),
+    /// There is no way back.
+    #[error(transparent)]
+    Back(#[from] NoWayBack),
     /// Nothing was issued.
     #[error(transparent)]
     Issue(#[from] NotIssued),
@@ -61,11 +64,17 @@ impl CommandError {
             | Self::Model(_)
             | Self::Wrong(_)
             | Self::Server(_)
+            | Self::Back(NoWayBack::None { .. } | NoWayBack::Model(_))
             | Self::Tls(_)
             | Self::Store(
-                StoreError::Missing { .. } | StoreError::Rollout { .. } | StoreError::Password(_),
+                StoreError::Missing { .. }
+                | StoreError::Rollout { .. }
+                | StoreError::NotBrokenOff { .. }
+                | StoreError::Password(_),
             ) => 2,
+            Self::Back(NoWayBack::Store(StoreError::Rollout { .. })) => 2,
             Self::Store(_)
+            | Self::Back(NoWayBack::Store(_))
             | Self::Demo(_)
             | Self::Engine(_)
             | Self::Issue(_)

@@ -74,12 +74,18 @@ impl Arguments {
             Command::Model(ModelCommand::Diff { one, other }) => {
                 models::diff(&config()?, &one, &other)
             }
+            Command::Model(ModelCommand::Back { machine }) => {
+                rollouts::back(&config()?, &machine, &by)
+            }
             Command::Model(ModelCommand::Drift { machine }) => models::drift(&config()?, &machine),
             Command::Rollout(RolloutCommand::Start(start)) => {
                 rollouts::start(&config()?, &start, &by)
             }
             Command::Rollout(RolloutCommand::Status { id, json }) => {
                 rollouts::status(&config()?, id, json)
+            }
+            Command::Rollout(RolloutCommand::Keep { id, machine }) => {
+                rollouts::keep(&config()?, id, &machine, &by)
             }
             Command::Rollout(RolloutCommand::Wish(wish)) => rollouts::wish(&config()?, wish, &by),
         }

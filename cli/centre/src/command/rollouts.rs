@@ -10,6 +10,7 @@ use super::{
     open, print, print_json, text,
 };
 use crate::{
+    back,
     clock::now_s,
     config::Config,
     models::fits,
@@ -48,6 +49,13 @@ pub(super) fn start(config: &Config, start: &StartRollout, by: &str) -> Result<(
             model.name
         )));
     }
+    if start.all && chosen.len() > 1 && !start.same_model {
+        return Err(CommandError::Wrong(format!(
+            "--all: found {} with the structure and the axes of the model {}, expected one: a model is measured on one machine and true for that one; `--machine NAME` names it, and `--same-model` gives it to all",
+            text::counted(chosen.len()),
+            model.name
+        )));
+    }
     let mut machines: Vec<(MachineId, bool)> = Vec::new();
     for machine in chosen {
         let name = &machine.identity.machine;
@@ -67,11 +75,28 @@ pub(super) fn start(config: &Config, start: &StartRollout, by: &str) -> Result<(
         let by = by.to_owned();
         Rollout::new(id, model.sha256.clone(), &machines, rules, by, now_s())
     })?;
+    let mut said = text::started(&rollout, &model);
+    if rollout.turns.len() > 1 {
+        said.push_str(
+            "note: they get one model: it is true for the machine on which it was measured\n",
+        );
+    }
+    print(&said)
+}
+
+pub(super) fn back(config: &Config, machine: &str, by: &str) -> Result<(), CommandError> {
+    let store = open(config)?;
+    let name = machine_named(machine)?;
+    let rules = config.rollout.clone();
+    let (rollout, model) = back::start(&store, &name, rules, by)?;
+    print(&text::started(&rollout, &model))
+}
+
+pub(super) fn keep(config: &Config, id: u64, machine: &str, by: &str) -> Result<(), CommandError> {
+    let name = machine_named(machine)?;
+    open(config)?.keep_model(id, &name, by)?;
     print(&format!(
-        "roll-out {} of {} to {} is started; the running centre moves it on\n",
-        rollout.id,
-        model.name,
-        text::counted(rollout.turns.len())
+        "it is noted that {name} keeps the model of roll-out {id}\n"
     ))
 }
 

@@ -8,7 +8,7 @@ use super::machines::Shown;
 use crate::{
     drift::{Stage, date},
     records::{Alarm, AuditRecord, Model, Origin},
-    rollout::{Phase, Rollout, Step},
+    rollout::{Phase, Rollout, Step, Turn},
 };
 
 /// Columns, each as wide as its widest cell; the last as wide as it is.
@@ -43,6 +43,16 @@ fn short(sha256: &str) -> &str {
 pub(super) fn counted(machines: usize) -> String {
     let end = if machines == 1 { "" } else { "s" };
     format!("{machines} machine{end}")
+}
+
+pub(super) fn started(rollout: &Rollout, model: &Model) -> String {
+    format!(
+        "roll-out {} of {} {} to {} is started; the running centre moves it on\n",
+        rollout.id,
+        short(&model.sha256),
+        model.name,
+        counted(rollout.turns.len())
+    )
 }
 
 pub(super) fn machines(shown: &[Shown]) -> String {
@@ -190,6 +200,13 @@ fn step(step: &Step) -> String {
     }
 }
 
+fn kept(turn: &Turn, step: String) -> String {
+    match &turn.kept_by {
+        Some(by) => format!("{step}; kept by {by}"),
+        None => step,
+    }
+}
+
 pub(super) fn rollouts(rollouts: &[Rollout], whole: bool) -> String {
     let mut text = String::new();
     for rollout in rollouts {
@@ -214,7 +231,7 @@ pub(super) fn rollouts(rollouts: &[Rollout], whole: bool) -> String {
                     "",
                     turn.machine.as_str(),
                     &format!("wave {}", turn.wave),
-                    &step(&turn.step),
+                    &kept(turn, step(&turn.step)),
                 ])
             })
             .collect();

@@ -31,6 +31,8 @@ pub(super) struct Open {
     /// The newest version that it was learned at, and the model that a machine corrects by, of machines whose calibration
     /// can be due.
     in_force: BTreeMap<MachineId, (u64, Option<String>)>,
+    /// Roll-outs that are done: nothing of them is suspect, and nothing of them changes.
+    done: BTreeSet<u64>,
 }
 
 /// Raises, closes, and says more.
@@ -50,7 +52,8 @@ pub(super) fn look(
     }
     learn_in_force(engine, &mut state.in_force, machines, versions)?;
     learn_models(engine, &mut state.models, versions, &state.in_force)?;
-    let mut causes = of_machines(engine, state, machines, versions, now);
+    let suspects = suspects(engine, &mut state.done, versions)?;
+    let mut causes = of_machines(engine, state, machines, versions, &suspects, now);
     let over = of_centre(engine, &mut causes)?;
     let open = if let Some(open) = &mut state.known {
         open
@@ -154,10 +157,11 @@ fn learn_in_force(
             continue;
         };
         let is_open = |version: &Version| {
-            !matches!(
-                version.outcome,
-                Some(Outcome::Refused { .. } | Outcome::NeedsConfirmation { .. })
-            )
+            !version.withdrawn
+                && !matches!(
+                    version.outcome,
+                    Some(Outcome::Refused { .. } | Outcome::NeedsConfirmation { .. })
+                )
         };
         let known = in_force.remove(name);
         let model = if is_open(newest) {
@@ -179,11 +183,46 @@ fn learn_in_force(
     Ok(())
 }
 
+/// The machines whose newest version is of a roll-out that is broken off and that nobody has decided to keep: its number, and
+/// what became of it.
+fn suspects(
+    engine: &Engine,
+    done: &mut BTreeSet<u64>,
+    versions: &BTreeMap<MachineId, Version>,
+) -> Result<BTreeMap<MachineId, (u64, String)>, StoreError> {
+    let of_versions = versions.values().filter_map(|version| version.rollout);
+    let open: BTreeSet<u64> = of_versions.filter(|id| !done.contains(id)).collect();
+    let mut suspects = BTreeMap::new();
+    for id in open {
+        let Some(rollout) = engine.store.rollout(id)? else {
+            continue;
+        };
+        let what = match &rollout.phase {
+            Phase::Stopped { why } => format!("has stopped ({why})"),
+            Phase::Aborted { by } => format!("{by} has ended before it was done"),
+            Phase::Done => {
+                done.insert(id);
+                continue;
+            }
+            Phase::Running | Phase::Paused { .. } => continue,
+        };
+        for turn in rollout.turns {
+            let newest = versions.get(&turn.machine);
+            let has_it = newest.is_some_and(|version| version.rollout == Some(id));
+            if has_it && turn.kept_by.is_none() {
+                suspects.insert(turn.machine, (id, what.clone()));
+            }
+        }
+    }
+    Ok(suspects)
+}
+
 fn of_machines(
     engine: &Engine,
     state: &Open,
     machines: &[Machine],
     versions: &BTreeMap<MachineId, Version>,
+    suspects: &BTreeMap<MachineId, (u64, String)>,
     now_s: f64,
 ) -> BTreeMap<Key, String> {
     let clobbered = lock(&engine.clobbered).clone();
@@ -205,6 +244,7 @@ fn of_machines(
             quiet_s: ingest.quiet_s(name),
             version,
             model,
+            suspect: suspects.get(name),
             clobbered_s: clobbered.get(name).map(|at| at.elapsed().as_secs_f64()),
             unreadable: unreadable.map(|(at, why)| (at.elapsed().as_secs_f64(), why.as_str())),
             due_days: corrects.and_then(|model| due_days(machine, model, now_s)),

@@ -26,6 +26,8 @@ pub(super) struct Known<'a> {
     /// The newest version with its model.
     pub(super) version: Option<&'a Version>,
     pub(super) model: Option<&'a Model>,
+    /// The roll-out of the newest version, where that is broken off: number, and what became of it.
+    pub(super) suspect: Option<&'a (u64, String)>,
     /// A foreign value stood under its key so long ago, s.
     pub(super) clobbered_s: Option<f64>,
     /// A message could not be read so long ago, s, and why not.
@@ -87,7 +89,19 @@ fn of_version(known: &Known<'_>, causes: &mut BTreeMap<AlarmKind, String>) {
         }
         Some(Outcome::Activated) | None => {}
     }
-    let Some(live) = known.heard.and_then(|heard| heard.live.as_ref()) else {
+    let live = known.heard.and_then(|heard| heard.live.as_ref());
+    let has_it = version.outcome == Some(Outcome::Activated)
+        || live.is_some_and(|live| live.version == version.version);
+    if let Some((rollout, what)) = known.suspect.filter(|_| has_it) {
+        let name = &version.machine;
+        causes.insert(
+            AlarmKind::Suspect,
+            format!(
+                "It corrects with the model of roll-out {rollout}, which {what}. `model back {name}` brings back the one before; `rollout keep {rollout} {name}` says that it shall stay."
+            ),
+        );
+    }
+    let Some(live) = live else {
         return;
     };
     let other = if live.version == version.version {

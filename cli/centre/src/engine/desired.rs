@@ -55,13 +55,35 @@ fn due(engine: &Engine) -> Result<Vec<Issued>, crate::store::StoreError> {
         .iter()
         .map(|machine| engine.store.issued(machine))
         .collect();
-    Ok(issued?.into_iter().flatten().collect())
+    let mut due: Vec<Issued> = issued?.into_iter().flatten().collect();
+    let cleared = engine.store.cleared()?.into_iter();
+    let put = lock(&engine.put);
+    due.extend(
+        cleared
+            .filter(|(machine, version)| {
+                put.get(machine)
+                    .is_none_or(|(known, value)| known < version || !value.is_empty())
+            })
+            .map(|(machine, version)| Issued {
+                machine,
+                version,
+                model: String::new(),
+                value: String::new(),
+            }),
+    );
+    Ok(due)
+}
+
+/// What stands under a key: a value without bytes is none.
+fn standing(value: Option<&Bytes>) -> Option<&Bytes> {
+    value.filter(|value| !value.is_empty())
 }
 
 async fn put(engine: &Arc<Engine>, issued: Issued) -> Result<(), volcomp_fleet::LinkError> {
     let value = Bytes::from(issued.value);
     // The model first: a machine that reads the manifest asks for it at once.
-    let inline = Desired::parse(&value).is_ok_and(|desired| desired.model.is_some());
+    let inline =
+        value.is_empty() || Desired::parse(&value).is_ok_and(|desired| desired.model.is_some());
     let text = if inline {
         None
     } else {
@@ -88,7 +110,7 @@ async fn put(engine: &Arc<Engine>, issued: Issued) -> Result<(), volcomp_fleet::
     }
     // After a start it may stand there already: the machine would hear nothing new.
     let found = engine.hub.desired(&issued.machine).await?;
-    if found.as_ref() != Some(&value) {
+    if standing(found.as_ref()) != standing(Some(&value)) {
         if let Some(found) = found
             && !is_own(engine, &found)
             && !was_issued(engine, &issued.machine, &found).await
@@ -139,7 +161,8 @@ async fn listen(engine: &Engine, mut watch: DesiredWatch) {
 fn is_other(engine: &Engine, machine: &MachineId, value: Option<&Bytes>) -> bool {
     let put = lock(&engine.put);
     let own: &BTreeMap<MachineId, (u64, Bytes)> = &put;
-    own.get(machine).is_some_and(|(_, own)| Some(own) != value)
+    own.get(machine)
+        .is_some_and(|(_, own)| standing(Some(own)) != standing(value))
 }
 
 /// Looks at what stands under a key, and puts the centre's value back where it is another one.

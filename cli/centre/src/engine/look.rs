@@ -12,9 +12,9 @@ use super::{Engine, alarms, blocking, writer::lock};
 use crate::{
     clock::now_s,
     ingest::Since,
-    issue::{NotIssued, Order, differs, issue, missing, settle},
+    issue::{NotIssued, Order, differs, issue, missing, settle, withdraw},
     records::{AlarmKind, Machine, Model, Version},
-    rollout::{Action, Event, Rollout, Seen},
+    rollout::{Action, Event, Phase, Rollout, Seen},
     store::{Database, Issued, StoreError, machines::machine_named, rollouts},
 };
 
@@ -320,7 +320,18 @@ impl Material<'_> {
         // Each issue is told to the roll-out at once; what that brings up is done, too.
         while !actions.is_empty() {
             let mut more = Vec::new();
-            for Action::Issue { machine, confirm } in actions {
+            for action in actions {
+                let (machine, confirm) = match action {
+                    Action::Issue { machine, confirm } => (machine, confirm),
+                    Action::Withdraw { machine } => {
+                        withdraw(database, &self.engine.settings.key, &machine, rollout.id)?;
+                        continue;
+                    }
+                };
+                // One of those before may have stopped it.
+                if confirm.is_none() && rollout.phase != Phase::Running {
+                    continue;
+                }
                 let event = match self.issue(database, rollout, &machine, confirm) {
                     Ok(issued) => Event::Issued {
                         before_um: self.residual_um.get(&machine).copied(),
@@ -336,7 +347,10 @@ impl Material<'_> {
                 more.extend(rollout.step(event));
             }
             // A step after one of many that were issued names the others again.
-            more.retain(|Action::Issue { machine, .. }| rollout.is_waiting(machine));
+            more.retain(|action| match action {
+                Action::Issue { machine, .. } => rollout.is_waiting(machine),
+                Action::Withdraw { .. } => true,
+            });
             more.dedup();
             actions = more;
         }

@@ -11,8 +11,10 @@ use volcomp_fleet::MachineId;
 use super::{
     answer::{Answer, Refused, document, done, read},
     face::Shared,
+    machines::named,
 };
 use crate::{
+    back::{self, NoWayBack},
     clock::now_s,
     models::fits,
     rollout::{Rollout, Rules, Wish},
@@ -98,6 +100,42 @@ pub(super) async fn wish(
     face.ask(move |store| store.wish(id, &wish, user.name.as_str()))
         .await?;
     done()
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Keep {
+    /// The machine that keeps the model.
+    machine: MachineId,
+}
+
+pub(super) async fn keep(
+    State(face): Shared,
+    Extension(user): Extension<User>,
+    Path(id): Path<u64>,
+    body: Bytes,
+) -> Answer {
+    let Keep { machine } = read(&body)?;
+    face.ask(move |store| store.keep_model(id, &machine, user.name.as_str()))
+        .await?;
+    done()
+}
+
+pub(super) async fn back(
+    State(face): Shared,
+    Extension(user): Extension<User>,
+    Path(name): Path<String>,
+) -> Answer {
+    let machine = named(&name)?;
+    let rules = face.settings.rules.clone();
+    let started = face
+        .ask(move |store| Ok(back::start(store, &machine, rules, user.name.as_str())))
+        .await?;
+    let (rollout, _) = started.map_err(|error| match error {
+        NoWayBack::Store(error) => error.into(),
+        other => Refused::conflict(other.to_string()),
+    })?;
+    document(&rollout)
 }
 
 #[derive(Deserialize)]

@@ -82,6 +82,8 @@ routes! {
     "POST" "/api/form" ENGINEER => post(models::form).layer(DefaultBodyLimit::max(MAX_FORM));
     "POST" "/api/rollouts" ENGINEER => post(calls::start_rollout);
     "POST" "/api/rollouts/{rollout}" ENGINEER => post(calls::wish);
+    "POST" "/api/rollouts/{rollout}/keep" ENGINEER => post(calls::keep);
+    "POST" "/api/machines/{machine}/back" ENGINEER => post(calls::back);
     "POST" "/api/alarms/{alarm}/seen" ENGINEER => post(calls::see_alarm);
     "GET" "/api/discovery" ENGINEER => get(discovery::latest);
     "POST" "/api/discovery" ENGINEER => post(discovery::search);

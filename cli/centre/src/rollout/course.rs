@@ -40,6 +40,7 @@ impl Rollout {
                 wave,
                 before_um: None,
                 step: Step::Waiting,
+                kept_by: None,
             });
         }
         turns.sort_by_key(|turn| turn.wave);
@@ -64,6 +65,14 @@ impl Rollout {
         if self.phase.is_over() {
             return Vec::new();
         }
+        let (was_broken_off, actions) = (self.phase.is_broken_off(), self.happened(event));
+        if self.phase.is_over() || (self.phase.is_broken_off() && !was_broken_off) {
+            return self.withdraw();
+        }
+        actions
+    }
+
+    fn happened(&mut self, event: Event) -> Vec<Action> {
         match event {
             Event::Looked { elapsed_s, seen } => self.look(elapsed_s, &seen),
             Event::Issued {
@@ -223,6 +232,35 @@ impl Rollout {
             }
         }
         None
+    }
+
+    /// Takes back what was sent and is not in force: a machine that was away must not take, on its return, what has been stopped
+    /// meanwhile. What waits for a person, or was refused, is taken back when nobody can let the roll-out go on any more.
+    fn withdraw(&mut self) -> Vec<Action> {
+        let ended = matches!(self.phase, Phase::Aborted { .. });
+        let mut actions = Vec::new();
+        if self.phase == Phase::Done {
+            return actions;
+        }
+        for turn in &mut self.turns {
+            match &mut turn.step {
+                Step::Sent { .. } => turn.step = Step::Waiting,
+                Step::NeedsConfirmation { .. } if ended => turn.step = Step::Waiting,
+                Step::Out {
+                    version: version @ Some(_),
+                    against: false,
+                    ..
+                } => *version = None,
+                Step::Out {
+                    version: Some(_), ..
+                } if ended => {}
+                _ => continue,
+            }
+            actions.push(Action::Withdraw {
+                machine: turn.machine.clone(),
+            });
+        }
+        actions
     }
 
     /// Stops where something speaks against going on.

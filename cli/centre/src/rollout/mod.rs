@@ -208,6 +208,9 @@ pub struct Turn {
     /// Where it stands.
     #[serde(flatten)]
     pub step: Step,
+    /// Who has decided that it keeps the model although the roll-out was not done.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kept_by: Option<String>,
 }
 
 /// How the whole stands.
@@ -236,6 +239,12 @@ pub enum Phase {
 }
 
 impl Phase {
+    /// Whether it stopped, or was ended, before every machine had its turn: whoever has its model has one that was not found
+    /// good.
+    pub fn is_broken_off(&self) -> bool {
+        matches!(self, Self::Stopped { .. } | Self::Aborted { .. })
+    }
+
     /// Whether nothing will happen any more.
     pub fn is_over(&self) -> bool {
         matches!(self, Self::Aborted { .. } | Self::Done)
@@ -346,5 +355,11 @@ pub enum Action {
         machine: MachineId,
         /// The hash that a person has confirmed.
         confirm: Option<String>,
+    },
+    /// To put under the key of a machine what stood there before this roll-out, unless the model is in force there: it was
+    /// sent, and the machine shall not take it when it is back.
+    Withdraw {
+        /// The machine.
+        machine: MachineId,
     },
 }

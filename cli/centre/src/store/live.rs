@@ -15,9 +15,26 @@ impl Store {
     /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn wanted(&self) -> Result<HashMap<MachineId, (u64, String)>, StoreError> {
         self.read(|database| {
-            let rows = database.rows("SELECT machine, version, model FROM desired", &[])?;
+            let rows = database.rows(
+                "SELECT machine, version, model FROM desired WHERE value <> ''",
+                &[],
+            )?;
             rows.iter()
                 .map(|row| Ok((machine(row, 0)?, (row.count(1)?, row.text(2)?.to_owned()))))
+                .collect()
+        })
+    }
+
+    /// The machines under whose keys nothing shall stand, with the version that was taken back.
+    ///
+    /// # Errors
+    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
+    pub fn cleared(&self) -> Result<Vec<(MachineId, u64)>, StoreError> {
+        self.read(|database| {
+            let rows =
+                database.rows("SELECT machine, version FROM desired WHERE value = ''", &[])?;
+            rows.iter()
+                .map(|row| Ok((machine(row, 0)?, row.count(1)?)))
                 .collect()
         })
     }

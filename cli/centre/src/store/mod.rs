@@ -97,6 +97,14 @@ pub enum StoreError {
         /// The number of that roll-out.
         rollout: u64,
     },
+    /// Nobody has to decide whether a machine keeps the model of a roll-out that goes on or is done.
+    #[error(
+        "roll-out {rollout} goes on or is done: expected one that has stopped or was ended before it was done"
+    )]
+    NotBrokenOff {
+        /// The number of the roll-out.
+        rollout: u64,
+    },
     /// What is asked for is not there.
     #[error("found no {what} {name}")]
     Missing {

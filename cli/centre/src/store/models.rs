@@ -87,13 +87,7 @@ impl Store {
     /// # Errors
     /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
     pub fn versions(&self, machine: &MachineId) -> Result<Vec<Version>, StoreError> {
-        self.read(|database| {
-            let rows = database.rows(
-                "SELECT document FROM versions WHERE machine = ?1 ORDER BY version DESC",
-                &[machine.as_str().into()],
-            )?;
-            rows.iter().map(|row| row.json(0)).collect()
-        })
+        self.read(|database| versions_of(database, machine))
     }
 
     /// What a machine shall run: its newest signed value.
@@ -112,7 +106,8 @@ impl Store {
         self.read(|database| {
             let rows = database.rows(
                 "SELECT versions.document FROM desired JOIN versions
-                 ON versions.machine = desired.machine AND versions.version = desired.version",
+                 ON versions.machine = desired.machine AND versions.version = desired.version
+                 WHERE desired.value <> ''",
                 &[],
             )?;
             rows.iter().map(|row| row.json(0)).collect()
@@ -150,10 +145,41 @@ pub(crate) fn newest(
     machine: &MachineId,
 ) -> Result<Option<Issued>, StoreError> {
     let row = database.first(
-        "SELECT machine, version, model, value FROM desired WHERE machine = ?1",
+        "SELECT machine, version, model, value FROM desired WHERE machine = ?1 AND value <> ''",
         &[machine.as_str().into()],
     )?;
     row.as_ref().map(issued).transpose()
+}
+
+/// Every version of a machine, the newest first, as it stands in a transaction.
+pub(crate) fn versions_of(
+    database: &mut dyn Database,
+    machine: &MachineId,
+) -> Result<Vec<Version>, StoreError> {
+    let rows = database.rows(
+        "SELECT document FROM versions WHERE machine = ?1 ORDER BY version DESC",
+        &[machine.as_str().into()],
+    )?;
+    rows.iter().map(|row| row.json(0)).collect()
+}
+
+/// Has nothing stand under the key of a machine: what was issued last is taken back, and there was nothing before. A value
+/// without bytes says so until the next one is issued.
+pub(crate) fn clear_desired(
+    database: &mut dyn Database,
+    machine: &MachineId,
+) -> Result<(), StoreError> {
+    database.execute(
+        "UPDATE desired SET value = '' WHERE machine = ?1",
+        &[machine.as_str().into()],
+    )?;
+    audit::append(
+        database,
+        "centre",
+        "version.withdraw",
+        machine.as_str(),
+        json!({}),
+    )
 }
 
 /// The newest version of a machine, as it stands in a transaction.
@@ -163,7 +189,8 @@ pub(crate) fn newest_version(
 ) -> Result<Option<Version>, StoreError> {
     let row = database.first(
         "SELECT versions.document FROM desired JOIN versions
-         ON versions.machine = desired.machine AND versions.version = desired.version WHERE desired.machine = ?1",
+         ON versions.machine = desired.machine AND versions.version = desired.version
+         WHERE desired.machine = ?1 AND desired.value <> ''",
         &[machine.as_str().into()],
     )?;
     row.map(|row| row.json(0)).transpose()
@@ -281,12 +308,20 @@ pub(crate) fn answer(
     let mut version: Version = row.json(0)?;
     version.outcome = Some(answer.outcome.clone());
     version.answered_s = Some(at_s);
+    change_version(database, &version)
+}
+
+/// Writes what became of a version.
+pub(crate) fn change_version(
+    database: &mut dyn Database,
+    version: &Version,
+) -> Result<(), StoreError> {
     database.execute(
-        "UPDATE versions SET document = ?3 WHERE machine = ?1 AND value_sha256 = ?2",
+        "UPDATE versions SET document = ?3 WHERE machine = ?1 AND version = ?2",
         &[
-            machine.as_str().into(),
-            answer.value_sha256.as_str().into(),
-            serde_json::to_string(&version)?.into(),
+            version.machine.as_str().into(),
+            version.version.into(),
+            serde_json::to_string(version)?.into(),
         ],
     )?;
     Ok(())

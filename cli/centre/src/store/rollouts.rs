@@ -2,6 +2,7 @@
 //! takes up.
 
 use serde_json::json;
+use volcomp_fleet::MachineId;
 
 use super::{Store, StoreError, audit, database::Database};
 use crate::rollout::{Phase, Rollout, Wish};
@@ -93,10 +94,7 @@ impl Store {
         self.write(|database| {
             let known = database.first("SELECT id FROM rollouts WHERE id = ?1", &[id.into()])?;
             if known.is_none() {
-                return Err(StoreError::Missing {
-                    what: "roll-out",
-                    name: id.to_string(),
-                });
+                return Err(missing(id));
             }
             let row = database.first(
                 "SELECT coalesce(max(number), 0) + 1 FROM wishes WHERE rollout = ?1",
@@ -110,6 +108,48 @@ impl Store {
             )?;
             audit::append(database, by, "rollout.wish", &id.to_string(), json!(wish))
         })
+    }
+}
+
+impl Store {
+    /// Writes down that a machine keeps the model of a roll-out that is broken off.
+    ///
+    /// # Errors
+    /// There is no such roll-out with such a machine, or it goes on or is done. Or: the database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed.
+    pub fn keep_model(&self, id: u64, machine: &MachineId, by: &str) -> Result<(), StoreError> {
+        self.write(|database| {
+            let row = database.first("SELECT state FROM rollouts WHERE id = ?1", &[id.into()])?;
+            let mut rollout: Rollout = match row {
+                Some(row) => row.json(0)?,
+                None => return Err(missing(id)),
+            };
+            if !rollout.phase.is_broken_off() {
+                return Err(StoreError::NotBrokenOff { rollout: id });
+            }
+            let mut turns = rollout.turns.iter_mut();
+            let turn = turns.find(|turn| turn.machine == *machine);
+            let turn = turn.ok_or_else(|| StoreError::Missing {
+                what: "machine of that roll-out",
+                name: machine.to_string(),
+            })?;
+            turn.kept_by = Some(by.to_owned());
+            let phase = rollout.phase.clone();
+            save(database, &rollout, &phase)?;
+            audit::append(
+                database,
+                by,
+                "rollout.keep",
+                &id.to_string(),
+                json!({ "machine": machine }),
+            )
+        })
+    }
+}
+
+fn missing(id: u64) -> StoreError {
+    StoreError::Missing {
+        what: "roll-out",
+        name: id.to_string(),
     }
 }
 

@@ -110,12 +110,25 @@ fn from_nothing_to_a_roll_out() {
         &format!("rollout start --model {short} --machine mill-9"),
         "found no machine",
     );
-    let started = done(&format!("rollout start --model {short} --all"));
-    assert!(started.contains("roll-out 1"), "{started}");
+    // A model is measured on one machine: that all get it is said in so many words.
     wrong(
         &format!("rollout start --model {short} --all"),
+        "found 2 machines with the structure and the axes",
+    );
+    let started = done(&format!("rollout start --model {short} --all --same-model"));
+    assert!(started.contains("roll-out 1"), "{started}");
+    assert!(started.contains("note: they get one model"), "{started}");
+    wrong(
+        &format!("rollout start --model {short} --machine mill-1"),
         "roll-out 1",
     );
+    wrong("rollout keep 1 mill-1", "roll-out 1 goes on or is done");
+    wrong("rollout keep 7 mill-1", "found no roll-out 7");
+    wrong(
+        "model back mill-1",
+        "found no model that it has had in force before",
+    );
+    wrong("model back mill-7", "mill-7: found no model");
     let status = done("rollout status 1");
     assert!(
         status.contains("mill-1") && status.contains("waits for its wave"),

@@ -23,11 +23,11 @@ fn a_roll_out_does_not_enable_a_machine_that_was_just_disabled() {
     runtime().block_on(async {
         let centre = shop.centre(&shop.url()).await;
         let rules = Rules { soak_s: 0.0, answer_s: 1000.0, ..Rules::default() };
+        let gateway = shop.gateway(0);
         let first = shop.roll_out(7, rules.clone());
         let name = shop.machines[0].0.identity.machine.clone();
-        until("it has a model", || shop.store.issued(&name).unwrap().is_some()).await;
-        shop.store.wish(first, &Wish::Abort, "anna").unwrap();
         until("it is over", || shop.store.rollout(first).unwrap().unwrap().phase.is_over()).await;
+        gateway.1.abort();
         let new = model(8);
         shop.store.add_model(&new.model, &new.text).unwrap();
         // Another program writes for two seconds: the centre has read the machines and waits to issue.
@@ -77,16 +77,17 @@ fn settings_that_are_sent_again_do_not_bring_the_old_model_back() {
     let name = shop.machines[0].0.identity.machine.clone();
     runtime().block_on(async {
         let centre = shop.centre(&shop.url()).await;
-        let id = shop.roll_out(7, Rules::default());
-        until("it has the old one", || {
-            shop.store.issued(&name).unwrap().is_some()
-        })
-        .await;
-        shop.store.wish(id, &Wish::Abort, "anna").unwrap();
+        let gateway = shop.gateway(0);
+        let rules = Rules {
+            soak_s: 0.0,
+            ..Rules::default()
+        };
+        let id = shop.roll_out(7, rules);
         until("it is over", || {
             shop.store.rollout(id).unwrap().unwrap().phase.is_over()
         })
         .await;
+        gateway.1.abort();
         centre.end().await;
     });
     let path = shop.folder.path().join("centre.db");

@@ -4,7 +4,7 @@ use std::{sync::atomic::Ordering, time::Duration};
 
 use volcomp_centre::{
     records::AlarmKind,
-    rollout::{Phase, Rollout, Rules, Wish},
+    rollout::{Phase, Rollout, Rules},
 };
 use volcomp_fleet::{Acknowledgement, Kind, LinkSettings, MachineLink, ModelRef, Outcome};
 
@@ -78,8 +78,9 @@ fn a_refused_model_does_not_end_a_due_date() {
         let centre = shop.centre(&shop.url()).await;
         let first = begin(&old.model.sha256);
         until("it is due", is_due).await;
-        shop.store.wish(first, &Wish::Abort, "anna").unwrap();
+        let gateway = shop.gateway(0);
         until("it is over", || shop.store.rollout(first).unwrap().unwrap().phase.is_over()).await;
+        gateway.1.abort();
         begin(&new.model.sha256);
         until("the new one is sent", || shop.store.issued(&name).unwrap().unwrap().version == 2).await;
         let issued = shop.store.issued(&name).unwrap().unwrap();

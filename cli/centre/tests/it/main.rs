@@ -30,3 +30,4 @@ mod shop;
 mod store;
 mod support;
 mod told;
+mod withdrawn;

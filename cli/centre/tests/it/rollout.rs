@@ -36,9 +36,19 @@ fn rollout(machines: usize, canaries: &[usize], rules: Rules) -> Rollout {
 }
 
 fn issued(actions: &[Action]) -> Vec<MachineId> {
-    let machines = actions
-        .iter()
-        .map(|Action::Issue { machine, .. }| machine.clone());
+    let machines = actions.iter().filter_map(|action| match action {
+        Action::Issue { machine, .. } => Some(machine.clone()),
+        Action::Withdraw { .. } => None,
+    });
+    machines.collect()
+}
+
+/// What is taken back.
+fn withdrawn(actions: &[Action]) -> Vec<MachineId> {
+    let machines = actions.iter().filter_map(|action| match action {
+        Action::Withdraw { machine } => Some(machine.clone()),
+        Action::Issue { .. } => None,
+    });
     machines.collect()
 }
 
@@ -157,9 +167,10 @@ fn it_stops_for_what_speaks_against_the_model() {
     stopped(&refused, "m0: it has refused it: its serial number");
 
     let mut silent = start();
-    for _ in 0..7 {
+    for _ in 0..6 {
         assert!(silent.step(looked(10.0, &[])).is_empty());
     }
+    assert_eq!(withdrawn(&silent.step(looked(10.0, &[]))), [name(0)]);
     stopped(&silent, "it has not answered");
 
     let mut faulted = start();
@@ -364,10 +375,25 @@ proptest! {
                 prop_assert!(same && one.machine == other.machine && one.wave == other.wave);
             }
             let actions = rollout.step(event(happens, machines));
-            if !actions.is_empty() {
+            for action in actions {
+                let (machine, confirm) = match action {
+                    Action::Issue { machine, confirm } => (machine, confirm),
+                    // Only what was sent is taken back, and only when it is broken off.
+                    Action::Withdraw { machine } => {
+                        prop_assert!(rollout.phase.is_broken_off());
+                        prop_assert!(rollout.phase.is_over() || !before.phase.is_broken_off());
+                        prop_assert!(sent.contains(&machine));
+                        let mut turns = rollout.turns.iter();
+                        let turn = turns.find(|turn| turn.machine == machine).unwrap();
+                        let has_it = matches!(turn.step, Step::Sent { .. } | Step::Done { .. });
+                        prop_assert!(!has_it, "{:?}", turn);
+                        if turn.step == Step::Waiting {
+                            sent.remove(&machine);
+                        }
+                        continue;
+                    }
+                };
                 prop_assert!(!rollout.phase.is_over());
-            }
-            for Action::Issue { machine, confirm } in actions {
                 let turn = rollout.turns.iter().find(|turn| turn.machine == machine).unwrap();
                 if confirm.is_none() {
                     // Never while it is held or has stopped, and never twice.
@@ -476,4 +502,49 @@ fn a_machine_that_runs_another_version_is_not_soaked() {
         rollout.step(looked(10.0, &[(0, 1, 4.0)]));
     }
     assert!(matches!(step_of(&rollout, 0), Step::Done { .. }));
+}
+
+/// What was sent and is not in force when a roll-out stops is taken back, and sent again when a person lets it go on. One that
+/// has not answered in time stays out: its model of before stands under its key.
+#[test]
+fn what_is_not_in_force_is_taken_back_when_it_stops() {
+    let mut rollout = rollout(4, &[0, 1, 2], rules());
+    let actions = rollout.step(looked(1.0, &[]));
+    assert_eq!(issue(&mut rollout, &actions).len(), 3);
+    rollout.step(answered(0, 1, Outcome::Activated));
+    let needs = Outcome::NeedsConfirmation {
+        hash: "abc".to_owned(),
+        worst_um: "120.0".to_owned(),
+        worst_urad: String::new(),
+    };
+    rollout.step(answered(1, 1, needs));
+    // The first has it, the second waits for a person, the third was away.
+    let actions = rollout.step(looked(10.0, &[(0, 1, 40.0)]));
+    assert!(matches!(rollout.phase, Phase::Stopped { .. }));
+    assert_eq!(withdrawn(&actions), [name(2)]);
+    assert_eq!(step_of(&rollout, 2), Step::Waiting);
+    assert!(rollout.step(looked(10.0, &[])).is_empty(), "once");
+    let wished = |wish| Event::Wished {
+        wish,
+        by: "bert".to_owned(),
+    };
+    let mut ended = rollout.clone();
+    let actions = ended.step(wished(Wish::Abort));
+    // The first is out for its residual: whether it has it in force is seen by its answer.
+    assert_eq!(withdrawn(&actions), [name(0), name(1)]);
+    let actions = rollout.step(wished(Wish::Resume));
+    assert_eq!(issue(&mut rollout, &actions), [name(2)]);
+    let mut last = Vec::new();
+    for _ in 0..7 {
+        last = rollout.step(looked(10.0, &[]));
+    }
+    assert!(matches!(rollout.phase, Phase::Stopped { .. }));
+    assert_eq!(withdrawn(&last), [name(2)]);
+    let actions = rollout.step(wished(Wish::Resume));
+    assert!(actions.is_empty(), "it stays out: {actions:?}");
+    assert!(rollout.step(looked(10.0, &[(2, 1, 4.0)])).is_empty());
+    assert!(matches!(
+        step_of(&rollout, 2),
+        Step::Out { version: None, .. }
+    ));
 }

@@ -1,0 +1,208 @@
+//! A roll-out that is broken off: what becomes of machines that were away, and of those that have its model.
+
+use std::sync::{Arc, atomic::Ordering};
+
+use volcomp_centre::{
+    back,
+    records::AlarmKind,
+    rollout::{Phase, Rollout, Rules, Wish},
+};
+use volcomp_fleet::{Desired, Manifest};
+
+use crate::{
+    gateway::{self, Told},
+    shop::{LONG, Shop, runtime, until},
+    support::model,
+};
+
+fn is_suspect(shop: &Shop) -> bool {
+    let open = shop.store.open_alarms().unwrap();
+    open.iter().any(|alarm| {
+        let of = alarm.machine.as_ref().map(|machine| machine.as_str());
+        alarm.kind == AlarmKind::Suspect && of == Some("mill-0")
+    })
+}
+
+/// Two machines are away when a roll-out stops. The one that had a model gets it again, under a higher version, when it is back,
+/// and never the one that has stopped; under the key of the one that had none stands nothing. The machine that has the model is
+/// told as suspect until it has the one before again.
+#[test]
+fn a_machine_that_was_away_does_not_take_what_has_stopped() {
+    let Some(shop) = Shop::new(1, 3) else { return };
+    let (old, new) = (model(7), model(8));
+    runtime().block_on(async {
+        let centre = shop.centre(&shop.url()).await;
+        let plan = shop.plan(0, "run-0");
+        let residual = Arc::clone(&plan.residual_um);
+        let staying = Told::default();
+        let stays = tokio::spawn(gateway::run(plan, staying.clone()));
+        let leaves = shop.gateway(1);
+        let quick = Rules {
+            soak_s: 0.0,
+            waves: vec![100],
+            ..Rules::default()
+        };
+        let first = shop.roll_out_to(7, &[0, 1], quick);
+        let rollout = |id| shop.store.rollout(id).unwrap().unwrap();
+        until("they have the old one", || {
+            rollout(first).phase == Phase::Done
+        })
+        .await;
+        leaves.1.abort();
+        shop.store.add_model(&new.model, &new.text).unwrap();
+        let all: Vec<_> = (shop.machines.iter())
+            .map(|(machine, _)| (machine.identity.machine.clone(), true))
+            .collect();
+        let rules = Rules {
+            soak_s: 600.0,
+            answer_s: 600.0,
+            ..Rules::default()
+        };
+        let start = |id| {
+            Rollout::new(
+                id,
+                new.model.sha256.clone(),
+                &all,
+                rules,
+                "anna".into(),
+                0.0,
+            )
+        };
+        let second = shop.store.start_rollout(start).unwrap().id;
+        let issued = |place: usize| shop.store.issued(&all[place].0).unwrap();
+        until("it is sent", || {
+            issued(2).is_some() && issued(1).unwrap().version == 2
+        })
+        .await;
+        until("one has it", || {
+            staying.version.load(Ordering::Relaxed) == 2
+        })
+        .await;
+        assert!(!is_suspect(&shop));
+        *residual.lock().unwrap() = 400.0;
+        until("it stops", || {
+            matches!(rollout(second).phase, Phase::Stopped { .. })
+        })
+        .await;
+        until("it is taken back", || {
+            issued(2).is_none() && issued(1).unwrap().version == 3
+        })
+        .await;
+        let manifest = |value: &str| {
+            let desired = Desired::parse(value.as_bytes()).unwrap();
+            serde_json::from_str::<Manifest>(&desired.manifest).unwrap()
+        };
+        let again = manifest(&issued(1).unwrap().value);
+        assert_eq!(
+            (again.version, again.model.sha256),
+            (3, old.model.sha256.clone())
+        );
+        let hub = volcomp_fleet::Hub::connect(&volcomp_fleet::LinkSettings {
+            url: shop.url(),
+            seed: shop.centre.seed().unwrap(),
+            roots: None,
+        })
+        .await
+        .unwrap();
+        let end = std::time::Instant::now() + LONG;
+        while !hub
+            .desired(&all[2].0)
+            .await
+            .is_ok_and(|value| value.is_none())
+        {
+            assert!(std::time::Instant::now() < end, "it still stands there");
+            tokio::time::sleep(std::time::Duration::from_millis(50)).await;
+        }
+        // Back again, it takes what stands under its key now.
+        let back_again = shop.gateway(1);
+        until("it has the old one again", || {
+            back_again.0.version.load(Ordering::Relaxed) == 3
+        })
+        .await;
+        until("it tells so", || {
+            let live = shop.store.live().unwrap();
+            live.iter()
+                .any(|live| live.version == 3 && live.model == old.model.checksum)
+        })
+        .await;
+        until("the one that has it is suspect", || is_suspect(&shop)).await;
+        shop.store.wish(second, &Wish::Abort, "anna").unwrap();
+        until("it is over", || rollout(second).phase.is_over()).await;
+        // A centre that is started again knows it, too.
+        centre.end().await;
+        let centre = shop.centre(&shop.url()).await;
+        tokio::time::sleep(std::time::Duration::from_secs(3)).await;
+        assert!(is_suspect(&shop), "ended for good, and nobody is told");
+        *residual.lock().unwrap() = 4.0;
+        let quick = Rules {
+            soak_s: 0.0,
+            ..Rules::default()
+        };
+        let (third, given) = back::start(&shop.store, &all[0].0, quick, "bert").unwrap();
+        assert_eq!(given.sha256, old.model.sha256);
+        until("it has the one before", || {
+            staying.version.load(Ordering::Relaxed) == 3
+        })
+        .await;
+        until("nothing is suspect", || !is_suspect(&shop)).await;
+        until("it is done", || rollout(third.id).phase == Phase::Done).await;
+        let none = hub.desired(&all[2].0).await.unwrap();
+        assert_eq!(none, None, "nor after a new start of the centre");
+        centre.end().await;
+        stays.abort();
+        back_again.1.abort();
+    });
+}
+
+/// Somebody decides that a machine keeps the model: that is written down, and nobody is told any more.
+#[test]
+fn a_machine_may_keep_the_model() {
+    let Some(shop) = Shop::new(1, 1) else { return };
+    runtime().block_on(async {
+        let centre = shop.centre(&shop.url()).await;
+        let gateway = shop.gateway(0);
+        let id = shop.roll_out(
+            7,
+            Rules {
+                soak_s: 600.0,
+                ..Rules::default()
+            },
+        );
+        let name = shop.machines[0].0.identity.machine.clone();
+        until("it has it", || {
+            gateway.0.version.load(Ordering::Relaxed) == 1
+        })
+        .await;
+        until("its answer is stored", || {
+            shop.store.versions(&name).unwrap()[0].outcome.is_some()
+        })
+        .await;
+        let early = shop.store.keep_model(id, &name, "bert").unwrap_err();
+        assert!(early.to_string().contains("goes on or is done"), "{early}");
+        shop.store.wish(id, &Wish::Abort, "anna").unwrap();
+        until("it is suspect", || is_suspect(&shop)).await;
+        let alarms = shop.store.open_alarms().unwrap();
+        let text = alarms.iter().find(|alarm| alarm.kind == AlarmKind::Suspect);
+        let text = &text.unwrap().text;
+        assert!(text.contains("anna has ended before it was done"), "{text}");
+        assert!(text.contains("`rollout keep 1 mill-0`"), "{text}");
+        assert!(back::start(&shop.store, &name, Rules::default(), "bert").is_err());
+        // Other settings make nothing good.
+        let mut machine = shop.machines[0].0.clone();
+        machine.condition_s = Some(2);
+        shop.store.put_machine(&machine, "anna").unwrap();
+        until("it is told", || {
+            gateway.0.version.load(Ordering::Relaxed) == 2
+        })
+        .await;
+        tokio::time::sleep(std::time::Duration::from_secs(2)).await;
+        assert!(is_suspect(&shop));
+        shop.store.keep_model(id, &name, "bert").unwrap();
+        until("nobody is told any more", || !is_suspect(&shop)).await;
+        let audit = shop.store.audit_records(None, 50).unwrap();
+        let kept = audit.iter().find(|record| record.action == "rollout.keep");
+        assert_eq!(kept.map(|record| record.by.as_str()), Some("bert"));
+        centre.end().await;
+        gateway.1.abort();
+    });
+}
