@@ -17,6 +17,8 @@ use tokio_rustls::{
     },
 };
 
+use crate::private::{self, PrivateError};
+
 /// Why there is no TLS.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -29,6 +31,9 @@ pub enum TlsError {
         /// The reason why it is refused.
         source: CertificateError,
     },
+    /// A key that cannot be read, or that others can read.
+    #[error(transparent)]
+    Key(#[from] PrivateError),
     /// Names for which no certificate can be made.
     #[error("{names}: {source}")]
     Names {
@@ -68,10 +73,10 @@ pub enum CertificateError {
 /// The acceptor that turns a TCP connection into one with TLS.
 pub type Tls = TlsAcceptor;
 
-/// Reads a certificate and its key, PEM.
+/// Reads a certificate and its key, PEM. Nobody but its owner may read the key.
 ///
 /// # Errors
-/// Files that cannot be read or do not belong together.
+/// Files that cannot be read or do not belong together; a key that others may read.
 pub fn acceptor(certificate: &Path, key: &Path) -> Result<Tls, TlsError> {
     let wrong = |path: &Path, source: CertificateError| TlsError::Certificate {
         file: path.to_owned(),
@@ -80,7 +85,9 @@ pub fn acceptor(certificate: &Path, key: &Path) -> Result<Tls, TlsError> {
     let certificates = CertificateDer::pem_file_iter(certificate)
         .and_then(Iterator::collect::<Result<Vec<_>, _>>)
         .map_err(|e| wrong(certificate, e.into()))?;
-    let private = PrivateKeyDer::from_pem_file(key).map_err(|e| wrong(key, e.into()))?;
+    let private = private::read(key)?;
+    let private = PrivateKeyDer::from_pem_slice(private.as_bytes());
+    let private = private.map_err(|e| wrong(key, e.into()))?;
     let config = ServerConfig::builder_with_provider(Arc::new(ring::default_provider()))
         .with_safe_default_protocol_versions()
         .and_then(|builder| {

@@ -1,13 +1,21 @@
 //! What is served, over plain connections and TLS, and what is refused.
 
-use std::time::Duration;
+use std::{os::unix::fs::PermissionsExt, sync::Arc, time::Duration};
 
 use axum::{Extension, Router, routing::get};
 use tokio::{
     io::{AsyncReadExt, AsyncWriteExt},
     net::{TcpListener, TcpStream},
 };
-use volcomp_web::{TlsError, tls};
+use tokio_rustls::{
+    TlsConnector,
+    rustls::{
+        ClientConfig, RootCertStore,
+        crypto::ring,
+        pki_types::{CertificateDer, pem::PemObject},
+    },
+};
+use volcomp_web::{PrivateError, TlsError, tls};
 
 async fn from(Extension(from): Extension<std::net::SocketAddr>) -> String {
     from.ip().to_string()
@@ -88,4 +96,69 @@ fn files_that_are_no_certificates_are_named() {
         panic!("it is no certificate");
     };
     assert!(error.to_string().contains("x.pem"), "{error}");
+}
+
+/// Who trusts the certificate and asks for one of its names is answered over TLS; another name, and a key that others can read,
+/// are refused.
+#[tokio::test]
+async fn a_page_with_tls_answers_who_trusts_its_certificate() {
+    let dir = tempfile::tempdir().expect("writable");
+    let names = ["centre.shop.lan".to_owned(), "127.0.0.1".to_owned()];
+    let [certificate, key] = tls::make(dir.path(), &names).expect("made");
+    let acceptor = tls::acceptor(&certificate, &key).expect("ours");
+    let listener = TcpListener::bind("127.0.0.1:0").await.expect("free");
+    let address = listener.local_addr().expect("bound");
+    let router = Router::new().route("/", get(from));
+    tokio::spawn(volcomp_web::serve(listener, Some(acceptor), router));
+    let mut roots = RootCertStore::empty();
+    let trusted = CertificateDer::from_pem_file(&certificate).expect("one");
+    roots.add(trusted).expect("a certificate");
+    let config = ClientConfig::builder_with_provider(Arc::new(ring::default_provider()))
+        .with_safe_default_protocol_versions()
+        .expect("ours")
+        .with_root_certificates(roots)
+        .with_no_client_auth();
+    let connector = TlsConnector::from(Arc::new(config));
+    let ask = "GET / HTTP/1.1\r\nHost: centre.shop.lan\r\nConnection: close\r\n\r\n";
+    for (name, is_its) in [
+        ("centre.shop.lan", true),
+        ("127.0.0.1", true),
+        ("other.shop.lan", false),
+    ] {
+        let stream = TcpStream::connect(address).await.expect("served");
+        let name = name.try_into().expect("a name");
+        match connector.connect(name, stream).await {
+            Ok(mut stream) => {
+                assert!(is_its);
+                stream.write_all(ask.as_bytes()).await.expect("sent");
+                let mut answer = Vec::new();
+                stream
+                    .read_to_end(&mut answer)
+                    .await
+                    .expect("closed in order");
+                let answer = String::from_utf8_lossy(&answer);
+                assert!(
+                    answer.starts_with("HTTP/1.1 200") && answer.ends_with("127.0.0.1"),
+                    "{answer}"
+                );
+            }
+            Err(error) => assert!(!is_its, "{error}"),
+        }
+    }
+    let open = std::fs::Permissions::from_mode(0o640);
+    std::fs::set_permissions(&key, open).expect("ours");
+    let Err(refused) = tls::acceptor(&certificate, &key) else {
+        panic!("others can read the key");
+    };
+    assert!(matches!(
+        refused,
+        TlsError::Key(PrivateError::Mode { mode: 0o640, .. })
+    ));
+    let told = refused.to_string();
+    assert!(
+        told.ends_with(
+            "key.pem: found mode 640, expected 600: a secret that others can read is none"
+        ),
+        "{told}"
+    );
 }
