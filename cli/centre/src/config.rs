@@ -6,7 +6,7 @@ use std::{
 };
 
 use volcomp_document::{Document, InputError, ReadError, Section, Value};
-use volcomp_fleet::Keeping;
+use volcomp_fleet::{ADDRESSES, Keeping, wrong_address};
 
 #[cfg(feature = "postgres")]
 use crate::store::PostgresPlace;
@@ -202,6 +202,15 @@ fn keep(section: &Section<'_>) -> Result<Keep, InputError> {
     })
 }
 
+/// The addresses of the servers.
+fn url(value: &Value<'_>) -> Result<String, InputError> {
+    let text = value.text()?;
+    match wrong_address(text) {
+        None => Ok(text.to_owned()),
+        Some(found) => Err(value.error(format!("found {found:?}, expected {ADDRESSES}"))),
+    }
+}
+
 fn nats(section: &Section<'_>, folder: &Path) -> Result<NatsConfig, InputError> {
     section.allow(&[
         "url",
@@ -228,7 +237,7 @@ fn nats(section: &Section<'_>, folder: &Path) -> Result<NatsConfig, InputError> 
         None => default.replicas,
     };
     Ok(NatsConfig {
-        url: section.require("url")?.text()?.to_owned(),
+        url: url(&section.require("url")?)?,
         nkey_file: match section.get("nkey_file") {
             Some(file) => path(&file, folder)?,
             None => folder.join("centre.nkey"),

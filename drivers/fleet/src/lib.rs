@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 mod accept;
+mod address;
 mod cluster;
 #[cfg(feature = "nats")]
 mod collect;
@@ -21,6 +22,7 @@ mod streams;
 mod subjects;
 
 pub use accept::{Accepted, NotAccepted, Trust};
+pub use address::{ADDRESSES, addresses, wrong_address};
 pub use cluster::{Cluster, RoutePassword};
 #[cfg(feature = "nats")]
 pub use collect::{Batch, Collection, Received};

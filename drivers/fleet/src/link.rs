@@ -126,8 +126,7 @@ impl LinkSettings {
     }
 
     pub(crate) fn servers(&self) -> Vec<String> {
-        let servers = self.url.split(',').map(str::trim);
-        servers
+        crate::addresses(&self.url)
             .filter(|one| !one.is_empty())
             .map(str::to_owned)
             .collect()

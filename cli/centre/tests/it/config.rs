@@ -63,31 +63,35 @@ fn mistakes_are_named_with_their_place() {
     for (text, told) in [
         ("", "centre.toml"),
         (
-            "[nats]\nreplicas = 2\nurl = \"x\"\n",
+            "[nats]\nreplicas = 2\nurl = \"nats://a:1\"\n",
             "centre.toml:2: nats.replicas: found 2, expected 1, 3 or 5",
         ),
         (
-            "[rollout]\nwaves = [50, 20]\n[nats]\nurl = \"x\"\n",
+            "[nats]\nurl = \"nats://a:1,http://b\"\n",
+            "centre.toml:2: nats.url: found \"http://b\", expected nats://HOST:PORT or tls://HOST:PORT",
+        ),
+        (
+            "[rollout]\nwaves = [50, 20]\n[nats]\nurl = \"nats://a:1\"\n",
             "centre.toml:2: rollout.waves: found [50, 20], expected percentages from 1 on that rise to 100",
         ),
         (
-            "[rollout]\nwaves = [50]\n[nats]\nurl = \"x\"\n",
+            "[rollout]\nwaves = [50]\n[nats]\nurl = \"nats://a:1\"\n",
             "rise to 100",
         ),
         (
-            "[server]\nkey = \"a\"\n[nats]\nurl = \"x\"\n",
+            "[server]\nkey = \"a\"\n[nats]\nurl = \"nats://a:1\"\n",
             "certificate and key, expected both or neither",
         ),
         (
-            "[store]\nca = \"b\"\n[nats]\nurl = \"x\"\n",
+            "[store]\nca = \"b\"\n[nats]\nurl = \"nats://a:1\"\n",
             "centre.toml:2: store.ca: found ca without postgres, expected both",
         ),
         (
-            "[store]\npostgres = \"b\"\nfile = \"b\"\n[nats]\nurl = \"x\"\n",
+            "[store]\npostgres = \"b\"\nfile = \"b\"\n[nats]\nurl = \"nats://a:1\"\n",
             "centre.toml:2: store.postgres: found file and postgres, expected one of them",
         ),
         (
-            "[server]\ncluster = \"a\"\n[nats]\nurl = \"x\"\n",
+            "[server]\ncluster = \"a\"\n[nats]\nurl = \"nats://a:1\"\n",
             "cluster_listen",
         ),
     ] {
@@ -100,7 +104,7 @@ fn mistakes_are_named_with_their_place() {
 #[cfg(not(feature = "postgres"))]
 #[test]
 fn a_program_without_postgresql_says_which_has_it() {
-    let text = "[store]\npostgres = \"host=/run user=a dbname=b\"\n[nats]\nurl = \"x\"\n";
+    let text = "[store]\npostgres = \"host=/run user=a dbname=b\"\n[nats]\nurl = \"nats://a:1\"\n";
     let found = read(text).unwrap_err();
     assert!(found.contains("centre.toml:2: store.postgres"), "{found}");
     assert!(found.contains("--features postgres"), "{found}");
@@ -114,7 +118,7 @@ fn the_book_shows_every_key_of_postgresql() {
     let mut blocks = book.split("```toml\n").skip(1);
     let block = blocks.find(|block| block.starts_with("# part of a centre file"));
     let block = block.unwrap().split("```").next().unwrap();
-    let shown = read(&format!("[nats]\nurl = \"x\"\n{block}")).unwrap();
+    let shown = read(&format!("[nats]\nurl = \"nats://a:1\"\n{block}")).unwrap();
     let told = "PostgreSQL on db.example.com, port 5432, database volcomp, user volcomp";
     assert_eq!(shown.store.to_string(), told);
     for key in ["postgres", "password_file", "ca"] {
@@ -133,7 +137,7 @@ fn connections_to_postgresql_that_are_none() {
         ),
         ("dbname=c", "found no host"),
     ] {
-        let text = format!("[nats]\nurl = \"x\"\n[store]\npostgres = \"{connection}\"\n");
+        let text = format!("[nats]\nurl = \"nats://a:1\"\n[store]\npostgres = \"{connection}\"\n");
         let found = read(&text).unwrap_err();
         assert!(
             found.contains("centre.toml:4: store.postgres") && found.contains(told),

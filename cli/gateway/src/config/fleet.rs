@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use volcomp_document::{InputError, Section, Value};
-use volcomp_fleet::{Identity, VerifyingKey, trusted_key};
+use volcomp_fleet::{ADDRESSES, Identity, VerifyingKey, addresses, trusted_key, wrong_address};
 
 use super::is_blank;
 
@@ -29,12 +29,8 @@ pub struct FleetConfig {
 impl FleetConfig {
     /// The addresses of the servers, one by one.
     pub fn servers(&self) -> impl Iterator<Item = &str> {
-        servers(&self.url)
+        addresses(&self.url)
     }
-}
-
-fn servers(url: &str) -> impl Iterator<Item = &str> {
-    url.split(',').map(str::trim)
 }
 
 pub(super) fn fleet(section: &Section<'_>, folder: &Path) -> Result<FleetConfig, InputError> {
@@ -74,22 +70,12 @@ pub(super) fn fleet(section: &Section<'_>, folder: &Path) -> Result<FleetConfig,
     })
 }
 
-/// Addresses of servers. One without a scheme, or of a web socket, is none of ours.
+/// Addresses of servers.
 fn address(value: &Value<'_>) -> Result<String, InputError> {
     let text = value.text()?;
-    let is_address = |one: &str| {
-        let host = one
-            .strip_prefix("nats://")
-            .or_else(|| one.strip_prefix("tls://"));
-        host.is_some_and(|host| {
-            !host.is_empty() && !host.contains(['/', '@']) && !host.contains(char::is_whitespace)
-        })
-    };
-    match servers(text).find(|one| !is_address(one)) {
+    match wrong_address(text) {
         None => Ok(text.to_owned()),
-        Some(found) => Err(value.error(format!(
-            "found {found:?}, expected nats://HOST:PORT or tls://HOST:PORT, several of them separated by commas"
-        ))),
+        Some(found) => Err(value.error(format!("found {found:?}, expected {ADDRESSES}"))),
     }
 }
 

@@ -44,3 +44,35 @@ fn one_key_is_one_user() {
     });
     assert!(matches!(twice.text(), Err(NoConfiguration::Twice { .. })));
 }
+
+#[test]
+fn an_address_has_a_scheme_a_host_and_a_port() {
+    for right in [
+        "nats://127.0.0.1:4222",
+        "tls://nats.shop.lan",
+        "nats://a:1, tls://[2001:db8::1]:4222 ,nats://[::1]",
+    ] {
+        assert_eq!(volcomp_fleet::wrong_address(right), None, "{right}");
+    }
+    for (text, wrong) in [
+        ("", ""),
+        ("127.0.0.1:4222", "127.0.0.1:4222"),
+        ("nats://a:1,", ""),
+        ("nats://a:1,ws://b:1", "ws://b:1"),
+        ("nats://", "nats://"),
+        ("nats://:4222", "nats://:4222"),
+        ("nats://a:", "nats://a:"),
+        ("nats://a:0", "nats://a:0"),
+        ("nats://a:65536", "nats://a:65536"),
+        ("nats://a:+1", "nats://a:+1"),
+        ("nats://a:1:2", "nats://a:1:2"),
+        ("nats://a b:1", "nats://a b:1"),
+        ("nats://u:p@a:1", "nats://u:p@a:1"),
+        ("nats://a:1/x", "nats://a:1/x"),
+        ("nats://[::1", "nats://[::1"),
+        ("nats://[::1]4222", "nats://[::1]4222"),
+        ("nats://[a]:1", "nats://[a]:1"),
+    ] {
+        assert_eq!(volcomp_fleet::wrong_address(text), Some(wrong), "{text}");
+    }
+}
