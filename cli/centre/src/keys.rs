@@ -6,12 +6,13 @@
 use std::{
     fs,
     io::{self, Write},
-    os::unix::fs::{OpenOptionsExt, PermissionsExt},
+    os::unix::fs::OpenOptionsExt,
     path::{Path, PathBuf},
 };
 
 use base64::{Engine, engine::general_purpose::STANDARD as BASE64};
 use volcomp_fleet::SigningKey;
+use volcomp_web::{PrivateError, private};
 
 /// The end of the names of key files.
 const END: &str = "key";
@@ -34,16 +35,9 @@ pub enum KeyError {
         /// Why.
         source: io::Error,
     },
-    /// Others may read the file.
-    #[error(
-        "{}: its mode is {mode:03o}, expected 600: a secret that others can read is none", .file.display()
-    )]
-    Open {
-        /// The file.
-        file: PathBuf,
-        /// Its mode.
-        mode: u32,
-    },
+    /// A secret cannot be read, or others may read it.
+    #[error(transparent)]
+    Private(#[from] PrivateError),
     /// It holds something else.
     #[error("{}: expected {expected}", .file.display())]
     Content {
@@ -99,7 +93,7 @@ impl Key {
     /// There is none, it holds something else, or others may read it.
     pub fn read(folder: &Path, name: &str) -> Result<Self, KeyError> {
         let file = path(folder, name)?;
-        let text = read_secret(&file)?;
+        let text = private::read(&file)?;
         let secret = BASE64.decode(text.trim()).ok();
         let secret: Option<[u8; 32]> = secret.and_then(|bytes| bytes.try_into().ok());
         let secret = secret.ok_or(KeyError::Content {
@@ -179,23 +173,4 @@ pub fn write_secret(file: &Path, text: &str) -> Result<(), KeyError> {
         },
         _ => failed(file)(error),
     })
-}
-
-/// Reads a file that only its owner may read.
-///
-/// # Errors
-/// It cannot be read, or others may read it.
-pub fn read_secret(file: &Path) -> Result<String, KeyError> {
-    let mode = fs::metadata(file)
-        .map_err(failed(file))?
-        .permissions()
-        .mode()
-        & 0o777;
-    if mode & 0o077 != 0 {
-        return Err(KeyError::Open {
-            file: file.to_owned(),
-            mode,
-        });
-    }
-    fs::read_to_string(file).map_err(failed(file))
 }

@@ -11,7 +11,7 @@ use volcomp_model::ModelError;
 use volcomp_port::DeviceError;
 use volcomp_runtime::{PlanError, StartError};
 use volcomp_vocabulary::AxisName;
-use volcomp_web::TlsError;
+use volcomp_web::{PrivateError, TlsError};
 
 use crate::{plan_keys::by_keys, together::Common};
 
@@ -153,14 +153,9 @@ pub enum GatewayError {
         /// The reason why the line is refused; never the token itself.
         source: TokenError,
     },
-    /// A token file that others may read.
-    #[error("{}: found mode {mode:03o}, expected 600: others may read the tokens", file.display())]
-    TokenMode {
-        /// The path of the file.
-        file: PathBuf,
-        /// The mode of the file.
-        mode: u32,
-    },
+    /// A file with a secret that cannot be read, or that others may read.
+    #[error(transparent)]
+    Private(#[from] PrivateError),
     /// The folder of the audit log is no folder, or cannot be made because something above it is none.
     #[error("[audit] dir = {}: {}", dir.display(), audit_dir(dir, found))]
     AuditDir {
@@ -366,14 +361,6 @@ pub enum GatewayError {
         /// The path of the configuration file.
         file: String,
     },
-    /// The file of an nkey that others may read.
-    #[error("{}: found mode {mode:03o}, expected 600: others may read the key", file.display())]
-    NkeyMode {
-        /// The path of the file.
-        file: PathBuf,
-        /// The mode of the file.
-        mode: u32,
-    },
     /// The file of an nkey that holds none.
     #[error("{}: expected the seed of an nkey of a user: SU and 56 capital letters and digits", file.display())]
     Nkey {
@@ -549,7 +536,7 @@ impl GatewayError {
             | Self::NoToken { .. }
             | Self::Tls(_)
             | Self::Token { .. }
-            | Self::TokenMode { .. }
+            | Self::Private(_)
             | Self::AuditDir { .. }
             | Self::AuditAccess { .. }
             | Self::ReaderFirst { .. }
@@ -563,7 +550,6 @@ impl GatewayError {
             | Self::OnlyMachine { .. }
             | Self::NoLimits { .. }
             | Self::NoFleet { .. }
-            | Self::NkeyMode { .. }
             | Self::Nkey { .. }
             | Self::FleetCa { .. }
             | Self::Barrier { .. }

@@ -1,6 +1,6 @@
 //! SINUMERIK controls over OPC UA: what their configuration means, and opening them in builds that can.
 
-use std::{os::unix::fs::PermissionsExt, path::Path};
+use std::path::Path;
 
 use volcomp_devices::Address;
 use volcomp_guard::Limits;
@@ -74,23 +74,12 @@ pub(crate) fn server(address: &Address, config: &ServerConfig) -> Result<Server,
 
 /// The first line of a file that nobody but its owner may read.
 fn password(address: &Address, file: &Path) -> Result<String, DeviceError> {
-    let shown = file.display();
-    let wrong = |error: std::io::Error| {
+    let text = volcomp_web::private::read(file).map_err(|error| {
+        let expected = "expected a file with the password in its first line";
         address
-            .wrong(
-                format!("password_file {shown}: {error}"),
-                "expected a file with the password in its first line",
-            )
+            .wrong(format!("password_file: {error}"), expected)
             .caused_by(error)
-    };
-    let mode = std::fs::metadata(file).map_err(wrong)?.permissions().mode() & 0o777;
-    if mode & 0o077 > 0 {
-        return Err(address.wrong(
-            format!("password_file {shown}: found mode {mode:04o}"),
-            "expected 0600: nobody but its owner may read it",
-        ));
-    }
-    let text = std::fs::read_to_string(file).map_err(wrong)?;
+    })?;
     Ok(text.lines().next().unwrap_or_default().to_owned())
 }
 

@@ -10,11 +10,12 @@ use nkeys::KeyPair;
 use volcomp_fleet::{
     Cluster, LinkSettings, MachineUser, RoutePassword, ServerSettings, server::write_private,
 };
+use volcomp_web::private;
 
 use super::{CommandError, open, print, print_json, text};
 use crate::{
     config::Config,
-    keys::{Key, KeyError, read_secret, write_secret},
+    keys::{Key, KeyError, write_secret},
     store::Store,
 };
 
@@ -56,7 +57,10 @@ pub(super) fn link(config: &Config) -> Result<(LinkSettings, String), CommandErr
     let file = &config.nats.nkey_file;
     let link = LinkSettings {
         url: config.nats.url.clone(),
-        seed: read_secret(file)?.trim().to_owned(),
+        seed: private::read(file)
+            .map_err(KeyError::from)?
+            .trim()
+            .to_owned(),
         roots: config.nats.ca.clone(),
     };
     let nkey = link.public_key().map_err(|_| KeyError::Content {

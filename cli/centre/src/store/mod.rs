@@ -63,7 +63,7 @@ pub enum StoreError {
     },
     /// The password of the database.
     #[error(transparent)]
-    Password(#[from] crate::keys::KeyError),
+    Password(#[from] volcomp_web::PrivateError),
     /// A document in the database is none of ours.
     #[error("a document in the database: {0}")]
     Document(#[from] serde_json::Error),

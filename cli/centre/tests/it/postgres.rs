@@ -371,7 +371,7 @@ fn over_a_network_with_a_password() {
     assert_eq!(call(folder, "key nkey centre.nkey").status, 0);
     fails(2, "password");
     secret(SECRET, 0o644);
-    fails(2, "its mode is 644, expected 600");
+    fails(2, "found mode 644, expected 600");
     secret(&format!("{SECRET}\n"), 0o600);
     let called = call(folder, "check");
     assert_eq!(called.status, 0, "{}", called.err);

@@ -199,25 +199,8 @@ pub fn start(
 /// # Errors
 /// A file that others may read, or that holds no seed.
 pub(crate) fn settings(config: &FleetConfig) -> Result<LinkSettings, GatewayError> {
-    use std::os::unix::fs::PermissionsExt;
     let file = &config.nkey_file;
-    let unread = |source| GatewayError::Read {
-        file: file.display().to_string(),
-        source,
-    };
-    let mode = std::fs::metadata(file)
-        .map_err(unread)?
-        .permissions()
-        .mode()
-        & 0o777;
-    // The service manager keeps the folder of its credentials private; their modes may show an access list.
-    let is_credential =
-        std::env::var_os("CREDENTIALS_DIRECTORY").is_some_and(|folder| file.starts_with(folder));
-    if mode & 0o077 > 0 && !is_credential {
-        let file = file.clone();
-        return Err(GatewayError::NkeyMode { file, mode });
-    }
-    let seed = std::fs::read_to_string(file).map_err(unread)?;
+    let seed = volcomp_web::private::read(file)?;
     let settings = LinkSettings {
         url: config.url.clone(),
         seed: seed.trim().to_owned(),

@@ -3,7 +3,6 @@
 use std::{
     collections::HashMap,
     net::IpAddr,
-    os::unix::fs::PermissionsExt,
     path::{Path, PathBuf},
     sync::{Mutex, PoisonError},
     time::{Duration, Instant},
@@ -79,11 +78,9 @@ impl Tokens {
     /// A file that others may read, or with wrong lines.
     pub fn load(configured: Option<&Path>) -> Result<Self, GatewayError> {
         if let Some(path) = configured {
-            check_private(path)?;
             return Self::read(path);
         }
         let folder = std::env::var_os("CREDENTIALS_DIRECTORY").map(PathBuf::from);
-        // The service manager keeps its folder private; the file's mode may show an access list.
         match folder.map(|folder| folder.join("tokens")) {
             Some(path) if path.exists() => Self::read(&path),
             _ => Ok(Self::default()),
@@ -91,11 +88,7 @@ impl Tokens {
     }
 
     fn read(path: &Path) -> Result<Self, GatewayError> {
-        let file = path.display().to_string();
-        let text = std::fs::read_to_string(path).map_err(|source| GatewayError::Read {
-            file: file.clone(),
-            source,
-        })?;
+        let text = volcomp_web::private::read(path)?;
         Self::parse(&text).map_err(|(line, source)| GatewayError::Token {
             file: path.to_owned(),
             line,
@@ -212,20 +205,6 @@ impl Tokens {
         }
         *count += 1;
     }
-}
-
-/// Nobody but its owner may read it.
-pub(crate) fn check_private(path: &Path) -> Result<(), GatewayError> {
-    let file = path.display().to_string();
-    let metadata = std::fs::metadata(path).map_err(|source| GatewayError::Read { file, source })?;
-    let mode = metadata.permissions().mode() & 0o777;
-    if mode & 0o077 > 0 {
-        return Err(GatewayError::TokenMode {
-            file: path.to_owned(),
-            mode,
-        });
-    }
-    Ok(())
 }
 
 fn is_long_enough(token: &str) -> bool {

@@ -390,8 +390,5 @@ fn configurations_that_this_control_cannot_have() {
     std::fs::set_permissions(&password, std::fs::Permissions::from_mode(0o644)).expect("ours");
     let (_, errors, status) = said(&check(&config, &[]));
     assert_eq!(status, Some(2), "{errors}");
-    assert!(
-        errors.contains("found mode 0644; expected 0600"),
-        "{errors}"
-    );
+    assert!(errors.contains("found mode 644, expected 600"), "{errors}");
 }

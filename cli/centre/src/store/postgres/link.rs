@@ -12,10 +12,7 @@ use tokio_rustls::rustls::{
 };
 
 use super::place::PostgresPlace;
-use crate::{
-    keys::read_secret,
-    store::{StoreError, database::Value},
-};
+use crate::store::{StoreError, database::Value};
 
 /// A statement that is not answered within this time never is: the connection is given up.
 const ANSWERED_WITHIN: Duration = Duration::from_secs(90);
@@ -34,7 +31,7 @@ impl Link {
     pub(super) fn open(runtime: &Runtime, place: &PostgresPlace) -> Result<Self, StoreError> {
         let mut config = place.config.clone();
         if let Some(file) = &place.password_file {
-            config.password(read_secret(file)?.trim_end_matches(['\r', '\n']));
+            config.password(volcomp_web::private::read(file)?.trim_end_matches(['\r', '\n']));
         }
         let tls = MakeRustlsConnect::new(tls(place)?);
         let gone = |why: String| StoreError::NotReached {

@@ -17,7 +17,7 @@ use tokio_rustls::{
 
 use volcomp_web::{CertificateError, TlsError};
 
-use crate::{config::SparkplugConfig, error::GatewayError, http::check_private};
+use crate::{config::SparkplugConfig, error::GatewayError};
 
 /// What a connection needs besides its address.
 pub struct Credentials {
@@ -35,12 +35,7 @@ impl Credentials {
     pub fn read(config: &SparkplugConfig) -> Result<Self, GatewayError> {
         let login = match (&config.user, &config.password_file) {
             (Some(user), Some(file)) => {
-                check_private(file)?;
-                let password =
-                    std::fs::read_to_string(file).map_err(|source| GatewayError::Read {
-                        file: file.display().to_string(),
-                        source,
-                    })?;
+                let password = volcomp_web::private::read(file)?;
                 let password = password.lines().next().unwrap_or_default();
                 Some((user.clone(), password.to_owned()))
             }
