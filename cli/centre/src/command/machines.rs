@@ -10,6 +10,7 @@ use super::{
     shown, signing_key, text,
 };
 use crate::{
+    clock::now_s,
     config::Config,
     issue::{NotIssued, settle},
     models::NewModel,
@@ -23,6 +24,8 @@ pub(super) struct Shown {
     #[serde(flatten)]
     pub(super) machine: Machine,
     pub(super) live: Option<Live>,
+    /// How old its last condition is by the clocks of this computer and of the server, s.
+    pub(super) age_s: Option<f64>,
     pub(super) version: Option<Version>,
 }
 
@@ -86,11 +89,17 @@ pub(super) fn list(config: &Config, json: bool) -> Result<(), CommandError> {
     let mut versions: BTreeMap<MachineId, Version> = (store.newest_versions()?.into_iter())
         .map(|version| (version.machine.clone(), version))
         .collect();
+    let now_s = now_s();
     let shown: Vec<Shown> = (store.machines()?.into_iter())
-        .map(|machine| Shown {
-            live: live.remove(&machine.identity.machine),
-            version: versions.remove(&machine.identity.machine),
-            machine,
+        .map(|machine| {
+            let live = live.remove(&machine.identity.machine);
+            let made = live.as_ref().and_then(Live::made);
+            Shown {
+                age_s: made.map(|made| (now_s - made.at_s).max(made.late_s)),
+                live,
+                version: versions.remove(&machine.identity.machine),
+                machine,
+            }
         })
         .collect();
     if json {

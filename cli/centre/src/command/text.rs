@@ -45,6 +45,15 @@ pub(super) fn counted(machines: usize) -> String {
     format!("{machines} machine{end}")
 }
 
+/// An age as people read it, in one unit.
+fn age(age_s: f64) -> String {
+    const UNITS: [(f64, &str); 4] = [(1.0, "s"), (60.0, "min"), (3600.0, "h"), (86_400.0, "d")];
+    let mut units = UNITS.iter().rev();
+    let fits = units.find(|(unit_s, _)| age_s >= 2.0 * unit_s);
+    let (unit_s, unit) = fits.unwrap_or(&UNITS[0]);
+    format!("{:.0} {unit}", (age_s / unit_s).floor())
+}
+
 pub(super) fn started(rollout: &Rollout, model: &Model) -> String {
     format!(
         "roll-out {} of {} {} to {} is started; the running centre moves it on\n",
@@ -57,12 +66,19 @@ pub(super) fn started(rollout: &Rollout, model: &Model) -> String {
 
 pub(super) fn machines(shown: &[Shown]) -> String {
     let mut rows = vec![row(&[
-        "machine", "site", "state", "version", "model", "residual",
+        "machine", "site", "state", "age", "version", "model", "residual",
     ])];
     for one in shown {
         let condition = one.live.as_ref().and_then(|live| live.condition.as_ref());
-        let state = condition.map_or("never heard", |condition| &condition.state);
+        // What is older than an alarm waits for is not what holds now.
+        let is_old = (one.age_s).is_none_or(|age_s| age_s > one.machine.silent_after_s());
+        let state = match condition {
+            None => "never heard".to_owned(),
+            Some(condition) if is_old => format!("unknown, was {}", condition.state),
+            Some(condition) => condition.state.clone(),
+        };
         let residual = condition.and_then(|condition| condition.residual_um);
+        let residual = residual.filter(|_| !is_old);
         let version = match (&one.live, &one.version) {
             (Some(live), Some(version)) if live.version != version.version => {
                 format!("{} (shall {})", live.version, version.version)
@@ -78,7 +94,8 @@ pub(super) fn machines(shown: &[Shown]) -> String {
         rows.push(row(&[
             one.machine.identity.machine.as_str(),
             one.machine.identity.site.as_str(),
-            state,
+            &state,
+            &one.age_s.map_or("-".to_owned(), age),
             &version,
             model,
             &residual.map_or("-".to_owned(), |um| format!("{um:.1} µm")),
