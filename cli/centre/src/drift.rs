@@ -2,12 +2,15 @@
 
 use std::{collections::BTreeMap, fmt};
 
+use time::{Date, Month, OffsetDateTime};
+use volcomp_fleet::Outcome;
 use volcomp_model::Machine as ModelMachine;
 use volcomp_vocabulary::ErrorName;
 
 use crate::{
     models::NoModel,
-    records::{Machine, Model},
+    records::{Machine, Model, Version},
+    store::{Store, StoreError},
 };
 
 /// An error motion is looked at in so many steps over the travel.
@@ -94,6 +97,42 @@ pub fn due_days(machine: &Machine, model: &Model, now_s: f64) -> Option<f64> {
     Some((now_s - measured_s) / DAY_S - interval)
 }
 
+/// Whether a machine may correct by the model of this version: it has neither refused it, nor does it wait for a person, nor was
+/// it taken back.
+pub(crate) fn may_be_in_force(version: &Version) -> bool {
+    !version.withdrawn
+        && !matches!(
+            version.outcome,
+            Some(Outcome::Refused { .. } | Outcome::NeedsConfirmation { .. })
+        )
+}
+
+/// The version by whose model a machine corrects, as far as its answers tell: the newest, unless that was refused or waits for a
+/// person; then the newest that was put in force. `versions` begins with the newest.
+pub fn in_force(versions: &[Version]) -> Option<&Version> {
+    let newest = versions.first()?;
+    if may_be_in_force(newest) {
+        return Some(newest);
+    }
+    let is_active = |version: &&Version| version.outcome == Some(Outcome::Activated);
+    let mut each = versions.iter();
+    each.clone()
+        .find(is_active)
+        .or_else(|| each.find(|version| may_be_in_force(version)))
+}
+
+/// The checksum of that model, where the newest version is known; older ones are read where they are needed.
+///
+/// # Errors
+/// The older ones cannot be read.
+pub fn model_in_force(store: &Store, newest: &Version) -> Result<Option<String>, StoreError> {
+    if may_be_in_force(newest) {
+        return Ok(Some(newest.model.clone()));
+    }
+    let versions = store.versions(&newest.machine)?;
+    Ok(in_force(&versions).map(|version| version.model.clone()))
+}
+
 /// The beginning of a day such as `2026-11-25`, s since 1970; `None`: it is no date.
 pub fn date_s(text: &str) -> Option<f64> {
     let mut parts = text.splitn(3, '-');
@@ -103,20 +142,13 @@ pub fn date_s(text: &str) -> Option<f64> {
         fits.then(|| part.parse::<i64>().ok()).flatten()
     };
     let (year, month, day) = (next(4)?, next(2)?, next(2)?);
-    let fits =
-        (1970..=9999).contains(&year) && (1..=12).contains(&month) && (1..=31).contains(&day);
-    if !fits {
+    if !(1970..=9999).contains(&year) {
         return None;
     }
-    // Days since 1970 of the proleptic Gregorian calendar; the year begins in March, so that the leap day is its last.
-    let (year, month) = if month > 2 {
-        (year, month - 3)
-    } else {
-        (year - 1, month + 9)
-    };
-    let of_year = (153 * month + 2) / 5 + day - 1;
-    let days = 365 * year + year / 4 - year / 100 + year / 400 + of_year - 719_468;
-    Some(days as f64 * DAY_S)
+    let month = Month::try_from(u8::try_from(month).ok()?).ok()?;
+    let year = i32::try_from(year).ok()?;
+    let date = Date::from_calendar_date(year, month, u8::try_from(day).ok()?).ok()?;
+    Some(date.midnight().assume_utc().unix_timestamp() as f64)
 }
 
 /// A time, s since 1970, as people read it: `2026-11-25 14:03:59`, UTC.
@@ -126,20 +158,16 @@ pub fn date_s(text: &str) -> Option<f64> {
 )]
 pub fn date(at_s: f64) -> String {
     let at_s = at_s.clamp(0.0, 253_402_300_799.0) as i64;
-    let (days, second) = (at_s.div_euclid(86_400), at_s.rem_euclid(86_400));
-    // The year begins in March, so that the leap day is its last: `date_s` the other way round.
-    let days = days + 719_468;
-    let (age, of_age) = (days.div_euclid(146_097), days.rem_euclid(146_097));
-    let of_age_years = (of_age - of_age / 1460 + of_age / 36_524 - of_age / 146_096) / 365;
-    let of_year = of_age - (365 * of_age_years + of_age_years / 4 - of_age_years / 100);
-    let month = (5 * of_year + 2) / 153;
-    let day = of_year - (153 * month + 2) / 5 + 1;
-    let month = if month < 10 { month + 3 } else { month - 9 };
-    let year = 400 * age + of_age_years + i64::from(month <= 2);
-    let [hour, minute] = [second / 3600, second / 60 % 60];
+    let at = OffsetDateTime::from_unix_timestamp(at_s).unwrap_or(OffsetDateTime::UNIX_EPOCH);
+    let (date, time) = (at.date(), at.time());
     format!(
-        "{year:04}-{month:02}-{day:02} {hour:02}:{minute:02}:{:02}",
-        second % 60
+        "{:04}-{:02}-{:02} {:02}:{:02}:{:02}",
+        date.year(),
+        u8::from(date.month()),
+        date.day(),
+        time.hour(),
+        time.minute(),
+        time.second()
     )
 }
 
@@ -186,6 +214,10 @@ mod tests {
             "2026-11-x",
             "2026-11-00",
             "2026-11-250",
+            "2026-02-31",
+            "2026-02-29",
+            "2100-02-29",
+            "2026-04-31",
             "26-11-25",
             "2026-1-05",
             "+026-11-25",

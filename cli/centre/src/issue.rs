@@ -5,6 +5,7 @@ use volcomp_fleet::{Desired, MachineId, Manifest, ModelRef, Outcome};
 
 use crate::{
     clock::now_s,
+    drift::{in_force, may_be_in_force},
     keys::Key,
     models::{NoModel, fits},
     records::{Machine, Model, Version},
@@ -114,7 +115,7 @@ pub(crate) fn issue(
     })
 }
 
-/// Issues the model that a machine has once more, with the settings that it has now: after it was enabled or disabled, or
+/// Issues the model that a machine has in force once more, with the settings that it has now: after it was enabled or disabled, or
 /// its intervals were changed. The running centre sends it within a second.
 ///
 /// # Errors
@@ -138,8 +139,17 @@ pub(crate) fn reissue_in(
     let last = newest(database, machine)?.ok_or_else(|| NotIssued::NoModelYet {
         machine: machine.clone(),
     })?;
-    // It stays the model of its roll-out: settings make nothing good.
-    let rollout = newest_version(database, machine)?.and_then(|version| version.rollout);
+    let newest = newest_version(database, machine)?;
+    // A model that was refused, or that waits for a person, is not sent again by the way: the settings go with the one that is in
+    // force. It stays the model of its roll-out: settings make nothing good.
+    if !newest.as_ref().is_none_or(may_be_in_force) {
+        let versions = versions_of(database, machine)?;
+        if let Some(version) = in_force(&versions) {
+            let (model, rollout) = (&version.model, version.rollout);
+            return issue_again(database, key, machine, model, rollout, by);
+        }
+    }
+    let rollout = newest.and_then(|version| version.rollout);
     issue_again(database, key, machine, &last.model, rollout, by)
 }
 

@@ -64,7 +64,11 @@ impl CommandError {
             | Self::Model(_)
             | Self::Wrong(_)
             | Self::Server(_)
-            | Self::Back(NoWayBack::None { .. } | NoWayBack::Model(_))
+            | Self::Back(
+                NoWayBack::None { .. }
+                | NoWayBack::Model(_)
+                | NoWayBack::Store(StoreError::Rollout { .. }),
+            )
             | Self::Tls(_)
             | Self::Store(
                 StoreError::Missing { .. }
@@ -72,7 +76,6 @@ impl CommandError {
                 | StoreError::NotBrokenOff { .. }
                 | StoreError::Password(_),
             ) => 2,
-            Self::Back(NoWayBack::Store(StoreError::Rollout { .. })) => 2,
             Self::Store(_)
             | Self::Back(NoWayBack::Store(_))
             | Self::Demo(_)

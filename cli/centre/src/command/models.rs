@@ -34,10 +34,10 @@ pub(super) fn add(config: &Config, add: &AddModel, by: &str) -> Result<(), Comma
     for note in &new.model.notes {
         let _ = writeln!(said, "note: {note}");
     }
-    let there = if is_new {
-        ""
-    } else {
-        " (it was there already)"
+    let there = match &add.measured {
+        _ if is_new => String::new(),
+        Some(day) => format!(" (it was there already; measured on {day})"),
+        None => " (it was there already)".to_owned(),
     };
     let _ = writeln!(said, "{} {}{there}", new.model.sha256, new.model.name);
     print(&said)

@@ -5,20 +5,23 @@ use std::{
     time::Instant,
 };
 
-use volcomp_fleet::{MachineId, Outcome};
+use volcomp_fleet::MachineId;
 
 use super::{Engine, causes, writer::lock};
 use crate::{
     clock::now_s,
-    drift::due_days,
+    drift::{due_days, may_be_in_force, model_in_force},
     ingest::Since,
     records::{AlarmKind, Machine, Model, Version},
-    rollout::Phase,
+    rollout::{Phase, Rollout, Step},
     store::{StoreError, alarms},
 };
 
 /// A text of an alarm that is open is written anew so often: it may tell an age.
 const SAY_EVERY_S: f64 = 60.0;
+
+/// Models are read anew so often, s.
+const READ_EVERY_S: f64 = 60.0;
 
 type Key = (Option<MachineId>, AlarmKind);
 
@@ -28,6 +31,8 @@ pub(super) struct Open {
     known: Option<BTreeMap<Key, (u64, String, f64)>>,
     unreadable: BTreeMap<MachineId, (Instant, String)>,
     models: BTreeMap<String, Model>,
+    /// When the models were read: the day of their measurements may be stated later.
+    models_read: Option<Instant>,
     /// The newest version that it was learned at, and the model that a machine corrects by, of machines whose calibration
     /// can be due.
     in_force: BTreeMap<MachineId, (u64, Option<String>)>,
@@ -51,6 +56,11 @@ pub(super) fn look(
         }
     }
     learn_in_force(engine, &mut state.in_force, machines, versions)?;
+    let read = state.models_read;
+    if read.is_none_or(|read| read.elapsed().as_secs_f64() >= READ_EVERY_S) {
+        state.models.clear();
+        state.models_read = Some(Instant::now());
+    }
     learn_models(engine, &mut state.models, versions, &state.in_force)?;
     let suspects = suspects(engine, &mut state.done, versions)?;
     let mut causes = of_machines(engine, state, machines, versions, &suspects, now);
@@ -121,7 +131,7 @@ fn forget(engine: &Engine, over: &[AlarmKind]) {
     lock(&engine.troubles).retain(|kind, trouble| !(trouble.over && over.contains(kind)));
 }
 
-/// Models are never changed: each is read once.
+/// Reads the models that are not known yet.
 fn learn_models(
     engine: &Engine,
     models: &mut BTreeMap<String, Model>,
@@ -156,31 +166,29 @@ fn learn_in_force(
         let Some(newest) = versions.get(name) else {
             continue;
         };
-        let is_open = |version: &Version| {
-            !version.withdrawn
-                && !matches!(
-                    version.outcome,
-                    Some(Outcome::Refused { .. } | Outcome::NeedsConfirmation { .. })
-                )
-        };
         let known = in_force.remove(name);
-        let model = if is_open(newest) {
-            Some(newest.model.clone())
-        } else if let Some((_, model)) = known.filter(|(version, _)| *version == newest.version) {
-            model
-        } else {
-            let versions = engine.store.versions(name)?;
-            let is_active = |version: &&Version| version.outcome == Some(Outcome::Activated);
-            let active = versions.iter().find(is_active);
-            let active = active.or_else(|| versions.iter().find(|version| is_open(version)));
-            active.map(|version| version.model.clone())
+        let model = match known.filter(|(version, _)| *version == newest.version) {
+            Some((_, model)) => model,
+            None => model_in_force(&engine.store, newest)?,
         };
-        // While it is open it may be refused yet: then it is learned anew.
-        let at = if is_open(newest) { 0 } else { newest.version };
+        // While it may be in force it may be refused yet: then it is learned anew.
+        let at = if may_be_in_force(newest) {
+            0
+        } else {
+            newest.version
+        };
         learned.insert(name.clone(), (at, model));
     }
     *in_force = learned;
     Ok(())
+}
+
+/// A roll-out; `None`: there is none, or its document cannot be read, which is told as a roll-out that cannot go on.
+fn readable(engine: &Engine, id: u64) -> Result<Option<Rollout>, StoreError> {
+    match engine.store.rollout(id) {
+        Err(StoreError::Document(_)) => Ok(None),
+        other => other,
+    }
 }
 
 /// The machines whose newest version is of a roll-out that is broken off and that nobody has decided to keep: its number, and
@@ -194,7 +202,7 @@ fn suspects(
     let open: BTreeSet<u64> = of_versions.filter(|id| !done.contains(id)).collect();
     let mut suspects = BTreeMap::new();
     for id in open {
-        let Some(rollout) = engine.store.rollout(id)? else {
+        let Some(rollout) = readable(engine, id)? else {
             continue;
         };
         let what = match &rollout.phase {
@@ -257,7 +265,7 @@ fn of_machines(
     found
 }
 
-/// What the centre itself has trouble with; which of it is over.
+/// What the centre itself has trouble with, which of it is over; and what its roll-outs wait for.
 fn of_centre(
     engine: &Engine,
     causes: &mut BTreeMap<Key, String>,
@@ -271,8 +279,11 @@ fn of_centre(
     }
     let mut stopped = Vec::new();
     for id in engine.store.open_rollouts()? {
-        let phase = engine.store.rollout(id)?.map(|rollout| rollout.phase);
-        if let Some(Phase::Stopped { why }) = phase {
+        let Some(rollout) = readable(engine, id)? else {
+            continue;
+        };
+        waiting(&rollout, causes);
+        if let Phase::Stopped { why } = rollout.phase {
             stopped.push(format!("Roll-out {id} has stopped: {why}."));
         }
     }
@@ -285,4 +296,21 @@ fn of_centre(
         text.push_str(&stopped.join(" "));
     }
     Ok(over)
+}
+
+/// A change that a person must confirm, although other settings were sent with the model of before meanwhile.
+fn waiting(rollout: &Rollout, causes: &mut BTreeMap<Key, String>) {
+    for turn in &rollout.turns {
+        if let Step::NeedsConfirmation {
+            version,
+            worst_um,
+            worst_urad,
+            ..
+        } = &turn.step
+        {
+            let key = (Some(turn.machine.clone()), AlarmKind::NeedsConfirmation);
+            let text = || causes::needs_confirmation(*version, worst_um, worst_urad);
+            causes.entry(key).or_insert_with(text);
+        }
+    }
 }

@@ -64,6 +64,14 @@ pub(super) fn of(known: &Known<'_>) -> BTreeMap<AlarmKind, String> {
     causes
 }
 
+/// What is told of a change that a person must confirm.
+pub(super) fn needs_confirmation(version: u64, worst_um: &str, worst_urad: &str) -> String {
+    format!(
+        "Version {version} moves the axes by up to {}: a person must confirm it.",
+        largest_moves(worst_um, worst_urad)
+    )
+}
+
 fn of_version(known: &Known<'_>, causes: &mut BTreeMap<AlarmKind, String>) {
     let Some(version) = known.version else { return };
     match &version.outcome {
@@ -80,11 +88,7 @@ fn of_version(known: &Known<'_>, causes: &mut BTreeMap<AlarmKind, String>) {
         }) => {
             causes.insert(
                 AlarmKind::NeedsConfirmation,
-                format!(
-                    "Version {} moves the axes by up to {}: a person must confirm it.",
-                    version.version,
-                    largest_moves(worst_um, worst_urad)
-                ),
+                needs_confirmation(version.version, worst_um, worst_urad),
             );
         }
         Some(Outcome::Activated) | None => {}

@@ -120,9 +120,7 @@ fn look_now(engine: &Engine, state: &mut State) -> Result<(), StoreError> {
             return Err(error);
         }
     };
-    let unseen = since
-        .iter()
-        .filter(|(name, _)| held.machines.contains(name));
+    let unseen = since.iter().filter(|(name, _)| held.holds(name));
     let unseen = unseen.map(|(name, since)| {
         // The alarms have these.
         let unreadable = 0;
@@ -136,9 +134,24 @@ fn look_now(engine: &Engine, state: &mut State) -> Result<(), StoreError> {
     lock(&engine.ingest).put_back(unseen);
     let why = (!held.why.is_empty()).then(|| held.why.join(" "));
     engine.trouble(AlarmKind::Rollout, why);
-    let versions = newest_versions(engine)?;
-    settings(engine, &mut state.unsettled, &machines, &versions)?;
-    alarms::look(engine, &mut state.alarms, &machines, &versions, &since)?;
+    let told = (|| {
+        let versions = newest_versions(engine)?;
+        settings(engine, &mut state.unsettled, &machines, &versions)?;
+        alarms::look(engine, &mut state.alarms, &machines, &versions, &since)
+    })();
+    if let Err(error) = told {
+        // The roll-outs have had their part; what the alarms have not had is told at the next look.
+        let untold = since.into_iter().map(|(name, since)| {
+            let untold = Since {
+                unreadable: since.unreadable,
+                why_unreadable: since.why_unreadable,
+                ..Since::default()
+            };
+            (name, untold)
+        });
+        lock(&engine.ingest).put_back(untold.collect());
+        return Err(error);
+    }
     if now.duration_since(state.minute) >= MINUTE {
         state.minute = now;
         lock(&engine.ingest).count_missing();
@@ -197,8 +210,18 @@ fn settings(
 struct Held {
     /// Why, a sentence each.
     why: Vec<String>,
+    /// The machines of those that were moved on, where it is not known which machines the others have.
+    moved: Option<BTreeSet<MachineId>>,
     /// Their machines: each is in one roll-out at a time.
     machines: BTreeSet<MachineId>,
+}
+
+impl Held {
+    /// Whether what was heard of a machine has reached no roll-out that may be its own.
+    fn holds(&self, machine: &MachineId) -> bool {
+        self.machines.contains(machine)
+            || (self.moved.as_ref()).is_some_and(|moved| !moved.contains(machine))
+    }
 }
 
 /// Moves every roll-out on, each in one transaction with what it issues. One that cannot be moved on holds up no other.
@@ -230,16 +253,23 @@ fn roll_out(
         versions,
     };
     let mut held = Held::default();
+    let (mut moved, mut all_known) = (BTreeSet::new(), true);
     for id in open {
-        if let Err(error) = move_on(engine, id, &looked) {
-            held.why
-                .push(format!("Roll-out {id} cannot go on: {error}."));
-            if let Ok(Some(rollout)) = engine.store.rollout(id) {
-                let machines = rollout.turns.into_iter().map(|turn| turn.machine);
-                held.machines.extend(machines);
+        match move_on(engine, id, &looked) {
+            Ok(machines) => moved.extend(machines),
+            Err(error) => {
+                held.why
+                    .push(format!("Roll-out {id} cannot go on: {error}."));
+                match engine.store.rollout(id) {
+                    Ok(rollout) => held
+                        .machines
+                        .extend(rollout.into_iter().flat_map(machines_of)),
+                    Err(_) => all_known = false,
+                }
             }
         }
     }
+    held.moved = (!all_known).then_some(moved);
     Ok(held)
 }
 
@@ -253,10 +283,18 @@ struct Looked<'a> {
     versions: BTreeMap<MachineId, Version>,
 }
 
-/// Moves one roll-out on.
-fn move_on(engine: &Engine, id: u64, looked: &Looked<'_>) -> Result<(), StoreError> {
+fn machines_of(rollout: Rollout) -> impl Iterator<Item = MachineId> {
+    rollout.turns.into_iter().map(|turn| turn.machine)
+}
+
+/// Moves one roll-out on, and tells its machines.
+fn move_on(
+    engine: &Engine,
+    id: u64,
+    looked: &Looked<'_>,
+) -> Result<impl Iterator<Item = MachineId> + use<>, StoreError> {
     let Some(rollout) = engine.store.rollout(id)? else {
-        return Ok(());
+        return Ok(None.into_iter().flat_map(machines_of));
     };
     let model = engine.store.model(&rollout.model)?;
     let text = engine.store.model_text(&rollout.model)?;
@@ -284,21 +322,22 @@ fn move_on(engine: &Engine, id: u64, looked: &Looked<'_>) -> Result<(), StoreErr
             return Ok(());
         }
         rollouts::save(database, &rollout, &before.phase)
-    })
+    })?;
+    Ok(Some(rollout).into_iter().flat_map(machines_of))
 }
 
 /// The answers that a roll-out has not heard of yet.
 fn answers(rollout: &Rollout, versions: &BTreeMap<MachineId, Version>) -> Vec<Event> {
     let answered = rollout.turns.iter().filter_map(|turn| {
         let version = versions.get(&turn.machine)?;
+        // What was sent meanwhile with the model of before says nothing of this one.
+        let is_of_it = version.rollout.is_none_or(|id| id == rollout.id);
         let outcome = version.outcome.clone()?;
-        turn.step
-            .waits_for(version.version, &outcome)
-            .then(|| Event::Answered {
-                machine: turn.machine.clone(),
-                version: version.version,
-                outcome,
-            })
+        (is_of_it && turn.step.waits_for(version.version, &outcome)).then(|| Event::Answered {
+            machine: turn.machine.clone(),
+            version: version.version,
+            outcome,
+        })
     });
     answered.collect()
 }

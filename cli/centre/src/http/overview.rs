@@ -12,7 +12,7 @@ use volcomp_fleet::MachineId;
 use super::ages::Ages;
 use crate::{
     clock::now_s,
-    drift::due_days,
+    drift::{due_days, model_in_force},
     records::{Alarm, Live, Machine, Model, Severity, Version},
     store::{Store, StoreError},
 };
@@ -103,7 +103,16 @@ impl Overview {
         let models: HashMap<String, Model> = (store.models()?.into_iter())
             .map(|model| (model.sha256.clone(), model))
             .collect();
-        let issued = store.wanted()?;
+        let issued: HashMap<MachineId, Version> = (store.newest_versions()?.into_iter())
+            .map(|version| (version.machine.clone(), version))
+            .collect();
+        let mut correct_by = HashMap::new();
+        for machine in machines.iter().filter(|machine| machine.due_days.is_some()) {
+            let id = &machine.identity.machine;
+            if let Some(newest) = issued.get(id) {
+                correct_by.insert(id, model_in_force(store, newest)?);
+            }
+        }
         let (now_s, now) = (now_s(), Instant::now());
         let mut ages_s = HashMap::new();
         let rows = machines
@@ -143,8 +152,8 @@ impl Overview {
                     armed: condition.map(|it| it.armed),
                     enable: machine.enable,
                     version: heard.filter(|_| !silent).map(|live| live.version),
-                    wanted: wanted.map(|(version, _)| *version),
-                    model: wanted.map(|(_, model)| model.as_str()),
+                    wanted: wanted.map(|wanted| wanted.version),
+                    model: wanted.map(|wanted| wanted.model.as_str()),
                     correction_um: condition.and_then(|it| largest(&it.correction_um)),
                     residual_um: condition.and_then(|it| it.residual_um),
                     coldest_degc: known().reduce(f64::min),
@@ -152,8 +161,8 @@ impl Overview {
                     broken_sensors: degc.iter().filter(|degc| degc.is_none()).count(),
                     alarms: alarms.len(),
                     worst: alarms.iter().map(|alarm| alarm.severity).max(),
-                    due_in_days: wanted
-                        .and_then(|(_, model)| due_days(machine, models.get(model)?, now_s))
+                    due_in_days: (correct_by.get(id))
+                        .and_then(|model| due_days(machine, models.get(model.as_ref()?)?, now_s))
                         .map(|days| -days),
                 }
             })

@@ -23,7 +23,8 @@ pub struct Issued {
 }
 
 impl Store {
-    /// Adds a model with its text. Tells whether it is new.
+    /// Adds a model with its text. Tells whether it is new. Of one that is there already the day of its measurements is taken,
+    /// where one is stated.
     ///
     /// # Errors
     /// The database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed.
@@ -36,8 +37,27 @@ impl Store {
             )?;
             if added > 0 {
                 audit::append(database, &model.by, "model.add", &model.sha256, json!(model))?;
+                return Ok(true);
             }
-            Ok(added > 0)
+            let known = model_of(database, &model.sha256)?;
+            if let Some(known) = known.filter(|known| {
+                !model.measured.is_empty() && known.measured != model.measured
+            }) {
+                let details = json!({ "before": known.measured, "measured": model.measured });
+                let dated = Model {
+                    measured: model.measured.clone(),
+                    ..known
+                };
+                database.execute(
+                    "UPDATE models SET document = ?2 WHERE sha256 = ?1",
+                    &[
+                        dated.sha256.as_str().into(),
+                        serde_json::to_string(&dated)?.into(),
+                    ],
+                )?;
+                audit::append(database, &model.by, "model.measured", &model.sha256, details)?;
+            }
+            Ok(false)
         })
     }
 

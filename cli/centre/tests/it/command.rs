@@ -101,7 +101,24 @@ fn from_nothing_to_a_roll_out() {
         &format!("model add {gantry} --measured yesterday"),
         "expected a day",
     );
+    wrong(
+        &format!("model add {gantry} --measured 2026-02-31"),
+        "expected a day",
+    );
     assert!(done("model list").contains("2026-11-20"));
+    // The day of a model that is there is put right.
+    let again = done(&format!("model add {gantry} --measured 2026-11-21"));
+    assert!(
+        again.contains("it was there already; measured on 2026-11-21"),
+        "{again}"
+    );
+    assert!(done(&format!("model add {gantry}")).contains("(it was there already)"));
+    let listed = done("model list");
+    assert!(
+        listed.contains("2026-11-21") && !listed.contains("2026-11-20"),
+        "{listed}"
+    );
+    assert!(done("audit").contains("model.measured"));
     wrong(
         "rollout start --model 00 --machine mill-1",
         "expected the beginning of one checksum",

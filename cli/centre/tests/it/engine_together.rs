@@ -3,16 +3,18 @@
 use std::{sync::Arc, time::Duration};
 
 use volcomp_centre::{
+    ingest::Ingest,
     issue::reissue,
-    records::Machine,
-    rollout::{Phase, Rollout, Rules, Wish},
-    store::Store,
+    records::{AlarmKind, Machine},
+    rollout::{Phase, Rollout, Rules, Step, Wish},
+    store::{Store, StoreError},
 };
-use volcomp_fleet::Desired;
+use volcomp_fleet::{Acknowledgement, Desired, Kind, LinkSettings, MachineLink, Outcome};
 
 use crate::{
+    gateway::{self, Told},
     shop::{Shop, runtime, until},
-    support::model,
+    support::{condition, envelope, model, received},
 };
 
 /// A person forbids correcting (`machine disable`: the registry first, then a manifest) while the centre is at its look with the machines
@@ -197,5 +199,155 @@ fn a_machine_is_told_what_it_is_registered_with_whoever_changed_it() {
         let manifest: serde_json::Value = serde_json::from_str(&signed.manifest).unwrap();
         assert_eq!(manifest["enable"], false);
         assert_eq!(manifest["condition_s"], 10);
+    });
+}
+
+/// docs/src/fleet.md: what other settings are sent with, while a model waits for a person, is the model that is in force. The one
+/// that waits is sent when it is confirmed, and not before.
+#[test]
+fn settings_do_not_send_a_model_that_waits_for_a_person() {
+    let Some(shop) = Shop::new(1, 1) else { return };
+    let (old, new) = (model(7), model(8));
+    let name = shop.machines[0].0.identity.machine.clone();
+    let rollout = |id| shop.store.rollout(id).unwrap().unwrap();
+    let versions = || shop.store.versions(&name).unwrap();
+    runtime().block_on(async {
+        let centre = shop.centre(&shop.url()).await;
+        let gateway = shop.gateway(0);
+        let rules = Rules {
+            soak_s: 0.0,
+            answer_s: 1000.0,
+            ..Rules::default()
+        };
+        let first = shop.roll_out(7, rules.clone());
+        until("it has the old one", || rollout(first).phase == Phase::Done).await;
+        gateway.1.abort();
+        let second = shop.roll_out(8, rules);
+        until("the new one is sent", || versions()[0].version == 2).await;
+        centre.end().await;
+        let answer = Acknowledgement {
+            version: 2,
+            value_sha256: versions()[0].value_sha256.clone(),
+            outcome: Outcome::NeedsConfirmation {
+                hash: "ab".into(),
+                worst_um: "120.0".into(),
+                worst_urad: String::new(),
+            },
+        };
+        let message = envelope("b", 1, answer);
+        let message = received("mill-0", Kind::Ack, 1, 1_800_000_000.0, &message);
+        let mut ingest = Ingest::of(&shop.store).unwrap();
+        ingest.take(&shop.store, &[message]).unwrap();
+        let centre = shop.centre(&shop.url()).await;
+        let waits = || {
+            matches!(
+                rollout(second).turns[0].step,
+                Step::NeedsConfirmation { .. }
+            )
+        };
+        until("it waits for a person", waits).await;
+        let mut gateway = None;
+        for (version, enable) in [(3, false), (4, true)] {
+            let change = |known: Option<Machine>| {
+                let known = known.unwrap();
+                Ok::<_, StoreError>(Machine { enable, ..known })
+            };
+            shop.store.change_machine(&name, "anna", change).unwrap();
+            shop.until_under_key(0, version).await;
+            // The simulated gateway asks for no confirmation: it comes when what waits for one stands there no longer.
+            gateway.get_or_insert_with(|| {
+                let told = Told::default();
+                tokio::spawn(gateway::run(shop.plan(0, "again"), told))
+            });
+            until("it is in force", || {
+                let newest = versions()[0].clone();
+                newest.version == version && newest.outcome == Some(Outcome::Activated)
+            })
+            .await;
+            let newest = versions()[0].clone();
+            assert_eq!(
+                (newest.model, newest.enable),
+                (old.model.sha256.clone(), enable)
+            );
+        }
+        tokio::time::sleep(Duration::from_secs(2)).await;
+        assert!(waits(), "it is taken for answered: {:?}", rollout(second));
+        let alarms = shop.store.open_alarms().unwrap();
+        let mut alarms = alarms.iter();
+        assert!(alarms.any(|alarm| alarm.kind == AlarmKind::NeedsConfirmation));
+        let confirm = Wish::Confirm {
+            machine: name.clone(),
+            hash: "ab".into(),
+        };
+        shop.store.wish(second, &confirm, "anna").unwrap();
+        until("it is done", || rollout(second).phase == Phase::Done).await;
+        let newest = versions()[0].clone();
+        assert_eq!(
+            (newest.model, newest.confirm),
+            (new.model.sha256, Some("ab".into()))
+        );
+        gateway.unwrap().abort();
+        centre.end().await;
+    });
+}
+
+/// A fault that is told while a roll-out cannot be read is not forgotten: it counts when the roll-out can be read again.
+#[test]
+fn a_fault_is_not_dropped_by_a_look_that_fails() {
+    let Some(shop) = Shop::new(1, 1) else { return };
+    runtime().block_on(async {
+        let centre = shop.centre(&shop.url()).await;
+        let gateway = shop.gateway(0);
+        let rules = Rules {
+            soak_s: 600.0,
+            ..Rules::default()
+        };
+        let id = shop.roll_out(7, rules);
+        let soaks = || {
+            let rollout = shop.store.rollout(id).unwrap().unwrap();
+            matches!(rollout.turns[0].step, Step::Soaking { .. })
+        };
+        until("it is watched", soaks).await;
+        let raw = rusqlite::Connection::open(shop.folder.path().join("centre.db")).unwrap();
+        raw.busy_timeout(Duration::from_secs(30)).unwrap();
+        let state: String = raw
+            .query_row("SELECT state FROM rollouts", [], |row| row.get(0))
+            .unwrap();
+        raw.execute("UPDATE rollouts SET state = '{}'", []).unwrap();
+        let told = |words: &str| {
+            let open = shop.store.open_alarms().unwrap();
+            open.iter()
+                .any(|one| one.kind == AlarmKind::Rollout && one.text.contains(words))
+        };
+        until("it is told", || told("cannot go on")).await;
+        let mut faulted = envelope("b", 1, condition(4.0));
+        faulted.version = 1;
+        faulted.body.state = "faulted".into();
+        faulted.body.reasons = vec!["thermal runaway".into()];
+        let (identity, key) = (&shop.machines[0].0.identity, &shop.machines[0].1);
+        let settings = LinkSettings {
+            url: shop.url(),
+            seed: key.seed().unwrap(),
+            roots: None,
+        };
+        let link = MachineLink::connect(&settings, identity).await.unwrap();
+        let bytes = serde_json::to_vec(&faulted).unwrap();
+        while link
+            .publish(Kind::Condition, "b-1", bytes.clone().into())
+            .await
+            .is_err()
+        {
+            tokio::time::sleep(Duration::from_millis(200)).await;
+        }
+        tokio::time::sleep(Duration::from_secs(4)).await;
+        raw.execute("UPDATE rollouts SET state = ?1", [state])
+            .unwrap();
+        until("it stops", || {
+            let phase = shop.store.rollout(id).unwrap().unwrap().phase;
+            matches!(phase, Phase::Stopped { why } if why.contains("thermal runaway"))
+        })
+        .await;
+        gateway.1.abort();
+        centre.end().await;
     });
 }

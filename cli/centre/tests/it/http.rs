@@ -6,9 +6,10 @@ use serde_json::json;
 use volcomp_centre::{
     http::{Need, ROUTES},
     models::NewModel,
-    records::Origin,
+    records::{Origin, Version},
     users::{Moment, Role, Session},
 };
+use volcomp_fleet::Outcome;
 
 use crate::page::{PASSWORD, Page};
 
@@ -526,4 +527,69 @@ fn a_model_is_taken_away_as_it_is_signed_and_as_tables() {
             .status,
         404
     );
+}
+
+/// The page and the alarm go by one rule: a calibration that was refused, or that waits for a person, renews no date. And the way
+/// back, and the decision to keep a model, are refused where there is nothing to decide.
+#[test]
+fn a_refused_model_renews_no_date_on_the_page() {
+    let page = Page::start();
+    let engineer = page.session(Role::Engineer);
+    let mut machine = crate::support::machine("mill-1");
+    machine.due_days = Some(30);
+    page.store.put_machine(&machine, "anna").expect("stored");
+    let raw = rusqlite::Connection::open(page.folder.path().join("centre.db")).expect("open");
+    let name = machine.identity.machine.clone();
+    for (number, measured, outcome) in [
+        (1_u32, "2020-01-01", Outcome::Activated),
+        (2, "9999-01-01", Outcome::Refused { why: "no".into() }),
+    ] {
+        let mut new = crate::support::model(number);
+        new.model.measured = measured.to_owned();
+        page.store.add_model(&new.model, &new.text).expect("stored");
+        let version = Version {
+            machine: name.clone(),
+            version: number.into(),
+            model: new.model.sha256.clone(),
+            enable: true,
+            confirm: None,
+            condition_s: None,
+            telemetry_s: None,
+            value_sha256: number.to_string(),
+            rollout: None,
+            issued_s: 0.0,
+            by: "anna".to_owned(),
+            outcome: Some(outcome),
+            answered_s: None,
+            withdrawn: false,
+        };
+        let document = serde_json::to_string(&version).expect("plain data");
+        raw.execute(
+            "INSERT INTO versions (machine, version, model, rollout, value_sha256, document) VALUES ('mill-1', ?1, ?2, NULL, ?3, ?4)",
+            rusqlite::params![number, version.model, version.value_sha256, document],
+        )
+        .expect("written");
+        raw.execute(
+            "INSERT INTO desired (machine, version, model, value) VALUES ('mill-1', ?1, ?2, 'x')
+             ON CONFLICT (machine) DO UPDATE SET version = excluded.version, model = excluded.model",
+            rusqlite::params![number, version.model],
+        )
+        .expect("written");
+    }
+    let row = || page.get("/api/overview", &engineer).json()["machines"][0].clone();
+    volcomp_test_support::until("it is in the overview", Duration::from_secs(60), || {
+        row()["wanted"] == 2
+    });
+    let due = row()["due_in_days"].as_f64().expect("a number");
+    assert!(due < -2000.0, "{due}");
+    let back = page.post("/api/machines/mill-1/back", &engineer, &json!({}));
+    assert_eq!(back.status, 409, "one model was in force: {}", back.body);
+    let keep = json!({ "machine": "mill-1" });
+    let missing = page.post("/api/rollouts/9/keep", &engineer, &keep);
+    assert_eq!(missing.status, 404, "{}", missing.body);
+    let body = json!({ "model": crate::support::model(1).model.sha256, "machines": ["mill-1"] });
+    let started = page.post("/api/rollouts", &engineer, &body);
+    assert_eq!(started.status, 200, "{}", started.body);
+    let early = page.post("/api/rollouts/1/keep", &engineer, &keep);
+    assert_eq!(early.status, 409, "{}", early.body);
 }

@@ -180,6 +180,33 @@ impl Shop {
         (told.clone(), tokio::spawn(gateway::run(plan, told)))
     }
 
+    /// Waits until this version stands under the key of a machine; 0: nothing.
+    pub(crate) async fn until_under_key(&self, place: usize, version: u64) {
+        let settings = LinkSettings {
+            url: self.url(),
+            seed: self.centre.seed().unwrap(),
+            roots: None,
+        };
+        let hub = volcomp_fleet::Hub::connect(&settings).await.unwrap();
+        let machine = &self.machines[place].0.identity.machine;
+        let end = Instant::now() + LONG;
+        loop {
+            let found = hub.desired(machine).await.map(|value| {
+                value.map_or(0, |value| {
+                    let desired = volcomp_fleet::Desired::parse(&value).unwrap();
+                    let manifest: volcomp_fleet::Manifest =
+                        serde_json::from_str(&desired.manifest).unwrap();
+                    manifest.version
+                })
+            });
+            if found.as_ref().is_ok_and(|found| *found == version) {
+                return;
+            }
+            assert!(Instant::now() < end, "version {version}: found {found:?}");
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+    }
+
     /// Starts a roll-out to all machines; another number is another model.
     pub(crate) fn roll_out(&self, number: u32, rules: Rules) -> u64 {
         let all: Vec<usize> = (0..self.machines.len()).collect();

@@ -11,7 +11,7 @@ use volcomp_fleet::{Desired, Manifest};
 
 use crate::{
     gateway::{self, Told},
-    shop::{LONG, Shop, runtime, until},
+    shop::{Shop, runtime, until},
     support::model,
 };
 
@@ -97,22 +97,8 @@ fn a_machine_that_was_away_does_not_take_what_has_stopped() {
             (again.version, again.model.sha256),
             (3, old.model.sha256.clone())
         );
-        let hub = volcomp_fleet::Hub::connect(&volcomp_fleet::LinkSettings {
-            url: shop.url(),
-            seed: shop.centre.seed().unwrap(),
-            roots: None,
-        })
-        .await
-        .unwrap();
-        let end = std::time::Instant::now() + LONG;
-        while !hub
-            .desired(&all[2].0)
-            .await
-            .is_ok_and(|value| value.is_none())
-        {
-            assert!(std::time::Instant::now() < end, "it still stands there");
-            tokio::time::sleep(std::time::Duration::from_millis(50)).await;
-        }
+        shop.until_under_key(1, 3).await;
+        shop.until_under_key(2, 0).await;
         // Back again, it takes what stands under its key now.
         let back_again = shop.gateway(1);
         until("it has the old one again", || {
@@ -146,8 +132,7 @@ fn a_machine_that_was_away_does_not_take_what_has_stopped() {
         .await;
         until("nothing is suspect", || !is_suspect(&shop)).await;
         until("it is done", || rollout(third.id).phase == Phase::Done).await;
-        let none = hub.desired(&all[2].0).await.unwrap();
-        assert_eq!(none, None, "nor after a new start of the centre");
+        shop.until_under_key(2, 0).await;
         centre.end().await;
         stays.abort();
         back_again.1.abort();
