@@ -36,20 +36,23 @@ pub(crate) fn done(folder: &Path, arguments: &str) -> String {
     called.out
 }
 
+/// Has a call refused as a wrong one, with these words.
+fn wrong(folder: &Path, arguments: &str, told: &str) {
+    let called = call(folder, arguments);
+    assert_eq!(
+        called.status, 2,
+        "{arguments}: {}{}",
+        called.out, called.err
+    );
+    assert!(called.err.contains(told), "{arguments}: {}", called.err);
+}
+
 #[test]
 fn from_nothing_to_a_roll_out() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let done = |arguments: &str| done(folder, arguments);
-    let wrong = |arguments: &str, told: &str| {
-        let called = call(folder, arguments);
-        assert_eq!(
-            called.status, 2,
-            "{arguments}: {}{}",
-            called.out, called.err
-        );
-        assert!(called.err.contains(told), "{arguments}: {}", called.err);
-    };
+    let wrong = |arguments: &str, told: &str| wrong(folder, arguments, told);
     wrong("check", "centre.toml");
     std::fs::write(
         folder.join("centre.toml"),
@@ -87,6 +90,12 @@ fn from_nothing_to_a_roll_out() {
     // What a seed is worth to others: nothing that is printed holds one.
     let seed = std::fs::read_to_string(folder.join("mill-1.nkey")).unwrap();
     assert!(!server.contains(seed.trim()));
+    models_and_roll_outs(folder, &gantry.to_string());
+}
+
+fn models_and_roll_outs(folder: &Path, gantry: &str) {
+    let done = |arguments: &str| done(folder, arguments);
+    let wrong = |arguments: &str, told: &str| wrong(folder, arguments, told);
     let added = done(&format!("model add {gantry} --measured 2026-11-20"));
     let model = added
         .lines()
