@@ -21,7 +21,7 @@ function stepWords(turn) {
 
 /** Which machines of a roll-out have what, in groups: words, and whether a machine's turn belongs there. */
 const HOLDS = [
-  ["have the new model in force, and keep it", (turn) => turn.step === "soaking" || turn.step === "done"],
+  ["have the new model in force, and keep it until somebody decides", (turn) => turn.step === "soaking" || turn.step === "done"],
   ["were sent the new model, and are out; whether they have it in force shows the page of each", (turn) => turn.step === "out" && turn.version !== null],
   ["wait for a confirmation, and keep what they had before", (turn) => turn.step === "needs-confirmation"],
   ["were sent the new model, and have not answered yet", (turn) => turn.step === "sent"],
@@ -34,13 +34,24 @@ function leadOn(rollout, wish) {
   const groups = HOLDS.map(([words, belongs]) => [words, rollout.turns.filter(belongs)]).filter(([, turns]) => turns.length);
   const ways = may("engineer") ? [
     [wish("Go on in spite of it", { wish: "resume" }), "What has stopped it is let go for the machines that are out, and the next ones get the model. Choose this where you know the cause, and it is not the model."],
-    [wish("Stop for good", { wish: "abort" }, "stop"), "Nothing more is sent. Machines that have the new model keep it until they get another one."],
-    [make("a", { href: "#rollout/", textContent: "Roll out the model before" }), "Stop this one for good first; then choose the model that the machines had before: the page of each machine lists it under Models and versions."],
+    [wish("Stop for good", { wish: "abort" }, "stop"), "Nothing more is sent. Then each machine that has the new model in force can be given back the one before, or keep this one: the buttons stand in the list of its machines."],
   ] : [];
   return make("div", { class: "lead" },
-    make("p", { textContent: "It has stopped by itself, and nothing more is sent. Nothing is taken back by that: each machine goes on with what it has." }),
+    make("p", { textContent: "It has stopped by itself, and nothing more is sent. What was sent and is not in force yet is taken back; what is in force stays, and its machines are told as suspect until somebody decides." }),
     make("ul", {}, ...groups.map(([words, turns]) => make("li", {}, make("strong", { textContent: `${turns.length} of ${rollout.turns.length} ` }), `${words}: `, ...links(turns), turns.length > 30 ? " …" : ""))),
     ways.length ? make("div", { class: "ways" }, ...ways.flatMap(([button, words]) => [button, make("p", { textContent: words })])) : make("p", { class: "soft", textContent: "An engineer decides how it goes on." }));
+}
+
+/** What an engineer can decide for a machine that has the model of a roll-out that was broken off. */
+function decide(rollout, turn, said) {
+  const has = turn.step === "done" || turn.step === "soaking" || (turn.step === "out" && turn.version !== null);
+  if (turn.kept_by) return make("span", { class: "soft", textContent: `kept by ${turn.kept_by}` });
+  if (!has || !may("engineer") || !["aborted", "stopped"].includes(rollout.phase.is)) return "";
+  const keep = make("button", { textContent: "Keep this model", onclick: () => act(keep, said, () => post(`/api/rollouts/${rollout.id}/keep`, { machine: turn.machine }), "taken up within a second") });
+  // While the roll-out is not over its machines can take part in no other.
+  if (rollout.phase.is === "stopped") return keep;
+  const back = make("button", { textContent: "Back to the model before", onclick: () => act(back, said, () => post(`/api/machines/${encodeURIComponent(turn.machine)}/back`, {}), "a roll-out to it was started") });
+  return make("div", { class: "buttons" }, back, keep);
 }
 
 function rolloutPanel(rollout) {
@@ -66,7 +77,7 @@ function rolloutPanel(rollout) {
   }));
   const { why: cause, by } = rollout.phase;
   const why = cause || (by ? `${phase === "paused" ? "held" : "ended"} by ${by}` : "");
-  const rows = turns.map((turn) => make("tr", {}, cell(make("a", { href: `#machine/${turn.machine}`, textContent: turn.machine })), cell(turn.wave === 0 ? "first" : String(turn.wave)), cell(badge(turn.step, STEP_NAMES[turn.step] || turn.step)), cell(stepWords(turn), { class: "text" }), cell(turn.step === "needs-confirmation" && may("engineer") ? wish("Confirm", { wish: "confirm", machine: turn.machine, hash: turn.hash }) : "")));
+  const rows = turns.map((turn) => make("tr", {}, cell(make("a", { href: `#machine/${turn.machine}`, textContent: turn.machine })), cell(turn.wave === 0 ? "first" : String(turn.wave)), cell(badge(turn.step, STEP_NAMES[turn.step] || turn.step)), cell(stepWords(turn), { class: "text" }), cell(turn.step === "needs-confirmation" && may("engineer") ? wish("Confirm", { wish: "confirm", machine: turn.machine, hash: turn.hash }) : decide(rollout, turn, said))));
   const list = table(["machine", "wave", "step", "what that means", ""], rows.slice(0, 200));
   return make("section", { class: "panel", data: { rollout: id } },
     make("div", { class: "head" }, make("h2", { textContent: `Roll-out ${id}` }), badge(phase, phase === "aborted" ? "ended" : phase), make("a", { href: `#model/${rollout.model}`, textContent: short(rollout.model) }), make("span", { class: "soft", textContent: `${clock(rollout.since_s)}, ${rollout.by}; ${turns.filter((turn) => turn.step === "done").length} of ${turns.length} done` })),

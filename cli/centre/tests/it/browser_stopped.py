@@ -20,7 +20,7 @@ with sync_playwright() as playwright:
         page.wait_for_selector("section[data-rollout='1'] .lead")
         lead = page.inner_text("section[data-rollout='1'] .lead")
         for part in (
-            "1 of 4 have the new model in force, and keep it: mill-0",
+            "1 of 4 have the new model in force, and keep it until somebody decides: mill-0",
             "1 of 4 were sent the new model, and are out; whether they have it in force shows the page of each: mill-1",
             "2 of 4 were sent nothing, and keep what they had before: mill-2, mill-3",
         ):
@@ -29,6 +29,13 @@ with sync_playwright() as playwright:
         assert page.locator(".lead button").count() == (2 if name == "engineer" else 0)
         if name == "engineer":
             shot(page, folder, "stopped")
+            # Stopped, a machine may keep the model; the way back is open once the roll-out is over.
+            row = "section[data-rollout='1'] tr:has(a:text-is('%s'))"
+            assert page.locator("text=Back to the model before").count() == 0
+            assert page.locator("text=Keep this model").count() == 2
+            page.click((row % "mill-0") + " >> text=Keep this model")
+            page.wait_for_selector((row % "mill-0") + " >> text=kept by engineer")
+            assert page.locator("text=Keep this model").count() == 1
             page.click("text=Stop for good")
             page.wait_for_selector("text=taken up within a second")
         page.close()
