@@ -40,7 +40,8 @@ const SHDR_EXAMPLES: &str = "Examples:
   volcomp-gateway shdr-device shop.toml --machine mill-2 > Devices.xml";
 const SEND_MAP_EXAMPLES: &str = "Examples:
   volcomp-gateway send-map map-sender.toml            what would be sent, and its hash; nothing is opened
-  volcomp-gateway send-map map-sender.toml --confirm 5f2c1b0a99d4e871";
+  volcomp-gateway send-map map-sender.toml --confirm 5f2c1b0a99d4e871
+  volcomp-gateway send-map map-sender.toml --confirm 88d0… --replace    another one, while the first is in use";
 const TLS_EXAMPLES: &str = "Examples:
   volcomp-gateway tls-init localhost 127.0.0.1
   volcomp-gateway tls-init gateway.shop.lan 192.0.2.30 --output /etc/volcomp";
@@ -182,6 +183,9 @@ enum Command {
         /// The hash of the map, as it is said without this option
         #[arg(long, value_name = "HASH")]
         confirm: Option<String>,
+        /// Have the sender that runs take this map: the control goes from value to value at its rate, not through zero
+        #[arg(long, requires = "confirm")]
+        replace: bool,
         /// The form of the log on standard error
         #[arg(long, value_enum, default_value_t = LogForm::Text)]
         log: LogForm,
@@ -294,6 +298,7 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
         Some(Command::SendMap {
             config,
             confirm,
+            replace,
             log: form,
         }) => {
             let checked = send_map::check(&config)?;
@@ -301,6 +306,12 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
                 return print(&checked.text());
             };
             checked.confirmed(&hash)?;
+            if replace {
+                send_map::ask(&checked)?;
+                return print(
+                    "the running sender is asked to take it: its output says when the map is in use, its log why not\n",
+                );
+            }
             log(form);
             send_map::run(&checked)
         }

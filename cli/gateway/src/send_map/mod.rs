@@ -1,15 +1,20 @@
 //! `volcomp-gateway send-map`: brings a map of corrections into a control that looks up by itself, and keeps it valid.
 
-use std::{fmt::Write as _, path::Path};
+use std::{
+    fmt::Write as _,
+    path::{Path, PathBuf},
+};
 
 use sha2::{Digest, Sha256};
 use volcomp_tables::{Map, Transfer, axes_of};
 
 use crate::{config::MapSender, error::GatewayError};
 
+mod replace;
 mod sending;
 mod words;
 
+pub use replace::ask;
 pub use sending::run;
 
 /// A map that may be sent, and its hash.
@@ -19,6 +24,8 @@ pub struct Checked {
     pub config: MapSender,
     /// The map.
     pub map: Map,
+    /// The file of the sender.
+    pub path: PathBuf,
     /// The first 16 digits of the SHA-256 of the map's file: by these it is confirmed.
     pub hash: String,
 }
@@ -42,7 +49,12 @@ pub fn check(path: &Path) -> Result<Checked, GatewayError> {
     let admitted = config.allowed.admits(&map);
     admitted.map_err(|e| wrong(e.to_string()))?;
     let hash = crate::hex(&Sha256::digest(&bytes)[..8]);
-    Ok(Checked { config, map, hash })
+    Ok(Checked {
+        config,
+        map,
+        path: path.to_owned(),
+        hash,
+    })
 }
 
 impl Checked {

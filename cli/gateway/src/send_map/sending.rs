@@ -3,6 +3,7 @@
 use std::{
     collections::BTreeMap,
     io::Write as _,
+    sync::mpsc::Receiver,
     time::{Duration, Instant},
 };
 
@@ -10,6 +11,7 @@ use volcomp_tables::{Exchange, SendError, Sender, Step};
 
 use super::{
     Checked,
+    replace::{Another, fits, watch},
     words::{Place, Words},
 };
 use crate::{
@@ -33,10 +35,15 @@ struct Other {
     since: Instant,
 }
 
-struct Sending<'a> {
-    checked: &'a Checked,
+struct Sending {
+    checked: Checked,
     place: Place,
     sender: Sender,
+    owner: u16,
+    /// Maps that were confirmed while it runs.
+    others: Receiver<Another>,
+    /// The map in use while another one is brought in its place.
+    before: Option<(Checked, Sender)>,
     words: Option<Words>,
     audit: AuditLog,
     in_use: bool,
@@ -64,10 +71,14 @@ pub fn run(checked: &Checked) -> Result<(), GatewayError> {
     let owner = u16::from_le_bytes(number).max(1);
     let map = checked.map.clone();
     let sender = Sender::new(map, config.number, owner, config.allowed);
+    let others = watch(checked).map_err(|e| GatewayError::system("thread of files", e))?;
     let mut sending = Sending {
-        checked,
+        checked: checked.clone(),
         place,
         sender: sender.map_err(|e| ended(checked, e.to_string()))?,
+        owner,
+        others,
+        before: None,
         words: None,
         audit,
         in_use: false,
@@ -103,7 +114,7 @@ fn ended(checked: &Checked, what: String) -> GatewayError {
     }
 }
 
-impl Sending<'_> {
+impl Sending {
     fn record(&mut self, what: &str, event: Event) -> Result<(), GatewayError> {
         let details = Details {
             model: format!("map {}", self.checked.hash),
@@ -111,19 +122,61 @@ impl Sending<'_> {
             output_urad: BTreeMap::new(),
             what: event,
         };
-        let shown = || self.checked.config.audit_dir.display().to_string();
         let written = self.audit.append("send-map", what, details);
-        written.map_err(|e| GatewayError::system(shown(), e))
+        written.map_err(|e| {
+            GatewayError::system(self.checked.config.audit_dir.display().to_string(), e)
+        })
     }
 
     /// Until a signal comes, or something is wrong that does not pass.
     fn keep(&mut self, heard: &Heard) -> Result<(), GatewayError> {
         loop {
+            if let Ok(another) = self.others.try_recv() {
+                self.take(another)?;
+            }
             let wait = self.step()?;
             if heard.next(wait) == Some(Signal::Stop) {
                 return Ok(());
             }
         }
+    }
+
+    /// Begins with a map that was confirmed meanwhile. The one in use stays so until the control has all of the other; then the
+    /// control goes from value to value at its rate.
+    fn take(&mut self, another: Another) -> Result<(), GatewayError> {
+        let made = another.and_then(|another| {
+            if !self.in_use {
+                return Err("the map before is not in use yet".to_owned());
+            }
+            fits(&self.checked, &another)?;
+            let (map, config) = (another.map.clone(), &another.config);
+            let sender = Sender::new(map, config.number, self.owner, config.allowed);
+            Ok((*another, sender.map_err(|e| e.to_string())?))
+        });
+        match made {
+            Ok((checked, sender)) => {
+                let checked = std::mem::replace(&mut self.checked, checked);
+                let sender = std::mem::replace(&mut self.sender, sender);
+                self.before = Some((checked, sender));
+                self.in_use = false;
+                self.record("another map is going to be sent", Event::Nothing)
+            }
+            Err(why) => {
+                self.tell(format!("another map is not sent: {why}"));
+                self.record("another map was refused", Event::Nothing)
+            }
+        }
+    }
+
+    /// The map before stays where the control does not take the other: whether there was one.
+    fn go_back(&mut self, why: &str) -> Result<bool, GatewayError> {
+        let Some((checked, sender)) = self.before.take() else {
+            return Ok(false);
+        };
+        self.tell(format!("another map is not sent: {why}"));
+        self.record("another map was refused by the control", Event::Nothing)?;
+        (self.checked, self.sender) = (checked, sender);
+        Ok(true)
     }
 
     /// One exchange; how long to wait until the next.
@@ -134,6 +187,7 @@ impl Sending<'_> {
         match self.sender.step(words) {
             Ok(Step::Kept) => {
                 self.other = None;
+                self.before = None;
                 if !self.in_use {
                     self.in_use = true;
                     self.told.clear();
@@ -168,7 +222,13 @@ impl Sending<'_> {
                 self.tell(format!("it is waited until sender {by} has let go"));
                 Ok(self.place.period())
             }
-            Err(error) => Err(ended(self.checked, error.to_string())),
+            Err(error) => {
+                let why = error.to_string();
+                if self.go_back(&why)? {
+                    return Ok(SOON);
+                }
+                Err(ended(&self.checked, why))
+            }
         }
     }
 
@@ -237,7 +297,7 @@ impl Sending<'_> {
             let what =
                 "nothing is sent any more, but it is not known that the corrections are zero";
             self.record(what, Event::Nothing)?;
-            return Err(ended(self.checked, what.to_owned()));
+            return Err(ended(&self.checked, what.to_owned()));
         }
         self.record("the corrections are zero", Event::Nothing)?;
         say("the corrections are zero")

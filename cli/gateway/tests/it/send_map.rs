@@ -80,6 +80,14 @@ impl Control {
 
 /// A map over 1000 mm that corrects X by so many µm at its upper end, in a folder with the file of its sender.
 fn write(dir: &Path, url: &str, largest_um: f64) -> PathBuf {
+    write_map(dir, largest_um, 7);
+    let file = dir.join("map-sender.toml");
+    std::fs::write(&file, SENDER.replace("URL", url)).expect("writable");
+    file
+}
+
+/// The map alone, with its number.
+fn write_map(dir: &Path, largest_um: f64, counter: u16) {
     let names = [AxisName::X, AxisName::Y, AxisName::Z];
     let request = Request {
         axes: names
@@ -98,16 +106,13 @@ fn write(dir: &Path, url: &str, largest_um: f64) -> PathBuf {
             .to_vec(),
         within_mm: 0.001,
         words: 700,
-        counter: 7,
+        counter,
         model: 1,
     };
     let field = |at: &[f64; GRID_AXES]| [largest_um * 1e-3 * at[0] / 1000.0, 0.0, 0.0];
     let map = build(&request, &field).expect("a map").map;
     let image = map.image(MACHINE, ByteOrder::HighFirst);
     std::fs::write(dir.join("machine.map"), image).expect("writable");
-    let file = dir.join("map-sender.toml");
-    std::fs::write(&file, SENDER.replace("URL", url)).expect("writable");
-    file
 }
 
 fn command(file: &Path, more: &[&str]) -> Command {
@@ -167,6 +172,71 @@ fn a_signal_ends_it_when_the_corrections_are_zero() {
     ] {
         assert!(log.contains(what), "{what}: {log}");
     }
+}
+
+/// From the value of one map to that of another, at the rate of the control and never through zero; what cannot take its place
+/// changes nothing.
+#[test]
+fn another_map_takes_the_place_of_the_one_in_use() {
+    let dir = tempfile::tempdir().expect("writable");
+    let Some((mut control, url)) = Control::start("127.0.0.1:0") else {
+        return;
+    };
+    let file = write(dir.path(), &url, 80.0);
+    let replace = || {
+        let call = ["--confirm", &hash(&file), "--replace"];
+        let output = command(&file, &call).output().expect("it starts");
+        (output.status.code(), said(&output))
+    };
+    let (status, told) = replace();
+    assert_eq!(status, Some(1), "{told}");
+    assert!(told.contains("found no sender that runs"), "{told}");
+    let log = dir.path().join("sender.log");
+    let errors = std::fs::File::create(&log).expect("writable");
+    let confirmed = hash(&file);
+    let mut command = command(&file, &["--confirm", &confirmed]);
+    let (sender, line, mut output) = Running::start_and_hear(command.stderr(errors));
+    assert_eq!(line, "map 7 is in use");
+    control.reaches(40.0);
+    let refused = |words: &str| {
+        let (status, told) = replace();
+        assert_eq!(status, Some(0), "{told}");
+        until(words, PATIENCE, || {
+            let log = std::fs::read_to_string(&log).expect("a log");
+            log.contains("another map is not sent") && log.contains(words)
+        });
+    };
+    // The same number again, other limits, and limits of the control that are narrower than those of the file.
+    write_map(dir.path(), 60.0, 7);
+    refused("found the number 7 of the map in use");
+    write_map(dir.path(), 60.0, 8);
+    change(&file, "limit_um = 100.0", "limit_um = 90.0");
+    refused("found other keys than `map` changed");
+    change(&file, "limit_um = 90.0", "limit_um = 100.0");
+    assert!((control.x_um() - 40.0).abs() <= 1.0);
+
+    let (status, told) = replace();
+    assert_eq!(status, Some(0), "{told}");
+    let mut seen = Vec::new();
+    until("the other map", PATIENCE, || {
+        let um = control.x_um();
+        seen.push(um);
+        (um - 30.0).abs() <= 0.5
+    });
+    let mut line = String::new();
+    output.read_line(&mut line).expect("a line");
+    assert_eq!(line, "map 8 is in use\n");
+    for _ in 0..100 {
+        seen.push(control.x_um());
+    }
+    // From 40 to 30 µm, downwards and no further.
+    let (least, most) = (
+        seen.iter().copied().fold(f64::INFINITY, f64::min),
+        seen.iter().copied().fold(0.0, f64::max),
+    );
+    assert!(least >= 29.0 && most <= 41.0, "{least} to {most} µm");
+    assert!(seen.is_sorted_by(|was, is| is <= was), "{seen:?}");
+    assert!(sender.id() > 0);
 }
 
 /// Nobody is left to end anything: the control does it by itself. After that another sender takes it, and a control that

@@ -225,6 +225,43 @@ fn a_sender_that_is_gone_leaves_zero_without_a_step() {
     bring(&mut sender(&map(4, -1.0), 10), &mut control);
 }
 
+/// Another map of the same sender: the one before stays in use until all of the other is there, and then every axis goes from
+/// value to value at the control's rate, not through zero. Lost writes only cost time.
+#[test]
+fn another_map_comes_without_a_step_and_not_through_zero() {
+    for loses in [0, 3] {
+        let mut control = Control::new();
+        let mut first = sender(&map(3, 1.0), 9);
+        bring(&mut first, &mut control);
+        keep(&mut first, &mut control, 200);
+        let from = control.applied;
+        (control.largest, control.loses) = (0, loses);
+        let mut second = sender(&map(4, 0.5), 9);
+        let mut way = vec![from];
+        for _ in 0..2000 {
+            second.step(&mut control).expect("no fault that lasts");
+            assert!(
+                control.lookup.report().valid,
+                "a map is in use at all times"
+            );
+            way.push(control.applied);
+        }
+        let report = control.lookup.report();
+        assert_eq!(report.counter, 4, "{report:?}");
+        let to = control.applied;
+        for output in 0..2 {
+            assert!(to[output] < from[output] - 4, "{from:?} to {to:?}");
+            let between = to[output]..=from[output];
+            assert!(
+                way.iter().all(|at| between.contains(&at[output])),
+                "{way:?}"
+            );
+            assert!(way.is_sorted_by(|was, is| is[output] <= was[output]));
+        }
+        assert!(control.largest <= 3, "at the control's rate");
+    }
+}
+
 #[test]
 fn a_second_sender_sends_nothing() {
     let mut control = Control::new();
