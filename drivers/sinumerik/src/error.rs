@@ -1,6 +1,6 @@
 //! What can go wrong with a control.
 
-use std::time::Duration;
+use std::{path::PathBuf, time::Duration};
 
 use volcomp_port::{DeviceError, UnfitAxes};
 use volcomp_vocabulary::AxisName;
@@ -51,6 +51,38 @@ pub enum SinumerikError {
         "security: found a secured connection without a folder of certificates (pki), expected one"
     )]
     NoCertificates,
+    /// A certificate or a key is missing, wrong, too old, or can be read by others.
+    #[error("{}: found {found}, expected {expected}", .file.display())]
+    Certificate {
+        /// The file.
+        file: PathBuf,
+        /// What was found.
+        found: String,
+        /// What is needed.
+        expected: String,
+    },
+    /// The server's certificate is not among those that are trusted.
+    #[error(
+        "found a server that is not trusted, fingerprint (SHA-1) {fingerprint}, expected one in {}: compare the fingerprint with the one that the control shows, then move {} there", .trusted.display(), .file.display()
+    )]
+    Untrusted {
+        /// The fingerprint of its certificate.
+        fingerprint: String,
+        /// Where the certificate lies now.
+        file: PathBuf,
+        /// The folder of those that are trusted.
+        trusted: PathBuf,
+    },
+    /// The server does not protect messages as configured.
+    #[error(
+        "security: found a server that offers {}, expected {wanted} among them: switch that on at the control, or state another `security`", .offered.join(", ")
+    )]
+    Protection {
+        /// What it offers.
+        offered: Vec<String>,
+        /// What is configured.
+        wanted: String,
+    },
     /// The client cannot be set up as it is configured.
     #[error("the OPC UA client cannot be set up: {0}")]
     Client(String),
@@ -122,8 +154,11 @@ impl SinumerikError {
             | Self::Period(_)
             | Self::TimeOut(_)
             | Self::NoCertificates
+            | Self::Certificate { .. }
             | Self::Client(_) => DeviceError::option,
-            Self::Connect(_) => DeviceError::open,
+            Self::Connect(_) | Self::Untrusted { .. } | Self::Protection { .. } => {
+                DeviceError::open
+            }
             Self::TimedOut(_) => DeviceError::no_answer,
             Self::NoNamespace { .. }
             | Self::Node { .. }

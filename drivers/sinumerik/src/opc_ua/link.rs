@@ -18,7 +18,7 @@ use opcua::{
 };
 use tokio::task::JoinHandle;
 
-use super::socket::Resetting;
+use super::{socket::Resetting, trust};
 use crate::{
     error::SinumerikError,
     reading::Value,
@@ -65,6 +65,11 @@ impl Link {
     }
 
     async fn connect(server: &Server) -> Result<Self, SinumerikError> {
+        let folder = server.pki.as_deref();
+        let folder = folder.filter(|_| server.security != Security::None);
+        if let Some(folder) = folder {
+            trust::check_own(folder)?;
+        }
         let client = client(server)?;
         let (policy, mode) = match server.security {
             Security::None => (SecurityPolicy::None, MessageSecurityMode::None),
@@ -84,6 +89,10 @@ impl Link {
             .get_server_endpoints_from_url(server.url.as_str())
             .await
             .map_err(connect)?;
+        let endpoint = trust::endpoint(&endpoints, policy, mode)?;
+        if let Some(folder) = folder {
+            trust::admit(folder, endpoint)?;
+        }
         let (session, events) = client
             .session_builder()
             .with_endpoints(endpoints)
@@ -109,7 +118,7 @@ impl Link {
                 if is_open { Ok(link) } else { Err(SinumerikError::Connect("the session ended".to_owned())) }
             }
             ended = &mut link.events => {
-                let why = ended.map_or_else(|e| e.to_string(), |status| status.to_string());
+                let why = ended.map_or_else(|e| e.to_string(), |status| told(status, server));
                 Err(SinumerikError::Connect(why))
             }
         }
@@ -259,11 +268,37 @@ pub(super) fn number_of(value: &DataValue) -> Option<f64> {
     }
 }
 
+/// Why there is no session, with what to do where that is known.
+fn told(status: StatusCode, server: &Server) -> String {
+    let what = match status {
+        StatusCode::BadCertificateHostNameInvalid => {
+            "the host of the URL is none of the names in the server's certificate, expected one of those in the URL, or a certificate of the server with this one".to_owned()
+        }
+        StatusCode::BadSecurityChecksFailed
+        | StatusCode::BadCertificateUntrusted
+        | StatusCode::BadCertificateInvalid
+        | StatusCode::BadCertificateUriInvalid
+        | StatusCode::BadConnectionClosed
+            if server.security != Security::None =>
+        {
+            format!(
+                "the server does not take this client, expected its certificate ({}) among those that the server trusts",
+                server.pki.as_deref().unwrap_or(std::path::Path::new("")).join(trust::OWN_CERTIFICATE).display()
+            )
+        }
+        StatusCode::BadUserAccessDenied | StatusCode::BadIdentityTokenRejected | StatusCode::BadIdentityTokenInvalid => {
+            "the server refuses the user, expected one with this password, or with the right to log in".to_owned()
+        }
+        _ => return status.to_string(),
+    };
+    format!("{status}: {what}")
+}
+
 fn client(server: &Server) -> Result<Client, SinumerikError> {
     let ms = |time: Duration| u32::try_from(time.as_millis()).unwrap_or(u32::MAX);
     let mut builder = ClientBuilder::new()
         .application_name("volcomp")
-        .application_uri("urn:volcomp")
+        .application_uri(trust::APPLICATION_URI)
         .product_uri("urn:volcomp")
         .session_name("volcomp")
         .session_retry_limit(0)
@@ -278,8 +313,8 @@ fn client(server: &Server) -> Result<Client, SinumerikError> {
     if let Some(pki) = &server.pki {
         builder = builder
             .pki_dir(pki)
-            .certificate_path("own/cert.der")
-            .private_key_path("private/private.pem");
+            .certificate_path(trust::OWN_CERTIFICATE)
+            .private_key_path(trust::OWN_KEY);
     }
     builder
         .client()

@@ -7,6 +7,7 @@ mod map;
 mod peer;
 mod reading;
 mod s7;
+mod secured;
 mod thermometer;
 
 /// Ends the run on an allocation where one is forbidden.

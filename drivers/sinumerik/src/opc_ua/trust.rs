@@ -1,0 +1,216 @@
+//! Certificates of a secured connection: the client's own, and the server's, which must lie among those that are trusted. What is wrong
+//! is said before a session is begun, with the file and what to do.
+
+use std::{
+    fs, io,
+    os::unix::fs::PermissionsExt as _,
+    path::{Path, PathBuf},
+    time::SystemTime,
+};
+
+use opcua::{
+    crypto::{CertificateStore, KeySize as _, SecurityPolicy, X509},
+    types::{EndpointDescription, MessageSecurityMode},
+};
+
+use crate::error::SinumerikError;
+
+/// The client's name in its certificate.
+pub(super) const APPLICATION_URI: &str = "urn:volcomp";
+/// Where the client's certificate lies in the folder.
+pub(super) const OWN_CERTIFICATE: &str = "own/cert.der";
+/// Where its key lies.
+pub(super) const OWN_KEY: &str = "private/private.pem";
+
+fn wrong(file: &Path, found: impl Into<String>, expected: impl Into<String>) -> SinumerikError {
+    SinumerikError::Certificate {
+        file: file.to_owned(),
+        found: found.into(),
+        expected: expected.into(),
+    }
+}
+
+fn unread(file: &Path, error: &io::Error, expected: &str) -> SinumerikError {
+    let found = match error.kind() {
+        io::ErrorKind::NotFound => "no such file".to_owned(),
+        _ => error.to_string(),
+    };
+    wrong(file, found, expected)
+}
+
+/// Checks the client's own certificate and key.
+///
+/// # Errors
+/// One of them is missing, wrong, too old, or can be read by others.
+pub(super) fn check_own(folder: &Path) -> Result<(), SinumerikError> {
+    let key = folder.join(OWN_KEY);
+    let expected = "the client's private key, PEM, mode 0600";
+    let mode = fs::metadata(&key)
+        .map_err(|e| unread(&key, &e, expected))?
+        .permissions()
+        .mode()
+        & 0o777;
+    if mode & 0o077 > 0 {
+        return Err(wrong(
+            &key,
+            format!("mode {mode:04o}"),
+            "0600: whoever reads the key can take the client's place",
+        ));
+    }
+    let read = CertificateStore::read_pkey(&key);
+    let read = read.map_err(|_| wrong(&key, "no private key in PEM", expected))?;
+    let file = folder.join(OWN_CERTIFICATE);
+    let expected = format!("the client's certificate, DER, with the URI {APPLICATION_URI}");
+    let bytes = fs::read(&file).map_err(|e| unread(&file, &e, &expected))?;
+    let none = || wrong(&file, "no certificate in DER", expected.as_str());
+    let certificate = X509::from_der(&bytes).map_err(|_| none())?;
+    if certificate
+        .is_application_uri_valid(APPLICATION_URI)
+        .is_err()
+    {
+        return Err(wrong(&file, "a certificate without this URI", expected));
+    }
+    let public = certificate.public_key().map_err(|_| none())?;
+    // What the one signs the other must know.
+    let mut signature = vec![0; read.size()];
+    let signed = read.sign_sha256(APPLICATION_URI.as_bytes(), &mut signature);
+    let belongs = signed.is_ok()
+        && public
+            .verify_sha256(APPLICATION_URI.as_bytes(), &signature)
+            .unwrap_or(false);
+    if !belongs {
+        return Err(wrong(
+            &file,
+            "the certificate of another key",
+            format!("that of {}", key.display()),
+        ));
+    }
+    in_its_time(&file, &certificate, "a new one of the client")
+}
+
+/// The endpoint with this protection.
+///
+/// # Errors
+/// The server has none.
+pub(super) fn endpoint(
+    endpoints: &[EndpointDescription],
+    policy: SecurityPolicy,
+    mode: MessageSecurityMode,
+) -> Result<&EndpointDescription, SinumerikError> {
+    let is_it = |one: &&EndpointDescription| {
+        one.security_policy_uri.as_ref() == policy.to_uri() && one.security_mode == mode
+    };
+    endpoints
+        .iter()
+        .find(is_it)
+        .ok_or_else(|| SinumerikError::Protection {
+            offered: endpoints.iter().map(in_words).collect(),
+            wanted: words(policy, mode),
+        })
+}
+
+fn in_words(endpoint: &EndpointDescription) -> String {
+    let uri: &str = endpoint.security_policy_uri.as_ref();
+    let policy = uri.rsplit('#').next().unwrap_or(uri);
+    match endpoint.security_mode {
+        MessageSecurityMode::None => "none".to_owned(),
+        MessageSecurityMode::Sign => format!("{policy} sign"),
+        MessageSecurityMode::SignAndEncrypt => format!("{policy} sign-and-encrypt"),
+        MessageSecurityMode::Invalid => format!("{policy} invalid"),
+    }
+}
+
+fn words(policy: SecurityPolicy, mode: MessageSecurityMode) -> String {
+    let mode = match mode {
+        MessageSecurityMode::Sign => "sign",
+        MessageSecurityMode::SignAndEncrypt => "sign-and-encrypt",
+        _ => return "none".to_owned(),
+    };
+    format!("{} {mode}", policy.to_str())
+}
+
+/// Checks that a server's certificate lies among those that are trusted, under whichever name, and holds today. One that does not is
+/// laid beside them, for a person to compare.
+///
+/// # Errors
+/// It is not trusted, it is too old, or the folder cannot be used.
+pub(super) fn admit(folder: &Path, endpoint: &EndpointDescription) -> Result<(), SinumerikError> {
+    let certificate = &X509::from_byte_string(&endpoint.server_certificate).map_err(|_| {
+        wrong(
+            folder,
+            "a server without a certificate that can be read",
+            "one with a certificate of X.509",
+        )
+    })?;
+    let (trusted, rejected) = (folder.join("trusted"), folder.join("rejected"));
+    let name = CertificateStore::cert_file_name(certificate);
+    let (file, kept) = (trusted.join(&name), rejected.join(&name));
+    let failed = |file: &Path, e: &io::Error| unread(file, e, "a folder that can be written");
+    for folder in [&trusted, &rejected] {
+        fs::create_dir_all(folder).map_err(|e| failed(folder, &e))?;
+    }
+    let der = certificate
+        .to_der()
+        .map_err(|_| wrong(&file, "a certificate that is none", "one of X.509"))?;
+    if !file.exists() {
+        let Some(found) = same(&trusted, &der) else {
+            fs::write(&kept, &der).map_err(|e| failed(&kept, &e))?;
+            return Err(SinumerikError::Untrusted {
+                fingerprint: spaced(&certificate.thumbprint().as_hex_string()),
+                file: kept,
+                trusted,
+            });
+        };
+        // The library knows it by this name alone. What a person takes away is gone then.
+        fs::write(&file, &der).map_err(|e| failed(&file, &e))?;
+        fs::remove_file(&found).map_err(|e| failed(&found, &e))?;
+    }
+    // Whoever copied it to those that are trusted did not take it away from the others.
+    if kept.exists() {
+        fs::remove_file(&kept).map_err(|e| failed(&kept, &e))?;
+    }
+    in_its_time(
+        &file,
+        certificate,
+        "a new one of the server, or a clock that is right",
+    )
+}
+
+/// The file in a folder that holds this certificate.
+fn same(folder: &Path, der: &[u8]) -> Option<PathBuf> {
+    let files = fs::read_dir(folder).ok()?;
+    let files = files.filter_map(|file| Some(file.ok()?.path()));
+    files.into_iter().find(|file| {
+        let Ok(bytes) = fs::read(file) else {
+            return false;
+        };
+        let pem = || X509::from_pem(&bytes).ok()?.to_der().ok();
+        bytes == der || pem().is_some_and(|pem| pem == der)
+    })
+}
+
+fn in_its_time(file: &Path, certificate: &X509, expected: &str) -> Result<(), SinumerikError> {
+    let (Ok(from), Ok(to)) = (certificate.not_before(), certificate.not_after()) else {
+        return Err(wrong(file, "a certificate without its time", "one with it"));
+    };
+    let now: SystemTime = SystemTime::now();
+    if SystemTime::from(from) <= now && now <= SystemTime::from(to) {
+        return Ok(());
+    }
+    let day = |time: &dyn std::fmt::Display| time.to_string().chars().take(10).collect::<String>();
+    Err(wrong(
+        file,
+        format!("a certificate from {} to {}", day(&from), day(&to)),
+        format!("one that holds today: {expected}"),
+    ))
+}
+
+/// A fingerprint as controls show it.
+fn spaced(hex: &str) -> String {
+    let pairs: Vec<String> = hex
+        .as_bytes()
+        .chunks(2)
+        .map(|pair| String::from_utf8_lossy(pair).to_uppercase())
+        .collect();
+    pairs.join(":")
+}
