@@ -49,8 +49,78 @@ fn the_centre() {
     std::process::exit(i32::from(status));
 }
 
-fn centre(folder: &Path, arguments: &[&str]) -> Command {
-    let mut command = Command::new(std::env::current_exe().expect("this program"));
+/// Where the centre, its server and its page run.
+#[derive(Clone, Default)]
+pub(crate) struct Place {
+    /// What a program is started through; empty: nothing.
+    through: Vec<String>,
+    /// The addresses of the server and of the page; `None`: free ones here.
+    addresses: Option<[String; 2]>,
+    /// What the server's configuration ends with.
+    server: &'static str,
+    /// Variables of the environment of the running centre.
+    pub(crate) environment: Vec<(&'static str, PathBuf)>,
+}
+
+impl Place {
+    /// Another network namespace: through a command that enters it.
+    pub(crate) fn elsewhere(
+        through: &[&str],
+        [server, page]: [&str; 2],
+        configured: &'static str,
+    ) -> Self {
+        Self {
+            through: through.iter().map(|&word| word.to_owned()).collect(),
+            addresses: Some([server.to_owned(), page.to_owned()]),
+            server: configured,
+            ..Self::default()
+        }
+    }
+
+    fn command(&self, program: &Path) -> Command {
+        let Some((first, more)) = self.through.split_first() else {
+            return Command::new(program);
+        };
+        let mut command = Command::new(first);
+        command.args(more).arg(program);
+        command
+    }
+
+    /// Bytes to an address there, and what comes back until the other side closes.
+    fn exchange(&self, address: SocketAddr, bytes: &[u8]) -> String {
+        if self.through.is_empty() {
+            return exchange(address, bytes);
+        }
+        // The shell connects there; nothing of this program does.
+        let (ip, port) = (address.ip(), address.port());
+        let script = format!("exec 3<>/dev/tcp/{ip}/{port} && cat >&3 && cat <&3");
+        let mut child = (self.command(Path::new("bash")).args(["-c", &script]))
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("a shell");
+        let mut stdin = child.stdin.take().expect("piped");
+        // The other side may close in the middle of it.
+        let _ = stdin.write_all(bytes);
+        drop(stdin);
+        let output = child.wait_with_output().expect("it ends");
+        String::from_utf8_lossy(&output.stdout).into_owned()
+    }
+
+    fn listens(&self, address: SocketAddr) -> bool {
+        let script = format!("exec 3<>/dev/tcp/{}/{}", address.ip(), address.port());
+        if self.through.is_empty() {
+            return TcpStream::connect(address).is_ok();
+        }
+        let tried = (self.command(Path::new("bash")).args(["-c", &script]))
+            .stderr(Stdio::null())
+            .status();
+        tried.is_ok_and(|status| status.success())
+    }
+}
+
+fn centre(place: &Place, folder: &Path, arguments: &[&str]) -> Command {
+    let mut command = place.command(&std::env::current_exe().expect("this program"));
     command
         .current_dir(folder)
         .args(["--exact", "fleet_whole_bench::the_centre"])
@@ -72,6 +142,7 @@ pub(crate) type Registered<'a> = (&'a str, &'a str, &'a str);
 /// A folder of a centre, its server, and its program while it runs.
 pub(crate) struct Whole {
     folder: tempfile::TempDir,
+    place: Place,
     url: String,
     page: SocketAddr,
     /// The key that signs, base64.
@@ -84,19 +155,25 @@ impl Whole {
     /// A running server and a running centre with these machines; `None` where the server is not installed, which fails under
     /// CI.
     pub(crate) fn start(machines: &[Registered<'_>]) -> Option<Self> {
+        Self::start_at(Place::default(), machines)
+    }
+
+    /// The same at a place.
+    pub(crate) fn start_at(place: Place, machines: &[Registered<'_>]) -> Option<Self> {
         let Some(server) = program() else {
             volcomp_test_support::peers::not_run("nats-server");
             return None;
         };
         let folder = tempfile::tempdir().expect("writable");
         let at = folder.path();
-        let [listen, page] = [(); 2].map(|()| free_address().expect("an address"));
+        let free = || [(); 2].map(|()| free_address().expect("an address"));
+        let [listen, page] = place.addresses.clone().unwrap_or_else(free);
         let url = format!("nats://{listen}");
         let text = format!(
             "[nats]\nurl = \"{url}\"\n[server]\nlisten = \"{listen}\"\n[page]\nlisten = \"{page}\"\n[rollout]\nsoak_s = 2\n"
         );
         std::fs::write(at.join("centre.toml"), text).expect("writable");
-        let done = |arguments: &str| call(at, arguments, "").done();
+        let done = |arguments: &str| call(&place, at, arguments, "").done();
         let key = done("key new main");
         let key = key
             .trim()
@@ -111,20 +188,20 @@ impl Whole {
             ));
         }
         let conf = at.join("nats.conf");
-        std::fs::write(&conf, done("nats-config")).expect("writable");
+        std::fs::write(&conf, done("nats-config") + place.server).expect("writable");
         let log = std::fs::File::create(at.join("nats.log")).expect("writable");
         let server = Running::start(
-            Command::new(server)
+            (place.command(&server))
                 .arg("-c")
                 .arg(&conf)
                 .stdout(Stdio::null())
                 .stderr(log),
         );
-        until("the server listens", LONG, || {
-            TcpStream::connect(&listen).is_ok()
-        });
-        call(at, "user add anna --role admin", PASSWORD).done();
+        let address: SocketAddr = listen.parse().expect("an address");
+        until("the server listens", LONG, || place.listens(address));
+        call(&place, at, "user add anna --role admin", PASSWORD).done();
         let mut whole = Self {
+            place,
             url,
             page: page.parse().expect("an address"),
             key,
@@ -143,11 +220,15 @@ impl Whole {
             .append(true)
             .open(self.folder.path().join("centre.log"))
             .expect("writable");
-        let mut command = centre(self.folder.path(), &["run"]);
+        let mut command = centre(&self.place, self.folder.path(), &["run"]);
+        command.envs(
+            self.place
+                .environment
+                .iter()
+                .map(|(key, value)| (key, value)),
+        );
         self.centre = Some(Running::start(command.stdout(Stdio::null()).stderr(log)));
-        until("its page answers", LONG, || {
-            TcpStream::connect(self.page).is_ok()
-        });
+        until("its page answers", LONG, || self.place.listens(self.page));
     }
 
     /// Kills the program of the centre, as a power cut does.
@@ -161,7 +242,7 @@ impl Whole {
 
     /// A call of the command line.
     pub(crate) fn call(&self, arguments: &str) -> Called {
-        call(self.folder.path(), arguments, "")
+        call(&self.place, self.folder.path(), arguments, "")
     }
 
     /// What a call that must be done prints.
@@ -250,7 +331,7 @@ impl Whole {
     }
 
     fn ask(&self, method: &str, path: &str, more: &str, body: &str) -> Answer {
-        let text = exchange(
+        let text = self.place.exchange(
             self.page,
             format!(
                 "{method} {path} HTTP/1.1\r\nHost: {}\r\n{more}Content-Length: {}\r\nConnection: close\r\n\r\n{body}",
@@ -268,7 +349,7 @@ impl Whole {
         let answer = self.ask("POST", "/api/login", "X-Volcomp: 1\r\n", &body);
         assert_eq!(answer.status, 200, "{}", answer.body);
         // The head is in lower case here, a cookie is not: it is taken from the answer as it came.
-        let text = exchange(
+        let text = self.place.exchange(
             self.page,
             format!(
                 "POST /api/login HTTP/1.1\r\nHost: {}\r\nX-Volcomp: 1\r\nContent-Length: {}\r\nConnection: close\r\n\r\n{body}",
@@ -301,12 +382,12 @@ fn of(all: &Value, name: &str) -> Value {
 }
 
 /// Calls the command line in a folder.
-fn call(folder: &Path, arguments: &str, input: &str) -> Called {
+fn call(place: &Place, folder: &Path, arguments: &str, input: &str) -> Called {
     let arguments: Vec<&str> = ["--by", "anna"]
         .into_iter()
         .chain(arguments.split_whitespace())
         .collect();
-    let mut child = centre(folder, &arguments)
+    let mut child = centre(place, folder, &arguments)
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())

@@ -25,6 +25,8 @@ mod fleet_config;
 #[cfg(feature = "fleet")]
 mod fleet_faults;
 #[cfg(feature = "fleet")]
+mod fleet_partition;
+#[cfg(feature = "fleet")]
 mod fleet_whole;
 #[cfg(feature = "fleet")]
 mod fleet_whole_bench;
