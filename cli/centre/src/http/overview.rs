@@ -13,7 +13,7 @@ use super::ages::Ages;
 use crate::{
     clock::now_s,
     drift::{due_days, model_in_force},
-    records::{Alarm, Live, Machine, Model, Severity, Version},
+    records::{Alarm, AlarmKind, Live, Machine, Model, Severity, Version},
     store::{Store, StoreError},
 };
 
@@ -100,6 +100,8 @@ impl Overview {
                 None => centre.push(alarm),
             }
         }
+        let hangs = store.hangs_for().map(hangs);
+        centre.extend(&hangs);
         let models: HashMap<String, Model> = (store.models()?.into_iter())
             .map(|model| (model.sha256.clone(), model))
             .collect();
@@ -192,6 +194,23 @@ impl Overview {
     pub(super) fn age_s(&self, machine: &MachineId) -> Option<f64> {
         let (at, _) = self.made?;
         Some(self.ages_s.get(machine)? + at.elapsed().as_secs_f64())
+    }
+}
+
+/// The alarm of a database that does not answer, and can keep none.
+fn hangs(for_long: Duration) -> Alarm {
+    let s = for_long.as_secs();
+    Alarm {
+        id: 0,
+        machine: None,
+        kind: AlarmKind::Store,
+        severity: AlarmKind::Store.severity(),
+        text: format!(
+            "the database has not answered a change for {s} s: its disk hangs, or its server; machines work on, what they tell waits at the NATS server, and nothing that is changed here is stored"
+        ),
+        since_s: now_s() - for_long.as_secs_f64(),
+        until_s: None,
+        seen_by: None,
     }
 }
 

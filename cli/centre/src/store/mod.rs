@@ -21,6 +21,7 @@ mod users;
 use std::{
     path::Path,
     sync::{Mutex, MutexGuard, PoisonError},
+    time::{Duration, Instant},
 };
 
 pub use database::{Database, Row, Value};
@@ -29,6 +30,9 @@ pub use models::Issued;
 #[cfg(feature = "postgres")]
 pub use postgres::PostgresPlace;
 pub use users::Changed;
+
+/// A change that takes longer is held up: a commit waits for nothing but the disk.
+const HANGS_AFTER: Duration = Duration::from_secs(5);
 
 /// Why the store does not do what it is asked.
 #[derive(Debug, thiserror::Error)]
@@ -119,6 +123,17 @@ pub enum StoreError {
 pub struct Store {
     writer: Mutex<Box<dyn Database>>,
     reader: Mutex<Box<dyn Database>>,
+    /// Since when a change is being written.
+    writing: Mutex<Option<Instant>>,
+}
+
+/// A change is no longer being written when this is dropped.
+struct Writes<'a>(&'a Mutex<Option<Instant>>);
+
+impl Drop for Writes<'_> {
+    fn drop(&mut self) {
+        *lock(self.0) = None;
+    }
 }
 
 impl Store {
@@ -146,6 +161,7 @@ impl Store {
         Ok(Self {
             writer: Mutex::new(writer),
             reader: Mutex::new(open()?),
+            writing: Mutex::default(),
         })
     }
 
@@ -180,7 +196,19 @@ impl Store {
         &self,
         work: impl FnOnce(&mut dyn Database) -> Result<T, E>,
     ) -> Result<T, E> {
-        database::transaction(lock(&self.writer).as_mut(), work)
+        let mut writer = lock(&self.writer);
+        *lock(&self.writing) = Some(Instant::now());
+        let _writes = Writes(&self.writing);
+        database::transaction(writer.as_mut(), work)
+    }
+
+    /// For how long a change has been waiting for the database, where that is so long that its disk or its server hangs: nothing
+    /// else is written meanwhile, not even an alarm.
+    pub fn hangs_for(&self) -> Option<Duration> {
+        let since = *lock(&self.writing);
+        since
+            .map(|since| since.elapsed())
+            .filter(|for_long| *for_long > HANGS_AFTER)
     }
 }
 

@@ -263,7 +263,10 @@ impl Actor {
     ) -> Result<Option<String>, Later> {
         let manifest = held.manifest.clone();
         let store = self.store.clone();
-        let there = tokio::task::spawn_blocking(move || store.has_machine(&manifest)).await;
+        let there = {
+            let _waits = self.shared.acting.wait();
+            tokio::task::spawn_blocking(move || store.has_machine(&manifest)).await
+        };
         if there.unwrap_or(false) {
             return Ok(None);
         }
@@ -329,7 +332,10 @@ impl Actor {
         work: impl FnOnce(&Store, &Held) -> std::io::Result<()> + Send + 'static,
     ) -> Result<(), Later> {
         let (store, held) = (self.store.clone(), held.clone());
-        let done = tokio::task::spawn_blocking(move || work(&store, &held)).await;
+        let done = {
+            let _waits = self.shared.acting.wait();
+            tokio::task::spawn_blocking(move || work(&store, &held)).await
+        };
         let later = |why: String| Later(format!("what was accepted cannot be kept on disk: {why}"));
         match done {
             Ok(done) => done.map_err(|e| later(e.to_string())),

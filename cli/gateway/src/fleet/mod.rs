@@ -29,12 +29,14 @@ use crate::{
 };
 
 mod act;
+mod at_disk;
 mod audit_tail;
 mod hear;
 mod store;
 mod tell;
 
 use act::Actor;
+use at_disk::AtDisk;
 use hear::Hearer;
 use store::{Kept, Store};
 use tell::Teller;
@@ -75,6 +77,10 @@ pub(crate) struct Shared {
     forbidding: AtomicU64,
     condition_s: AtomicU64,
     telemetry_s: AtomicU64,
+    /// What waits for the disk while something is put in force.
+    acting: Arc<AtDisk>,
+    /// What waits for the disk while the centre is told something.
+    telling: Arc<AtDisk>,
 }
 
 impl Shared {
@@ -139,6 +145,8 @@ pub fn start(
         forbidding: AtomicU64::new(0),
         condition_s: AtomicU64::new(CONDITION_S),
         telemetry_s: AtomicU64::new(TELEMETRY_S),
+        acting: Arc::default(),
+        telling: Arc::default(),
     });
     published.set_fleet(FleetState {
         site: fleet.identity.site.to_string(),
@@ -177,10 +185,17 @@ pub fn start(
     let identity = fleet.identity.clone();
     let until = stopped.clone();
     let known = Arc::clone(&shared);
+    let (watched, of) = (Arc::clone(&shared), shown.clone());
     let hearing = spawn("volcomp-fleet", async move {
         let work = async {
             let link = connected(&settings, &identity, &link_told, &known).await;
             hear::hear(link, hearer, actor).await;
+        };
+        let work = async {
+            tokio::select! {
+                () = work => {}
+                () = at_disk::watch(&watched, &of) => {}
+            }
         };
         until_stopped(until, Box::pin(work)).await;
     })

@@ -169,7 +169,10 @@ impl Teller {
     fn push(&mut self, message: Waiting) {
         let is_kept = Lane::of(message.kind) == Lane::Kept;
         match &mut self.spool {
-            Some(spool) => spool.push(message),
+            Some(spool) => {
+                let _waits = self.shared.telling.wait();
+                spool.push(message);
+            }
             None if is_kept && self.unspooled.len() < WITHOUT_FOLDER => {
                 self.unspooled.push(message);
             }
@@ -236,7 +239,10 @@ impl Teller {
         if !link.is_connected() || Instant::now() < self.pause_until {
             return None;
         }
-        let waiting = self.spool.as_mut().and_then(|spool| spool.first().cloned());
+        let waiting = {
+            let _waits = self.shared.telling.wait();
+            self.spool.as_mut().and_then(|spool| spool.first().cloned())
+        };
         let is_kept = |message: &Waiting| Lane::of(message.kind) == Lane::Kept;
         let kept = waiting.clone().filter(is_kept);
         let (source, message) = match kept {
@@ -291,6 +297,7 @@ impl Teller {
     fn keep(&mut self) {
         if self.kept_at.elapsed() > KEEP {
             self.kept_at = Instant::now();
+            let _waits = self.shared.telling.wait();
             self.log.keep();
             if self.spool.is_none() {
                 self.open();

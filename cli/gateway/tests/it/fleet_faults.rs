@@ -11,8 +11,9 @@ use volcomp_gateway::audit::verify;
 
 use crate::{
     controlled::control,
-    fleet_bench::{Centre, compensating, corrects_y, machine_with, wait},
-    process::{no_step, watched},
+    fleet_bench::{Centre, compensating, corrects_y, goes_on, machine_with, wait},
+    hung_disk::preloaded,
+    process::{no_step, watched, watched_axis},
     program::{Program, path},
 };
 
@@ -322,4 +323,70 @@ fn a_damaged_machine_file_is_told_and_fetched_again() {
     assert_eq!(state["armed"], false, "{state}");
     centre.restart();
     corrects_y(&program, -25.0);
+}
+
+/// The disk of the folder hangs, in the middle of an order: it is corrected on by what is in force, the page tells it, and what
+/// forbids correcting acts before the disk does. When the disk answers again everything goes on.
+#[test]
+fn a_disk_that_hangs_holds_up_no_cycle_and_no_disarming() {
+    let Some(centre) = Centre::start() else {
+        return;
+    };
+    let dir = tempfile::tempdir().expect("writable");
+    let Some(library) = preloaded(dir.path()) else {
+        return;
+    };
+    let control = control();
+    let config = centre.configuration(dir.path(), &control, "auto_arm = true");
+    let hangs = dir.path().join("hangs");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"));
+    command
+        .env("LD_PRELOAD", library)
+        .env("HANGS", &hangs)
+        .env("HANGS_BELOW", dir.path().join("fleet"));
+    let trace = watched_axis(&control, 1, || {
+        let program = Program::spawn(command, dir.path(), &["--config", path(&config)]);
+        program.wait_for("compensating");
+        centre.roll_out(1, &machine_with(22.0));
+        centre.acknowledged(1, "activated");
+        corrects_y(&program, -22.0);
+        std::fs::write(&hangs, "").expect("writable");
+        centre.roll_out(2, &machine_with(25.0));
+        let tells = |key: &str, words: &str| {
+            wait(&program, words, |state| {
+                let told = state["fleet"][key].as_str().unwrap_or_default();
+                told.contains(words) && told.contains(path(&dir.path().join("fleet")))
+            })
+        };
+        let state = tells("trouble", "the disk does not answer: what was accepted");
+        let count = state["cycle"]["count"].as_u64().expect("a count");
+        // Its place in the log cannot be written either.
+        let state = tells("waiting", "the disk does not answer: the centre is told");
+        assert!(state["cycle"]["count"].as_u64() > Some(count), "{state}");
+        goes_on(&state, -22.0);
+        assert_eq!(state["fleet"]["version"], 1, "{state}");
+        let model = machine_with(25.0);
+        let mut forbids = centre.manifest(3, &model);
+        forbids.enable = false;
+        centre.send(&forbids, &model);
+        let state = program.wait_for("disarmed");
+        assert!(says(&state, "disabled by the centre"), "{state}");
+        wait(&program, "it is ramped out", |_| {
+            control.world().shifts() == [0.0; 3]
+        });
+        assert!(hangs.exists(), "all of that before the disk answered");
+        std::fs::remove_file(&hangs).expect("ours");
+        centre.acknowledged(3, "activated");
+        wait(&program, "it is over", |state| {
+            state["fleet"]["trouble"].is_null() && state["fleet"]["waiting"].is_null()
+        });
+        centre.roll_out(4, &model);
+        centre.acknowledged(4, "activated");
+        program.wait_for("compensating");
+        corrects_y(&program, -25.0);
+    });
+    no_step(&trace);
+    for numbers in numbers(&centre).values() {
+        assert!(is_whole(numbers), "{numbers:?}");
+    }
 }

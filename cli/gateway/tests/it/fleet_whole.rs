@@ -7,8 +7,9 @@ use volcomp_focas::simulator::{Options, Simulator, World};
 
 use crate::{
     controlled::control,
-    fleet_bench::{compensating, corrects_y, wait},
-    fleet_whole_bench::{LONG, Whole, machine_text},
+    fleet_bench::{compensating, corrects_y, goes_on, wait},
+    fleet_whole_bench::{LONG, Place, Whole, machine_text},
+    hung_disk::preloaded,
     process::{no_step, watched_axis},
     program::{MACHINE, Program, change, path},
 };
@@ -262,6 +263,62 @@ fn the_wrong_machine_is_refused_in_words() {
             refused.err
         );
     }
+}
+
+/// The disk of the centre's database hangs in the middle of a roll-out: machines are corrected on, and its page tells it. When
+/// the disk answers again the roll-out goes on, and nothing that was told meanwhile is lost.
+#[test]
+fn a_centre_whose_disk_hangs_holds_up_no_machine() {
+    let at = tempfile::tempdir().expect("writable");
+    let Some(library) = preloaded(at.path()) else {
+        return;
+    };
+    let hangs = at.path().join("hangs");
+    let mut place = Place::default();
+    place.environment = vec![("LD_PRELOAD", library), ("HANGS", hangs.clone())];
+    let Some(whole) = Whole::start_at(place, &[("mill-1", "4711", MACHINE)]) else {
+        return;
+    };
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let config = whole.member(dir.path(), &control, ("mill-1", "4711"));
+    let trace = watched_axis(&control, Y, || {
+        let program = compensating(dir.path(), &config);
+        let rollout = whole.roll_out(&machine_text("small", 22.0), &["mill-1"]);
+        whole.is_in(rollout, "done");
+        corrects_y(&program, -22.0);
+        let cookie = whole.log_in();
+        let short = whole.add_model(&machine_text("small", 25.0));
+        std::fs::write(&hangs, "").expect("writable");
+        let waits = |overview: &Value| {
+            let mut alarms = overview["centre"].as_array().expect("a list").iter();
+            alarms.any(|alarm| {
+                alarm["text"]
+                    .as_str()
+                    .is_some_and(|text| text.contains("has not answered a change"))
+            })
+        };
+        volcomp_test_support::until("its page tells it", LONG, || {
+            waits(&whole.page(&cookie, "/api/overview"))
+        });
+        let before = program.state();
+        let count = |state: &Value| state["cycle"]["count"].as_u64().expect("a count");
+        wait(&program, "it is corrected on", |state| {
+            goes_on(state, -22.0);
+            count(state) > count(&before) + 1000
+        });
+        assert_eq!(program.state()["fleet"]["waiting"], Value::Null);
+        std::fs::remove_file(&hangs).expect("ours");
+        whole.done(&format!("rollout start --model {short} --machine mill-1"));
+        whole.is_in(rollout + 1, "done");
+        corrects_y(&program, -25.0);
+        volcomp_test_support::until("its page tells that it is over", LONG, || {
+            !waits(&whole.page(&cookie, "/api/overview"))
+        });
+        let one = whole.machine("mill-1");
+        assert_eq!(one["live"]["lost"], 0, "{one}");
+    });
+    no_step(&trace);
 }
 
 /// The centre is killed between the first machine and the second: after a restart each gets its version, once.
