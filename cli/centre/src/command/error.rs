@@ -74,7 +74,8 @@ impl CommandError {
                 StoreError::Missing { .. }
                 | StoreError::Rollout { .. }
                 | StoreError::NotBrokenOff { .. }
-                | StoreError::Password(_),
+                | StoreError::Password(_)
+                | StoreError::NotEmpty { .. },
             ) => 2,
             Self::Store(_)
             | Self::Back(NoWayBack::Store(_))

@@ -10,6 +10,7 @@ mod page;
 mod rollouts;
 mod run;
 mod server;
+mod store;
 mod text;
 mod user;
 
@@ -24,7 +25,9 @@ use crate::{
     store::Store,
 };
 
-use self::arguments::{Command, KeyCommand, MachineCommand, ModelCommand, RolloutCommand};
+use self::arguments::{
+    Command, KeyCommand, MachineCommand, ModelCommand, RolloutCommand, StoreCommand,
+};
 
 impl Arguments {
     /// Does what is asked.
@@ -48,6 +51,9 @@ impl Arguments {
                 ))
             }
             Command::Check => run::check(&config()?),
+            Command::Store(StoreCommand::Copy { to }) => {
+                store::copy(&config()?, &Config::read(&to)?, &by)
+            }
             Command::NatsConfig { output } => server::nats_config(&config()?, output.as_deref()),
             Command::Audit { count, json } => server::audit(&config()?, count, json),
             Command::Alarms { all, json } => server::alarms(&config()?, all, json),

@@ -157,6 +157,17 @@ pub trait Database: Send {
     /// # Errors
     /// The question is none, or the database cannot be read: its file or its server is gone.
     fn rows(&mut self, sql: &str, parameters: &[Value]) -> Result<Vec<Row>, StoreError>;
+
+    /// Gives each row of a question without parameters to `take`, as they come, so that a large table need not have room in memory.
+    /// Only in a transaction.
+    ///
+    /// # Errors
+    /// As for `rows`, and what `take` fails with.
+    fn each(
+        &mut self,
+        sql: &str,
+        take: &mut dyn FnMut(Row) -> Result<(), StoreError>,
+    ) -> Result<(), StoreError>;
 }
 
 impl dyn Database + '_ {

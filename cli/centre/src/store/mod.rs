@@ -5,6 +5,7 @@
 
 pub(crate) mod alarms;
 pub(crate) mod audit;
+mod copy;
 mod database;
 mod history;
 pub(crate) mod ingest;
@@ -24,6 +25,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+pub use copy::Copied;
 pub use database::{Database, Row, Value};
 pub use history::Keep;
 pub use models::Issued;
@@ -90,6 +92,36 @@ pub enum StoreError {
         found: u64,
         /// The steps that this program knows.
         known: u64,
+    },
+    /// Another program has the file open.
+    #[error(
+        "{file}: another program has it open, expected none: the centre is ended first, so that what it stores is not left behind"
+    )]
+    InUse {
+        /// The file.
+        file: String,
+    },
+    /// What is copied into holds something.
+    #[error(
+        "the table {table} of the new database holds {rows} rows, expected an empty database: nothing was changed"
+    )]
+    NotEmpty {
+        /// The table.
+        table: String,
+        /// How many rows it has.
+        rows: u64,
+    },
+    /// What was read back is not what was written.
+    #[error(
+        "the table {table}: found {found} rows in the new database, or others, where the old one has {rows}; nothing was changed"
+    )]
+    Differs {
+        /// The table.
+        table: String,
+        /// The rows of the old database.
+        rows: u64,
+        /// The rows that were read back.
+        found: u64,
     },
     /// A machine has its turn in a roll-out that is not over.
     #[error(

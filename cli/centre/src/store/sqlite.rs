@@ -3,7 +3,7 @@
 use std::{path::Path, time::Duration};
 
 use rusqlite::{
-    Connection,
+    Connection, ErrorCode,
     types::{ToSqlOutput, ValueRef},
 };
 
@@ -14,6 +14,8 @@ use super::{
 
 /// Another program (the command line) may hold the file so long.
 const BUSY: Duration = Duration::from_secs(30);
+/// The same where it must not be held by another at all.
+const BUSY_ALONE: Duration = Duration::from_secs(2);
 /// Statements that are kept ready.
 const READY: usize = 128;
 
@@ -32,6 +34,47 @@ impl Sqlite {
         )?;
         Ok(Self(connection))
     }
+
+    /// Opens a file that is there, for this program alone: no other has it open, or can write it meanwhile.
+    pub(crate) fn open_alone(path: &Path) -> Result<Self, StoreError> {
+        let file = path.display().to_string();
+        if !path.is_file() {
+            return Err(StoreError::Missing {
+                what: "file of a store:",
+                name: file,
+            });
+        }
+        let connection = Connection::open(path)?;
+        connection.busy_timeout(BUSY_ALONE)?;
+        // The log beside the file can be given up only where nobody else has the file open, idle as he may be.
+        let given_up = connection.query_row("PRAGMA journal_mode = DELETE", [], |row| {
+            row.get::<_, String>(0)
+        });
+        match given_up {
+            Ok(mode) if mode == "delete" => Ok(Self(connection)),
+            Err(error) if error.sqlite_error_code() != Some(ErrorCode::DatabaseBusy) => {
+                Err(error.into())
+            }
+            _ => Err(StoreError::InUse { file }),
+        }
+    }
+}
+
+/// A row as this program has it.
+fn row_of(row: &rusqlite::Row<'_>, columns: usize) -> Result<Row, StoreError> {
+    let values: Result<Vec<Value>, StoreError> = (0..columns)
+        .map(|column| {
+            Ok(match row.get_ref(column)? {
+                ValueRef::Null => Value::Null,
+                ValueRef::Integer(value) => Value::Int(value),
+                ValueRef::Real(value) => Value::Real(value),
+                ValueRef::Text(value) | ValueRef::Blob(value) => {
+                    Value::Text(String::from_utf8_lossy(value).into_owned())
+                }
+            })
+        })
+        .collect();
+    Ok(Row(values?))
 }
 
 impl rusqlite::ToSql for Value {
@@ -63,20 +106,22 @@ impl Database for Sqlite {
         let mut rows = statement.query(rusqlite::params_from_iter(parameters))?;
         let mut found = Vec::new();
         while let Some(row) = rows.next()? {
-            let values: Result<Vec<Value>, StoreError> = (0..columns)
-                .map(|column| {
-                    Ok(match row.get_ref(column)? {
-                        ValueRef::Null => Value::Null,
-                        ValueRef::Integer(value) => Value::Int(value),
-                        ValueRef::Real(value) => Value::Real(value),
-                        ValueRef::Text(value) | ValueRef::Blob(value) => {
-                            Value::Text(String::from_utf8_lossy(value).into_owned())
-                        }
-                    })
-                })
-                .collect();
-            found.push(Row(values?));
+            found.push(row_of(row, columns)?);
         }
         Ok(found)
+    }
+
+    fn each(
+        &mut self,
+        sql: &str,
+        take: &mut dyn FnMut(Row) -> Result<(), StoreError>,
+    ) -> Result<(), StoreError> {
+        let mut statement = self.0.prepare(sql)?;
+        let columns = statement.column_count();
+        let mut rows = statement.query([])?;
+        while let Some(row) = rows.next()? {
+            take(row_of(row, columns)?)?;
+        }
+        Ok(())
     }
 }

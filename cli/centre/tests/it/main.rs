@@ -28,6 +28,7 @@ mod rollout;
 mod servers;
 mod shop;
 mod store;
+mod store_copy;
 mod support;
 mod told;
 mod withdrawn;

@@ -20,6 +20,11 @@ const ANSWERED_WITHIN: Duration = Duration::from_secs(90);
 /// for no longer than that.
 const SESSION: &str = "SET lock_timeout = '30s'; SET idle_in_transaction_session_timeout = '60s'";
 
+/// Takes the next rows of a cursor.
+const FETCH: &str = "FETCH 1000 FROM each";
+/// Ends a cursor.
+pub(super) const CLOSE: &str = "CLOSE each";
+
 /// A connection, with the statements that it has ready.
 pub(super) struct Link {
     client: Client,
@@ -138,6 +143,17 @@ impl Link {
             .map(|one| one as &(dyn ToSql + Sync))
             .collect();
         within(runtime, self.client.query(&statement, &values))
+    }
+
+    /// So many rows of a question, the next ones of a cursor that [`Self::declare`] has made.
+    pub(super) fn fetch(&self, runtime: &Runtime) -> Result<Vec<tokio_postgres::Row>, Failed> {
+        // Not kept ready: the next cursor of this name has other columns.
+        within(runtime, self.client.query(FETCH, &[]))
+    }
+
+    /// Makes the cursor of a question. It ends with the transaction, or by [`CLOSE`].
+    pub(super) fn declare(&self, runtime: &Runtime, sql: &str) -> Result<(), Failed> {
+        self.batch(runtime, &format!("DECLARE each NO SCROLL CURSOR FOR {sql}"))
     }
 }
 

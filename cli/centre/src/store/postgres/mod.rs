@@ -206,4 +206,23 @@ impl Database for Postgres {
         let rows: Result<Vec<Row>, tokio_postgres::Error> = rows.iter().map(values::row).collect();
         rows.map_err(|error| self.failed(&error))
     }
+
+    fn each(
+        &mut self,
+        sql: &str,
+        take: &mut dyn FnMut(Row) -> Result<(), StoreError>,
+    ) -> Result<(), StoreError> {
+        self.flush()?;
+        self.with(|link, runtime| link.declare(runtime, sql))?;
+        loop {
+            let rows = self.with(|link, runtime| link.fetch(runtime))?;
+            if rows.is_empty() {
+                break;
+            }
+            for row in &rows {
+                take(values::row(row).map_err(|error| self.failed(&error))?)?;
+            }
+        }
+        self.with(|link, runtime| link.batch(runtime, link::CLOSE))
+    }
 }
