@@ -152,3 +152,48 @@ fn outcome(places: &Places, phases: &[Phase]) -> Result<(), GatewayError> {
         }),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ended_with(found: &[(&str, Option<u8>)]) -> Option<(u8, String)> {
+        let places = found
+            .iter()
+            .map(|(name, _)| ((*name).to_owned(), Arc::default()))
+            .collect();
+        let phases: Vec<Phase> = found
+            .iter()
+            .map(|(_, failed)| match failed {
+                Some(status) => Phase::Failed(Failure {
+                    what: "why".to_owned(),
+                    status: *status,
+                    again: false,
+                }),
+                None => Phase::Ended,
+            })
+            .collect();
+        let error = outcome(&places, &phases).err()?;
+        Some((error.status(), error.to_string()))
+    }
+
+    #[test]
+    fn what_ended_by_itself_ends_the_process_with_a_status() {
+        let told = |status, what: &str| Some((status, what.to_owned()));
+        assert_eq!(ended_with(&[("", None)]), None);
+        assert_eq!(ended_with(&[("", Some(1))]), told(1, "why"));
+        assert_eq!(ended_with(&[("", Some(2))]), told(2, "why"));
+        let (a, b) = ("mill-1", "mill-2");
+        assert_eq!(ended_with(&[(a, None), (b, None)]), None);
+        // One of two, whatever it ended for: the call was not wrong as a whole.
+        for status in [1, 2] {
+            let one = [(a, None), (b, Some(status))];
+            assert_eq!(ended_with(&one), told(1, "machine mill-2: why"));
+        }
+        let both = [(a, Some(2)), (b, Some(2))];
+        assert_eq!(
+            ended_with(&both),
+            told(2, "machine mill-1: why; machine mill-2: why")
+        );
+    }
+}

@@ -223,6 +223,11 @@ impl Handle {
         self.start
     }
 
+    /// Whether the thread has ended. By itself it never should: a panic of it was printed when it happened.
+    pub fn has_ended(&self) -> bool {
+        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+    }
+
     /// Ends the thread and waits until it has ended.
     pub fn stop(&mut self) {
         self.shared.stop.store(true, Ordering::Relaxed);

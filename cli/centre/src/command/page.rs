@@ -13,6 +13,19 @@ use crate::{
     store::Store,
 };
 
+/// Waits until a part of the page ends by itself, which it never should; for ever, where there is no page.
+pub(super) async fn ended(page: Option<&mut [JoinHandle<()>; 2]>) {
+    match page {
+        Some([refreshed, served]) => {
+            tokio::select! {
+                _ = refreshed => {}
+                _ = served => {}
+            }
+        }
+        None => std::future::pending().await,
+    }
+}
+
 /// Serves the page on the runtime of the caller.
 pub(super) async fn serve(
     config: &PageConfig,
@@ -53,4 +66,33 @@ pub(super) async fn serve(
         tokio::spawn(Arc::clone(&face).refresh()),
         tokio::spawn(volcomp_web::serve(listener, acceptor, router(&face))),
     ])
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+
+    /// Either part that ends by itself, in good order or by a fault of the program, is noticed; nothing is noticed of a page
+    /// that works, or of none.
+    #[tokio::test]
+    async fn a_part_that_ends_is_noticed() {
+        let for_ever = || tokio::spawn(std::future::pending::<()>());
+        let at_once = || tokio::spawn(std::future::ready(()));
+        let faulty = || tokio::spawn(async { panic!("injected") });
+        let soon = Duration::from_millis(50);
+        for (mut page, ends) in [
+            ([for_ever(), for_ever()], false),
+            ([at_once(), for_ever()], true),
+            ([for_ever(), at_once()], true),
+            ([faulty(), for_ever()], true),
+            ([for_ever(), faulty()], true),
+        ] {
+            let within = if ends { Duration::from_secs(60) } else { soon };
+            let noticed = tokio::time::timeout(within, ended(Some(&mut page))).await;
+            assert_eq!(noticed.is_ok(), ends);
+        }
+        assert!(tokio::time::timeout(soon, ended(None)).await.is_err());
+    }
 }

@@ -50,7 +50,7 @@ pub(super) fn run(config: &Config, log: LogForm) -> Result<(), CommandError> {
         .build()?;
     runtime.block_on(async {
         let mut running = Engine::start(store.clone(), engine).await?;
-        let page = match &config.page {
+        let mut page = match &config.page {
             Some(page) => Some(page::serve(page, config.rollout.clone(), &store).await?),
             None => None,
         };
@@ -58,6 +58,7 @@ pub(super) fn run(config: &Config, log: LogForm) -> Result<(), CommandError> {
         tokio::select! {
             told = ended() => told?,
             part = running.ended() => return Err(CommandError::Ended(part)),
+            () = page::ended(page.as_mut()) => return Err(CommandError::Ended("the page")),
         }
         tracing::info!("the centre ends");
         for task in page.iter().flatten() {

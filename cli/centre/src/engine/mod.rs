@@ -319,3 +319,54 @@ async fn collect(mut collection: volcomp_fleet::Collection, jobs: mpsc::SyncSend
         });
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::{command::CommandError, store::faulty};
+
+    use super::*;
+
+    fn settings(folder: &std::path::Path) -> Settings {
+        let key = Key::create(folder, "main").expect("writable");
+        Settings {
+            link: LinkSettings {
+                // Nobody is there, which ends nothing.
+                url: "nats://127.0.0.1:1".to_owned(),
+                seed: nkeys::KeyPair::new_user().seed().expect("a seed"),
+                roots: None,
+            },
+            keeping: Keeping::default(),
+            keep: Keep::default(),
+            own: vec![],
+            key,
+        }
+    }
+
+    /// A fault of the program at a look, and a thread that writes no more: each is told by its name, for which the program
+    /// ends with status 1.
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_part_that_ends_by_itself_is_named() {
+        let folder = tempfile::tempdir().expect("writable");
+        let at = folder.path().join("centre.db");
+        let (store, is_faulty) = faulty(&at).expect("writable");
+        let store = Arc::new(store);
+        let started = Engine::start(store.clone(), settings(folder.path())).await;
+        let mut running = started.expect("it goes on trying to reach a server");
+        let within = Duration::from_millis(1500);
+        let early = tokio::time::timeout(within, running.ended()).await;
+        assert!(early.is_err(), "it runs");
+        is_faulty.store(true, Ordering::Relaxed);
+        let ended = tokio::time::timeout(Duration::from_secs(60), running.ended()).await;
+        assert_eq!(ended, Ok("the engine"));
+        assert_eq!(CommandError::Ended("the engine").status(), 1);
+
+        let (alive, writer) = oneshot::channel();
+        drop(alive);
+        let mut running = Running {
+            engine: Arc::clone(running.engine()),
+            tasks: tokio::spawn(std::future::pending()),
+            writer,
+        };
+        assert_eq!(running.ended().await, "the thread that writes");
+    }
+}

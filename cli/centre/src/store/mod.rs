@@ -248,3 +248,57 @@ impl Store {
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
+
+#[cfg(test)]
+pub(crate) use faulty::faulty;
+
+/// A store in which the program has a fault, for tests.
+#[cfg(test)]
+mod faulty {
+    use std::{
+        path::Path,
+        sync::{
+            Arc,
+            atomic::{AtomicBool, Ordering},
+        },
+    };
+
+    use super::{Database, Row, Store, StoreError, Value, sqlite::Sqlite};
+
+    struct Faulty(Sqlite, Arc<AtomicBool>);
+
+    impl Faulty {
+        fn inner(&mut self) -> &mut Sqlite {
+            assert!(!self.1.load(Ordering::Relaxed), "injected");
+            &mut self.0
+        }
+    }
+
+    impl Database for Faulty {
+        fn execute(&mut self, sql: &str, parameters: &[Value]) -> Result<u64, StoreError> {
+            self.inner().execute(sql, parameters)
+        }
+
+        fn rows(&mut self, sql: &str, parameters: &[Value]) -> Result<Vec<Row>, StoreError> {
+            self.inner().rows(sql, parameters)
+        }
+
+        fn each(
+            &mut self,
+            sql: &str,
+            take: &mut dyn FnMut(Row) -> Result<(), StoreError>,
+        ) -> Result<(), StoreError> {
+            self.inner().each(sql, take)
+        }
+    }
+
+    /// A store, and what makes every one of its statements a fault of the program.
+    pub(crate) fn faulty(path: &Path) -> Result<(Store, Arc<AtomicBool>), StoreError> {
+        let is_faulty = Arc::new(AtomicBool::new(false));
+        let open = || -> Result<Box<dyn Database>, StoreError> {
+            let sqlite = Sqlite::open(path)?;
+            Ok(Box::new(Faulty(sqlite, Arc::clone(&is_faulty))))
+        };
+        Ok((Store::of(open)?, is_faulty))
+    }
+}

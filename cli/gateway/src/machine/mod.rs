@@ -103,6 +103,7 @@ impl Machine {
             fleet,
         } = started;
         let mut hurry = || slot.stops() > 1;
+        let mut is_lost = false;
         let turned = catch_unwind(AssertUnwindSafe(|| {
             let mut reloads = slot.reloads();
             while slot.stops() == 0 {
@@ -114,6 +115,11 @@ impl Machine {
                     }
                 }
                 turn(&mut service);
+                if service.is_without_control() {
+                    tracing::error!("the control thread has ended by itself: nothing corrects");
+                    is_lost = true;
+                    break;
+                }
             }
             service.stop(&mut hurry)
         }));
@@ -131,7 +137,9 @@ impl Machine {
         drop(fleet);
         drop(interop);
         runtime.shutdown_background();
-        if has_panicked {
+        if is_lost {
+            Err(Failure::without_control())
+        } else if has_panicked {
             Err(Failure::panicked())
         } else {
             Ok(())
@@ -160,6 +168,15 @@ impl Failure {
             what: error.to_string(),
             status: error.status(),
             again: error.status() == 1,
+        }
+    }
+
+    /// A machine whose control thread has ended, so that what is applied stands until the control takes it out.
+    fn without_control() -> Self {
+        Self {
+            what: "the control thread has ended by itself, why is written on standard error: what was applied stands until the control takes it out".to_owned(),
+            status: 1,
+            again: false,
         }
     }
 

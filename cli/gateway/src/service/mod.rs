@@ -254,6 +254,11 @@ impl Service {
         has_ended
     }
 
+    /// Whether the control thread has ended, so that nothing corrects any more.
+    pub fn is_without_control(&self) -> bool {
+        self.parts.handle.has_ended()
+    }
+
     /// Waits until nothing is applied any more, for at most the configured time or until `hurry`, then ends the control thread.
     fn ramp_out(
         &mut self,
@@ -263,7 +268,7 @@ impl Service {
         let guard = self.parts.config.guard.as_ref();
         let end = Instant::now() + guard.map_or(Duration::ZERO, |guard| guard.stop);
         let before = self.parts.handle.report().cycle;
-        while Instant::now() < end && !hurry() {
+        while Instant::now() < end && !hurry() && !self.is_without_control() {
             meanwhile(self);
             let report = self.parts.handle.report();
             // Two cycles: the order may have come in the middle of one.

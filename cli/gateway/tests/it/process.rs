@@ -167,6 +167,35 @@ fn the_service_manager_is_told() {
     assert_eq!(program.end(), Some(0));
 }
 
+/// The port of the dashboard is another program's: status 1, with the address.
+#[test]
+fn a_port_that_is_taken_ends_it_with_status_1() {
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("loopback");
+    let address = taken.local_addr().expect("bound").to_string();
+    let dir = tempfile::tempdir().expect("writable");
+    let control = control();
+    let config = configuration(dir.path(), &control, "auto_arm = true");
+    let several = dir.path().join("shop.toml");
+    std::fs::write(
+        &several,
+        "[[machine]]\nname = \"mill-1\"\nconfig = \"G.toml\"\n[dashboard]\ntoken_file = \"tokens\"\n",
+    )
+    .expect("writable");
+    for config in [&config, &several] {
+        let ended = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
+            .args(["--config", path(config), "--listen", &address])
+            .output()
+            .expect("built");
+        let message = String::from_utf8_lossy(&ended.stderr);
+        assert_eq!(ended.status.code(), Some(1), "{message}");
+        assert!(
+            message.contains(&format!("dashboard {address}")),
+            "{message}"
+        );
+    }
+    assert_eq!(control.world().shifts(), [0.0; 3]);
+}
+
 /// Two machines whose gateways share a folder: one began with the output of the other, 30 µm in one write.
 #[test]
 fn two_gateways_in_one_folder() {

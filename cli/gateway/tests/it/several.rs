@@ -349,6 +349,39 @@ impl Drop for EndsAll<'_> {
     }
 }
 
+/// The control thread of a machine ends, which it never should by itself: the machine is told as one that does not run, and
+/// what would end the process ends it with status 1.
+#[test]
+fn a_machine_without_its_control_thread_has_failed() {
+    let shop = Shop::new();
+    let slot = Arc::new(Slot::default());
+    let machine = Machine {
+        name: None,
+        options: options::Options {
+            config: Some(shop.config("mill-1")),
+            ..options::Options::default()
+        },
+        proven_within: Duration::from_secs(4),
+    };
+    let mut turns = 0;
+    let mut turn = |service: &mut Service| {
+        service.turn();
+        turns += 1;
+        if turns == 20 {
+            // As good as dead: it is told to end at once.
+            service.stop(&mut || true);
+        }
+    };
+    machine.run(None, &slot, &mut turn);
+    assert_eq!(turns, 20, "it is noticed at once");
+    let Phase::Failed(failure) = slot.phase() else {
+        panic!("it has not failed");
+    };
+    assert_eq!(failure.status, 1);
+    let told = "the control thread has ended by itself";
+    assert!(failure.what.contains(told), "{}", failure.what);
+}
+
 /// A fault of the program in the service of one machine, which is injected here: its correction goes out by its ramp, the others
 /// notice nothing, and it can be started again without them.
 #[test]
