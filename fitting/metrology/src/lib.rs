@@ -3,16 +3,20 @@
 mod abbe;
 mod api_pos;
 mod api_pos_write;
+mod asme_b5_54;
 mod camonitor;
+pub mod circular;
 mod csv_file;
 mod csv_head;
 mod dwell;
+mod edition;
 mod encoding;
 mod environment_notes;
 mod error;
 mod file_format;
 pub mod form;
 mod iso230_2;
+mod iso230_6;
 mod keysight;
 mod keysight_write;
 mod mapped_table;
@@ -22,26 +26,38 @@ mod motion_kind;
 mod number;
 mod oddities;
 mod outliers;
+mod positioning_uncertainty;
 mod read;
 mod reading_unit;
 mod renishaw;
 mod report;
 mod squareness;
+mod standard_quantity;
 mod straightness;
+mod straightness_error;
+mod test_plan;
+mod three_lines;
+mod tolerance;
 mod travel;
+mod vdi_3441;
 
 pub use abbe::{CarriedSide, Rides, Travel, abbe_um, lever_mm};
 pub use api_pos::parse_pos;
 pub use api_pos_write::write_pos;
+pub use asme_b5_54::asme_b5_54;
 pub use camonitor::{Channel, ChannelLog, parse_camonitor};
 pub use csv_file::{parse_csv, write_csv};
 pub use dwell::{Channels, readings_at_dwells};
+pub use edition::Edition;
 pub use environment_notes::{
     MATERIAL_WITHIN_K, REFERENCE_DEGC, environment_notes, material_compensation,
 };
 pub use error::{Finding, MetrologyError};
 pub use file_format::{FileFormat, Quantity};
 pub use iso230_2::{Approach, Iso230Part2, TargetRow, evaluate};
+pub use iso230_6::{
+    DIAGONAL_NAMES, Diagonal, Iso230Part6, MeasuredDiagonal, SquarenessHint, evaluate_diagonals,
+};
 pub use keysight::parse_keysight_report;
 pub use keysight_write::write_keysight_report;
 pub use mapped_table::parse_table_with;
@@ -50,9 +66,20 @@ pub use measurement::{DeviationUnit, Environment, Measurement, Metadata, Reading
 pub use motion_kind::MotionKind;
 pub use oddities::{ODD_ABOVE, SMALL_BELOW, axis_named, oddities};
 pub use outliers::{OutlierHint, outlier_hints};
+pub use positioning_uncertainty::{
+    Contribution, PositioningUncertainty, UncertaintyInputs, positioning_uncertainty,
+};
 pub use read::{Content, READ_EXTENSIONS, read_content, read_file, read_file_with};
 pub use reading_unit::ReadingUnit;
 pub use renishaw::{Capture, RenishawKind, parse_ren, parse_renishaw, parse_rtx, write_renishaw};
 pub use squareness::{squareness, squareness_parts};
+pub use standard_quantity::StandardQuantity;
 pub use straightness::{ReferenceKind, ReferenceLine, TiltReading, angular_method_um, tilt_sign};
+pub use straightness_error::{
+    Straightness, StraightnessAbout, straightness_of, straightness_of_profile,
+};
+pub use test_plan::{AskedFor, asked_for, axis_kind, shortfalls};
+pub use three_lines::{ParallelLine, Separated, separate_parallel_lines};
+pub use tolerance::{Tolerance, Verdict, decide, parse_tolerances};
+pub use vdi_3441::{Vdi3441, Vdi3441Target, vdi_3441};
 pub use volcomp_vocabulary::Direction;

@@ -2,7 +2,9 @@
 #![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 
 mod bad_input;
+mod circular;
 mod csv;
+mod diagonals;
 mod form;
 mod form_peer;
 mod form_refused;
@@ -16,3 +18,5 @@ mod outliers;
 mod properties;
 mod renishaw;
 mod samples;
+mod standards;
+mod straight_lines;

@@ -308,3 +308,78 @@ proptest! {
         prop_assert_eq!(again.notes, Vec::<String>::new());
     }
 }
+
+/// Numbers of every kind.
+fn any_number() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        3 => -1e3..1e3_f64,
+        1 => prop::num::f64::ANY,
+        1 => prop::sample::select(vec![0.0, -0.0, f64::NAN, f64::INFINITY, 1e12, -1e300]),
+    ]
+}
+
+proptest! {
+    /// Evaluations of arbitrary readings answer or refuse; none panics.
+    #[test]
+    fn evaluations_of_arbitrary_readings_never_panic(
+        rows in prop::collection::vec((any_number(), 0..4_u32, any::<bool>(), any_number()), 0..40),
+        numbers in prop::collection::vec(any_number(), 8),
+        edges in prop::array::uniform3(any_number()),
+        tolerance in "[A-Ea-e_=,0-9.\\-]{0,20}",
+    ) {
+        use volcomp_metrology::{
+            DIAGONAL_NAMES, Diagonal, Edition, UncertaintyInputs, asme_b5_54, axis_kind, decide,
+            evaluate_diagonals, parse_tolerances, positioning_uncertainty, shortfalls,
+            straightness_of, vdi_3441,
+        };
+        let direction = |up| if up { Direction::Positive } else { Direction::Negative };
+        let readings = rows.iter().map(|&(target, run, up, deviation)| Reading {
+            target, run, direction: direction(up), deviation,
+        });
+        let m = Measurement { readings: readings.collect(), ..Measurement::default() };
+        if let Ok(result) = evaluate(&m) {
+            let _ = (vdi_3441(&result), asme_b5_54(&result), Edition::Iso2006.quantities(&result));
+        }
+        for kind in [volcomp_vocabulary::AxisKind::Linear, volcomp_vocabulary::AxisKind::Rotary] {
+            let _ = shortfalls(&m, kind, Edition::Iso2014);
+        }
+        let _ = (axis_kind(&m), straightness_of(&m));
+        let diagonals = DIAGONAL_NAMES.map(|name| (Diagonal::named(name).unwrap(), &m));
+        let _ = evaluate_diagonals(&diagonals[..4], Some(edges));
+        let _ = evaluate_diagonals(&diagonals[..1], None);
+        let inputs = UncertaintyInputs {
+            device_um_per_m: Some(numbers[0]),
+            device_um: Some(numbers[1]),
+            misalignment_mm: Some(numbers[2]),
+            temperature_range_k: Some(numbers[3]),
+            expansion_um_per_m_k: Some(numbers[4]),
+            expansion_range_um_per_m_k: Some(numbers[5]),
+            from_20_degc_k: Some(numbers[6]),
+            environment_um: Some(numbers[7]),
+        };
+        let _ = positioning_uncertainty(&inputs, edges[0], rows.len());
+        let _ = (decide(Some(numbers[0]), numbers[1], Some(numbers[2])), parse_tolerances(&tolerance, &["A", "E"]));
+    }
+
+    /// So do readers and evaluations of circles.
+    #[test]
+    fn circles_of_arbitrary_points_never_panic(
+        rows in prop::collection::vec((-1e4..1e4_f64, -1e4..1e4_f64), 0..60),
+        head in prop::sample::select(vec!["angle,deviation", "x,y", "angle rad,radius deviation mm", "x,angle"]),
+        radius in prop::option::of(any_number()),
+        bytes in prop::collection::vec(any::<u8>(), 0..200),
+    ) {
+        use volcomp_metrology::circular::{CircularPlane, circular_deviations, circular_signatures, parse_trace};
+        let mut text = format!("{head}\n");
+        for (a, b) in rows {
+            text += &format!("{a},{b}\n");
+        }
+        for bytes in [text.as_bytes(), &bytes] {
+            if let Ok(trace) = parse_trace(bytes, "c", CircularPlane::Xy, radius) {
+                prop_assert!(trace.points.iter().all(|p| p.deviation_um.is_finite()));
+                let _ = circular_deviations(&trace);
+                let _ = circular_signatures(&trace);
+            }
+        }
+    }
+}

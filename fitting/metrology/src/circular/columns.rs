@@ -1,0 +1,115 @@
+//! The columns of a table that holds a trace.
+
+use volcomp_document::{Column, CsvTable, quoted};
+
+use crate::{MetrologyError, ReadingUnit, csv_head::unit_of};
+
+/// Where the quantities of a trace stand.
+pub(super) struct TraceColumns {
+    pub(super) kind: Kind,
+    pub(super) direction: Option<Column>,
+}
+
+pub(super) enum Kind {
+    /// Angle and radial deviation, with what one unit of each is in rad and in µm.
+    Radial {
+        angle: (Column, f64),
+        deviation: (Column, f64),
+    },
+    /// Two coordinates, mm.
+    Positions([Column; 2]),
+}
+
+const EXPECTED: &str =
+    "the columns `angle` and `deviation` (or `radius deviation`), or two of `x`, `y` and `z`";
+
+impl TraceColumns {
+    /// The coordinates are called as the axes of the plane are.
+    pub(super) fn of(table: &CsvTable, axes: [&str; 2]) -> Result<Self, MetrologyError> {
+        let direction = table.column("direction")?;
+        let angle = with_unit(table, "angle")?;
+        let deviation = match with_unit(table, "deviation")? {
+            Some(found) => Some(found),
+            None => with_unit(table, "radius")?,
+        };
+        let positions = [with_unit(table, axes[0])?, with_unit(table, axes[1])?];
+        let kind = match (angle, deviation, positions) {
+            (Some(_), Some(_), [Some(_), Some(_)]) => {
+                let message = "found angles and positions, expected one of them";
+                return Err(table.header_error(message).into());
+            }
+            (Some((angle, angle_unit)), Some((deviation, unit)), _) => Kind::Radial {
+                angle: (angle, angle_in_rad(table, angle_unit)?),
+                deviation: (deviation, deviation_in_um(table, unit)?),
+            },
+            (None, None, [Some((x, x_unit)), Some((y, y_unit))]) => {
+                for unit in [x_unit, y_unit] {
+                    if !unit.is_empty() && !unit.eq_ignore_ascii_case("mm") {
+                        let found = quoted(unit);
+                        let message = format!("found positions in {found}, expected mm");
+                        return Err(table.header_error(message).into());
+                    }
+                }
+                Kind::Positions([x, y])
+            }
+            _ => {
+                let heads: Vec<&str> = table.names().map(|(_, name)| name).collect();
+                let found = quoted(&heads.join(&table.separator().to_string()));
+                let [a, b] = axes;
+                let message = format!("found {found}, expected {EXPECTED}, here `{a}` and `{b}`");
+                return Err(table.header_error(message).into());
+            }
+        };
+        Ok(Self { kind, direction })
+    }
+}
+
+fn angle_in_rad(table: &CsvTable, unit: &str) -> Result<f64, MetrologyError> {
+    if unit.is_empty() {
+        return Ok(1.0_f64.to_radians());
+    }
+    match ReadingUnit::named(unit) {
+        Some(ReadingUnit::Deg) => Ok(1.0_f64.to_radians()),
+        Some(ReadingUnit::Rad) => Ok(1.0),
+        _ => {
+            let message = format!("found angles in {}, expected deg or rad", quoted(unit));
+            Err(table.header_error(message).into())
+        }
+    }
+}
+
+fn deviation_in_um(table: &CsvTable, unit: &str) -> Result<f64, MetrologyError> {
+    // `radius deviation µm`: the word belongs to the name.
+    let words = unit.split(|c: char| !c.is_alphanumeric());
+    let unit = words
+        .filter(|word| !word.is_empty() && !word.eq_ignore_ascii_case("deviation"))
+        .collect::<Vec<_>>()
+        .join(" ");
+    if unit.is_empty() {
+        return Ok(1.0);
+    }
+    match ReadingUnit::named(&unit) {
+        Some(unit @ (ReadingUnit::Mm | ReadingUnit::Um | ReadingUnit::Nm)) => Ok(unit.micro()),
+        _ => {
+            let found = quoted(&unit);
+            let message = format!("found radial deviations in {found}, expected µm, mm or nm");
+            Err(table.header_error(message).into())
+        }
+    }
+}
+
+/// The column of a name, alone or with a unit behind it, and that unit.
+fn with_unit<'t>(
+    table: &'t CsvTable,
+    name: &str,
+) -> Result<Option<(Column, &'t str)>, MetrologyError> {
+    let mut named = table
+        .names()
+        .filter_map(|(column, head)| Some((column, unit_of(head, name)?)));
+    let first = named.next();
+    if named.next().is_some() {
+        let message = format!("column `{name}` stands twice");
+        return Err(table.header_error(message).into());
+    }
+    Ok(first)
+}

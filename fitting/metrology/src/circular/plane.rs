@@ -1,0 +1,37 @@
+//! The plane of a circle, and the names of its axes.
+
+use volcomp_vocabulary::AxisName;
+
+/// The plane of a circle; angles run from the first axis to the second.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum CircularPlane {
+    /// From X to Y.
+    #[default]
+    Xy,
+    /// From Y to Z.
+    Yz,
+    /// From Z to X.
+    Zx,
+}
+
+impl CircularPlane {
+    /// The two axes.
+    pub fn axes(self) -> [AxisName; 2] {
+        match self {
+            Self::Xy => [AxisName::X, AxisName::Y],
+            Self::Yz => [AxisName::Y, AxisName::Z],
+            Self::Zx => [AxisName::Z, AxisName::X],
+        }
+    }
+
+    /// The squareness error of the plane, and its sign where it opens the angle between the axes.
+    pub fn squareness(self) -> (&'static str, f64) {
+        match self {
+            Self::Xy => ("EC0Y", 1.0),
+            Self::Yz => ("EA0Z", 1.0),
+            // About Y the right-hand rule turns from Z to X.
+            Self::Zx => ("EB0Z", -1.0),
+        }
+    }
+}

@@ -1,0 +1,338 @@
+//! What the shape of a trace hints at: each signature fitted together with all others by least squares, and ranked.
+//!
+//! With the angle θ from the first axis to the second, d = ±1 for the sense, the radius R and the path (R cos θ, R sin θ):
+//!
+//! | signature | radial deviation |
+//! | --- | --- |
+//! | centre offset (a, b) | a cos θ + b sin θ |
+//! | squareness γ, which opens the angle between the axes | −γ R/2 · sin 2θ |
+//! | scale mismatch m = scale of the first less that of the second axis | m R/2 · cos 2θ |
+//! | reversal value B of the first axis | −d B/2 · cos θ · sgn(sin θ) |
+//! | reversal value B of the second axis | d B/2 · sin θ · sgn(cos θ) |
+//! | servo mismatch c | d c · sin 2θ |
+//! | reversal spike | p · exp(−Δ/τ), Δ the angle since the axis turned round |
+
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
+
+use nalgebra::{DMatrix, DVector};
+
+use super::{CircularTrace, Sense, TracePoint};
+use crate::{DeviationUnit, MetrologyError};
+
+/// What a part of the deviation comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+pub enum SignatureKind {
+    /// The axes are not square.
+    Squareness,
+    /// The scales of the two axes differ.
+    ScaleMismatch,
+    /// Reversal value of the first axis.
+    BacklashFirst,
+    /// Reversal value of the second axis.
+    BacklashSecond,
+    /// The axes follow with different delays.
+    ServoMismatch,
+    /// Spikes where the first axis turns round, at 0° and 180°.
+    SpikesFirst,
+    /// Spikes where the second axis turns round, at 90° and 270°.
+    SpikesSecond,
+}
+
+impl SignatureKind {
+    /// The name in documents.
+    pub fn key(self) -> &'static str {
+        match self {
+            Self::Squareness => "squareness",
+            Self::ScaleMismatch => "scale-mismatch",
+            Self::BacklashFirst => "backlash-first",
+            Self::BacklashSecond => "backlash-second",
+            Self::ServoMismatch => "servo-mismatch",
+            Self::SpikesFirst => "spikes-first",
+            Self::SpikesSecond => "spikes-second",
+        }
+    }
+}
+
+/// One signature with its size and its share.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct Signature {
+    /// What it is.
+    pub kind: SignatureKind,
+    /// Its size: squareness µrad, opening the angle between the axes; scale mismatch µm/m (µrad); reversal value µm, as
+    /// B = x̄↑ − x̄↓; servo mismatch µm, radial at 45°; spikes µm, the mean of the two places, outward.
+    pub size: f64,
+    /// The unit of the size.
+    pub unit: DeviationUnit,
+    /// Expanded uncertainty (k = 2) of the size by what the fit leaves, in the same unit.
+    pub u: f64,
+    /// How much of the circular deviation it makes by itself: the range of its radial deviation, µm.
+    pub range_um: f64,
+    /// Its range as a share of the ranges of all signatures.
+    pub share: f64,
+}
+
+/// The signatures of a trace.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct Signatures {
+    /// The largest range first. Without both senses there is no servo mismatch: it cannot be told from the squareness, which holds both.
+    pub ranked: Vec<Signature>,
+    /// The centre that was taken out, along the first and the second axis, µm: of the set-up, not of the machine.
+    pub centre_um: [f64; 2],
+    /// Mean deviation of the radius, µm: of the length of the ballbar, of the feed and of the mean scale.
+    pub radius_um: f64,
+    /// Spikes at 0°, 90°, 180° and 270°, µm outward.
+    pub spikes_um: [f64; 4],
+    /// The angle in which a spike falls to 1/e, deg.
+    pub spike_width_deg: f64,
+    /// Root mean square of what all signatures together leave, µm.
+    pub rms_left_um: f64,
+}
+
+/// Widths that are tried for spikes, deg.
+const WIDTHS_DEG: [f64; 8] = [0.7, 1.0, 1.5, 2.0, 3.0, 4.5, 6.0, 9.0];
+/// Columns that are told apart worse than this are not told apart.
+const WORST_CONDITION: f64 = 1e4;
+
+/// Fits all signatures to a trace.
+///
+/// # Errors
+/// Too few points, or an arc on which the signatures look alike.
+pub fn circular_signatures(trace: &CircularTrace) -> Result<Signatures, MetrologyError> {
+    let points = &trace.points;
+    let both = Sense::BOTH.into_iter().all(|sense| trace.has(sense));
+    let right = DVector::from_iterator(points.len(), points.iter().map(|p| p.deviation_um));
+    let at = |width_deg: f64| {
+        let columns = design(points, both, width_deg.to_radians());
+        solve(points, &columns, &right, width_deg)
+    };
+    let tried: Vec<Option<Fit>> = WIDTHS_DEG.iter().map(|width| at(*width)).collect();
+    let squares = |fit: &Option<Fit>| fit.as_ref().map_or(f64::INFINITY, |fit| fit.squares);
+    let best = (0..tried.len()).min_by(|a, b| squares(&tried[*a]).total_cmp(&squares(&tried[*b])));
+    let best = best.unwrap_or_default();
+    let fit = tried[best].as_ref().map(|_| {
+        let below = WIDTHS_DEG[best.saturating_sub(1)];
+        let above = WIDTHS_DEG[(best + 1).min(WIDTHS_DEG.len() - 1)];
+        narrowed([below, above], &at)
+    });
+    let fit = fit.flatten().ok_or_else(|| MetrologyError::Readings {
+        name: trace.name.clone(),
+        what: "signatures".into(),
+        found: format!("{} points on which they look alike", points.len()),
+        expected: "points all around the circle, at every degree or so".into(),
+    })?;
+    Ok(fit.signatures(points, both, trace.radius_mm))
+}
+
+/// The fit with the least squares between two widths, by golden sections.
+fn narrowed([mut low, mut high]: [f64; 2], at: &dyn Fn(f64) -> Option<Fit>) -> Option<Fit> {
+    const STEPS: usize = 14;
+    const GOLDEN: f64 = 0.618_033_988_749_894_8;
+    for _ in 0..STEPS {
+        let step = GOLDEN * (high - low);
+        let [left, right] = [high - step, low + step];
+        if at(left)?.squares < at(right)?.squares {
+            high = right;
+        } else {
+            low = left;
+        }
+    }
+    at(f64::midpoint(low, high))
+}
+
+/// Radius, centre, sin 2θ, cos 2θ, two backlashes, four spikes, and with both senses servo mismatch.
+const COUNT: usize = 11;
+/// The column of the spike at 0°.
+const FIRST_SPIKE: usize = 7;
+
+/// The angle that was run since a place, up to a whole turn.
+fn since(p: &TracePoint, place: f64) -> f64 {
+    (p.sense.sign() * (p.angle_rad - place)).rem_euclid(TAU)
+}
+
+/// Where spikes are.
+const PLACES: [f64; 4] = [0.0, FRAC_PI_2, PI, PI + FRAC_PI_2];
+
+fn row(p: &TracePoint, both: bool, width_rad: f64) -> Vec<f64> {
+    let (sin, cos) = p.angle_rad.sin_cos();
+    let d = p.sense.sign();
+    // An axis that is turning round moves neither way.
+    let side = |x: f64| if x == 0.0 { 0.0 } else { x.signum() };
+    let spike = |place: f64| {
+        let since = (d * (p.angle_rad - place)).rem_euclid(TAU);
+        if since < PI {
+            (-since / width_rad).exp()
+        } else {
+            0.0
+        }
+    };
+    let mut row = vec![
+        1.0,
+        cos,
+        sin,
+        2.0 * sin * cos,
+        cos * cos - sin * sin,
+        -0.5 * d * cos * side(sin),
+        0.5 * d * sin * side(cos),
+        spike(PLACES[0]),
+        spike(PLACES[1]),
+        spike(PLACES[2]),
+        spike(PLACES[3]),
+    ];
+    if both {
+        row.push(d * 2.0 * sin * cos);
+    }
+    row
+}
+
+fn design(points: &[TracePoint], both: bool, width_rad: f64) -> DMatrix<f64> {
+    let columns = COUNT + usize::from(both);
+    let rows = points.iter().flat_map(|p| row(p, both, width_rad));
+    DMatrix::from_row_iterator(points.len(), columns, rows)
+}
+
+struct Fit {
+    found: DVector<f64>,
+    /// Variance of each unknown.
+    variances: Vec<f64>,
+    squares: f64,
+    rms: f64,
+    width_deg: f64,
+}
+
+fn solve(
+    points: &[TracePoint],
+    columns: &DMatrix<f64>,
+    right: &DVector<f64>,
+    width_deg: f64,
+) -> Option<Fit> {
+    let (rows, unknowns) = columns.shape();
+    if rows <= unknowns + 1 || !right.iter().all(|x| x.is_finite()) {
+        return None;
+    }
+    let (inverse, lengths, scaled) = inverse_of_normal(columns)?;
+    let mut found = &inverse * (scaled.transpose() * right);
+    let squares = (right - &scaled * &found).norm_squared();
+    for (k, length) in lengths.iter().enumerate() {
+        found[k] /= length;
+    }
+    let variance = squares / (rows - unknowns) as f64;
+    let of = |inverse: &DMatrix<f64>, lengths: &[f64]| -> Vec<f64> {
+        let one = |k: usize| variance * inverse[(k, k)] / (lengths[k] * lengths[k]);
+        (0..unknowns).map(one).collect()
+    };
+    // The width of the spikes was found as well: what it leaves open, their sizes share.
+    let width = width_deg.to_radians();
+    let derivative = |p: &TracePoint| -> f64 {
+        let at = |k: usize| {
+            let since = since(p, PLACES[k]);
+            found[FIRST_SPIKE + k] * (-since / width).exp() * since / (width * width)
+        };
+        (0..PLACES.len()).map(at).sum()
+    };
+    let widths = points.iter().map(derivative);
+    let mut wider = columns.clone().insert_column(unknowns, 0.0);
+    for (row, value) in widths.enumerate() {
+        wider[(row, unknowns)] = value;
+    }
+    let variances = match inverse_of_normal(&wider) {
+        Some((inverse, lengths, _)) => of(&inverse, &lengths),
+        None => of(&inverse, &lengths),
+    };
+    Some(Fit {
+        found,
+        variances,
+        squares,
+        rms: (squares / rows as f64).sqrt(),
+        width_deg,
+    })
+}
+
+/// The inverse of the normal matrix of columns brought to the length 1, these lengths, and the columns; `None` where they are not told apart.
+fn inverse_of_normal(columns: &DMatrix<f64>) -> Option<(DMatrix<f64>, Vec<f64>, DMatrix<f64>)> {
+    let lengths: Vec<f64> = columns.column_iter().map(|c| c.norm()).collect();
+    if lengths.iter().any(|length| !(*length > 0.0)) {
+        return None;
+    }
+    let mut scaled = columns.clone();
+    for (mut column, length) in scaled.column_iter_mut().zip(&lengths) {
+        column /= *length;
+    }
+    let normal = scaled.transpose() * &scaled;
+    let eigen = normal.clone().symmetric_eigenvalues();
+    if eigen.min() * WORST_CONDITION * WORST_CONDITION < eigen.max() {
+        return None;
+    }
+    Some((normal.cholesky()?.inverse(), lengths, scaled))
+}
+
+impl Fit {
+    fn signatures(&self, points: &[TracePoint], both: bool, radius_mm: f64) -> Signatures {
+        use SignatureKind as Kind;
+        const URAD_PER_UM_PER_MM: f64 = 1e3;
+        let found = &self.found;
+        let per_radius = 2.0 / radius_mm * URAD_PER_UM_PER_MM;
+        // What the columns of each signature make together, as a range over the points.
+        let range = |columns: &[usize]| {
+            let width = self.width_deg.to_radians();
+            let at = |p: &TracePoint| {
+                let row = row(p, both, width);
+                columns.iter().map(|k| row[*k] * found[*k]).sum::<f64>()
+            };
+            let ends = points
+                .iter()
+                .map(at)
+                .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| {
+                    [low.min(x), high.max(x)]
+                });
+            ends[1] - ends[0]
+        };
+        let one = |kind, column: usize, factor: f64, unit| Signature {
+            kind,
+            size: factor * found[column],
+            unit,
+            u: 2.0 * factor.abs() * self.variances[column].sqrt(),
+            range_um: range(&[column]),
+            share: 0.0,
+        };
+        let pair = |kind, columns: [usize; 2]| Signature {
+            kind,
+            size: f64::midpoint(found[columns[0]], found[columns[1]]),
+            unit: DeviationUnit::Um,
+            u: (self.variances[columns[0]] + self.variances[columns[1]]).sqrt(),
+            range_um: range(&columns),
+            share: 0.0,
+        };
+        let mut ranked = vec![
+            one(Kind::Squareness, 3, -per_radius, DeviationUnit::Urad),
+            one(Kind::ScaleMismatch, 4, per_radius, DeviationUnit::Urad),
+            one(Kind::BacklashFirst, 5, 1.0, DeviationUnit::Um),
+            one(Kind::BacklashSecond, 6, 1.0, DeviationUnit::Um),
+            pair(Kind::SpikesFirst, [7, 9]),
+            pair(Kind::SpikesSecond, [8, 10]),
+        ];
+        if both {
+            ranked.push(one(Kind::ServoMismatch, 11, 1.0, DeviationUnit::Um));
+        }
+        let sum: f64 = ranked.iter().map(|s| s.range_um).sum();
+        for signature in &mut ranked {
+            signature.share = if sum > 0.0 {
+                signature.range_um / sum
+            } else {
+                0.0
+            };
+        }
+        ranked.sort_by(|a, b| b.range_um.total_cmp(&a.range_um));
+        Signatures {
+            ranked,
+            centre_um: [found[1], found[2]],
+            radius_um: found[0],
+            spikes_um: [found[7], found[8], found[9], found[10]],
+            spike_width_deg: self.width_deg,
+            rms_left_um: self.rms,
+        }
+    }
+}

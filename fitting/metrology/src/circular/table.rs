@@ -1,0 +1,147 @@
+//! The table of a circular test: angle and radial deviation, or positions.
+
+use volcomp_document::{CsvTable, quoted};
+
+use super::columns::{Kind, TraceColumns};
+use super::trace::{least_squares_circle, senses};
+use super::{CircularPlane, CircularTrace, LARGEST_RADIUS_MM, Sense, TracePoint};
+use crate::MetrologyError;
+use crate::encoding::{decode, refuse_empty};
+use crate::number::Place;
+
+/// Fewer points say nothing about a circle.
+const FEWEST_POINTS: usize = 16;
+
+/// Reads a trace from CSV text; `name` is used in messages.
+///
+/// The header has `angle` (deg, or `angle rad`) and `deviation` or `radius deviation` (µm, or with `mm` or `nm` behind), or the two coordinates of the
+/// plane (`x` and `y` in X–Y, mm). A column `direction` with `ccw` or `+` and `cw` or `-` says in which sense a point was run;
+/// without it the order of the rows does. The nominal radius belongs to the call; positions without it are measured against
+/// their own mean radius.
+///
+/// # Errors
+/// Wrong header, units or cells, fewer than 16 points, positions on no circle, no radius with angles: with file, line,
+/// what was found and what was expected.
+pub fn parse_trace(
+    bytes: &[u8],
+    name: &str,
+    plane: CircularPlane,
+    radius_mm: Option<f64>,
+) -> Result<CircularTrace, MetrologyError> {
+    if let Some(radius) = radius_mm
+        && !(radius > 0.0 && radius <= LARGEST_RADIUS_MM)
+    {
+        let found = format!("{radius} mm");
+        let expected = "above 0 and at most 100000 mm";
+        return Err(refuse(name, "nominal radius", found, expected));
+    }
+    let (text, encoding_note) = decode(bytes, name)?;
+    let expected = "the header `angle,deviation` or `x,y`, and a point in each row";
+    refuse_empty(&text, name, expected)?;
+    let table = CsvTable::parse(name, &text)?;
+    let letters = plane.axes().map(|axis| axis.to_string());
+    let columns = TraceColumns::of(&table, [&letters[0], &letters[1]])?;
+    let mut notes: Vec<String> = encoding_note.into_iter().collect();
+    let mut pairs = Vec::new();
+    let mut stated = Vec::new();
+    for row in table.rows() {
+        let place = Place {
+            file: name,
+            line: row.line(),
+        };
+        let pair = match columns.kind {
+            Kind::Radial { angle, deviation } => {
+                let number = |what: &str, (column, unit): (_, f64)| {
+                    Ok::<f64, MetrologyError>(
+                        place.number(what, &row.cell(column).decimal_text()?)? * unit,
+                    )
+                };
+                [number("angle", angle)?, number("deviation", deviation)?]
+            }
+            Kind::Positions([x, y]) => [
+                place.number(&letters[0], &row.cell(x).decimal_text()?)?,
+                place.number(&letters[1], &row.cell(y).decimal_text()?)?,
+            ],
+        };
+        pairs.push(pair);
+        if let Some(column) = columns.direction {
+            stated.push(sense_of(place, row.cell(column).text())?);
+        }
+    }
+    if pairs.len() < FEWEST_POINTS {
+        let found = pairs.len().to_string();
+        return Err(refuse(
+            name,
+            "points",
+            found,
+            "at least 16 around the circle",
+        ));
+    }
+    let mut radial = pairs;
+    let mut radius = radius_mm;
+    if let Kind::Positions(_) = columns.kind {
+        let (centre, mean_mm) = least_squares_circle(&radial, name)?;
+        let nominal = *radius.get_or_insert(mean_mm);
+        for pair in &mut radial {
+            let (u, v) = (pair[0] - centre[0], pair[1] - centre[1]);
+            *pair = [v.atan2(u), (u.hypot(v) - nominal) * 1e3];
+        }
+        notes.push(format!(
+            "the centre of the points, {:.4}, {:.4} mm, is taken out",
+            centre[0], centre[1]
+        ));
+    }
+    let Some(nominal) = radius else {
+        let found = "none".to_owned();
+        let expected =
+            "one, with deviations over angles: squareness and scale are sizes against it";
+        return Err(refuse(name, "nominal radius", found, expected));
+    };
+    // A deviation as large as the circle is one in another unit.
+    if let Some(pair) = radial.iter().find(|pair| pair[1].abs() > 10.0 * nominal) {
+        let found = format!("{} µm at a radius of {nominal} mm", pair[1]);
+        let expected = "deviations below a hundredth of the radius";
+        return Err(refuse(name, "deviation", found, expected));
+    }
+    let senses = if stated.is_empty() {
+        notes.push("the sense of the motion is taken from the order of the rows".to_owned());
+        senses(&radial.iter().map(|pair| pair[0]).collect::<Vec<_>>())
+    } else {
+        stated
+    };
+    let points = radial.iter().zip(senses);
+    Ok(CircularTrace {
+        name: name.to_owned(),
+        radius_mm: nominal,
+        radius_is_stated: radius_mm.is_some(),
+        points: points
+            .map(|(pair, sense)| TracePoint {
+                angle_rad: pair[0],
+                deviation_um: pair[1],
+                sense,
+            })
+            .collect(),
+        notes,
+    })
+}
+
+fn sense_of(place: Place<'_>, text: &str) -> Result<Sense, MetrologyError> {
+    match text.to_ascii_lowercase().as_str() {
+        "ccw" | "+" => Ok(Sense::CounterClockwise),
+        "cw" | "-" => Ok(Sense::Clockwise),
+        _ => Err(MetrologyError::Structure(place.finding(
+            "direction",
+            quoted(text),
+            "`ccw` or `cw`, `+` or `-`",
+        ))),
+    }
+}
+
+fn refuse(name: &str, what: &str, found: String, expected: &str) -> MetrologyError {
+    MetrologyError::Readings {
+        name: name.into(),
+        what: what.into(),
+        found,
+        expected: expected.into(),
+    }
+}

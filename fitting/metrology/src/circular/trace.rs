@@ -1,0 +1,168 @@
+//! A trace of a circle as plain data, and how positions become one.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::LARGEST_RADIUS_MM;
+use crate::MetrologyError;
+
+/// The sense in which a circle was run, seen with the first axis to the right and the second one up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Sense {
+    /// From the first axis to the second: the angle grows.
+    CounterClockwise,
+    /// The other way.
+    Clockwise,
+}
+
+impl Sense {
+    /// Both, counter-clockwise first.
+    pub const BOTH: [Self; 2] = [Self::CounterClockwise, Self::Clockwise];
+
+    /// +1 where the angle grows, −1 where it falls.
+    pub fn sign(self) -> f64 {
+        match self {
+            Self::CounterClockwise => 1.0,
+            Self::Clockwise => -1.0,
+        }
+    }
+
+    /// In documents: `ccw` or `cw`.
+    pub fn key(self) -> &'static str {
+        match self {
+            Self::CounterClockwise => "ccw",
+            Self::Clockwise => "cw",
+        }
+    }
+}
+
+/// One point of a trace.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct TracePoint {
+    /// Angle from the first axis to the second, rad.
+    pub angle_rad: f64,
+    /// Actual minus nominal radius, µm.
+    pub deviation_um: f64,
+    /// The sense of the motion.
+    pub sense: Sense,
+}
+
+/// A trace of one or both senses.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct CircularTrace {
+    /// The file it came from, for messages.
+    pub name: String,
+    /// The nominal radius, mm.
+    pub radius_mm: f64,
+    /// Whether that radius was stated; without it it is the mean of the points, and no deviation from it can be stated.
+    pub radius_is_stated: bool,
+    /// The points in the order of the file.
+    pub points: Vec<TracePoint>,
+    /// Notes for a person on how the file was read.
+    pub notes: Vec<String>,
+}
+
+impl CircularTrace {
+    /// Whether any point was run in this sense.
+    pub fn has(&self, sense: Sense) -> bool {
+        self.points.iter().any(|p| p.sense == sense)
+    }
+
+    /// The same points in one sense alone.
+    pub(super) fn of(&self, sense: Sense) -> Vec<TracePoint> {
+        let here = self.points.iter().filter(|p| p.sense == sense);
+        here.copied().collect()
+    }
+}
+
+/// The circle of least squares through points in a plane: centre and radius. Gauss–Newton on the distances, from the algebraic
+/// circle.
+pub(super) fn least_squares_circle(
+    points_mm: &[[f64; 2]],
+    name: &str,
+) -> Result<([f64; 2], f64), MetrologyError> {
+    const STEPS: usize = 50;
+    let refuse = |found: &str| MetrologyError::Readings {
+        name: name.into(),
+        what: "points".into(),
+        found: found.into(),
+        expected: "points on a circle".into(),
+    };
+    let count = points_mm.len() as f64;
+    let mean = |k: usize| points_mm.iter().map(|p| p[k]).sum::<f64>() / count;
+    let middle = [mean(0), mean(1)];
+    // u² + v² = 2 a u + 2 b v + c about the mean.
+    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+    for p in points_mm {
+        let (u, v) = (p[0] - middle[0], p[1] - middle[1]);
+        let row = Vector3::new(2.0 * u, 2.0 * v, 1.0);
+        normal += row * row.transpose();
+        right += row * (u * u + v * v);
+    }
+    let start = normal.lu().solve(&right);
+    let start = start.filter(|s| s.iter().all(|x| x.is_finite()));
+    let start = start.ok_or_else(|| refuse("points on one line"))?;
+    let squared = start[2] + start[0] * start[0] + start[1] * start[1];
+    let mut centre = [start[0], start[1]];
+    let mut radius = squared.max(0.0).sqrt();
+    for _ in 0..STEPS {
+        let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+        for p in points_mm {
+            let (u, v) = (p[0] - middle[0] - centre[0], p[1] - middle[1] - centre[1]);
+            let distance = u.hypot(v);
+            if distance == 0.0 {
+                return Err(refuse("a point at the centre"));
+            }
+            let row = Vector3::new(u / distance, v / distance, 1.0);
+            normal += row * row.transpose();
+            right += row * (distance - radius);
+        }
+        let step = normal.lu().solve(&right);
+        let step = step.filter(|s| s.iter().all(|x| x.is_finite()));
+        let step = step.ok_or_else(|| refuse("points on one line"))?;
+        centre = [centre[0] + step[0], centre[1] + step[1]];
+        radius += step[2];
+        if step.norm() <= 1e-12 * radius.abs() {
+            break;
+        }
+    }
+    if !(radius.is_finite() && radius > 0.0 && radius <= LARGEST_RADIUS_MM) {
+        return Err(refuse(&format!("a circle of {radius} mm")));
+    }
+    Ok(([middle[0] + centre[0], middle[1] + centre[1]], radius))
+}
+
+/// The sense at each point of a path by how the angle goes on from it; where it stands the one before counts.
+pub(super) fn senses(angles_rad: &[f64]) -> Vec<Sense> {
+    let step = |pair: &[f64]| {
+        let turn = (pair[1] - pair[0]).rem_euclid(std::f64::consts::TAU);
+        if turn > std::f64::consts::PI {
+            turn - std::f64::consts::TAU
+        } else {
+            turn
+        }
+    };
+    let steps: Vec<f64> = angles_rad.windows(2).map(step).collect();
+    let of = |turn: f64| {
+        if turn > 0.0 {
+            Some(Sense::CounterClockwise)
+        } else if turn < 0.0 {
+            Some(Sense::Clockwise)
+        } else {
+            None
+        }
+    };
+    let first = steps.iter().copied().find_map(of);
+    let mut last = first.unwrap_or(Sense::CounterClockwise);
+    let mut found = Vec::with_capacity(angles_rad.len());
+    for index in 0..angles_rad.len() {
+        // The last point goes on as the one before it.
+        if let Some(sense) = steps.get(index).copied().and_then(of) {
+            last = sense;
+        }
+        found.push(last);
+    }
+    found
+}

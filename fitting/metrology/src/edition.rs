@@ -1,0 +1,139 @@
+//! The editions of ISO 230-2: their names for the same quantities, and whether they have an annex on uncertainty.
+
+use crate::{Iso230Part2, StandardQuantity};
+
+/// An edition of ISO 230-2. All three evaluate with limits of 2 s and the estimator s with n − 1; the edition of 1988, with 3 s,
+/// is not evaluated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Edition {
+    /// The second edition, 1997.
+    Iso1997,
+    /// The third edition, 2006: an annex on the measurement uncertainty comes in.
+    Iso2006,
+    /// The fourth edition, 2014: "error" where the ones before said "deviation" or "value".
+    #[default]
+    Iso2014,
+}
+
+/// Symbol, name in 1997 and 2006, name in 2014.
+type Names = (&'static str, [&'static str; 2]);
+
+const NAMES: [Names; 12] = [
+    (
+        "A",
+        [
+            "bidirectional accuracy of positioning",
+            "bidirectional positioning accuracy",
+        ],
+    ),
+    (
+        "A_forward",
+        [
+            "unidirectional accuracy of positioning, forward",
+            "unidirectional positioning accuracy, forward",
+        ],
+    ),
+    (
+        "A_backward",
+        [
+            "unidirectional accuracy of positioning, backward",
+            "unidirectional positioning accuracy, backward",
+        ],
+    ),
+    (
+        "R",
+        [
+            "bidirectional repeatability of positioning",
+            "bidirectional positioning repeatability",
+        ],
+    ),
+    (
+        "R_forward",
+        [
+            "unidirectional repeatability of positioning, forward",
+            "unidirectional positioning repeatability, forward",
+        ],
+    ),
+    (
+        "R_backward",
+        [
+            "unidirectional repeatability of positioning, backward",
+            "unidirectional positioning repeatability, backward",
+        ],
+    ),
+    (
+        "E",
+        [
+            "bidirectional systematic deviation of positioning",
+            "bidirectional systematic positioning error",
+        ],
+    ),
+    (
+        "E_forward",
+        [
+            "unidirectional systematic deviation of positioning, forward",
+            "unidirectional systematic positioning error, forward",
+        ],
+    ),
+    (
+        "E_backward",
+        [
+            "unidirectional systematic deviation of positioning, backward",
+            "unidirectional systematic positioning error, backward",
+        ],
+    ),
+    (
+        "M",
+        [
+            "range of the mean bidirectional positional deviation",
+            "range of the mean bidirectional positioning error",
+        ],
+    ),
+    ("B", ["reversal value", "reversal error"]),
+    ("mean_B", ["mean reversal value", "mean reversal error"]),
+];
+
+impl Edition {
+    /// The year of the edition.
+    pub fn year(self) -> u16 {
+        match self {
+            Self::Iso1997 => 1997,
+            Self::Iso2006 => 2006,
+            Self::Iso2014 => 2014,
+        }
+    }
+
+    /// The edition of a year; `None` for a year that is not evaluated.
+    pub fn of_year(year: u16) -> Option<Self> {
+        let all = [Self::Iso1997, Self::Iso2006, Self::Iso2014];
+        all.into_iter().find(|edition| edition.year() == year)
+    }
+
+    /// Whether it has an annex on the measurement uncertainty: from 2006 on.
+    pub fn states_uncertainty(self) -> bool {
+        self != Self::Iso1997
+    }
+
+    /// The quantities of an evaluation, with the names of the edition.
+    pub fn quantities(self, result: &Iso230Part2) -> Vec<StandardQuantity> {
+        let values = [
+            result.a,
+            result.a_forward,
+            result.a_backward,
+            result.r,
+            result.r_forward,
+            result.r_backward,
+            result.e,
+            result.e_forward,
+            result.e_backward,
+            result.m,
+            result.b,
+            result.mean_b,
+        ];
+        let names = usize::from(self == Self::Iso2014);
+        (NAMES.iter().zip(values))
+            .map(|((symbol, name), value)| StandardQuantity::new(symbol, name[names], value))
+            .collect()
+    }
+}

@@ -1,0 +1,328 @@
+//! ISO 230-6: positioning accuracy on body and face diagonals, from measured files.
+
+use crate::{Iso230Part2, Measurement, MetrologyError, ReferenceLine, StandardQuantity, evaluate};
+
+/// A body or face diagonal, by the signs with which X, Y and Z move along it in its forward direction; 0: the axis stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Diagonal([i8; 3]);
+
+/// Every name that is known, body diagonals first.
+pub const DIAGONAL_NAMES: [&str; 10] = [
+    "PPP", "NPP", "PNP", "PPN", "PP0", "NP0", "P0P", "N0P", "0PP", "0NP",
+];
+
+impl Diagonal {
+    /// The diagonal of a name in letters of either case: `PPP`, `NPP`, `PNP`, `PPN` through the body; `PP0` and `NP0` in a plane X–Y,
+    /// `P0P` and `N0P` in X–Z, `0PP` and `0NP` in Y–Z.
+    pub fn named(name: &str) -> Option<Self> {
+        let upper = name.trim().to_ascii_uppercase();
+        if !DIAGONAL_NAMES.contains(&upper.as_str()) {
+            return None;
+        }
+        let mut signs = [0; 3];
+        for (sign, letter) in signs.iter_mut().zip(upper.chars()) {
+            *sign = match letter {
+                'P' => 1,
+                'N' => -1,
+                _ => 0,
+            };
+        }
+        Some(Self(signs))
+    }
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        let same = |name: &&&str| Self::named(name) == Some(self);
+        DIAGONAL_NAMES.iter().find(same).copied().unwrap_or("")
+    }
+
+    /// The signs of X, Y and Z.
+    pub fn signs(self) -> [i8; 3] {
+        self.0
+    }
+
+    /// The axes that move.
+    fn moving(self) -> [bool; 3] {
+        self.0.map(|sign| sign != 0)
+    }
+
+    /// The diagonals that are measured together with this one.
+    fn set(self) -> Vec<Self> {
+        let all = DIAGONAL_NAMES.iter().filter_map(|name| Self::named(name));
+        all.filter(|other| other.moving() == self.moving())
+            .collect()
+    }
+
+    /// The diagonal that a text names: one of its words, such as `diagonal PPP` or `x-ppn.csv`; `None` where there is none or more
+    /// than one.
+    pub fn in_text(text: &str) -> Option<Self> {
+        let words = text.split(|c: char| !c.is_alphanumeric());
+        let mut named = words.filter_map(Self::named);
+        let first = named.next()?;
+        named.all(|other| other == first).then_some(first)
+    }
+}
+
+impl std::fmt::Display for Diagonal {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// One measured diagonal.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct MeasuredDiagonal {
+    /// Which diagonal it is.
+    pub diagonal: Diagonal,
+    /// Its length between the first and the last target, mm.
+    pub length_mm: f64,
+    /// The evaluation of its readings as those of an axis: E, E↑, E↓, B, M and the table by targets.
+    pub result: Iso230Part2,
+    /// By how much the diagonal is too long over its length, µm: the slope of least squares of the means, times the length.
+    pub growth_um: f64,
+}
+
+/// A squareness error that the diagonals hint at.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct SquarenessHint {
+    /// `EC0Y`, `EA0Z` or `EB0Z`.
+    pub error: &'static str,
+    /// Its size if nothing but squareness and equal scales were in the diagonals, µrad.
+    pub urad: f64,
+}
+
+/// The evaluation of a set of diagonals.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct Iso230Part6 {
+    /// The diagonals in the order of the standard.
+    pub diagonals: Vec<MeasuredDiagonal>,
+    /// Diagonal systematic deviation E_d: the largest E of the diagonals; `None` where one was run in one direction only.
+    pub e_d_um: Option<f64>,
+    /// The largest E↑ or E↓ of them.
+    pub e_d_unidirectional_um: Option<f64>,
+    /// The largest reversal value B of them.
+    pub b_d_um: Option<f64>,
+    /// The largest M of them.
+    pub m_d_um: Option<f64>,
+    /// Mean of the growths by their lengths, µm/m: what all diagonals have in common, scale and temperature.
+    pub scale_um_per_m: f64,
+    /// Range of the growths, µm: what they do not have in common, mostly squareness.
+    pub spread_um: f64,
+    /// What the growths hint at, with the edges of the box stated and all diagonals of the set measured.
+    pub squareness: Vec<SquarenessHint>,
+    /// Diagonals of the set that were not measured.
+    pub lacking: Vec<Diagonal>,
+}
+
+/// How far the lengths of diagonals may be from each other and from the edges of the box, as a share.
+const LENGTHS_WITHIN: f64 = 0.01;
+
+/// Evaluates measured diagonals; `edges_mm` are the edges of the box along X, Y and Z.
+///
+/// # Errors
+/// No diagonal, one that stands twice, body and face diagonals or faces of different planes together, lengths that differ from each
+/// other or from the edges by more than 1 %, angles in place of lengths, and what [`evaluate`] refuses.
+pub fn evaluate_diagonals(
+    measured: &[(Diagonal, &Measurement)],
+    edges_mm: Option<[f64; 3]>,
+) -> Result<Iso230Part6, MetrologyError> {
+    let mut diagonals: Vec<MeasuredDiagonal> = Vec::new();
+    for &(diagonal, measurement) in measured {
+        let one = one_diagonal(diagonal, measurement)?;
+        if let Some(first) = diagonals.first() {
+            check_beside(first, &one, measurement)?;
+        }
+        if diagonals.iter().any(|other| other.diagonal == diagonal) {
+            let found = format!("{diagonal} a second time");
+            return Err(refuse(measurement, "diagonal", found, "each diagonal once"));
+        }
+        diagonals.push(one);
+    }
+    let Some(first) = diagonals.first() else {
+        return Err(MetrologyError::Readings {
+            name: "diagonals".into(),
+            what: "files".into(),
+            found: "none".into(),
+            expected: "at least one measured diagonal".into(),
+        });
+    };
+    let set = first.diagonal.set();
+    let lacking: Vec<Diagonal> = set
+        .iter()
+        .filter(|d| !diagonals.iter().any(|m| m.diagonal == **d))
+        .copied()
+        .collect();
+    let order = |m: &MeasuredDiagonal| set.iter().position(|d| *d == m.diagonal);
+    diagonals.sort_by_key(order);
+    if let Some(edges) = edges_mm {
+        check_edges(&diagonals[0], edges)?;
+    }
+    let squareness = match edges_mm {
+        Some(edges) if lacking.is_empty() => squareness_hints(&diagonals, edges),
+        _ => Vec::new(),
+    };
+    let largest = |of: &dyn Fn(&Iso230Part2) -> Option<f64>| -> Option<f64> {
+        let all: Option<Vec<f64>> = diagonals.iter().map(|m| of(&m.result)).collect();
+        all?.into_iter().reduce(f64::max)
+    };
+    let growths = || diagonals.iter().map(|m| m.growth_um);
+    let highest = growths().fold(f64::NEG_INFINITY, f64::max);
+    let lowest = growths().fold(f64::INFINITY, f64::min);
+    let length_mm: f64 = diagonals.iter().map(|m| m.length_mm).sum();
+    Ok(Iso230Part6 {
+        e_d_um: largest(&|r| r.e),
+        e_d_unidirectional_um: largest(&|r| {
+            let one_way = [r.e_forward, r.e_backward].into_iter().flatten();
+            one_way.reduce(f64::max)
+        }),
+        b_d_um: largest(&|r| r.b),
+        m_d_um: largest(&|r| r.m),
+        scale_um_per_m: growths().sum::<f64>() / length_mm * 1e3,
+        spread_um: highest - lowest,
+        squareness,
+        lacking,
+        diagonals,
+    })
+}
+
+impl Iso230Part6 {
+    /// The quantities by symbol and name.
+    pub fn quantities(&self) -> Vec<StandardQuantity> {
+        [
+            ("E_d", "diagonal systematic deviation", self.e_d_um),
+            (
+                "E_d_unidirectional",
+                "diagonal systematic deviation, one direction",
+                self.e_d_unidirectional_um,
+            ),
+            ("B_d", "diagonal reversal value", self.b_d_um),
+            ("M_d", "diagonal mean deviation", self.m_d_um),
+            (
+                "spread",
+                "range of the growths of the diagonals",
+                Some(self.spread_um),
+            ),
+        ]
+        .map(|(symbol, name, value)| StandardQuantity::new(symbol, name, value))
+        .to_vec()
+    }
+}
+
+fn one_diagonal(
+    diagonal: Diagonal,
+    measurement: &Measurement,
+) -> Result<MeasuredDiagonal, MetrologyError> {
+    if measurement.unit == Some(crate::DeviationUnit::Urad) {
+        let found = "deviations in µrad".to_owned();
+        return Err(refuse(measurement, "readings", found, "lengths, µm"));
+    }
+    let result = evaluate(measurement)?;
+    let line = ReferenceLine::least_squares(&measurement.mean_curve()).map_err(|_| {
+        let found = "a single target".to_owned();
+        refuse(measurement, "targets", found, "at least two on a diagonal")
+    })?;
+    // Two targets at least: the line was laid through them.
+    let targets = measurement.targets();
+    let length_mm = targets
+        .last()
+        .zip(targets.first())
+        .map_or(0.0, |(b, a)| b - a);
+    Ok(MeasuredDiagonal {
+        diagonal,
+        length_mm,
+        result,
+        growth_um: line.slope_um_per_mm * length_mm,
+    })
+}
+
+fn check_beside(
+    first: &MeasuredDiagonal,
+    one: &MeasuredDiagonal,
+    measurement: &Measurement,
+) -> Result<(), MetrologyError> {
+    if first.diagonal.moving() != one.diagonal.moving() {
+        let found = format!("{} beside {}", one.diagonal, first.diagonal);
+        let expected = "diagonals of one body, or of one plane";
+        return Err(refuse(measurement, "diagonal", found, expected));
+    }
+    if (one.length_mm - first.length_mm).abs() > LENGTHS_WITHIN * first.length_mm {
+        let found = format!(
+            "{} mm of {} beside {} mm of {}",
+            one.length_mm, one.diagonal, first.length_mm, first.diagonal
+        );
+        let expected = "diagonals of one box, equal within 1 %";
+        return Err(refuse(measurement, "length", found, expected));
+    }
+    Ok(())
+}
+
+fn check_edges(first: &MeasuredDiagonal, edges_mm: [f64; 3]) -> Result<(), MetrologyError> {
+    let refuse = |found: String, expected: String| MetrologyError::Readings {
+        name: "diagonals".into(),
+        what: "edges of the box".into(),
+        found,
+        expected,
+    };
+    let [a, b, c] = edges_mm;
+    let moving = first.diagonal.moving();
+    let unsound =
+        |(edge, moves): (f64, bool)| !edge.is_finite() || edge < 0.0 || (moves && edge == 0.0);
+    if edges_mm.into_iter().zip(moving).any(unsound) {
+        let expected = "finite lengths above zero along the axes that move".to_owned();
+        return Err(refuse(format!("{a} × {b} × {c} mm"), expected));
+    }
+    let squares = edges_mm.into_iter().zip(moving).filter(|(_, moves)| *moves);
+    let length = squares.map(|(edge, _)| edge * edge).sum::<f64>().sqrt();
+    if (length - first.length_mm).abs() > LENGTHS_WITHIN * first.length_mm {
+        let found = format!("{a} × {b} × {c} mm, with a diagonal of {length:.1} mm");
+        let expected = format!(
+            "{:.1} mm within 1 %, as the targets have it",
+            first.length_mm
+        );
+        return Err(refuse(found, expected));
+    }
+    Ok(())
+}
+
+/// A squareness moves the tool at (x, y, z) by EC0Y (−y, 0, 0), EA0Z (0, −z, 0) or EB0Z (z, 0, 0); along a diagonal that is
+/// ∓ ab/D and so on, so that sums with the signs of the diagonals leave one of them each.
+fn squareness_hints(diagonals: &[MeasuredDiagonal], edges_mm: [f64; 3]) -> Vec<SquarenessHint> {
+    const URAD_PER_UM_PER_MM: f64 = 1e3;
+    let parts = [
+        ("EC0Y", 0, 1, -1.0),
+        ("EA0Z", 1, 2, -1.0),
+        ("EB0Z", 0, 2, 1.0),
+    ];
+    let both = |(_, i, j, _): &(&str, usize, usize, f64)| {
+        let moving = diagonals.first().map(|m| m.diagonal.moving());
+        moving.is_some_and(|moving| moving[*i] && moving[*j])
+    };
+    let hint = |(error, i, j, sense): (&'static str, usize, usize, f64)| {
+        let sum: f64 = (diagonals.iter())
+            .map(|m| {
+                let signs = m.diagonal.signs();
+                f64::from(signs[i] * signs[j]) * m.growth_um * m.length_mm
+            })
+            .sum();
+        let count = diagonals.len() as f64;
+        let area = edges_mm[i] * edges_mm[j];
+        SquarenessHint {
+            error,
+            urad: sense * sum / (count * area) * URAD_PER_UM_PER_MM,
+        }
+    };
+    parts.into_iter().filter(both).map(hint).collect()
+}
+
+fn refuse(measurement: &Measurement, what: &str, found: String, expected: &str) -> MetrologyError {
+    MetrologyError::Readings {
+        name: measurement.name.clone(),
+        what: what.into(),
+        found,
+        expected: expected.into(),
+    }
+}

@@ -1,0 +1,103 @@
+//! The straightness of a motion from its readings: the same profile about each of the reference lines of ISO 230-1.
+
+use crate::{Direction, Measurement, MetrologyError, ReferenceKind, ReferenceLine};
+
+/// The straightness error about one reference line.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct StraightnessAbout {
+    /// How the line was laid.
+    pub kind: ReferenceKind,
+    /// The line.
+    pub line: ReferenceLine,
+    /// Straightness error: the range of the profile about the line, µm.
+    pub error_um: f64,
+}
+
+/// The straightness of a motion.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct Straightness {
+    /// Targets, mm, and the mean deviation of all runs, µm, before any line is removed.
+    pub profile: Vec<(f64, f64)>,
+    /// About the line of least squares, the one through the end points, and the middle of the minimum zone.
+    pub about: [StraightnessAbout; 3],
+    /// The largest difference of the means of the two directions, µm; `None` with one direction.
+    pub reversal_um: Option<f64>,
+    /// Standard uncertainty of the slope of least squares by the residuals alone, µrad; `None` with two targets. Straightness itself
+    /// counts as noise in it.
+    pub slope_standard_uncertainty_urad: Option<f64>,
+}
+
+impl Straightness {
+    /// The straightness about a line of this kind.
+    pub fn of(&self, kind: ReferenceKind) -> &StraightnessAbout {
+        match kind {
+            ReferenceKind::LeastSquares => &self.about[0],
+            ReferenceKind::EndPoints => &self.about[1],
+            ReferenceKind::MinimumZone => &self.about[2],
+        }
+    }
+}
+
+/// Evaluates the profile of all runs of a measurement with deviations in µm.
+///
+/// # Errors
+/// Fewer than two targets, numbers that are not finite, a target lacking in a direction that was run.
+pub fn straightness_of(measurement: &Measurement) -> Result<Straightness, MetrologyError> {
+    measurement.check_directions()?;
+    let mut straightness = straightness_of_profile(&measurement.mean_curve())?;
+    let [forward, backward] = Direction::BOTH.map(|d| measurement.mean_curve_in(d));
+    straightness.reversal_um = if backward.is_empty() || forward.is_empty() {
+        None
+    } else {
+        let differences = forward
+            .iter()
+            .zip(&backward)
+            .map(|(a, b)| (a.1 - b.1).abs());
+        differences.reduce(f64::max)
+    };
+    Ok(straightness)
+}
+
+/// Evaluates a profile of (target in mm, deviation in µm), targets ascending.
+///
+/// # Errors
+/// Fewer than two targets, numbers that are not finite.
+pub fn straightness_of_profile(profile: &[(f64, f64)]) -> Result<Straightness, MetrologyError> {
+    let about = |kind: ReferenceKind| -> Result<StraightnessAbout, MetrologyError> {
+        let line = ReferenceLine::of(kind, profile)?;
+        let residuals = line.removed_from(profile);
+        let highest = residuals.iter().fold(f64::NEG_INFINITY, |m, r| m.max(r.1));
+        let lowest = residuals.iter().fold(f64::INFINITY, |m, r| m.min(r.1));
+        Ok(StraightnessAbout {
+            kind,
+            line,
+            error_um: highest - lowest,
+        })
+    };
+    let about = [
+        about(ReferenceKind::LeastSquares)?,
+        about(ReferenceKind::EndPoints)?,
+        about(ReferenceKind::MinimumZone)?,
+    ];
+    Ok(Straightness {
+        slope_standard_uncertainty_urad: slope_uncertainty(profile, &about[0].line),
+        profile: profile.to_vec(),
+        about,
+        reversal_um: None,
+    })
+}
+
+/// s/√Σ(q − q̄)² with s² the sum of the squared residuals over n − 2.
+fn slope_uncertainty(profile: &[(f64, f64)], line: &ReferenceLine) -> Option<f64> {
+    const URAD_PER_UM_PER_MM: f64 = 1e3;
+    let n = profile.len();
+    if n < 3 {
+        return None;
+    }
+    let squares: f64 = line.removed_from(profile).iter().map(|r| r.1 * r.1).sum();
+    let mean = profile.iter().map(|p| p.0).sum::<f64>() / n as f64;
+    let spread: f64 = profile.iter().map(|p| (p.0 - mean).powi(2)).sum();
+    Some((squares / (n - 2) as f64 / spread).sqrt() * URAD_PER_UM_PER_MM)
+}

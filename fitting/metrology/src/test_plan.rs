@@ -1,0 +1,129 @@
+//! What ISO 230-2 asks of a positioning test: how many targets and runs, by the kind of axis and its travel.
+
+use volcomp_vocabulary::{AxisKind, Direction};
+
+use crate::{Edition, Measurement, axis_named};
+
+/// The smallest test that the standard accepts for an axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct AskedFor {
+    /// The axis in words: `linear axes up to 2000 mm`.
+    pub axes: &'static str,
+    /// The fewest targets.
+    pub targets: usize,
+    /// The fewest runs in each direction.
+    pub runs: usize,
+}
+
+/// The longest travel with five runs, mm.
+const SHORT_MM: f64 = 2000.0;
+/// Targets of a metre on axes up to 2000 mm.
+const TARGETS_PER_M: f64 = 5.0;
+/// Mean distance of the targets on longer axes, mm.
+const LONG_INTERVAL_MM: f64 = 250.0;
+const RUNS: usize = 5;
+/// A travel that is a hair longer than a limit by the rounding of its targets is not.
+const HAIR: f64 = 1e-6;
+
+/// The smallest test for an axis of this kind over this travel, mm or deg. The editions 1997 to 2014 ask for the same.
+pub fn asked_for(kind: AxisKind, travel: f64) -> AskedFor {
+    // A conversion of what is too large, or no number, ends at the nearest whole number.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "small and positive"
+    )]
+    let whole = |targets: f64| (targets - HAIR).ceil().max(0.0) as usize;
+    match kind {
+        AxisKind::Linear if travel <= SHORT_MM + HAIR => AskedFor {
+            axes: "linear axes up to 2000 mm",
+            targets: whole(TARGETS_PER_M * travel / 1000.0).max(5),
+            runs: RUNS,
+        },
+        AxisKind::Linear => AskedFor {
+            axes: "linear axes over 2000 mm",
+            // So many intervals, and one target more.
+            targets: whole(travel / LONG_INTERVAL_MM).saturating_add(1),
+            runs: 1,
+        },
+        AxisKind::Rotary if travel <= 360.0 + HAIR => AskedFor {
+            axes: "rotary axes up to 360°",
+            targets: match travel {
+                t if t <= 90.0 + HAIR => 3,
+                t if t <= 180.0 + HAIR => 5,
+                _ => 8,
+            },
+            runs: RUNS,
+        },
+        AxisKind::Rotary => AskedFor {
+            axes: "rotary axes over 360°",
+            targets: whole(8.0 * travel / 360.0),
+            runs: 1,
+        },
+    }
+}
+
+/// The kind of the axis as the file tells it: by the unit of the targets, else by the axis that it names; `None` where it says
+/// neither.
+pub fn axis_kind(measurement: &Measurement) -> Option<AxisKind> {
+    match measurement.target_unit.as_deref() {
+        Some("deg") => return Some(AxisKind::Rotary),
+        Some("mm") => return Some(AxisKind::Linear),
+        _ => {}
+    }
+    let named = measurement.metadata.axis.as_deref().and_then(axis_named);
+    named.map(|axis| axis.kind())
+}
+
+/// Where a test has fewer targets or runs than the standard asks for; empty where it has enough.
+pub fn shortfalls(measurement: &Measurement, kind: AxisKind, edition: Edition) -> Vec<String> {
+    let targets = measurement.targets();
+    let (Some(first), Some(last)) = (targets.first(), targets.last()) else {
+        return Vec::new();
+    };
+    let asked = asked_for(kind, last - first);
+    let standard = format!("ISO 230-2:{}", edition.year());
+    let mut said = Vec::new();
+    if targets.len() < asked.targets {
+        let unit = kind.coordinate_unit();
+        said.push(format!(
+            "{} over {} {unit}: {standard} asks for {} at least on {}",
+            counted(targets.len(), "target"),
+            last - first,
+            asked.targets,
+            asked.axes
+        ));
+    }
+    let runs = Direction::BOTH.map(|direction| measurement.runs(direction).len());
+    let fewest = runs.into_iter().filter(|runs| *runs > 0).min();
+    let fewest = fewest.unwrap_or(0);
+    if fewest < asked.runs {
+        said.push(format!(
+            "{} in a direction: {standard} asks for {} in each direction on {}",
+            counted(fewest, "run"),
+            asked.runs,
+            asked.axes
+        ));
+    }
+    if fewest < 2 {
+        said.push(if asked.runs == 1 {
+            format!(
+                "one run in a direction, as {standard} asks for on {}: A and R need at least two and are not stated",
+                asked.axes
+            )
+        } else {
+            "A and R need at least two runs in a direction".to_owned()
+        });
+    }
+    if runs.contains(&0) {
+        said.push(format!(
+            "only one direction was run: {standard} asks for both, and the bidirectional values are not stated"
+        ));
+    }
+    said
+}
+
+fn counted(n: usize, noun: &str) -> String {
+    format!("{n} {noun}{}", if n == 1 { "" } else { "s" })
+}

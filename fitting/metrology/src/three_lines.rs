@@ -1,0 +1,80 @@
+//! A linear error on parallel lines, separated into the error at the axis's own point and the two angles that Abbe's principle mixes in.
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::MetrologyError;
+
+/// Deviations on one line, measured along the axis.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ParallelLine {
+    /// Where the line lies from the point at which the error is wanted, across the axis, mm: along the second and the third axis, in cyclic
+    /// order (of X along Y and Z, of Y along Z and X).
+    pub offset_mm: [f64; 2],
+    /// The deviation at each target, µm.
+    pub deviations_um: Vec<f64>,
+}
+
+/// The errors at one target.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Separated {
+    /// The linear error at the point itself, µm.
+    pub linear_um: f64,
+    /// The angular errors about the second and the third axis, µrad: of X about Y and Z.
+    pub angles_urad: [f64; 2],
+}
+
+/// Separates by least squares at each target. A point at (b, c) across the axis moves along it by ε_second c − ε_third b.
+///
+/// # Errors
+/// Fewer than three lines, lines in one plane, different numbers of deviations, numbers that are not finite.
+pub fn separate_parallel_lines(lines: &[ParallelLine]) -> Result<Vec<Separated>, MetrologyError> {
+    let refuse = |what: &str, found: String, expected: &str| MetrologyError::Readings {
+        name: "parallel lines".into(),
+        what: what.into(),
+        found,
+        expected: expected.into(),
+    };
+    if lines.len() < 3 {
+        let found = lines.len().to_string();
+        return Err(refuse("lines", found, "at least three"));
+    }
+    let targets = lines[0].deviations_um.len();
+    if let Some(other) = lines.iter().find(|l| l.deviations_um.len() != targets) {
+        let found = format!("{} beside {targets}", other.deviations_um.len());
+        return Err(refuse("targets", found, "the same on each line"));
+    }
+    let finite = |l: &ParallelLine| {
+        l.offset_mm
+            .iter()
+            .chain(&l.deviations_um)
+            .all(|x| x.is_finite())
+    };
+    if !lines.iter().all(finite) {
+        return Err(refuse(
+            "numbers",
+            "one that is not finite".into(),
+            "finite numbers",
+        ));
+    }
+    // µm by µrad: 1e-3 a mm.
+    let row = |l: &ParallelLine| Vector3::new(1.0, l.offset_mm[1] * 1e-3, -l.offset_mm[0] * 1e-3);
+    let normal: Matrix3<f64> = lines.iter().map(|l| row(l) * row(l).transpose()).sum();
+    let singular = normal.singular_values();
+    let in_one_plane = singular.min() <= 1e-12 * singular.max();
+    let Some(inverse) = normal.try_inverse().filter(|_| !in_one_plane) else {
+        return Err(refuse(
+            "lines",
+            "all in one plane".into(),
+            "three that are not in one plane",
+        ));
+    };
+    let at = |target: usize| {
+        let sum: Vector3<f64> = lines.iter().map(|l| row(l) * l.deviations_um[target]).sum();
+        let found = inverse * sum;
+        Separated {
+            linear_um: found[0],
+            angles_urad: [found[1], found[2]],
+        }
+    };
+    Ok((0..targets).map(at).collect())
+}

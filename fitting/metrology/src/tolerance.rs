@@ -1,0 +1,117 @@
+//! Tolerances on evaluated quantities, and the decision with the measurement uncertainty.
+
+use crate::MetrologyError;
+
+/// The largest value that a quantity may have.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Tolerance {
+    /// The symbol of the quantity: `A`, `E_forward`, `B`.
+    pub symbol: String,
+    /// The limit, in the unit of the evaluation.
+    pub limit: f64,
+}
+
+/// The decision on one quantity.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Verdict {
+    /// Within the limit, also with the uncertainty on top.
+    Pass,
+    /// Beyond the limit, also with the uncertainty taken off.
+    Fail,
+    /// Nearer to the limit than the uncertainty: neither conformity nor non-conformity is proven (ISO 14253-1).
+    Undecided,
+    /// The quantity could not be evaluated.
+    NotEvaluated,
+}
+
+impl Verdict {
+    /// The verdict as a word: `pass`, `fail`, `undecided` or `not evaluated`.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Pass => "pass",
+            Self::Fail => "fail",
+            Self::Undecided => "undecided",
+            Self::NotEvaluated => "not evaluated",
+        }
+    }
+
+    /// The verdict on all together: one that fails fails them, then one that is open.
+    pub fn of_all(verdicts: impl IntoIterator<Item = Self>) -> Self {
+        let rank = |verdict: &Self| match verdict {
+            Self::Fail => 3,
+            Self::NotEvaluated => 2,
+            Self::Undecided => 1,
+            Self::Pass => 0,
+        };
+        let worst = verdicts.into_iter().max_by_key(rank);
+        worst.unwrap_or(Self::Pass)
+    }
+}
+
+impl std::fmt::Display for Verdict {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.word())
+    }
+}
+
+/// Decides on the size of a value by ISO 14253-1: `u` is its expanded uncertainty (k = 2), not negative; `None` where none is stated, and the
+/// value is compared with the limit as it is.
+pub fn decide(value: Option<f64>, limit: f64, u: Option<f64>) -> Verdict {
+    let Some(size) = value.map(f64::abs) else {
+        return Verdict::NotEvaluated;
+    };
+    let u = u.unwrap_or(0.0);
+    if size + u <= limit {
+        Verdict::Pass
+    } else if size - u > limit {
+        Verdict::Fail
+    } else {
+        Verdict::Undecided
+    }
+}
+
+/// Reads `A=10,E=8,B=2`. `known` are the symbols that may stand there; letters count in either case.
+///
+/// # Errors
+/// A symbol that is not known or stands twice, a limit that is no finite number of at least 0, no tolerance at all.
+pub fn parse_tolerances(text: &str, known: &[&str]) -> Result<Vec<Tolerance>, MetrologyError> {
+    let refuse = |what: String, found: &str, expected: String| MetrologyError::Readings {
+        name: "tolerance".into(),
+        what,
+        found: volcomp_document::quoted(found),
+        expected,
+    };
+    let mut tolerances: Vec<Tolerance> = Vec::new();
+    for part in text.split(',') {
+        let part = part.trim();
+        let Some((symbol, limit)) = part.split_once('=') else {
+            let expected = "a symbol and its limit, `A=10,E=8,B=2`".to_owned();
+            return Err(refuse("part".into(), part, expected));
+        };
+        let (symbol, limit) = (symbol.trim(), limit.trim());
+        // `U_max` and `u_MAX` are one; where two differ in case alone the exact one counts.
+        let exact = known.iter().find(|name| **name == symbol);
+        let named = exact.or_else(|| known.iter().find(|name| name.eq_ignore_ascii_case(symbol)));
+        let Some(named) = named else {
+            let expected = format!("one of {}", known.join(", "));
+            return Err(refuse("symbol".into(), symbol, expected));
+        };
+        let value: Option<f64> = limit.parse().ok();
+        let Some(value) = value.filter(|value| (0.0..=crate::number::LARGEST).contains(value))
+        else {
+            let expected = "a number of at least 0, without its unit".to_owned();
+            return Err(refuse(format!("limit of {named}"), limit, expected));
+        };
+        if tolerances.iter().any(|other| other.symbol == **named) {
+            let expected = "each symbol once".to_owned();
+            return Err(refuse("symbol".into(), symbol, expected));
+        }
+        tolerances.push(Tolerance {
+            symbol: (*named).to_owned(),
+            limit: value,
+        });
+    }
+    Ok(tolerances)
+}

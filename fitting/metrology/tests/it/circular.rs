@@ -1,0 +1,357 @@
+//! ISO 230-4 on circles of a machine whose errors are known: positions are moved about, not their radial deviations.
+
+use std::f64::consts::TAU;
+
+use rand::SeedableRng;
+use rand_distr::{Distribution, Normal};
+use volcomp_metrology::circular::{
+    CircularPlane, CircularTrace, Sense, SignatureKind, Signatures, circular_deviations,
+    circular_signatures, parse_trace,
+};
+
+const RADIUS_MM: f64 = 150.0;
+
+/// The errors of a machine with the axes X and Y.
+#[derive(Clone, Copy, Default)]
+struct Machine {
+    centre_um: [f64; 2],
+    /// Y turned away from X, µrad.
+    squareness: f64,
+    /// µm/m.
+    scales: [f64; 2],
+    /// B, µm.
+    backlash: [f64; 2],
+    /// The delay of each axis as the arc of the path that it takes, µm.
+    lag: [f64; 2],
+    /// Overshoot where an axis turns round, µm.
+    spikes: [f64; 2],
+}
+
+const SPIKE_DEG: f64 = 2.0;
+
+impl Machine {
+    /// Where the tool is at an angle of the path, mm.
+    fn position(&self, angle: f64, sense: Sense) -> [f64; 2] {
+        let d = sense.sign();
+        let at = |lag_um: f64| angle - d * lag_um * 1e-3 / RADIUS_MM;
+        let mut x = RADIUS_MM * at(self.lag[0]).cos();
+        let mut y = RADIUS_MM * at(self.lag[1]).sin();
+        let forward_x = -d * angle.sin();
+        let forward_y = d * angle.cos();
+        let sign = |v: f64| if v > 0.0 { 1.0 } else { -1.0 };
+        x += 1e-3 * (1e-3 * self.scales[0] * x + 0.5 * self.backlash[0] * sign(forward_x));
+        y += 1e-3 * (1e-3 * self.scales[1] * y + 0.5 * self.backlash[1] * sign(forward_y));
+        x -= 1e-6 * self.squareness * y;
+        let since = |place: f64| (d * (angle - place)).rem_euclid(TAU).to_degrees();
+        let bump = |place: f64| {
+            let since = since(place);
+            if since < 90.0 {
+                (-since / SPIKE_DEG).exp()
+            } else {
+                0.0
+            }
+        };
+        x += 1e-3 * self.spikes[0] * (bump(0.0) - bump(TAU / 2.0));
+        y += 1e-3 * self.spikes[1] * (bump(TAU / 4.0) - bump(0.75 * TAU));
+        [x + 1e-3 * self.centre_um[0], y + 1e-3 * self.centre_um[1]]
+    }
+
+    /// A table of both senses with noise.
+    fn table(&self, noise_um: f64, seed: u64) -> String {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+        let noise = Normal::new(0.0, noise_um).unwrap();
+        let mut text = "x,y,direction\n".to_owned();
+        for sense in Sense::BOTH {
+            for k in 0..720 {
+                let angle = TAU * (f64::from(k) + 0.5) / 720.0;
+                let [x, y] = self.position(angle, sense);
+                let radial = noise.sample(&mut rng) * 1e-3;
+                let (x, y) = (x + radial * angle.cos(), y + radial * angle.sin());
+                text += &format!("{x:.7},{y:.7},{}\n", sense.key());
+            }
+        }
+        text
+    }
+
+    fn trace(&self, noise_um: f64, seed: u64) -> CircularTrace {
+        let table = self.table(noise_um, seed);
+        let radius = Some(RADIUS_MM);
+        parse_trace(table.as_bytes(), "circle.csv", CircularPlane::Xy, radius).unwrap()
+    }
+}
+
+fn found(signatures: &Signatures, kind: SignatureKind) -> (f64, f64) {
+    let one = signatures.ranked.iter().find(|s| s.kind == kind).unwrap();
+    (one.size, one.u)
+}
+
+#[track_caller]
+fn near(found: f64, expected: f64, tolerance: f64) {
+    assert!(
+        (found - expected).abs() <= tolerance,
+        "{found} against {expected} within {tolerance}"
+    );
+}
+
+/// What each signature is, by the machine.
+fn expected(machine: &Machine) -> [(SignatureKind, f64); 7] {
+    [
+        (SignatureKind::Squareness, machine.squareness),
+        (
+            SignatureKind::ScaleMismatch,
+            machine.scales[0] - machine.scales[1],
+        ),
+        (SignatureKind::BacklashFirst, machine.backlash[0]),
+        (SignatureKind::BacklashSecond, machine.backlash[1]),
+        // The radius at 45° grows by half of what X lags behind more than Y.
+        (
+            SignatureKind::ServoMismatch,
+            0.5 * (machine.lag[0] - machine.lag[1]),
+        ),
+        (SignatureKind::SpikesFirst, machine.spikes[0]),
+        (SignatureKind::SpikesSecond, machine.spikes[1]),
+    ]
+}
+
+/// Every signature is recovered, also those that are zero, within a small bias of second order and four standard uncertainties.
+#[track_caller]
+fn recovered(machine: &Machine, noise_um: f64, seed: u64) -> Signatures {
+    let signatures = circular_signatures(&machine.trace(noise_um, seed)).unwrap();
+    for (kind, size) in expected(machine) {
+        let (value, u) = found(&signatures, kind);
+        assert!(
+            (value - size).abs() <= 2.0 * u + 0.02,
+            "{kind:?}: {value} against {size} within {}",
+            2.0 * u
+        );
+    }
+    near(signatures.rms_left_um, noise_um, 0.1 * noise_um + 0.02);
+    signatures
+}
+
+const NONE: Machine = Machine {
+    centre_um: [0.0; 2],
+    squareness: 0.0,
+    scales: [0.0; 2],
+    backlash: [0.0; 2],
+    lag: [0.0; 2],
+    spikes: [0.0; 2],
+};
+
+#[test]
+fn each_signature_by_itself_is_recovered_and_ranked_first() {
+    use SignatureKind as Kind;
+    let cases = [
+        (
+            Kind::Squareness,
+            Machine {
+                squareness: 60.0,
+                ..NONE
+            },
+        ),
+        (
+            Kind::ScaleMismatch,
+            Machine {
+                scales: [30.0, -20.0],
+                ..NONE
+            },
+        ),
+        (
+            Kind::BacklashFirst,
+            Machine {
+                backlash: [4.0, 0.0],
+                ..NONE
+            },
+        ),
+        (
+            Kind::BacklashSecond,
+            Machine {
+                backlash: [0.0, -4.0],
+                ..NONE
+            },
+        ),
+        (
+            Kind::ServoMismatch,
+            Machine {
+                lag: [1.0, 7.0],
+                ..NONE
+            },
+        ),
+        (
+            Kind::SpikesFirst,
+            Machine {
+                spikes: [5.0, 0.0],
+                ..NONE
+            },
+        ),
+        (
+            Kind::SpikesSecond,
+            Machine {
+                spikes: [0.0, 5.0],
+                ..NONE
+            },
+        ),
+    ];
+    for (seed, (kind, machine)) in (4_u64..).zip(cases) {
+        for noise_um in [0.0, 0.3] {
+            let signatures = recovered(&machine, noise_um, seed);
+            assert_eq!(signatures.ranked[0].kind, kind);
+            assert!(signatures.ranked[0].share > 0.5, "{kind:?}");
+        }
+    }
+}
+
+#[test]
+fn all_signatures_together_are_recovered_over_many_seeds() {
+    let machine = Machine {
+        centre_um: [12.0, -30.0],
+        squareness: -45.0,
+        scales: [25.0, -12.0],
+        backlash: [3.0, -2.0],
+        lag: [6.0, 2.0],
+        spikes: [4.0, 2.5],
+    };
+    for seed in 0..40 {
+        let signatures = recovered(&machine, 0.5, seed);
+        let shares: f64 = signatures.ranked.iter().map(|s| s.share).sum();
+        near(shares, 1.0, 1e-12);
+        let ranges: Vec<f64> = signatures.ranked.iter().map(|s| s.range_um).collect();
+        assert!(ranges.is_sorted_by(|a, b| a >= b));
+        near(signatures.spike_width_deg, SPIKE_DEG, 0.8);
+        for spike in [0, 2] {
+            near(signatures.spikes_um[spike], 4.0, 1.0);
+        }
+    }
+}
+
+/// The stated uncertainty holds: about 95 % of the sizes lie within it.
+#[test]
+fn the_uncertainty_of_a_size_is_what_seeds_show() {
+    let machine = Machine {
+        squareness: 20.0,
+        ..NONE
+    };
+    let within = (0..200)
+        .filter(|seed| {
+            let trace = machine.trace(0.5, 1000 + seed);
+            let signatures = circular_signatures(&trace).unwrap();
+            let (value, u) = found(&signatures, SignatureKind::Squareness);
+            (value - 20.0).abs() <= u
+        })
+        .count();
+    assert!((180..=199).contains(&within), "{within}");
+}
+
+/// An ellipse with the half axes R ± 5 µm, off its place by 40 and −30 µm: G = G(b) = 10 µm, F = ±5 µm, D = 0.
+#[test]
+fn deviations_of_an_ellipse_by_hand() {
+    let machine = Machine {
+        centre_um: [40.0, -30.0],
+        scales: [5e3 / RADIUS_MM, -5e3 / RADIUS_MM],
+        ..NONE
+    };
+    let trace = machine.trace(0.0, 1);
+    let found = circular_deviations(&trace).unwrap();
+    for k in 0..2 {
+        near(found.g_um[k].unwrap(), 10.0, 0.01);
+        near(found.f_max_um[k].unwrap(), 5.0, 0.01);
+        near(found.f_min_um[k].unwrap(), -5.0, 0.01);
+    }
+    near(found.g_b_um.unwrap(), 10.0, 0.01);
+    near(found.d_um.unwrap(), 0.0, 0.01);
+    // The centre of positions is taken out when they are read.
+    near(found.centre_um[0].hypot(found.centre_um[1]), 0.0, 0.01);
+    assert!(
+        trace.notes[0].contains("0.0400, -0.0300 mm"),
+        "{:?}",
+        trace.notes
+    );
+}
+
+/// The two senses are circles of 2 µm difference in radius about one centre: G is zero in each, G(b) is 2, D is their mean.
+#[test]
+fn both_senses_together_are_worse_than_each() {
+    let mut text = "angle,deviation um,direction\n".to_owned();
+    for k in 0..360 {
+        let offset = 8.0 * f64::from(k).to_radians().cos();
+        text += &format!("{k},{},ccw\n{k},{},cw\n", 3.0 + offset, 5.0 + offset);
+    }
+    let trace = parse_trace(text.as_bytes(), "b.csv", CircularPlane::Xy, Some(100.0)).unwrap();
+    let found = circular_deviations(&trace).unwrap();
+    near(found.g_um[0].unwrap(), 0.0, 1e-9);
+    near(found.g_um[1].unwrap(), 0.0, 1e-9);
+    near(found.g_b_um.unwrap(), 2.0, 1e-9);
+    near(found.d_um.unwrap(), 4.0, 1e-9);
+    near(found.centre_um[0], 8.0, 1e-9);
+    near(found.f_max_um[1].unwrap(), 5.0, 1e-9);
+}
+
+#[test]
+fn the_sense_comes_from_the_order_of_the_rows_and_one_sense_lacks_what_two_tell() {
+    let machine = Machine {
+        squareness: 30.0,
+        ..NONE
+    };
+    let table = |sense: Sense| {
+        let angles: Vec<i32> = (0..360).collect();
+        let rows = angles.iter().map(|k| match sense {
+            Sense::CounterClockwise => *k,
+            Sense::Clockwise => 359 - *k,
+        });
+        let rows = rows.map(|k| {
+            let [x, y] = machine.position((f64::from(k) + 0.5).to_radians(), sense);
+            format!("{x};{y}\n")
+        });
+        format!("X mm;Y mm\n{}", rows.collect::<String>())
+    };
+    for sense in Sense::BOTH {
+        let trace = parse_trace(table(sense).as_bytes(), "c.csv", CircularPlane::Xy, None).unwrap();
+        assert!(trace.points.iter().all(|p| p.sense == sense));
+        let deviations = circular_deviations(&trace).unwrap();
+        assert_eq!((deviations.g_b_um, deviations.d_um), (None, None));
+        // Without a stated radius nothing is known of F.
+        assert_eq!(deviations.f_max_um, [None; 2]);
+        let signatures = circular_signatures(&trace).unwrap();
+        let kinds: Vec<_> = signatures.ranked.iter().map(|s| s.kind).collect();
+        assert!(!kinds.contains(&SignatureKind::ServoMismatch));
+        near(found(&signatures, SignatureKind::Squareness).0, 30.0, 0.05);
+    }
+}
+
+#[test]
+fn tables_that_are_no_circle_are_refused() {
+    let read = |text: &str, radius: Option<f64>| {
+        parse_trace(text.as_bytes(), "t.csv", CircularPlane::Xy, radius)
+            .unwrap_err()
+            .to_string()
+    };
+    let rows = |row: &str| row.repeat(20);
+    let messages = [
+        read("", None),
+        read("a,b\n1,2\n", None),
+        read("angle,x\n1,2\n", Some(100.0)),
+        read("angle,deviation,x,y\n1,2,3,4\n", Some(100.0)),
+        read("angle um,deviation\n1,2\n", Some(100.0)),
+        read("angle,deviation deg\n1,2\n", Some(100.0)),
+        read("x inch,y\n1,2\n", None),
+        read("y,z\n1,2\n", None),
+        read("angle,deviation\n1,2\n", Some(100.0)),
+        read("angle,deviation\n1,nan\n", Some(100.0)),
+        read("angle,deviation,direction\n1,2,left\n", Some(100.0)),
+        read(&format!("angle,deviation\n{}", rows("1,2\n")), None),
+        read(
+            &format!("angle,deviation\n{}", rows("1,100000\n")),
+            Some(100.0),
+        ),
+        read(&format!("angle,deviation\n{}", rows("1,2\n")), Some(0.0)),
+        read(&format!("x,y\n{}", rows("1,2\n")), None),
+    ];
+    insta::assert_snapshot!(messages.join("\n"));
+    let short: String = (0..30)
+        .map(|k| format!("{},1\n", f64::from(k) * 1e-4))
+        .collect();
+    let short = format!("angle,deviation\n{short}");
+    let trace = parse_trace(short.as_bytes(), "s.csv", CircularPlane::Xy, Some(9.0)).unwrap();
+    assert!(circular_deviations(&trace).is_err());
+    assert!(circular_signatures(&trace).is_err());
+}

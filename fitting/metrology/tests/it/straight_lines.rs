@@ -1,0 +1,118 @@
+//! Straightness and squareness from files, and errors on parallel lines.
+
+use rand::SeedableRng;
+use rand_distr::{Distribution, Normal};
+use volcomp_metrology::{
+    ParallelLine, ReferenceKind, parse_csv, separate_parallel_lines, straightness_of,
+    straightness_of_profile,
+};
+
+#[track_caller]
+fn near(found: f64, expected: f64, tolerance: f64) {
+    assert!(
+        (found - expected).abs() <= tolerance,
+        "{found} against {expected}"
+    );
+}
+
+/// A triangle of 6 µm on a slope of 10 µrad. Through the end points it is 6; the narrowest strip has one side through the end points
+/// as well, 6; least squares through (−1, 0), (0, 6), (1, 0) is level at 2, range 6. With a fourth point the three differ.
+#[test]
+fn the_three_reference_lines_by_hand() {
+    let sloped = |q: f64, x: f64| (q, x + 0.01 * q);
+    let profile = [sloped(0.0, 0.0), sloped(500.0, 6.0), sloped(1000.0, 0.0)];
+    let found = straightness_of_profile(&profile).unwrap();
+    for kind in [
+        ReferenceKind::LeastSquares,
+        ReferenceKind::EndPoints,
+        ReferenceKind::MinimumZone,
+    ] {
+        let about = found.of(kind);
+        assert_eq!(about.kind, kind);
+        near(about.error_um, 6.0, 1e-9);
+        near(about.line.slope().0, 10.0, 1e-9);
+    }
+    // (0, 0) (1, 3) (2, 0) (3, 3): end points rise by 1, leaving 0, 2, −2, 0: 4. Least squares: slope 0.6, leaving
+    // −0.6, 1.8, −1.8, 0.6: 3.6. The narrowest strip between the lines of slope 0 is 3.
+    let zigzag = [(0.0, 0.0), (1.0, 3.0), (2.0, 0.0), (3.0, 3.0)];
+    let found = straightness_of_profile(&zigzag).unwrap();
+    near(found.of(ReferenceKind::EndPoints).error_um, 4.0, 1e-12);
+    near(found.of(ReferenceKind::LeastSquares).error_um, 3.6, 1e-12);
+    near(found.of(ReferenceKind::MinimumZone).error_um, 3.0, 1e-12);
+    // Residuals −0.6, 1.8, −1.8, 0.6: Σ = 7.2, s² = 3.6, Σ(q − q̄)² = 5; 1 µm/mm is 1000 µrad.
+    let u = found.slope_standard_uncertainty_urad.unwrap();
+    near(u, (3.6_f64 / 5.0).sqrt() * 1e3, 1e-9);
+}
+
+#[test]
+fn runs_of_both_directions_make_one_profile_and_their_difference() {
+    let text = "target,run,direction,deviation_um\n0,1,+,0\n10,1,+,4\n20,1,+,0\n20,1,-,2\n10,1,-,2\n0,1,-,2\n";
+    let found = straightness_of(&parse_csv(text.as_bytes(), "s.csv").unwrap()).unwrap();
+    assert_eq!(found.profile, [(0.0, 1.0), (10.0, 3.0), (20.0, 1.0)]);
+    assert_eq!(found.reversal_um, Some(2.0));
+    let single = parse_csv(b"target,deviation_um\n0,1\n", "s.csv").unwrap();
+    assert!(straightness_of(&single).is_err());
+}
+
+/// The stated standard uncertainty of a slope is the scatter of slopes over seeds.
+#[test]
+fn the_uncertainty_of_a_slope_is_what_seeds_show() {
+    let noise = Normal::new(0.0, 1.0).unwrap();
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
+    let (mut slopes, mut stated) = (Vec::new(), Vec::new());
+    for _ in 0..4000 {
+        let profile: Vec<(f64, f64)> = (0..21)
+            .map(|k| (f64::from(k) * 50.0, noise.sample(&mut rng)))
+            .collect();
+        let found = straightness_of_profile(&profile).unwrap();
+        slopes.push(found.of(ReferenceKind::LeastSquares).line.slope().0);
+        stated.push(found.slope_standard_uncertainty_urad.unwrap().powi(2));
+    }
+    let mean_square = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>() / v.len() as f64;
+    let scatter = mean_square(&slopes).sqrt();
+    let stated = (stated.iter().sum::<f64>() / stated.len() as f64).sqrt();
+    near(stated, scatter, 0.03 * scatter);
+}
+
+/// δ = E + ε_Y c − ε_Z b for a point at (b, c) across X: four lines whose deviations are made by hand.
+#[test]
+fn parallel_lines_give_back_the_angles() {
+    let truth = [(3.0, [10.0, -20.0]), (-1.0, [0.0, 7.5])];
+    let line = |b: f64, c: f64| ParallelLine {
+        offset_mm: [b, c],
+        deviations_um: truth
+            .iter()
+            .map(|(e, [about_y, about_z])| e + 1e-3 * (about_y * c - about_z * b))
+            .collect(),
+    };
+    let lines = [
+        line(0.0, 0.0),
+        line(800.0, 0.0),
+        line(0.0, 600.0),
+        line(-300.0, 450.0),
+    ];
+    let found = separate_parallel_lines(&lines).unwrap();
+    for (found, (linear, angles)) in found.iter().zip(truth) {
+        near(found.linear_um, linear, 1e-9);
+        near(found.angles_urad[0], angles[0], 1e-9);
+        near(found.angles_urad[1], angles[1], 1e-9);
+    }
+    let in_one_plane = [line(0.0, 0.0), line(800.0, 0.0), line(400.0, 0.0)];
+    let mut uneven = lines.clone();
+    uneven[1].deviations_um.pop();
+    let mut broken = lines.clone();
+    broken[1].deviations_um[0] = f64::NAN;
+    let messages = [
+        separate_parallel_lines(&lines[..2]),
+        separate_parallel_lines(&in_one_plane),
+        separate_parallel_lines(&uneven),
+        separate_parallel_lines(&broken),
+    ]
+    .map(|refused| refused.unwrap_err().to_string());
+    insta::assert_snapshot!(messages.join("\n"), @r"
+    parallel lines: lines: found 2, expected at least three
+    parallel lines: lines: found all in one plane, expected three that are not in one plane
+    parallel lines: targets: found 1 beside 2, expected the same on each line
+    parallel lines: numbers: found one that is not finite, expected finite numbers
+    ");
+}
