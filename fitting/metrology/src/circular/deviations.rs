@@ -91,11 +91,11 @@ fn circle(points: &[TracePoint], name: &str) -> Result<Vector3<f64>, MetrologyEr
         right += row * p.deviation_um;
     }
     let singular = normal.singular_values();
-    let weak = !(singular.min() > 1e-9 * singular.max());
-    let solved = if weak {
-        None
-    } else {
+    let strong = singular.min() > 1e-9 * singular.max();
+    let solved = if strong {
         normal.lu().solve(&right)
+    } else {
+        None
     };
     solved
         .filter(|s| s.iter().all(|x| x.is_finite()))

@@ -254,7 +254,7 @@ fn solve(
 /// The inverse of the normal matrix of columns brought to the length 1, these lengths, and the columns; `None` where they are not told apart.
 fn inverse_of_normal(columns: &DMatrix<f64>) -> Option<(DMatrix<f64>, Vec<f64>, DMatrix<f64>)> {
     let lengths: Vec<f64> = columns.column_iter().map(|c| c.norm()).collect();
-    if lengths.iter().any(|length| !(*length > 0.0)) {
+    if !lengths.iter().all(|length| *length > 0.0) {
         return None;
     }
     let mut scaled = columns.clone();

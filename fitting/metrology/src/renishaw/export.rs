@@ -1,5 +1,7 @@
 //! Exports of compensation values, `.REN`.
 
+use std::collections::HashMap;
+
 use volcomp_document::quoted;
 
 use crate::encoding::{decode, refuse_empty, wrong_kind};
@@ -50,6 +52,7 @@ pub fn parse_ren(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
         )));
     };
     let mut readings: Vec<Reading> = Vec::new();
+    let mut line_of = HashMap::new();
     for (line, row) in lines {
         let place = Place { file: name, line };
         let cells: Vec<&str> = row.split_ascii_whitespace().collect();
@@ -73,6 +76,13 @@ pub fn parse_ren(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
         let target = place.number("axis position", target)?;
         if let Some(last) = readings.last() {
             grid.step(place, last.target, target)?;
+        }
+        if let Some(first) = line_of.insert(target.to_bits(), line) {
+            return Err(MetrologyError::Repeated(place.finding(
+                "axis position",
+                format!("{target} again (first in line {first})"),
+                "each position once",
+            )));
         }
         readings.push(Reading {
             target,

@@ -1,6 +1,7 @@
 //! ISO 230-4 on circles of a machine whose errors are known: positions are moved about, not their radial deviations.
 
 use std::f64::consts::TAU;
+use std::fmt::Write as _;
 
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
@@ -67,7 +68,7 @@ impl Machine {
                 let [x, y] = self.position(angle, sense);
                 let radial = noise.sample(&mut rng) * 1e-3;
                 let (x, y) = (x + radial * angle.cos(), y + radial * angle.sin());
-                text += &format!("{x:.7},{y:.7},{}\n", sense.key());
+                writeln!(text, "{x:.7},{y:.7},{}", sense.key()).unwrap();
             }
         }
         text
@@ -274,7 +275,7 @@ fn both_senses_together_are_worse_than_each() {
     let mut text = "angle,deviation um,direction\n".to_owned();
     for k in 0..360 {
         let offset = 8.0 * f64::from(k).to_radians().cos();
-        text += &format!("{k},{},ccw\n{k},{},cw\n", 3.0 + offset, 5.0 + offset);
+        writeln!(text, "{k},{},ccw\n{k},{},cw", 3.0 + offset, 5.0 + offset).unwrap();
     }
     let trace = parse_trace(text.as_bytes(), "b.csv", CircularPlane::Xy, Some(100.0)).unwrap();
     let found = circular_deviations(&trace).unwrap();

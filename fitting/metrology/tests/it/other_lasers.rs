@@ -188,6 +188,18 @@ fn compensation_exports_are_no_readings_and_say_so() {
     }
 }
 
+/// Without a spacing nothing else says that a row stands there twice.
+#[test]
+fn a_position_of_an_export_stands_once() {
+    let twice = REN.replacen("Compensation spacing  100\r\n", "", 1);
+    let row = "2       0.000                0\r\n";
+    let twice = twice.replacen(row, &format!("{row}{row}"), 1);
+    let error = parse_ren(twice.as_bytes(), "x.REN")
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("0 again (first in line 7)"), "{error}");
+}
+
 pub(crate) const REPORT: &str = "Linear Measurement Report\r\nMachine: Mill 7\r\nDate: 2009-05-04\r\nAxis: X\r\n\r\n\
             Forward  Reverse  System  2 Sigma  2 Sigma  Dead\r\n\
  Target      Mean     Mean     Mean   Forward  Reverse  Zone   (microns)\r\n\

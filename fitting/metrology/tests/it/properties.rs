@@ -1,5 +1,7 @@
 //! Readers on arbitrary and on damaged bytes, and what is written read back.
 
+use std::fmt::Write as _;
+
 use proptest::prelude::*;
 use volcomp_metrology::{
     DeviationUnit, Environment, FileFormat, Measurement, Metadata, MotionKind, Quantity, Reading,
@@ -372,7 +374,7 @@ proptest! {
         use volcomp_metrology::circular::{CircularPlane, circular_deviations, circular_signatures, parse_trace};
         let mut text = format!("{head}\n");
         for (a, b) in rows {
-            text += &format!("{a},{b}\n");
+            writeln!(text, "{a},{b}").unwrap();
         }
         for bytes in [text.as_bytes(), &bytes] {
             if let Ok(trace) = parse_trace(bytes, "c", CircularPlane::Xy, radius) {
