@@ -68,8 +68,18 @@ Examples:
 
 pub(crate) const ISO230: &str = "\
 Examples:
-  volcomp iso230 exx.rtl
-  volcomp --json iso230 eay.rta";
+  volcomp iso230 exx.rtl --standard all --tolerance A=90,B=5
+  volcomp --json iso230 circle.csv --part 4 --radius-mm 150";
+
+pub(crate) const STRAIGHTNESS: &str = "\
+Examples:
+  volcomp straightness straight-exy.csv --reference end-points
+  volcomp --json straightness tilts.csv --bridge-mm 250";
+
+pub(crate) const SQUARENESS: &str = "\
+Examples:
+  volcomp squareness straight-exy.csv straight-eyx.csv --error EC0Y
+  volcomp --json squareness straight-exy.csv straight-eyx.csv --error EC0Y";
 
 pub(crate) const FORM: &str = "\
 Examples:

@@ -105,7 +105,7 @@ impl Failure {
         }
     }
 
-    fn message(&self) -> String {
+    pub(crate) fn message(&self) -> String {
         match self {
             Self::Call(message) | Self::Input(message) | Self::Work(message) => message.clone(),
             Self::File(failure) => failure.message.clone(),

@@ -84,6 +84,10 @@ enum Command {
     FitThermal(commands::fit_thermal::Arguments),
     #[command(after_help = examples::ISO230)]
     Iso230(commands::iso230::Arguments),
+    #[command(after_help = examples::STRAIGHTNESS)]
+    Straightness(commands::straightness::Arguments),
+    #[command(after_help = examples::SQUARENESS)]
+    Squareness(commands::squareness::Arguments),
     #[command(after_help = examples::FORM)]
     Form(commands::form::Arguments),
     #[command(after_help = examples::CALIBRATE)]
@@ -141,6 +145,8 @@ fn main() -> ExitCode {
         Command::Fit(a) => commands::fit::run(a),
         Command::FitThermal(a) => commands::fit_thermal::run(a),
         Command::Iso230(a) => commands::iso230::run(a),
+        Command::Straightness(a) => commands::straightness::run(a),
+        Command::Squareness(a) => commands::squareness::run(a),
         Command::Form(a) => commands::form::run(a),
         Command::Calibrate(a) => commands::calibrate::run(a),
         Command::Identify(a) => commands::identify::run(a),

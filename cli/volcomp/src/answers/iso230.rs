@@ -6,24 +6,91 @@ use serde::Serialize;
 use volcomp_metrology::{Approach, DeviationUnit, Iso230Part2, OutlierHint, TargetRow};
 use volcomp_vocabulary::{Direction, Um, Urad};
 
+use super::quantity::{Decision, Quantity};
+
 /// The document of `volcomp iso230`: the symbols of ISO 230-2, null where a value cannot be evaluated.
 #[derive(Debug, Serialize, JsonSchema)]
 #[serde(untagged)]
 pub(crate) enum Iso230 {
+    /// Of several files, in their order.
+    Many {
+        /// The evaluation of each.
+        files: Vec<Iso230>,
+    },
     /// Of a file of lengths.
-    Length(LengthEvaluation),
+    Length(Box<LengthEvaluation>),
     /// Of a file of angles.
-    Angle(AngleEvaluation),
+    Angle(Box<AngleEvaluation>),
+    /// A file that is refused, among others.
+    Refused {
+        /// The file as it was named in the call.
+        file: String,
+        /// Why it is refused.
+        error: String,
+    },
 }
 
 impl Iso230 {
     /// The document of an evaluation of readings in a unit.
-    pub(crate) fn new(result: &Iso230Part2, unit: DeviationUnit, notes: Vec<String>) -> Self {
+    pub(crate) fn new(
+        result: &Iso230Part2,
+        unit: DeviationUnit,
+        stated: Stated,
+        notes: Vec<String>,
+    ) -> Self {
         match unit {
-            DeviationUnit::Um => Self::Length(LengthEvaluation::new(result, notes)),
-            DeviationUnit::Urad => Self::Angle(AngleEvaluation::new(result, notes)),
+            DeviationUnit::Um => {
+                Self::Length(Box::new(LengthEvaluation::new(result, stated, notes)))
+            }
+            DeviationUnit::Urad => {
+                Self::Angle(Box::new(AngleEvaluation::new(result, stated, notes)))
+            }
         }
     }
+}
+
+/// What is stated beside the values of ISO 230-2.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Stated {
+    /// The file as it was named in the call; only of several files.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) file: Option<String>,
+    /// The edition of ISO 230-2.
+    pub(crate) edition: u16,
+    /// The quantities of every standard that was asked for, with uncertainty and tolerance.
+    pub(crate) quantities: Vec<Quantity>,
+    /// The measurement uncertainty, where anything was stated that it is made of.
+    pub(crate) uncertainty: Option<Uncertainty>,
+    /// How the file states that the readings were brought to 20 °C; null where a file of its kind cannot.
+    pub(crate) material_compensation: Option<String>,
+    /// What was decided on the tolerances; null without any.
+    pub(crate) decision: Option<Decision>,
+    /// Whether every quantity with a tolerance passes; null without tolerances.
+    pub(crate) pass: Option<bool>,
+}
+
+/// The measurement uncertainty of a positioning test, expanded with k = 2.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Uncertainty {
+    /// The length over which it is stated, m.
+    pub(crate) length_m: f64,
+    /// Runs in a direction.
+    pub(crate) runs: usize,
+    /// The contributions.
+    pub(crate) contributions: Vec<Contribution>,
+    /// What is not stated and therefore left out.
+    pub(crate) left_out: Vec<String>,
+}
+
+/// A contribution to the uncertainty.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Contribution {
+    /// `U_DEVICE`, `U_MISALIGNMENT`, `U_M`, `U_E` or `U_EVE`.
+    pub(crate) symbol: &'static str,
+    /// What it is.
+    pub(crate) name: &'static str,
+    /// Its size over the length, µm; null: left out.
+    pub(crate) u_um: Option<f64>,
 }
 
 /// The documents of one unit: their types, and their keys, which end in the unit.
@@ -80,6 +147,9 @@ macro_rules! evaluation {
             targets: Vec<$target>,
             /// Runs and readings that differ from the others; nothing was left out.
             hints: Vec<$hint>,
+            /// What is stated besides.
+            #[serde(flatten)]
+            stated: Stated,
             /// Notes in words on the file and its readings.
             notes: Vec<String>,
         }
@@ -139,7 +209,7 @@ macro_rules! evaluation {
         }
 
         impl $evaluation {
-            fn new(result: &Iso230Part2, notes: Vec<String>) -> Self {
+            fn new(result: &Iso230Part2, stated: Stated, notes: Vec<String>) -> Self {
                 Self {
                     unit: $key,
                     $a: result.a.map($unit),
@@ -156,6 +226,7 @@ macro_rules! evaluation {
                     $mean_b: result.mean_b.map($unit),
                     targets: result.targets.iter().map($target::from).collect(),
                     hints: result.outlier_hints.iter().map($hint::from).collect(),
+                    stated,
                     notes,
                 }
             }

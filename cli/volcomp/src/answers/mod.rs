@@ -15,14 +15,17 @@ pub(crate) mod identify;
 pub(crate) mod import;
 pub(crate) mod inspect;
 pub(crate) mod iso230;
+pub(crate) mod iso230_parts;
 pub(crate) mod map;
 pub(crate) mod map_table;
 pub(crate) mod nc;
 pub(crate) mod position;
 pub(crate) mod probe;
 pub(crate) mod program;
+pub(crate) mod quantity;
 pub(crate) mod sensitivity;
 pub(crate) mod simulate;
+pub(crate) mod straight;
 
 use std::collections::BTreeMap;
 
@@ -33,7 +36,7 @@ use volcomp_vocabulary::AxisName;
 /// The name of a command and the schema of its document.
 type Named = (&'static str, fn() -> Schema);
 
-/// The documents by the name of their command, `probe-list` for `probe --list`, `nc-average` for `nc --average`, `calibrate-draft` for `calibrate --draft`: `volcomp-NAME.json` is the file of the schema.
+/// The documents by the name of their command, `probe-list` for `probe --list`, `nc-average` for `nc --average`, `calibrate-draft` for `calibrate --draft`, `iso230-circle` and `iso230-diagonals` for its parts 4 and 6: `volcomp-NAME.json` is the file of the schema.
 pub(crate) const ALL: &[Named] = &[
     ("check", schema::<check::Check>),
     ("compile", schema::<program::Compile>),
@@ -55,6 +58,13 @@ pub(crate) const ALL: &[Named] = &[
     ("calibrate-draft", schema::<calibrate_draft::CalibrateDraft>),
     ("identify", schema::<identify::Identify>),
     ("iso230", schema::<iso230::Iso230>),
+    ("iso230-circle", schema::<iso230_parts::CircularTests>),
+    (
+        "iso230-diagonals",
+        schema::<iso230_parts::MeasuredDiagonals>,
+    ),
+    ("straightness", schema::<straight::StraightnessDocument>),
+    ("squareness", schema::<straight::Squareness>),
     ("form", schema::<form::Form>),
     ("inspect", schema::<inspect::Inspect>),
     ("simulate", schema::<simulate::Simulate>),

@@ -35,6 +35,8 @@ mod same_machine;
 pub(crate) mod sensitivity;
 pub(crate) mod simulate;
 mod simulated_files;
+pub(crate) mod squareness;
+pub(crate) mod straightness;
 mod uncertainty;
 
 use std::path::{Path, PathBuf};

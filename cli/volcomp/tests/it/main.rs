@@ -3,6 +3,7 @@
 mod answers;
 mod check;
 mod correct;
+mod evaluation;
 mod export;
 mod fit_thermal;
 mod help;

@@ -8,9 +8,10 @@ use crate::{help::commands, json, root, volcomp};
 
 const GANTRY: &str = "examples/gantry.toml";
 const SPINDLE: &str = "fitting/fit/tests/data/spindle-2min.csv";
+const STRAIGHT: [&str; 2] = ["examples/straight-exy.csv", "examples/straight-eyx.csv"];
 const POSITIONING: &str = "fitting/metrology/tests/data/iso230-2-axis.csv";
 
-fn validate(name: &str, document: &Value) {
+pub(crate) fn validate(name: &str, document: &Value) {
     let path = root().join(format!("docs/schema/volcomp-{name}.json"));
     let schema = fs::read_to_string(&path).expect("the schema is there");
     let schema: Value = serde_json::from_str(&schema).expect("the schema is JSON");
@@ -147,6 +148,26 @@ fn live_documents_follow_their_schemas() {
         ],
         &["iso230", &angular],
         &["iso230", POSITIONING],
+        &[
+            "iso230",
+            POSITIONING,
+            &fit,
+            "--standard",
+            "all",
+            "--device-um",
+            "1",
+            "--tolerance",
+            "A=1",
+        ],
+        &["straightness", STRAIGHT[0]],
+        &[
+            "straightness",
+            STRAIGHT[0],
+            STRAIGHT[1],
+            "--tolerance",
+            "end-points=1",
+        ],
+        &["squareness", STRAIGHT[0], STRAIGHT[1], "--error", "EC0Y"],
         &["sensitivity", "-m", GANTRY, "--grid", "2"],
         &["expression", "-m", GANTRY],
         &["axes", "-m", "examples/trunnion.toml", "--tip", "0,0,-50"],
@@ -184,6 +205,21 @@ fn live_documents_follow_their_schemas() {
         &drafted,
     ];
     validate("calibrate-draft", &json(&call));
+    let circle = [
+        "iso230",
+        "examples/circle.csv",
+        "--part",
+        "4",
+        "--radius-mm",
+        "150",
+        "--feed",
+        "900",
+    ];
+    validate("iso230-circle", &json(&circle));
+    validate(
+        "iso230-circle",
+        &json(&[&circle[..], &["examples/circle.csv"]].concat()),
+    );
     let mill = ["-m", "examples/mill.toml", "--setup", "examples/setup.toml"];
     let averaged = [
         &[
@@ -204,6 +240,8 @@ fn live_documents_follow_their_schemas() {
         "probe-list",
         "nc-average",
         "calibrate-draft",
+        "iso230-circle",
+        "iso230-diagonals",
         "failure",
     ]);
     for entry in fs::read_dir(root().join("docs/schema")).expect("the schemas") {
@@ -222,7 +260,15 @@ fn live_documents_follow_their_schemas() {
             continue;
         }
         assert!(
-            ["failure", "probe-list", "nc-average", "calibrate-draft"].contains(&name)
+            [
+                "failure",
+                "probe-list",
+                "nc-average",
+                "calibrate-draft",
+                "iso230-circle",
+                "iso230-diagonals"
+            ]
+            .contains(&name)
                 || commands().iter().any(|c| c == name),
             "{name}"
         );

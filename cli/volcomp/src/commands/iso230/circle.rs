@@ -1,0 +1,284 @@
+//! Part 4: circular tests.
+
+use std::{fmt::Write as _, path::Path};
+
+use clap::ValueEnum;
+use volcomp_metrology::{
+    DeviationUnit, MetrologyError, Tolerance,
+    circular::{
+        CircularPlane, CircularTrace, Sense, SignatureKind, Signatures, circular_deviations,
+        circular_signatures, parse_trace,
+    },
+};
+
+use super::judged::{CIRCULAR, decision, decision_text, judged, quantities_text, tolerances};
+use super::rows::{self, Row};
+use super::{Arguments, some_refused};
+use crate::{
+    answers::iso230_parts::{CircularTest, CircularTests, Signature},
+    commands::{Answer, fixed, table, table_text},
+    failure::Failure,
+    table::{folded, to_the_left},
+};
+
+/// Options of circles.
+#[derive(clap::Args)]
+#[command(next_help_heading = "Circles (--part 4)")]
+pub(super) struct CircleOptions {
+    /// The plane of the circle, without it xy; angles run from its first axis to the second
+    #[arg(long)]
+    plane: Option<Plane>,
+    /// Nominal radius, mm; positions may do without it
+    #[arg(long, value_name = "MM")]
+    radius_mm: Option<f64>,
+    /// Feed along the circle, mm/min: a servo mismatch is then told as a delay, too
+    #[arg(long, value_name = "MM_PER_MIN")]
+    feed: Option<f64>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Plane {
+    Xy,
+    Yz,
+    Zx,
+}
+
+impl CircleOptions {
+    /// An option that is given.
+    pub(super) fn given(&self) -> Option<&'static str> {
+        match (self.plane, self.radius_mm, self.feed) {
+            (Some(_), ..) => Some("--plane"),
+            (_, Some(_), _) => Some("--radius-mm"),
+            (.., Some(_)) => Some("--feed"),
+            _ => None,
+        }
+    }
+
+    fn plane(&self) -> (CircularPlane, &'static str) {
+        match self.plane.unwrap_or(Plane::Xy) {
+            Plane::Xy => (CircularPlane::Xy, "xy"),
+            Plane::Yz => (CircularPlane::Yz, "yz"),
+            Plane::Zx => (CircularPlane::Zx, "zx"),
+        }
+    }
+}
+
+/// One file, evaluated.
+struct Evaluated {
+    document: CircularTest,
+    text: String,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+    let tolerances = tolerances(arguments.tolerance.as_deref(), &CIRCULAR)?;
+    if let Some(feed) = arguments.circle.feed
+        && !(feed.is_finite() && feed > 0.0)
+    {
+        return Err(Failure::Input(format!(
+            "--feed: found {feed}, expected mm/min above zero"
+        )));
+    }
+    let csv = match &arguments.csv {
+        Some(path) => Some(rows::open(path, &arguments.files)?),
+        None => None,
+    };
+    let row = |document: &CircularTest| Row {
+        file: document.file.clone(),
+        found: Ok((document.quantities.clone(), document.decision)),
+    };
+    if let [only] = &arguments.files[..] {
+        let one = one(only, &arguments.circle, &tolerances)?;
+        if let Some(output) = csv {
+            rows::write(output, &[row(&one.document)])?;
+        }
+        let notes = one.document.notes.clone();
+        let document = CircularTests::One(Box::new(one.document));
+        return Answer::new(&document, one.text, notes);
+    }
+    let (mut files, mut texts, mut rows, mut refused) = (Vec::new(), Vec::new(), Vec::new(), 0);
+    for path in &arguments.files {
+        let file = path.display().to_string();
+        match one(path, &arguments.circle, &tolerances) {
+            Ok(one) => {
+                let notes: String = (one.document.notes.iter())
+                    .map(|note| folded(&format!("note: {note}"), ""))
+                    .collect();
+                texts.push(format!("{file}\n{notes}{}", one.text));
+                rows.push(row(&one.document));
+                files.push(CircularTests::One(Box::new(one.document)));
+            }
+            Err(failure) => {
+                refused += 1;
+                let error = failure.message();
+                texts.push(folded(&format!("{file} REFUSED: {error}"), ""));
+                rows.push(Row {
+                    file: file.clone(),
+                    found: Err(error.clone()),
+                });
+                files.push(CircularTests::Refused { file, error });
+            }
+        }
+    }
+    if let Some(output) = csv {
+        rows::write(output, &rows)?;
+    }
+    let count = files.len();
+    let document = CircularTests::Many { files };
+    let answer = Answer::new(&document, texts.join("\n"), Vec::new())?;
+    Ok(Answer {
+        failed: some_refused(refused, count),
+        ..answer
+    })
+}
+
+fn read(path: &Path, options: &CircleOptions) -> Result<CircularTrace, Failure> {
+    let file = path.display().to_string();
+    if path.is_dir() {
+        let found = MetrologyError::Directory { file };
+        return Err(found.into());
+    }
+    let bytes = std::fs::read(path).map_err(|source| MetrologyError::Unreadable {
+        file: file.clone(),
+        source,
+    })?;
+    let (plane, _) = options.plane();
+    Ok(parse_trace(&bytes, &file, plane, options.radius_mm)?)
+}
+
+fn one(
+    path: &Path,
+    options: &CircleOptions,
+    tolerances: &[Tolerance],
+) -> Result<Evaluated, Failure> {
+    let trace = read(path, options)?;
+    let deviations = circular_deviations(&trace)?;
+    let mut notes = trace.notes.clone();
+    if !trace.radius_is_stated {
+        notes.push("F and D need the nominal radius: state it with --radius-mm".to_owned());
+    }
+    for sense in Sense::BOTH {
+        if !trace.has(sense) {
+            notes.push(format!(
+                "nothing was run {}: without it there is no G(b) and no D, and squareness holds servo mismatch",
+                sense.key()
+            ));
+        }
+    }
+    let signatures = match circular_signatures(&trace) {
+        Ok(signatures) => Some(signatures),
+        Err(error) => {
+            notes.push(error.to_string());
+            None
+        }
+    };
+    let none = |_: &str| None;
+    let unit = DeviationUnit::Um.key();
+    let quantities = judged(
+        "ISO 230-4",
+        deviations.quantities(),
+        unit,
+        tolerances,
+        &none,
+    );
+    let decision = decision(&quantities);
+    let (plane, plane_name) = options.plane();
+    let count = |sense: Sense| trace.points.iter().filter(|p| p.sense == sense).count();
+    let document = CircularTest {
+        file: path.display().to_string(),
+        plane: plane_name,
+        radius_mm: trace.radius_mm,
+        points: Sense::BOTH.map(count),
+        centre_um: deviations.centre_um,
+        signatures: signatures
+            .iter()
+            .flat_map(|s| documents(s, plane, options.feed))
+            .collect(),
+        spikes_um: signatures.as_ref().map(|s| s.spikes_um),
+        rms_left_um: signatures.as_ref().map(|s| s.rms_left_um),
+        pass: decision.map(|d| d.pass),
+        decision,
+        quantities,
+        notes,
+    };
+    let text = text(&document);
+    Ok(Evaluated { document, text })
+}
+
+/// The signatures as documents, named by the axes of the plane.
+fn documents(signatures: &Signatures, plane: CircularPlane, feed: Option<f64>) -> Vec<Signature> {
+    use SignatureKind as Kind;
+    let [first, second] = plane.axes();
+    let (error, sense) = plane.squareness();
+    let one = |signature: &volcomp_metrology::circular::Signature| {
+        let (of, sign) = match signature.kind {
+            Kind::Squareness => (error.to_owned(), sense),
+            Kind::ScaleMismatch => (format!("{first} − {second}"), 1.0),
+            Kind::ServoMismatch => (format!("{first} behind {second}"), 1.0),
+            Kind::BacklashFirst | Kind::SpikesFirst => (first.to_string(), 1.0),
+            Kind::BacklashSecond | Kind::SpikesSecond => (second.to_string(), 1.0),
+        };
+        // c = v Δt/2, with µm and mm/min.
+        let delay = |feed: f64| 2.0 * signature.size * 1e-3 / (feed / 60.0) * 1e3;
+        Signature {
+            kind: signature.kind.key(),
+            of,
+            size: sign * signature.size,
+            unit: signature.unit.key(),
+            uncertainty: signature.u,
+            range_um: signature.range_um,
+            share: signature.share,
+            delay_ms: feed
+                .filter(|_| signature.kind == Kind::ServoMismatch)
+                .map(delay),
+        }
+    };
+    signatures.ranked.iter().map(one).collect()
+}
+
+fn text(document: &CircularTest) -> String {
+    let mut text = format!(
+        "ISO 230-4, plane {}, radius {} mm, about the centre of least squares, µm\n\n{}",
+        document.plane,
+        fixed(document.radius_mm, 4),
+        quantities_text(&document.quantities)
+    );
+    if !document.signatures.is_empty() {
+        let mut rows = table(&[
+            "signature",
+            "of",
+            "size",
+            "±U (k=2)",
+            "unit",
+            "range µm",
+            "share %",
+        ]);
+        to_the_left(&mut rows, &[1, 4]);
+        for signature in &document.signatures {
+            rows.add_row([
+                signature.kind.to_owned(),
+                signature.of.clone(),
+                fixed(signature.size, 2),
+                fixed(signature.uncertainty, 2),
+                if signature.unit == "urad" {
+                    "µrad"
+                } else {
+                    "µm"
+                }
+                .to_owned(),
+                fixed(signature.range_um, 2),
+                fixed(100.0 * signature.share, 1),
+            ]);
+        }
+        // Writing to a string never fails.
+        let _ = write!(text, "\n{}", table_text(&rows));
+    }
+    if let Some(rms) = document.rms_left_um {
+        let _ = writeln!(text, "\nleft by all of them: {} µm (rms)", fixed(rms, 2));
+    }
+    for signature in &document.signatures {
+        if let Some(delay) = signature.delay_ms {
+            let _ = writeln!(text, "{}: {} ms", signature.of, fixed(delay, 3));
+        }
+    }
+    text + &decision_text(document.decision, &document.quantities)
+}

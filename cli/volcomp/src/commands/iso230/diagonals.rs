@@ -1,0 +1,286 @@
+//! Part 6: measured body and face diagonals.
+
+use std::{fmt::Write as _, path::Path};
+
+use volcomp_metrology::{
+    DIAGONAL_NAMES, DeviationUnit, Diagonal, Iso230Part6, Measurement, evaluate_diagonals,
+    read_file,
+};
+
+use super::judged::{DIAGONALS, decision, decision_text, judged, quantities_text, tolerances};
+use super::rows::{self, Row};
+use super::{Arguments, some_refused};
+use crate::{
+    answers::iso230_parts::{MeasuredDiagonal, MeasuredDiagonals, RefusedFile, SquarenessHint},
+    answers::quantity::Quantity,
+    commands::{Answer, fixed, table, table_text},
+    failure::Failure,
+    points::numbers,
+    table::folded,
+    unit,
+};
+
+/// Options of diagonals.
+#[derive(clap::Args)]
+#[command(next_help_heading = "Diagonals (--part 6)")]
+pub(super) struct DiagonalOptions {
+    /// Which diagonal each file is, in their order: PPP,NPP,PNP,PPN; without it a word in the title or name of the file
+    #[arg(long, value_name = "NAMES")]
+    diagonals: Option<String>,
+    /// Edges of the box along X, Y and Z, mm: the diagonals then hint at squareness
+    #[arg(long, value_name = "X,Y,Z")]
+    box_mm: Option<String>,
+}
+
+impl DiagonalOptions {
+    /// An option that is given.
+    pub(super) fn given(&self) -> Option<&'static str> {
+        match (&self.diagonals, &self.box_mm) {
+            (Some(_), _) => Some("--diagonals"),
+            (_, Some(_)) => Some("--box-mm"),
+            _ => None,
+        }
+    }
+
+    /// The diagonals of the call; empty where the files are to say them.
+    fn named(&self, count: usize) -> Result<Vec<Diagonal>, Failure> {
+        let Some(text) = &self.diagonals else {
+            return Ok(Vec::new());
+        };
+        let mut named = Vec::new();
+        for name in text.split(',') {
+            named.push(Diagonal::named(name).ok_or_else(|| {
+                Failure::Input(format!(
+                    "--diagonals: found `{}`, expected one of {}",
+                    name.trim(),
+                    DIAGONAL_NAMES.join(", ")
+                ))
+            })?);
+        }
+        if named.len() != count {
+            return Err(Failure::Input(format!(
+                "--diagonals: found {} names, expected one for each of {count} files",
+                named.len()
+            )));
+        }
+        Ok(named)
+    }
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+    let options = &arguments.diagonals;
+    let tolerances = tolerances(arguments.tolerance.as_deref(), &DIAGONALS)?;
+    let named = options.named(arguments.files.len())?;
+    let edges = match &options.box_mm {
+        Some(text) => Some(numbers(
+            "--box-mm",
+            text,
+            "three lengths in mm: 800,600,500",
+        )?),
+        None => None,
+    };
+    let csv = match &arguments.csv {
+        Some(path) => Some(rows::open(path, &arguments.files)?),
+        None => None,
+    };
+    let (mut notes, mut measured, mut refused) = (Vec::new(), Vec::new(), Vec::new());
+    for (index, path) in arguments.files.iter().enumerate() {
+        match read(path, arguments, named.get(index).copied()) {
+            Ok((diagonal, measurement)) => measured.push((diagonal, path, measurement)),
+            Err(failure) if arguments.files.len() == 1 => return Err(failure),
+            Err(failure) => refused.push(RefusedFile {
+                file: path.display().to_string(),
+                error: failure.message(),
+            }),
+        }
+    }
+    if measured.is_empty() {
+        let reasons: Vec<&str> = refused.iter().map(|r| r.error.as_str()).collect();
+        return Err(Failure::Input(reasons.join("; ")));
+    }
+    for (diagonal, _, measurement) in &measured {
+        let all = measurement.notes.iter();
+        notes.extend(all.map(|note| format!("{diagonal}: {note}")));
+    }
+    let pairs: Vec<(Diagonal, &Measurement)> = measured.iter().map(|(d, _, m)| (*d, m)).collect();
+    let found = evaluate_diagonals(&pairs, edges)?;
+    for m in &found.diagonals {
+        let hints = m.result.outlier_hints.iter();
+        notes.extend(hints.map(|hint| format!("{}: {}", m.diagonal, hint.text)));
+    }
+    if !found.lacking.is_empty() {
+        let lacking: Vec<&str> = found.lacking.iter().map(|d| d.name()).collect();
+        notes.push(format!(
+            "{} not measured: the largest values are those of the others, and nothing is hinted at",
+            lacking.join(", ")
+        ));
+    } else if edges.is_none() {
+        notes.push(
+            "with the edges of the box, --box-mm, the diagonals hint at squareness".to_owned(),
+        );
+    }
+    let none = |_: &str| None;
+    let unit = DeviationUnit::Um.key();
+    let quantities = judged("ISO 230-6", found.quantities(), unit, &tolerances, &none);
+    let decision = decision(&quantities);
+    let file_of = |diagonal: Diagonal| {
+        let here = measured.iter().find(|(d, ..)| *d == diagonal);
+        here.map_or_else(String::new, |(_, path, _)| path.display().to_string())
+    };
+    if let Some(output) = csv {
+        rows::write(output, &rows_of(&found, &refused, &file_of))?;
+    }
+    let failed = some_refused(refused.len(), arguments.files.len());
+    let document = document(&found, quantities, refused, notes.clone(), &file_of);
+    let text = text(&document) + &decision_text(decision, &document.quantities);
+    let answer = Answer::new(&document, text, notes)?;
+    Ok(Answer { failed, ..answer })
+}
+
+fn read(
+    path: &Path,
+    arguments: &Arguments,
+    named: Option<Diagonal>,
+) -> Result<(Diagonal, Measurement), Failure> {
+    let mut measurement = read_file(path)?;
+    let in_words = || {
+        let title = measurement.metadata.title.as_deref();
+        let axis = measurement.metadata.axis.as_deref();
+        let name = path.file_stem().map(|stem| stem.display().to_string());
+        let texts = [title.map(str::to_owned), axis.map(str::to_owned), name];
+        texts
+            .into_iter()
+            .flatten()
+            .find_map(|t| Diagonal::in_text(&t))
+    };
+    let Some(diagonal) = named.or_else(in_words) else {
+        return Err(Failure::in_file(
+            path,
+            format_args!(
+                "found no name of a diagonal in title and file name, expected one of {}, or --diagonals",
+                DIAGONAL_NAMES.join(", ")
+            ),
+        ));
+    };
+    if unit::apply(path, &mut measurement, arguments.unit)? == DeviationUnit::Urad {
+        return Err(Failure::in_file(
+            path,
+            "found angles, expected deviations along a diagonal",
+        ));
+    }
+    Ok((diagonal, measurement))
+}
+
+fn document(
+    found: &Iso230Part6,
+    quantities: Vec<Quantity>,
+    refused: Vec<RefusedFile>,
+    notes: Vec<String>,
+    file_of: &dyn Fn(Diagonal) -> String,
+) -> MeasuredDiagonals {
+    let decision = decision(&quantities);
+    MeasuredDiagonals {
+        diagonals: (found.diagonals.iter())
+            .map(|m| MeasuredDiagonal {
+                diagonal: m.diagonal.name(),
+                file: file_of(m.diagonal),
+                length_mm: m.length_mm,
+                E_um: m.result.e,
+                E_forward_um: m.result.e_forward,
+                E_backward_um: m.result.e_backward,
+                B_um: m.result.b,
+                M_um: m.result.m,
+                growth_um: m.growth_um,
+            })
+            .collect(),
+        quantities,
+        scale_um_per_m: found.scale_um_per_m,
+        squareness: (found.squareness.iter())
+            .map(|hint| SquarenessHint {
+                error: hint.error,
+                urad: hint.urad,
+            })
+            .collect(),
+        lacking: found.lacking.iter().map(|d| d.name()).collect(),
+        refused,
+        pass: decision.map(|d| d.pass),
+        decision,
+        notes,
+    }
+}
+
+/// A row for each file: the values of its diagonal.
+fn rows_of(
+    found: &Iso230Part6,
+    refused: &[RefusedFile],
+    file_of: &dyn Fn(Diagonal) -> String,
+) -> Vec<Row> {
+    let quantity = |symbol: &'static str, name: &'static str, value: Option<f64>| Quantity {
+        standard: "ISO 230-6".to_owned(),
+        symbol,
+        name,
+        value,
+        unit: DeviationUnit::Um.key(),
+        uncertainty: None,
+        limit: None,
+        verdict: None,
+    };
+    let good = found.diagonals.iter().map(|m| Row {
+        file: file_of(m.diagonal),
+        found: Ok((
+            vec![
+                quantity("E", "systematic deviation", m.result.e),
+                quantity(
+                    "E_forward",
+                    "systematic deviation, forward",
+                    m.result.e_forward,
+                ),
+                quantity(
+                    "E_backward",
+                    "systematic deviation, backward",
+                    m.result.e_backward,
+                ),
+                quantity("B", "reversal value", m.result.b),
+                quantity("M", "mean deviation", m.result.m),
+                quantity("growth", "growth over the length", Some(m.growth_um)),
+            ],
+            None,
+        )),
+    });
+    let bad = refused.iter().map(|r| Row {
+        file: r.file.clone(),
+        found: Err(r.error.clone()),
+    });
+    good.chain(bad).collect()
+}
+
+fn text(document: &MeasuredDiagonals) -> String {
+    let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| fixed(v, 2));
+    let mut rows = table(&["", "length mm", "E", "E ↑", "E ↓", "B", "M", "growth"]);
+    for m in &document.diagonals {
+        rows.add_row([
+            m.diagonal.to_owned(),
+            fixed(m.length_mm, 2),
+            number(m.E_um),
+            number(m.E_forward_um),
+            number(m.E_backward_um),
+            number(m.B_um),
+            number(m.M_um),
+            fixed(m.growth_um, 2),
+        ]);
+    }
+    let mut text = format!(
+        "ISO 230-6, all values in µm\n\n{}\n{}\nin common {} µm/m\n",
+        table_text(&rows),
+        quantities_text(&document.quantities),
+        fixed(document.scale_um_per_m, 2)
+    );
+    for hint in &document.squareness {
+        // Writing to a string never fails.
+        let _ = writeln!(text, "hint: {} {} µrad", hint.error, fixed(hint.urad, 1));
+    }
+    for refused in &document.refused {
+        text += &folded(&format!("{} REFUSED: {}", refused.file, refused.error), "");
+    }
+    text
+}

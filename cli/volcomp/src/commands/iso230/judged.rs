@@ -1,0 +1,148 @@
+//! Quantities with their uncertainties and tolerances, as documents and as a table.
+
+use std::fmt::Write as _;
+
+use volcomp_metrology::{StandardQuantity, Tolerance, Verdict, decide, parse_tolerances};
+
+use crate::{
+    answers::quantity::{Decision, Quantity},
+    failure::Failure,
+    table::{fixed, folded, table, table_text, to_the_left},
+};
+
+/// The symbols of ISO 230-2 and ASME B5.54.
+pub(crate) const POSITIONING: [&str; 12] = [
+    "A",
+    "A_forward",
+    "A_backward",
+    "R",
+    "R_forward",
+    "R_backward",
+    "E",
+    "E_forward",
+    "E_backward",
+    "M",
+    "B",
+    "mean_B",
+];
+/// The symbols of VDI/DGQ 3441.
+pub(crate) const VDI: [&str; 6] = ["P", "Pa", "U_max", "U_mean", "Ps_max", "Ps_mean"];
+/// The symbols of ISO 230-4.
+pub(crate) const CIRCULAR: [&str; 6] = ["G_ccw", "G_cw", "G_b", "F_max", "F_min", "D"];
+/// The symbols of ISO 230-6.
+pub(crate) const DIAGONALS: [&str; 5] = ["E_d", "E_d_unidirectional", "B_d", "M_d", "spread"];
+
+/// The tolerances of the call, among the symbols that it evaluates.
+pub(crate) fn tolerances(text: Option<&str>, known: &[&str]) -> Result<Vec<Tolerance>, Failure> {
+    let Some(text) = text else {
+        return Ok(Vec::new());
+    };
+    parse_tolerances(text, known).map_err(|error| Failure::Input(format!("--{error}")))
+}
+
+/// Quantities of one standard, decided on by their tolerances.
+pub(crate) fn judged(
+    standard: &str,
+    quantities: Vec<StandardQuantity>,
+    unit: &'static str,
+    tolerances: &[Tolerance],
+    uncertainty: &dyn Fn(&str) -> Option<f64>,
+) -> Vec<Quantity> {
+    let one = |quantity: StandardQuantity| {
+        let tolerance = tolerances.iter().find(|t| t.symbol == quantity.symbol);
+        let limit = tolerance.map(|t| t.limit);
+        let u = uncertainty(quantity.symbol);
+        Quantity {
+            standard: standard.to_owned(),
+            symbol: quantity.symbol,
+            name: quantity.name,
+            value: quantity.value,
+            unit,
+            uncertainty: u.filter(|_| quantity.value.is_some()),
+            limit,
+            verdict: limit.map(|limit| decide(quantity.value, limit, u).word()),
+        }
+    };
+    quantities.into_iter().map(one).collect()
+}
+
+/// The decision over all quantities; `None` without any tolerance.
+pub(crate) fn decision(quantities: &[Quantity]) -> Option<Decision> {
+    let judged: Vec<&Quantity> = quantities.iter().filter(|q| q.limit.is_some()).collect();
+    if judged.is_empty() {
+        return None;
+    }
+    let verdicts = judged
+        .iter()
+        .filter_map(|q| Some(decide(q.value, q.limit?, q.uncertainty)));
+    let verdict = Verdict::of_all(verdicts);
+    let with = judged.iter().filter(|q| q.uncertainty.is_some()).count();
+    Some(Decision {
+        verdict: verdict.word(),
+        pass: verdict == Verdict::Pass,
+        rule: match with {
+            0 => "simple",
+            all if all == judged.len() => "ISO 14253-1",
+            _ => "mixed",
+        },
+    })
+}
+
+/// The quantities as a table, with columns for uncertainty and limit where there are any.
+pub(crate) fn quantities_text(quantities: &[Quantity]) -> String {
+    let uncertain = quantities.iter().any(|q| q.uncertainty.is_some());
+    let limited = quantities.iter().any(|q| q.limit.is_some());
+    let mut heads = vec!["", "value"];
+    if uncertain {
+        heads.push("U (k=2)");
+    }
+    if limited {
+        heads.extend(["limit", "verdict"]);
+    }
+    heads.push("name");
+    let mut rows = table(&heads);
+    to_the_left(&mut rows, &[heads.len() - 1]);
+    let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| fixed(v, 2));
+    for quantity in quantities {
+        let mut row = vec![quantity.symbol.to_owned(), number(quantity.value)];
+        if uncertain {
+            row.push(number(quantity.uncertainty));
+        }
+        if limited {
+            row.push(number(quantity.limit));
+            row.push(quantity.verdict.unwrap_or("").to_owned());
+        }
+        row.push(quantity.name.to_owned());
+        rows.add_row(row);
+    }
+    table_text(&rows)
+}
+
+/// The decision in a sentence.
+pub(crate) fn decision_text(decision: Option<Decision>, quantities: &[Quantity]) -> String {
+    let Some(decision) = decision else {
+        return String::new();
+    };
+    let of = |word: &str| {
+        let named = quantities.iter().filter(|q| q.verdict == Some(word));
+        let mut symbols: Vec<&str> = named.map(|q| q.symbol).collect();
+        // Two standards may have one symbol.
+        let mut seen = std::collections::HashSet::new();
+        symbols.retain(|symbol| seen.insert(*symbol));
+        symbols.join(", ")
+    };
+    let rule = match decision.rule {
+        "simple" => "value against limit; no measurement uncertainty is stated",
+        "ISO 14253-1" => "by ISO 14253-1, with the measurement uncertainty on top",
+        _ => "by ISO 14253-1 where the uncertainty is stated, else value against limit",
+    };
+    let mut said = format!("{}: ", decision.verdict.to_uppercase());
+    for word in ["fail", "not evaluated", "undecided", "pass"] {
+        let named = of(word);
+        if !named.is_empty() {
+            // Writing to a string never fails.
+            let _ = write!(said, "{word} {named}; ");
+        }
+    }
+    folded(&format!("{said}{rule}."), "")
+}

@@ -1,0 +1,137 @@
+//! `volcomp iso230`: tests of the parts 2, 4 and 6 of ISO 230, and of the standards beside part 2.
+
+mod circle;
+mod diagonals;
+pub(crate) mod judged;
+mod options;
+mod positioning;
+pub(crate) mod rows;
+
+use std::path::PathBuf;
+
+use clap::ValueEnum;
+use volcomp_metrology::Edition;
+use volcomp_vocabulary::AxisName;
+
+use super::Answer;
+use crate::{failure::Failure, unit::Unit};
+
+/// Evaluates tests by ISO 230: positioning, circles, diagonals
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// Measurement files: .csv, .rtl, .rta, .pos, a report or a log; of circles .csv
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// Part of ISO 230: 2 (positioning of an axis), 4 (circles), 6 (diagonals)
+    #[arg(long, default_value_t = 2, value_parser = parse_part)]
+    part: u8,
+    /// Edition of ISO 230-2: 1997, 2006 or 2014
+    #[arg(long, default_value_t = 2014, value_parser = parse_edition)]
+    edition: u16,
+    /// Standard of a positioning test; all: each of them
+    #[arg(long, default_value = "iso")]
+    standard: Standard,
+    /// Unit of the deviations in a file that does not state it (.csv), without it µm; the answer is in µm or µrad
+    #[arg(long)]
+    unit: Option<Unit>,
+    /// The axis, for what the standard asks of the test; without it the one that the file names, else a linear one
+    #[arg(long)]
+    axis: Option<AxisName>,
+    /// Limits by symbol, µm or µrad: A=10,E=8,B=2
+    #[arg(long, value_name = "LIMITS")]
+    tolerance: Option<String>,
+    /// Write a CSV file, a row for each file that is read
+    #[arg(long, short = 'o', value_name = "FILE")]
+    csv: Option<PathBuf>,
+    #[command(flatten)]
+    uncertainty: options::UncertaintyOptions,
+    #[command(flatten)]
+    diagonals: diagonals::DiagonalOptions,
+    #[command(flatten)]
+    circle: circle::CircleOptions,
+}
+
+/// A standard for positioning tests.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Standard {
+    /// ISO 230-2
+    Iso,
+    /// VDI/DGQ 3441
+    Vdi,
+    /// ASME B5.54
+    Asme,
+    /// All of them
+    All,
+}
+
+fn parse_part(text: &str) -> Result<u8, String> {
+    match text {
+        "2" => Ok(2),
+        "4" => Ok(4),
+        "6" => Ok(6),
+        _ => Err("expected 2, 4 or 6".to_owned()),
+    }
+}
+
+fn parse_edition(text: &str) -> Result<u16, String> {
+    let year = text.parse().ok().and_then(Edition::of_year);
+    let edition =
+        year.ok_or("expected 1997, 2006 or 2014; that of 1988, with 3 s, is not evaluated")?;
+    Ok(edition.year())
+}
+
+impl Arguments {
+    fn edition(&self) -> Edition {
+        // The parser let no other year through.
+        Edition::of_year(self.edition).unwrap_or_default()
+    }
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+    let part = arguments.part;
+    let refuse = |option: &str, expected: &str| {
+        Err(Failure::Input(format!(
+            "{option}: found --part {part}, expected --part {expected}"
+        )))
+    };
+    if part != 4
+        && let Some(option) = arguments.circle.given()
+    {
+        return refuse(option, "4");
+    }
+    if part != 6
+        && let Some(option) = arguments.diagonals.given()
+    {
+        return refuse(option, "6");
+    }
+    if part != 2 && arguments.uncertainty.stated() {
+        return refuse("options of the measurement uncertainty", "2");
+    }
+    if part != 2 && arguments.standard != Standard::Iso {
+        return refuse("--standard", "2");
+    }
+    if part != 2 && arguments.axis.is_some() {
+        return refuse("--axis", "2");
+    }
+    if part == 4 && arguments.unit.is_some() {
+        return refuse("--unit", "2 or 6: circles state units in their header");
+    }
+    if arguments.uncertainty.stated() && !arguments.edition().states_uncertainty() {
+        let message = "options of the measurement uncertainty: found --edition 1997, expected 2006 or 2014, which have the annex on it";
+        return Err(Failure::Input(message.to_owned()));
+    }
+    match part {
+        4 => circle::run(arguments),
+        6 => diagonals::run(arguments),
+        _ => positioning::run(arguments),
+    }
+}
+
+/// Why the program fails after all files were read: some were refused.
+pub(crate) fn some_refused(refused: usize, count: usize) -> Option<Failure> {
+    (refused > 0).then(|| {
+        Failure::input(format_args!(
+            "{refused} of {count} files are refused, see above"
+        ))
+    })
+}

@@ -1,0 +1,354 @@
+//! Part 2: the positioning test of an axis, by ISO 230-2 and the standards beside it.
+
+use std::path::Path;
+
+use volcomp_metrology::{
+    Approach, DeviationUnit, Direction, Edition, Iso230Part2, Measurement, PositioningUncertainty,
+    Quantity, Tolerance, asme_b5_54, axis_kind, evaluate, material_compensation,
+    positioning_uncertainty, read_file, shortfalls, vdi_3441,
+};
+use volcomp_vocabulary::AxisKind;
+
+use super::judged::{
+    POSITIONING, VDI, decision, decision_text, judged, quantities_text, tolerances,
+};
+use super::rows::{self, Row};
+use super::{Arguments, Standard, some_refused};
+use crate::{
+    answers::iso230::{Contribution, Iso230, Stated, Uncertainty},
+    answers::quantity,
+    commands::{Answer, fixed, table, table_text},
+    failure::Failure,
+    table::folded,
+    unit,
+};
+
+/// One file, evaluated.
+struct Evaluated {
+    document: Iso230,
+    text: String,
+    notes: Vec<String>,
+    row: Row,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+    let known: Vec<&str> = match arguments.standard {
+        Standard::Vdi => VDI.to_vec(),
+        Standard::All => [&POSITIONING[..], &VDI].concat(),
+        Standard::Iso | Standard::Asme => POSITIONING.to_vec(),
+    };
+    let tolerances = tolerances(arguments.tolerance.as_deref(), &known)?;
+    let csv = match &arguments.csv {
+        Some(path) => Some(rows::open(path, &arguments.files)?),
+        None => None,
+    };
+    if let [only] = &arguments.files[..] {
+        let one = one(only, arguments, &tolerances, false)?;
+        if let Some(output) = csv {
+            rows::write(output, &[one.row])?;
+        }
+        return Answer::new(&one.document, one.text, one.notes);
+    }
+    let (mut files, mut texts, mut rows, mut refused) = (Vec::new(), Vec::new(), Vec::new(), 0);
+    for path in &arguments.files {
+        let file = path.display().to_string();
+        match one(path, arguments, &tolerances, true) {
+            Ok(one) => {
+                let notes: String = (one.notes.iter())
+                    .map(|note| folded(&format!("note: {note}"), ""))
+                    .collect();
+                texts.push(format!("{file}\n{notes}{}", one.text));
+                files.push(one.document);
+                rows.push(one.row);
+            }
+            Err(failure @ (Failure::Call(_) | Failure::Work(_))) => return Err(failure),
+            Err(failure) => {
+                refused += 1;
+                let error = failure.message();
+                texts.push(folded(&format!("{file} REFUSED: {error}"), ""));
+                rows.push(Row {
+                    file: file.clone(),
+                    found: Err(error.clone()),
+                });
+                files.push(Iso230::Refused { file, error });
+            }
+        }
+    }
+    if let Some(output) = csv {
+        rows::write(output, &rows)?;
+    }
+    let count = files.len();
+    let answer = Answer::new(&Iso230::Many { files }, texts.join("\n"), Vec::new())?;
+    Ok(Answer {
+        failed: some_refused(refused, count),
+        ..answer
+    })
+}
+
+fn one(
+    path: &Path,
+    arguments: &Arguments,
+    tolerances: &[Tolerance],
+    among_others: bool,
+) -> Result<Evaluated, Failure> {
+    let mut measurement = read_file(path)?;
+    if measurement.quantity == Some(Quantity::Straightness) {
+        let what = "found straightness readings, expected positioning; `volcomp straightness` evaluates them";
+        return Err(Failure::in_file(path, what));
+    }
+    let unit = unit::apply(path, &mut measurement, arguments.unit)?;
+    if let Some(axis) = arguments.axis {
+        measurement.check_targets(axis)?;
+    }
+    let result = evaluate(&measurement)?;
+    let edition = arguments.edition();
+    let kind = match arguments.axis {
+        Some(axis) => axis.kind(),
+        None => axis_kind(&measurement).unwrap_or(AxisKind::Linear),
+    };
+    let uncertainty = uncertainty(path, arguments, &measurement, unit, kind)?;
+    let mut notes = measurement.notes.clone();
+    notes.extend(shortfalls(&measurement, kind, edition));
+    notes.extend(result.outlier_hints.iter().map(|hint| hint.text.clone()));
+    if let Some(uncertainty) = &uncertainty
+        && !uncertainty.left_out.is_empty()
+    {
+        let left_out = uncertainty.left_out.join("; ");
+        notes.push(format!(
+            "left out of the measurement uncertainty: {left_out}"
+        ));
+    }
+    let quantities = quantities(
+        arguments.standard,
+        edition,
+        &result,
+        unit,
+        tolerances,
+        uncertainty.as_ref(),
+    );
+    if matches!(arguments.standard, Standard::Vdi | Standard::All)
+        && !quantities.iter().any(|q| q.symbol == "P")
+    {
+        let note = "VDI/DGQ 3441 needs both directions and at least two runs in each";
+        notes.push(note.to_owned());
+        if tolerances.iter().any(|t| VDI.contains(&t.symbol.as_str())) {
+            return Err(Failure::in_file(path, format_args!("{note}, found fewer")));
+        }
+    }
+    let decision = decision(&quantities);
+    let is_laser = measurement.quantity.is_some();
+    let compensation = is_laser.then(|| material_compensation(&measurement.environment));
+    let text = text(&result, unit, edition, arguments.standard, &quantities)
+        + &uncertainty
+            .as_ref()
+            .map_or_else(String::new, uncertainty_text)
+        + &compensation.as_ref().map_or_else(String::new, |said| {
+            format!("\n{}", folded(&format!("material compensation {said}"), ""))
+        })
+        + &decision_text(decision, &quantities);
+    let file = path.display().to_string();
+    let stated = Stated {
+        file: among_others.then(|| file.clone()),
+        edition: edition.year(),
+        quantities: quantities.clone(),
+        uncertainty: uncertainty.map(document_of),
+        material_compensation: compensation,
+        decision,
+        pass: decision.map(|d| d.pass),
+    };
+    Ok(Evaluated {
+        document: Iso230::new(&result, unit, stated, notes.clone()),
+        text,
+        notes,
+        row: Row {
+            file,
+            found: Ok((quantities, decision)),
+        },
+    })
+}
+
+/// The uncertainty, where any of its options is given.
+fn uncertainty(
+    path: &Path,
+    arguments: &Arguments,
+    measurement: &Measurement,
+    unit: DeviationUnit,
+    kind: AxisKind,
+) -> Result<Option<PositioningUncertainty>, Failure> {
+    if !arguments.uncertainty.stated() {
+        return Ok(None);
+    }
+    if unit == DeviationUnit::Urad || kind == AxisKind::Rotary {
+        let what = "found angles or a rotary axis with options of the measurement uncertainty, expected lengths of a linear axis: its formulas are for these";
+        return Err(Failure::in_file(path, what));
+    }
+    let targets = measurement.targets();
+    let travel_mm = targets
+        .last()
+        .zip(targets.first())
+        .map_or(0.0, |(b, a)| b - a);
+    let runs = Direction::BOTH.map(|direction| measurement.runs(direction).len());
+    let fewest = runs.into_iter().filter(|n| *n > 0).min().unwrap_or(1);
+    let inputs = arguments.uncertainty.inputs(&measurement.environment);
+    Ok(Some(positioning_uncertainty(
+        &inputs,
+        1e-3 * travel_mm,
+        fewest,
+    )?))
+}
+
+fn document_of(uncertainty: PositioningUncertainty) -> Uncertainty {
+    let contributions = uncertainty.contributions.iter();
+    Uncertainty {
+        length_m: uncertainty.length_m,
+        runs: uncertainty.runs,
+        contributions: contributions
+            .map(|c| Contribution {
+                symbol: c.symbol,
+                name: c.name,
+                u_um: c.u_um,
+            })
+            .collect(),
+        left_out: uncertainty.left_out,
+    }
+}
+
+fn quantities(
+    standard: Standard,
+    edition: Edition,
+    result: &Iso230Part2,
+    unit: DeviationUnit,
+    tolerances: &[Tolerance],
+    uncertainty: Option<&PositioningUncertainty>,
+) -> Vec<quantity::Quantity> {
+    let u = |symbol: &str| uncertainty.and_then(|u| u.of(symbol));
+    let none = |_: &str| None;
+    let mut all = Vec::new();
+    if matches!(standard, Standard::Iso | Standard::All) {
+        let name = format!("ISO 230-2:{}", edition.year());
+        let quantities = edition.quantities(result);
+        all.extend(judged(&name, quantities, unit.key(), tolerances, &u));
+    }
+    if matches!(standard, Standard::Vdi | Standard::All)
+        && let Some(vdi) = vdi_3441(result)
+    {
+        let quantities = vdi.quantities();
+        all.extend(judged(
+            "VDI/DGQ 3441",
+            quantities,
+            unit.key(),
+            tolerances,
+            &none,
+        ));
+    }
+    if matches!(standard, Standard::Asme | Standard::All) {
+        let quantities = asme_b5_54(result);
+        all.extend(judged("ASME B5.54", quantities, unit.key(), tolerances, &u));
+    }
+    all
+}
+
+fn number(value: Option<f64>) -> String {
+    value.map_or_else(|| "-".to_owned(), |value| fixed(value, 2))
+}
+
+fn text(
+    result: &Iso230Part2,
+    unit: DeviationUnit,
+    edition: Edition,
+    standard: Standard,
+    quantities: &[quantity::Quantity],
+) -> String {
+    let mut parts = Vec::new();
+    let head = match standard {
+        Standard::Iso | Standard::All => format!("ISO 230-2:{}", edition.year()),
+        Standard::Vdi => "VDI/DGQ 3441".to_owned(),
+        Standard::Asme => "ASME B5.54".to_owned(),
+    };
+    parts.push(format!("{head}, all values in {unit}\n"));
+    parts.push(targets_text(result));
+    if matches!(standard, Standard::Iso | Standard::All) {
+        parts.push(summary(result, edition));
+    }
+    let judged = quantities
+        .iter()
+        .any(|q| q.limit.is_some() || q.uncertainty.is_some());
+    for standard in ["ISO", "VDI", "ASME"] {
+        let of: Vec<quantity::Quantity> = (quantities.iter())
+            .filter(|q| q.standard.starts_with(standard) && (standard != "ISO" || judged))
+            .cloned()
+            .collect();
+        if let Some(first) = of.first() {
+            parts.push(format!("{}\n{}", first.standard, quantities_text(&of)));
+        }
+    }
+    parts.join("\n")
+}
+
+fn targets_text(result: &Iso230Part2) -> String {
+    let mut targets = table(&["target", "mean ↑", "mean ↓", "s ↑", "s ↓", "B", "R"]);
+    for row in &result.targets {
+        let mean = |a: &Option<Approach>| number(a.as_ref().map(|a| a.mean));
+        let s = |a: &Option<Approach>| number(a.as_ref().and_then(|a| a.s));
+        targets.add_row([
+            row.target.to_string(),
+            mean(&row.forward),
+            mean(&row.backward),
+            s(&row.forward),
+            s(&row.backward),
+            number(row.reversal),
+            number(row.repeatability),
+        ]);
+    }
+    table_text(&targets)
+}
+
+/// The quantities of ISO 230-2 in short, in the words of the edition.
+fn summary(result: &Iso230Part2, edition: Edition) -> String {
+    let [systematic, mean, reversal, mean_reversal] = if edition == Edition::Iso2014 {
+        [
+            "E systematic error",
+            "M mean error",
+            "B reversal error",
+            "mean reversal error",
+        ]
+    } else {
+        [
+            "E systematic deviation",
+            "M mean deviation",
+            "B reversal value",
+            "mean reversal value",
+        ]
+    };
+    let mut summary = table(&["", "both", "forward ↑", "backward ↓"]);
+    let r = result;
+    for (name, values) in [
+        ("A accuracy", [r.a, r.a_forward, r.a_backward]),
+        ("R repeatability", [r.r, r.r_forward, r.r_backward]),
+        (systematic, [r.e, r.e_forward, r.e_backward]),
+    ] {
+        let [both, forward, backward] = values.map(number);
+        summary.add_row([name, &both, &forward, &backward]);
+    }
+    for (name, value) in [(mean, r.m), (reversal, r.b), (mean_reversal, r.mean_b)] {
+        summary.add_row([name, &number(value), "", ""]);
+    }
+    table_text(&summary)
+}
+
+fn uncertainty_text(uncertainty: &PositioningUncertainty) -> String {
+    let mut rows = table(&["contribution", "U (k=2) µm", "from"]);
+    crate::table::to_the_left(&mut rows, &[2]);
+    for c in &uncertainty.contributions {
+        let size = c
+            .u_um
+            .map_or_else(|| "left out".to_owned(), |u| fixed(u, 2));
+        rows.add_row([c.symbol, &size, c.name]);
+    }
+    format!(
+        "\nMeasurement uncertainty over {} m, {} runs in a direction\n{}",
+        fixed(uncertainty.length_m, 4),
+        uncertainty.runs,
+        table_text(&rows)
+    )
+}

@@ -1,0 +1,89 @@
+//! The CSV file of evaluations: a row for each file.
+
+use std::path::{Path, PathBuf};
+
+use crate::{
+    answers::quantity::{Decision, Quantity},
+    failure::Failure,
+    output::OutputFile,
+};
+
+/// What one file came to.
+pub(crate) struct Row {
+    /// The file as it was named in the call.
+    pub(crate) file: String,
+    /// Its quantities, or why it is refused.
+    pub(crate) found: Result<(Vec<Quantity>, Option<Decision>), String>,
+}
+
+/// An output that must be none of the files that are read.
+pub(crate) fn open(path: &Path, files: &[PathBuf]) -> Result<OutputFile, Failure> {
+    let inputs: Vec<(&Path, &str)> = files
+        .iter()
+        .map(|f| (f.as_path(), "the readings"))
+        .collect();
+    OutputFile::open_beside(path, &inputs)
+}
+
+/// Writes the table: file, unit, a column for each quantity, verdict, error.
+pub(crate) fn write(mut output: OutputFile, rows: &[Row]) -> Result<(), Failure> {
+    let mut heads: Vec<String> = Vec::new();
+    for quantity in rows
+        .iter()
+        .flat_map(|row| row.found.iter().flat_map(|f| &f.0))
+    {
+        let head = head(quantity);
+        if !heads.contains(&head) {
+            heads.push(head);
+        }
+    }
+    let mut text = String::new();
+    let mut line = |cells: Vec<String>| {
+        let cells: Vec<String> = cells.iter().map(|cell| quoted(cell)).collect();
+        text += &cells.join(",");
+        text.push('\n');
+    };
+    let names = ["file".to_owned(), "unit".to_owned()].into_iter();
+    let last = ["verdict".to_owned(), "error".to_owned()];
+    line(names.chain(heads.iter().cloned()).chain(last).collect());
+    for row in rows {
+        let mut cells = vec![row.file.clone()];
+        match &row.found {
+            Ok((quantities, decision)) => {
+                cells.push(quantities.first().map_or("", |q| q.unit).to_owned());
+                for name in &heads {
+                    let value = quantities.iter().find(|q| head(q) == *name);
+                    let value = value.and_then(|q| q.value);
+                    cells.push(value.map_or_else(String::new, |v| v.to_string()));
+                }
+                cells.push(decision.map_or("", |d| d.verdict).to_owned());
+                cells.push(String::new());
+            }
+            Err(error) => {
+                cells.extend(std::iter::repeat_n(String::new(), heads.len() + 2));
+                cells.push(error.clone());
+            }
+        }
+        line(cells);
+    }
+    output.append(text.as_bytes())?;
+    output.finish()
+}
+
+/// The symbol; of ASME with the standard before it, since it has those of ISO 230-2.
+fn head(quantity: &Quantity) -> String {
+    if quantity.standard.starts_with("ASME") {
+        format!("ASME_{}", quantity.symbol)
+    } else {
+        quantity.symbol.to_owned()
+    }
+}
+
+/// A cell, in quotes where it holds what would end it.
+fn quoted(cell: &str) -> String {
+    if cell.contains(['"', ',', ';', '\n', '\r', '\t']) {
+        format!("\"{}\"", cell.replace('"', "\"\""))
+    } else {
+        cell.to_owned()
+    }
+}

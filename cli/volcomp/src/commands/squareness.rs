@@ -1,0 +1,154 @@
+//! `volcomp squareness`: the squareness of two axes from two straightness files.
+
+use std::path::PathBuf;
+
+use volcomp_metrology::{
+    ReferenceKind, StandardQuantity, squareness, squareness_parts, straightness_of,
+};
+use volcomp_vocabulary::{ErrorName, Urad};
+
+use super::iso230::judged::{decision, decision_text, judged, quantities_text, tolerances};
+use super::straightness::{Reference, key, read};
+use super::{Answer, fixed, table, table_text};
+use crate::{
+    answers::straight::{Squareness, SquarenessPart},
+    failure::Failure,
+    unit::Unit,
+};
+
+/// Squareness of two axes from two straightness files
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// The straightness of the later axis of the error: of EC0Y the file of EXY, of EA0Z that of EYZ, of EB0Z that of EXZ
+    first: PathBuf,
+    /// The straightness of the other axis: EYX, EZY, EZX
+    second: PathBuf,
+    /// The squareness error: EC0Y, EA0Z or EB0Z
+    #[arg(long)]
+    error: ErrorName,
+    /// Angle between the + directions of the reference beams, less 90°, µrad: 0 of a perfect optical square
+    #[arg(
+        long,
+        value_name = "URAD",
+        default_value_t = 0.0,
+        allow_hyphen_values = true
+    )]
+    reference_angle_urad: f64,
+    /// The line whose slope counts
+    #[arg(long, default_value = "least-squares")]
+    reference: Reference,
+    /// Unit of the deviations in files that do not state it (.csv), without it µm
+    #[arg(long)]
+    unit: Option<Unit>,
+    /// Limit, µrad: squareness=20
+    #[arg(long, value_name = "LIMIT")]
+    tolerance: Option<String>,
+}
+
+const SYMBOL: &str = "squareness";
+
+pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+    /// No optical square is that wrong, µrad.
+    const LARGEST_ANGLE_URAD: f64 = 1e5;
+    let tolerances = tolerances(arguments.tolerance.as_deref(), &[SYMBOL])?;
+    let angle = arguments.reference_angle_urad;
+    if !(0.0..=LARGEST_ANGLE_URAD).contains(&angle.abs()) {
+        return Err(Failure::Input(format!(
+            "--reference-angle-urad: found {angle}, expected the difference to 90°, at most 100000 µrad"
+        )));
+    }
+    let parts = squareness_parts(arguments.error)?;
+    let kind = arguments.reference.kind();
+    let paths = [&arguments.first, &arguments.second];
+    if let (Ok(a), Ok(b)) = (paths[0].canonicalize(), paths[1].canonicalize())
+        && a == b
+    {
+        let what = "this is the first file as well, expected the straightness of the other axis";
+        return Err(Failure::in_file(paths[1], what));
+    }
+    let mut notes = Vec::new();
+    let mut documents = Vec::new();
+    let mut slopes = Vec::new();
+    let mut variance = Some(0.0);
+    for (path, error) in paths.into_iter().zip(parts) {
+        let measurement = read(path, arguments.unit)?;
+        measurement.check_targets(error.axis)?;
+        let stated = measurement.metadata.axis.as_deref();
+        if let Some(axis) = stated.and_then(volcomp_metrology::axis_named)
+            && axis != error.axis
+        {
+            let what = format!(
+                "found axis {axis}, expected the straightness {error} of axis {}",
+                error.axis
+            );
+            return Err(Failure::in_file(path, what));
+        }
+        let found = straightness_of(&measurement)?;
+        notes.extend(
+            measurement
+                .notes
+                .iter()
+                .map(|note| format!("{error}: {note}")),
+        );
+        let slope = found.of(kind).line.slope();
+        variance = (variance.zip(found.slope_standard_uncertainty_urad))
+            .map(|(sum, u): (f64, f64)| sum + u * u);
+        documents.push(SquarenessPart {
+            error: error.to_string(),
+            file: path.display().to_string(),
+            slope_urad: slope.0,
+        });
+        slopes.push((error, slope));
+    }
+    let [first, second]: [(ErrorName, Urad); 2] = slopes
+        .try_into()
+        .map_err(|_| Failure::Work("two files make two slopes".to_owned()))?;
+    let parts: [SquarenessPart; 2] = documents
+        .try_into()
+        .map_err(|_| Failure::Work("two files make two parts".to_owned()))?;
+    let value = squareness(arguments.error, Urad(angle), [first, second])?.0;
+    let uncertainty = variance
+        .filter(|_| kind == ReferenceKind::LeastSquares)
+        .map(|variance| 2.0 * variance.sqrt());
+    let quantity = StandardQuantity {
+        symbol: SYMBOL,
+        name: "squareness by the slopes of two straightness lines",
+        value: Some(value),
+    };
+    let u = |_: &str| uncertainty;
+    let quantities = judged("ISO 230-1", vec![quantity], "urad", &tolerances, &u);
+    let decision = decision(&quantities);
+    let document = Squareness {
+        error: arguments.error.to_string(),
+        parts,
+        reference_angle_urad: angle,
+        reference: key(kind),
+        squareness_urad: value,
+        uncertainty_urad: uncertainty,
+        pass: decision.map(|d| d.pass),
+        decision,
+        quantities,
+        notes: notes.clone(),
+    };
+    let text = text(&document);
+    Answer::new(&document, text, notes)
+}
+
+fn text(document: &Squareness) -> String {
+    let mut rows = table(&["", "slope µrad"]);
+    for part in &document.parts {
+        rows.add_row([part.error.clone(), fixed(part.slope_urad, 2)]);
+    }
+    rows.add_row([
+        "reference angle".to_owned(),
+        fixed(document.reference_angle_urad, 2),
+    ]);
+    format!(
+        "squareness {}, µrad, slopes by {}\n\n{}\n{}{}",
+        document.error,
+        document.reference.replace('-', " "),
+        table_text(&rows),
+        quantities_text(&document.quantities),
+        decision_text(document.decision, &document.quantities)
+    )
+}

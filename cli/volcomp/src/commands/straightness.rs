@@ -1,0 +1,263 @@
+//! `volcomp straightness`: the straightness of a motion about the reference lines of ISO 230-1.
+
+use std::{
+    fmt::Write as _,
+    path::{Path, PathBuf},
+};
+
+use clap::ValueEnum;
+use volcomp_metrology::{
+    DeviationUnit, Measurement, ReferenceKind, StandardQuantity, Straightness, TiltReading,
+    Tolerance, angular_method_um, read_file, straightness_of, straightness_of_profile,
+};
+use volcomp_vocabulary::ErrorName;
+
+use super::iso230::judged::{decision, decision_text, judged, quantities_text, tolerances};
+use super::iso230::rows::{self, Row};
+use super::iso230::some_refused;
+use super::{Answer, fixed, table, table_text};
+use crate::{
+    answers::straight::{Straightness as Document, StraightnessDocument},
+    failure::Failure,
+    table::folded,
+    unit::{self, Unit},
+};
+
+/// Straightness of a motion about its reference lines, also from tilts
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// Measurement files: .rts, .csv; with --bridge-mm tilts, .rta or .csv
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// Unit of the deviations in a file that does not state it (.csv), without it µm, with --bridge-mm µrad
+    #[arg(long)]
+    unit: Option<Unit>,
+    /// The line that is taken out of the profile
+    #[arg(long, default_value = "least-squares")]
+    reference: Reference,
+    /// The readings are tilts of a bridge with this distance of its feet, mm, moved on by its own length
+    #[arg(long, value_name = "MM")]
+    bridge_mm: Option<f64>,
+    /// The straightness error, EYX: tilts are then in the right-hand sign of their angular error; without it a positive tilt
+    /// is a profile that rises
+    #[arg(long, requires = "bridge_mm")]
+    error: Option<ErrorName>,
+    /// Limits, µm: least-squares=5,end-points=6,minimum-zone=4
+    #[arg(long, value_name = "LIMITS")]
+    tolerance: Option<String>,
+    /// Write a CSV file, a row for each file that is read
+    #[arg(long, short = 'o', value_name = "FILE")]
+    csv: Option<PathBuf>,
+}
+
+/// A reference line.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Reference {
+    LeastSquares,
+    EndPoints,
+    MinimumZone,
+}
+
+impl Reference {
+    pub(crate) fn kind(self) -> ReferenceKind {
+        match self {
+            Self::LeastSquares => ReferenceKind::LeastSquares,
+            Self::EndPoints => ReferenceKind::EndPoints,
+            Self::MinimumZone => ReferenceKind::MinimumZone,
+        }
+    }
+}
+
+/// The key of a reference line in documents and tolerances.
+pub(crate) fn key(kind: ReferenceKind) -> &'static str {
+    match kind {
+        ReferenceKind::LeastSquares => SYMBOLS[0],
+        ReferenceKind::EndPoints => SYMBOLS[1],
+        ReferenceKind::MinimumZone => SYMBOLS[2],
+    }
+}
+
+const SYMBOLS: [&str; 3] = ["least-squares", "end-points", "minimum-zone"];
+
+pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+    let tolerances = tolerances(arguments.tolerance.as_deref(), &SYMBOLS)?;
+    let csv = match &arguments.csv {
+        Some(path) => Some(rows::open(path, &arguments.files)?),
+        None => None,
+    };
+    let row = |document: &Document| Row {
+        file: document.file.clone(),
+        found: Ok((document.quantities.clone(), document.decision)),
+    };
+    if let [only] = &arguments.files[..] {
+        let document = one(only, arguments, &tolerances)?;
+        if let Some(output) = csv {
+            rows::write(output, &[row(&document)])?;
+        }
+        let (text, notes) = (text(&document), document.notes.clone());
+        return Answer::new(&StraightnessDocument::One(Box::new(document)), text, notes);
+    }
+    let (mut files, mut texts, mut rows, mut refused) = (Vec::new(), Vec::new(), Vec::new(), 0);
+    for path in &arguments.files {
+        let file = path.display().to_string();
+        match one(path, arguments, &tolerances) {
+            Ok(document) => {
+                let notes: String = (document.notes.iter())
+                    .map(|note| folded(&format!("note: {note}"), ""))
+                    .collect();
+                texts.push(format!("{file}\n{notes}{}", text(&document)));
+                rows.push(row(&document));
+                files.push(StraightnessDocument::One(Box::new(document)));
+            }
+            Err(failure) => {
+                refused += 1;
+                let error = failure.message();
+                texts.push(folded(&format!("{file} REFUSED: {error}"), ""));
+                rows.push(Row {
+                    file: file.clone(),
+                    found: Err(error.clone()),
+                });
+                files.push(StraightnessDocument::Refused { file, error });
+            }
+        }
+    }
+    if let Some(output) = csv {
+        rows::write(output, &rows)?;
+    }
+    let count = files.len();
+    let document = StraightnessDocument::Many { files };
+    let answer = Answer::new(&document, texts.join("\n"), Vec::new())?;
+    Ok(Answer {
+        failed: some_refused(refused, count),
+        ..answer
+    })
+}
+
+/// A straightness file with its deviations in µm; other kinds of files are refused.
+pub(crate) fn read(path: &Path, asked: Option<Unit>) -> Result<Measurement, Failure> {
+    let mut measurement = read_file(path)?;
+    if unit::apply(path, &mut measurement, asked)? == DeviationUnit::Urad {
+        let what = "found angles, expected straightness readings in µm; of the tilts of a bridge state --bridge-mm";
+        return Err(Failure::in_file(path, what));
+    }
+    refuse_positioning(path, &measurement)?;
+    Ok(measurement)
+}
+
+fn refuse_positioning(path: &Path, measurement: &Measurement) -> Result<(), Failure> {
+    if measurement.quantity == Some(volcomp_metrology::Quantity::Positioning) {
+        let what =
+            "found positioning readings, expected straightness; `volcomp iso230` evaluates them";
+        return Err(Failure::in_file(path, what));
+    }
+    Ok(())
+}
+
+fn one(path: &Path, arguments: &Arguments, tolerances: &[Tolerance]) -> Result<Document, Failure> {
+    let (found, mut notes, method) = match arguments.bridge_mm {
+        None => {
+            let measurement = read(path, arguments.unit)?;
+            let found = straightness_of(&measurement)?;
+            (found, measurement.notes, "direct")
+        }
+        Some(bridge_mm) => {
+            let mut measurement = read_file(path)?;
+            refuse_positioning(path, &measurement)?;
+            if measurement.unit.is_none() && arguments.unit.is_none() {
+                measurement.unit = Some(DeviationUnit::Urad);
+                let note =
+                    "the unit of the tilts is not stated, taken as µrad: state it with --unit";
+                measurement.notes.push(note.to_owned());
+            }
+            if unit::apply(path, &mut measurement, arguments.unit)? == DeviationUnit::Um {
+                let what = "found lengths, expected tilts with --bridge-mm";
+                return Err(Failure::in_file(path, what));
+            }
+            measurement.check_directions()?;
+            let tilts = measurement.mean_curve();
+            let (error, reading) = match arguments.error {
+                Some(error) => (error, TiltReading::RightHand),
+                None => (rising(), TiltReading::Slope),
+            };
+            let profile = angular_method_um(error, reading, &tilts, bridge_mm)?;
+            let found = straightness_of_profile(&profile)?;
+            (found, measurement.notes, "angular-method")
+        }
+    };
+    if found.profile.len() < 3 {
+        notes
+            .push("two targets are always on one line: nothing is said of straightness".to_owned());
+    }
+    Ok(document(path, arguments, tolerances, &found, method, notes))
+}
+
+/// A straightness error by which slopes are slopes; any one does.
+fn rising() -> ErrorName {
+    use volcomp_vocabulary::{AxisName, Component};
+    ErrorName::motion(Component::EZ, AxisName::X)
+}
+
+fn document(
+    path: &Path,
+    arguments: &Arguments,
+    tolerances: &[Tolerance],
+    found: &Straightness,
+    method: &'static str,
+    notes: Vec<String>,
+) -> Document {
+    let quantities = found.about.iter().map(|about| StandardQuantity {
+        symbol: key(about.kind),
+        name: match about.kind {
+            ReferenceKind::LeastSquares => "straightness about the line of least squares",
+            ReferenceKind::EndPoints => "straightness about the line through the end points",
+            ReferenceKind::MinimumZone => "straightness by the minimum zone",
+        },
+        value: Some(about.error_um),
+    });
+    let none = |_: &str| None;
+    let quantities = judged("ISO 230-1", quantities.collect(), "um", tolerances, &none);
+    let decision = decision(&quantities);
+    let kind = arguments.reference.kind();
+    let profile = found.of(kind).line.removed_from(&found.profile);
+    let slopes = [0, 1, 2].map(|k: usize| found.about[k].line.slope().0);
+    Document {
+        file: path.display().to_string(),
+        method,
+        slopes_urad: slopes,
+        slope_standard_uncertainty_urad: found.slope_standard_uncertainty_urad,
+        reversal_um: found.reversal_um,
+        reference: key(kind),
+        profile: profile.into_iter().map(|(q, x)| [q, x]).collect(),
+        pass: decision.map(|d| d.pass),
+        decision,
+        quantities,
+        notes,
+    }
+}
+
+fn text(document: &Document) -> String {
+    let mut rows = table(&["target", "deviation"]);
+    for [target, deviation] in &document.profile {
+        rows.add_row([target.to_string(), fixed(*deviation, 2)]);
+    }
+    let method = match document.method {
+        "direct" => "",
+        _ => " by the angular method",
+    };
+    let [least, ends, zone] = document.slopes_urad.map(|slope| fixed(slope, 2));
+    let mut text = format!(
+        "straightness{method}, all values in µm, about {}\n\n{}\n{}\nslopes: least squares {least}, end points {ends}, minimum zone {zone} µrad\n",
+        document.reference.replace('-', " "),
+        table_text(&rows),
+        quantities_text(&document.quantities)
+    );
+    if let Some(reversal) = document.reversal_um {
+        // Writing to a string never fails.
+        let _ = writeln!(
+            text,
+            "largest difference of the directions {} µm",
+            fixed(reversal, 2)
+        );
+    }
+    text + &decision_text(document.decision, &document.quantities)
+}

@@ -1,0 +1,438 @@
+//! Evaluations by standards: positioning, circles, diagonals, straightness, squareness.
+
+use std::{fmt::Write as _, fs, path::Path};
+
+use serde_json::{Value, json};
+
+use crate::{json, refused, root, text, volcomp};
+
+const POSITIONING: &str = "fitting/metrology/tests/data/iso230-2-axis.csv";
+const CIRCLE: &str = "examples/circle.csv";
+
+#[track_caller]
+fn close(value: &Value, expected: f64, tolerance: f64) {
+    let found = value.as_f64().unwrap_or(f64::NAN);
+    assert!(
+        (found - expected).abs() <= tolerance,
+        "{found}, expected {expected}"
+    );
+}
+
+fn write(folder: &Path, name: &str, text: &str) -> String {
+    let path = folder.join(name);
+    fs::write(&path, text).expect("written");
+    path.display().to_string()
+}
+
+/// The row of a symbol in a document.
+fn quantity(document: &Value, symbol: &str) -> Value {
+    let rows = document["quantities"].as_array().expect("a list");
+    let row = rows.iter().find(|row| row["symbol"] == symbol);
+    row.cloned().unwrap_or(Value::Null)
+}
+
+#[test]
+fn standards_and_editions_beside_one_another() {
+    let all = json(&[
+        "iso230",
+        POSITIONING,
+        "--standard",
+        "all",
+        "--edition",
+        "2006",
+    ]);
+    assert_eq!(all["edition"], 2006);
+    let standards: Vec<&str> = all["quantities"]
+        .as_array()
+        .expect("a list")
+        .iter()
+        .filter_map(|row| row["standard"].as_str())
+        .collect();
+    for standard in ["ISO 230-2:2006", "VDI/DGQ 3441", "ASME B5.54"] {
+        assert!(standards.contains(&standard), "{standard}");
+    }
+    assert_eq!(quantity(&all, "B")["name"], "reversal value");
+    // Published as B and M.
+    close(&quantity(&all, "U_max")["value"], 43.46, 0.011);
+    close(&quantity(&all, "Pa")["value"], 48.09, 0.011);
+    let newest = json(&["iso230", POSITIONING]);
+    assert_eq!(quantity(&newest, "B")["name"], "reversal error");
+    assert_eq!(quantity(&newest, "P"), Value::Null);
+    assert_eq!(
+        (&newest["decision"], &newest["pass"]),
+        (&Value::Null, &Value::Null)
+    );
+    let old = text(&["iso230", POSITIONING, "--edition", "1997"]);
+    assert!(
+        old.starts_with("ISO 230-2:1997") && old.contains("B reversal value"),
+        "{old}"
+    );
+}
+
+/// B is 43.46 µm, A 204.75 µm. U(B) = √(2/5) · E_VE/√3.
+#[test]
+fn limits_are_judged_with_and_without_uncertainty() {
+    let judged = |options: &[&str]| json(&[&["iso230", POSITIONING], options].concat());
+    let good = judged(&["--tolerance", "A=204.8,b=43.5"]);
+    assert_eq!(
+        (&good["pass"], &good["decision"]["rule"]),
+        (&json!(true), &json!("simple"))
+    );
+    let bad = judged(&["--tolerance", "A=204.8,B=43.4"]);
+    assert_eq!(
+        (&bad["pass"], &bad["decision"]["verdict"]),
+        (&json!(false), &json!("fail"))
+    );
+    assert_eq!(quantity(&bad, "A")["verdict"], "pass");
+    let open = judged(&["--tolerance", "B=43.5", "--environment-um", "2"]);
+    assert_eq!(open["decision"]["verdict"], "undecided");
+    assert_eq!(
+        (&open["pass"], &open["decision"]["rule"]),
+        (&json!(false), &json!("ISO 14253-1"))
+    );
+    close(
+        &quantity(&open, "B")["uncertainty"],
+        (2.0_f64 / 5.0).sqrt() * 2.0 / 3.0_f64.sqrt(),
+        1e-9,
+    );
+    let left_out = open["uncertainty"]["left_out"].to_string();
+    assert!(
+        left_out.contains("U_DEVICE") && !left_out.contains("U_EVE"),
+        "{left_out}"
+    );
+    let said = text(&["iso230", POSITIONING, "--tolerance", "A=204.8,B=43.4"]);
+    assert!(
+        said.contains("FAIL: fail B; pass A; value against limit"),
+        "{said}"
+    );
+}
+
+#[test]
+fn a_test_far_from_twenty_degrees_says_so_and_how_it_was_compensated() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let demo = folder.path().join("demo").display().to_string();
+    json(&["demo", "-o", &demo]);
+    let cold = json(&["iso230", &format!("{demo}/exx.rtl")]);
+    assert_eq!(
+        cold["material_compensation"],
+        "not stated: no expansion coefficient"
+    );
+    assert!(
+        cold["notes"].to_string().contains("asks for 33 at least"),
+        "{}",
+        cold["notes"]
+    );
+    let laser = fs::read_to_string(format!("{demo}/exx.rtl")).expect("read");
+    let no_sensor = "Mat temp 1 : -10.000000 -10.000000 0\r\n";
+    assert!(laser.contains(no_sensor), "{laser}");
+    let sensor = "Mat temp 1 : 26.0 26.2 0\r\nExp coeff  : 11.0 11.0 0\r\n";
+    let laser = laser.replacen(no_sensor, sensor, 1);
+    let warm = write(folder.path(), "warm.rtl", &laser);
+    let options = [
+        "iso230",
+        &warm,
+        "--temperature-range-k",
+        "1",
+        "--expansion-range",
+        "2",
+    ];
+    let warm = json(&options);
+    assert!(
+        warm["notes"]
+            .to_string()
+            .contains("farther than 1 K from 20 °C"),
+        "{}",
+        warm["notes"]
+    );
+    let said = warm["material_compensation"].as_str().expect("a text");
+    assert!(said.contains("11 µm/(m·K)"), "{said}");
+    // 8 m: α L R/√3 and ΔT L R(α)/√3 with what the file states.
+    let contribution = |k: usize| warm["uncertainty"]["contributions"][k]["u_um"].clone();
+    close(&contribution(2), 11.0 * 8.0 / 3.0_f64.sqrt(), 1e-9);
+    close(&contribution(3), 6.2 * 8.0 * 2.0 / 3.0_f64.sqrt(), 1e-9);
+}
+
+#[test]
+fn one_bad_file_does_not_hide_the_others() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let broken = write(
+        folder.path(),
+        "broken,\"one\".csv",
+        "target,deviation\n1,nan\n",
+    );
+    let table = folder.path().join("all.csv").display().to_string();
+    let output = volcomp(&[
+        "--json",
+        "iso230",
+        POSITIONING,
+        &broken,
+        POSITIONING,
+        "-o",
+        &table,
+    ]);
+    assert_eq!(output.status.code(), Some(2));
+    let document: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let files = document["files"].as_array().expect("a list");
+    assert_eq!(files.len(), 3);
+    close(&files[2]["B_um"], 43.46, 0.011);
+    assert!(files[1]["error"].to_string().contains("found `nan`"));
+    let said = String::from_utf8(output.stderr).expect("UTF-8");
+    assert!(said.contains("1 of 3 files are refused"), "{said}");
+    let mut rows = csv::Reader::from_path(&table).expect("a table");
+    let heads: Vec<String> = rows
+        .headers()
+        .expect("heads")
+        .iter()
+        .map(str::to_owned)
+        .collect();
+    let rows: Vec<csv::StringRecord> = rows.records().map(|row| row.expect("a row")).collect();
+    assert_eq!(rows.len(), 3);
+    let cell = |row: usize, head: &str| {
+        let place = heads.iter().position(|h| h == head).expect("a head");
+        rows[row][place].to_owned()
+    };
+    assert!((cell(0, "B").parse::<f64>().expect("a number") - 43.46).abs() < 0.011);
+    assert_eq!((cell(1, "B"), cell(1, "file")), (String::new(), broken));
+    assert!(cell(1, "error").contains("found `nan`") && cell(2, "error").is_empty());
+    let message = refused(&["iso230", POSITIONING, "-o", POSITIONING]);
+    assert!(
+        message.contains("expected another one to write"),
+        "{message}"
+    );
+}
+
+/// `examples/circle.csv` was made with 45 µrad between the axes, scales of 20 and −10 µm/m, reversal of 3 and 1 µm, spikes of 4 µm of X
+/// and a centre of 12.3 and −7.1 µm; Y turned towards +X closes the angle.
+#[test]
+fn the_circle_of_the_examples_gives_back_its_errors() {
+    let found = json(&["iso230", CIRCLE, "--part", "4", "--radius-mm", "150"]);
+    let signature = |kind: &str| {
+        let all = found["signatures"].as_array().expect("a list");
+        all.iter()
+            .find(|s| s["kind"] == kind)
+            .cloned()
+            .expect("a signature")
+    };
+    for (kind, size, within) in [
+        ("squareness", 45.0, 0.6),
+        ("scale-mismatch", 30.0, 0.6),
+        ("backlash-first", 3.0, 0.15),
+        ("backlash-second", 1.0, 0.15),
+        ("servo-mismatch", 0.0, 0.05),
+        ("spikes-first", 4.0, 0.6),
+        ("spikes-second", 0.0, 0.6),
+    ] {
+        close(&signature(kind)["size"], size, within);
+    }
+    assert_eq!(signature("squareness")["of"], "EC0Y");
+    assert!(
+        found["notes"].to_string().contains("0.0123, -0.0071 mm"),
+        "{}",
+        found["notes"]
+    );
+    close(&found["rms_left_um"], 0.2, 0.02);
+    assert_eq!(found["points"], json!([360, 360]));
+    close(&quantity(&found, "D")["value"], 150.0 * 5e-3, 0.1);
+    let judged = json(&["iso230", CIRCLE, "--part", "4", "--tolerance", "G_b=1"]);
+    assert_eq!(judged["pass"], json!(false));
+    // Without a radius nothing is said of F.
+    assert_eq!(quantity(&judged, "F_max")["value"], Value::Null);
+}
+
+/// A cube of 300 mm with a squareness of 20 µrad: each diagonal grows by ∓ a b EC0Y / D.
+#[test]
+fn diagonals_are_named_by_file_or_option_and_hint_at_squareness() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let length = 300.0 * 3.0_f64.sqrt();
+    let growth = 300.0 * 300.0 * 20e-3 / length;
+    let mut paths = Vec::new();
+    for (name, sign) in [("ppp", -1.0), ("npp", 1.0), ("pnp", 1.0), ("ppn", -1.0)] {
+        let mut rows = "target,run,direction,deviation um\n".to_owned();
+        for (direction, shift) in [("+", 0.5), ("-", -0.5)] {
+            for k in 0..6 {
+                let share = f64::from(k) / 5.0;
+                let deviation = sign * growth * share + shift;
+                writeln!(rows, "{},1,{direction},{deviation}", length * share).expect("a string");
+            }
+        }
+        paths.push(write(folder.path(), &format!("body-{name}.csv"), &rows));
+    }
+    let files: Vec<&str> = paths.iter().map(String::as_str).collect();
+    let call = |options: &[&str]| json(&[&["iso230", "--part", "6"], &files[..], options].concat());
+    let found = call(&["--box-mm", "300,300,300"]);
+    crate::schema::validate("iso230-diagonals", &found);
+    assert_eq!(found["squareness"][0]["error"], "EC0Y");
+    close(&found["squareness"][0]["urad"], 20.0, 1e-6);
+    close(&found["squareness"][1]["urad"], 0.0, 1e-6);
+    close(&found["diagonals"][1]["growth_um"], growth, 1e-6);
+    close(&quantity(&found, "B_d")["value"], 1.0, 1e-9);
+    close(&quantity(&found, "E_d")["value"], growth + 1.0, 1e-6);
+    close(&quantity(&found, "spread")["value"], 2.0 * growth, 1e-6);
+    // The names of the call go before those of the files.
+    let turned = call(&["--diagonals", "NPP,PPP,PPN,PNP", "--box-mm", "300,300,300"]);
+    close(&turned["squareness"][0]["urad"], -20.0, 1e-6);
+    let message = refused(&["iso230", "--part", "6", POSITIONING]);
+    assert!(message.contains("no name of a diagonal"), "{message}");
+}
+
+#[test]
+fn straightness_and_squareness_of_the_examples() {
+    let [exy, eyx] = ["examples/straight-exy.csv", "examples/straight-eyx.csv"];
+    let found = json(&["straightness", exy, "--reference", "end-points"]);
+    let profile = found["profile"].as_array().expect("a list");
+    close(&profile[0][1], 0.0, 1e-9);
+    close(&profile[10][1], 0.0, 1e-9);
+    // A bow of 4 µm, made with 0.2 µm of noise and a slope of −9 µrad.
+    close(&quantity(&found, "minimum-zone")["value"], 4.0, 0.3);
+    close(&found["slopes_urad"][0], -9.0, 0.4);
+    close(&found["reversal_um"], 0.4, 0.4);
+    let square = json(&[
+        "squareness",
+        exy,
+        eyx,
+        "--error",
+        "EC0Y",
+        "--reference-angle-urad",
+        "1.5",
+    ]);
+    // 1.5 + 9 + 6.
+    close(&square["squareness_urad"], 16.5, 0.6);
+    let other = json(&[
+        "squareness",
+        exy,
+        eyx,
+        "--error",
+        "EC0Y",
+        "--reference",
+        "minimum-zone",
+    ]);
+    assert_eq!(other["uncertainty_urad"], Value::Null);
+    // Tilts of a bridge of 250 mm: waves of 12 and 5 µm.
+    let tilts = json(&["straightness", "examples/tilts.csv", "--bridge-mm", "250"]);
+    assert_eq!(tilts["method"], "angular-method");
+    let wave = |q: f64| {
+        let turn = std::f64::consts::TAU * q;
+        12.0 * (turn / 8000.0).sin() + 5.0 * (turn / 2500.0).cos()
+    };
+    let points: Vec<(f64, f64)> = (0..=32)
+        .map(|k| f64::from(k) * 250.0)
+        .map(|q| (q, wave(q)))
+        .collect();
+    let truth = volcomp_metrology::straightness_of_profile(&points).expect("a profile");
+    close(
+        &quantity(&tilts, "least-squares")["value"],
+        truth.about[0].error_um,
+        1.5,
+    );
+}
+
+#[test]
+fn files_and_options_of_another_kind_are_told() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let demo = folder.path().join("demo").display().to_string();
+    json(&["demo", "-o", &demo]);
+    let linear = fs::read_to_string(format!("{demo}/exx.rtl")).expect("read");
+    let straight = linear.replacen("rtl", "rts", 1);
+    let straight = write(folder.path(), "eyx.rts", &straight);
+    let laser = format!("{demo}/exx.rtl");
+    let angles = format!("{demo}/eay.rta");
+    let circle = root().join(CIRCLE).display().to_string();
+    let calls: &[(&[&str], &str)] = &[
+        (
+            &["iso230", &straight],
+            "`volcomp straightness` evaluates them",
+        ),
+        (&["straightness", &laser], "`volcomp iso230` evaluates them"),
+        (
+            &["straightness", &angles],
+            "of the tilts of a bridge state --bridge-mm",
+        ),
+        (
+            &["straightness", &straight, "--bridge-mm", "400"],
+            "expected tilts with --bridge-mm",
+        ),
+        (
+            &["straightness", &angles, "--bridge-mm", "123"],
+            "expected the bridge length 123 mm",
+        ),
+        (
+            &["squareness", &straight, &straight, "--error", "EC0Y"],
+            "the first file as well",
+        ),
+        (
+            &["squareness", &straight, &laser, "--error", "EXX"],
+            "expected EC0Y, EA0Z or EB0Z",
+        ),
+        (
+            &["iso230", POSITIONING, "--radius-mm", "9"],
+            "--radius-mm: found --part 2, expected --part 4",
+        ),
+        (
+            &["iso230", POSITIONING, "--box-mm", "1,2,3"],
+            "--box-mm: found --part 2, expected --part 6",
+        ),
+        (
+            &["iso230", &circle, "--part", "4", "--device-um", "1"],
+            "expected --part 2",
+        ),
+        (
+            &["iso230", POSITIONING, "--edition", "1988"],
+            "with 3 s, is not evaluated",
+        ),
+        (
+            &[
+                "iso230",
+                POSITIONING,
+                "--edition",
+                "1997",
+                "--device-um",
+                "1",
+            ],
+            "expected 2006 or 2014",
+        ),
+        (
+            &["iso230", &angles, "--device-um", "1"],
+            "expected lengths of a linear axis",
+        ),
+        (
+            &["iso230", POSITIONING, "--device-um=-1"],
+            "expected a finite number of at least 0",
+        ),
+        (
+            &["iso230", POSITIONING, "--tolerance", "P=10"],
+            "--tolerance: symbol: found `P`",
+        ),
+        (
+            &["iso230", POSITIONING, "--tolerance", "A=10um"],
+            "without its unit",
+        ),
+        (
+            &["iso230", POSITIONING, "--part", "6", "--diagonals", "PPQ"],
+            "expected one of PPP",
+        ),
+        (
+            &[
+                "iso230",
+                POSITIONING,
+                "--part",
+                "6",
+                "--diagonals",
+                "PPP,NPP",
+            ],
+            "expected one for each of 1",
+        ),
+        (
+            &["iso230", POSITIONING, "--part", "4"],
+            "expected the columns `angle` and `deviation`",
+        ),
+        (&["iso230", "examples", "--part", "4"], "found a directory"),
+        (
+            &["iso230", &circle, "--part", "4", "--feed", "0"],
+            "expected mm/min above zero",
+        ),
+    ];
+    for (call, expected) in calls {
+        let message = refused(call);
+        assert!(message.contains(expected), "{call:?}: {message}");
+    }
+}
