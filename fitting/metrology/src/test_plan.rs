@@ -1,6 +1,6 @@
 //! What ISO 230-2 asks of a positioning test: how many targets and runs, by the kind of axis and its travel.
 
-use volcomp_vocabulary::{AxisKind, Direction};
+use volcomp_vocabulary::{AxisKind, AxisName, Direction};
 
 use crate::{Edition, Measurement, axis_named};
 
@@ -73,7 +73,7 @@ pub fn axis_kind(measurement: &Measurement) -> Option<AxisKind> {
         _ => {}
     }
     let named = measurement.metadata.axis.as_deref().and_then(axis_named);
-    named.map(|axis| axis.kind())
+    named.map(AxisName::kind)
 }
 
 /// Where a test has fewer targets or runs than the standard asks for; empty where it has enough.

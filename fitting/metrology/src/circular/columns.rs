@@ -88,14 +88,14 @@ fn deviation_in_um(table: &CsvTable, unit: &str) -> Result<f64, MetrologyError> 
     if unit.is_empty() {
         return Ok(1.0);
     }
-    match ReadingUnit::named(&unit) {
-        Some(unit @ (ReadingUnit::Mm | ReadingUnit::Um | ReadingUnit::Nm)) => Ok(unit.micro()),
-        _ => {
-            let found = quoted(&unit);
-            let message = format!("found radial deviations in {found}, expected µm, mm or nm");
-            Err(table.header_error(message).into())
-        }
+    if let Some(unit @ (ReadingUnit::Mm | ReadingUnit::Um | ReadingUnit::Nm)) =
+        ReadingUnit::named(&unit)
+    {
+        return Ok(unit.micro());
     }
+    let found = quoted(&unit);
+    let message = format!("found radial deviations in {found}, expected µm, mm or nm");
+    Err(table.header_error(message).into())
 }
 
 /// The column of a name, alone or with a unit behind it, and that unit.

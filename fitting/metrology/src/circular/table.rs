@@ -98,8 +98,8 @@ pub fn parse_trace(
         return Err(refuse(name, "nominal radius", found, expected));
     };
     // A deviation as large as the circle is one in another unit.
-    if let Some(pair) = radial.iter().find(|pair| pair[1].abs() > 10.0 * nominal) {
-        let found = format!("{} µm at a radius of {nominal} mm", pair[1]);
+    if let Some([_, deviation]) = radial.iter().find(|pair| pair[1].abs() > 10.0 * nominal) {
+        let found = format!("{deviation} µm at a radius of {nominal} mm");
         let expected = "deviations below a hundredth of the radius";
         return Err(refuse(name, "deviation", found, expected));
     }

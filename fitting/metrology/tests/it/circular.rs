@@ -348,10 +348,10 @@ fn tables_that_are_no_circle_are_refused() {
         read(&format!("x,y\n{}", rows("1,2\n")), None),
     ];
     insta::assert_snapshot!(messages.join("\n"));
-    let short: String = (0..30)
-        .map(|k| format!("{},1\n", f64::from(k) * 1e-4))
-        .collect();
-    let short = format!("angle,deviation\n{short}");
+    let mut short = "angle,deviation\n".to_owned();
+    for k in 0..30 {
+        writeln!(short, "{},1", f64::from(k) * 1e-4).unwrap();
+    }
     let trace = parse_trace(short.as_bytes(), "s.csv", CircularPlane::Xy, Some(9.0)).unwrap();
     assert!(circular_deviations(&trace).is_err());
     assert!(circular_signatures(&trace).is_err());

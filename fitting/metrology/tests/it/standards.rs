@@ -95,8 +95,8 @@ fn vdi_3441_of_the_published_readings() {
             (mean, (squares / (n - 1.0)).sqrt())
         };
         let ((up, s_up), (down, s_down)) = (of("+"), of("-"));
-        let mean = (up + down) / 2.0;
-        let half = ((up - down).abs() + 3.0 * (s_up + s_down)) / 2.0;
+        let mean = 0.5 * (up + down);
+        let half = 0.5 * (up - down).abs() + 1.5 * (s_up + s_down);
         upper = upper.max(mean + half);
         lower = lower.min(mean - half);
         means.push(mean);
