@@ -23,6 +23,8 @@ pub(crate) struct Angular {
     /// The standard deviation of each fitted tilt at a target, µrad, where its readings show it.
     pub(crate) noise_urad: BTreeMap<ErrorName, f64>,
     pub(crate) notes: Vec<String>,
+    /// Those of the notes that say which lines contradict each other.
+    pub(crate) contradictions: Vec<String>,
 }
 
 /// Fits every angular error; `step` is called after each.
@@ -40,6 +42,7 @@ pub(crate) fn angular(
         tilted: known.clone(),
         noise_urad: BTreeMap::new(),
         notes: Vec::new(),
+        contradictions: Vec::new(),
     };
     let names = measured(file).into_iter();
     for error in names.filter(|error| error.component.is_angular()) {
@@ -52,7 +55,8 @@ pub(crate) fn angular(
             as_read.push(read);
         }
         let told = contradictions(error, &as_read, &profiles, None)?;
-        result.notes.extend(told);
+        result.notes.extend(told.iter().cloned());
+        result.contradictions.extend(told);
         let noise = noise_of_lines(&profiles);
         result.noise_urad.extend(noise.map(|noise| (error, noise)));
         let (fitted, _) = fit(file, error, profiles)?;

@@ -9,6 +9,7 @@ use crate::{
     error::CalibrateError,
     fitted::measured,
     fitted_curve::FittedCurve,
+    fitted_line::FittedLine,
     identified::{Identified, Wanted, settled},
     locations::located,
     not_measured::not_measured,
@@ -23,6 +24,8 @@ pub struct Calibration {
     pub machine: Machine,
     /// Each fitted curve, angular errors first.
     pub curves: Vec<FittedCurve>,
+    /// The readings that the curves follow, line by line, in the order of the curves.
+    pub lines: Vec<FittedLine>,
     /// Each squareness, as the calibration file names it.
     pub squareness: Vec<(ErrorName, Urad)>,
     /// Each location error that the calibration file states, with its uncertainty.
@@ -31,6 +34,8 @@ pub struct Calibration {
     pub identified: Option<Identified>,
     /// Messages that a person should read: errors not measured, levers left in, notes on the measurement files.
     pub warnings: Vec<String>,
+    /// Those of the messages that say which lines contradict each other.
+    pub contradictions: Vec<String>,
     /// Those of the messages that name the errors which nothing measured, each with what it can do.
     pub not_measured: Vec<String>,
 }
@@ -93,10 +98,12 @@ fn calibrated(
     Ok(Calibration {
         machine: stages.machine,
         curves: stages.curves,
+        lines: stages.lines,
         squareness: stages.squareness,
         locations: file.locations.clone(),
         identified,
         warnings,
+        contradictions: stages.contradictions,
         not_measured,
     })
 }

@@ -9,6 +9,7 @@ use crate::{
     branches::Branches,
     calibration_file::{CalibrationFile, Line},
     error::CalibrateError,
+    fitted_line::FittedLine,
     profile::{Profile, files_of},
 };
 
@@ -16,6 +17,8 @@ use crate::{
 pub(crate) struct Fitted {
     pub(crate) error: ErrorName,
     pub(crate) branches: Branches,
+    /// The readings that the curves follow.
+    pub(crate) lines: Vec<FittedLine>,
 }
 
 impl Fitted {
@@ -85,9 +88,12 @@ pub(crate) fn fit<'a>(
                 other: filled,
             });
         }
+        let lines = profiles.iter();
+        let lines = lines.map(|profile| FittedLine::new(file, filled, profile, (share, zero)));
         fitted.push(Fitted {
             error: filled,
             branches: branches.scaled(share, zero),
+            lines: lines.collect(),
         });
     }
     Ok((fitted, profiles))

@@ -25,6 +25,8 @@ pub(crate) struct Linear<'a> {
     /// Each measured straightness line with the slope of all that was removed from it along its own coordinate.
     pub(crate) removed: Vec<(&'a Line, Urad)>,
     pub(crate) notes: Vec<String>,
+    /// Those of the notes that say which lines contradict each other.
+    pub(crate) contradictions: Vec<String>,
 }
 
 /// Fits every linear error, with the tilts that the machine of `tilts` has and what the other axes of `whole` add to rotary ones; `step` is called after each.
@@ -39,6 +41,7 @@ pub(crate) fn linear<'a>(
         fitted: Vec::new(),
         removed: Vec::new(),
         notes: Vec::new(),
+        contradictions: Vec::new(),
     };
     let names = measured(file).into_iter();
     for error in names.filter(|error| !error.component.is_angular()) {
@@ -54,7 +57,8 @@ pub(crate) fn linear<'a>(
             profiles.push(profile);
         }
         let told = contradictions(error, &as_read, &profiles, Some(tilts))?;
-        result.notes.extend(told);
+        result.notes.extend(told.iter().cloned());
+        result.contradictions.extend(told);
         if straightness {
             let straight = |profile: Profile<'a>| {
                 let line = profile.reference_line()?;

@@ -36,6 +36,7 @@ pub(crate) fn from_parallel_lines(
         tilted: tilted.clone(),
         noise_urad: BTreeMap::new(),
         notes: Vec::new(),
+        contradictions: Vec::new(),
     };
     let mut names = measured(file);
     names.retain(|name| !name.component.is_angular() && name.axis.kind() == AxisKind::Linear);

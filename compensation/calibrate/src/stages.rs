@@ -11,6 +11,7 @@ use crate::{
     error::CalibrateError,
     fitted::measured,
     fitted_curve::FittedCurve,
+    fitted_line::FittedLine,
     linear::linear,
     parallel_lines::from_parallel_lines,
     set_up::SetUp,
@@ -26,8 +27,10 @@ pub(crate) struct Stages {
     pub(crate) machine: Machine,
     pub(crate) measured: Vec<ErrorName>,
     pub(crate) curves: Vec<FittedCurve>,
+    pub(crate) lines: Vec<FittedLine>,
     pub(crate) squareness: Vec<(ErrorName, Urad)>,
     pub(crate) notes: Vec<String>,
+    pub(crate) contradictions: Vec<String>,
 }
 
 impl Stages {
@@ -95,7 +98,11 @@ impl Stages {
         }
         let angles = angular.fitted.iter().chain(&parallel.fitted);
         let fitted = angles.chain(&linear.fitted);
+        let lines = fitted.clone().flat_map(|fitted| fitted.lines.clone());
+        let lines = lines.collect();
         let curves = fitted.flat_map(|fitted| fitted.branches.fitted(fitted.error));
+        let mut contradictions = angular.contradictions;
+        contradictions.extend(linear.contradictions);
         let mut notes = angular.notes;
         notes.extend(parallel.notes);
         notes.extend(linear.notes);
@@ -104,8 +111,10 @@ impl Stages {
             machine,
             measured: measured(file),
             curves: curves.collect(),
+            lines,
             squareness,
             notes,
+            contradictions,
         })
     }
 
