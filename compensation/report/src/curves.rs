@@ -1,0 +1,280 @@
+//! The error curves of a calibration with the readings that they follow, and those that a machine file states.
+
+use std::collections::HashMap;
+
+use volcomp_calibrate::{Calibration, CalibrationFile, FittedCurve, FittedLine, Method, Quality};
+use volcomp_metrology::Measurement;
+use volcomp_model::{Machine, student_widening};
+use volcomp_vocabulary::{Direction, ErrorName};
+
+use crate::report::{Band, BandKind, Branch, Curve, CurveLine, FitNumbers, Run};
+
+/// Points of a curve over the travel.
+const POINTS: usize = 241;
+
+/// Every error of a machine that has a curve: those that were fitted first, in the order of the calibration, then those that its
+/// file states.
+pub(crate) fn curves(file: &CalibrationFile, calibration: &Calibration) -> Vec<Curve> {
+    let machine = &calibration.machine;
+    let mut names: Vec<ErrorName> = Vec::new();
+    for curve in &calibration.curves {
+        if !names.contains(&curve.error) {
+            names.push(curve.error);
+        }
+    }
+    let fitted = names.iter().filter_map(|error| {
+        let lines: Vec<&FittedLine> = calibration
+            .lines
+            .iter()
+            .filter(|l| l.error == *error)
+            .collect();
+        let fits: Vec<&FittedCurve> = calibration
+            .curves
+            .iter()
+            .filter(|c| c.error == *error)
+            .collect();
+        of_error(machine, *error, file, &lines, &fits)
+    });
+    let mut all: Vec<Curve> = fitted.collect();
+    let others = machine.errors().map(|(error, _)| error);
+    let others = others.filter(|error| !names.contains(error));
+    all.extend(others.filter_map(|error| of_error(machine, error, file, &[], &[])));
+    all
+}
+
+/// The curves that a machine file states.
+pub(crate) fn stated_curves(machine: &Machine) -> Vec<Curve> {
+    let names = machine.errors().map(|(error, _)| error);
+    names.filter_map(|error| bare(machine, error)).collect()
+}
+
+fn of_error(
+    machine: &Machine,
+    error: ErrorName,
+    file: &CalibrationFile,
+    lines: &[&FittedLine],
+    fits: &[&FittedCurve],
+) -> Option<Curve> {
+    let mut curve = bare(machine, error)?;
+    if lines.is_empty() {
+        return Some(curve);
+    }
+    let scatter = lines.iter().filter_map(|line| {
+        let line = file.measurements.get(line.line?)?;
+        scatter(&line.readings, line.setup.method)
+    });
+    // Of several lines the widest: none of them is then taken for better than it is.
+    let widest = scatter.reduce(|a, b| if b.0 > a.0 { b } else { a });
+    for fit in fits {
+        let directions: &[usize] = match fit.direction {
+            Some(direction) => &[direction as usize],
+            None => &[0, 1],
+        };
+        // One curve for both where only one direction was run.
+        let found = curve
+            .branches
+            .iter()
+            .position(|b| b.direction == fit.direction);
+        let Some(place) = found.or((!curve.branches.is_empty()).then_some(0)) else {
+            continue;
+        };
+        let means = lines
+            .iter()
+            .flat_map(|line| directions.iter().flat_map(|d| &line.points[*d]));
+        let mut means: Vec<(f64, f64)> = means.copied().collect();
+        means.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let value = curve_of(machine, error, fit.direction);
+        let branch = &mut curve.branches[place];
+        branch.residuals = means
+            .iter()
+            .map(|(at, mean)| (*at, mean - value(*at)))
+            .collect();
+        branch.fit = Some(numbers(fit));
+        if let (Some((sigma, degrees)), Some(first), Some(last)) =
+            (widest, means.first(), means.last())
+        {
+            let half = 1.96 * student_widening(degrees) * sigma;
+            let within = branch
+                .points
+                .iter()
+                .filter(|p| (first.0..=last.0).contains(&p.0));
+            let (x, y): (Vec<f64>, Vec<f64>) = within.copied().unzip();
+            branch.band = Some(Band {
+                low: y.iter().map(|y| y - half).collect(),
+                high: y.iter().map(|y| y + half).collect(),
+                x,
+                kind: BandKind::OfMeanReadings,
+            });
+        }
+    }
+    curve.lines = lines.iter().map(|line| of_line(file, line)).collect();
+    Some(curve)
+}
+
+/// The curve alone.
+fn bare(machine: &Machine, error: ErrorName) -> Option<Curve> {
+    let axis = machine.axis(error.axis)?;
+    let stated = machine.error(error)?;
+    let directions: &[Option<Direction>] = match stated {
+        volcomp_model::curve::ErrorCurve::Single(_) => &[None],
+        _ => &[Some(Direction::Positive), Some(Direction::Negative)],
+    };
+    let [low, high] = axis.travel;
+    let at = |index: usize| low + (high - low) * index as f64 / (POINTS - 1) as f64;
+    let branches = directions.iter().map(|direction| {
+        let value = curve_of(machine, error, *direction);
+        Branch {
+            direction: *direction,
+            points: (0..POINTS)
+                .map(|index| (at(index), value(at(index))))
+                .collect(),
+            residuals: Vec::new(),
+            band: None,
+            fit: None,
+        }
+    });
+    Some(Curve {
+        error: error.to_string(),
+        axis: error.axis.to_string(),
+        x_unit: error.axis.kind().coordinate_unit().to_owned(),
+        unit: error.component.symbol().to_owned(),
+        travel: axis.travel,
+        branches: branches.collect(),
+        lines: Vec::new(),
+    })
+}
+
+/// An error of a machine over the coordinate of its axis, all other axes at 0.
+fn curve_of(
+    machine: &Machine,
+    error: ErrorName,
+    direction: Option<Direction>,
+) -> impl Fn(f64) -> f64 {
+    let stated = machine.error(error).cloned();
+    let own = machine.index_of(error.axis).unwrap_or_default();
+    let count = machine.axes().len();
+    move |at| {
+        let mut coordinates = vec![0.0; count];
+        if let Some(place) = coordinates.get_mut(own) {
+            *place = at;
+        }
+        stated
+            .as_ref()
+            .map_or(0.0, |curve| curve.value(own, &coordinates, direction))
+    }
+}
+
+fn numbers(fit: &FittedCurve) -> FitNumbers {
+    let (residual, leave_one_out, reversal) = match fit.quality {
+        Quality::Length(q) => (
+            [q.residual_min.0, q.residual_max.0, q.residual_rms.0],
+            q.leave_one_out.0,
+            q.reversal.map(|b| b.0),
+        ),
+        Quality::Angle(q) => (
+            [q.residual_min.0, q.residual_max.0, q.residual_rms.0],
+            q.leave_one_out.0,
+            q.reversal.map(|b| b.0),
+        ),
+    };
+    FitNumbers {
+        kind: fit.kind.to_owned(),
+        readings: fit.readings,
+        residual,
+        leave_one_out,
+        reversal,
+    }
+}
+
+/// The readings of a line where its curve is: each reading moved by what its mean was moved by.
+fn of_line(file: &CalibrationFile, fitted: &FittedLine) -> CurveLine {
+    let means = fitted.points.clone();
+    let Some(line) = fitted.line.and_then(|line| file.measurements.get(line)) else {
+        return CurveLine {
+            file: None,
+            runs: Vec::new(),
+            means,
+        };
+    };
+    let mut runs = Vec::new();
+    if line.setup.method == Method::Direct {
+        let key = |at: f64| (at + 0.0).to_bits();
+        let moved = Direction::BOTH.map(|direction| -> HashMap<u64, (f64, f64)> {
+            let raw = line.readings.mean_curve_in(direction).into_iter();
+            let raw: HashMap<u64, f64> = raw.map(|(at, mean)| (key(at), mean)).collect();
+            let there = means[direction as usize].iter();
+            there
+                .filter_map(|(at, mean)| Some((key(*at), (*mean, *raw.get(&key(*at))?))))
+                .collect()
+        });
+        runs = runs_of(&line.readings, |direction, at, reading| {
+            let (mean, raw) = moved[direction as usize].get(&key(at))?;
+            Some(mean + fitted.factor * (reading - raw))
+        });
+    }
+    CurveLine {
+        file: Some(line.file.display().to_string()),
+        runs,
+        means,
+    }
+}
+
+/// The runs of a measurement, each reading as `value` gives it.
+pub(crate) fn runs_of(
+    measurement: &Measurement,
+    value: impl Fn(Direction, f64, f64) -> Option<f64>,
+) -> Vec<Run> {
+    let mut runs: Vec<Run> = Vec::new();
+    let mut places: HashMap<(Direction, u32), usize> = HashMap::new();
+    for reading in &measurement.readings {
+        let Some(value) = value(reading.direction, reading.target, reading.deviation) else {
+            continue;
+        };
+        let place = *places
+            .entry((reading.direction, reading.run))
+            .or_insert_with(|| {
+                runs.push(Run {
+                    direction: reading.direction,
+                    number: reading.run,
+                    points: Vec::new(),
+                });
+                runs.len() - 1
+            });
+        runs[place].points.push((reading.target, value));
+    }
+    for run in &mut runs {
+        run.points.sort_by(|a, b| a.0.total_cmp(&b.0));
+    }
+    runs.sort_by_key(|run| (run.direction == Direction::Negative, run.number));
+    runs
+}
+
+/// The standard deviation of a mean reading, pooled over the targets, and its degrees of freedom; `None` without repeated runs
+/// and of a bridge, whose readings are summed up.
+fn scatter(readings: &Measurement, method: Method) -> Option<(f64, f64)> {
+    if method != Method::Direct {
+        return None;
+    }
+    let mut groups: HashMap<(Direction, u64), (f64, f64, f64)> = HashMap::new();
+    let mut order = Vec::new();
+    for reading in &readings.readings {
+        let key = (reading.direction, (reading.target + 0.0).to_bits());
+        let group = groups.entry(key).or_insert_with(|| {
+            order.push(key);
+            (0.0, 0.0, 0.0)
+        });
+        // Welford's running mean and sum of squares.
+        group.0 += 1.0;
+        let before = reading.deviation - group.1;
+        group.1 += before / group.0;
+        group.2 += before * (reading.deviation - group.1);
+    }
+    // In the order of the readings, so that the sums are the same each time.
+    let groups: Vec<_> = order.iter().map(|key| groups[key]).collect();
+    let count: f64 = groups.iter().map(|g| g.0).sum();
+    let squares: f64 = groups.iter().map(|g| g.2).sum();
+    let targets = groups.len() as f64;
+    let degrees = count - targets;
+    let of_mean = squares / degrees / (count / targets);
+    (degrees > 0.0 && of_mean.is_finite()).then(|| (of_mean.sqrt(), degrees))
+}

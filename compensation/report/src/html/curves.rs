@@ -1,0 +1,292 @@
+//! Each error: readings, curve and band, the residuals below, and numbers.
+
+use volcomp_vocabulary::Direction;
+
+use super::write::{Cell, Page};
+use crate::{
+    plot::{self, Look, Mark, Series, WIDTH, XyPlot, xy},
+    report::{BandKind, Branch, Curve, Report},
+    texts::{Texts, described},
+};
+
+pub(super) fn curves(page: &mut Page, report: &Report, t: &Texts) {
+    let (measured, stated): (Vec<&Curve>, Vec<&Curve>) = report
+        .curves
+        .iter()
+        .partition(|curve| !curve.lines.is_empty());
+    if report.curves.is_empty() {
+        page.paragraph("lead", t.no_warnings);
+    }
+    if !measured.is_empty() {
+        page.paragraph("lead", t.curves_lead);
+    }
+    let mut kinds: Vec<BandKind> = Vec::new();
+    for curve in &measured {
+        one(page, curve, t);
+        kinds.extend(
+            curve
+                .branches
+                .iter()
+                .filter_map(|b| b.band.as_ref())
+                .map(|b| b.kind),
+        );
+    }
+    if !measured.is_empty() {
+        page.paragraph("note", t.numbers_note);
+    }
+    if kinds.contains(&BandKind::OfMeanReadings) {
+        page.paragraph("note", t.band_readings_note);
+    }
+    if !stated.is_empty() {
+        page.heading(3, t.of_file, "");
+        page.paragraph("lead", t.curves_stated);
+        for curve in stated {
+            one(page, curve, t);
+        }
+    }
+}
+
+fn one(page: &mut Page, curve: &Curve, t: &Texts) {
+    page.put("<div class=\"keep\">");
+    page.heading(3, &curve.error, &described(&curve.error, t));
+    let files: Vec<&str> = curve
+        .lines
+        .iter()
+        .filter_map(|line| line.file.as_deref())
+        .collect();
+    page.figure(&xy(&main_plot(curve, t)), &files.join(", "));
+    if curve
+        .branches
+        .iter()
+        .any(|branch| !branch.residuals.is_empty())
+    {
+        page.figure(&xy(&residual_plot(curve, t)), "");
+    }
+    numbers(page, curve, t);
+    for line in &curve.lines {
+        if line.file.is_none() {
+            page.paragraph("note", t.parallel_note);
+        } else if line.runs.is_empty() {
+            page.paragraph("note", t.bridge_note);
+        }
+    }
+    let has_readings = !curve.lines.is_empty();
+    if has_readings && curve.branches.iter().all(|branch| branch.band.is_none()) {
+        page.paragraph("note", t.no_band);
+    }
+    page.put("</div>");
+}
+
+fn numbers(page: &mut Page, curve: &Curve, t: &Texts) {
+    let fits: Vec<_> = curve
+        .branches
+        .iter()
+        .filter_map(|branch| Some((branch.direction, branch.fit.as_ref()?)))
+        .collect();
+    if fits.is_empty() {
+        return;
+    }
+    let unit = &curve.unit;
+    let number = |name: &str| format!(">{name}");
+    let columns = [
+        format!("{}, {unit}", t.residual),
+        t.curve.to_owned(),
+        number(t.readings),
+        number(t.smallest),
+        number(t.largest),
+        number(t.rms),
+        number(t.leave_one_out),
+        number(t.reversal),
+    ];
+    let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
+    let rows = fits.into_iter().map(|(direction, fit)| {
+        let [min, max, rms] = fit.residual;
+        vec![
+            Cell::text(direction_word(direction, t)),
+            Cell::Fixed(fit.kind.clone()),
+            Cell::number(fit.readings as f64, 0),
+            Cell::number(min, 2),
+            Cell::number(max, 2),
+            Cell::number(rms, 2),
+            Cell::number(fit.leave_one_out, 2),
+            Cell::Number(fit.reversal, 2),
+        ]
+    });
+    page.table(&columns, rows);
+}
+
+pub(super) fn direction_word(direction: Option<Direction>, t: &Texts) -> &'static str {
+    match direction {
+        Some(Direction::Positive) => t.forward,
+        Some(Direction::Negative) => t.backward,
+        None => t.both,
+    }
+}
+
+/// The look of a direction and its sign: readings, means and curves of it look alike everywhere.
+pub(super) fn look(direction: Option<Direction>) -> (Look, Mark) {
+    match direction {
+        Some(Direction::Positive) => (Look::Forward, Mark::Up),
+        Some(Direction::Negative) => (Look::Backward, Mark::Down),
+        None => (Look::Both, Mark::Dot),
+    }
+}
+
+/// The runs of a line, thin.
+pub(super) fn run_series(runs: &[crate::report::Run], t: &Texts, line: bool) -> Vec<Series> {
+    let series = runs.iter().map(|run| Series {
+        name: format!(
+            "{} {}, {}",
+            t.run,
+            run.number,
+            direction_word(Some(run.direction), t)
+        ),
+        points: run.points.clone(),
+        look: match run.direction {
+            Direction::Positive => Look::RunForward,
+            Direction::Negative => Look::RunBackward,
+        },
+        mark: look(Some(run.direction)).1,
+        line,
+    });
+    series.collect()
+}
+
+fn main_plot(curve: &Curve, t: &Texts) -> XyPlot {
+    let mut series = Vec::new();
+    for line in &curve.lines {
+        series.extend(run_series(&line.runs, t, false));
+    }
+    // Where there is one run only its reading is the mean.
+    let has_runs = curve.lines.iter().any(|line| line.runs.len() > 2);
+    for line in &curve.lines {
+        for direction in Direction::BOTH {
+            let means = &line.means[direction as usize];
+            if means.is_empty() || (!has_runs && !line.runs.is_empty()) {
+                continue;
+            }
+            let (of, mark) = look(Some(direction));
+            series.push(Series {
+                name: format!("{}, {}", t.mean, direction_word(Some(direction), t)),
+                points: means.clone(),
+                look: of,
+                mark,
+                line: false,
+            });
+        }
+    }
+    let mut band_label = "";
+    let mut bands = Vec::new();
+    for branch in &curve.branches {
+        let (of, _) = look(branch.direction);
+        let words = match branch.direction {
+            Some(direction) => format!("{}, {}", t.curve, direction_word(Some(direction), t)),
+            None => t.curve.to_owned(),
+        };
+        series.push(Series {
+            name: words.clone(),
+            points: branch.points.clone(),
+            look: of,
+            mark: Mark::None,
+            line: true,
+        });
+        if let Some(band) = &branch.band {
+            band_label = match band.kind {
+                BandKind::OfMeanReadings => t.band_readings,
+                BandKind::OfCurve => t.band_curve,
+            };
+            bands.push(plot::Band {
+                x: band.x.clone(),
+                low: band.low.clone(),
+                high: band.high.clone(),
+                look: of,
+            });
+        }
+    }
+    XyPlot {
+        words: format!("{}: {}", curve.error, described(&curve.error, t)),
+        x_label: coordinate(curve),
+        // The plot of the residuals below says it.
+        x_named: curve
+            .branches
+            .iter()
+            .all(|branch| branch.residuals.is_empty()),
+        y_label: format!("{}, {}", curve.error, curve.unit),
+        x_range: Some(curve.travel),
+        width: WIDTH,
+        height: 150.0,
+        series,
+        bands,
+        brackets: Vec::new(),
+        legend: legend(curve, t),
+        band_label: band_label.to_owned(),
+    }
+}
+
+/// The name of the coordinate with its unit.
+fn coordinate(curve: &Curve) -> String {
+    format!("{}, {}", curve.axis, curve.x_unit)
+}
+
+/// One entry for each direction: its readings and, where it has one of its own, its curve.
+fn legend(curve: &Curve, t: &Texts) -> Vec<(Look, Mark, String)> {
+    let mut entries = Vec::new();
+    for direction in Direction::BOTH {
+        let (of, mark) = look(Some(direction));
+        let word = direction_word(Some(direction), t);
+        let mut lines = curve.lines.iter();
+        let read = lines.any(|line| !line.means[direction as usize].is_empty());
+        let mut branches = curve.branches.iter();
+        let own = branches.any(|branch| branch.direction == Some(direction));
+        match (read, own) {
+            (true, true) => {
+                entries.push((of, mark, format!("{word}: {}, {}", t.readings, t.curve)))
+            }
+            (true, false) => entries.push((of, mark, format!("{word}: {}", t.readings))),
+            (false, true) => entries.push((of, Mark::None, format!("{word}: {}", t.curve))),
+            (false, false) => {}
+        }
+    }
+    if curve
+        .branches
+        .iter()
+        .any(|branch| branch.direction.is_none())
+    {
+        entries.push((Look::Both, Mark::None, t.curve.to_owned()));
+    }
+    entries
+}
+
+fn residual_plot(curve: &Curve, t: &Texts) -> XyPlot {
+    let branches = curve
+        .branches
+        .iter()
+        .filter(|branch| !branch.residuals.is_empty());
+    let series = branches.map(|branch: &Branch| {
+        let (of, mark) = look(branch.direction);
+        Series {
+            name: format!("{}, {}", t.residual, direction_word(branch.direction, t)),
+            points: branch.residuals.clone(),
+            look: of,
+            mark,
+            line: branch
+                .residuals
+                .windows(2)
+                .all(|pair| pair[0].0 < pair[1].0),
+        }
+    });
+    XyPlot {
+        words: format!("{}: {}", curve.error, t.residuals),
+        x_label: coordinate(curve),
+        x_named: true,
+        y_label: format!("{}, {}", t.residual, curve.unit),
+        x_range: Some(curve.travel),
+        width: WIDTH,
+        height: 60.0,
+        series: series.collect(),
+        bands: Vec::new(),
+        brackets: Vec::new(),
+        legend: Vec::new(),
+        band_label: String::new(),
+    }
+}

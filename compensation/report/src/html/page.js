@@ -1,0 +1,115 @@
+"use strict";
+(() => {
+  const tip = document.createElement("div");
+  tip.id = "tip";
+  tip.hidden = true;
+  document.body.append(tip);
+  const say = (text, event) => {
+    tip.textContent = text;
+    tip.hidden = false;
+    const box = tip.getBoundingClientRect();
+    const left = Math.min(event.clientX + 14, innerWidth - box.width - 6);
+    const above = event.clientY - box.height - 12;
+    tip.style.left = Math.max(4, left) + "px";
+    tip.style.top = (above > 4 ? above : event.clientY + 18) + "px";
+  };
+  const hush = () => { tip.hidden = true; };
+  addEventListener("scroll", hush, { passive: true });
+  const numbers = (text) => text.trim().split(/[\s,]+/).map(Number);
+  const shown = (value, range) => {
+    const digits = Math.max(0, Math.min(6, 4 - Math.ceil(Math.log10(Math.abs(range) || 1))));
+    return value.toFixed(digits).replace("-", "\u2212");
+  };
+  const inside = (svg, event) => {
+    const matrix = svg.getScreenCTM();
+    return matrix && new DOMPoint(event.clientX, event.clientY).matrixTransform(matrix.inverse());
+  };
+  for (const svg of document.querySelectorAll("svg.xy")) {
+    const [x0, x1, u0, u1] = numbers(svg.dataset.x);
+    const [y0, y1, v0, v1] = numbers(svg.dataset.y);
+    let all = null;
+    const ring = svg.querySelector("g.at");
+    svg.addEventListener("pointermove", (event) => {
+      const at = inside(svg, event);
+      if (!at) return;
+      if (!all) {
+        all = [];
+        for (const series of svg.querySelectorAll("g.s")) {
+          const flat = numbers(series.querySelector("polyline").getAttribute("points"));
+          for (let i = 0; i + 1 < flat.length; i += 2) all.push([flat[i], flat[i + 1], series.dataset.n]);
+        }
+      }
+      let best = null, least = 30 * 30;
+      for (const point of all) {
+        const far = (point[0] - at.x) ** 2 + (point[1] - at.y) ** 2;
+        if (far < least) { least = far; best = point; }
+      }
+      ring.textContent = "";
+      if (!best) return hush();
+      const circle = document.createElementNS("http://www.w3.org/2000/svg", "circle");
+      circle.setAttribute("cx", best[0]);
+      circle.setAttribute("cy", best[1]);
+      circle.setAttribute("r", 6);
+      ring.append(circle);
+      const x = u0 + (best[0] - x0) / (x1 - x0) * (u1 - u0);
+      const y = v0 + (best[1] - y0) / (y1 - y0) * (v1 - v0);
+      say(best[2] + "\n" + svg.dataset.l + ": " + shown(x, u1 - u0) + "\n" + svg.dataset.m + ": " + shown(y, v1 - v0), event);
+    });
+    svg.addEventListener("pointerleave", () => { ring.textContent = ""; hush(); });
+  }
+  for (const svg of document.querySelectorAll("svg.heat")) {
+    let chosen = null;
+    svg.addEventListener("pointermove", (event) => {
+      if (chosen) chosen.classList.remove("chosen");
+      chosen = event.target.closest("rect");
+      if (!chosen) return hush();
+      chosen.classList.add("chosen");
+      say(chosen.dataset.v + " " + svg.dataset.u, event);
+    });
+    svg.addEventListener("pointerleave", () => { if (chosen) chosen.classList.remove("chosen"); hush(); });
+  }
+  for (const svg of document.querySelectorAll("svg.quiver")) {
+    let [turn, tilt] = numbers(svg.dataset.view);
+    const [width, height, scale] = numbers(svg.dataset.size);
+    const parts = [...svg.querySelectorAll("[data-p]")].map((part) => [part, numbers(part.dataset.p)]);
+    const draw = () => {
+      const st = Math.sin(turn), ct = Math.cos(turn), si = Math.sin(tilt), ci = Math.cos(tilt);
+      const place = (x, y, z) => [
+        width / 2 + (x * ct - y * st) * scale,
+        height / 2 - (z * ci + (x * st + y * ct) * si) * scale,
+      ].map((n) => n.toFixed(2));
+      for (const [part, p] of parts) {
+        const [x, y] = place(p[0], p[1], p[2]);
+        if (p.length === 6) {
+          const [u, v] = place(p[3], p[4], p[5]);
+          part.setAttribute("d", `M${x} ${y}L${u} ${v}`);
+        } else {
+          part.setAttribute("x", x);
+          part.setAttribute("y", y);
+        }
+      }
+    };
+    const turned = (by, up) => {
+      turn += by;
+      tilt = Math.max(-Math.PI / 2, Math.min(Math.PI / 2, tilt + up));
+      draw();
+    };
+    let last = null;
+    svg.addEventListener("pointerdown", (event) => {
+      last = [event.clientX, event.clientY];
+      svg.setPointerCapture(event.pointerId);
+    });
+    svg.addEventListener("pointermove", (event) => {
+      if (!last) return;
+      turned(-(event.clientX - last[0]) / 160, (event.clientY - last[1]) / 160);
+      last = [event.clientX, event.clientY];
+    });
+    for (const end of ["pointerup", "pointercancel"]) svg.addEventListener(end, () => { last = null; });
+    svg.addEventListener("keydown", (event) => {
+      const step = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] }[event.key];
+      if (!step) return;
+      event.preventDefault();
+      turned(step[0], step[1]);
+    });
+  }
+})();

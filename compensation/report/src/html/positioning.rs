@@ -1,0 +1,249 @@
+//! Positioning tests by ISO 230-2: the usual plot, the figures, the table of the targets.
+
+use volcomp_metrology::{Approach, Iso230Part2, TargetRow};
+use volcomp_vocabulary::Direction;
+
+use super::{
+    curves::{direction_word, look, run_series},
+    write::{Cell, Page},
+};
+use crate::{
+    plot::{Bracket, Look, Mark, Series, WIDTH, XyPlot, short, xy},
+    report::{Positioning, Report},
+    texts::{Texts, described},
+};
+
+/// So many targets are written in a table.
+const MOST_ROWS: usize = 48;
+
+pub(super) fn positioning(page: &mut Page, report: &Report, t: &Texts) {
+    if report.positioning.is_empty() {
+        page.paragraph("lead", t.no_positioning);
+        return;
+    }
+    page.paragraph("lead", t.positioning_lead);
+    for test in &report.positioning {
+        page.put("<div class=\"keep\">");
+        page.heading(3, &test.error, &described(&test.error, t));
+        page.figure(&xy(&plot(test, t)), &test.file);
+        figures(page, test, t);
+        if test.result.a.is_none()
+            && test.result.a_forward.is_none()
+            && test.result.a_backward.is_none()
+        {
+            page.paragraph("note", t.a_missing);
+        }
+        page.put("</div>");
+        targets(page, test, t);
+    }
+}
+
+fn figures(page: &mut Page, test: &Positioning, t: &Texts) {
+    let r = &test.result;
+    let unit = &test.unit;
+    let columns = [
+        format!("{}, {unit}", t.figure),
+        format!(">{}", t.bidirectional),
+        format!(">{} ↑", t.forward),
+        format!(">{} ↓", t.backward),
+    ];
+    let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
+    let all = [
+        (t.a, [r.a, r.a_forward, r.a_backward]),
+        (t.r, [r.r, r.r_forward, r.r_backward]),
+        (t.e, [r.e, r.e_forward, r.e_backward]),
+        (t.m, [r.m, None, None]),
+        (t.b, [r.b, None, None]),
+        (t.mean_b, [r.mean_b, None, None]),
+    ];
+    let rows = all.into_iter().map(|(name, values)| {
+        let mut row = vec![Cell::text(name)];
+        row.extend(values.map(|value| Cell::Number(value, 2)));
+        row
+    });
+    page.table(&columns, rows);
+}
+
+fn targets(page: &mut Page, test: &Positioning, t: &Texts) {
+    let columns = [
+        format!(">{} {}", t.target, test.x_unit),
+        ">x̄ ↑".to_owned(),
+        ">x̄ ↓".to_owned(),
+        ">s ↑".to_owned(),
+        ">s ↓".to_owned(),
+        ">B".to_owned(),
+        ">R".to_owned(),
+    ];
+    let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
+    let all = &test.result.targets;
+    let shown = chosen(all);
+    if shown.len() < all.len() {
+        page.paragraph("note", &format!("{} {}", all.len(), t.table_cut));
+    }
+    let mean = |of: &Option<Approach>| Cell::Number(of.as_ref().map(|of| of.mean), 2);
+    let s = |of: &Option<Approach>| Cell::Number(of.as_ref().and_then(|of| of.s), 2);
+    let rows = shown.into_iter().map(|row| {
+        vec![
+            Cell::number(row.target, 3),
+            mean(&row.forward),
+            mean(&row.backward),
+            s(&row.forward),
+            s(&row.backward),
+            Cell::Number(row.reversal, 2),
+            Cell::Number(row.repeatability, 2),
+        ]
+    });
+    page.table(&columns, rows);
+}
+
+/// All targets of a usual test; of many some evenly spaced ones and those at which the figures arise.
+fn chosen(all: &[TargetRow]) -> Vec<&TargetRow> {
+    if all.len() <= MOST_ROWS {
+        return all.iter().collect();
+    }
+    let step = all.len().div_ceil(MOST_ROWS - 8);
+    let mut places: Vec<usize> = (0..all.len())
+        .step_by(step)
+        .chain([all.len() - 1])
+        .collect();
+    let values: [fn(&TargetRow) -> Option<f64>; 4] = [
+        |row| row.forward.map(|of| of.mean),
+        |row| row.backward.map(|of| of.mean),
+        |row| row.reversal.map(f64::abs),
+        |row| row.repeatability,
+    ];
+    for value in values {
+        let with = all
+            .iter()
+            .enumerate()
+            .filter_map(|(place, row)| Some((place, value(row)?)));
+        let with: Vec<(usize, f64)> = with.collect();
+        let by = |a: &&(usize, f64), b: &&(usize, f64)| a.1.total_cmp(&b.1);
+        places.extend(with.iter().min_by(by).map(|found| found.0));
+        places.extend(with.iter().max_by(by).map(|found| found.0));
+    }
+    places.sort_unstable();
+    places.dedup();
+    places.into_iter().map(|place| &all[place]).collect()
+}
+
+fn of(row: &TargetRow, direction: Direction) -> Option<&Approach> {
+    match direction {
+        Direction::Positive => row.forward.as_ref(),
+        Direction::Negative => row.backward.as_ref(),
+    }
+}
+
+fn plot(test: &Positioning, t: &Texts) -> XyPlot {
+    let mut series = run_series(&test.runs, t, true);
+    let mut legend = Vec::new();
+    for direction in Direction::BOTH {
+        let (mean_look, mark) = look(Some(direction));
+        let (run_look, limit) = match direction {
+            Direction::Positive => (Look::RunForward, Look::LimitForward),
+            Direction::Negative => (Look::RunBackward, Look::LimitBackward),
+        };
+        let word = direction_word(Some(direction), t);
+        let with = |value: &dyn Fn(&Approach) -> Option<f64>| -> Vec<(f64, f64)> {
+            let rows = test.result.targets.iter();
+            rows.filter_map(|row| Some((row.target, value(of(row, direction)?)?)))
+                .collect()
+        };
+        let means = with(&|of| Some(of.mean));
+        if means.is_empty() {
+            continue;
+        }
+        if test.runs.iter().any(|run| run.direction == direction) {
+            legend.push((run_look, Mark::None, format!("{}, {word}", t.runs)));
+        }
+        series.push(Series {
+            name: format!("{}, {word}", t.mean),
+            points: means,
+            look: mean_look,
+            mark,
+            line: true,
+        });
+        legend.push((mean_look, mark, format!("{}, {word}", t.mean)));
+        for (sign, name) in [(2.0, "+ 2 s"), (-2.0, "− 2 s")] {
+            let points = with(&|of| Some(of.mean + sign * of.s?));
+            if points.is_empty() {
+                continue;
+            }
+            if sign > 0.0 {
+                legend.push((limit, Mark::None, format!("{}, {word}", t.limits)));
+            }
+            series.push(Series {
+                name: format!("{} {name}, {word}", t.mean),
+                points,
+                look: limit,
+                mark: Mark::None,
+                line: true,
+            });
+        }
+    }
+    XyPlot {
+        words: format!("{}: {}", t.positioning, test.error),
+        x_label: format!("{}, {}", t.target, test.x_unit),
+        x_named: true,
+        y_label: format!("{}, {}", t.deviation, test.unit),
+        x_range: None,
+        width: WIDTH,
+        height: 250.0,
+        series,
+        bands: Vec::new(),
+        brackets: brackets(&test.result),
+        legend,
+        band_label: String::new(),
+    }
+}
+
+/// A, E and M beside the plot, R and B at the targets where they arise.
+fn brackets(result: &Iso230Part2) -> Vec<Bracket> {
+    let rows = &result.targets;
+    let approaches = || {
+        rows.iter()
+            .flat_map(|row| [row.forward, row.backward])
+            .flatten()
+    };
+    let beside = |letter: &str, value: Option<f64>, span: Option<[f64; 2]>| {
+        Some(Bracket {
+            label: format!("{letter} {}", short(value?, 1)),
+            span: span?,
+            at: None,
+        })
+    };
+    let limits = approaches().filter_map(|of| Some([of.mean - 2.0 * of.s?, of.mean + 2.0 * of.s?]));
+    let a = beside("A", result.a, span(limits.flatten()));
+    let e = beside("E", result.e, span(approaches().map(|of| of.mean)));
+    let m = beside("M", result.m, span(rows.iter().filter_map(|row| row.mean)));
+    let most = |value: fn(&TargetRow) -> Option<f64>| {
+        let with = rows.iter().filter_map(|row| Some((row, value(row)?)));
+        with.max_by(|a, b| a.1.total_cmp(&b.1)).map(|found| found.0)
+    };
+    let r = most(|row| row.repeatability).and_then(|row| {
+        let both = [row.forward?, row.backward?];
+        let limits = both
+            .iter()
+            .filter_map(|of| Some([of.mean - 2.0 * of.s?, of.mean + 2.0 * of.s?]));
+        Some(Bracket {
+            label: format!("R {}", short(row.repeatability?, 1)),
+            span: span(limits.flatten())?,
+            at: Some(row.target),
+        })
+    });
+    let b = most(|row| row.reversal.map(f64::abs)).and_then(|row| {
+        Some(Bracket {
+            label: format!("B {}", short(row.reversal?, 1)),
+            span: [row.forward?.mean, row.backward?.mean],
+            at: Some(row.target),
+        })
+    });
+    [a, e, m, r, b].into_iter().flatten().collect()
+}
+
+fn span(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
+    values.fold(None, |span: Option<[f64; 2]>, value| {
+        let [low, high] = span.unwrap_or([value; 2]);
+        Some([low.min(value), high.max(value)])
+    })
+}

@@ -1,0 +1,59 @@
+//! What was found from observations of the whole machine.
+
+use volcomp_identify::{Identification, Observations};
+
+use crate::report::{Identified, Parameter, SourceFile};
+
+/// What was found, as a report tells it.
+pub(crate) fn identified(found: &Identification) -> Identified {
+    let parameters = found.parameters.iter().map(|parameter| Parameter {
+        name: parameter.name.clone(),
+        value: parameter.value,
+        uncertainty: parameter.uncertainty,
+        unit: symbol(parameter.unit).to_owned(),
+        given_zero: parameter.given_zero.clone(),
+    });
+    let figures = |of: volcomp_identify::Figures| (of.rms_um, of.max_um, of.rows);
+    let next = found.next.as_ref().map(|next| {
+        let pose = next
+            .pose
+            .iter()
+            .map(|(axis, at)| format!("{axis} = {at:.1}"));
+        let mut with: Vec<String> = pose.collect();
+        with.extend(next.target.clone());
+        with.extend(next.tool.as_ref().map(|tool| format!("tool {tool}")));
+        format!("{} ({}): {}", with.join(", "), next.file, next.parameter)
+    });
+    Identified {
+        parameters: parameters.collect(),
+        rank: found.rank,
+        of: found.parameters.len().saturating_sub(found.redundant.len()),
+        score: found.score_of_determined,
+        residual: figures(found.residual),
+        left_out: found.left_out.map(|(of, _)| figures(of)),
+        judged: found.judged.map(figures),
+        null_space: found.null.clone(),
+        redundant: found.redundant.clone(),
+        next,
+    }
+}
+
+/// The files of observations.
+pub(crate) fn files(observations: &Observations) -> impl Iterator<Item = SourceFile> {
+    observations.observations.iter().map(|of| SourceFile {
+        file: of.file.clone(),
+        measures: of.kind.name().to_owned(),
+        targets: of.rows.len(),
+        runs: None,
+        date: None,
+    })
+}
+
+fn symbol(unit: &str) -> &str {
+    match unit {
+        "um" => "µm",
+        "urad" => "µrad",
+        "um_per_m" => "µm/m",
+        other => other,
+    }
+}

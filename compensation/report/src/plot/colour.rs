@@ -1,0 +1,77 @@
+//! A colour scale that people see alike whatever colours they tell apart: from dark blue to yellow, ever lighter, so that it
+//! also holds on a grey print. Its supports are those of the published map `cividis` (Nuñez, Anderton, Renslow 2018),
+//! rounded.
+
+use super::svg::finite;
+
+/// The colours at equal distances, red, green, blue.
+const SUPPORTS: [[f64; 3]; 9] = [
+    [0.0, 34.0, 78.0],
+    [18.0, 53.0, 112.0],
+    [59.0, 73.0, 108.0],
+    [87.0, 93.0, 109.0],
+    [112.0, 113.0, 115.0],
+    [138.0, 134.0, 120.0],
+    [165.0, 156.0, 116.0],
+    [201.0, 185.0, 92.0],
+    [254.0, 232.0, 56.0],
+];
+
+/// The colour of a share from 0 to 1 as `#rrggbb`; what is no number is grey.
+pub fn colour_at(share: f64) -> String {
+    if share.is_nan() {
+        return "#808080".to_owned();
+    }
+    let at = share.clamp(0.0, 1.0) * (SUPPORTS.len() - 1) as f64;
+    // From 0 to 7: the last support is the end of the last part.
+    let part = (at.floor() as usize).min(SUPPORTS.len() - 2);
+    let within = at - part as f64;
+    let channel = |index: usize| {
+        let [from, to] = [SUPPORTS[part][index], SUPPORTS[part + 1][index]];
+        (from + (to - from) * within).round() as u8
+    };
+    format!("#{:02x}{:02x}{:02x}", channel(0), channel(1), channel(2))
+}
+
+/// Strips of a legend for the scale: the share at the lower end of each and its colour.
+pub fn colour_scale(strips: usize) -> impl Iterator<Item = (f64, String)> {
+    let count = strips.max(1) as f64;
+    (0..strips).map(move |strip| {
+        let share = strip as f64 / count;
+        (
+            finite(share * 1e4) / 1e4,
+            colour_at((strip as f64 + 0.5) / count),
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Relative luminance of WCAG 2.
+    fn luminance(colour: &str) -> f64 {
+        let channel = |at: usize| {
+            let value = u8::from_str_radix(&colour[at..at + 2], 16).expect("hexadecimal");
+            let part = f64::from(value) / 255.0;
+            if part <= 0.04045 {
+                part / 12.92
+            } else {
+                ((part + 0.055) / 1.055).powf(2.4)
+            }
+        };
+        0.2126 * channel(1) + 0.7152 * channel(3) + 0.0722 * channel(5)
+    }
+
+    /// What tells colours apart for everybody is how light they are.
+    #[test]
+    fn it_grows_ever_lighter() {
+        let all: Vec<f64> = (0..=50)
+            .map(|i| luminance(&colour_at(f64::from(i) / 50.0)))
+            .collect();
+        assert!(all.windows(2).all(|pair| pair[1] > pair[0]), "{all:?}");
+        assert_eq!(colour_at(f64::NAN), "#808080");
+        assert_eq!(colour_at(-3.0), colour_at(0.0));
+        assert_eq!(colour_at(f64::INFINITY), colour_at(1.0));
+    }
+}

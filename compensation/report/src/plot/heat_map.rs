@@ -1,0 +1,164 @@
+//! A field on a plane as a map of colours.
+
+use super::{
+    colour::colour_at,
+    scale::{Scale, short, ticks},
+    svg::{Anchor, Svg, escaped, finite},
+};
+
+const WIDTH: f64 = 330.0;
+const LEFT: f64 = 50.0;
+const TOP: f64 = 34.0;
+
+/// A field over two coordinates.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HeatMap {
+    /// What it shows, for a screen reader.
+    pub words: String,
+    /// The line above it.
+    pub title: String,
+    /// The name of the first coordinate with its unit.
+    pub x_label: String,
+    /// The name of the second.
+    pub y_label: String,
+    /// The nodes of the first coordinate, ascending.
+    pub x: Vec<f64>,
+    /// Those of the second.
+    pub y: Vec<f64>,
+    /// The values, the first coordinate fastest.
+    pub values: Vec<f64>,
+    /// The value of the last colour; the first is 0.
+    pub most: f64,
+    /// The unit of the values.
+    pub unit: String,
+}
+
+/// The picture of a map: a cell around each node, in the shape of the plane where that is not too long.
+pub fn heat_map(map: &HeatMap) -> String {
+    let right = WIDTH - 18.0;
+    let range = |nodes: &[f64]| match (nodes.first(), nodes.last()) {
+        (Some(first), Some(last)) if last > first => last - first,
+        _ => 1.0,
+    };
+    let shape = (range(&map.y) / range(&map.x)).clamp(0.45, 1.25);
+    let bottom = TOP + (right - LEFT) * if shape.is_finite() { shape } else { 1.0 };
+    let frame = format!(
+        " data-x=\"{} {}\" data-y=\"{} {}\" data-u=\"{}\"",
+        escaped(&map.x_label),
+        map.x.len(),
+        escaped(&map.y_label),
+        map.y.len(),
+        escaped(&map.unit)
+    );
+    let mut svg = Svg::new("plot heat", (WIDTH, bottom + 40.0), &map.words, &frame);
+    svg.text("head", [LEFT, 14.0], Anchor::Start, &map.title);
+    let x_edges = edges(&map.x);
+    let y_edges = edges(&map.y);
+    let x = Scale::over(x_edges.iter().copied(), [LEFT, right], 0.0);
+    let y = Scale::over(y_edges.iter().copied(), [bottom, TOP], 0.0);
+    let most = if map.most > 0.0 && map.most.is_finite() {
+        map.most
+    } else {
+        1.0
+    };
+    svg.raw("<g class=\"cells\">");
+    for (row, (low, high)) in pairs(&y_edges).enumerate() {
+        for (column, (from, to)) in pairs(&x_edges).enumerate() {
+            let Some(value) = map.values.get(row * map.x.len() + column) else {
+                continue;
+            };
+            let [left, right] = [x.at(from), x.at(to)].map(finite);
+            let [upper, lower] = [y.at(high), y.at(low)].map(finite);
+            // A little over the next cell, so that no line of the paper shows between them.
+            let over = |is_last: bool| if is_last { 0.0 } else { 0.6 };
+            let width = finite(right - left + over(column + 1 == map.x.len()));
+            let height = finite(lower - upper + over(row == 0));
+            let digits = if value.is_finite() {
+                short(*value, 2)
+            } else {
+                short(f64::NAN, 0)
+            };
+            svg.put(format_args!(
+                "<rect x=\"{left}\" y=\"{upper}\" width=\"{width}\" height=\"{height}\" fill=\"{}\" data-v=\"{digits}\"/>",
+                colour_at(value / most)
+            ));
+        }
+    }
+    svg.raw("</g>");
+    let (values, decimals) = ticks(y.values, 5);
+    for value in values {
+        svg.line("frame", [LEFT - 4.0, y.at(value)], [LEFT, y.at(value)]);
+        svg.text(
+            "tick",
+            [LEFT - 6.0, y.at(value) + 4.0],
+            Anchor::End,
+            &short(value, decimals),
+        );
+    }
+    let (values, decimals) = ticks(x.values, 4);
+    for value in values {
+        svg.line("frame", [x.at(value), bottom], [x.at(value), bottom + 4.0]);
+        svg.text(
+            "tick",
+            [x.at(value), bottom + 16.0],
+            Anchor::Middle,
+            &short(value, decimals),
+        );
+    }
+    svg.text("name", [right, bottom + 32.0], Anchor::End, &map.x_label);
+    svg.text("name", [6.0, TOP - 6.0], Anchor::Start, &map.y_label);
+    svg.finish()
+}
+
+/// The edges of cells around nodes: halfway between them, the outer ones as far out as in.
+fn edges(nodes: &[f64]) -> Vec<f64> {
+    match nodes {
+        [] => Vec::new(),
+        [only] => vec![only - 0.5, only + 0.5],
+        [first, .., last] => {
+            let between = nodes.windows(2).map(|pair| f64::midpoint(pair[0], pair[1]));
+            let mut all: Vec<f64> = between.collect();
+            let outer = [2.0 * first - all[0], 2.0 * last - all[all.len() - 1]];
+            all.insert(0, outer[0]);
+            all.push(outer[1]);
+            all
+        }
+    }
+}
+
+fn pairs(edges: &[f64]) -> impl Iterator<Item = (f64, f64)> {
+    edges.iter().copied().zip(edges.iter().copied().skip(1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn map(values: Vec<f64>) -> HeatMap {
+        HeatMap {
+            words: "a field".to_owned(),
+            title: "XY".to_owned(),
+            x_label: "X, mm".to_owned(),
+            y_label: "Y, mm".to_owned(),
+            x: vec![0.0, 100.0, 200.0],
+            y: vec![0.0, 50.0],
+            values,
+            most: 5.0,
+            unit: "µm".to_owned(),
+        }
+    }
+
+    #[test]
+    fn each_node_has_a_cell_of_the_colour_of_its_value() {
+        let svg = heat_map(&map(vec![0.0, 1.0, 2.0, 3.0, 4.0, 5.0]));
+        assert_eq!(svg.matches("<rect").count(), 6);
+        assert!(svg.contains(&colour_at(0.0)) && svg.contains(&colour_at(1.0)));
+    }
+
+    #[test]
+    fn what_is_no_number_is_grey_and_too_few_values_are_no_trouble() {
+        let svg = heat_map(&map(vec![f64::NAN, f64::INFINITY, 1.0]));
+        assert!(svg.contains("#808080"));
+        assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
+    }
+}

@@ -1,0 +1,27 @@
+//! Plots as SVG: functions of plain data to text, without a command line, a file or a clock. Each takes what it draws and the
+//! words in it, and gives one `<svg>` element whose colours come from [`STYLE`], so that a page may be light or dark.
+//!
+//! What is not a finite number is not drawn. Texts are escaped.
+
+mod colour;
+mod heat_map;
+mod marks;
+mod quiver;
+mod scale;
+mod square_sketch;
+mod svg;
+mod thin;
+mod xy;
+
+pub use colour::{colour_at, colour_scale};
+pub use heat_map::{HeatMap, heat_map};
+pub use quiver::{Arrow, Quiver, quiver};
+pub use scale::{Scale, short, ticks};
+pub use square_sketch::{SquareSketch, square_sketch};
+pub use svg::{Svg, escaped, finite};
+pub use thin::{MOST_POINTS, thinned};
+pub use xy::{Band, Bracket, Look, Mark, Series, WIDTH, XyPlot, xy};
+
+/// The rules for the classes that the plots use. The colours are variables: `--ink`, `--faint`, `--grid`, `--forward`,
+/// `--backward`, `--band`, `--paper`, `--mark`.
+pub const STYLE: &str = include_str!("style.css");

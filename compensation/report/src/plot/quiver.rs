@@ -1,0 +1,245 @@
+//! Error vectors in space: drawn once from one side, so that a print has them, and with their coordinates beside, so that a
+//! script can turn them.
+
+use super::{
+    scale::short,
+    svg::{Anchor, Svg, finite},
+};
+
+const SIZE: [f64; 2] = [680.0, 460.0];
+/// The longest arrow is this part of the largest travel.
+const LONGEST: f64 = 0.22;
+
+/// One error vector.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Arrow {
+    /// Where it is, mm.
+    pub at_mm: [f64; 3],
+    /// The error there, µm.
+    pub error_um: [f64; 3],
+    /// Whether it belongs to the second state, after a compensation.
+    pub after: bool,
+}
+
+/// Error vectors over a working space.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Quiver {
+    /// What it shows, for a screen reader.
+    pub words: String,
+    /// The ends of the travels, mm.
+    pub travels_mm: [[f64; 2]; 3],
+    /// The vectors.
+    pub arrows: Vec<Arrow>,
+    /// The word for the arrow that tells the scale.
+    pub scale_word: String,
+}
+
+/// Turn about the vertical and tilt of the view in which it is drawn, rad.
+const VIEW: [f64; 2] = [-0.62, 0.42];
+
+/// The picture of a quiver.
+pub fn quiver(quiver: &Quiver) -> String {
+    let [width, height] = SIZE;
+    let range = |[low, high]: [f64; 2]| {
+        if high > low && (high - low).is_finite() {
+            high - low
+        } else {
+            1.0
+        }
+    };
+    let largest = quiver.travels_mm.map(range).into_iter().fold(0.0, f64::max);
+    let middle = quiver.travels_mm.map(|[low, high]| {
+        let middle = f64::midpoint(low, high);
+        if middle.is_finite() { middle } else { 0.0 }
+    });
+    // To a box whose largest side is 1.
+    let to_box = |at: [f64; 3]| [0, 1, 2].map(|axis| (at[axis] - middle[axis]) / largest);
+    let length = |v: &[f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let finite_arrows: Vec<&Arrow> = quiver
+        .arrows
+        .iter()
+        .filter(|arrow| {
+            arrow
+                .at_mm
+                .iter()
+                .chain(&arrow.error_um)
+                .all(|x| x.is_finite())
+        })
+        .collect();
+    let longest_um = finite_arrows
+        .iter()
+        .map(|a| length(&a.error_um))
+        .fold(0.0, f64::max);
+    let per_um = if longest_um > 0.0 {
+        LONGEST / longest_um
+    } else {
+        0.0
+    };
+    let [x, y, z] = quiver.travels_mm;
+    let corners = edges_of_box([x, y, z]).into_iter().flatten().map(to_box);
+    let scale_px = fitting(corners);
+    let more = format!(
+        " tabindex=\"0\" data-view=\"{} {}\" data-size=\"{width} {height} {scale_px}\"",
+        VIEW[0], VIEW[1]
+    );
+    let mut svg = Svg::new("plot quiver", (width, height), &quiver.words, &more);
+    let put = |svg: &mut Svg, class: &str, [from, to]: [[f64; 3]; 2]| {
+        let [a, b] = [from, to].map(|at| projected(at, VIEW, scale_px));
+        let four = |at: [f64; 3]| at.map(|x| finite(x * 100.0) / 100.0);
+        let ([x, y, z], [u, v, w]) = (four(from), four(to));
+        svg.put(format_args!(
+            "<path class=\"{class}\" data-p=\"{x} {y} {z} {u} {v} {w}\" d=\"M{} {}L{} {}\"/>",
+            finite(a[0]),
+            finite(a[1]),
+            finite(b[0]),
+            finite(b[1])
+        ));
+    };
+    for [from, to] in edges_of_box([x, y, z]) {
+        put(&mut svg, "box", [to_box(from), to_box(to)]);
+    }
+    for arrow in &finite_arrows {
+        let from = to_box(arrow.at_mm);
+        let to = [0, 1, 2].map(|axis| from[axis] + arrow.error_um[axis] * per_um);
+        let class = if arrow.after { "vector f" } else { "vector b" };
+        put(&mut svg, class, [from, to]);
+        // A dot where it begins.
+        put(
+            &mut svg,
+            if arrow.after { "root f" } else { "root b" },
+            [from, from],
+        );
+    }
+    for (axis, name) in ["X", "Y", "Z"].into_iter().enumerate() {
+        let mut at = [x[0], y[0], z[0]];
+        at[axis] = [x, y, z][axis][1];
+        let place = to_box(at).map(|share| 1.1 * share);
+        let [left, top] = projected(place, VIEW, scale_px);
+        let [p, q, r] = place.map(|x| finite(x * 100.0) / 100.0);
+        svg.put(format_args!(
+            "<text class=\"name\" data-p=\"{p} {q} {r}\" x=\"{}\" y=\"{}\" text-anchor=\"middle\">{name}</text>",
+            finite(left), finite(top)
+        ));
+    }
+    if longest_um > 0.0 {
+        let round = round_below(longest_um);
+        let pixels = round * per_um * scale_px;
+        svg.line(
+            "rule",
+            [24.0, height - 20.0],
+            [24.0 + pixels, height - 20.0],
+        );
+        let decimals = if round < 1.0 { 3 } else { 0 };
+        let text = format!("{} {} µm", quiver.scale_word, short(round, decimals));
+        svg.text("key", [24.0, height - 28.0], Anchor::Start, &text);
+    }
+    svg.finish()
+}
+
+/// Pixels of the side 1 of the box, so that its corners fill the picture from the side from which it is drawn.
+fn fitting(corners: impl Iterator<Item = [f64; 3]>) -> f64 {
+    /// The part of the picture that the box may fill: arrows reach beyond it.
+    const FILLED: f64 = 0.84;
+    let halves = corners.fold([0.0_f64; 2], |[across, up], corner| {
+        let [x, y] = projected(corner, VIEW, 1.0);
+        [
+            across.max((x - 0.5 * SIZE[0]).abs()),
+            up.max((y - 0.5 * SIZE[1]).abs()),
+        ]
+    });
+    let [across, up] = [0, 1].map(|axis| 0.5 * FILLED * SIZE[axis] / halves[axis].max(1e-3));
+    finite(across.min(up).min(1e4))
+}
+
+/// A place in the box on the picture; the script turns by the same formula.
+fn projected([x, y, z]: [f64; 3], [turn, tilt]: [f64; 2], scale_px: f64) -> [f64; 2] {
+    let (sin, cos) = turn.sin_cos();
+    let (across, away) = (x * cos - y * sin, x * sin + y * cos);
+    let (sin, cos) = tilt.sin_cos();
+    let up = z * cos + away * sin;
+    [
+        0.5 * SIZE[0] + across * scale_px,
+        0.5 * SIZE[1] - up * scale_px,
+    ]
+}
+
+fn edges_of_box([x, y, z]: [[f64; 2]; 3]) -> Vec<[[f64; 3]; 2]> {
+    let corner = |i: usize| [x[i & 1], y[i >> 1 & 1], z[i >> 2 & 1]];
+    let mut edges = Vec::new();
+    for from in 0..8_usize {
+        for bit in [1, 2, 4] {
+            if from & bit == 0 {
+                edges.push([corner(from), corner(from | bit)]);
+            }
+        }
+    }
+    edges
+}
+
+/// The largest of 1, 2, 5 times a power of ten that is not above `value`.
+fn round_below(value: f64) -> f64 {
+    let power = 10.0_f64.powf(value.log10().floor());
+    [5.0, 2.0, 1.0]
+        .into_iter()
+        .map(|f| f * power)
+        .find(|round| *round <= value)
+        .unwrap_or(power)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cube(arrows: Vec<Arrow>) -> Quiver {
+        Quiver {
+            words: "vectors".to_owned(),
+            travels_mm: [[0.0, 100.0]; 3],
+            arrows,
+            scale_word: "arrow".to_owned(),
+        }
+    }
+
+    /// From straight above (tilt 90°) X points right and Y up; from the front (tilt 0) Z points up.
+    #[test]
+    fn the_view_is_turned_about_the_vertical_and_tilted() {
+        let [x, y] = projected([0.5, 0.0, 0.0], [0.0, core::f64::consts::FRAC_PI_2], 200.0);
+        assert!((x - 340.0 - 100.0).abs() < 1e-9 && (y - 230.0).abs() < 1e-9);
+        let [x, y] = projected([0.0, 0.5, 0.0], [0.0, core::f64::consts::FRAC_PI_2], 200.0);
+        assert!((x - 340.0).abs() < 1e-9 && (y - 230.0 + 100.0).abs() < 1e-9);
+        let [x, y] = projected([0.0, 0.0, 0.5], [0.0, 0.0], 200.0);
+        assert!((x - 340.0).abs() < 1e-9 && (y - 230.0 + 100.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn nothing_infinite_is_drawn() {
+        let arrow = |x: f64| Arrow {
+            at_mm: [0.0; 3],
+            error_um: [x, 0.0, 0.0],
+            after: false,
+        };
+        let svg = quiver(&cube(vec![
+            arrow(1.0),
+            arrow(f64::NAN),
+            arrow(f64::INFINITY),
+        ]));
+        assert!(!svg.contains("NaN") && !svg.contains("inf"));
+        assert_eq!(
+            svg.matches("vector").count() - 1,
+            1,
+            "one arrow, and the words"
+        );
+        let nothing = quiver(&Quiver {
+            travels_mm: [[f64::NAN, 0.0]; 3],
+            ..cube(Vec::new())
+        });
+        assert!(!nothing.contains("NaN"));
+    }
+
+    #[test]
+    fn the_scale_is_round() {
+        assert_eq!(
+            [round_below(7.0), round_below(23.0), round_below(0.4)],
+            [5.0, 20.0, 0.2]
+        );
+    }
+}

@@ -1,0 +1,126 @@
+//! From values to places on a picture, and the round values that are written beside it.
+
+/// A linear scale: values onto places.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scale {
+    /// The values at both ends.
+    pub values: [f64; 2],
+    /// The places of both ends.
+    pub places: [f64; 2],
+}
+
+impl Scale {
+    /// A scale that shows all finite `values`, a little beyond them where `margin` (a part of their range) is above 0. Without
+    /// a range it is made wide enough to show something.
+    pub fn over(values: impl IntoIterator<Item = f64>, places: [f64; 2], margin: f64) -> Self {
+        /// Far beyond anything that is measured, and safe to subtract.
+        const MOST: f64 = 1e12;
+        let finite = values.into_iter().filter(|x| x.abs() <= MOST);
+        let (low, high) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
+            (low.min(x), high.max(x))
+        });
+        let (low, high) = if low <= high { (low, high) } else { (0.0, 1.0) };
+        let least = 1e-6 * low.abs().max(high.abs()).max(1e-3);
+        let range = high - low;
+        let (low, high) = if range < least {
+            let half = 0.5 * low.abs().max(1.0);
+            (low - half, high + half)
+        } else {
+            (low - margin * range, high + margin * range)
+        };
+        Self {
+            values: [low, high],
+            places,
+        }
+    }
+
+    /// The place of a value.
+    pub fn at(&self, value: f64) -> f64 {
+        let ([low, high], [from, to]) = (self.values, self.places);
+        from + (value - low) / (high - low) * (to - from)
+    }
+}
+
+/// About `count` round values between two others, and the decimals that they need.
+pub fn ticks([low, high]: [f64; 2], count: usize) -> (Vec<f64>, usize) {
+    let range = high - low;
+    if !(range > 0.0 && range.is_finite()) || count == 0 {
+        return (Vec::new(), 0);
+    }
+    let rough = range / count as f64;
+    let power = 10.0_f64.powf(rough.log10().floor());
+    let factor = [1.0, 2.0, 2.5, 5.0, 10.0]
+        .into_iter()
+        .find(|factor| factor * power >= rough * (1.0 - 1e-9))
+        .unwrap_or(10.0);
+    let step = factor * power;
+    let mut decimals = (-step.log10()).ceil().max(0.0) as usize;
+    if factor == 2.5 && step < 10.0 {
+        decimals = (-power.log10()).ceil().max(0.0) as usize + 1;
+    }
+    let first = (low / step - 1e-9).ceil();
+    let all = (0..=4 * count).map(|index| (first + index as f64) * step);
+    let values = all.take_while(|value| *value <= high + 1e-9 * range);
+    (values.map(|value| value + 0.0).collect(), decimals.min(9))
+}
+
+/// A number for a label: with so many decimals, a true minus sign, no −0.
+pub fn short(value: f64, decimals: usize) -> String {
+    if !value.is_finite() {
+        return "–".to_owned();
+    }
+    let text = format!("{value:.decimals$}");
+    let is_zero = text.chars().all(|sign| matches!(sign, '-' | '0' | '.'));
+    match text.strip_prefix('-') {
+        Some(rest) if is_zero => rest.to_owned(),
+        Some(rest) => format!("−{rest}"),
+        None => text,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_are_round_and_within() {
+        assert_eq!(
+            ticks([0.0, 1000.0], 5),
+            (vec![0.0, 200.0, 400.0, 600.0, 800.0, 1000.0], 0)
+        );
+        let (values, decimals) = ticks([-0.31, 0.42], 4);
+        assert_eq!(decimals, 1);
+        assert_eq!(values.len(), 4);
+        assert!(values.iter().all(|v| (-0.31..=0.42).contains(v)));
+        assert_eq!(ticks([0.0, 1.0], 4).1, 2);
+        for wrong in [
+            [1.0, 1.0],
+            [2.0, 1.0],
+            [f64::NAN, 1.0],
+            [0.0, f64::INFINITY],
+        ] {
+            assert!(ticks(wrong, 5).0.is_empty());
+        }
+    }
+
+    #[test]
+    fn a_scale_without_a_range_still_shows_its_value() {
+        for values in [
+            vec![],
+            vec![3.0],
+            vec![f64::NAN, 3.0, f64::INFINITY],
+            vec![0.0, 0.0],
+        ] {
+            let scale = Scale::over(values, [0.0, 100.0], 0.1);
+            assert!(scale.values[0] < scale.values[1], "{scale:?}");
+            assert!(scale.at(3.0).is_finite());
+        }
+    }
+
+    #[test]
+    fn a_number_has_a_minus_sign_and_no_negative_zero() {
+        assert_eq!(short(-0.001, 2), "0.00");
+        assert_eq!(short(-1.5, 1), "−1.5");
+        assert_eq!(short(f64::NAN, 1), "–");
+    }
+}

@@ -1,0 +1,125 @@
+//! The text of one SVG element, written so that only finite numbers and escaped texts get into it.
+
+use std::fmt::Write as _;
+
+/// One `<svg>` element while it is drawn.
+pub struct Svg {
+    text: String,
+}
+
+/// Where a text stands against its point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Anchor {
+    Start,
+    Middle,
+    End,
+}
+
+impl Svg {
+    /// An empty picture of a size in its own units, with the words that a screen reader says for it. `class` and `more` are
+    /// attributes of this crate, never texts of a file.
+    pub fn new(class: &str, (width, height): (f64, f64), words: &str, more: &str) -> Self {
+        let (width, height) = (finite(width), finite(height));
+        Self {
+            text: format!(
+                "<svg class=\"{class}\" viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"{}\"{more}>",
+                escaped(words)
+            ),
+        }
+    }
+
+    /// Adds markup that is made of finite numbers and escaped texts.
+    pub fn raw(&mut self, markup: &str) {
+        self.text += markup;
+    }
+
+    /// A straight line.
+    pub fn line(&mut self, class: &str, [x1, y1]: [f64; 2], [x2, y2]: [f64; 2]) {
+        if [x1, y1, x2, y2].iter().all(|x| x.is_finite()) {
+            let [x1, y1, x2, y2] = [x1, y1, x2, y2].map(finite);
+            self.put(format_args!(
+                "<path class=\"{class}\" d=\"M{x1} {y1}L{x2} {y2}\"/>"
+            ));
+        }
+    }
+
+    /// A line through points.
+    pub fn polyline(&mut self, class: &str, points: impl IntoIterator<Item = [f64; 2]>) {
+        self.put(format_args!("<polyline class=\"{class}\" points=\""));
+        self.coordinates(points);
+        self.text += "\"/>";
+    }
+
+    /// A closed area.
+    pub fn polygon(&mut self, class: &str, points: impl IntoIterator<Item = [f64; 2]>) {
+        self.put(format_args!("<polygon class=\"{class}\" points=\""));
+        self.coordinates(points);
+        self.text += "\"/>";
+    }
+
+    /// A text, escaped.
+    pub(crate) fn text(&mut self, class: &str, [x, y]: [f64; 2], anchor: Anchor, text: &str) {
+        if x.is_finite() && y.is_finite() {
+            let anchor = match anchor {
+                Anchor::Start => "",
+                Anchor::Middle => " text-anchor=\"middle\"",
+                Anchor::End => " text-anchor=\"end\"",
+            };
+            let (x, y, text) = (finite(x), finite(y), escaped(text));
+            self.put(format_args!(
+                "<text class=\"{class}\" x=\"{x}\" y=\"{y}\"{anchor}>{text}</text>"
+            ));
+        }
+    }
+
+    /// The whole element.
+    pub fn finish(mut self) -> String {
+        self.text += "</svg>";
+        self.text
+    }
+
+    pub(crate) fn put(&mut self, what: core::fmt::Arguments<'_>) {
+        // Writing to a String cannot fail.
+        let _ = self.text.write_fmt(what);
+    }
+
+    fn coordinates(&mut self, points: impl IntoIterator<Item = [f64; 2]>) {
+        let mut first = true;
+        for [x, y] in points {
+            if x.is_finite() && y.is_finite() {
+                let space = if first { "" } else { " " };
+                self.put(format_args!("{space}{},{}", finite(x), finite(y)));
+                first = false;
+            }
+        }
+    }
+}
+
+/// A number in hundredths that is never −0, NaN or infinite: 0 where it is no finite number.
+pub fn finite(x: f64) -> f64 {
+    let hundredths = (x * 100.0).round() / 100.0;
+    if hundredths.is_finite() {
+        hundredths + 0.0
+    } else {
+        0.0
+    }
+}
+
+/// A text as it stands in HTML and in a quoted attribute: none of its signs is markup, and control characters that no
+/// document may hold are replaced.
+pub fn escaped(text: &str) -> String {
+    let mut safe = String::with_capacity(text.len());
+    for sign in text.chars() {
+        match sign {
+            '&' => safe += "&amp;",
+            '<' => safe += "&lt;",
+            '>' => safe += "&gt;",
+            '"' => safe += "&quot;",
+            '\'' => safe += "&#39;",
+            '\n' | '\t' => safe.push(sign),
+            sign if sign.is_control() => safe.push('\u{fffd}'),
+            sign => safe.push(sign),
+        }
+    }
+    safe
+}

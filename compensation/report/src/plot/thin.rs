@@ -1,0 +1,69 @@
+//! Fewer points that look the same.
+
+/// As many points of one plot are drawn at the most.
+pub const MOST_POINTS: usize = 6000;
+
+/// Points in ascending x of which at most about `most` are left: in each of equal parts of the range the first, the smallest, the
+/// largest and the last value stay, so that no peak is lost. Points that are no finite numbers go.
+pub fn thinned(points: &[(f64, f64)], most: usize) -> Vec<(f64, f64)> {
+    let is_finite = |(x, y): &&(f64, f64)| x.is_finite() && y.is_finite();
+    let finite: Vec<(f64, f64)> = points.iter().filter(is_finite).copied().collect();
+    if finite.len() <= most.max(8) {
+        return finite;
+    }
+    let parts = (most / 4).max(2);
+    let (low, high) = finite
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (x, _)| {
+            (low.min(*x), high.max(*x))
+        });
+    let width = (high - low) / parts as f64;
+    let part_of = |x: f64| {
+        if width > 0.0 && width.is_finite() {
+            // Between 0 and `parts`, whatever x is.
+            (((x - low) / width).clamp(0.0, parts as f64 - 1.0)) as usize
+        } else {
+            0
+        }
+    };
+    let mut kept = Vec::new();
+    for part in finite.chunk_by(|a, b| part_of(a.0) == part_of(b.0)) {
+        let by_value = |a: &usize, b: &usize| part[*a].1.total_cmp(&part[*b].1);
+        let mut places = vec![0, part.len() - 1];
+        places.extend((0..part.len()).min_by(by_value));
+        places.extend((0..part.len()).max_by(by_value));
+        places.sort_unstable();
+        places.dedup();
+        kept.extend(places.into_iter().map(|place| part[place]));
+    }
+    kept
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_smallest_and_the_largest_value_stay() {
+        let mut points: Vec<(f64, f64)> = (0..10_000)
+            .map(|i| (f64::from(i), (f64::from(i) * 0.37).sin()))
+            .collect();
+        points[4321].1 = 9.0;
+        points[8765].1 = -7.0;
+        points[17].1 = f64::NAN;
+        let kept = thinned(&points, 800);
+        assert!(kept.len() <= 800, "{}", kept.len());
+        assert!(kept.contains(&(4321.0, 9.0)) && kept.contains(&(8765.0, -7.0)));
+        assert_eq!((kept[0].0, kept[kept.len() - 1].0), (0.0, 9999.0));
+        assert!(kept.is_sorted_by(|a, b| a.0 <= b.0));
+        assert!(kept.iter().all(|(_, y)| y.is_finite()));
+    }
+
+    #[test]
+    fn points_at_one_place_and_few_points_are_no_trouble() {
+        let same = vec![(5.0, 1.0); 100];
+        assert!(!thinned(&same, 10).is_empty());
+        assert_eq!(thinned(&[(1.0, 2.0)], 100), [(1.0, 2.0)]);
+        assert!(thinned(&[], 100).is_empty());
+    }
+}

@@ -1,0 +1,370 @@
+//! Values over a coordinate: runs, curves, bands, limits and brackets with letters.
+
+use super::{
+    marks::outline,
+    scale::{Scale, short, ticks},
+    svg::{Anchor, Svg, escaped, finite},
+    thin::{MOST_POINTS, thinned},
+};
+
+/// The width of a plot that fills a page.
+pub const WIDTH: f64 = 680.0;
+const LEFT: f64 = 58.0;
+/// Between two brackets beside the plot.
+const SLOT: f64 = 44.0;
+/// The width of an average sign of a label.
+const SIGN: f64 = 6.3;
+const ROW: f64 = 17.0;
+/// Signs are drawn for so many points of a series at the most: more would cover each other.
+const MOST_MARKS: usize = 250;
+
+/// The sign at each point of a series.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mark {
+    /// No sign.
+    None,
+    /// A filled dot.
+    Dot,
+    /// A triangle that points up: forward.
+    Up,
+    /// A triangle that points down: backward.
+    Down,
+    /// A cross.
+    Cross,
+}
+
+/// How a series looks. Forward and backward differ in colour, in the line (whole, dashed) and in their signs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Look {
+    /// A single run forward.
+    RunForward,
+    /// A single run backward.
+    RunBackward,
+    /// Mean readings or a curve forward.
+    Forward,
+    /// Mean readings or a curve backward.
+    Backward,
+    /// A curve of both directions, or a mean of both.
+    Both,
+    /// A limit, forward.
+    LimitForward,
+    /// A limit, backward.
+    LimitBackward,
+    /// The state before a compensation.
+    Before,
+    /// The state after a compensation.
+    After,
+}
+
+impl Look {
+    fn class(self) -> &'static str {
+        match self {
+            Self::RunForward => "run f",
+            Self::RunBackward => "run b",
+            Self::Forward => "mean f",
+            Self::Backward => "mean b",
+            Self::Both => "mean m",
+            Self::LimitForward => "limit f",
+            Self::LimitBackward => "limit b",
+            Self::Before => "mean b",
+            Self::After => "mean f",
+        }
+    }
+}
+
+/// Points that belong together.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Series {
+    /// What the points are, for the value that is shown at the pointer.
+    pub name: String,
+    /// Coordinates and values, coordinates ascending.
+    pub points: Vec<(f64, f64)>,
+    /// How they look.
+    pub look: Look,
+    /// The sign at each point.
+    pub mark: Mark,
+    /// Whether a line connects them.
+    pub line: bool,
+}
+
+/// An area between two curves.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Band {
+    /// Coordinates, ascending.
+    pub x: Vec<f64>,
+    /// The lower edge at each.
+    pub low: Vec<f64>,
+    /// The upper edge at each.
+    pub high: Vec<f64>,
+    /// How it looks: of [`Look::Backward`] it is hatched.
+    pub look: Look,
+}
+
+/// A span of values with its letter: beside the plot, or at a coordinate within it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bracket {
+    /// The letter and the number.
+    pub label: String,
+    /// The values at both ends.
+    pub span: [f64; 2],
+    /// The coordinate; `None`: beside the plot.
+    pub at: Option<f64>,
+}
+
+/// One plot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct XyPlot {
+    /// What it shows, for a screen reader.
+    pub words: String,
+    /// The name of the coordinate with its unit.
+    pub x_label: String,
+    /// Whether it stands below the plot: not where another plot with the same coordinate follows.
+    pub x_named: bool,
+    /// The name of the value with its unit.
+    pub y_label: String,
+    /// Both ends of the coordinate that are shown at least.
+    pub x_range: Option<[f64; 2]>,
+    /// The width of the picture, in its own units: [`WIDTH`] or less.
+    pub width: f64,
+    /// The height of the area with the curves.
+    pub height: f64,
+    /// The points.
+    pub series: Vec<Series>,
+    /// The areas behind them.
+    pub bands: Vec<Band>,
+    /// Spans with letters.
+    pub brackets: Vec<Bracket>,
+    /// Looks and words of the legend; no legend without.
+    pub legend: Vec<(Look, Mark, String)>,
+    /// The word in the legend for the areas; none without areas.
+    pub band_label: String,
+}
+
+/// The picture of a plot.
+pub fn xy(plot: &XyPlot) -> String {
+    let beside = plot.brackets.iter().filter(|b| b.at.is_none()).count();
+    let whole = if plot.width.is_finite() {
+        plot.width.clamp(240.0, 4000.0)
+    } else {
+        WIDTH
+    };
+    let right = whole
+        - 14.0
+        - if beside > 0 {
+            10.0 + SLOT * beside as f64
+        } else {
+            0.0
+        };
+    let (legend, rows) = legend_places(plot);
+    let top = 10.0 + ROW * rows as f64 + 14.0;
+    let bottom = top + plot.height;
+    let xs = plot
+        .series
+        .iter()
+        .flat_map(|s| s.points.iter().map(|p| p.0));
+    let of_bands = plot.bands.iter().flat_map(|b| b.x.iter().copied());
+    let asked = plot.x_range.into_iter().flatten();
+    let x = Scale::over(xs.chain(of_bands).chain(asked), [LEFT, right], 0.0);
+    let ys = plot
+        .series
+        .iter()
+        .flat_map(|s| s.points.iter().map(|p| p.1));
+    let edges = plot
+        .bands
+        .iter()
+        .flat_map(|b| b.low.iter().chain(&b.high).copied());
+    let spans = plot.brackets.iter().flat_map(|b| b.span);
+    let y = Scale::over(ys.chain(edges).chain(spans), [bottom, top], 0.06);
+    let frame = format!(
+        " data-x=\"{} {} {} {}\" data-y=\"{} {} {} {}\" data-l=\"{}\" data-m=\"{}\"",
+        LEFT,
+        finite(right),
+        x.values[0],
+        x.values[1],
+        finite(bottom),
+        finite(top),
+        y.values[0],
+        y.values[1],
+        escaped(&plot.x_label),
+        escaped(&plot.y_label)
+    );
+    let mut svg = Svg::new(
+        "plot xy",
+        (whole, bottom + if plot.x_named { 42.0 } else { 22.0 }),
+        &plot.words,
+        &frame,
+    );
+    axes(&mut svg, plot, (&x, &y));
+    for band in &plot.bands {
+        area(&mut svg, band, (&x, &y));
+    }
+    let most = (MOST_POINTS / plot.series.len().max(1)).max(40);
+    for series in &plot.series {
+        one(&mut svg, series, most, (&x, &y));
+    }
+    brackets(&mut svg, plot, (&x, &y));
+    for (look, mark, text, [at, row]) in legend {
+        sample(&mut svg, look, mark, &text, [at, row]);
+    }
+    svg.raw("<g class=\"at\"></g>");
+    svg.finish()
+}
+
+/// Where the entries of the legend stand, and in how many rows.
+#[allow(clippy::type_complexity)]
+fn legend_places(plot: &XyPlot) -> (Vec<(Option<Look>, Mark, String, [f64; 2])>, usize) {
+    let band = (!plot.bands.is_empty() && !plot.band_label.is_empty())
+        .then(|| (None, Mark::None, plot.band_label.clone()));
+    let entries = plot
+        .legend
+        .iter()
+        .map(|(look, mark, text)| (Some(*look), *mark, text.clone()));
+    let mut placed = Vec::new();
+    let (mut at, mut row) = (LEFT, 0);
+    for (look, mark, text) in entries.chain(band) {
+        let width = 34.0 + SIGN * text.chars().count() as f64 + 14.0;
+        if at > LEFT && at + width > plot.width {
+            at = LEFT;
+            row += 1;
+        }
+        placed.push((look, mark, text, [at, 14.0 + ROW * f64::from(row)]));
+        at += width;
+    }
+    let rows = if placed.is_empty() {
+        0
+    } else {
+        row as usize + 1
+    };
+    (placed, rows)
+}
+
+fn sample(svg: &mut Svg, look: Option<Look>, mark: Mark, text: &str, [x, y]: [f64; 2]) {
+    match look {
+        Some(look) => {
+            let class = look.class();
+            svg.line(class, [x, y - 4.0], [x + 26.0, y - 4.0]);
+            let mut path = String::new();
+            outline(&mut path, mark, [x + 13.0, y - 4.0], 3.2);
+            if !path.is_empty() {
+                svg.put(format_args!("<path class=\"sign {class}\" d=\"{path}\"/>"));
+            }
+        }
+        None => svg.polygon(
+            "band f",
+            [
+                [x, y - 10.0],
+                [x + 26.0, y - 10.0],
+                [x + 26.0, y + 2.0],
+                [x, y + 2.0],
+            ],
+        ),
+    }
+    svg.text("key", [x + 32.0, y], Anchor::Start, text);
+}
+
+fn axes(svg: &mut Svg, plot: &XyPlot, (x, y): (&Scale, &Scale)) {
+    let ([left, right], [bottom, top]) = (x.places, y.places);
+    let (values, decimals) = ticks(y.values, if plot.height < 120.0 { 4 } else { 6 });
+    for value in values {
+        let at = y.at(value);
+        let class = if value == 0.0 { "zero" } else { "grid" };
+        svg.line(class, [left, at], [right, at]);
+        svg.text(
+            "tick",
+            [left - 7.0, at + 4.0],
+            Anchor::End,
+            &short(value, decimals),
+        );
+    }
+    let (values, decimals) = ticks(x.values, if plot.width < 400.0 { 4 } else { 8 });
+    for value in values {
+        let at = x.at(value);
+        svg.line("grid", [at, top], [at, bottom]);
+        svg.text(
+            "tick",
+            [at, bottom + 16.0],
+            Anchor::Middle,
+            &short(value, decimals),
+        );
+    }
+    svg.line("frame", [left, top], [left, bottom]);
+    svg.line("frame", [left, bottom], [right, bottom]);
+    if plot.x_named {
+        svg.text("name", [right, bottom + 33.0], Anchor::End, &plot.x_label);
+    }
+    svg.text("name", [6.0, top - 8.0], Anchor::Start, &plot.y_label);
+}
+
+fn area(svg: &mut Svg, band: &Band, (x, y): (&Scale, &Scale)) {
+    let edge = |values: &[f64]| -> Vec<(f64, f64)> {
+        band.x.iter().copied().zip(values.iter().copied()).collect()
+    };
+    let [low, high] = [&band.low, &band.high].map(|values| thinned(&edge(values), MOST_POINTS / 4));
+    let place = |(at, value): (f64, f64)| [x.at(at), y.at(value)];
+    let upper = high.into_iter().map(place);
+    let lower = low.into_iter().rev().map(place);
+    let class = if band.look == Look::Backward {
+        "band b"
+    } else {
+        "band f"
+    };
+    svg.polygon(class, upper.chain(lower));
+}
+
+fn one(svg: &mut Svg, series: &Series, most: usize, (x, y): (&Scale, &Scale)) {
+    let points = thinned(&series.points, most);
+    if points.is_empty() {
+        return;
+    }
+    let class = series.look.class();
+    let places: Vec<[f64; 2]> = points
+        .iter()
+        .map(|(at, value)| [x.at(*at), y.at(*value)])
+        .collect();
+    let shown = if series.line { class } else { "none" };
+    svg.put(format_args!(
+        "<g class=\"s\" data-n=\"{}\">",
+        escaped(&series.name)
+    ));
+    svg.polyline(shown, places.iter().copied());
+    if series.mark != Mark::None && places.len() <= MOST_MARKS {
+        let size = match series.look {
+            Look::RunForward | Look::RunBackward => 2.0,
+            _ => 3.2,
+        };
+        let mut path = String::new();
+        for place in &places {
+            outline(&mut path, series.mark, *place, size);
+        }
+        svg.put(format_args!("<path class=\"sign {class}\" d=\"{path}\"/>"));
+    }
+    svg.raw("</g>");
+}
+
+fn brackets(svg: &mut Svg, plot: &XyPlot, (x, y): (&Scale, &Scale)) {
+    let mut slot = 0.0;
+    for bracket in &plot.brackets {
+        let at = match bracket.at {
+            Some(at) => x.at(at),
+            None => {
+                slot += 1.0;
+                x.places[1] + SLOT * (slot - 0.5)
+            }
+        };
+        let [low, high] = bracket.span.map(|value| y.at(value));
+        svg.line("bracket", [at, low], [at, high]);
+        for end in [low, high] {
+            svg.line("bracket", [at - 4.0, end], [at + 4.0, end]);
+            if bracket.at.is_none() {
+                svg.line("lead", [x.places[1], end], [at - 4.0, end]);
+            }
+        }
+        let (middle, from) = (0.5 * (low + high), y.places[1]);
+        let place = match bracket.at {
+            Some(_) if at < x.places[1] - 60.0 => ([at + 6.0, middle + 4.0], Anchor::Start),
+            Some(_) => ([at - 6.0, middle + 4.0], Anchor::End),
+            None => ([at, low.min(high).max(from) - 6.0], Anchor::Middle),
+        };
+        svg.text("letter", place.0, place.1, &bracket.label);
+    }
+}

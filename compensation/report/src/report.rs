@@ -1,0 +1,443 @@
+//! What stands in a report: plain data. Numbers are in the units that people read: coordinates in mm or deg, errors in µm or
+//! µrad.
+
+use serde::{Deserialize, Serialize};
+use volcomp_metrology::Iso230Part2;
+use volcomp_vocabulary::Direction;
+
+/// A report of a calibration.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Report {
+    /// Which machine, when, by whom, with what.
+    pub head: Head,
+    /// The figures that have a tolerance; empty where none is stated.
+    pub checks: Vec<Check>,
+    /// What a reader must know before any number.
+    pub warnings: Vec<Warning>,
+    /// Every error curve.
+    pub curves: Vec<Curve>,
+    /// Positioning tests by ISO 230-2.
+    pub positioning: Vec<Positioning>,
+    /// The angles between the linear axes.
+    pub squareness: Vec<Square>,
+    /// Other location errors of the machine.
+    pub locations: Vec<Location>,
+    /// The body diagonals of ISO 230-6.
+    pub diagonals: Option<Diagonals>,
+    /// The error over the working space.
+    pub volume: Option<Volume>,
+    /// How uncertain it is.
+    pub uncertainty: Option<Uncertainty>,
+    /// The errors that nothing measured, and what each can do.
+    pub not_measured: Vec<String>,
+    /// What was found from observations of the whole machine.
+    pub identified: Option<Identified>,
+    /// The version of volcomp that made the report.
+    pub version: String,
+}
+
+/// Which machine, when, by whom, with what. `None`: neither a file nor an option states it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Head {
+    /// The file that the report is made from.
+    pub source: String,
+    /// The name of the machine.
+    pub machine: Option<String>,
+    /// Its serial number.
+    pub serial: Option<String>,
+    /// The date of the measurement.
+    pub date: Option<String>,
+    /// Who measured.
+    pub operator: Option<String>,
+    /// The instrument.
+    pub instrument: Option<String>,
+    /// The lowest and the highest temperature of the air, °C.
+    pub air_degc: Option<[f64; 2]>,
+    /// The lowest and the highest temperature of the material, °C.
+    pub material_degc: Option<[f64; 2]>,
+    /// The structure code of the machine.
+    pub structure: String,
+    /// The axes and their travels.
+    pub axes: Vec<AxisTravel>,
+    /// The tip of the tool for which volumetric errors hold, mm.
+    pub tool_tip_mm: [f64; 3],
+    /// The measurement files.
+    pub files: Vec<SourceFile>,
+}
+
+/// An axis and its travel.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AxisTravel {
+    /// The letter.
+    pub axis: String,
+    /// Both ends of the travel, mm or deg.
+    pub travel: [f64; 2],
+    /// `mm` or `deg`.
+    pub unit: String,
+}
+
+/// A measurement file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SourceFile {
+    /// The file as it was named.
+    pub file: String,
+    /// What it measures: an error, or the kind of an observation.
+    pub measures: String,
+    /// How many targets, or rows.
+    pub targets: usize,
+    /// How many runs forward and backward; `None` for observations.
+    pub runs: Option<[usize; 2]>,
+    /// The date that it states.
+    pub date: Option<String>,
+}
+
+/// How a figure stands against its tolerance.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// It is within.
+    Pass,
+    /// It is beyond.
+    Fail,
+    /// The measurements do not give the figure.
+    NotEvaluated,
+}
+
+/// A figure and its tolerance.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Check {
+    /// The symbol of the figure: `A`, `E`, `EC0Y`, `V`.
+    pub symbol: String,
+    /// What it is of: an error and its file.
+    pub of: String,
+    /// The figure.
+    pub value: Option<f64>,
+    /// The most that is allowed.
+    pub limit: f64,
+    /// `µm` or `µrad`.
+    pub unit: String,
+    /// How it stands.
+    pub outcome: Outcome,
+}
+
+/// What a warning is about, the gravest first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum WarningKind {
+    /// Measurements of one error say different things.
+    Contradiction,
+    /// Fewer targets or runs than ISO 230-2 asks for.
+    Few,
+    /// Far from 20 °C, or temperatures that nobody states.
+    Temperature,
+    /// A run or a reading that differs from the others.
+    Outlier,
+    /// Errors that nothing measured.
+    NotMeasured,
+    /// What reading and calibrating told besides.
+    Note,
+}
+
+/// What a reader must know before any number.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Warning {
+    /// What it is about.
+    pub kind: WarningKind,
+    /// The sentence, in English.
+    pub text: String,
+}
+
+/// One error: its readings and its curves.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Curve {
+    /// The name: `EXX`.
+    pub error: String,
+    /// The axis that moves.
+    pub axis: String,
+    /// `mm` or `deg`.
+    pub x_unit: String,
+    /// `µm` or `µrad`.
+    pub unit: String,
+    /// The travel of the axis.
+    pub travel: [f64; 2],
+    /// The measured lines; none where the machine file states the curve.
+    pub lines: Vec<CurveLine>,
+    /// One curve for both directions, or one for each.
+    pub branches: Vec<Branch>,
+}
+
+/// One measured line as its curve follows it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CurveLine {
+    /// The file; `None` where the error was found from several other lines.
+    pub file: Option<String>,
+    /// Single runs; none where only means are known.
+    pub runs: Vec<Run>,
+    /// Mean readings forward and backward.
+    pub means: [Vec<(f64, f64)>; 2],
+}
+
+/// One run: targets and deviations, targets ascending.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Run {
+    /// The direction of travel.
+    pub direction: Direction,
+    /// Its number among those of its direction.
+    pub number: u32,
+    /// Targets and deviations.
+    pub points: Vec<(f64, f64)>,
+}
+
+/// A curve and how well it follows its readings.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Branch {
+    /// The direction; `None`: both.
+    pub direction: Option<Direction>,
+    /// The curve over the travel.
+    pub points: Vec<(f64, f64)>,
+    /// Mean readings minus curve.
+    pub residuals: Vec<(f64, f64)>,
+    /// A band about the curve.
+    pub band: Option<Band>,
+    /// How it was fitted; `None` where the machine file states it.
+    pub fit: Option<FitNumbers>,
+}
+
+/// A band about a curve.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Band {
+    /// Coordinates, ascending.
+    pub x: Vec<f64>,
+    /// The lower edge.
+    pub low: Vec<f64>,
+    /// The upper edge.
+    pub high: Vec<f64>,
+    /// How it was made.
+    pub kind: BandKind,
+}
+
+/// How a band was made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum BandKind {
+    /// 95 % of a mean reading, from the scatter of the runs, about the curve. How the curve itself would change with other
+    /// readings is not in it.
+    OfMeanReadings,
+    /// 95 % of the curve.
+    OfCurve,
+}
+
+/// How a curve was fitted and how well it follows.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FitNumbers {
+    /// The kind of curve, as the machine file names it.
+    pub kind: String,
+    /// How many mean readings.
+    pub readings: usize,
+    /// The smallest, the largest and the root mean square of readings minus curve.
+    pub residual: [f64; 3],
+    /// The leave-one-out error.
+    pub leave_one_out: f64,
+    /// The largest difference forward − backward of the curves.
+    pub reversal: Option<f64>,
+}
+
+/// A positioning test by ISO 230-2.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Positioning {
+    /// The measurement file.
+    pub file: String,
+    /// The error that it measures.
+    pub error: String,
+    /// `mm` or `deg`.
+    pub x_unit: String,
+    /// `µm` or `µrad`.
+    pub unit: String,
+    /// Every run as it was read.
+    pub runs: Vec<Run>,
+    /// The figures.
+    pub result: Iso230Part2,
+}
+
+/// The angle between two linear axes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Square {
+    /// The axis from which the angle is counted.
+    pub first: String,
+    /// The axis to which it is counted.
+    pub second: String,
+    /// The angle less 90°, µrad.
+    pub angle_urad: f64,
+    /// The location errors that make it and their values, µrad.
+    pub from: Vec<(String, f64)>,
+    /// Whether the calibration gives it; else the machine file states it.
+    pub measured: bool,
+}
+
+/// A location error.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Location {
+    /// Its name.
+    pub error: String,
+    /// Its value.
+    pub value: f64,
+    /// `µm` or `µrad`.
+    pub unit: String,
+    /// The standard uncertainty (k = 1) that is stated for it.
+    pub uncertainty: Option<f64>,
+}
+
+/// Where the errors of a state come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum State {
+    /// The errors that this calibration found.
+    Found,
+    /// Those of the machine file that was given as the state before.
+    GivenBefore,
+    /// Those of the machine file that was given as the truth, without correction.
+    Truth,
+    /// Those of the truth with the correction of the machine of this report.
+    TruthCorrected,
+}
+
+/// The body diagonals of ISO 230-6.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Diagonals {
+    /// The state before a compensation, or the only one that is known.
+    pub before: (State, Vec<Diagonal>),
+    /// The state after it.
+    pub after: Option<(State, Vec<Diagonal>)>,
+}
+
+/// One diagonal.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Diagonal {
+    /// `PPP`, `NPP`, `PNP`, `PPN`.
+    pub name: String,
+    /// Places along it (mm) and deviations (µm).
+    pub points: Vec<(f64, f64)>,
+    /// The largest less the smallest deviation, µm.
+    pub range_um: f64,
+}
+
+/// The error of the tool over the working space.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Volume {
+    /// The state before a compensation, or the only one that is known.
+    pub before: (State, Size),
+    /// The state after it.
+    pub after: Option<(State, Size)>,
+    /// Planes through the middle of the working space.
+    pub slices: Vec<Slice>,
+    /// The ends of the travels of X, Y and Z, mm; of an axis that is not there twice 0.
+    pub travels_mm: [[f64; 2]; 3],
+    /// Places in space with the error of each state.
+    pub vectors: Vec<Vector>,
+    /// How many nodes the sizes are taken over.
+    pub nodes: usize,
+}
+
+/// How large the errors of position are.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Size {
+    /// The largest, µm.
+    pub max_um: f64,
+    /// The root of the mean square, µm.
+    pub rms_um: f64,
+    /// The largest beside the best rigid motion of the workpiece: where it lies is no error of the machine, µm.
+    pub form_max_um: f64,
+    /// The root of the mean square beside that motion, µm.
+    pub form_rms_um: f64,
+    /// Where the largest beside it is, mm.
+    pub at_mm: [f64; 3],
+}
+
+/// The length of the error over a plane, beside the best rigid motion of the workpiece.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Slice {
+    /// The axis to the right.
+    pub across: String,
+    /// The axis upwards.
+    pub up: String,
+    /// The axis that is held, and where, mm; `None` on a machine that has no third one.
+    pub held: Option<(String, f64)>,
+    /// The nodes to the right, mm.
+    pub x: Vec<f64>,
+    /// The nodes upwards, mm.
+    pub y: Vec<f64>,
+    /// The length of the error before, µm; to the right fastest.
+    pub before_um: Vec<f64>,
+    /// The length of the error after, µm.
+    pub after_um: Option<Vec<f64>>,
+}
+
+/// The errors at a place, beside the best rigid motion of the workpiece.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Vector {
+    /// The place, mm.
+    pub at_mm: [f64; 3],
+    /// The error before, µm.
+    pub before_um: [f64; 3],
+    /// The error after, µm.
+    pub after_um: Option<[f64; 3]>,
+}
+
+/// How uncertain the error over the working space is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Uncertainty {
+    /// How many machines were drawn; 0: nothing was drawn.
+    pub trials: u64,
+    /// The seed of the draws.
+    pub seed: u64,
+    /// Root of the mean square of the standard uncertainty (k = 1) of the position error over the nodes, µm.
+    pub rms_um: f64,
+    /// The largest, µm.
+    pub max_um: f64,
+    /// Where the largest is, mm.
+    pub at_mm: [f64; 3],
+    /// Contributions that the calibration file states: words and standard uncertainties.
+    pub stated: Vec<(String, f64, String)>,
+    /// What it does not count, in sentences.
+    pub not_counted: Vec<String>,
+}
+
+/// What was found from observations of the whole machine.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Identified {
+    /// The unknowns.
+    pub parameters: Vec<Parameter>,
+    /// How many combinations the observations determine.
+    pub rank: usize,
+    /// Of how many unknowns that count.
+    pub of: usize,
+    /// How well those that are determined can be told apart: 1 is best.
+    pub score: f64,
+    /// What is left of the fitted rows: root mean square, largest (µm), rows.
+    pub residual: (f64, f64, usize),
+    /// What is left of rows that were left out of the fit.
+    pub left_out: Option<(f64, f64, usize)>,
+    /// What is left of rows that are only predicted.
+    pub judged: Option<(f64, f64, usize)>,
+    /// Combinations that move nothing in the observations: names and weights.
+    pub null_space: Vec<Vec<(String, f64)>>,
+    /// Unknowns that are zero by convention.
+    pub redundant: Vec<String>,
+    /// The pose that would help most, in words.
+    pub next: Option<String>,
+}
+
+/// One unknown.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Parameter {
+    /// Its name.
+    pub name: String,
+    /// Its value.
+    pub value: f64,
+    /// Its standard uncertainty (k = 1); `None`: not determined.
+    pub uncertainty: Option<f64>,
+    /// The unit.
+    pub unit: String,
+    /// The unknowns that have to be zero for this value to hold.
+    pub given_zero: Vec<String>,
+}

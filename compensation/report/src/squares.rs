@@ -1,0 +1,114 @@
+//! The angles between the linear axes, and the other location errors of a machine.
+
+use volcomp_kinematics::nalgebra::Vector3;
+use volcomp_model::Machine;
+use volcomp_vocabulary::{AxisKind, AxisName, ErrorName};
+
+use crate::report::{Location, Square};
+
+const PAIRS: [[AxisName; 2]; 3] = [
+    [AxisName::X, AxisName::Y],
+    [AxisName::Y, AxisName::Z],
+    [AxisName::X, AxisName::Z],
+];
+
+/// The angles between the linear axes as the location errors of a machine make them. `measured` tells of which pairs the
+/// calibration found the angle.
+pub(crate) fn squares(machine: &Machine, measured: impl Fn([AxisName; 2]) -> bool) -> Vec<Square> {
+    let pairs = PAIRS.into_iter().filter_map(|pair| {
+        let [first, second] = pair.map(|name| machine.axis(name).map(|_| unit(name)));
+        let (first, second) = (first?, second?);
+        let mut from = Vec::new();
+        let mut angle_urad = 0.0;
+        for (name, value) in machine.locations() {
+            let (own, other) = match name.axis {
+                axis if axis == pair[0] => (first, second),
+                axis if axis == pair[1] => (second, first),
+                _ => continue,
+            };
+            if !name.component.is_angular() {
+                continue;
+            }
+            // An axis v that is tilted by ε about c points along v + ε c × v.
+            let mut about = Vector3::zeros();
+            about[name.component.mcs_index()] = 1.0;
+            let opens = -other.dot(&about.cross(&own));
+            if opens != 0.0 {
+                angle_urad += opens * value;
+                from.push((name.to_string(), *value));
+            }
+        }
+        (!from.is_empty()).then(|| Square {
+            first: pair[0].to_string(),
+            second: pair[1].to_string(),
+            angle_urad,
+            from,
+            measured: measured(pair),
+        })
+    });
+    pairs.collect()
+}
+
+/// The pair of axes that a squareness error is of.
+pub(crate) fn pair_of(error: ErrorName) -> Option<[AxisName; 2]> {
+    PAIRS.into_iter().find(|pair| {
+        pair.contains(&error.axis)
+            && pair
+                .iter()
+                .all(|axis| axis.mcs_index() != error.component.mcs_index())
+    })
+}
+
+/// The location errors that are no squareness.
+pub(crate) fn other_locations(
+    machine: &Machine,
+    stated: &[volcomp_calibrate::Location],
+) -> Vec<Location> {
+    let is_square = |name: &ErrorName| {
+        name.component.is_angular()
+            && name.axis.kind() == AxisKind::Linear
+            && pair_of(*name).is_some()
+    };
+    let others = machine
+        .locations()
+        .iter()
+        .filter(|(name, _)| !is_square(name));
+    let location = |(name, value): (&ErrorName, &f64)| Location {
+        error: name.to_string(),
+        value: *value,
+        unit: name.component.symbol().to_owned(),
+        uncertainty: stated
+            .iter()
+            .find(|of| of.error == *name)
+            .map(|of| of.uncertainty),
+    };
+    others.map(location).collect()
+}
+
+fn unit(name: AxisName) -> Vector3<f64> {
+    let mut unit = Vector3::zeros();
+    unit[name.mcs_index()] = 1.0;
+    unit
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By the right-hand rule EC0Y and EA0Z open the angles XY and YZ, EB0Z closes XZ (see `volcomp_metrology::squareness`); the
+    /// same tilt of the other axis does the opposite.
+    #[test]
+    fn location_errors_open_and_close_the_angles() {
+        let machine = Machine::parse(
+            "structure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 1000]\nY.travel = [0, 1000]\nZ.travel = [0, 1000]\n[errors]\nEC0Y = 10.0\nEA0Z = 20.0\nEB0Z = 30.0\nEC0X = 4.0\n",
+            "machine.toml",
+        )
+        .expect("a machine");
+        let found = squares(&machine, |pair| pair[0] == AxisName::Y);
+        let angles: Vec<f64> = found.iter().map(|square| square.angle_urad).collect();
+        assert_eq!(angles, [6.0, 20.0, -30.0]);
+        assert_eq!(found[0].from.len(), 2);
+        assert!(found[1].measured && !found[2].measured);
+        assert!(other_locations(&machine, &[]).is_empty());
+    }
+}

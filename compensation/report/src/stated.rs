@@ -1,0 +1,96 @@
+//! The head of a report: what files state of themselves, and what a caller states instead.
+
+use volcomp_metrology::{Environment, Measurement, Metadata, StartEnd};
+use volcomp_model::Machine;
+
+use crate::report::{AxisTravel, Head};
+
+/// What a caller states beside the files; it takes the place of what they state.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Stated {
+    /// The name of the machine.
+    pub machine: Option<String>,
+    /// Its serial number.
+    pub serial: Option<String>,
+    /// The date of the measurement.
+    pub date: Option<String>,
+    /// Who measured.
+    pub operator: Option<String>,
+    /// The instrument.
+    pub instrument: Option<String>,
+}
+
+/// The head of a machine and its measurements.
+pub(crate) fn head<'a>(
+    source: &str,
+    machine: &Machine,
+    measurements: impl Iterator<Item = &'a Measurement> + Clone,
+    stated: &Stated,
+) -> Head {
+    let of_files = |field: fn(&Metadata) -> Option<String>| {
+        joined(measurements.clone().filter_map(|m| field(&m.metadata)))
+    };
+    let of_sensors = |field: fn(&Environment) -> Vec<StartEnd>| {
+        let all = measurements.clone().flat_map(|m| field(&m.environment));
+        range(all.flat_map(|value| [value.start, value.end]))
+    };
+    let program = |of: &Metadata| match (&of.owner, &of.version) {
+        (Some(owner), Some(version)) => Some(format!("{owner} {version}")),
+        (Some(owner), None) => Some(owner.clone()),
+        _ => None,
+    };
+    let axes = machine.axes().iter().map(|axis| AxisTravel {
+        axis: axis.name.to_string(),
+        travel: axis.travel,
+        unit: axis.name.kind().coordinate_unit().to_owned(),
+    });
+    Head {
+        source: source.to_owned(),
+        machine: stated
+            .machine
+            .clone()
+            .or_else(|| of_files(|m| m.machine.clone())),
+        serial: stated
+            .serial
+            .clone()
+            .or_else(|| of_files(|m| m.serial.clone())),
+        date: stated.date.clone().or_else(|| of_files(|m| m.date.clone())),
+        operator: stated
+            .operator
+            .clone()
+            .or_else(|| of_files(|m| m.by.clone())),
+        instrument: stated.instrument.clone().or_else(|| of_files(program)),
+        air_degc: of_sensors(|e| e.air_temperature.into_iter().collect()),
+        material_degc: of_sensors(|e| e.material_temperature.into_iter().flatten().collect()),
+        structure: machine.chain().structure().to_string(),
+        axes: axes.collect(),
+        tool_tip_mm: machine.chain().tool_tip_mm().into(),
+        files: Vec::new(),
+    }
+}
+
+/// Each text once, in the order in which they come.
+fn joined(texts: impl Iterator<Item = String>) -> Option<String> {
+    /// So many different ones are written out.
+    const MOST: usize = 4;
+    let mut once: Vec<String> = Vec::new();
+    for text in texts {
+        if !once.contains(&text) {
+            once.push(text);
+        }
+    }
+    let beyond = once.len().saturating_sub(MOST);
+    once.truncate(MOST);
+    if beyond > 0 {
+        once.push("…".to_owned());
+    }
+    (!once.is_empty()).then(|| once.join("; "))
+}
+
+fn range(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
+    let finite = values.filter(|value| value.is_finite());
+    finite.fold(None, |range: Option<[f64; 2]>, value| {
+        let [low, high] = range.unwrap_or([value; 2]);
+        Some([low.min(value), high.max(value)])
+    })
+}

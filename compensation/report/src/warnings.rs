@@ -1,0 +1,101 @@
+//! What a reader must know before any number, the gravest first.
+
+use volcomp_calibrate::{Calibration, CalibrationFile, Line, Method};
+use volcomp_metrology::{MotionKind, environment_notes, outlier_hints};
+use volcomp_vocabulary::AxisName;
+
+use crate::{
+    asked_for::fewer_than_asked_for,
+    report::{Warning, WarningKind},
+};
+
+/// All warnings of a calibration.
+pub(crate) fn of_calibration(file: &CalibrationFile, calibration: &Calibration) -> Vec<Warning> {
+    let mut all = Vec::new();
+    let mut add = |kind: WarningKind, text: String| {
+        // The same sentence from two places is said once, where it is gravest.
+        if all.iter().all(|warning: &Warning| warning.text != text) {
+            all.push(Warning { kind, text });
+        }
+    };
+    for text in &calibration.contradictions {
+        add(WarningKind::Contradiction, text.clone());
+    }
+    let named = |line: &Line, text: String| format!("{}: {text}", line.file.display());
+    for line in &file.measurements {
+        let error = line.setup.error;
+        let is_test =
+            MotionKind::of(error) == MotionKind::Positioning && line.setup.method == Method::Direct;
+        if let Some(text) = is_test
+            .then(|| fewer_than_asked_for(&line.readings, error.axis.kind()))
+            .flatten()
+        {
+            add(WarningKind::Few, named(line, text));
+        }
+    }
+    let mut without = 0;
+    for line in &file.measurements {
+        let environment = &line.readings.environment;
+        for text in environment_notes(environment) {
+            add(WarningKind::Temperature, named(line, text));
+        }
+        let is_length = line.setup.error.axis.kind() == volcomp_vocabulary::AxisKind::Linear
+            && MotionKind::of(line.setup.error) == MotionKind::Positioning;
+        let is_silent = environment
+            .material_temperature
+            .iter()
+            .flatten()
+            .next()
+            .is_none();
+        without += usize::from(is_length && is_silent);
+    }
+    if without > 0 {
+        let files = if without == 1 {
+            "one positioning file states".to_owned()
+        } else {
+            format!("{without} positioning files state")
+        };
+        add(
+            WarningKind::Temperature,
+            format!(
+                "{files} no material temperature: whether the lengths hold for 20 °C is not known"
+            ),
+        );
+    }
+    for line in &file.measurements {
+        for hint in outlier_hints(&line.readings) {
+            add(WarningKind::Outlier, named(line, hint.text));
+        }
+    }
+    for text in &calibration.not_measured {
+        add(WarningKind::NotMeasured, text.clone());
+    }
+    for text in &calibration.warnings {
+        add(WarningKind::Note, text.clone());
+    }
+    all.sort_by_key(|warning| warning.kind);
+    all
+}
+
+/// Warnings that are notes of another part.
+pub(crate) fn notes(texts: &[String]) -> impl Iterator<Item = Warning> {
+    texts.iter().map(|text| Warning {
+        kind: WarningKind::Note,
+        text: text.clone(),
+    })
+}
+
+/// Whether both axes of a pair stand for a squareness that the calibration file names.
+pub(crate) fn is_measured(calibration: &Calibration, pair: [AxisName; 2]) -> bool {
+    let named = calibration.squareness.iter().map(|(error, _)| *error);
+    let found = calibration
+        .identified
+        .iter()
+        .flat_map(|of| &of.found.parameters);
+    let found = found
+        .filter(|parameter| parameter.determined)
+        .filter_map(|parameter| parameter.error);
+    named
+        .chain(found)
+        .any(|error| error.location && crate::squares::pair_of(error) == Some(pair))
+}

@@ -1,0 +1,78 @@
+"""A report in a headless Chromium without a network: `browser.py REPORT.html FOLDER NAME`.
+
+Asserts that the page asks for nothing, that its script has no error, that nothing is wider than the screen, that values are shown at
+the pointer and that the vectors turn; writes pictures of it at two widths, light and dark, and a PDF.
+"""
+import pathlib
+import sys
+
+from playwright.sync_api import sync_playwright
+
+path, folder, name = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2]), sys.argv[3]
+url = path.resolve().as_uri()
+
+with sync_playwright() as playwright:
+    browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"])
+    context = browser.new_context(viewport={"width": 1280, "height": 900}, offline=True)
+    page = context.new_page()
+    page.set_default_timeout(90_000)
+    errors, asked = [], []
+    page.on("console", lambda message: errors.append(message.text))
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.on("dialog", lambda dialog: errors.append(f"a dialog: {dialog.message}"))
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(url)
+    assert asked == [url], asked
+    for width in (1280, 390):
+        page.set_viewport_size({"width": width, "height": 900})
+        for scheme in ("light", "dark"):
+            page.emulate_media(color_scheme=scheme)
+            wide = page.evaluate("document.documentElement.scrollWidth")
+            assert wide <= width, f"{wide} px do not fit {width}"
+            page.screenshot(path=folder / f"{name}-{width}-{scheme}.png", full_page=True)
+    page.set_viewport_size({"width": 1280, "height": 900})
+    page.emulate_media(color_scheme="light")
+    # A value at the pointer.
+    plot = page.locator("svg.xy").first
+    plot.scroll_into_view_if_needed()
+    box = plot.bounding_box()
+    for share in range(20, 95, 5):
+        page.mouse.move(box["x"] + box["width"] * 0.5, box["y"] + box["height"] * share / 100)
+        if page.locator("#tip").is_visible():
+            break
+    told = page.locator("#tip").inner_text()
+    assert "mm:" in told, told
+    heat = page.locator("svg.heat").first
+    heat.scroll_into_view_if_needed()
+    heat.locator("rect").nth(40).hover()
+    assert page.locator("#tip").inner_text().endswith("µm")
+    # The vectors turn by the keys and by dragging; the first view is the one that was drawn before the script.
+    quiver = page.locator("svg.quiver")
+    quiver.scroll_into_view_if_needed()
+    arrow = quiver.locator("path.vector").nth(3)
+    drawn = arrow.get_attribute("d")
+    quiver.focus()
+    page.keyboard.press("ArrowLeft")
+    turned = arrow.get_attribute("d")
+    assert turned != drawn
+    page.keyboard.press("ArrowRight")
+    numbers = lambda d: [float(n) for n in d.replace("M", " ").replace("L", " ").split()]
+    assert max(abs(a - b) for a, b in zip(numbers(arrow.get_attribute("d")), numbers(drawn))) < 0.5
+    box = quiver.bounding_box()
+    page.mouse.move(box["x"] + 200, box["y"] + 200)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 260, box["y"] + 220)
+    page.mouse.up()
+    assert arrow.get_attribute("d") != turned
+    # Paper is light whatever the screen is, and no picture is cut.
+    page.emulate_media(media="print", color_scheme="dark")
+    assert page.evaluate("getComputedStyle(document.documentElement).getPropertyValue('--paper')").strip() == "#fff"
+    page.set_viewport_size({"width": 680, "height": 1000})
+    cut = page.evaluate("[...document.querySelectorAll('svg,table')].filter((e) => e.getBoundingClientRect().right > innerWidth + 1).length")
+    assert cut == 0, f"{cut} pictures or tables are cut"
+    page.emulate_media(media="null", color_scheme="dark")
+    page.pdf(path=folder / f"{name}.pdf", prefer_css_page_size=True)
+    assert asked == [url], asked
+    assert errors == [], errors
+    browser.close()
+print("done")

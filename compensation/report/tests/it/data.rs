@@ -1,0 +1,209 @@
+//! What stands in the data of a report.
+
+use volcomp_report::{
+    BandKind, Outcome, Report, State, Stated, WarningKind, checks, tolerances, volume,
+};
+
+use crate::Shop;
+
+#[test]
+fn runs_stand_where_their_curve_is() {
+    let shop = Shop::new();
+    let report = shop.report();
+    let names: Vec<&str> = report
+        .curves
+        .iter()
+        .map(|curve| curve.error.as_str())
+        .collect();
+    assert_eq!(names, ["EBX", "EXX", "EYX"]);
+    for curve in &report.curves {
+        let [line] = &curve.lines[..] else {
+            panic!("one line")
+        };
+        assert_eq!(line.runs.len(), 10, "{}", curve.error);
+        // The mean of the runs is the mean reading that was fitted.
+        for (direction, means) in line.means.iter().enumerate() {
+            let runs = line
+                .runs
+                .iter()
+                .filter(|run| run.direction as usize == direction);
+            let runs: Vec<_> = runs.collect();
+            for (place, (at, mean)) in means.iter().enumerate() {
+                let sum: f64 = runs.iter().map(|run| run.points[place].1).sum();
+                assert_eq!(runs[0].points[place].0, *at);
+                assert!((sum / runs.len() as f64 - mean).abs() < 1e-9);
+            }
+        }
+        for branch in &curve.branches {
+            let fit = branch.fit.as_ref().expect("fitted");
+            assert_eq!(fit.readings, branch.residuals.len());
+            let squares: f64 = branch.residuals.iter().map(|(_, r)| r * r).sum();
+            let rms = (squares / fit.readings as f64).sqrt();
+            assert!(
+                (rms - fit.residual[2]).abs() < 1e-6,
+                "{}: {rms} {:?}",
+                curve.error,
+                fit.residual
+            );
+            let band = branch.band.as_ref().expect("five runs");
+            assert_eq!(band.kind, BandKind::OfMeanReadings);
+        }
+    }
+}
+
+/// Five runs with even scatter of width 1: s = 1/√12, of a mean s/√5 = 0.129; t for 2·17·4 = 136 degrees of freedom is 1.978.
+#[test]
+fn the_band_is_that_of_a_mean_reading() {
+    let report = Shop::new().report();
+    let band = report.curves[0].branches[0].band.as_ref().expect("a band");
+    let half = 0.5 * (band.high[40] - band.low[40]);
+    assert!((half - 0.2553).abs() < 0.03, "{half}");
+}
+
+#[test]
+fn figures_stand_against_tolerances() {
+    let shop = Shop::new();
+    let mut report = shop.report();
+    let limits = tolerances("A=100,B=1,R=0.001,EC0Y=12.5,EYX=1,V=20,EZZ=3").expect("seven");
+    report.checks = checks(&report, &limits);
+    let outcomes: Vec<_> = report
+        .checks
+        .iter()
+        .map(|check| (check.symbol.as_str(), check.outcome))
+        .collect();
+    use Outcome::{Fail, NotEvaluated, Pass};
+    assert_eq!(
+        outcomes,
+        [
+            ("A", Pass),
+            ("B", Fail),
+            ("R", Fail),
+            ("EC0Y", Pass),
+            ("EYX", Fail),
+            ("V", NotEvaluated),
+            ("EZZ", NotEvaluated)
+        ]
+    );
+    let of = report.checks[0].of.clone();
+    assert!(of.starts_with("EXX, ") && of.ends_with("exx.csv"), "{of}");
+}
+
+#[test]
+fn warnings_name_what_lacks_the_gravest_first() {
+    let shop = Shop::new();
+    shop.write(
+        "exx.csv",
+        "target,run,direction,deviation\n0,1,+,0\n200,1,+,1\n400,1,+,2\n",
+    );
+    let report = shop.report();
+    let kinds: Vec<WarningKind> = report.warnings.iter().map(|warning| warning.kind).collect();
+    assert!(kinds.is_sorted(), "{kinds:?}");
+    let few: Vec<&str> = report
+        .warnings
+        .iter()
+        .filter(|w| w.kind == WarningKind::Few)
+        .map(|w| w.text.as_str())
+        .collect();
+    let [few] = few[..] else { panic!("{few:?}") };
+    assert!(few.ends_with("fewer than ISO 230-2 asks for: 3 targets, expected 5 over this range; 1 run in one direction only, expected 5 in each"), "{few}");
+    assert!(kinds.contains(&WarningKind::NotMeasured) && kinds.contains(&WarningKind::Temperature));
+    let mut texts: Vec<&str> = report.warnings.iter().map(|w| w.text.as_str()).collect();
+    texts.sort_unstable();
+    let all = texts.len();
+    texts.dedup();
+    assert_eq!(texts.len(), all, "the same sentence twice");
+}
+
+#[test]
+fn an_outlier_is_named_with_its_file_run_and_target() {
+    let shop = Shop::new();
+    let good = crate::csv(17, 50.0, 5, |x, _| 0.02 * x);
+    // One reading that is 3 µm too large: the line begins with target, run and direction.
+    let spoilt = good.lines().map(|line| {
+        if line.starts_with("400,3,+,") {
+            "400,3,+,11.0"
+        } else {
+            line
+        }
+    });
+    shop.write("exx.csv", &spoilt.collect::<Vec<_>>().join("\n"));
+    let report = shop.report();
+    let outlier = report
+        .warnings
+        .iter()
+        .find(|w| w.kind == WarningKind::Outlier)
+        .expect("an outlier");
+    assert!(
+        outlier.text.contains("exx.csv: ") && outlier.text.contains("target 400 in forward run 3"),
+        "{}",
+        outlier.text
+    );
+}
+
+/// An error that is (x/1000, 0, 0) mm along X: 0.8 at the end of 800 mm, its root mean square over 9 nodes √(Σ(i/8)²/9).
+#[test]
+fn the_working_space_has_the_sizes_of_its_errors() {
+    let shop = Shop::new();
+    let (_, calibration) = shop.calibrated();
+    let machine = &calibration.machine;
+    let errors = |pose: &volcomp_kinematics::State| {
+        [
+            1e-3 * pose.q[machine
+                .index_of(volcomp_vocabulary::AxisName::X)
+                .expect("X")],
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+        ]
+    };
+    let half = |pose: &volcomp_kinematics::State| errors(pose).map(|x| 0.5 * x);
+    let found = volume(
+        machine,
+        &[],
+        (State::Truth, &errors),
+        Some((State::TruthCorrected, &half)),
+    )
+    .expect("no other axes")
+    .expect("three axes");
+    let (_, size) = found.before;
+    assert!((size.max_um - 800.0).abs() < 1e-9);
+    // A shift is no error: 400 µm are left at both ends.
+    assert!((size.form_max_um - 400.0).abs() < 1e-6, "{size:?}");
+    assert!([0.0, 800.0].contains(&size.at_mm[0]));
+    let rms = 800.0 * ((0..=8).map(|i| f64::from(i * i) / 64.0).sum::<f64>() / 9.0).sqrt();
+    assert!((size.rms_um - rms).abs() < 1e-9);
+    assert!((found.after.expect("after").1.max_um - 400.0).abs() < 1e-9);
+    assert_eq!(found.slices.len(), 3);
+    assert!(
+        (found.slices[0].before_um[24] - 400.0).abs() < 1e-6,
+        "the last node of the first row"
+    );
+    assert_eq!(found.vectors.len(), 125);
+}
+
+#[test]
+fn a_machine_file_has_curves_without_readings_and_says_so() {
+    let machine = volcomp_model::Machine::parse(
+        &format!(
+            "{}[errors]\nEXX = {{ poly = [0.0, 0.02] }}\nEA0Z = 5.0\n",
+            crate::MACHINE
+        ),
+        "machine.toml",
+    )
+    .expect("a machine");
+    let report = Report::of_machine("machine.toml", &machine, &Stated::default());
+    assert!(report.curves[0].lines.is_empty() && report.curves[0].branches[0].fit.is_none());
+    assert_eq!(report.squareness[0].angle_urad, 5.0);
+    assert!(!report.squareness[0].measured);
+}
+
+#[test]
+fn the_data_is_the_same_after_json() {
+    let report = Shop::new().report();
+    let text = serde_json::to_string(&report).expect("JSON");
+    let again: Report = serde_json::from_str(&text).expect("a report");
+    assert_eq!(again.curves.len(), report.curves.len());
+    assert_eq!(serde_json::to_string(&again).expect("JSON"), text);
+}

@@ -1,0 +1,116 @@
+//! The page as text: what is in it, and what no file can put into it.
+
+use volcomp_report::{Language, Report, Stated, html};
+
+use crate::{Shop, calibrated, csv};
+
+#[test]
+fn the_same_input_gives_the_same_bytes() {
+    let shop = Shop::new();
+    let [first, second] = [shop.report(), shop.report()].map(|report| html(&report, Language::En));
+    assert_eq!(first, second);
+    assert!(first.len() < 5_500_000, "{}", first.len());
+}
+
+#[test]
+fn what_nobody_states_is_said_to_be_not_stated() {
+    let report = Shop::new().report();
+    let [en, de] = [Language::En, Language::De].map(|language| html(&report, language));
+    assert!(en.matches("not stated").count() >= 6 && de.matches("nicht angegeben").count() >= 6);
+    for head in [
+        "Kalibrierbericht",
+        "Warnungen",
+        "Rechtwinkligkeit",
+        "Positionsabweichung von X",
+        "Was nicht gemessen wurde",
+    ] {
+        assert!(de.contains(head), "{head}");
+    }
+    assert!(en.contains("No tolerance stated."));
+}
+
+/// Names of files and heads of measurement files are texts, whatever they hold.
+#[test]
+fn texts_of_files_are_never_markup() {
+    let shop = Shop::new();
+    let hostile =
+        "<script>document.title='hit'</script>\"><style>*{display:none}</style></style></main>";
+    // A slash cannot stand in the name of a file.
+    let name = "<script>alert('x')<img src=x onerror=alert(1)>&.csv";
+    shop.write(name, &csv(9, 100.0, 5, |x, _| 0.02 * x));
+    shop.write(
+        "calibration.toml",
+        &format!(
+            "machine = \"machine.toml\"\n[[measurement]]\nerror = \"EXX\"\nfile = \"{name}\"\n"
+        ),
+    );
+    let (file, calibration) = calibrated(&shop.folder.path().join("calibration.toml"));
+    let text = || Some(hostile.to_owned());
+    let stated = Stated {
+        machine: text(),
+        serial: text(),
+        date: text(),
+        operator: text(),
+        instrument: text(),
+    };
+    let report = Report::of_calibration(hostile, &file, &calibration, &stated);
+    for language in [Language::En, Language::De] {
+        let page = html(&report, language);
+        assert_eq!(page.matches("<script").count(), 1, "its own");
+        assert_eq!(page.matches("<style").count(), 1);
+        assert_eq!(page.matches("</style>").count(), 1);
+        assert_eq!(page.matches("</main>").count(), 1);
+        assert!(!page.contains("<img"));
+        assert!(page.contains("&lt;script&gt;alert(&#39;x&#39;)&lt;img"));
+    }
+}
+
+/// Ten thousand targets: the page stays small, and the extreme values are drawn.
+#[test]
+fn many_targets_are_thinned() {
+    let shop = Shop::new();
+    let spike = |x: f64, _| {
+        if (x - 333.36).abs() < 1e-9 {
+            60.0
+        } else {
+            0.01 * x
+        }
+    };
+    shop.write("exx.csv", &csv(10_000, 0.08, 2, spike));
+    shop.write("calibration.toml", "machine = \"machine.toml\"\n[[measurement]]\nerror = \"EXX\"\nfile = \"exx.csv\"\ncurve = { poly = { order = 3 } }\n");
+    let page = html(&shop.report(), Language::En);
+    assert!(page.len() < 1_500_000, "{}", page.len());
+    let rows = page.matches("<tr>").count();
+    assert!(rows < 200, "{rows}");
+    assert!(page.contains("10000 targets in all"));
+    assert!(
+        page.contains(">333.360<"),
+        "the target of the largest mean is in the table"
+    );
+}
+
+#[test]
+fn nothing_infinite_stands_in_the_page() {
+    let page = html(&Shop::new().report(), Language::En);
+    let pictures = page
+        .split("<svg")
+        .skip(1)
+        .map(|rest| rest.split("</svg>").next().unwrap_or_default());
+    for picture in pictures {
+        assert!(
+            !picture.contains("NaN") && !picture.contains("inf"),
+            "{picture}"
+        );
+    }
+}
+
+#[test]
+fn the_page_asks_for_nothing_outside_of_itself() {
+    let page = html(&Shop::new().report(), Language::En);
+    for outside in ["http://", "https://", "src=", "url(", "@import", "<link"] {
+        let found = page.matches(outside).count();
+        // The name of the namespace in the script is no address that is asked for.
+        let own = usize::from(outside == "http://");
+        assert_eq!(found, own, "{outside}");
+    }
+}
