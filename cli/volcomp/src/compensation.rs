@@ -141,22 +141,20 @@ impl<'a> Compensation<'a> {
 /// Reads the machine that is taken for the truth and puts the model's tool into it.
 fn read_truth(path: &std::path::Path, machine: &Machine) -> Result<Machine, Failure> {
     let mut truth = Machine::read(path)?;
-    refuse_other_geometry(path, &truth, machine)?;
+    refuse_other_geometry(path, &truth, machine, &"--machine")?;
     truth.use_tool_of(machine)?;
     Ok(truth)
 }
 
-/// Refuses a file whose machine is built otherwise than that of `--machine`.
+/// Refuses a file whose machine is built otherwise than that of `of`: an option or a file.
 pub(crate) fn refuse_other_geometry(
     path: &std::path::Path,
     found: &Machine,
     machine: &Machine,
+    of: &dyn std::fmt::Display,
 ) -> Result<(), Failure> {
     match other_geometry(found, machine) {
-        Some(difference) => Err(Failure::in_file(
-            path,
-            format_args!("{difference} of --machine"),
-        )),
+        Some(difference) => Err(Failure::in_file(path, format_args!("{difference} of {of}"))),
         None => Ok(()),
     }
 }

@@ -91,6 +91,11 @@ Examples:
   volcomp calibrate calibration.toml -o machine-new.toml
   volcomp --json calibrate calibration.toml -o machine-new.toml";
 
+pub(crate) const REPORT: &str = "\
+Examples:
+  volcomp report calibration.toml -o report.html --tolerance A=10,V=40 --serial 4711
+  volcomp report calibration.toml -o report.html --truth truth.toml --lang de";
+
 pub(crate) const IDENTIFY: &str = "\
 Examples:
   volcomp identify identification/observations.toml -o found.toml

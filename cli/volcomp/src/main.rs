@@ -92,6 +92,8 @@ enum Command {
     Form(commands::form::Arguments),
     #[command(after_help = examples::CALIBRATE)]
     Calibrate(commands::calibrate::Arguments),
+    #[command(after_help = examples::REPORT)]
+    Report(commands::report::Arguments),
     #[command(after_help = examples::IDENTIFY)]
     Identify(commands::identify::Arguments),
     #[command(after_help = examples::SIMULATE)]
@@ -149,6 +151,7 @@ fn main() -> ExitCode {
         Command::Squareness(a) => commands::squareness::run(a),
         Command::Form(a) => commands::form::run(a),
         Command::Calibrate(a) => commands::calibrate::run(a),
+        Command::Report(a) => commands::report::run(a),
         Command::Identify(a) => commands::identify::run(a),
         Command::Simulate(a) => commands::simulate::run(a),
         Command::Age(a) => commands::age::run(a),

@@ -159,7 +159,7 @@ table! {
     diagonals: "Body diagonals (ISO 230-6)", "Raumdiagonalen (ISO 230-6)";
     diagonals_lead: "Computed from the model: the deviation along each diagonal of the travels, zero at its first target.",
         "Aus dem Modell berechnet: die Abweichung entlang jeder Diagonale der Verfahrwege, null am ersten Zielpunkt.";
-    no_diagonals: "Body diagonals need the axes X, Y and Z.", "Raumdiagonalen brauchen die Achsen X, Y und Z.";
+    no_diagonals: "Not computed: they need the axes X, Y and Z.", "Nicht berechnet: Sie brauchen die Achsen X, Y und Z.";
     diagonal: "diagonal", "Diagonale";
     along: "place along the diagonal, mm", "Ort auf der Diagonale, mm";
     range: "range", "Spannweite";

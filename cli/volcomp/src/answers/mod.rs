@@ -23,6 +23,7 @@ pub(crate) mod position;
 pub(crate) mod probe;
 pub(crate) mod program;
 pub(crate) mod quantity;
+pub(crate) mod report;
 pub(crate) mod sensitivity;
 pub(crate) mod simulate;
 pub(crate) mod straight;
@@ -56,6 +57,7 @@ pub(crate) const ALL: &[Named] = &[
     ("fit-thermal", schema::<fit_thermal::FitThermal>),
     ("calibrate", schema::<calibrate::Calibrate>),
     ("calibrate-draft", schema::<calibrate_draft::CalibrateDraft>),
+    ("report", schema::<report::Report>),
     ("identify", schema::<identify::Identify>),
     ("iso230", schema::<iso230::Iso230>),
     ("iso230-circle", schema::<iso230_parts::CircularTests>),

@@ -38,7 +38,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
 }
 
 /// Identifies with a progress bar.
-fn find(observations: &Observations) -> Result<Identification, Failure> {
+pub(super) fn find(observations: &Observations) -> Result<Identification, Failure> {
     let bar = progress::bar(0, "fits");
     let found = identify(observations, |done, of| {
         bar.set_length(of as u64);

@@ -31,6 +31,7 @@ mod nc_verified;
 mod not_counted;
 mod outside;
 pub(crate) mod probe;
+pub(crate) mod report;
 mod same_machine;
 pub(crate) mod sensitivity;
 pub(crate) mod simulate;

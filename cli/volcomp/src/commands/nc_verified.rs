@@ -67,7 +67,7 @@ impl OnTruth<'_> {
         let (truth, temperatures) = match &arguments.truth {
             Some(path) => {
                 read = arguments.machine.spindle.read(path)?;
-                refuse_other_geometry(path, &read.0, self.model.0)?;
+                refuse_other_geometry(path, &read.0, self.model.0, &"--machine")?;
                 (&read.0, &read.1)
             }
             None => self.model,

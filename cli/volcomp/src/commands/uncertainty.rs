@@ -54,7 +54,7 @@ impl UncertaintyArguments {
                 path.display()
             )));
         }
-        refuse_other_geometry(path, measured.machine(), machine)?;
+        refuse_other_geometry(path, measured.machine(), machine, &"--machine")?;
         if let Measured::Calibration(file) = &measured {
             let single: Vec<String> = file
                 .without_scatter()

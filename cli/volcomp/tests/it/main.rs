@@ -14,6 +14,7 @@ mod nc;
 mod nc_parts;
 mod points;
 mod probe;
+mod report;
 mod schema;
 mod simulated;
 mod structures;

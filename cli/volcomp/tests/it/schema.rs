@@ -176,6 +176,7 @@ fn live_documents_follow_their_schemas() {
         &["inspect", POSITIONING],
         &["inspect", &fit, POSITIONING],
         &["calibrate", &calibration, "-o", &found],
+        &["report", &calibration, "--truth", &truth, "-o", &found],
         &[
             "identify",
             "examples/identification/observations.toml",

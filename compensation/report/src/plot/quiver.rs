@@ -139,7 +139,7 @@ pub fn quiver(quiver: &Quiver) -> String {
 /// Pixels of the side 1 of the box, so that its corners fill the picture from the side from which it is drawn.
 fn fitting(corners: impl Iterator<Item = [f64; 3]>) -> f64 {
     /// The part of the picture that the box may fill: arrows reach beyond it.
-    const FILLED: f64 = 0.84;
+    const FILLED: f64 = 0.76;
     let halves = corners.fold([0.0_f64; 2], |[across, up], corner| {
         let [x, y] = projected(corner, VIEW, 1.0);
         [

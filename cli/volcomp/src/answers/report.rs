@@ -1,0 +1,98 @@
+//! The JSON document of `volcomp report`; the report itself is the file that it wrote.
+
+use schemars::JsonSchema;
+use serde::Serialize;
+use volcomp_report::{Check as ReportCheck, Outcome};
+
+/// The document of `volcomp report`.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Report {
+    /// The HTML file that was written.
+    pub(crate) file: String,
+    /// How the figures stand against the tolerances of `--tolerance`.
+    pub(crate) verdict: Verdict,
+    /// Every figure that has a tolerance.
+    pub(crate) checks: Vec<Check>,
+    /// How many error curves stand in the report.
+    pub(crate) curves: usize,
+    /// The warnings of the report, the gravest first.
+    pub(crate) warnings: Vec<String>,
+    /// The volumetric error before a compensation, or the only one that is known; null without two of the axes X, Y and Z.
+    pub(crate) before: Option<Largest>,
+    /// The volumetric error after a compensation; null without `--truth` or `--before`.
+    pub(crate) after: Option<Largest>,
+}
+
+/// How all figures stand.
+#[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Verdict {
+    /// Every figure is within.
+    Pass,
+    /// One at least is beyond.
+    Fail,
+    /// None is beyond, and one at least is not given by the measurements.
+    NotEvaluated,
+    /// No tolerance is stated.
+    NotStated,
+}
+
+impl Verdict {
+    /// The verdict as people read it.
+    pub(crate) fn words(self) -> &'static str {
+        match self {
+            Self::Pass => "all stated tolerances are met",
+            Self::Fail => "not all stated tolerances are met",
+            Self::NotEvaluated => "not every stated tolerance could be evaluated",
+            Self::NotStated => "no tolerance stated",
+        }
+    }
+}
+
+/// A figure and its tolerance.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Check {
+    /// The symbol of the figure.
+    pub(crate) symbol: String,
+    /// What it is of: an error and its file; empty where the symbol says it.
+    pub(crate) of: String,
+    /// The figure; null: the measurements do not give it.
+    pub(crate) value: Option<f64>,
+    /// The most that is allowed.
+    pub(crate) limit: f64,
+    /// `µm` or `µrad`.
+    pub(crate) unit: String,
+    /// `pass`, `fail` or `not_evaluated`.
+    pub(crate) outcome: &'static str,
+}
+
+/// How large the volumetric error is.
+#[derive(Debug, Serialize, JsonSchema)]
+#[expect(clippy::struct_field_names, reason = "the keys end in their unit")]
+pub(crate) struct Largest {
+    /// The largest, µm.
+    pub(crate) max_um: f64,
+    /// The root of the mean square, µm.
+    pub(crate) rms_um: f64,
+    /// The largest beside the best rigid motion of the workpiece: where it lies is no error of the machine, µm.
+    pub(crate) form_max_um: f64,
+    /// The root of the mean square beside that motion, µm.
+    pub(crate) form_rms_um: f64,
+}
+
+impl From<&ReportCheck> for Check {
+    fn from(check: &ReportCheck) -> Self {
+        Self {
+            symbol: check.symbol.clone(),
+            of: check.of.clone(),
+            value: check.value,
+            limit: check.limit,
+            unit: check.unit.clone(),
+            outcome: match check.outcome {
+                Outcome::Pass => "pass",
+                Outcome::Fail => "fail",
+                Outcome::NotEvaluated => "not_evaluated",
+            },
+        }
+    }
+}

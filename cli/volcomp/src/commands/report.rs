@@ -1,0 +1,407 @@
+//! `volcomp report`: one HTML file from a calibration, an identification or a machine file.
+
+use std::path::{Path, PathBuf};
+
+use clap::builder::PossibleValuesParser;
+use volcomp_calibrate::{CalibrationFile, not_observed};
+use volcomp_document::Document as Toml;
+use volcomp_identify::Observations;
+use volcomp_kinematics::{Form, State as Pose, volumetric_error};
+use volcomp_model::{Machine, Temperatures, diagonal_targets, diagonals};
+use volcomp_report::{
+    Diagonal, Diagonals, ErrorAt, Language, Outcome, Report, Size, State, Stated, Tolerance,
+    checks, html, tolerances, uncertainty, volume,
+};
+use volcomp_vocabulary::AxisName;
+
+use super::{
+    Answer, calibrate::fit, fixed, identify::find, machine_notes, same_file,
+    uncertainty::UncertaintyArguments,
+};
+use crate::{
+    answers::report::{Largest, Report as Document, Verdict},
+    compensation::{Compensation, CompensationArguments, refuse_other_geometry},
+    failure::Failure,
+    output::OutputFile,
+    points::OthersArguments,
+};
+
+/// Targets on a body diagonal.
+const DIAGONAL_TARGETS: usize = 21;
+
+/// The report of a calibration: one HTML file that needs nothing else
+///
+/// FILE is a calibration file, a file of observations or a machine file. In the report stand the head, the verdict against
+/// tolerances, warnings, each error curve with its readings, ISO 230-2, squareness, diagonals, the volumetric error, its
+/// uncertainty, what was not measured, and what observations determine. It opens in any browser without a network and prints on
+/// A4. The same input gives the same bytes: a date stands in it only where a file or --date states one.
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// Calibration file, file of observations or machine file (TOML)
+    #[arg(value_name = "FILE")]
+    source: PathBuf,
+    /// HTML file to write
+    #[arg(long, short)]
+    output: PathBuf,
+    /// Machine file with the errors before a compensation: the errors of FILE are then those after it
+    #[arg(long, value_name = "MACHINE")]
+    before: Option<PathBuf>,
+    /// Machine file whose errors are taken for the truth: what the correction by FILE leaves of them is shown as the state after
+    #[arg(long, value_name = "MACHINE")]
+    truth: Option<PathBuf>,
+    /// What is allowed, µm of lengths and µrad of angles: A, R, E, M, B of each positioning test, V for the largest
+    /// volumetric error beside the best rigid motion of the workpiece, or the name of an error: A=10,EC0Y=20
+    #[arg(long, value_name = "NAME=LIMIT,…")]
+    tolerance: Option<String>,
+    /// Language of heads and labels
+    #[arg(long, default_value = "en", value_parser = PossibleValuesParser::new(["en", "de"]))]
+    lang: String,
+    /// Name of the machine, in place of what the files state
+    #[arg(long, value_name = "TEXT")]
+    name: Option<String>,
+    /// Serial number of the machine, in place of what the files state
+    #[arg(long, value_name = "TEXT")]
+    serial: Option<String>,
+    /// Who measured, in place of what the files state
+    #[arg(long, value_name = "TEXT")]
+    operator: Option<String>,
+    /// Date of the measurement, in place of what the files state
+    #[arg(long, value_name = "TEXT")]
+    date: Option<String>,
+    /// Measuring instrument, in place of what the files state
+    #[arg(long, value_name = "TEXT")]
+    instrument: Option<String>,
+    #[command(flatten)]
+    others: OthersArguments,
+    /// How many machines are drawn for the uncertainty of the volumetric error; 0: none
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=100_000))]
+    trials: u64,
+    /// Seed of the draws: the same seed gives the same digits on any number of cores
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+/// What the report is made from, read.
+enum Source {
+    Calibration(Box<CalibrationFile>),
+    Observations(Box<Observations>),
+    Machine(Box<Machine>),
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+    let limits = match &arguments.tolerance {
+        Some(text) => {
+            tolerances(text).map_err(|error| Failure::Input(format!("--tolerance: {error}")))?
+        }
+        None => Vec::new(),
+    };
+    let source = Source::read(&arguments.source)?;
+    let mut inputs = source.files(&arguments.source);
+    inputs.extend(arguments.before.iter().chain(&arguments.truth).cloned());
+    if let Some(path) = same_file(&inputs, &arguments.output) {
+        return Err(Failure::Input(format!(
+            "--output {}: is {}, which this report reads; expected another file",
+            arguments.output.display(),
+            path.display()
+        )));
+    }
+    let mut output = OutputFile::open(&arguments.output)?;
+    let (machine, mut report) = source.report(arguments)?;
+    let temperatures = Temperatures::new();
+    let mut notes = machine_notes(&machine, &temperatures);
+    let others = arguments.others.read(&machine, &mut notes)?;
+    working_space(&mut report, arguments, &machine, &others)?;
+    if arguments.trials > 0 {
+        drawn(
+            &mut report,
+            arguments,
+            &source,
+            &machine,
+            &others,
+            &mut notes,
+        )?;
+    }
+    report.checks = checks(&report, &limits);
+    // Read from the words that clap allows.
+    let language: Language = arguments.lang.parse().unwrap_or_default();
+    output.append(html(&report, language).as_bytes())?;
+    output.finish()?;
+    answer(arguments, &report, &limits, notes)
+}
+
+impl Source {
+    /// Reads a file as what its keys make it.
+    fn read(path: &Path) -> Result<Self, Failure> {
+        let document = Toml::read(path)?;
+        let [structure, observation, own] = document.decode(|root| {
+            let own = CalibrationFile::KEYS
+                .iter()
+                .filter(|key| **key != "machine");
+            let own = own.filter(|key| root.get(key).is_some()).count() > 0;
+            let has = |key: &str| root.get(key).is_some();
+            Ok::<_, Failure>([has("structure"), has("observation"), own])
+        })?;
+        Ok(if structure {
+            Self::Machine(Box::new(Machine::read(path)?))
+        } else if observation && !own {
+            Self::Observations(Box::new(Observations::read(path)?))
+        } else {
+            Self::Calibration(Box::new(CalibrationFile::read(path)?))
+        })
+    }
+
+    /// The machine as its file has it.
+    fn machine(&self) -> &Machine {
+        match self {
+            Self::Calibration(file) => &file.machine,
+            Self::Observations(observations) => &observations.machine,
+            Self::Machine(machine) => machine,
+        }
+    }
+
+    /// The files that must not be written over.
+    fn files(&self, path: &Path) -> Vec<PathBuf> {
+        match self {
+            Self::Calibration(file) => file.files.clone(),
+            Self::Observations(observations) => observations.files.clone(),
+            Self::Machine(_) => vec![path.to_owned()],
+        }
+    }
+
+    /// The machine with what was found, and the report of it without its working space.
+    fn report(&self, arguments: &Arguments) -> Result<(Machine, Report), Failure> {
+        let stated = Stated {
+            machine: arguments.name.clone().or_else(|| name_of(self.machine())),
+            serial: arguments.serial.clone(),
+            date: arguments.date.clone(),
+            operator: arguments.operator.clone(),
+            instrument: arguments.instrument.clone(),
+        };
+        let name = arguments.source.display().to_string();
+        Ok(match self {
+            Self::Calibration(file) => {
+                let found = fit(file)?;
+                let report = Report::of_calibration(&name, file, &found, &stated);
+                (found.machine, report)
+            }
+            Self::Observations(observations) => {
+                let found = find(observations)?;
+                let open = not_observed(observations);
+                let report = Report::of_observations(&name, observations, &found, open, &stated);
+                (found.machine, report)
+            }
+            Self::Machine(machine) => {
+                let report = Report::of_machine(&name, machine, &stated);
+                (Machine::clone(machine), report)
+            }
+        })
+    }
+}
+
+/// The name that a machine file gives; `None` where it gives none.
+fn name_of(machine: &Machine) -> Option<String> {
+    let text = machine.to_toml().parse::<toml::Table>().ok()?;
+    let name = text.get("name")?.as_str()?;
+    (!name.is_empty()).then(|| name.to_owned())
+}
+
+/// Diagonals and map, before and after where two states are known.
+fn working_space(
+    report: &mut Report,
+    arguments: &Arguments,
+    machine: &Machine,
+    others: &[(AxisName, f64)],
+) -> Result<(), Failure> {
+    let none = Temperatures::new();
+    let before = match &arguments.before {
+        Some(path) => {
+            let mut before = Machine::read(path)?;
+            refuse_other_geometry(path, &before, machine, &arguments.source.display())?;
+            before.use_tool_of(machine)?;
+            Some(before)
+        }
+        None => None,
+    };
+    if let Some(path) = &arguments.truth {
+        // Before it is taken for the truth: the message names the file of this call.
+        refuse_other_geometry(
+            path,
+            &Machine::read(path)?,
+            machine,
+            &arguments.source.display(),
+        )?;
+    }
+    let corrects = CompensationArguments {
+        compensated: arguments.truth.is_some(),
+        truth: arguments.truth.clone(),
+        resolution: None,
+    };
+    let truth = Compensation::new(&corrects, machine, &none)?;
+    // Of which machine the errors are, and whether the correction of FILE is on.
+    let found = (State::Found, machine);
+    let corrected = (State::TruthCorrected, truth.actual());
+    let (first, second) = match (&before, &arguments.truth) {
+        (Some(before), Some(_)) => ((State::GivenBefore, before), Some(corrected)),
+        (Some(before), None) => ((State::GivenBefore, before), Some(found)),
+        (None, Some(_)) => ((State::Truth, truth.actual()), Some(corrected)),
+        (None, None) => (found, None),
+    };
+    let is_linear = |name| machine.axis(name).is_some();
+    if [AxisName::X, AxisName::Y, AxisName::Z]
+        .into_iter()
+        .all(is_linear)
+    {
+        let of = |(state, actual): (State, &Machine)| {
+            let command = |pose: &Pose| match state {
+                State::TruthCorrected => truth.command(pose),
+                _ => *pose,
+            };
+            let along = diagonals(
+                actual,
+                &actual.source(&none),
+                DIAGONAL_TARGETS,
+                others,
+                command,
+            )?;
+            let targets = diagonal_targets(actual, DIAGONAL_TARGETS, others)?;
+            let named = along.into_iter().zip(targets).map(|(found, (_, poses))| {
+                let tips = poses.iter().map(|pose| machine.chain().ideal_tip_mm(pose));
+                let tips: Vec<_> = tips.collect();
+                let from = tips.first().copied().unwrap_or_default();
+                let places = tips.iter().map(|tip| (tip - from).norm());
+                Diagonal {
+                    name: found.name.to_owned(),
+                    points: places.zip(found.deviation_um).collect(),
+                    range_um: found.range_um,
+                }
+            });
+            Ok::<_, Failure>((state, named.collect::<Vec<_>>()))
+        };
+        report.diagonals = Some(Diagonals {
+            before: of(first)?,
+            after: second.map(of).transpose()?,
+        });
+    }
+    let of = |(state, actual): (State, &Machine), pose: &Pose| match state {
+        State::TruthCorrected => truth.residual(pose),
+        _ => {
+            let source = actual.source(&none);
+            let found = volumetric_error(actual.chain(), &source, pose, Form::Exact);
+            let (p, r) = (found.position_mm, found.rotation_rad);
+            [p.x, p.y, p.z, r.x, r.y, r.z]
+        }
+    };
+    let errors_before = |pose: &Pose| of(first, pose);
+    let errors_after = |pose: &Pose| of(second.unwrap_or(first), pose);
+    let after = second.map(|(state, _)| (state, &errors_after as ErrorAt<'_>));
+    report.volume = volume(machine, others, (first.0, &errors_before), after)?;
+    Ok(())
+}
+
+/// Adds the uncertainty of the position error from machines that the measurements allow.
+fn drawn(
+    report: &mut Report,
+    arguments: &Arguments,
+    source: &Source,
+    machine: &Machine,
+    others: &[(AxisName, f64)],
+    notes: &mut Vec<String>,
+) -> Result<(), Failure> {
+    if matches!(source, Source::Machine(_)) {
+        return Err(Failure::Input(format!(
+            "--trials: {} is a machine file and has no readings to draw from, expected a calibration or a file of observations",
+            arguments.source.display()
+        )));
+    }
+    let from = UncertaintyArguments {
+        uncertainty: Some(arguments.source.clone()),
+        trials: arguments.trials.max(2),
+        seed: arguments.seed,
+    };
+    let mut told = Vec::new();
+    if let Some(measured) = from.read(machine, &mut told)? {
+        let (ensemble, _) = from.ensemble(&measured, machine, &mut told)?;
+        let trials = (from.trials, from.seed);
+        if let Some(mut found) = uncertainty(machine, others, &ensemble, trials)? {
+            if let Some(before) = report.uncertainty.take() {
+                found.stated = before.stated;
+            }
+            found.not_counted.clone_from(&told);
+            report.uncertainty = Some(found);
+        }
+    }
+    notes.extend(told);
+    Ok(())
+}
+
+fn answer(
+    arguments: &Arguments,
+    report: &Report,
+    limits: &[Tolerance],
+    notes: Vec<String>,
+) -> Result<Answer, Failure> {
+    let has = |outcome| report.checks.iter().any(|check| check.outcome == outcome);
+    let verdict = if limits.is_empty() {
+        Verdict::NotStated
+    } else if has(Outcome::Fail) {
+        Verdict::Fail
+    } else if has(Outcome::NotEvaluated) {
+        Verdict::NotEvaluated
+    } else {
+        Verdict::Pass
+    };
+    let largest = |size: &Size| Largest {
+        max_um: size.max_um,
+        rms_um: size.rms_um,
+        form_max_um: size.form_max_um,
+        form_rms_um: size.form_rms_um,
+    };
+    let volume = report.volume.as_ref();
+    let document = Document {
+        file: arguments.output.display().to_string(),
+        verdict,
+        checks: report.checks.iter().map(Into::into).collect(),
+        curves: report.curves.len(),
+        warnings: report
+            .warnings
+            .iter()
+            .map(|warning| warning.text.clone())
+            .collect(),
+        before: volume.map(|volume| largest(&volume.before.1)),
+        after: volume
+            .and_then(|volume| volume.after.as_ref())
+            .map(|(_, size)| largest(size)),
+    };
+    let mut text = format!("{}\n", verdict.words());
+    for check in &document.checks {
+        let value = check
+            .value
+            .map_or_else(|| "-".to_owned(), |value| fixed(value, 2));
+        let of = if check.of.is_empty() {
+            String::new()
+        } else {
+            format!(" of {}", check.of)
+        };
+        text += &format!(
+            "  {}{of}: {value} {}, allowed {}: {}\n",
+            check.symbol,
+            check.unit,
+            fixed(check.limit, 2),
+            check.outcome.replace('_', " ")
+        );
+    }
+    if let Some(before) = &document.before {
+        let um = fixed(before.form_max_um, 2);
+        text += &format!("largest volumetric error beside the best rigid motion: {um} µm\n");
+    }
+    if let Some(after) = &document.after {
+        let um = fixed(after.form_max_um, 2);
+        text += &format!("after the compensation: {um} µm\n");
+    }
+    let (curves, warnings) = (document.curves, document.warnings.len());
+    text += &format!(
+        "wrote {}: {curves} curves, {warnings} warnings\n",
+        document.file
+    );
+    Answer::new(&document, text, notes)
+}

@@ -1,0 +1,116 @@
+//! `volcomp report`: the file that it writes, the verdict, and what it refuses.
+
+use std::fs;
+
+use serde_json::Value;
+
+use crate::{json, refused, text};
+
+const CALIBRATION: &str = "examples/calibration/calibration.toml";
+
+fn report(arguments: &[&str]) -> (Value, String) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("report.html");
+    let output = path.display().to_string();
+    let document = json(&[&["report"], arguments, &["-o", &output]].concat());
+    (document, fs::read_to_string(&path).expect("the report"))
+}
+
+#[test]
+fn a_calibration_makes_a_report() {
+    let (document, page) = report(&[
+        CALIBRATION,
+        "--serial",
+        "4711 </style>",
+        "--date",
+        "2026-02-03",
+        "--tolerance",
+        "E=1,EC0Y=1000,R=1",
+    ]);
+    assert_eq!(document["verdict"], "fail");
+    let outcomes: Vec<&Value> = document["checks"]
+        .as_array()
+        .expect("checks")
+        .iter()
+        .map(|c| &c["outcome"])
+        .collect();
+    assert_eq!(outcomes[0], "fail");
+    assert!(outcomes.iter().any(|outcome| *outcome == "pass"));
+    assert!(page.contains("4711 &lt;/style&gt;") && page.contains("2026-02-03"));
+    assert!(page.contains("exx.csv") && page.ends_with("</html>\n"));
+    assert!(document["before"]["max_um"].as_f64().expect("a number") > 0.0);
+    assert_eq!(document["after"], Value::Null);
+}
+
+#[test]
+fn the_same_call_gives_the_same_bytes() {
+    let call = [CALIBRATION, "--lang", "de", "--trials", "3"];
+    assert_eq!(report(&call).1, report(&call).1);
+}
+
+/// The truth of the example is what its files were measured on: the correction leaves less than half.
+#[test]
+fn a_truth_shows_what_a_compensation_leaves() {
+    let (document, page) = report(&[CALIBRATION, "--truth", "examples/calibration/truth.toml"]);
+    let of = |state: &str| document[state]["form_max_um"].as_f64().expect("a number");
+    assert!(of("after") < of("before"), "{document}");
+    assert!(page.contains("what the compensation by this model leaves of the stated truth"));
+    // Against itself nothing is left of a machine but what its correction neglects.
+    let (document, _) = report(&["examples/gantry.toml", "--truth", "examples/gantry.toml"]);
+    let after = document["after"]["max_um"].as_f64().expect("a number");
+    assert!(after < 0.01, "{document}");
+}
+
+#[test]
+fn observations_and_machine_files_make_reports() {
+    let (_, page) = report(&["examples/identification/observations.toml"]);
+    assert!(page.contains("Identifiability") && page.contains("Null space"));
+    let (document, page) = report(&["examples/gantry.toml", "--before", "examples/gantry.toml"]);
+    assert!(page.contains("nothing was measured here"));
+    assert_eq!(document["before"], document["after"]);
+    assert!(page.contains("gantry-8000"));
+}
+
+#[test]
+fn what_is_wrong_is_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let output = folder.path().join("report.html").display().to_string();
+    let refusal =
+        |arguments: &[&str]| refused(&[&["report"], arguments, &["-o", &output]].concat());
+    assert!(refusal(&[CALIBRATION, "--tolerance", "Q=1"]).contains("--tolerance: found `Q`"));
+    assert!(refusal(&["missing.toml"]).contains("missing.toml"));
+    assert!(
+        refusal(&["examples/gantry.toml", "--trials", "5"])
+            .contains("--trials: examples/gantry.toml is a machine file")
+    );
+    let other = refusal(&[CALIBRATION, "--truth", "examples/gantry.toml"]);
+    assert!(
+        other.contains("examples/gantry.toml: ") && other.contains(CALIBRATION),
+        "{other}"
+    );
+    assert!(
+        !fs::exists(&output).expect("a folder"),
+        "nothing half-written"
+    );
+    let own = refused(&["report", CALIBRATION, "-o", CALIBRATION]);
+    assert!(own.contains("which this report reads"), "{own}");
+}
+
+#[test]
+fn people_read_the_verdict() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let output = folder.path().join("report.html").display().to_string();
+    let said = text(&[
+        "report",
+        CALIBRATION,
+        "-o",
+        &output,
+        "--tolerance",
+        "EC0Y=1000",
+    ]);
+    assert!(
+        said.starts_with("all stated tolerances are met\n  EC0Y: "),
+        "{said}"
+    );
+    assert!(said.contains("wrote "), "{said}");
+}
