@@ -93,7 +93,7 @@ Examples:
 
 pub(crate) const REPORT: &str = "\
 Examples:
-  volcomp report calibration.toml -o report.html --tolerance A=10,V=40 --serial 4711
+  volcomp report calibration.toml -o report.html --tolerance A=10,V=40
   volcomp report calibration.toml -o report.html --truth truth.toml --lang de";
 
 pub(crate) const IDENTIFY: &str = "\

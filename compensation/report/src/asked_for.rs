@@ -13,6 +13,11 @@ const TARGETS: f64 = 5.0;
 const INTERVAL_MM: f64 = 250.0;
 
 /// What a positioning test has less than ISO 230-2 asks for, in a sentence; `None` where it has enough.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a range over a step is a small number, and one that is none becomes 0"
+)]
 pub(crate) fn fewer_than_asked_for(measurement: &Measurement, kind: AxisKind) -> Option<String> {
     let targets = measurement.targets();
     let (first, last) = (*targets.first()?, *targets.last()?);

@@ -42,7 +42,7 @@ impl Report {
         report.head = head(
             source,
             machine,
-            lines.clone().map(|line| &line.readings),
+            &lines.clone().map(|line| &line.readings),
             stated,
         );
         report.head.files = lines
@@ -99,7 +99,7 @@ impl Report {
     /// The report of a machine as its file states it: nothing in it was measured here.
     pub fn of_machine(source: &str, machine: &Machine, stated: &Stated) -> Self {
         Self {
-            head: head(source, machine, std::iter::empty(), stated),
+            head: head(source, machine, &std::iter::empty(), stated),
             checks: Vec::new(),
             warnings: notes(&machine.notes()).collect(),
             curves: stated_curves(machine),

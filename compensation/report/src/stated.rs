@@ -24,7 +24,7 @@ pub struct Stated {
 pub(crate) fn head<'a>(
     source: &str,
     machine: &Machine,
-    measurements: impl Iterator<Item = &'a Measurement> + Clone,
+    measurements: &(impl Iterator<Item = &'a Measurement> + Clone),
     stated: &Stated,
 ) -> Head {
     let of_files = |field: fn(&Metadata) -> Option<String>| {

@@ -238,14 +238,13 @@ fn legend(curve: &Curve, t: &Texts) -> Vec<(Look, Mark, String)> {
         let read = lines.any(|line| !line.means[direction as usize].is_empty());
         let mut branches = curve.branches.iter();
         let own = branches.any(|branch| branch.direction == Some(direction));
-        match (read, own) {
-            (true, true) => {
-                entries.push((of, mark, format!("{word}: {}, {}", t.readings, t.curve)))
-            }
-            (true, false) => entries.push((of, mark, format!("{word}: {}", t.readings))),
-            (false, true) => entries.push((of, Mark::None, format!("{word}: {}", t.curve))),
-            (false, false) => {}
-        }
+        let (mark, words) = match (read, own) {
+            (true, true) => (mark, format!("{}, {}", t.readings, t.curve)),
+            (true, false) => (mark, t.readings.to_owned()),
+            (false, true) => (Mark::None, t.curve.to_owned()),
+            (false, false) => continue,
+        };
+        entries.push((of, mark, format!("{word}: {words}")));
     }
     if curve
         .branches

@@ -120,15 +120,12 @@ fn state_words(state: State, has_before: bool, t: &Texts) -> &'static str {
 fn states(page: &mut Page, before: State, after: Option<State>, t: &Texts) {
     let line = |name: &str, words: &str| format!("<b>{}</b>: {}", escaped(name), escaped(words));
     let mut all = Vec::new();
-    match after {
-        Some(after) => {
-            all.push(line(t.before, state_words(before, false, t)));
-            all.push(line(t.after, state_words(after, true, t)));
-        }
-        None => {
-            all.push(escaped(state_words(before, false, t)) + ".");
-            all.push(escaped(t.no_after));
-        }
+    if let Some(after) = after {
+        all.push(line(t.before, state_words(before, false, t)));
+        all.push(line(t.after, state_words(after, true, t)));
+    } else {
+        all.push(escaped(state_words(before, false, t)) + ".");
+        all.push(escaped(t.no_after));
     }
     page.put(&format!("<p class=\"lead\">{}</p>", all.join("<br>")));
 }

@@ -18,6 +18,11 @@ const SUPPORTS: [[f64; 3]; 9] = [
 ];
 
 /// The colour of a share from 0 to 1 as `#rrggbb`; what is no number is grey.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a place among the supports, and a channel between two of them"
+)]
 pub fn colour_at(share: f64) -> String {
     if share.is_nan() {
         return "#808080".to_owned();

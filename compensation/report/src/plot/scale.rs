@@ -42,6 +42,11 @@ impl Scale {
 }
 
 /// About `count` round values between two others, and the decimals that they need.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a few decimals, never below 0"
+)]
 pub fn ticks([low, high]: [f64; 2], count: usize) -> (Vec<f64>, usize) {
     let range = high - low;
     if !(range > 0.0 && range.is_finite()) || count == 0 {

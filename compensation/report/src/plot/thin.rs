@@ -5,6 +5,11 @@ pub const MOST_POINTS: usize = 6000;
 
 /// Points in ascending x of which at most about `most` are left: in each of equal parts of the range the first, the smallest, the
 /// largest and the last value stay, so that no peak is lost. Points that are no finite numbers go.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "held between 0 and the number of parts"
+)]
 pub fn thinned(points: &[(f64, f64)], most: usize) -> Vec<(f64, f64)> {
     let is_finite = |(x, y): &&(f64, f64)| x.is_finite() && y.is_finite();
     let finite: Vec<(f64, f64)> = points.iter().filter(is_finite).copied().collect();

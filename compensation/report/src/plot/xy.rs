@@ -61,13 +61,11 @@ impl Look {
         match self {
             Self::RunForward => "run f",
             Self::RunBackward => "run b",
-            Self::Forward => "mean f",
-            Self::Backward => "mean b",
             Self::Both => "mean m",
             Self::LimitForward => "limit f",
             Self::LimitBackward => "limit b",
-            Self::Before => "mean b",
-            Self::After => "mean f",
+            Self::Backward | Self::Before => "mean b",
+            Self::Forward | Self::After => "mean f",
         }
     }
 }
@@ -210,9 +208,11 @@ pub fn xy(plot: &XyPlot) -> String {
     svg.finish()
 }
 
+/// An entry of the legend: how it looks (`None`: an area), its words and its place.
+type Entry = (Option<Look>, Mark, String, [f64; 2]);
+
 /// Where the entries of the legend stand, and in how many rows.
-#[allow(clippy::type_complexity)]
-fn legend_places(plot: &XyPlot) -> (Vec<(Option<Look>, Mark, String, [f64; 2])>, usize) {
+fn legend_places(plot: &XyPlot) -> (Vec<Entry>, usize) {
     let band = (!plot.bands.is_empty() && !plot.band_label.is_empty())
         .then(|| (None, Mark::None, plot.band_label.clone()));
     let entries = plot
@@ -220,7 +220,7 @@ fn legend_places(plot: &XyPlot) -> (Vec<(Option<Look>, Mark, String, [f64; 2])>,
         .iter()
         .map(|(look, mark, text)| (Some(*look), *mark, text.clone()));
     let mut placed = Vec::new();
-    let (mut at, mut row) = (LEFT, 0);
+    let (mut at, mut row) = (LEFT, 0_u32);
     for (look, mark, text) in entries.chain(band) {
         let width = 34.0 + SIGN * text.chars().count() as f64 + 14.0;
         if at > LEFT && at + width > plot.width {
@@ -344,12 +344,11 @@ fn one(svg: &mut Svg, series: &Series, most: usize, (x, y): (&Scale, &Scale)) {
 fn brackets(svg: &mut Svg, plot: &XyPlot, (x, y): (&Scale, &Scale)) {
     let mut slot = 0.0;
     for bracket in &plot.brackets {
-        let at = match bracket.at {
-            Some(at) => x.at(at),
-            None => {
-                slot += 1.0;
-                x.places[1] + SLOT * (slot - 0.5)
-            }
+        let at = if let Some(at) = bracket.at {
+            x.at(at)
+        } else {
+            slot += 1.0;
+            x.places[1] + SLOT * (slot - 0.5)
         };
         let [low, high] = bracket.span.map(|value| y.at(value));
         svg.line("bracket", [at, low], [at, high]);
