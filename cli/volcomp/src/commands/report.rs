@@ -1,6 +1,9 @@
 //! `volcomp report`: one HTML file from a calibration, an identification or a machine file.
 
-use std::path::{Path, PathBuf};
+use std::{
+    fmt::Write as _,
+    path::{Path, PathBuf},
+};
 
 use clap::builder::PossibleValuesParser;
 use volcomp_calibrate::{CalibrationFile, not_observed};
@@ -282,14 +285,14 @@ fn working_space(
             after: second.map(of).transpose()?,
         });
     }
-    let of = |(state, actual): (State, &Machine), pose: &Pose| match state {
-        State::TruthCorrected => truth.residual(pose),
-        _ => {
-            let source = actual.source(&none);
-            let found = volumetric_error(actual.chain(), &source, pose, Form::Exact);
-            let (p, r) = (found.position_mm, found.rotation_rad);
-            [p.x, p.y, p.z, r.x, r.y, r.z]
+    let of = |(state, actual): (State, &Machine), pose: &Pose| {
+        if state == State::TruthCorrected {
+            return truth.residual(pose);
         }
+        let source = actual.source(&none);
+        let found = volumetric_error(actual.chain(), &source, pose, Form::Exact);
+        let (p, r) = (found.position_mm, found.rotation_rad);
+        [p.x, p.y, p.z, r.x, r.y, r.z]
     };
     let errors_before = |pose: &Pose| of(first, pose);
     let errors_after = |pose: &Pose| of(second.unwrap_or(first), pose);
@@ -382,8 +385,10 @@ fn answer(
         } else {
             format!(" of {}", check.of)
         };
-        text += &format!(
-            "  {}{of}: {value} {}, allowed {}: {}\n",
+        // Writing to a String cannot fail, here and below.
+        let _ = writeln!(
+            text,
+            "  {}{of}: {value} {}, allowed {}: {}",
             check.symbol,
             check.unit,
             fixed(check.limit, 2),
@@ -392,15 +397,19 @@ fn answer(
     }
     if let Some(before) = &document.before {
         let um = fixed(before.form_max_um, 2);
-        text += &format!("largest volumetric error beside the best rigid motion: {um} µm\n");
+        let _ = writeln!(
+            text,
+            "largest volumetric error beside the best rigid motion: {um} µm"
+        );
     }
     if let Some(after) = &document.after {
         let um = fixed(after.form_max_um, 2);
-        text += &format!("after the compensation: {um} µm\n");
+        let _ = writeln!(text, "after the compensation: {um} µm");
     }
     let (curves, warnings) = (document.curves, document.warnings.len());
-    text += &format!(
-        "wrote {}: {curves} curves, {warnings} warnings\n",
+    let _ = writeln!(
+        text,
+        "wrote {}: {curves} curves, {warnings} warnings",
         document.file
     );
     Answer::new(&document, text, notes)

@@ -62,6 +62,7 @@ fn the_band_is_that_of_a_mean_reading() {
 
 #[test]
 fn figures_stand_against_tolerances() {
+    use Outcome::{Fail, NotEvaluated, Pass};
     let shop = Shop::new();
     let mut report = shop.report();
     let limits = tolerances("A=100,B=1,R=0.001,EC0Y=12.5,EYX=1,V=20,EZZ=3").expect("seven");
@@ -71,7 +72,6 @@ fn figures_stand_against_tolerances() {
         .iter()
         .map(|check| (check.symbol.as_str(), check.outcome))
         .collect();
-    use Outcome::{Fail, NotEvaluated, Pass};
     assert_eq!(
         outcomes,
         [
