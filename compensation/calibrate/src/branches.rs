@@ -1,15 +1,15 @@
 //! The lines of one error as one curve, or one for each direction.
 
 use volcomp_curve::{ErrorCurve, Field};
-use volcomp_fit::{Fit, FitError};
+use volcomp_fit::{Choice, Fit, FitError, FitOptions, Method, Noise};
 use volcomp_metrology::{MotionKind, ReferenceLine};
-use volcomp_vocabulary::{Direction, ErrorName, Um, Urad};
+use volcomp_vocabulary::{AxisKind, Direction, ErrorName, Um, Urad};
 
 use crate::{
     curve_choice::CurveChoice,
     error::CalibrateError,
-    fitted_curve::{FitQuality, FittedCurve, Quality},
-    profile::{Points, Profile, files_of},
+    fitted_curve::{FitQuality, FittedCurve, Quality, Resampled},
+    profile::{Points, Profile, Run, files_of},
 };
 
 /// Lines are moved to agree until they move less than this.
@@ -26,11 +26,28 @@ fn within_noise(profiles: &[Profile<'_>]) -> Option<f64> {
     noise.reduce(f64::max).map(|noise| WITHIN_SIGMAS * noise)
 }
 
+/// The scatter that the automatic choice is told of, and the period of the coordinate.
+fn options(error: ErrorName, profiles: &[Profile<'_>]) -> FitOptions {
+    let noise = profiles.iter().filter_map(Profile::scatter_of_mean);
+    let larger = |a: Noise, b: Noise| if b.deviation > a.deviation { b } else { a };
+    FitOptions {
+        noise: noise.reduce(larger),
+        period: (error.axis.kind() == AxisKind::Rotary).then_some(360.0),
+        ..FitOptions::default()
+    }
+}
+
 /// The fits of an error, forward first; one of them at least.
 #[derive(Clone)]
 pub(crate) struct Branches {
     fits: Vec<(Direction, Fit)>,
     targets: Vec<f64>,
+    method: Method,
+    choice: Option<Choice>,
+    /// The runs of each fit, from which its band is resampled; empty until the lines agree.
+    runs: Vec<Option<Vec<Run>>>,
+    /// What the curves were multiplied by.
+    factor: f64,
 }
 
 impl Branches {
@@ -70,6 +87,7 @@ impl Branches {
             }
             branches = Self::fit_once(error, choice, &profiles)?;
         }
+        branches.runs = branches.runs_of(&profiles);
         Ok((branches, profiles))
     }
 
@@ -93,12 +111,18 @@ impl Branches {
         let read = both.iter().filter(|(x, _)| !x.is_empty());
         let read: Vec<(&[f64], &[f64])> = read.map(|(x, u)| (&x[..], &u[..])).collect();
         let required = within_noise(profiles);
-        let choice = choice.settled(&read, required).map_err(failed)?;
+        if read.is_empty() {
+            let files = files();
+            return Err(CalibrateError::NoReadings { error, files });
+        }
+        let options = options(error, profiles);
+        let settled = choice.settled(&read, required, &options);
+        let (method, choice) = settled.map_err(failed)?;
         for (direction, (x, u)) in Direction::BOTH.into_iter().zip(both) {
             if x.is_empty() {
                 continue;
             }
-            let fit = choice.fit(&x, &u, required).map_err(failed)?;
+            let fit = method.fit(&x, &u).map_err(failed)?;
             tracing::debug!(
                 "{error} {}: residual of {} is {:.3} rms, leave-one-out error {:.3}",
                 direction.name(),
@@ -108,15 +132,31 @@ impl Branches {
             );
             fits.push((direction, fit));
         }
-        if fits.is_empty() {
-            let files = files();
-            return Err(CalibrateError::NoReadings { error, files });
-        }
         let all = profiles.iter().flat_map(Profile::all);
         let mut targets: Vec<f64> = all.map(|point| point.0).collect();
         targets.sort_by(f64::total_cmp);
         targets.dedup();
-        Ok(Self { fits, targets })
+        Ok(Self {
+            fits,
+            targets,
+            method,
+            choice,
+            runs: Vec::new(),
+            factor: 1.0,
+        })
+    }
+
+    /// The runs of each fit: those of the only line, or of several lines the lines. None where a bridge adds its tilts up.
+    fn runs_of(&self, profiles: &[Profile<'_>]) -> Vec<Option<Vec<Run>>> {
+        let of = |(direction, _): &(Direction, Fit)| {
+            if let [profile] = profiles {
+                return profile.runs_in(*direction);
+            }
+            let points = profiles.iter().map(|p| &p.points[*direction as usize]);
+            let read = points.filter(|points| !points.is_empty());
+            Some(read.map(|points| points.iter().copied().unzip()).collect())
+        };
+        self.fits.iter().map(of).collect()
     }
 
     /// The mean difference of the readings of one measured line from the fitted curve: a straight line for
@@ -156,6 +196,13 @@ impl Branches {
             }
             fit.leave_one_out_rms *= factor.abs();
         }
+        scaled.factor *= factor;
+        if let Some(choice) = &mut scaled.choice {
+            for score in &mut choice.scores {
+                score.leave_one_out_rms *= factor.abs();
+                score.largest_residual *= factor.abs();
+            }
+        }
         scaled
     }
 
@@ -163,7 +210,8 @@ impl Branches {
     pub(crate) fn fitted(&self, error: ErrorName) -> Vec<FittedCurve> {
         let reversal = self.reversal();
         let both = self.fits.len() == 2;
-        let row = |(direction, fit): &(Direction, Fit)| FittedCurve {
+        let runs = self.runs.iter().cloned().chain(std::iter::repeat(None));
+        let row = |((direction, fit), runs): (&(Direction, Fit), Option<Vec<Run>>)| FittedCurve {
             error,
             direction: both.then_some(*direction),
             kind: fit.curve.kind(),
@@ -173,8 +221,16 @@ impl Branches {
             } else {
                 Quality::Length(quality(fit, reversal, Um))
             },
+            method: self.method,
+            choice: self.choice.clone(),
+            band: None,
+            resampled: runs.map(|runs| Resampled {
+                runs,
+                targets: self.targets.clone(),
+                factor: self.factor,
+            }),
         };
-        self.fits.iter().map(row).collect()
+        self.fits.iter().zip(runs).map(row).collect()
     }
 
     fn reversal(&self) -> Option<f64> {

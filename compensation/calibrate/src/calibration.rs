@@ -93,6 +93,11 @@ fn calibrated(
     warnings.extend(odd_values(file));
     warnings.append(&mut stages.notes);
     warnings.extend(of_observations);
+    if matches!(wanted, Wanted::Everything) {
+        for curve in &mut stages.curves {
+            curve.find_band();
+        }
+    }
     let not_measured = not_measured(file, &stages);
     warnings.extend(not_measured.iter().cloned());
     Ok(Calibration {

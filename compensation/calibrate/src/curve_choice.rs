@@ -1,10 +1,7 @@
 //! The kind of curve that an error is fitted with.
 
 use volcomp_document::{InputError, Section, Value};
-use volcomp_fit::{
-    Fit, FitError, choose_mls, fit_auto, fit_bspline, fit_chebyshev, fit_cubic_table, fit_fourier,
-    fit_linear_table, fit_mls, fit_polynomial,
-};
+use volcomp_fit::{Choice, FitError, FitOptions, Method, choose, choose_mls};
 use volcomp_vocabulary::{AxisKind, AxisName};
 
 /// The highest order of a polynomial, a series or harmonics that a file may ask for.
@@ -13,8 +10,7 @@ const HIGHEST_ORDER: usize = 40;
 /// The kind of curve that a measurement is fitted with.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum CurveChoice {
-    /// The kind with the smallest leave-one-out error, of those that follow the readings within their
-    /// repeatability where there are several runs.
+    /// The kind that [`choose`] takes for both directions of the error together.
     #[default]
     Auto,
     /// A polynomial by least squares.
@@ -174,49 +170,43 @@ impl CurveChoice {
         }
     }
 
-    /// The choice with what is chosen once for all directions of an error already chosen: order and support of moving
-    /// least squares, from the readings of each direction.
+    /// The method that all directions of an error are fitted with, and how it was chosen where it was chosen from the readings.
+    /// Automatic moving least squares prefer settings that leave no more than `required` of any reading.
     pub(crate) fn settled(
         self,
         directions: &[(&[f64], &[f64])],
         required: Option<f64>,
-    ) -> Result<Self, FitError> {
-        let Self::AutoMovingLeastSquares { shape } = self else {
-            return Ok(self);
-        };
-        if directions.is_empty() {
-            return Ok(self);
-        }
-        let (order, support) = choose_mls(directions, shape, required)?;
-        Ok(Self::MovingLeastSquares {
-            order,
-            support,
-            shape,
-        })
-    }
-
-    /// The fit of readings `u` at `x` (mm or deg; µm or µrad), over the range of `x`. The automatic
-    /// choices prefer kinds and settings that leave no more than `required` of any reading.
-    pub(crate) fn fit(self, x: &[f64], u: &[f64], required: Option<f64>) -> Result<Fit, FitError> {
-        let lowest = x.iter().copied().fold(f64::INFINITY, f64::min);
-        let highest = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let domain = [lowest, highest];
-        match self {
-            Self::Auto => fit_auto(x, u, required),
-            Self::Polynomial { order } => fit_polynomial(x, u, order, domain),
-            Self::Chebyshev { order } => fit_chebyshev(x, u, order, domain),
+        options: &FitOptions,
+    ) -> Result<(Method, Option<Choice>), FitError> {
+        let stated = match self {
+            Self::Auto => {
+                let choice = choose(directions, options)?;
+                return Ok((choice.method, Some(choice)));
+            }
+            Self::AutoMovingLeastSquares { shape } => {
+                let (order, support) = choose_mls(directions, shape, required)?;
+                Method::MovingLeastSquares {
+                    order,
+                    support,
+                    shape,
+                }
+            }
+            Self::Polynomial { order } => Method::Polynomial { order },
+            Self::Chebyshev { order } => Method::Chebyshev { order },
             Self::MovingLeastSquares {
                 order,
                 support,
                 shape,
-            } => fit_mls(x, u, order, support, shape),
-            Self::AutoMovingLeastSquares { .. } => {
-                self.settled(&[(x, u)], required)?.fit(x, u, required)
-            }
-            Self::BSpline => fit_bspline(x, u),
-            Self::LinearTable => fit_linear_table(x, u),
-            Self::CubicTable => fit_cubic_table(x, u),
-            Self::Fourier { order, period } => fit_fourier(x, u, order, period, domain),
-        }
+            } => Method::MovingLeastSquares {
+                order,
+                support,
+                shape,
+            },
+            Self::BSpline => Method::BSpline,
+            Self::LinearTable => Method::LinearTable,
+            Self::CubicTable => Method::CubicTable,
+            Self::Fourier { order, period } => Method::Fourier { order, period },
+        };
+        Ok((stated, None))
     }
 }

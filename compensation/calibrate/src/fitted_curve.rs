@@ -1,6 +1,9 @@
 //! How well a fitted curve follows its readings.
 
+use volcomp_fit::{Band, BandOptions, Choice, Method, band};
 use volcomp_vocabulary::{Direction, ErrorName, Um, Urad};
+
+use crate::profile::Run;
 
 /// One branch of a fitted error.
 #[derive(Clone, Debug, PartialEq)]
@@ -16,6 +19,42 @@ pub struct FittedCurve {
     pub readings: usize,
     /// How far the readings are from the curve.
     pub quality: Quality,
+    /// The method that the curve was fitted with.
+    pub method: Method,
+    /// How it was chosen from the readings, those of both directions; `None` where the calibration file states it. In the unit of the error.
+    pub choice: Option<Choice>,
+    /// The band of 95 % at the targets, of the readings alone; `None` where it is not known. In the unit of the error.
+    pub band: Option<Band>,
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub(crate) resampled: Option<Resampled>,
+}
+
+/// What the band of a curve is resampled from.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Resampled {
+    pub(crate) runs: Vec<Run>,
+    pub(crate) targets: Vec<f64>,
+    /// What the readings were multiplied by for this curve.
+    pub(crate) factor: f64,
+}
+
+impl FittedCurve {
+    /// Finds the band, which takes longer than the curve.
+    pub(crate) fn find_band(&mut self) {
+        let Some(of) = &self.resampled else {
+            return;
+        };
+        let runs: Vec<(&[f64], &[f64])> = of.runs.iter().map(|(x, u)| (&x[..], &u[..])).collect();
+        // A method that the readings of some runs do not carry has no band.
+        let found = band(self.method, &runs, &of.targets, &BandOptions::default());
+        self.band = found.ok().and_then(|mut band| {
+            for half in &mut band.half_width {
+                *half *= of.factor.abs();
+            }
+            let is_known = band.half_width.iter().all(|half| half.is_finite());
+            is_known.then_some(band)
+        });
+    }
 }
 
 /// How far readings are from their curve: lengths of a linear error, angles of an angular one.

@@ -1,7 +1,8 @@
 //! The mean readings of one line on their way to a curve.
 
-use std::path::PathBuf;
+use std::{collections::BTreeMap, path::PathBuf};
 
+use volcomp_fit::Noise;
 use volcomp_kinematics::Joint;
 use volcomp_metrology::{MetrologyError, ReferenceLine, TiltReading, angular_method_um};
 use volcomp_model::Axis;
@@ -11,6 +12,9 @@ use crate::{calibration_file::Line, error::CalibrateError, setup::Method};
 
 /// (target in mm or deg, mean reading in µm or µrad), targets ascending.
 pub(crate) type Points = Vec<(f64, f64)>;
+
+/// Targets and readings of one run.
+pub(crate) type Run = (Vec<f64>, Vec<f64>);
 
 /// The mean readings of one line, forward and backward; empty in a direction that was not run.
 #[derive(Clone)]
@@ -85,6 +89,11 @@ impl<'a> Profile<'a> {
     /// Standard deviation of a mean reading, pooled over targets and directions; none without
     /// repeated runs, without scatter, or where readings are summed up.
     pub(crate) fn noise_of_mean(&self) -> Option<f64> {
+        self.scatter_of_mean().map(|noise| noise.deviation)
+    }
+
+    /// As [`noise_of_mean`](Self::noise_of_mean), with its degrees of freedom.
+    pub(crate) fn scatter_of_mean(&self) -> Option<Noise> {
         if self.line.setup.method != Method::Direct {
             return None;
         }
@@ -102,7 +111,37 @@ impl<'a> Profile<'a> {
             }
         }
         let variance = squares / freedom / (count / groups);
-        (variance > 0.0 && variance.is_finite()).then(|| variance.sqrt())
+        (variance > 0.0 && variance.is_finite()).then(|| Noise {
+            deviation: variance.sqrt(),
+            freedom,
+        })
+    }
+
+    /// Targets and readings of every run in a direction, about the mean readings as this profile has them; none where readings are summed
+    /// up, or where a target was brought to another place.
+    pub(crate) fn runs_in(&self, direction: Direction) -> Option<Vec<Run>> {
+        if self.line.setup.method != Method::Direct {
+            return None;
+        }
+        let readings = &self.line.readings;
+        let means = readings.mean_curve_in(direction);
+        let points = &self.points[direction as usize];
+        if means.len() != points.len() || means.iter().zip(points).any(|(a, b)| a.0 != b.0) {
+            return None;
+        }
+        let mut runs: BTreeMap<_, Run> = BTreeMap::new();
+        for reading in readings
+            .readings
+            .iter()
+            .filter(|r| r.direction == direction)
+        {
+            let place = means.partition_point(|mean| mean.0 < reading.target);
+            let (mean, point) = (means.get(place)?, points.get(place)?);
+            let (x, u) = runs.entry(reading.run).or_default();
+            x.push(reading.target);
+            u.push(reading.deviation - mean.1 + point.1);
+        }
+        Some(runs.into_values().collect())
     }
 
     /// The points of both directions, forward first.

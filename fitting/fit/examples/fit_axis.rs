@@ -2,7 +2,7 @@
 //!
 //! `cargo run -p volcomp-fit --example fit_axis`
 
-use volcomp_fit::{Fit, FitError, fit_auto, fit_cubic_table, fit_polynomial};
+use volcomp_fit::{Fit, FitError, FitOptions, fit_auto, fit_cubic_table, fit_polynomial};
 
 fn main() -> Result<(), FitError> {
     // Three runs over nine targets of an axis of 800 mm: coordinate in mm, positioning deviation in µm. Several runs
@@ -25,7 +25,10 @@ fn main() -> Result<(), FitError> {
             fit_polynomial(&x_mm, &u_um, 1, [0.0, 800.0])?,
         ),
         ("monotone cubics", fit_cubic_table(&x_mm, &u_um)?),
-        ("chosen by itself", fit_auto(&x_mm, &u_um, None)?),
+        (
+            "chosen by itself",
+            fit_auto(&x_mm, &u_um, &FitOptions::default())?.fit,
+        ),
     ];
     println!("all in µm           largest residual   leave-one-out   at 450 mm");
     for (name, fit) in &fits {

@@ -1,42 +1,172 @@
-use nalgebra::DMatrix;
 use volcomp_curve::BSpline;
 
 use crate::fit::{left_out, rms};
-use crate::least_squares::{self, Solution};
+use crate::triangle::{Triangle, WIDTH};
 use crate::{Fit, FitError, readings};
 
 const DEGREE: usize = 3;
-const MAX_SEGMENTS: usize = 40;
-/// Powers of ten of the smoothing parameter tried, and the last step of the refinement.
+/// As many segments as a pitch error of a long screw needs; the penalty keeps them smooth where the readings do not ask for them.
+const MAX_SEGMENTS: usize = 400;
+/// Powers of ten of the smoothing parameter tried, with up to so many segments; with more of them the upper end is higher, since
+/// the penalty on a slow wave falls with the fourth power of their number.
 const LOG_LAMBDA: [i32; 2] = [-9, 9];
+const SEGMENTS_OF_RANGE: f64 = 40.0;
+/// The last step of the refinement.
 const LOG_RESOLUTION: f64 = 0.01;
 
 /// Fits a smoothing B-spline through the mean reading of each target: cubic, uniform knots (as many
-/// segments as gaps between targets, at most 40), a penalty on second differences of the
+/// segments as gaps between targets, at most 400), a penalty on second differences of the
 /// coefficients (Eilers and Marx, Statistical Science 11, 1996), its weight by generalised
 /// cross-validation (Craven and Wahba, Numer. Math. 31, 1979).
 ///
 /// # Errors
 /// Unequal lengths, numbers that are not finite, fewer than 4 different targets.
 pub fn fit_bspline(x: &[f64], u: &[f64]) -> Result<Fit, FitError> {
-    let targets = readings::checked_targets(x, u, 4, "a smoothing spline")?;
-    let knots = uniform_knots(
-        targets[0][0],
-        targets[targets.len() - 1][0],
-        targets.len() - 1,
-    );
-    let basis = basis(&targets, &knots)?;
-    let means: Vec<f64> = targets.iter().map(|t| t[1]).collect();
-
-    let undetermined = FitError::Undetermined {
-        coefficients: basis.ncols(),
-    };
-    let solution = cross_validated(&basis, &means).ok_or(undetermined)?;
-    let errors = residuals(&basis, &means, &solution.coefficients);
-    let errors = errors.iter().zip(&solution.leverages);
+    let targets = readings::checked_targets(x, u, LEAST_TARGETS, "a smoothing spline")?;
+    let problem = Problem::new(&targets);
+    let spline = problem.smoothed(problem.cross_validated()?)?;
+    let errors = spline.residuals.iter().zip(&spline.leverages);
     let loo = rms(errors.map(|(&e, &h)| left_out(e, h)));
-    let curve = BSpline::new(knots, solution.coefficients, DEGREE)?;
+    let curve = BSpline::new(problem.knots, spline.coefficients, DEGREE)?;
     Ok(Fit::new(curve.into(), x, u, loo))
+}
+
+pub(crate) const LEAST_TARGETS: usize = 4;
+
+/// The least-squares problem of the targets: the four B-splines that are not zero at each, and the triangle that they make.
+pub(crate) struct Problem {
+    knots: Vec<f64>,
+    rows: Vec<(usize, [f64; WIDTH])>,
+    means: Vec<f64>,
+    triangle: Triangle,
+}
+
+/// The spline of one smoothing parameter, and what it leaves of each target.
+pub(crate) struct Smoothed {
+    pub(crate) coefficients: Vec<f64>,
+    pub(crate) residuals: Vec<f64>,
+    /// Diagonal of the hat matrix.
+    pub(crate) leverages: Vec<f64>,
+}
+
+impl Problem {
+    /// Of at least 4 targets, increasing.
+    pub(crate) fn new(targets: &[[f64; 2]]) -> Self {
+        let (lower, upper) = (targets[0][0], targets[targets.len() - 1][0]);
+        let knots = uniform_knots(lower, upper, targets.len() - 1);
+        let rows: Vec<_> = targets.iter().map(|t| basis(&knots, t[0])).collect();
+        let means: Vec<f64> = targets.iter().map(|t| t[1]).collect();
+        let mut triangle = Triangle::new(knots.len() - DEGREE - 1);
+        for ((first, row), &mean) in rows.iter().zip(&means) {
+            triangle.add(*first, *row, mean);
+        }
+        Self {
+            knots,
+            rows,
+            means,
+            triangle,
+        }
+    }
+
+    /// The spline with these coefficients.
+    pub(crate) fn curve(&self, coefficients: Vec<f64>) -> Result<BSpline, FitError> {
+        Ok(BSpline::new(self.knots.clone(), coefficients, DEGREE)?)
+    }
+
+    /// The same problem with other mean readings of the same targets.
+    pub(crate) fn with(&self, means: &[f64]) -> Self {
+        let mut triangle = Triangle::new(self.triangle.size());
+        for ((first, row), &mean) in self.rows.iter().zip(means) {
+            triangle.add(*first, *row, mean);
+        }
+        Self {
+            knots: self.knots.clone(),
+            rows: self.rows.clone(),
+            means: means.to_vec(),
+            triangle,
+        }
+    }
+
+    /// The power of ten of the smoothing parameter with the smallest generalised cross-validation score: a
+    /// search over powers of ten, then bisection of the step around the best.
+    pub(crate) fn cross_validated(&self) -> Result<f64, FitError> {
+        let score = |log: f64| Some((self.generalised(&self.penalised(log)?), log));
+        let better = |a: (f64, f64), b: (f64, f64)| if b.0 < a.0 { b } else { a };
+        let [first, last] = LOG_LAMBDA;
+        let segments = (self.knots.len() - 2 * DEGREE - 1) as f64;
+        let more = (4.0 * (segments / SEGMENTS_OF_RANGE).log10()).max(0.0);
+        let last = f64::from(last) + more.ceil();
+        let mut best = (first..)
+            .map(f64::from)
+            .take_while(|log| *log <= last)
+            .filter_map(score)
+            .reduce(better)
+            .ok_or_else(|| self.undetermined())?;
+        let mut step = 0.5;
+        while step > LOG_RESOLUTION {
+            let around = [best.1 - step, best.1 + step].into_iter().filter_map(score);
+            best = around.fold(best, better);
+            step /= 2.0;
+        }
+        Ok(best.1)
+    }
+
+    /// The spline of a smoothing parameter.
+    pub(crate) fn smoothed(&self, log_lambda: f64) -> Result<Smoothed, FitError> {
+        let triangle = self
+            .penalised(log_lambda)
+            .ok_or_else(|| self.undetermined())?;
+        let coefficients = triangle.solution();
+        let rows = self.rows.iter();
+        Ok(Smoothed {
+            residuals: self.residuals(&coefficients),
+            leverages: rows
+                .map(|(first, row)| triangle.leverage(*first, row))
+                .collect(),
+            coefficients,
+        })
+    }
+
+    fn undetermined(&self) -> FitError {
+        FitError::Undetermined {
+            coefficients: self.triangle.size(),
+        }
+    }
+
+    /// The triangle with the rows of the penalty among those of the readings; none when it is singular.
+    fn penalised(&self, log_lambda: f64) -> Option<Triangle> {
+        let root = 10_f64.powf(log_lambda / 2.0);
+        let size = self.triangle.size();
+        let mut triangle = Triangle::new(size);
+        for (place, (row, right)) in self.triangle.rows().enumerate() {
+            triangle.add(place, *row, right);
+            if place + 2 < size {
+                triangle.add(place, [root, -2.0 * root, root, 0.0], 0.0);
+            }
+        }
+        triangle.is_regular().then_some(triangle)
+    }
+
+    fn residuals(&self, coefficients: &[f64]) -> Vec<f64> {
+        let rows = self.rows.iter().zip(&self.means);
+        rows.map(|((first, row), mean)| {
+            let acting = &coefficients[*first..first + WIDTH];
+            mean - row.iter().zip(acting).map(|(b, c)| b * c).sum::<f64>()
+        })
+        .collect()
+    }
+
+    /// `n Σe² / (n − tr H)²`; infinite where the spline has no freedom left, for there rounding alone
+    /// would decide.
+    fn generalised(&self, triangle: &Triangle) -> f64 {
+        let count = self.means.len() as f64;
+        let freedom = count - triangle.trace_with(&self.triangle);
+        if freedom.is_nan() || freedom <= 1e-3 * count {
+            return f64::INFINITY;
+        }
+        let errors = self.residuals(&triangle.solution());
+        count * errors.iter().map(|e| e * e).sum::<f64>() / (freedom * freedom)
+    }
 }
 
 fn uniform_knots(lower: f64, upper: f64, gaps: usize) -> Vec<f64> {
@@ -52,79 +182,23 @@ fn uniform_knots(lower: f64, upper: f64, gaps: usize) -> Vec<f64> {
         .collect()
 }
 
-/// The B-splines at the targets, a column each.
-fn basis(targets: &[[f64; 2]], knots: &[f64]) -> Result<DMatrix<f64>, FitError> {
-    let size = knots.len() - DEGREE - 1;
-    let mut basis = DMatrix::zeros(targets.len(), size);
-    for k in 0..size {
-        let mut unit = vec![0.0; size];
-        unit[k] = 1.0;
-        let spline = BSpline::new(knots.to_vec(), unit, DEGREE)?;
-        for (i, target) in targets.iter().enumerate() {
-            basis[(i, k)] = spline.value(target[0]);
+/// The B-splines that are not zero at `x`, which lies in the domain: the place of the first, and their values (de Boor, J.
+/// Approx. Theory 6, 1972).
+fn basis(knots: &[f64], x: f64) -> (usize, [f64; WIDTH]) {
+    let inner = &knots[DEGREE..knots.len() - DEGREE];
+    let above = inner.partition_point(|&t| t <= x).clamp(1, inner.len() - 1);
+    let span = DEGREE + above - 1;
+    let mut values = [0.0; WIDTH];
+    values[0] = 1.0;
+    for degree in 1..=DEGREE {
+        let mut saved = 0.0;
+        for r in 0..degree {
+            let (right, left) = (knots[span + r + 1], knots[span + 1 + r - degree]);
+            let part = values[r] / (right - left);
+            values[r] = saved + (right - x) * part;
+            saved = (x - left) * part;
         }
+        values[degree] = saved;
     }
-    Ok(basis)
-}
-
-/// The solution whose smoothing parameter has the smallest generalised cross-validation score: a
-/// search over powers of ten, then bisection of the step around the best.
-fn cross_validated(basis: &DMatrix<f64>, means: &[f64]) -> Option<Solution> {
-    let score = |log: f64| {
-        penalised(basis, means, log).map(|solution| (generalised(basis, means, &solution), log))
-    };
-    let better = |a: (f64, f64), b: (f64, f64)| if b.0 < a.0 { b } else { a };
-    let [first, last] = LOG_LAMBDA;
-    let mut best = (first..=last)
-        .filter_map(|log| score(f64::from(log)))
-        .reduce(better)?;
-    let mut step = 0.5;
-    while step > LOG_RESOLUTION {
-        let around = [best.1 - step, best.1 + step].into_iter().filter_map(score);
-        best = around.fold(best, better);
-        step /= 2.0;
-    }
-    penalised(basis, means, best.1)
-}
-
-/// Least squares with the rows of the penalty below those of the readings.
-fn penalised(basis: &DMatrix<f64>, means: &[f64], log_lambda: f64) -> Option<Solution> {
-    let (rows, size) = basis.shape();
-    let root = 10_f64.powf(log_lambda / 2.0);
-    let mut matrix = DMatrix::zeros(rows + size - 2, size);
-    matrix.rows_mut(0, rows).copy_from(basis);
-    for i in 0..size - 2 {
-        for (k, difference) in [1.0, -2.0, 1.0].into_iter().enumerate() {
-            matrix[(rows + i, i + k)] = root * difference;
-        }
-    }
-    let mut right = means.to_vec();
-    right.resize(rows + size - 2, 0.0);
-    let mut solution = least_squares::solve(matrix, &right)?;
-    solution.leverages.truncate(rows);
-    Some(solution)
-}
-
-fn residuals(basis: &DMatrix<f64>, means: &[f64], coefficients: &[f64]) -> Vec<f64> {
-    let rows = basis.row_iter().zip(means);
-    rows.map(|(row, mean)| {
-        mean - row
-            .iter()
-            .zip(coefficients)
-            .map(|(b, c)| b * c)
-            .sum::<f64>()
-    })
-    .collect()
-}
-
-/// `n Σe² / (n − tr H)²`; infinite where the spline has no freedom left, for there rounding alone
-/// would decide.
-fn generalised(basis: &DMatrix<f64>, means: &[f64], solution: &Solution) -> f64 {
-    let count = means.len() as f64;
-    let freedom = count - solution.leverages.iter().sum::<f64>();
-    if freedom <= 1e-3 * count {
-        return f64::INFINITY;
-    }
-    let errors = residuals(basis, means, &solution.coefficients);
-    count * errors.iter().map(|e| e * e).sum::<f64>() / (freedom * freedom)
+    (span - DEGREE, values)
 }

@@ -1,5 +1,7 @@
 use volcomp_curve::Curve;
 
+use crate::least_squares::Solution;
+
 /// A fitted curve and how well it fits.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -8,11 +10,11 @@ pub struct Fit {
     pub curve: Curve,
     /// Reading minus curve, in the order of the readings.
     pub residuals: Vec<f64>,
-    /// Root mean square of the errors with which the curve, fitted without a reading, predicts it.
+    /// Root mean square of the errors with which the curve, fitted without a target and all its readings, predicts the
+    /// mean of these.
     ///
-    /// Moving least squares, splines and tables leave out a target with all its readings; support,
-    /// knots and smoothing parameter stay those of the whole fit. A table predicts its inner targets
-    /// only. Infinite when a reading cannot be predicted from the others.
+    /// Support, knots and smoothing parameter stay those of the whole fit. A table predicts its inner targets
+    /// only. Infinite when a target cannot be predicted from the others.
     #[cfg_attr(feature = "serde", serde(with = "crate::serialised"))]
     pub leave_one_out_rms: f64,
     /// Whether the residual asked for is met; none where nothing was asked for.
@@ -21,7 +23,17 @@ pub struct Fit {
 
 impl Fit {
     pub(crate) fn new(curve: Curve, x: &[f64], u: &[f64], leave_one_out_rms: f64) -> Self {
-        let residuals = x.iter().zip(u).map(|(&x, &u)| u - curve.value(x)).collect();
+        // Several runs ask for the same places, and moving least squares are slow to answer.
+        let mut places = x.to_vec();
+        places.sort_by(f64::total_cmp);
+        places.dedup();
+        let values: Vec<f64> = places.iter().map(|&x| curve.value(x)).collect();
+        let at = |x: f64| match places.binary_search_by(|place| place.total_cmp(&x)) {
+            Ok(place) => values[place],
+            // 0 and −0 are one place.
+            Err(_) => curve.value(x),
+        };
+        let residuals = x.iter().zip(u).map(|(&x, &u)| u - at(x)).collect();
         Self {
             curve,
             residuals,
@@ -30,12 +42,11 @@ impl Fit {
         }
     }
 
-    /// The fit of a curve whose coefficients were solved for by least squares with these leverages.
-    pub(crate) fn least_squares(curve: Curve, x: &[f64], u: &[f64], leverages: &[f64]) -> Self {
-        let mut fit = Self::new(curve, x, u, 0.0);
-        let errors = fit.residuals.iter().zip(leverages);
-        fit.leave_one_out_rms = rms(errors.map(|(&e, &h)| left_out(e, h)));
-        fit
+    /// The fit of a curve whose coefficients were solved for by least squares.
+    pub(crate) fn least_squares(curve: Curve, x: &[f64], u: &[f64], solution: &Solution) -> Self {
+        let errors = solution.residuals.iter().zip(&solution.leverages);
+        let loo = rms(errors.map(|(&e, &h)| left_out(e, h)));
+        Self::new(curve, x, u, loo)
     }
 
     /// The smallest residual, in the unit of the readings.

@@ -3,7 +3,9 @@ use std::f64::consts::TAU;
 use nalgebra::DMatrix;
 use volcomp_curve::Fourier;
 
-use crate::{Fit, FitError, least_squares, readings};
+use crate::least_squares::Nested;
+use crate::readings::Target;
+use crate::{Fit, FitError, readings};
 
 /// Fits a Fourier series with `order` harmonics of the period by least squares.
 ///
@@ -26,16 +28,23 @@ pub fn fit_fourier(
         coefficients,
         "this many harmonics",
     )?;
-    let matrix = DMatrix::from_fn(x.len(), coefficients, |i, k| {
-        let angle = TAU * (x[i] / period) * k.div_ceil(2) as f64;
+    let nested = nested(&readings::counted(x, u), order, period);
+    let solution = nested
+        .solution(coefficients)
+        .ok_or(FitError::Undetermined { coefficients })?;
+    let curve = Fourier::new(solution.coefficients.clone(), period, domain)?;
+    Ok(Fit::least_squares(curve.into(), x, u, &solution))
+}
+
+/// The series of all numbers of harmonics up to this one.
+pub(crate) fn nested(targets: &[Target], order: usize, period: f64) -> Nested {
+    let matrix = DMatrix::from_fn(targets.len(), 2 * order + 1, |i, k| {
+        let angle = TAU * (targets[i].x / period) * k.div_ceil(2) as f64;
         if k % 2 == 0 && k > 0 {
             angle.sin()
         } else {
             angle.cos()
         }
     });
-    let solution =
-        least_squares::solve(matrix, u).ok_or(FitError::Undetermined { coefficients })?;
-    let curve = Fourier::new(solution.coefficients, period, domain)?;
-    Ok(Fit::least_squares(curve.into(), x, u, &solution.leverages))
+    Nested::new(matrix, targets)
 }

@@ -1,24 +1,31 @@
 #![doc = include_str!("../README.md")]
 
-mod auto;
+mod band;
 mod bspline;
+mod candidates;
+mod choice;
 mod error;
 mod fit;
 mod fourier;
 mod least_squares;
+mod method;
 mod mls;
 mod polynomial;
 mod readings;
 #[cfg(feature = "serde")]
 mod serialised;
+mod student;
 mod table;
 mod thermal;
+mod triangle;
 
-pub use auto::fit_auto;
+pub use band::{Band, BandOptions, BandSource, band};
 pub use bspline::fit_bspline;
+pub use choice::{AutoFit, Choice, FitOptions, Noise, Reason, Score, choose, fit_auto};
 pub use error::FitError;
 pub use fit::Fit;
 pub use fourier::fit_fourier;
+pub use method::Method;
 pub use mls::{MLS_ORDERS, MlsTrial, choose_mls, fit_mls, fit_mls_auto, scan_mls};
 pub use polynomial::{fit_chebyshev, fit_polynomial};
 pub use table::{fit_cubic_table, fit_linear_table};

@@ -1,7 +1,8 @@
 use nalgebra::DMatrix;
 use volcomp_curve::{Chebyshev, Polynomial};
 
-use crate::least_squares::{self, Solution};
+use crate::least_squares::{Nested, Solution};
+use crate::readings::Target;
 use crate::{Fit, FitError, readings};
 
 /// Fits a Chebyshev series of the order on `domain` by least squares (Householder QR).
@@ -16,7 +17,7 @@ pub fn fit_chebyshev(
     domain: [f64; 2],
 ) -> Result<Fit, FitError> {
     let (series, solution) = series(x, u, order, domain)?;
-    Ok(Fit::least_squares(series.into(), x, u, &solution.leverages))
+    Ok(Fit::least_squares(series.into(), x, u, &solution))
 }
 
 /// Fits a polynomial of the order by least squares, as [`fit_chebyshev`] does, and writes it in
@@ -32,14 +33,21 @@ pub fn fit_polynomial(
     domain: [f64; 2],
 ) -> Result<Fit, FitError> {
     let (series, solution) = series(x, u, order, domain)?;
-    let polynomial = Polynomial::new(powers(&series), domain)?;
-    let [lower, upper] = domain;
+    let polynomial = in_powers(&series, readings::magnitude(u.iter().copied()))?;
+    Ok(Fit::least_squares(polynomial.into(), x, u, &solution))
+}
+
+/// A series in powers of the argument, if these lose no more than 1e-7 of readings of this magnitude.
+pub(crate) fn in_powers(series: &Chebyshev, magnitude: f64) -> Result<Polynomial, FitError> {
+    let order = series.coefficients().len() - 1;
+    let [lower, upper] = series.domain();
+    let polynomial = Polynomial::new(powers(series), series.domain())?;
     let probes = (0..=8 * (order + 1)).map(|i| {
         let s = i as f64 / (8 * (order + 1)) as f64;
         lower + s * (upper - lower)
     });
     let error = readings::magnitude(probes.map(|x| polynomial.value(x) - series.value(x)));
-    if error > 1e-7 * readings::magnitude(u.iter().copied()) {
+    if error > 1e-7 * magnitude {
         return Err(FitError::PowersLoseDigits {
             order,
             lower,
@@ -47,12 +55,7 @@ pub fn fit_polynomial(
             error,
         });
     }
-    Ok(Fit::least_squares(
-        polynomial.into(),
-        x,
-        u,
-        &solution.leverages,
-    ))
+    Ok(polynomial)
 }
 
 fn series(
@@ -65,26 +68,29 @@ fn series(
     // An empty domain is refused before readings are held against it.
     Chebyshev::new(vec![0.0], domain)?;
     readings::check_domain(x, domain)?;
-    let targets = readings::targets(x, u);
-    readings::require(
-        &targets,
-        order.saturating_add(1),
-        "a polynomial of this order",
-    )?;
-    let solution = least_squares::solve(chebyshev_matrix(x, order, domain), u).ok_or(
-        FitError::Undetermined {
-            coefficients: order + 1,
-        },
-    )?;
+    let needed = order.saturating_add(1);
+    readings::require(&readings::targets(x, u), needed, PURPOSE)?;
+    let nested = nested(&readings::counted(x, u), order, domain);
+    let coefficients = order + 1;
+    let solution = nested
+        .solution(coefficients)
+        .ok_or(FitError::Undetermined { coefficients })?;
     Ok((
         Chebyshev::new(solution.coefficients.clone(), domain)?,
         solution,
     ))
 }
 
-fn chebyshev_matrix(x: &[f64], order: usize, [lower, upper]: [f64; 2]) -> DMatrix<f64> {
-    let mut matrix = DMatrix::from_element(x.len(), order + 1, 1.0);
-    for (i, &x) in x.iter().enumerate() {
+const PURPOSE: &str = "a polynomial of this order";
+
+/// The series of all orders up to this one.
+pub(crate) fn nested(targets: &[Target], order: usize, domain: [f64; 2]) -> Nested {
+    Nested::new(chebyshev_matrix(targets, order, domain), targets)
+}
+
+fn chebyshev_matrix(targets: &[Target], order: usize, [lower, upper]: [f64; 2]) -> DMatrix<f64> {
+    let mut matrix = DMatrix::from_element(targets.len(), order + 1, 1.0);
+    for (i, Target { x, .. }) in targets.iter().enumerate() {
         let t = ((x - lower) - (upper - x)) / (upper - lower);
         for k in 1..=order {
             matrix[(i, k)] = if k == 1 {

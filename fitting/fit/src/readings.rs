@@ -42,19 +42,39 @@ pub(crate) fn check_domain(x: &[f64], [lower, upper]: [f64; 2]) -> Result<(), Fi
     }
 }
 
-/// The mean reading of each target, targets increasing.
-pub(crate) fn targets(x: &[f64], u: &[f64]) -> Vec<[f64; 2]> {
+/// A target with the mean of its readings.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Target {
+    pub(crate) x: f64,
+    pub(crate) mean: f64,
+    /// How many readings it has.
+    pub(crate) count: f64,
+    /// The sum of the squares of what they differ from their mean.
+    pub(crate) squares: f64,
+}
+
+/// The targets, increasing.
+pub(crate) fn counted(x: &[f64], u: &[f64]) -> Vec<Target> {
     let mut pairs: Vec<[f64; 2]> = x.iter().zip(u).map(|(&x, &u)| [x, u]).collect();
     pairs.sort_by(|a, b| a[0].total_cmp(&b[0]));
     pairs
         .chunk_by(|a, b| a[0] == b[0])
         .map(|runs| {
-            [
-                runs[0][0],
-                runs.iter().map(|r| r[1]).sum::<f64>() / runs.len() as f64,
-            ]
+            let count = runs.len() as f64;
+            let mean = runs.iter().map(|r| r[1]).sum::<f64>() / count;
+            Target {
+                x: runs[0][0],
+                mean,
+                count,
+                squares: runs.iter().map(|r| (r[1] - mean).powi(2)).sum(),
+            }
         })
         .collect()
+}
+
+/// The mean reading of each target, targets increasing.
+pub(crate) fn targets(x: &[f64], u: &[f64]) -> Vec<[f64; 2]> {
+    counted(x, u).iter().map(|t| [t.x, t.mean]).collect()
 }
 
 /// Checked readings as the mean of each target, of which `purpose` needs so many.

@@ -25,12 +25,7 @@ fn fit_table(
     build: fn(Vec<[f64; 2]>) -> Result<Table, CurveError>,
 ) -> Result<Fit, FitError> {
     let targets = readings::checked_targets(x, u, 2, "a table")?;
-    let mut errors = Vec::with_capacity(targets.len());
-    for left_out in 1..targets.len() - 1 {
-        let mut others = targets.clone();
-        let [x, u] = others.remove(left_out);
-        errors.push(u - build(others)?.value(x));
-    }
+    let errors = left_out(&targets, build)?;
     let loo = if errors.is_empty() {
         f64::INFINITY
     } else {
@@ -38,3 +33,21 @@ fn fit_table(
     };
     Ok(Fit::new(build(targets)?.into(), x, u, loo))
 }
+
+/// What the table through all other targets misses of each inner target. Slopes reach no further than the next but one
+/// target, so a piece of the table is enough.
+pub(crate) fn left_out(
+    targets: &[[f64; 2]],
+    build: fn(Vec<[f64; 2]>) -> Result<Table, CurveError>,
+) -> Result<Vec<f64>, FitError> {
+    let inner = 1..targets.len().saturating_sub(1);
+    let miss = |i: usize| {
+        let mut others =
+            targets[i.saturating_sub(REACH)..targets.len().min(i + REACH + 1)].to_vec();
+        let [x, u] = others.remove(i.min(REACH));
+        Ok(u - build(others)?.value(x))
+    };
+    inner.map(miss).collect()
+}
+
+const REACH: usize = 3;

@@ -2,9 +2,9 @@
 
 use proptest::{collection::vec, prelude::*};
 use volcomp_fit::{
-    Fit, FitError, ThermalChoice, ThermalFit, ThermalOptions, ThermalRecord, ThermalTerm, fit_auto,
-    fit_bspline, fit_chebyshev, fit_cubic_table, fit_fourier, fit_linear_table, fit_mls,
-    fit_mls_auto, fit_polynomial, fit_thermal, refit_thermal,
+    Fit, FitError, FitOptions, Noise, ThermalChoice, ThermalFit, ThermalOptions, ThermalRecord,
+    ThermalTerm, fit_auto, fit_bspline, fit_chebyshev, fit_cubic_table, fit_fourier,
+    fit_linear_table, fit_mls, fit_mls_auto, fit_polynomial, fit_thermal, refit_thermal,
 };
 
 /// Any number, the absurd ones often.
@@ -45,8 +45,10 @@ proptest! {
         }
         let finite = |a: f64, x: &f64| a.min(*x);
         let wide = [x.iter().fold(0.0, finite), x.iter().fold(9.0, |a: f64, x| a.max(*x))];
+        let noise = missing.then_some(Noise { deviation: support, freedom: shape });
+        let options = FitOptions { required_residual: required, noise, period: (order % 2 == 0).then_some(period) };
         let fits: [Result<Fit, FitError>; 10] = [
-            fit_auto(&x, &u, required),
+            fit_auto(&x, &u, &options).map(|chosen| chosen.fit),
             fit_bspline(&x, &u),
             fit_chebyshev(&x, &u, order, domain),
             fit_chebyshev(&x, &u, order, wide),

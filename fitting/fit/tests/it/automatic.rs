@@ -1,7 +1,16 @@
 use volcomp_fit::curve::{Curve, MovingLeastSquares};
-use volcomp_fit::{Fit, FitError, MlsTrial, fit_auto, fit_mls_auto, scan_mls};
+use volcomp_fit::{Fit, FitError, FitOptions, MlsTrial, fit_mls_auto, scan_mls};
 
 use crate::{at, brute_force, noisy, targets};
+
+/// The curve that is chosen.
+fn fit_auto(x: &[f64], u: &[f64], required_residual: Option<f64>) -> Result<Fit, FitError> {
+    let options = FitOptions {
+        required_residual,
+        ..FitOptions::default()
+    };
+    Ok(volcomp_fit::fit_auto(x, u, &options)?.fit)
+}
 
 fn mls(fit: &Fit) -> &MovingLeastSquares {
     let Curve::MovingLeastSquares(curve) = &fit.curve else {

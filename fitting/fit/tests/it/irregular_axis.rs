@@ -2,7 +2,7 @@
 //! 8 m: a sixth-order polynomial leaves −5.2 to +5.0 µm, moving least squares −1.4 to +1.7 µm.
 
 use volcomp_fit::curve::Curve;
-use volcomp_fit::{fit_auto, fit_mls, fit_mls_auto, fit_polynomial};
+use volcomp_fit::{FitOptions, fit_auto, fit_mls, fit_mls_auto, fit_polynomial};
 
 use crate::{noisy, targets};
 
@@ -74,7 +74,7 @@ fn the_automatic_choice_follows_it_between_the_targets() {
     let x = targets(21);
     let readings = noisy(&x, 0.2, 11, deviation);
     let polynomial = fit_polynomial(&x, &readings, 6, [0.0, 8000.0]).unwrap();
-    let chosen = fit_auto(&x, &readings, None).unwrap();
+    let chosen = fit_auto(&x, &readings, &FitOptions::default()).unwrap().fit;
     let (by_chosen, by_polynomial) = (
         worst_between(&chosen.curve),
         worst_between(&polynomial.curve),

@@ -4,10 +4,14 @@
 
 mod absurd;
 mod automatic;
+mod bands;
 mod brute_force;
+mod choice;
 mod few_terms;
+mod generated;
 mod heat_network;
 mod irregular_axis;
+mod judged;
 mod leave_one_out;
 mod logged;
 mod refusals;

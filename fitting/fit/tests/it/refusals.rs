@@ -1,5 +1,5 @@
 use volcomp_fit::{
-    Fit, FitError, fit_auto, fit_bspline, fit_chebyshev, fit_cubic_table, fit_fourier,
+    Fit, FitError, FitOptions, fit_auto, fit_bspline, fit_chebyshev, fit_cubic_table, fit_fourier,
     fit_linear_table, fit_mls, fit_mls_auto, fit_polynomial,
 };
 
@@ -20,7 +20,7 @@ const ALL: [AnyFit; 9] = [
     fit_bspline,
     fit_linear_table,
     fit_cubic_table,
-    |x, u| fit_auto(x, u, None),
+    |x, u| Ok(fit_auto(x, u, &FitOptions::default())?.fit),
 ];
 
 #[test]
@@ -108,7 +108,18 @@ fn parameters() {
                 ..
             })
         ));
-        assert!(fit_auto(&x[..3], &x[..3], Some(required)).is_err());
+        for options in [
+            FitOptions {
+                required_residual: Some(required),
+                ..FitOptions::default()
+            },
+            FitOptions {
+                period: Some(required),
+                ..FitOptions::default()
+            },
+        ] {
+            assert!(fit_auto(&x[..3], &x[..3], &options).is_err());
+        }
     }
     assert!(matches!(
         fit_mls_auto(&x, &x, f64::NAN, None),

@@ -1,14 +1,25 @@
 //! Fits through serde.
 
-use volcomp_fit::{Fit, ThermalOptions, ThermalRecord, fit_auto, fit_linear_table};
+use volcomp_fit::{
+    AutoFit, Fit, FitOptions, ThermalOptions, ThermalRecord, fit_auto, fit_linear_table,
+};
 
 #[test]
 fn a_fit_reads_back_the_same() {
     let x = [0.0, 100.0, 200.0, 300.0, 400.0];
     let u = [0.0, 1.0, 4.0, 9.0, 16.0];
+    let options = FitOptions {
+        required_residual: Some(1.0),
+        ..FitOptions::default()
+    };
+    let chosen = fit_auto(&x, &u, &options).unwrap();
+    let text = serde_json::to_string(&chosen).unwrap();
+    let read: AutoFit = serde_json::from_str(&text).expect(&text);
+    assert_eq!(read.choice.method, chosen.choice.method);
+    assert_eq!(read.choice.scores.len(), chosen.choice.scores.len());
     // A table of two targets predicts none from the other: its leave-one-out error is infinite.
     let fits = [
-        fit_auto(&x, &u, Some(1.0)).unwrap(),
+        fit_auto(&x, &u, &options).unwrap().fit,
         fit_linear_table(&x, &u).unwrap(),
         fit_linear_table(&x[..2], &u[..2]).unwrap(),
     ];

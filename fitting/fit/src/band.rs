@@ -1,0 +1,341 @@
+//! How far the true curve may be from the fitted one: bands by the bootstrap.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use volcomp_curve::Curve;
+
+use crate::bspline::Problem;
+use crate::candidates::{Candidate, of_method};
+use crate::student::student_95;
+use crate::{FitError, Method, readings};
+
+/// How a band is made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(default))]
+pub struct BandOptions {
+    /// The number of resamples, at least 2; of residuals fewer are made where there are many targets.
+    pub resamples: u32,
+    /// The seed of the resampling: the same seed gives the same band.
+    pub seed: u64,
+}
+
+impl Default for BandOptions {
+    fn default() -> Self {
+        Self {
+            resamples: 400,
+            seed: 1,
+        }
+    }
+}
+
+/// What a band was resampled from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(rename_all = "snake_case")
+)]
+pub enum BandSource {
+    /// Whole runs, of which there are several.
+    Runs,
+    /// The residuals of the only run: what differs from run to run does not show.
+    Residuals,
+}
+
+/// A band that holds the true value with a probability of 95 %, at each place by itself.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Band {
+    /// The places.
+    pub at: Vec<f64>,
+    /// Half the width of the band at each place: curve minus this to curve plus this.
+    pub half_width: Vec<f64>,
+    /// What was resampled.
+    pub source: BandSource,
+}
+
+/// The residual bootstrap fits no more than about so many readings.
+const MOST_REFITTED: usize = 200_000;
+const FEWEST_RESAMPLES: usize = 20;
+/// Readings left out are predicted over twice the gap that the curve has to bridge in fact: a smooth curve misses between targets a quarter
+/// of what it misses then, one with kinks half, one with steps or with waves shorter than the gap all of it.
+const OF_LEFT_OUT: f64 = 1.0;
+/// With fewer errors of targets left out than this, those of straight lines between the readings count as well.
+const FEW_ERRORS: usize = 15;
+/// Of one run nothing tells scatter from shape: this share of the variance of its residuals counts as shape.
+const ONE_RUN_SHAPE: f64 = 0.25;
+
+/// The band of the curve that `method` fits to the mean of some runs, each a list of targets and readings, at some places.
+///
+/// Runs are resampled as a whole, so that what changes from run to run counts, and each is smoothed as the mean is. Few runs
+/// tell their scatter badly: the part that is common to all targets of a run is widened by Student's t with as many degrees of freedom as
+/// runs less one, the rest, which every target shows anew, with as many for each coefficient of the curve; the variances of the bootstrap, which of m
+/// runs are short by (m − 1)/m, are made good. What the curve misses of the mean readings by more than the runs scatter, and what it misses of targets left
+/// out, is added: it is wrong about the shape, which no resampling of runs shows.
+///
+/// With one run its residuals are resampled, as wide as they are with the freedom that the fit leaves them; a curve that goes
+/// through its readings leaves none, and what it misses of targets left out takes their place. The method and its settings stay as they are.
+///
+/// # Errors
+/// Those of the fit; no run, fewer than two resamples.
+pub fn band(
+    method: Method,
+    runs: &[(&[f64], &[f64])],
+    at: &[f64],
+    options: &BandOptions,
+) -> Result<Band, FitError> {
+    if options.resamples < 2 {
+        return Err(FitError::Parameter {
+            what: "number of resamples",
+            value: f64::from(options.resamples),
+            expected: "at least 2",
+        });
+    }
+    let x: Vec<f64> = runs.iter().flat_map(|run| run.0).copied().collect();
+    let u: Vec<f64> = runs.iter().flat_map(|run| run.1).copied().collect();
+    for run in runs {
+        readings::check(run.0, run.1)?;
+    }
+    let whole = Whole::new(method, &x, &u)?;
+    let (half_width, source) = if runs.len() > 1 {
+        (whole.of_runs(runs, at, options)?, BandSource::Runs)
+    } else {
+        (whole.of_residuals(at, options)?, BandSource::Residuals)
+    };
+    Ok(Band {
+        at: at.to_vec(),
+        half_width,
+        source,
+    })
+}
+
+/// The fit of all readings, and how other values of its targets are smoothed alike.
+struct Whole {
+    method: Method,
+    targets: Vec<readings::Target>,
+    curve: Curve,
+    candidate: Candidate,
+    /// Of a spline, with the smoothing parameter that stays.
+    spline: Option<(Problem, f64)>,
+}
+
+impl Whole {
+    fn new(method: Method, x: &[f64], u: &[f64]) -> Result<Self, FitError> {
+        let curve = method.fit(x, u)?.curve;
+        let targets = readings::counted(x, u);
+        let spline = if method == Method::BSpline {
+            let means: Vec<[f64; 2]> = targets.iter().map(|t| [t.x, t.mean]).collect();
+            let problem = Problem::new(&means);
+            let log_lambda = problem.cross_validated()?;
+            Some((problem, log_lambda))
+        } else {
+            None
+        };
+        Ok(Self {
+            method,
+            candidate: of_method(method, &targets)?,
+            targets,
+            curve,
+            spline,
+        })
+    }
+
+    /// Other values of the targets as this curve smooths them, at some places.
+    fn smoothed(&self, values: &[f64], at: &[f64]) -> Result<Vec<f64>, FitError> {
+        let curve = if let Some((problem, log_lambda)) = &self.spline {
+            let coefficients = problem.with(values).smoothed(*log_lambda)?.coefficients;
+            problem.curve(coefficients)?.into()
+        } else {
+            let (mut x, mut u) = (Vec::new(), Vec::new());
+            for (target, value) in self.targets.iter().zip(values) {
+                // As often as it was read: its weight.
+                let mut readings = target.count;
+                while readings > 0.5 {
+                    x.push(target.x);
+                    u.push(*value);
+                    readings -= 1.0;
+                }
+            }
+            self.method.fit(&x, &u)?.curve
+        };
+        Ok(at.iter().map(|&x| curve.value(x)).collect())
+    }
+
+    /// Variance of the curve at a place over that of a reading's mean, from the leverages of the targets beside it.
+    fn leverage(&self, x: f64) -> f64 {
+        let leverages = &self.candidate.leverages;
+        let (i, share) = self.gap(x);
+        leverages[i] + share * (leverages[(i + 1).min(leverages.len() - 1)] - leverages[i])
+    }
+
+    /// The target before a place, and the share of the gap behind it.
+    fn gap(&self, x: f64) -> (usize, f64) {
+        let above = self.targets.partition_point(|t| t.x <= x);
+        let Some(i) = above.checked_sub(1) else {
+            return (0, 0.0);
+        };
+        match self.targets.get(above) {
+            Some(next) => (i, (x - self.targets[i].x) / (next.x - self.targets[i].x)),
+            None => (i, 0.0),
+        }
+    }
+
+    fn of_runs(
+        &self,
+        runs: &[(&[f64], &[f64])],
+        at: &[f64],
+        options: &BandOptions,
+    ) -> Result<Vec<f64>, FitError> {
+        let count = runs.len() as f64;
+        let places: Vec<f64> = self.targets.iter().map(|t| t.x).collect();
+        // What each run differs from the mean of all, smoothed; a target that it lacks differs by nothing.
+        let mut rests = Vec::with_capacity(runs.len());
+        let mut offsets = Vec::with_capacity(runs.len());
+        let mut scatter = 0.0;
+        for (x, u) in runs {
+            let own = readings::counted(x, u);
+            let differs: Vec<f64> = self
+                .targets
+                .iter()
+                .map(|target| {
+                    let place = own.partition_point(|t| t.x < target.x);
+                    let same = own.get(place).filter(|t| t.x == target.x);
+                    same.map_or(0.0, |t| t.mean - target.mean)
+                })
+                .collect();
+            scatter += differs.iter().map(|d| d * d).sum::<f64>();
+            let curve = self.smoothed(&differs, &places)?;
+            let offset = curve.iter().sum::<f64>() / curve.len() as f64;
+            offsets.push(offset);
+            rests.push(curve.iter().map(|c| c - offset).collect::<Vec<f64>>());
+        }
+        // Whole runs, drawn again and again.
+        let mut random = ChaCha8Rng::seed_from_u64(options.seed);
+        let (mut of_offset, mut of_rest) = (0.0, 0.0);
+        for _ in 0..options.resamples {
+            let mut drawn = vec![0.0; places.len()];
+            let mut offset = 0.0;
+            for _ in 0..runs.len() {
+                let run = random.random_range(0..runs.len());
+                offset += offsets[run] / count;
+                for (sum, rest) in drawn.iter_mut().zip(&rests[run]) {
+                    *sum += rest / count;
+                }
+            }
+            of_offset += offset * offset;
+            of_rest += drawn.iter().map(|d| d * d).sum::<f64>() / drawn.len() as f64;
+        }
+        let short = count / (count - 1.0) / f64::from(options.resamples);
+        let (of_offset, of_rest) = (of_offset * short, of_rest * short);
+        let variance = of_offset + of_rest;
+        let coefficients = self.candidate.coefficients;
+        let rest_freedom = (count - 1.0) * (coefficients - 1.0).max(1.0);
+        let freedom = if variance > 0.0 {
+            variance * variance
+                / (of_offset * of_offset / (count - 1.0) + of_rest * of_rest / rest_freedom)
+        } else {
+            1.0
+        };
+        let t = student_95(freedom);
+        // Of the mean of a target.
+        let noise = scatter / ((count - 1.0) * self.targets.len() as f64) / count;
+        let wrong = self.wrong(noise);
+        let mean_leverage = coefficients / self.targets.len() as f64;
+        let half_width = |&x: &f64| {
+            let rest = of_rest * self.leverage(x) / mean_leverage;
+            (t * t * (of_offset + rest) + self.wrong_at(x, wrong)).sqrt()
+        };
+        Ok(at.iter().map(half_width).collect())
+    }
+
+    /// The mean square of what the curve is wrong about the shape at the targets, and of targets left out, beyond the noise of their means.
+    fn wrong(&self, noise: f64) -> [f64; 2] {
+        let count = self.targets.len() as f64;
+        let residuals = self.targets.iter().map(|t| t.mean - self.curve.value(t.x));
+        let left = residuals.map(|r| r * r).sum::<f64>() / count;
+        // Only what is more than chance makes of noise, twice its standard deviation.
+        let freedom = (count - self.candidate.coefficients).max(0.0);
+        let at_targets = left - noise * (freedom + 2.0 * (2.0 * freedom).sqrt()) / count;
+        let beyond = self.beyond(&self.candidate, noise);
+        // Of a few errors the smallest of many candidates is small by luck: those of straight lines between the readings were not chosen.
+        let few = self.candidate.errors.len() < FEW_ERRORS;
+        let of_table = few
+            .then(|| of_method(Method::LinearTable, &self.targets).ok())
+            .flatten();
+        let of_table = of_table.map_or(0.0, |table| self.beyond(&table, noise));
+        [at_targets.max(0.0), beyond.max(of_table)]
+    }
+
+    /// The mean square of what a method misses of targets left out, beyond the noise of their means.
+    fn beyond(&self, candidate: &Candidate, noise: f64) -> f64 {
+        let errors = &candidate.errors;
+        if errors.is_empty() {
+            0.0
+        } else {
+            // Of noise alone a target left out is missed by its own and that of the curve without it.
+            let inner = &candidate.leverages[1..self.targets.len() - 1];
+            let of_noise = inner
+                .iter()
+                .map(|&h| if h < 0.999 { 1.0 / (1.0 - h) } else { 1.5 });
+            let of_noise = noise * of_noise.sum::<f64>();
+            let squares = errors.iter().filter(|e| e.is_finite()).map(|e| e * e);
+            ((squares.sum::<f64>() - of_noise) / errors.len() as f64).max(0.0)
+        }
+    }
+
+    /// The square of the half width that the shape needs at a place: at the targets the first, between them the second as well.
+    fn wrong_at(&self, x: f64, [at_targets, beyond]: [f64; 2]) -> f64 {
+        let (_, share) = self.gap(x);
+        // As few errors tell little of their size.
+        let t = student_95(self.candidate.errors.len() as f64);
+        t * t * (at_targets + 4.0 * share * (1.0 - share) * OF_LEFT_OUT * beyond)
+    }
+
+    fn of_residuals(&self, at: &[f64], options: &BandOptions) -> Result<Vec<f64>, FitError> {
+        let count = self.targets.len();
+        let mut freedom = count as f64 - self.candidate.coefficients;
+        let mut residuals: Vec<f64> = self
+            .targets
+            .iter()
+            .map(|t| t.mean - self.curve.value(t.x))
+            .collect();
+        let mut squares: f64 = residuals.iter().map(|r| r * r).sum();
+        let errors = &self.candidate.errors;
+        if freedom < 1.0 {
+            // Of a curve through its readings: a target left out is missed by its own noise and half that of its neighbours.
+            residuals = errors.iter().copied().filter(|e| e.is_finite()).collect();
+            squares = residuals.iter().map(|e| e * e / 1.5).sum();
+            freedom = residuals.len() as f64;
+        }
+        if residuals.is_empty() || freedom < 1.0 {
+            // Nothing is known.
+            return Ok(vec![f64::INFINITY; at.len()]);
+        }
+        let mean = residuals.iter().sum::<f64>() / residuals.len() as f64;
+        let centred: f64 = residuals.iter().map(|r| (r - mean).powi(2)).sum();
+        let factor = (squares / freedom / (centred / residuals.len() as f64)).sqrt();
+        if !factor.is_finite() {
+            return Ok(vec![0.0; at.len()]);
+        }
+        let resamples = (MOST_REFITTED / count)
+            .max(FEWEST_RESAMPLES)
+            .min(options.resamples as usize);
+        let mut random = ChaCha8Rng::seed_from_u64(options.seed);
+        let mut sums = vec![0.0; at.len()];
+        for _ in 0..resamples {
+            let draw = |_| (residuals[random.random_range(0..residuals.len())] - mean) * factor;
+            let drawn: Vec<f64> = (0..count).map(draw).collect();
+            for (sum, value) in sums.iter_mut().zip(self.smoothed(&drawn, at)?) {
+                *sum += value * value;
+            }
+        }
+        let t = student_95(freedom);
+        let variance = squares / freedom;
+        let wrong = [ONE_RUN_SHAPE * variance, self.wrong(variance)[1]];
+        let half_width = |(&x, sum): (&f64, &f64)| {
+            (t * t * sum / resamples as f64 + self.wrong_at(x, wrong)).sqrt()
+        };
+        Ok(at.iter().zip(&sums).map(half_width).collect())
+    }
+}

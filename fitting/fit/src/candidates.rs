@@ -1,0 +1,304 @@
+//! The candidates of the automatic choice, and what each misses of the targets that are left out.
+
+use volcomp_curve::{Chebyshev, MovingLeastSquares, Table};
+
+use crate::bspline::{self, Problem};
+use crate::fit::{left_out, rms};
+use crate::least_squares::Solution;
+use crate::readings::Target;
+use crate::{FitError, FitOptions, Method, fourier, polynomial, readings, table};
+
+const SHAPE: f64 = 3.0;
+const MLS_TARGETS: usize = 7;
+/// The highest order of a polynomial in powers, and of a Chebyshev series.
+const HIGHEST_POWER: usize = 8;
+const HIGHEST_ORDER: usize = 15;
+const HIGHEST_HARMONIC: usize = 20;
+/// Orders and supports of moving least squares tried: the published pair and stiffer and looser ones. Few on purpose: of
+/// the whole grid of the automatic mode the leave-one-out error picks what follows the scatter of the readings, and
+/// the calibration of the demonstration loses a third of its accuracy.
+const MLS_TRIED: [(usize, f64); 4] = [(4, 1.0 / 3.0), (3, 0.3), (2, 0.25), (4, 0.5)];
+/// Order and half width in gaps between targets, tried besides where these are less than the least support above.
+const MLS_NEAR: [(usize, u32); 2] = [(2, 6), (3, 12)];
+/// A setting that looks at more nodes than this, over all targets, is none for so many targets: the spline does the same in a
+/// fraction of the time.
+const MOST_LOOKS: f64 = 400_000.0;
+/// Targets determine a Fourier series only if they cover this share of the period.
+const SHARE_OF_PERIOD: f64 = 0.5;
+
+/// A candidate and what it does with the targets of one set or several.
+pub(crate) struct Candidate {
+    pub(crate) method: Method,
+    /// The trace of the hat matrix, summed over the sets.
+    pub(crate) coefficients: f64,
+    /// What is missed of each inner target that is left out.
+    pub(crate) errors: Vec<f64>,
+    pub(crate) largest_residual: f64,
+    /// The sum of the squares of the residuals, each with the weight of its readings, and the degrees of freedom it has.
+    pub(crate) squares: f64,
+    pub(crate) freedom: f64,
+    /// Diagonal of the hat matrix, of each target of the first set.
+    pub(crate) leverages: Vec<f64>,
+}
+
+impl Candidate {
+    pub(crate) fn leave_one_out_rms(&self) -> f64 {
+        if self.errors.is_empty() {
+            f64::INFINITY
+        } else {
+            rms(self.errors.iter().copied())
+        }
+    }
+
+    /// Together with the same method among the candidates of another set.
+    pub(crate) fn with(mut self, others: &[Self]) -> Option<Self> {
+        let same = others.iter().find(|other| other.method == self.method)?;
+        self.coefficients += same.coefficients;
+        self.errors.extend(&same.errors);
+        self.largest_residual = self.largest_residual.max(same.largest_residual);
+        self.squares += same.squares;
+        self.freedom += same.freedom;
+        Some(self)
+    }
+
+    /// Of a fit that is linear in the means of the targets.
+    fn linear(method: Method, targets: &[Target], residuals: &[f64], leverages: &[f64]) -> Self {
+        let errors: Vec<f64> = residuals
+            .iter()
+            .zip(leverages)
+            .map(|(&e, &h)| left_out(e, h))
+            .collect();
+        let coefficients: f64 = leverages.iter().sum();
+        let squares = residuals.iter().zip(targets).map(|(e, t)| t.count * e * e);
+        Self {
+            method,
+            coefficients,
+            squares: squares.sum(),
+            freedom: targets.len() as f64 - coefficients,
+            leverages: leverages.to_vec(),
+            errors: inner(&errors),
+            largest_residual: readings::magnitude(residuals.iter().copied()),
+        }
+    }
+
+    fn least_squares(method: Method, targets: &[Target], solution: &Solution) -> Self {
+        Self::linear(method, targets, &solution.residuals, &solution.leverages)
+    }
+}
+
+fn inner(errors: &[f64]) -> Vec<f64> {
+    let last = errors.len().saturating_sub(1);
+    errors.get(1..last).unwrap_or_default().to_vec()
+}
+
+/// Every candidate that the targets, one at least, carry; those of equal numbers of coefficients in the order of [`Method`].
+pub(crate) fn candidates(
+    targets: &[Target],
+    options: &FitOptions,
+) -> Result<Vec<Candidate>, FitError> {
+    let (Some(first), Some(last)) = (targets.first(), targets.last()) else {
+        return Err(FitError::TooFewTargets {
+            purpose: "a curve",
+            found: 0,
+            needed: 1,
+        });
+    };
+    let constant = |targets: f64| Candidate {
+        method: Method::Polynomial { order: 0 },
+        coefficients: targets,
+        errors: Vec::new(),
+        largest_residual: 0.0,
+        squares: 0.0,
+        freedom: 0.0,
+        leverages: vec![1.0],
+    };
+    if targets.len() == 1 {
+        return Ok(vec![constant(1.0)]);
+    }
+    let domain = [first.x, last.x];
+    let range = last.x - first.x;
+    // A curve cannot be made over such a range; the fit refuses it with its reason.
+    Chebyshev::new(vec![0.0], domain)?;
+    let means: Vec<[f64; 2]> = targets.iter().map(|t| [t.x, t.mean]).collect();
+    let mut all = Vec::new();
+    let count = targets.len();
+    let goes_round = options.period.is_some_and(|period| {
+        let gap = range / (count - 1) as f64;
+        range >= period - 1.5 * gap
+    });
+    let of_two = count == 2;
+    let order = (4 * count)
+        .isqrt()
+        .min(HIGHEST_ORDER)
+        .min(if of_two { 1 } else { count - 2 });
+    let highest = if goes_round { 0 } else { order };
+    polynomials(targets, highest, domain, &mut all)?;
+    if count == 3 && !goes_round {
+        // The one inner target does not tell a constant from a line.
+        all.retain(|c| c.coefficients > 1.5);
+    }
+    if of_two {
+        return Ok(all);
+    }
+    if let Some(period) = options.period
+        && range >= SHARE_OF_PERIOD * period
+    {
+        harmonics(targets, period, &mut all);
+    }
+    let closed = options
+        .period
+        .is_some_and(|period| (range - period).abs() <= 1e-9 * period && first.mean == last.mean);
+    if !goes_round {
+        if count >= bspline::LEAST_TARGETS {
+            let problem = Problem::new(&means);
+            if let Ok(spline) = problem
+                .cross_validated()
+                .and_then(|log| problem.smoothed(log))
+            {
+                all.push(Candidate::linear(
+                    Method::BSpline,
+                    targets,
+                    &spline.residuals,
+                    &spline.leverages,
+                ));
+            }
+        }
+        if count >= MLS_TARGETS {
+            moving(targets, &means, &mut all);
+        }
+    }
+    if !goes_round || closed {
+        for method in [Method::CubicTable, Method::LinearTable] {
+            all.push(through_means(method, &means)?);
+        }
+    }
+    Ok(all)
+}
+
+/// A table through the means.
+fn through_means(method: Method, means: &[[f64; 2]]) -> Result<Candidate, FitError> {
+    let build = if method == Method::CubicTable {
+        Table::cubic
+    } else {
+        Table::linear
+    };
+    Ok(Candidate {
+        method,
+        coefficients: means.len() as f64,
+        errors: table::left_out(means, build)?,
+        largest_residual: 0.0,
+        squares: 0.0,
+        freedom: 0.0,
+        leverages: vec![1.0; means.len()],
+    })
+}
+
+/// What one method, whether it is a candidate of the choice or not, does with the targets of one set.
+pub(crate) fn of_method(method: Method, targets: &[Target]) -> Result<Candidate, FitError> {
+    let means: Vec<[f64; 2]> = targets.iter().map(|t| [t.x, t.mean]).collect();
+    let (Some(first), Some(last)) = (targets.first(), targets.last()) else {
+        return Err(FitError::Undetermined { coefficients: 1 });
+    };
+    let undetermined = |coefficients| FitError::Undetermined { coefficients };
+    let (nested, columns) = match method {
+        Method::Polynomial { order } | Method::Chebyshev { order } => {
+            let half = if first.x < last.x { 0.0 } else { 1.0 };
+            let domain = [first.x - half, last.x + half];
+            (polynomial::nested(targets, order, domain), order + 1)
+        }
+        Method::Fourier { order, period } => {
+            (fourier::nested(targets, order, period), 2 * order + 1)
+        }
+        Method::BSpline => {
+            readings::require(&means, bspline::LEAST_TARGETS, "a smoothing spline")?;
+            let problem = Problem::new(&means);
+            let spline = problem.smoothed(problem.cross_validated()?)?;
+            let (left, leverages) = (&spline.residuals, &spline.leverages);
+            return Ok(Candidate::linear(method, targets, left, leverages));
+        }
+        Method::MovingLeastSquares {
+            order,
+            support,
+            shape,
+        } => {
+            let curve = MovingLeastSquares::new(means, order, support, shape)?;
+            return Ok(moved(method, targets, &curve));
+        }
+        Method::CubicTable | Method::LinearTable => return through_means(method, &means),
+    };
+    let solution = nested.solution(columns).ok_or(undetermined(columns))?;
+    Ok(Candidate::least_squares(method, targets, &solution))
+}
+
+/// Of moving least squares.
+fn moved(method: Method, targets: &[Target], curve: &MovingLeastSquares) -> Candidate {
+    let found = curve.nodes().iter().enumerate().map(|(i, &[x, u])| {
+        let (value, influence) = curve.value_and_influence(x, i);
+        (u - value, influence)
+    });
+    let (residuals, influences): (Vec<f64>, Vec<f64>) = found.unzip();
+    Candidate::linear(method, targets, &residuals, &influences)
+}
+
+/// Polynomials up to the order, then Chebyshev series: the same functions, which keep their digits where powers lose them.
+fn polynomials(
+    targets: &[Target],
+    order: usize,
+    domain: [f64; 2],
+    all: &mut Vec<Candidate>,
+) -> Result<(), FitError> {
+    let nested = polynomial::nested(targets, order, domain);
+    let magnitude = readings::magnitude(targets.iter().map(|t| t.mean));
+    let mut series = Vec::new();
+    for order in 0..=order {
+        // Higher orders lose more; what was found below still stands.
+        let Some(solution) = nested.solution(order + 1) else {
+            break;
+        };
+        let curve = Chebyshev::new(solution.coefficients.clone(), domain)?;
+        let candidate = |method| Candidate::least_squares(method, targets, &solution);
+        if order <= HIGHEST_POWER && polynomial::in_powers(&curve, magnitude).is_ok() {
+            all.push(candidate(Method::Polynomial { order }));
+        }
+        series.push(candidate(Method::Chebyshev { order }));
+    }
+    all.extend(series);
+    Ok(())
+}
+
+fn harmonics(targets: &[Target], period: f64, all: &mut Vec<Candidate>) {
+    let highest = ((targets.len() - 3) / 2).min(HIGHEST_HARMONIC);
+    let nested = fourier::nested(targets, highest, period);
+    for order in 1..=highest {
+        let Some(solution) = nested.solution(2 * order + 1) else {
+            break;
+        };
+        let method = Method::Fourier { order, period };
+        all.push(Candidate::least_squares(method, targets, &solution));
+    }
+}
+
+fn moving(targets: &[Target], means: &[[f64; 2]], all: &mut Vec<Candidate>) {
+    let count = means.len() as f64;
+    let near = MLS_NEAR.map(|(order, gaps)| (order, f64::from(gaps) / (count - 1.0)));
+    let least = MLS_TRIED.iter().map(|t| t.1).fold(f64::INFINITY, f64::min);
+    let near = near.into_iter().filter(|(_, support)| *support < least);
+    for (order, support) in MLS_TRIED.into_iter().chain(near) {
+        if count * (2.0 * support).min(1.0) * count > MOST_LOOKS {
+            continue;
+        }
+        // A setting that these targets cannot carry is no candidate.
+        let Ok(curve) = MovingLeastSquares::new(means.to_vec(), order, support, SHAPE) else {
+            continue;
+        };
+        if !curve.has_nodes_everywhere(order + 2) {
+            continue;
+        }
+        let method = Method::MovingLeastSquares {
+            order,
+            support,
+            shape: SHAPE,
+        };
+        all.push(moved(method, targets, &curve));
+    }
+}

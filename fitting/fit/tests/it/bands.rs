@@ -1,0 +1,117 @@
+//! Bands of 95 % against known truth.
+
+use volcomp_fit::{
+    Band, BandOptions, BandSource, FitOptions, Method, band, choose, fit_polynomial,
+};
+
+use crate::generated::{FAMILIES, Side, generated};
+use crate::{noisy, targets};
+
+fn of_side(side: &Side, targets: &[f64], method: Method, at: &[f64]) -> Band {
+    let runs: Vec<(&[f64], &[f64])> = side.runs.iter().map(|u| (targets, &u[..])).collect();
+    band(method, &runs, at, &BandOptions::default()).expect("a band")
+}
+
+/// The share of places at which bands hold the truth, of lines with the choice of their own.
+#[test]
+fn they_hold_the_truth_of_generated_lines() {
+    let mut all = [0_u32; 2];
+    for (number, family) in (0_u32..).zip(FAMILIES) {
+        let mut pooled = [0_u32; 2];
+        for index in (0..60).map(|k| 5 * k + number) {
+            let line = generated(23, index);
+            let sets: Vec<(Vec<f64>, Vec<f64>)> = line
+                .sides
+                .iter()
+                .map(|s| s.readings(&line.targets))
+                .collect();
+            let parts: Vec<(&[f64], &[f64])> = sets.iter().map(|(x, u)| (&x[..], &u[..])).collect();
+            let method = choose(&parts, &FitOptions::default()).unwrap().method;
+            let ends = [line.targets[0], line.targets[line.targets.len() - 1]];
+            let at: Vec<f64> = (0..=60)
+                .map(|k| ends[0] + (ends[1] - ends[0]) * f64::from(k) / 60.0)
+                .collect();
+            for (side, (x, u)) in line.sides.iter().zip(&sets) {
+                let found = of_side(side, &line.targets, method, &at);
+                let curve = method.fit(x, u).unwrap().curve;
+                for (&x, half) in at.iter().zip(&found.half_width) {
+                    pooled[0] += u32::from((curve.value(x) - (side.truth)(x)).abs() <= *half);
+                    pooled[1] += 1;
+                }
+            }
+        }
+        let share = |held: [u32; 2]| f64::from(held[0]) / f64::from(held[1]);
+        all = [all[0] + pooled[0], all[1] + pooled[1]];
+        assert!(
+            (0.90..=0.99).contains(&share(pooled)),
+            "{family}: {}",
+            share(pooled)
+        );
+    }
+    let share = f64::from(all[0]) / f64::from(all[1]);
+    assert!((0.90..=0.99).contains(&share), "{share}");
+}
+
+/// Of a line through many runs the textbook knows the band: ±1.96 σ √(h/m).
+#[test]
+fn of_many_runs_of_a_line_it_is_that_of_the_textbook() {
+    let x = targets(11);
+    let runs: Vec<Vec<f64>> = (0..200)
+        .map(|seed| noisy(&x, 1.0, seed, |x| x / 800.0))
+        .collect();
+    let parts: Vec<(&[f64], &[f64])> = runs.iter().map(|u| (&x[..], &u[..])).collect();
+    let at = [0.0, 4000.0, 8000.0];
+    let line = Method::Polynomial { order: 1 };
+    let found = band(line, &parts, &at, &BandOptions::default()).unwrap();
+    assert_eq!(found.source, BandSource::Runs);
+    // h = 1/n + (x − x̄)²/Σ(x − x̄)², of eleven even targets 1/11 in the middle and 1/11 + 25/110 at the ends.
+    for (half, h) in found
+        .half_width
+        .iter()
+        .zip([7.0 / 22.0, 1.0 / 11.0, 7.0 / 22.0])
+    {
+        let expected = 1.96 * (h / 200.0_f64).sqrt();
+        assert!((half / expected - 1.0).abs() < 0.2, "{half} {expected}");
+    }
+}
+
+/// Of one run: ±t s √h with the residual standard deviation s, and a part for the shape, but for what chance the resampling has.
+#[test]
+fn of_one_run_of_a_line_it_is_that_of_the_textbook() {
+    let x = targets(21);
+    let u = noisy(&x, 1.0, 5, |x| x / 800.0);
+    let at = [0.0, 4000.0];
+    let line = Method::Polynomial { order: 1 };
+    let options = BandOptions {
+        resamples: 4000,
+        seed: 3,
+    };
+    let found = band(line, &[(&x, &u)], &at, &options).unwrap();
+    assert_eq!(found.source, BandSource::Residuals);
+    let fit = fit_polynomial(&x, &u, 1, [0.0, 8000.0]).unwrap();
+    let s = (fit.residuals.iter().map(|r| r * r).sum::<f64>() / 19.0).sqrt();
+    for (half, h) in found
+        .half_width
+        .iter()
+        .zip([1.0 / 21.0 + 100.0 / 770.0, 1.0 / 21.0])
+    {
+        // A quarter of the variance counts as shape.
+        let expected = s * (2.093_f64.powi(2) * h + 4.0 * 0.25).sqrt();
+        assert!((half / expected - 1.0).abs() < 0.06, "{half} {expected}");
+    }
+    assert_eq!(found, band(line, &[(&x, &u)], &at, &options).unwrap());
+}
+
+#[test]
+fn what_cannot_be_resampled_is_refused_or_unknown() {
+    let x = targets(2);
+    let line = Method::Polynomial { order: 1 };
+    let none = BandOptions {
+        resamples: 1,
+        seed: 1,
+    };
+    assert!(band(line, &[(&x, &x)], &x, &none).is_err());
+    assert!(band(line, &[], &x, &BandOptions::default()).is_err());
+    let unknown = band(line, &[(&x, &x)], &x, &BandOptions::default()).unwrap();
+    assert_eq!(unknown.half_width, [f64::INFINITY; 2]);
+}

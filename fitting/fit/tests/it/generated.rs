@@ -1,0 +1,143 @@
+//! Generated error curves with known truth, and their readings.
+
+use std::f64::consts::TAU;
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// The families of curves.
+pub(crate) const FAMILIES: [&str; 5] = ["smooth", "kinked", "pitch", "steps", "hysteresis"];
+/// Standard deviations of a reading, µm; the curves are some tens of µm high.
+pub(crate) const NOISE: [f64; 3] = [0.1, 0.5, 2.0];
+const COUNTS: [u32; 10] = [5, 7, 9, 11, 15, 21, 31, 51, 101, 200];
+
+/// One direction of a measured line: truth and readings.
+pub(crate) struct Side {
+    /// The readings of every run, one after the other.
+    pub(crate) runs: Vec<Vec<f64>>,
+    /// What is true at a coordinate.
+    pub(crate) truth: Box<dyn Fn(f64) -> f64>,
+}
+
+/// A generated line: its targets and one direction or both.
+pub(crate) struct Generated {
+    #[allow(dead_code, reason = "the table of the example groups by it")]
+    pub(crate) family: &'static str,
+    #[allow(dead_code, reason = "the table of the example groups by it")]
+    pub(crate) noise: f64,
+    pub(crate) targets: Vec<f64>,
+    pub(crate) sides: Vec<Side>,
+}
+
+impl Side {
+    /// Targets and readings of all runs in one list each.
+    pub(crate) fn readings(&self, targets: &[f64]) -> (Vec<f64>, Vec<f64>) {
+        let x = self.runs.iter().flat_map(|_| targets.to_vec()).collect();
+        (x, self.runs.concat())
+    }
+}
+
+/// Normally distributed with standard deviation 1 (G. E. P. Box, M. E. Muller, Ann. Math. Stat. 29, 1958).
+fn normal(random: &mut ChaCha8Rng) -> f64 {
+    let (a, b): (f64, f64) = (random.random(), random.random());
+    (-2.0 * (1.0 - a).ln()).sqrt() * (TAU * b).cos()
+}
+
+/// The curve number `index` of a seed.
+pub(crate) fn generated(seed: u64, index: u32) -> Generated {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    random.set_stream(u64::from(index));
+    let family = FAMILIES[index as usize % FAMILIES.len()];
+    let noise = NOISE[(index as usize / FAMILIES.len()) % NOISE.len()];
+    let count = COUNTS[random.random_range(0..COUNTS.len())];
+    let runs = random.random_range(1..=10);
+    let range = 1000.0;
+    let step = range / f64::from(count - 1);
+    // A third of the lines have targets off their even places, as ISO 230-2 asks for.
+    let jitter = if index.is_multiple_of(3) { 0.3 } else { 0.0 };
+    let targets: Vec<f64> = (0..count)
+        .map(|k| step * (f64::from(k) + jitter * (random.random::<f64>() - 0.5)))
+        .collect();
+    let both = family == "hysteresis";
+    let truth = truth(family, &mut random);
+    let reversal = if both { 3.0 } else { 0.0 };
+    let sides = if both { &[1.0, -1.0][..] } else { &[0.0][..] };
+    let sides = sides.iter().map(|side| {
+        let shift = side * reversal;
+        let base = truth.clone();
+        let of_side = move |x: f64| base.value(x) + shift * (1.0 + 0.4 * (x / 300.0).sin());
+        let readings = (0..runs).map(|_| {
+            let at = |&x: &f64| of_side(x) + noise * normal(&mut random);
+            targets.iter().map(at).collect::<Vec<f64>>()
+        });
+        Side {
+            runs: readings.collect(),
+            truth: Box::new(of_side.clone()),
+        }
+    });
+    Generated {
+        family,
+        noise,
+        sides: sides.collect(),
+        targets,
+    }
+}
+
+/// Waves, a polygon and steps, whose sum is a truth.
+#[derive(Clone, Default)]
+struct Truth {
+    slope: f64,
+    /// Height, length and phase.
+    waves: Vec<[f64; 3]>,
+    /// Place and change of the slope.
+    kinks: Vec<[f64; 2]>,
+    /// Place and height.
+    steps: Vec<[f64; 2]>,
+}
+
+impl Truth {
+    fn value(&self, x: f64) -> f64 {
+        let waves = self
+            .waves
+            .iter()
+            .map(|[h, l, p]| h * (TAU * x / l + p).sin());
+        let kinks = self.kinks.iter().map(|[at, s]| s * (x - at).max(0.0));
+        let steps = self
+            .steps
+            .iter()
+            .map(|[at, h]| if x > *at { *h } else { 0.0 });
+        self.slope * x + waves.chain(kinks).chain(steps).sum::<f64>()
+    }
+}
+
+fn truth(family: &str, random: &mut ChaCha8Rng) -> Truth {
+    let mut truth = Truth {
+        slope: 0.02 * normal(random),
+        ..Truth::default()
+    };
+    for _ in 0..2 {
+        let length = 700.0 + 1500.0 * random.random::<f64>();
+        let phase = TAU * random.random::<f64>();
+        truth.waves.push([5.0 * normal(random), length, phase]);
+    }
+    match family {
+        "kinked" => {
+            truth.waves.clear();
+            for _ in 0..2 {
+                let at = 150.0 + 700.0 * random.random::<f64>();
+                truth.kinks.push([at, 0.06 * normal(random)]);
+            }
+        }
+        "pitch" => {
+            let length = 60.0 + 150.0 * random.random::<f64>();
+            let phase = TAU * random.random::<f64>();
+            truth.waves.push([2.0, length, phase]);
+        }
+        "steps" => {
+            let at = 200.0 + 600.0 * random.random::<f64>();
+            truth.steps.push([at, 6.0 * normal(random)]);
+        }
+        _ => {}
+    }
+    truth
+}

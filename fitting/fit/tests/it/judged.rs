@@ -1,0 +1,102 @@
+//! The automatic choice against every kind alone: by refits that really leave targets out, and by the truth.
+
+use volcomp_fit::{Choice, FitOptions, Method, choose};
+
+use crate::generated::{Generated, generated};
+
+/// Targets that are left out at the most, evenly spread.
+const LEFT_OUT: usize = 40;
+
+/// The method that was judged, and how it does.
+pub(crate) struct Judged {
+    pub(crate) method: Method,
+    /// Root mean square of what refits miss of inner targets that they have not seen.
+    pub(crate) leave_one_out: f64,
+    /// Root mean square of curve minus truth over the range.
+    pub(crate) from_truth: f64,
+}
+
+/// A generated line, the automatic choice, and the best of each kind.
+pub(crate) struct Row {
+    pub(crate) line: Generated,
+    pub(crate) choice: Choice,
+    pub(crate) automatic: Judged,
+    pub(crate) kinds: Vec<Judged>,
+}
+
+impl Row {
+    /// How many times worse than the best kind alone: in leave-one-out, from the truth.
+    pub(crate) fn ratios(&self) -> [f64; 2] {
+        let ratio = |of: fn(&Judged) -> f64| {
+            let best = self.kinds.iter().map(of).fold(f64::INFINITY, f64::min);
+            of(&self.automatic) / best
+        };
+        [ratio(|j| j.leave_one_out), ratio(|j| j.from_truth)]
+    }
+}
+
+/// The rows of the table; refits of lines with more targets than this are left out, and their leave-one-out errors are not numbers.
+pub(crate) fn rows(count: u32, refitted: usize) -> impl Iterator<Item = Row> {
+    (0..count).map(move |index| {
+        let line = generated(17, index);
+        let sets: Vec<(Vec<f64>, Vec<f64>)> = line
+            .sides
+            .iter()
+            .map(|side| side.readings(&line.targets))
+            .collect();
+        let parts: Vec<(&[f64], &[f64])> = sets.iter().map(|(x, u)| (&x[..], &u[..])).collect();
+        let choice = choose(&parts, &FitOptions::default()).expect("a choice");
+        let judged = |method| judged(&line, &sets, method, refitted);
+        let kinds = choice.best_of_kinds();
+        Row {
+            automatic: judged(choice.method),
+            kinds: kinds.iter().map(|score| judged(score.method)).collect(),
+            line,
+            choice,
+        }
+    })
+}
+
+fn judged(
+    line: &Generated,
+    sets: &[(Vec<f64>, Vec<f64>)],
+    method: Method,
+    refitted: usize,
+) -> Judged {
+    let (mut missed, mut off) = ((0.0, 0.0_f64), (0.0, 0.0_f64));
+    let last = line.targets.len() - 1;
+    let step = last.div_ceil(LEFT_OUT);
+    for ((x, u), side) in sets.iter().zip(&line.sides) {
+        let fit = method.fit(x, u).expect("a fit");
+        for k in (0..=200).map(|k| f64::from(k) / 200.0) {
+            let at = line.targets[0] + k * (line.targets[last] - line.targets[0]);
+            off.0 += (fit.curve.value(at) - (side.truth)(at)).powi(2);
+            off.1 += 1.0;
+        }
+        if line.targets.len() > refitted {
+            continue;
+        }
+        for &left in line.targets[1..last].iter().step_by(step) {
+            let others = || x.iter().zip(u).filter(|(x, _)| **x != left);
+            let (kept_x, kept_u): (Vec<f64>, Vec<f64>) = others().unzip();
+            let own: Vec<f64> = x
+                .iter()
+                .zip(u)
+                .filter(|(x, _)| **x == left)
+                .map(|p| *p.1)
+                .collect();
+            let mean = own.iter().sum::<f64>() / own.len() as f64;
+            // What cannot be fitted without the target predicts nothing.
+            let value = method
+                .fit(&kept_x, &kept_u)
+                .map_or(f64::INFINITY, |fit| fit.curve.value(left));
+            missed.0 += (mean - value).powi(2);
+            missed.1 += 1.0;
+        }
+    }
+    Judged {
+        method,
+        leave_one_out: (missed.0 / missed.1).sqrt(),
+        from_truth: (off.0 / off.1).sqrt(),
+    }
+}
