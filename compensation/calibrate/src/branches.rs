@@ -19,6 +19,8 @@ const ROUNDS: usize = 40;
 
 /// A mean reading is this many standard deviations off at the most: one in 370.
 const WITHIN_SIGMAS: f64 = 3.0;
+/// A curve is told in so many equal steps.
+const STEPS: usize = 120;
 
 /// How far a curve may pass by the mean readings, µm or µrad, for what the runs scatter.
 fn within_noise(profiles: &[Profile<'_>]) -> Option<f64> {
@@ -41,6 +43,8 @@ fn options(error: ErrorName, profiles: &[Profile<'_>]) -> FitOptions {
 #[derive(Clone)]
 pub(crate) struct Branches {
     fits: Vec<(Direction, Fit)>,
+    /// The readings of each fit.
+    points: Vec<Points>,
     targets: Vec<f64>,
     method: Method,
     choice: Option<Choice>,
@@ -98,6 +102,7 @@ impl Branches {
     ) -> Result<Self, CalibrateError> {
         let files = || files_of(profiles);
         let mut fits = Vec::new();
+        let mut points = Vec::new();
         let failed = |source: FitError| CalibrateError::Fit {
             error,
             files: files(),
@@ -131,6 +136,7 @@ impl Branches {
                 fit.leave_one_out_rms
             );
             fits.push((direction, fit));
+            points.push(x.into_iter().zip(u).collect());
         }
         let all = profiles.iter().flat_map(Profile::all);
         let mut targets: Vec<f64> = all.map(|point| point.0).collect();
@@ -138,6 +144,7 @@ impl Branches {
         targets.dedup();
         Ok(Self {
             fits,
+            points,
             targets,
             method,
             choice,
@@ -203,6 +210,9 @@ impl Branches {
                 score.largest_residual *= factor.abs();
             }
         }
+        for (_, reading) in scaled.points.iter_mut().flatten() {
+            *reading = (*reading - zero) * factor;
+        }
         scaled
     }
 
@@ -211,7 +221,8 @@ impl Branches {
         let reversal = self.reversal();
         let both = self.fits.len() == 2;
         let runs = self.runs.iter().cloned().chain(std::iter::repeat(None));
-        let row = |((direction, fit), runs): (&(Direction, Fit), Option<Vec<Run>>)| FittedCurve {
+        let each = self.fits.iter().zip(&self.points).zip(runs);
+        let row = |(((direction, fit), points), runs): ((&(Direction, Fit), &Points), _)| FittedCurve {
             error,
             direction: both.then_some(*direction),
             kind: fit.curve.kind(),
@@ -224,13 +235,17 @@ impl Branches {
             method: self.method,
             choice: self.choice.clone(),
             band: None,
-            resampled: runs.map(|runs| Resampled {
+            resampled: Option::<Vec<Run>>::map(runs, |runs| Resampled {
                 runs,
                 targets: self.targets.clone(),
                 factor: self.factor,
             }),
+            points: (points.iter())
+                .map(|(x, u)| [*x, *u, fit.curve.value(*x)])
+                .collect(),
+            sampled: sampled(fit, points),
         };
-        self.fits.iter().zip(runs).map(row).collect()
+        each.map(row).collect()
     }
 
     fn reversal(&self) -> Option<f64> {
@@ -257,6 +272,22 @@ impl Branches {
             (None, _) => ErrorCurve::Single(Field::Curve(volcomp_curve::Curve::Constant(0.0))),
         }
     }
+}
+
+/// The curve over the span of its readings.
+fn sampled(fit: &Fit, points: &Points) -> Vec<[f64; 2]> {
+    let all = || points.iter().map(|(x, _)| *x);
+    let (first, last) = (
+        all().fold(f64::INFINITY, f64::min),
+        all().fold(f64::NEG_INFINITY, f64::max),
+    );
+    if first >= last {
+        return all().take(1).map(|x| [x, fit.curve.value(x)]).collect();
+    }
+    (0..=STEPS)
+        .map(|step| first + (last - first) * step as f64 / STEPS as f64)
+        .map(|x| [x, fit.curve.value(x)])
+        .collect()
 }
 
 fn quality<U>(fit: &Fit, reversal: Option<f64>, unit: fn(f64) -> U) -> FitQuality<U> {

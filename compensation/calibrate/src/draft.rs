@@ -12,7 +12,7 @@ use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisName, Component, ErrorName};
 
 use crate::{
-    draft_text,
+    draft_text::{self, Square},
     hints::{self, Hints},
     questions::{OPEN, question},
 };
@@ -34,6 +34,9 @@ pub struct Draft {
     pub left_over: Vec<LeftOver>,
     /// What is odd about the files that are used.
     pub notes: Vec<String>,
+    /// The machine file, as the text names it.
+    pub(crate) machine_file: String,
+    pub(crate) squares: Vec<Square>,
 }
 
 /// One `[[measurement]]` of a draft.
@@ -134,11 +137,7 @@ pub fn draft(
     for of in &proposed {
         questions.extend(of.questions());
     }
-    questions.extend(squares.iter().map(|square| Question {
-        of: square.error.to_string(),
-        key: "reference_angle_urad".to_owned(),
-        question: question("reference_angle_urad", None),
-    }));
+    questions.extend(squares.iter().map(Square::question));
     let text = draft_text::text(machine_file, &proposed, &squares, &conflicts, &left_over);
     Ok(Draft {
         looked_at,
@@ -148,6 +147,8 @@ pub fn draft(
         conflicts,
         left_over,
         notes,
+        machine_file: machine_file.to_owned(),
+        squares,
     })
 }
 
@@ -194,7 +195,7 @@ impl Proposed {
 /// The keys of `channels` that have no default.
 pub(crate) const CHANNEL_KEYS: [&str; 4] = ["target", "reading", "reading_is", "unit"];
 
-fn open() -> String {
+pub(crate) fn open() -> String {
     format!("\"{OPEN}\"")
 }
 

@@ -5,13 +5,27 @@ use std::fmt::Write as _;
 use volcomp_document::toml_string;
 use volcomp_vocabulary::ErrorName;
 
-use crate::draft::{LeftOver, Proposed};
-use crate::questions::OPEN;
+use crate::draft::{LeftOver, Proposed, Question};
+use crate::questions::{OPEN, question};
 
 /// A squareness whose two straightnesses a draft has.
+#[derive(Clone, Debug)]
 pub(crate) struct Square {
     pub(crate) error: ErrorName,
     from: [ErrorName; 2],
+    /// The angle of the references, µrad, where somebody has stated it.
+    pub(crate) reference_angle_urad: Option<f64>,
+}
+
+impl Square {
+    /// What is asked about it.
+    pub(crate) fn question(&self) -> Question {
+        Question {
+            of: self.error.to_string(),
+            key: "reference_angle_urad".to_owned(),
+            question: question("reference_angle_urad", None),
+        }
+    }
 }
 
 /// The squarenesses against X and Y of which both straightnesses are there.
@@ -32,6 +46,7 @@ pub(crate) fn squares(proposed: &[Proposed]) -> Vec<Square> {
             squares.push(Square {
                 error,
                 from: [first, second],
+                reference_angle_urad: None,
             });
         }
     }
@@ -100,13 +115,19 @@ pub(crate) fn text(
     for square in squares {
         let [first, second] = square.from;
         text.push('\n');
-        comment(
-            &mut text,
-            "QUESTION reference_angle_urad: see the chapter on the calibration file, or state `value_urad`",
-        );
+        if square.reference_angle_urad.is_none() {
+            comment(
+                &mut text,
+                "QUESTION reference_angle_urad: see the chapter on the calibration file, or state `value_urad`",
+            );
+        }
+        let angle = match square.reference_angle_urad {
+            Some(angle) => format!("{angle:?}"),
+            None => format!("\"{OPEN}\""),
+        };
         let _ = writeln!(
             text,
-            "[[squareness]]\nerror = \"{}\"\nfrom = [\"{first}\", \"{second}\"]\nreference_angle_urad = \"{OPEN}\"",
+            "[[squareness]]\nerror = \"{}\"\nfrom = [\"{first}\", \"{second}\"]\nreference_angle_urad = {angle}",
             square.error
         );
     }

@@ -25,6 +25,12 @@ pub struct FittedCurve {
     pub choice: Option<Choice>,
     /// The band of 95 % at the targets, of the readings alone; `None` where it is not known. In the unit of the error.
     pub band: Option<Band>,
+    /// The mean readings that the curve was fitted to, cleared of what does not belong to the error (Abbe, the line of a
+    /// straightness, the zero of each line): coordinate in mm or deg, reading and value of the curve there in the unit of the
+    /// error.
+    pub points: Vec<[f64; 3]>,
+    /// The curve from the first to the last of its readings, in equal steps: coordinate and value.
+    pub sampled: Vec<[f64; 2]>,
     #[cfg_attr(feature = "serde", serde(skip))]
     pub(crate) resampled: Option<Resampled>,
 }

@@ -2,6 +2,7 @@
 
 mod abbe;
 mod angular;
+mod answers;
 mod branches;
 mod calibration;
 mod calibration_file;
@@ -44,6 +45,7 @@ mod stages;
 mod testing;
 mod varied;
 
+pub use answers::{Answer, AnswerError, Subject};
 pub use calibration::{Calibration, calibrate, calibrated_machine};
 pub use calibration_file::{
     CalibrationFile, Line, Location, Squareness, SquarenessSource, Uncertainty,

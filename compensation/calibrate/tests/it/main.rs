@@ -1,5 +1,6 @@
 //! Measurements computed from a truth machine's kinematics come back as its volumetric error.
 
+mod answers;
 mod both_sides;
 mod draft;
 mod fuzz_corpus;

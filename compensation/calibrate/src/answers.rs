@@ -1,0 +1,324 @@
+//! The open questions of a draft, answered one by one as somebody types them: each answer is checked where it is given, so that
+//! the text of the calibration file is never put together by hand.
+
+use volcomp_document::toml_string;
+use volcomp_metrology::{DeviationUnit, MotionKind, ReadingUnit};
+use volcomp_vocabulary::ErrorName;
+
+use crate::{
+    draft::{CHANNEL_KEYS, Draft, LeftOver, Proposed, Question, open},
+    draft_text::{self, Square},
+};
+
+/// The key of an answer that takes a measurement or a squareness out of the draft.
+const LEAVE_OUT: &str = "leave_out";
+
+/// The units in which readings can be.
+const UNITS: [&str; 8] = ["mm", "um", "nm", "urad", "mrad", "rad", "arcsec", "deg"];
+
+/// What a question is about.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Subject {
+    /// A measurement by its place in [`Draft::proposed`].
+    Measurement(usize),
+    /// A squareness by its error.
+    Squareness(ErrorName),
+}
+
+/// An answer as somebody has typed it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Answer {
+    /// What was asked about.
+    pub of: Subject,
+    /// The key of the question: `error`, `file`, `at.Y`, `point`; or `leave_out`, with `true`, which takes the measurement
+    /// or the squareness out.
+    pub key: String,
+    /// The value: numbers separated by commas, words without quotation marks.
+    pub value: String,
+}
+
+/// An answer that cannot be taken.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum AnswerError {
+    /// The draft has no such measurement or squareness.
+    #[error("{subject}: the draft has no such measurement")]
+    Subject {
+        /// The measurement, or the squareness.
+        subject: String,
+    },
+    /// The draft does not ask for this key there.
+    #[error("{subject}: {key} is not asked for")]
+    Key {
+        /// The file or files, or the squareness.
+        subject: String,
+        /// The key.
+        key: String,
+    },
+    /// The value is none that the key can have.
+    #[error("{subject}: {key}: found {found:?}, expected {expected}")]
+    Value {
+        /// The file or files, or the squareness.
+        subject: String,
+        /// The key.
+        key: String,
+        /// What was typed.
+        found: String,
+        /// What the key can have.
+        expected: String,
+    },
+}
+
+impl Question {
+    /// The answers that there are; empty: a number, or a text. The files of a measurement to choose from stand in `of`.
+    pub fn choices(&self) -> &'static [&'static str] {
+        match self.key.as_str() {
+            "rides" => &["carriage", "other"],
+            "reading" => &["right-hand", "slope"],
+            "sign" => &["1", "-1"],
+            "holds_location" => &["true", "false"],
+            "channels.reading_is" => &["position", "deviation"],
+            "unit" | "channels.unit" => &UNITS,
+            _ => &[],
+        }
+    }
+}
+
+impl Draft {
+    /// The draft with these answers in it; what is not answered stays open. The places of measurements are those of this draft.
+    ///
+    /// # Errors
+    /// The first answer that cannot be taken.
+    pub fn answered(&self, answers: &[Answer]) -> Result<Self, AnswerError> {
+        let mut proposed: Vec<Option<Proposed>> = self.proposed.iter().cloned().map(Some).collect();
+        let mut squares = self.squares.clone();
+        let mut left_over = self.left_over.clone();
+        // The error first, then the unit: which keys a measurement has follows from them.
+        let mut in_order: Vec<&Answer> = answers.iter().collect();
+        in_order.sort_by_key(|answer| match answer.key.as_str() {
+            "error" => 0,
+            "unit" => 1,
+            _ => 2,
+        });
+        for answer in in_order {
+            match &answer.of {
+                Subject::Measurement(place) => {
+                    let Some(slot) = proposed.get_mut(*place) else {
+                        let subject = format!("measurement {}", place + 1);
+                        return Err(AnswerError::Subject { subject });
+                    };
+                    if answer.key == LEAVE_OUT {
+                        if truth(answer, &place.to_string())?
+                            && let Some(of) = slot.take()
+                        {
+                            left_over.extend(of.files.into_iter().map(|file| LeftOver {
+                                file,
+                                reason: "left out by a person".to_owned(),
+                            }));
+                        }
+                    } else if let Some(of) = slot {
+                        answer_measurement(of, answer)?;
+                    }
+                }
+                Subject::Squareness(error) => {
+                    let Some(at) = squares.iter().position(|square| square.error == *error) else {
+                        // It is gone with one of its straightnesses, or was left out before.
+                        if self.squares.iter().any(|square| square.error == *error) {
+                            continue;
+                        }
+                        let subject = error.to_string();
+                        return Err(AnswerError::Subject { subject });
+                    };
+                    if answer.key == LEAVE_OUT {
+                        if truth(answer, &error.to_string())? {
+                            squares.remove(at);
+                        }
+                    } else {
+                        answer_square(&mut squares[at], answer)?;
+                    }
+                }
+            }
+        }
+        let proposed: Vec<Proposed> = proposed.into_iter().flatten().collect();
+        let possible = draft_text::squares(&proposed);
+        squares.retain(|square| possible.iter().any(|of| of.error == square.error));
+        // An error that was asked for may make a squareness that nobody could see before.
+        let new = |of: &Square| self.squares.iter().all(|known| known.error != of.error);
+        squares.extend(possible.into_iter().filter(new));
+        let mut questions: Vec<Question> = proposed.iter().flat_map(Proposed::questions).collect();
+        let is_open = |square: &&Square| square.reference_angle_urad.is_none();
+        questions.extend(squares.iter().filter(is_open).map(Square::question));
+        Ok(Self {
+            looked_at: self.looked_at.clone(),
+            text: draft_text::text(
+                &self.machine_file,
+                &proposed,
+                &squares,
+                &self.conflicts,
+                &left_over,
+            ),
+            proposed,
+            questions,
+            conflicts: self.conflicts.clone(),
+            left_over,
+            notes: self.notes.clone(),
+            machine_file: self.machine_file.clone(),
+            squares,
+        })
+    }
+}
+
+fn answer_measurement(of: &mut Proposed, answer: &Answer) -> Result<(), AnswerError> {
+    let subject = of.files.join(", ");
+    let wrong = |expected: &str| value_error(answer, &subject, expected);
+    let value = answer.value.trim();
+    match answer.key.as_str() {
+        "error" => {
+            let error: ErrorName = value
+                .parse()
+                .map_err(|_| wrong("the name of an error, such as EYX"))?;
+            set_error(of, error);
+            return Ok(());
+        }
+        "file" => {
+            if !of.files.iter().any(|file| file == value) {
+                return Err(wrong(&format!("one of {subject}")));
+            }
+            of.files = vec![value.to_owned()];
+            return Ok(());
+        }
+        _ => {}
+    }
+    if let Some(letter) = answer.key.strip_prefix("at.") {
+        let mut places = of.at.iter_mut();
+        let place = places.find(|(axis, _)| axis.to_string() == letter);
+        let Some((_, place)) = place else {
+            return Err(key_error(answer, &subject));
+        };
+        *place = Some(number(value).ok_or_else(|| wrong("a number, mm or deg"))?);
+        return Ok(());
+    }
+    if let Some(inner) = answer.key.strip_prefix("channels.") {
+        let channels = of.keys.iter_mut().find(|(key, _)| *key == "channels");
+        let Some((_, channels)) = channels.filter(|_| CHANNEL_KEYS.contains(&inner)) else {
+            return Err(key_error(answer, &subject));
+        };
+        let asked = format!("{inner} = {}", open());
+        *channels = channels.replace(&asked, &format!("{inner} = {}", toml_string(value)));
+        return Ok(());
+    }
+    let Some((key, held)) = of.keys.iter_mut().find(|(key, _)| *key == answer.key) else {
+        return Err(key_error(answer, &subject));
+    };
+    *held = encoded(key, value).map_err(|expected| value_error(answer, &subject, expected))?;
+    if answer.key == "unit" {
+        ask_for_bridge(of, value);
+    }
+    Ok(())
+}
+
+/// A straightness whose readings are angles was measured by a level on a bridge, or by an angular interferometer.
+fn ask_for_bridge(of: &mut Proposed, unit: &str) {
+    let is_straightness = of.error.is_some_and(|error| {
+        MotionKind::of(error) == MotionKind::Straightness && !error.axis.is_rotary()
+    });
+    let unit = ReadingUnit::named(unit).map(ReadingUnit::held_in);
+    let is_known = of.keys.iter().any(|(key, _)| *key == "method");
+    if is_straightness && unit == Some(DeviationUnit::Urad) && !is_known {
+        of.keys.push(("method", "\"angular\"".to_owned()));
+        of.keys.push(("bridge_mm", open()));
+        of.keys.push(("reading", open()));
+    }
+}
+
+/// Which keys a measurement has follows from its error.
+fn set_error(of: &mut Proposed, error: ErrorName) {
+    of.error = Some(error);
+    of.at.retain(|(axis, _)| *axis != error.axis);
+    if error.component.is_angular() {
+        of.keys
+            .retain(|(key, _)| !matches!(*key, "point" | "rides"));
+    }
+    let has_location = of.keys.iter().any(|(key, _)| *key == "holds_location");
+    if error.axis.is_rotary() && !has_location {
+        of.keys.push(("holds_location", open()));
+    }
+}
+
+/// A value as it stands in the calibration file; or what was expected.
+fn encoded(key: &str, value: &str) -> Result<String, &'static str> {
+    let word = |known: &[&str], expected| {
+        if known.contains(&value) {
+            Ok(toml_string(value))
+        } else {
+            Err(expected)
+        }
+    };
+    match key {
+        "point" => {
+            let list = value.trim_start_matches('[').trim_end_matches(']');
+            let numbers: Option<Vec<f64>> = list.split(',').map(number).collect();
+            match numbers.as_deref() {
+                Some([x, y, z]) => Ok(format!("[{x:?}, {y:?}, {z:?}]")),
+                _ => Err("three numbers x, y, z in mm, separated by commas"),
+            }
+        }
+        "bridge_mm" => match number(value) {
+            Some(length) if length > 0.0 => Ok(format!("{length:?}")),
+            _ => Err("a length in mm above 0"),
+        },
+        "sign" => match value {
+            "1" | "+1" => Ok("1".to_owned()),
+            "-1" | "−1" => Ok("-1".to_owned()),
+            _ => Err("1 or -1"),
+        },
+        "holds_location" => match value {
+            "true" | "false" => Ok(value.to_owned()),
+            _ => Err("true or false"),
+        },
+        "unit" => word(&UNITS, "one of mm, um, nm, urad, mrad, rad, arcsec, deg"),
+        "rides" => word(&["carriage", "other"], "carriage or other"),
+        "reading" => word(&["right-hand", "slope"], "right-hand or slope"),
+        _ => Ok(toml_string(value)),
+    }
+}
+
+fn answer_square(square: &mut Square, answer: &Answer) -> Result<(), AnswerError> {
+    let subject = square.error.to_string();
+    if answer.key != "reference_angle_urad" {
+        return Err(key_error(answer, &subject));
+    }
+    let angle = number(answer.value.trim());
+    let angle = angle.ok_or_else(|| value_error(answer, &subject, "a number of µrad"))?;
+    square.reference_angle_urad = Some(angle);
+    Ok(())
+}
+
+fn number(text: &str) -> Option<f64> {
+    let number: f64 = text.trim().replace('−', "-").parse().ok()?;
+    number.is_finite().then_some(number)
+}
+
+fn truth(answer: &Answer, subject: &str) -> Result<bool, AnswerError> {
+    match answer.value.trim() {
+        "true" => Ok(true),
+        "false" => Ok(false),
+        _ => Err(value_error(answer, subject, "true or false")),
+    }
+}
+
+fn key_error(answer: &Answer, subject: &str) -> AnswerError {
+    AnswerError::Key {
+        subject: subject.to_owned(),
+        key: answer.key.clone(),
+    }
+}
+
+fn value_error(answer: &Answer, subject: &str, expected: &str) -> AnswerError {
+    AnswerError::Value {
+        subject: subject.to_owned(),
+        key: answer.key.clone(),
+        found: answer.value.clone(),
+        expected: expected.to_owned(),
+    }
+}

@@ -1,0 +1,187 @@
+//! The questions of a draft, answered as somebody types them.
+
+use std::path::{Path, PathBuf};
+
+use volcomp_calibrate::{Answer, AnswerError, CalibrationFile, Draft, Subject, calibrate, draft};
+use volcomp_model::Machine;
+
+/// A folder with some measurement files of the example, and their draft.
+fn drafted(names: &[&str]) -> (tempfile::TempDir, Draft) {
+    let dir = tempfile::tempdir().expect("writable");
+    let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/calibration");
+    for name in names.iter().chain(&["machine.toml"]) {
+        std::fs::copy(examples.join(name), dir.path().join(name)).expect("there");
+    }
+    let machine = Machine::read(&dir.path().join("machine.toml")).expect("right");
+    let base: PathBuf = dir.path().to_owned();
+    let named = |path: &Path| {
+        path.strip_prefix(&base)
+            .expect("in it")
+            .display()
+            .to_string()
+    };
+    let found = draft(dir.path(), &machine, "machine.toml", named).expect("readable");
+    (dir, found)
+}
+
+fn answer(of: Subject, key: &str, value: &str) -> Answer {
+    Answer {
+        of,
+        key: key.to_owned(),
+        value: value.to_owned(),
+    }
+}
+
+fn place(draft: &Draft, file: &str) -> usize {
+    let mut all = draft.proposed.iter();
+    all.position(|of| of.files.iter().any(|name| name == file))
+        .expect(file)
+}
+
+/// Every question answered: the file is read, and calibrates to the slope that the example's machine has.
+#[test]
+fn a_draft_that_is_answered_is_a_calibration_file() {
+    let (dir, found) = drafted(&["exx.csv"]);
+    let first = Subject::Measurement(0);
+    let mut answers: Vec<Answer> = Vec::new();
+    for question in &found.questions {
+        let value = match question.key.as_str() {
+            "at.Y" => "200",
+            "at.Z" => "−300",
+            "point" => "[0, 0, -350]",
+            "rides" => "carriage",
+            "sign" => "+1",
+            "unit" => "um",
+            other => panic!("{other}"),
+        };
+        answers.push(answer(first.clone(), &question.key, value));
+    }
+    assert!(!answers.is_empty());
+    // One is missing: it stays open, and the file is refused with its question.
+    let open = found.answered(&answers[1..]).expect("right");
+    assert_eq!(open.questions.len(), 1);
+    let file = dir.path().join("calibration.toml");
+    std::fs::write(&file, &open.text).expect("writable");
+    let refused = CalibrationFile::read(&file).expect_err("open").to_string();
+    assert!(refused.contains("open question"), "{refused}");
+    let done = found.answered(&answers).expect("right");
+    assert!(done.questions.is_empty(), "{}", done.text);
+    std::fs::write(&file, &done.text).expect("writable");
+    let read = CalibrationFile::read(&file).expect("complete");
+    let calibration = calibrate(&read, |_, _| {}).expect("it fits");
+    let curve = &calibration.curves[0];
+    // What is told of the curve belongs together: the readings are its residuals from it.
+    let residuals: Vec<f64> = curve.points.iter().map(|[_, u, f]| u - f).collect();
+    let volcomp_calibrate::Quality::Length(quality) = curve.quality else {
+        panic!("a length");
+    };
+    let largest = residuals.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    assert!((largest - quality.residual_max.0).abs() < 1e-9, "{largest}");
+    let ends = [curve.sampled[0], curve.sampled[curve.sampled.len() - 1]];
+    let machine_value = |x: f64| {
+        let error = calibration.machine.error(curve.error).expect("set");
+        error.value(0, &[x, 0.0, 0.0], curve.direction)
+    };
+    for [x, value] in ends {
+        assert!((machine_value(x) - value).abs() < 1e-9, "{x}");
+    }
+}
+
+#[test]
+fn answers_that_cannot_be_are_told_by_key() {
+    let (_dir, found) = drafted(&["exx.csv", "eyx.csv", "exy.csv"]);
+    let of = Subject::Measurement(place(&found, "exx.csv"));
+    for (key, value, expected) in [
+        ("point", "1, 2", "three numbers"),
+        ("point", "1, 2, NaN", "three numbers"),
+        ("at.Y", "1,5", "a number"),
+        ("at.Y", "inf", "a number"),
+        ("rides", "both", "carriage or other"),
+        ("error", "EQQ", "the name of an error"),
+        ("file", "../../etc/passwd", "one of exx.csv"),
+        ("leave_out", "perhaps", "true or false"),
+    ] {
+        let wrong = found.answered(&[answer(of.clone(), key, value)]);
+        let told = wrong.expect_err(value).to_string();
+        assert!(told.contains(expected) && told.contains(key), "{told}");
+    }
+    // What is not asked for, and who is not there.
+    let key = found.answered(&[answer(of.clone(), "machine", "x")]);
+    assert!(matches!(key, Err(AnswerError::Key { .. })), "{key:?}");
+    let nobody = found.answered(&[answer(Subject::Measurement(99), "sign", "1")]);
+    assert!(
+        matches!(nobody, Err(AnswerError::Subject { .. })),
+        "{nobody:?}"
+    );
+}
+
+/// Nothing that is typed leaves its value: the text stays a calibration file with the same tables.
+#[test]
+fn an_answer_cannot_leave_its_value() {
+    let (_dir, found) = drafted(&["exx.log"]);
+    let evil = "x\" }\n[[squareness]]\nerror = \"EC0Y";
+    let of = Subject::Measurement(0);
+    let done = found.answered(&[answer(of, "channels.target", evil)]);
+    let text = done.expect("a text").text;
+    assert!(!text.contains("\n[[squareness]]"), "{text}");
+}
+
+/// A measurement that is left out takes its squareness with it.
+#[test]
+fn what_is_left_out_is_told() {
+    let (_dir, found) = drafted(&["eyx.csv", "exy.csv"]);
+    assert!(found.text.contains("[[squareness]]"), "{}", found.text);
+    let of = Subject::Measurement(place(&found, "exy.csv"));
+    let done = found
+        .answered(&[answer(of, "leave_out", "true")])
+        .expect("right");
+    assert!(!done.text.contains("[[squareness]]"), "{}", done.text);
+    assert!(
+        done.text.contains("not used: exy.csv: left out"),
+        "{}",
+        done.text
+    );
+    let square: volcomp_vocabulary::ErrorName = "EC0Y".parse().expect("an error");
+    let square = Subject::Squareness(square);
+    let done = found
+        .answered(&[answer(square.clone(), "leave_out", "true")])
+        .expect("right");
+    assert!(!done.text.contains("[[squareness]]"), "{}", done.text);
+    let done = found
+        .answered(&[answer(square, "reference_angle_urad", "2.5")])
+        .expect("right");
+    assert!(
+        done.text.contains("reference_angle_urad = 2.5"),
+        "{}",
+        done.text
+    );
+}
+
+/// Readings in an angle under the name of a straightness come from a level on a bridge, which is asked about then.
+#[test]
+fn a_unit_of_angle_asks_for_the_bridge() {
+    let (_dir, found) = drafted(&["ezx-level.csv"]);
+    let of = Subject::Measurement(0);
+    let keys = |draft: &Draft| -> Vec<String> {
+        draft.questions.iter().map(|of| of.key.clone()).collect()
+    };
+    assert!(!keys(&found).contains(&"bridge_mm".to_owned()));
+    // In whichever order they come.
+    let answers = [
+        answer(of.clone(), "bridge_mm", "150"),
+        answer(of.clone(), "unit", "urad"),
+    ];
+    let done = found.answered(&answers).expect("right");
+    assert!(
+        done.text
+            .contains("method = \"angular\"\nbridge_mm = 150.0\nreading = \"?\""),
+        "{}",
+        done.text
+    );
+    let plain = found
+        .answered(&[answer(of.clone(), "unit", "um")])
+        .expect("right");
+    assert!(!plain.text.contains("angular"), "{}", plain.text);
+    let none = found.answered(&[answer(of, "unit", "inch")]);
+    assert!(none.expect_err("no unit").to_string().contains("one of mm"));
+}
