@@ -397,7 +397,7 @@ pub enum TokenError {
     #[error("found {0} words, expected NAME ROLE TOKEN")]
     Words(usize),
     /// A role that is not known.
-    #[error("found another role, expected view or operate")]
+    #[error("found another role, expected view, operate or engineer")]
     Role,
     /// A token that can be guessed.
     #[error(

@@ -79,14 +79,24 @@ pub(crate) struct Judge {
 
 impl Judge {
     /// The question that a person must confirm before `new` takes the place of `old`; `None` where there is none, or it
-    /// is confirmed. The move of the correction is judged at the reference temperature, at the present ones when they have
-    /// been steady for long, and as the machine is now, with the lags of the model that runs.
+    /// is confirmed: see [`judged`](Self::judged).
     pub(crate) fn question(
+        &self,
+        models: [&Model; 2],
+        limits: LimitChanges,
+        to: &ConfirmedLimits,
+    ) -> Option<Question> {
+        self.judged(models, limits, to).question
+    }
+
+    /// How far the correction moves where `new` takes the place of `old`, and the question that comes first. The move of the correction is judged at the reference temperature, at the present ones when they have
+    /// been steady for long, and as the machine is now, with the lags of the model that runs.
+    pub(crate) fn judged(
         &self,
         [old, new]: [&Model; 2],
         limits: LimitChanges,
         to: &ConfirmedLimits,
-    ) -> Option<Question> {
+    ) -> Judged {
         let degc = |name: &str| self.degc.get(name).copied();
         let steps = match limits.get(ROTARY_STEP) {
             Some(&[before, after]) => [before, after].map(|step| step.map_or(self.rotary_step, Um)),
@@ -109,21 +119,39 @@ impl Judge {
             worst_um > self.confirm_um || worst_urad > self.confirm_urad.unwrap_or(f64::INFINITY);
         let hash = hash(new, &limits, to);
         let is_small = !moves && limits.is_empty();
-        if is_small || self.confirmed.as_ref() == Some(&hash) {
-            return None;
-        }
         // A machine with other axes moves infinitely far, which is no number in JSON.
         let finite = |x: f64| x.is_finite().then_some(x);
-        Some(Question {
+        // Without limits for rotary axes none is corrected, so that none moves.
+        let worst = [finite(worst_um), self.confirm_urad.and(finite(worst_urad))];
+        if is_small || self.confirmed.as_ref() == Some(&hash) {
+            return Judged {
+                worst,
+                question: None,
+            };
+        }
+        let question = Question {
             model: hash,
-            worst_corner_um: finite(worst_um),
-            // Without limits for rotary axes none is corrected, so that none moves.
-            worst_corner_urad: self.confirm_urad.and(finite(worst_urad)),
+            worst_corner_um: worst[0],
+            worst_corner_urad: worst[1],
             confirm_um: self.confirm_um,
             confirm_urad: self.confirm_urad,
             limits,
-        })
+        };
+        Judged {
+            worst,
+            question: Some(question),
+        }
     }
+}
+
+/// A change, judged.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Judged {
+    /// How far the correction moves at the worst point, µm and µrad; `None`: infinitely far or, of rotary axes, none is
+    /// corrected.
+    pub(crate) worst: [Option<f64>; 2],
+    /// What a person must confirm first.
+    pub(crate) question: Option<Question>,
 }
 
 /// The hash by which a change is confirmed: of the machine file, and where limits change of the new limits besides.

@@ -17,6 +17,7 @@ pub mod interop;
 mod lock;
 pub mod machine;
 mod metrics;
+pub mod models;
 mod observe;
 mod online;
 pub mod options;

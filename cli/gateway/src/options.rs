@@ -37,6 +37,8 @@ impl Options {
         }
         if let Some(dir) = &self.audit_dir {
             config.audit_dir.clone_from(dir);
+            // The models that are in force stand beside the log.
+            config = config.with_machine_in_force();
         }
         if let (None, Some(cycle)) = (&self.config, self.simulated_cycle) {
             config.cycle = cycle;

@@ -13,7 +13,7 @@ use std::{
 use tokio::sync::oneshot;
 use volcomp_runtime::DisarmSwitch;
 
-use crate::documents::Answer;
+use crate::documents::{Answer, ModelSource};
 
 /// The largest number of requests that wait for the service, and of requests to disarm besides.
 const WAITING: usize = 64;
@@ -31,6 +31,23 @@ pub enum Ask {
     Reload(Option<String>),
     /// What the centre of the fleet has decided.
     Centre(CentreAsk),
+    /// Correct by a model that a person has chosen.
+    Model(ModelAsk),
+}
+
+/// A model that a person has chosen on the page *Model*.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ModelAsk {
+    /// The machine file, on disk.
+    pub machine: PathBuf,
+    /// The hash that it must have.
+    pub hash: String,
+    /// Where it comes from.
+    pub from: ModelSource,
+    /// The same in words.
+    pub file: String,
+    /// The hash that a person confirms.
+    pub confirm: Option<String>,
 }
 
 /// What the centre of a fleet asks of the service.

@@ -228,6 +228,7 @@ pub fn config() -> Config {
         file: "built-in configuration".to_owned(),
         stated: StatedKeys::default(),
         machine: "built-in".into(),
+        configured_machine: "built-in".into(),
         cycle: Duration::from_millis(4),
         auto_arm: true,
         guard: Some(guard()),

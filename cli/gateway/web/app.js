@@ -312,7 +312,7 @@ async function checkToken() {
     const response = await fetch("/api/token", { headers: headers(), cache: "no-store" });
     const answer = await response.json();
     if (response.ok) {
-      mayOperate = answer.role === "operate";
+      mayOperate = answer.role === "operate" || answer.role === "engineer";
       text("answer", `token of ${answer.name}, kept until this tab is closed${mayOperate ? "" : ": it allows to look, not to operate"}`);
     } else {
       sessionStorage.removeItem("token");
@@ -391,7 +391,7 @@ async function operate(what, body) {
     const answer = await response.json();
     if (response.status === 409 && answer.model) return confirmModel(what, answer);
     const said = [answer.error, (answer.reasons || []).join(", ")].filter(Boolean).join(": ") || answer.state || "done";
-    const shown = response.ok ? `${what}: ${answer.state || "done"}` : `${what} refused: ${said}`;
+    const shown = response.ok ? `${what}: ${answer.state || answer.note || "done"}` : `${what} refused: ${said}`;
     text("answer", shown);
     // The state at that moment; the banner tells that of now.
     if (response.ok) setTimeout(() => { if (element("answer").textContent === shown) text("answer", ""); }, ANSWER_MS);

@@ -14,7 +14,7 @@ use volcomp_port::ShownStates;
 use volcomp_runtime::{GuardSettings, Realtime, guard::ceiling};
 use volcomp_vocabulary::{AxisName, Displacement};
 
-use crate::error::GatewayError;
+use crate::{documents::ModelSource, error::GatewayError, models::store::Store};
 
 mod controller;
 mod dashboard;
@@ -64,8 +64,10 @@ pub struct Config {
     pub file: String,
     /// The keys that the file states, and where; the others have their defaults.
     pub stated: StatedKeys,
-    /// The path of the machine file.
+    /// The path of the machine file that is used: where a person or the centre has put a model in force, that one.
     pub machine: PathBuf,
+    /// The path of the machine file that the configuration names.
+    pub configured_machine: PathBuf,
     /// The time of a cycle.
     pub cycle: Duration,
     /// Whether it arms itself as soon as nothing stands against it.
@@ -223,6 +225,8 @@ pub struct DashboardConfig {
     pub tls: Option<(PathBuf, PathBuf)>,
     /// Host names, besides addresses, under which browsers may ask for it.
     pub hosts: Vec<String>,
+    /// The largest file that can be uploaded, MiB.
+    pub upload_mib: u32,
 }
 
 impl Default for DashboardConfig {
@@ -232,11 +236,17 @@ impl Default for DashboardConfig {
             token_file: None,
             tls: None,
             hosts: Vec::new(),
+            upload_mib: 64,
         }
     }
 }
 
 impl DashboardConfig {
+    /// The largest file that can be uploaded, bytes.
+    pub(crate) fn upload_bytes(&self) -> u64 {
+        u64::from(self.upload_mib) * 1024 * 1024
+    }
+
     /// Reads the table `[dashboard]` of a configuration file and nothing else of it: a gateway that runs can be asked while
     /// the rest of the file is being changed.
     ///
@@ -260,8 +270,8 @@ pub(crate) fn is_blank(name: &str) -> bool {
 }
 
 impl Config {
-    /// Reads a configuration file. Where a centre has put a machine file in force, that one takes the place of the configured
-    /// one.
+    /// Reads a configuration file. Where a person or the centre has put a model in force, that one takes the place of the
+    /// configured machine file.
     ///
     /// # Errors
     /// A file that cannot be read, or with file, line and key what is wrong in it.
@@ -269,28 +279,45 @@ impl Config {
         let folder = path.parent().unwrap_or(Path::new(""));
         let file = path.display().to_string();
         let config = Document::read(path)?.decode(|root| Self::decode(&root, &file, folder))?;
-        Ok(config.with_machine_of_centre())
+        Ok(config.with_machine_in_force())
     }
 
-    /// The configuration with the machine file that the centre has put in force, where there is one.
-    #[cfg(feature = "fleet")]
-    fn with_machine_of_centre(mut self) -> Self {
-        let in_force = self.fleet.as_ref().and_then(crate::fleet::machine_in_force);
-        if let Some(machine) = in_force {
+    /// The configuration with the machine file that is in force: that of the centre, else that of a person, else the configured
+    /// one. What is damaged is not used, and told.
+    pub(crate) fn with_machine_in_force(mut self) -> Self {
+        self.machine.clone_from(&self.configured_machine);
+        // The built-in simulation has its own machine file.
+        if self.controllers.is_empty() {
+            return self;
+        }
+        match Store::new(&self.audit_dir).in_force() {
+            Ok(Some(machine)) => self.machine = machine,
+            Ok(None) => {}
+            Err(what) => tracing::error!("{what}: the configured machine file holds"),
+        }
+        #[cfg(feature = "fleet")]
+        if let Some(machine) = self.fleet.as_ref().and_then(crate::fleet::machine_in_force) {
             self.machine = machine;
         }
         self
     }
 
-    #[cfg(not(feature = "fleet"))]
-    fn with_machine_of_centre(self) -> Self {
-        self
+    /// Where the machine file comes from.
+    pub(crate) fn machine_from(&self) -> ModelSource {
+        if self.is_machine_of_centre() {
+            ModelSource::Centre
+        } else if Store::new(&self.audit_dir).holds(&self.machine) {
+            ModelSource::Upload
+        } else {
+            ModelSource::File
+        }
     }
 
     /// Whether the machine file is one that the centre has put in force.
     pub(crate) fn is_machine_of_centre(&self) -> bool {
         let fleet = self.fleet.as_ref();
-        fleet.is_some_and(|fleet| self.machine.starts_with(&fleet.dir))
+        let is_of_person = Store::new(&self.audit_dir).holds(&self.machine);
+        !is_of_person && fleet.is_some_and(|fleet| self.machine.starts_with(&fleet.dir))
     }
 
     /// Takes the text of a configuration; paths in it are relative to `folder`.
@@ -340,10 +367,12 @@ impl Config {
             }
             None => folder.join("audit"),
         };
+        let machine = folder.join(root.require("machine")?.text()?);
         Ok(Self {
             file: file.to_owned(),
             stated: StatedKeys::of(root),
-            machine: folder.join(root.require("machine")?.text()?),
+            configured_machine: machine.clone(),
+            machine,
             cycle: Duration::from_secs_f64(cycle_ms * 1e-3),
             auto_arm: root.truth_or("auto_arm", false)?,
             guard: root

@@ -70,6 +70,9 @@ pub struct Reloaded {
     /// Whether the files say what they said before: nothing was taken, and the correction goes on without a ramp.
     #[serde(default)]
     pub unchanged: bool,
+    /// What whoever asked should know besides.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub note: Option<String>,
 }
 
 /// Why a request was refused.

@@ -7,6 +7,7 @@
 mod answer;
 mod history;
 mod map;
+mod model;
 mod overview;
 mod plan;
 mod record;
@@ -16,6 +17,12 @@ mod state;
 pub use answer::{Answer, Confirmation, Question, Refusal, Reloaded, Settled};
 pub use history::{History, HistoryPoint};
 pub use map::{ErrorMap, MapAxis};
+pub use model::{
+    Candidate, CandidateBrief, CandidateDraft, CandidateResult, CandidateStep, ConfiguredModel,
+    DraftAnswer, DraftQuestion, DraftedMeasurement, ModelAnswers, ModelBack, ModelDiagonal,
+    ModelEntry, ModelFit, ModelInForce, ModelOutcome, ModelRequest, ModelSource, ModelState,
+    ModelsKept, UploadedFile,
+};
 pub use overview::{Glance, Overview, PhaseName};
 pub use plan::{
     AuditPlan, AxisPlan, BarrierPlan, CheckFailure, ControllerPlan, DashboardPlan, FleetPlan,
@@ -50,6 +57,12 @@ pub fn schemas() -> Vec<(&'static str, Schema)> {
         ("gateway-history.json", schema_for!(History)),
         ("gateway-last-output.json", schema_for!(LastOutput)),
         ("gateway-map.json", schema_for!(ErrorMap)),
+        ("gateway-model.json", schema_for!(ModelState)),
+        ("gateway-model-answers.json", schema_for!(ModelAnswers)),
+        ("gateway-model-back.json", schema_for!(ModelBack)),
+        ("gateway-model-candidate.json", schema_for!(Candidate)),
+        ("gateway-model-request.json", schema_for!(ModelRequest)),
+        ("gateway-models-kept.json", schema_for!(ModelsKept)),
         ("gateway-overview.json", schema_for!(Overview)),
         ("gateway-rehearsal.json", schema_for!(RehearsalDocument)),
         ("gateway-standing.json", schema_for!(Standing)),

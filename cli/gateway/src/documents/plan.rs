@@ -429,7 +429,7 @@ pub struct OverviewPlan {
 pub struct TokenPlan {
     /// The name of its holder.
     pub name: String,
-    /// The role of its holder: `view` (read only) or `operate`.
+    /// The role of its holder: `view` (read only), `operate` or `engineer`.
     pub role: String,
 }
 

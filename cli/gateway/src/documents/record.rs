@@ -83,6 +83,9 @@ pub enum Event {
         /// value; null where there is none.
         #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
         limits: LimitChanges,
+        /// Where the model comes from, where a person has chosen it.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        model_of: Option<String>,
     },
     /// A request, with the state that it found.
     Request {

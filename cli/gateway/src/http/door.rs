@@ -21,6 +21,10 @@ use crate::{
 
 /// A request must be answered after so long, by the service too.
 const AT_MOST: Duration = Duration::from_secs(10);
+/// The path of requests that bring files, which take as long as they take.
+pub(super) const UPLOAD: &str = "/api/model/upload";
+/// A file must have come after so long.
+const UPLOAD_AT_MOST: Duration = Duration::from_secs(600);
 
 /// Who is let in.
 pub struct Door {
@@ -55,7 +59,12 @@ pub(super) async fn every_request(
         .and_then(|host| host.to_str().ok());
     let mut response = match host {
         Some(host) if hosts::is_known(host, &door.hosts) => {
-            match tokio::time::timeout(AT_MOST, next.run(request)).await {
+            let at_most = if request.uri().path() == UPLOAD {
+                UPLOAD_AT_MOST
+            } else {
+                AT_MOST
+            };
+            match tokio::time::timeout(at_most, next.run(request)).await {
                 Ok(response) => response,
                 Err(_) => refuse(StatusCode::REQUEST_TIMEOUT, "the request took too long"),
             }

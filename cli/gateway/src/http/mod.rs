@@ -2,6 +2,7 @@
 
 mod door;
 mod map;
+mod model;
 mod overview;
 mod routes;
 mod server;

@@ -24,7 +24,7 @@ use tokio_stream::{StreamExt, wrappers::IntervalStream};
 
 use super::{
     door::{self, bearer, refuse},
-    map,
+    map, model,
     shared::{Dashboard, MAX_STREAMS, StreamSlot},
     tokens::Role,
 };
@@ -40,10 +40,10 @@ const MAX_BODY: usize = 64 * 1024;
 /// The time between two events of a stream.
 const EVENT_EVERY: Duration = Duration::from_millis(100);
 
-type Shared = Arc<Dashboard>;
+pub(super) type Shared = Arc<Dashboard>;
 
 /// The files of the page: path, type and content.
-const PAGES: [(&str, &str, &str); 5] = [
+const PAGES: [(&str, &str, &str); 9] = [
     (
         "/",
         "text/html; charset=utf-8",
@@ -65,6 +65,26 @@ const PAGES: [(&str, &str, &str); 5] = [
         include_str!("../../web/style.css"),
     ),
     (
+        "/model",
+        "text/html; charset=utf-8",
+        include_str!("../../web/model.html"),
+    ),
+    (
+        "/model.js",
+        "text/javascript; charset=utf-8",
+        include_str!("../../web/model.js"),
+    ),
+    (
+        "/curves.js",
+        "text/javascript; charset=utf-8",
+        include_str!("../../web/curves.js"),
+    ),
+    (
+        "/model.css",
+        "text/css; charset=utf-8",
+        include_str!("../../web/model.css"),
+    ),
+    (
         "/icon.svg",
         "image/svg+xml",
         include_str!("../../web/icon.svg"),
@@ -78,6 +98,8 @@ pub fn router(dashboard: Shared) -> Router {
         .route("/api/events", get(events))
         .route("/api/history", get(history))
         .route("/api/map", get(error_map))
+        .route("/api/model", get(model::state))
+        .route("/api/model/candidate", get(model::candidate))
         .route("/metrics", get(prometheus))
         .layer(middleware::from_fn_with_state(
             Arc::clone(&dashboard.door),
@@ -100,6 +122,7 @@ pub fn router(dashboard: Shared) -> Router {
     read.merge(operate)
         .merge(pages)
         .layer(DefaultBodyLimit::max(MAX_BODY))
+        .merge(model::router())
         .layer(middleware::from_fn_with_state(
             Arc::clone(&dashboard.door),
             door::every_request,
@@ -115,7 +138,7 @@ async fn state(State(dashboard): State<Shared>) -> Response {
 fn latest(dashboard: &Dashboard) -> Status {
     let mut status = dashboard.published.latest();
     let mut holders = dashboard.door.tokens.holders();
-    status.operable = holders.any(|holder| holder.role == Role::Operate);
+    status.operable = holders.any(|holder| holder.role >= Role::Operate);
     status
 }
 

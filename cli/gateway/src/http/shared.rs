@@ -8,13 +8,15 @@ use std::sync::{
 use volcomp_runtime::DisarmSwitch;
 
 use super::door::Door;
-use crate::{published::Published, request::Asks};
+use crate::{models::Models, published::Published, request::Asks};
 
 /// The largest number of event streams at one time.
 pub(super) const MAX_STREAMS: usize = 16;
 
 /// The state that the routes of the dashboard share.
 pub struct Dashboard {
+    /// The models: which there were, and the one that somebody is making.
+    pub models: Models,
     /// The state, history and model that the service publishes.
     pub published: Published,
     /// The number of configured controllers.

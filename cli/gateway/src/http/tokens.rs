@@ -1,4 +1,4 @@
-//! Named tokens: who may look and who may operate.
+//! Named tokens: who may look, who may operate, and who may bring a new model.
 
 use std::{
     collections::HashMap,
@@ -30,6 +30,8 @@ pub enum Role {
     View,
     /// Reading, arming, disarming, acknowledging and reloading.
     Operate,
+    /// All that, and uploading files and putting models in force.
+    Engineer,
 }
 
 impl Role {
@@ -38,6 +40,7 @@ impl Role {
         match self {
             Self::View => "view",
             Self::Operate => "operate",
+            Self::Engineer => "engineer",
         }
     }
 }
@@ -115,6 +118,7 @@ impl Tokens {
             let role = match role {
                 "view" => Role::View,
                 "operate" => Role::Operate,
+                "engineer" => Role::Engineer,
                 _ => return Err(wrong(TokenError::Role)),
             };
             if !is_long_enough(token) {

@@ -22,6 +22,7 @@ use crate::{
     http::{self, Dashboard, Door},
     interop::{Interop, Served},
     lock::lock,
+    models::Models,
     observe::{self, Facts},
     plan::{Opened, Plan},
     published::published,
@@ -103,7 +104,15 @@ pub(super) fn start(
     };
     #[cfg(feature = "fleet")]
     let fleet = crate::fleet::start(&config, &published, &asks, &switch)?;
+    let models = Models::start(
+        &config,
+        machine.options.config.is_none(),
+        &published,
+        &asks,
+        &switch,
+    )?;
     let dashboard = Dashboard {
+        models: models.clone(),
         published,
         controllers: controllers.len(),
         asks: asks.clone(),
@@ -123,6 +132,7 @@ pub(super) fn start(
         config,
         life: slot.life().clone(),
         proven_within: machine.proven_within,
+        notes: models.notes(),
     };
     let mut service = Service::new(parts, audit, publisher, asked)?;
     service.started(&found);

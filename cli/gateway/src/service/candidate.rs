@@ -1,5 +1,5 @@
-//! What the centre of the fleet decides: another machine file, and whether the machine may be corrected at all. It goes the
-//! way of a reload, through the same question and the same ramp, and ends nothing that a person has decided.
+//! What the centre of the fleet decides: another machine file, and whether the machine may be corrected at all; and the machine
+//! file that a person has chosen. Both go the way of a reload, through the same question and the same ramp, and end nothing that a person has decided.
 
 use std::{path::PathBuf, sync::Arc};
 
@@ -9,12 +9,12 @@ use super::{
     Service,
     arming::disk_silent,
     reload::{Reading, Whose, plan_with},
-    requests::{Step, finish, in_words, settled},
+    requests::{Step, finish, in_words, refused, settled},
 };
 use crate::{
     config::Config,
     documents::{Answer, Event, Question},
-    request::{Ask, Asked, CentreAsk, Reply},
+    request::{Ask, Asked, CentreAsk, ModelAsk, Reply},
 };
 
 impl Service {
@@ -62,13 +62,36 @@ impl Service {
         self.auto_arm_done &= self.person_decides;
     }
 
-    /// Begins to read a machine file of the centre. Nothing else of the configuration changes, whatever stands on disk.
-    pub(super) fn read_candidate(
+    /// Begins to read a machine file of the centre.
+    pub(super) fn read_of_centre(
         &mut self,
         machine: PathBuf,
         confirm: Option<String>,
     ) -> Result<Step, Reply> {
-        let judge = self.judge(confirm.clone());
+        self.read_candidate(machine, confirm.clone(), Whose::Centre(confirm))
+    }
+
+    /// Begins to read a machine file that a person has chosen. Where a centre has put one in force, it comes from there alone:
+    /// a machine that corrects by another one than its centre believes is a surprise to everybody.
+    pub(super) fn read_of_person(&mut self, ask: ModelAsk) -> Result<Step, Reply> {
+        if self.parts.config.is_machine_of_centre() {
+            return Err(refused(
+                409,
+                "the centre has put the model in force: a new one comes from there",
+            ));
+        }
+        let (machine, confirm) = (ask.machine.clone(), ask.confirm.clone());
+        self.read_candidate(machine, confirm, Whose::Person(Box::new(ask)))
+    }
+
+    /// Begins to read a machine file. Nothing else of the configuration changes, whatever stands on disk.
+    fn read_candidate(
+        &mut self,
+        machine: PathBuf,
+        confirm: Option<String>,
+        whose: Whose,
+    ) -> Result<Step, Reply> {
+        let judge = self.judge(confirm);
         let config = Config {
             machine,
             ..self.parts.config.clone()
@@ -77,7 +100,7 @@ impl Service {
         let opened = self.parts.controllers.clone();
         let work = move || plan_with(config, &opened, &model, &limits, judge.as_ref());
         let told = self.worker.begin(work).ok_or_else(disk_silent)?;
-        Ok(Step::Reading(Reading::new(Whose::Centre(confirm), told)))
+        Ok(Step::Reading(Reading::new(whose, told)))
     }
 
     /// The answer where a person must confirm a machine file of the centre first.
@@ -92,13 +115,12 @@ impl Service {
         }
     }
 
-    /// A machine file of the centre is in force.
-    pub(super) fn centre_took(&mut self) {
-        self.tells = self.tells.without(Reasons::CENTRE_FILE);
+    /// Another machine file than the configured one is in force.
+    pub(super) fn took_other(&mut self) {
         if self.last_state.is_armed() {
             self.must_confirm(false);
         } else {
-            // What was armed last may be another one: arming will ask, and a confirmation of the centre has answered.
+            // What was armed last may be another one: arming will ask, and a confirmation that came with it has answered.
             self.ask_whether_confirmed();
             self.auto_arm_done &= self.person_decides;
             self.tell_thread();

@@ -20,10 +20,11 @@ use crate::{
     },
     config::Config,
     documents::{
-        Broken, ByAxis, Details, Event, LastOutput, Standing, Start, StateChange, StateName,
-        Status, Stop,
+        Broken, ByAxis, Details, Event, LastOutput, ModelOutcome, Standing, Start, StateChange,
+        StateName, Status, Stop,
     },
     error::GatewayError,
+    models::{ModelNotes, Note},
     observe::{self, Facts},
     options::Options,
     published::Publisher,
@@ -84,6 +85,8 @@ pub struct Parts {
     pub life: Life,
     /// The time of the watchdog of the service manager.
     pub proven_within: Duration,
+    /// Where it is told what became of a model.
+    pub notes: ModelNotes,
 }
 
 /// The service. State: what runs, which requests are under way, and whether its log can be written.
@@ -199,6 +202,17 @@ impl Service {
         // Nothing is armed yet, so that there is time for it; a disk that hangs delays the start no longer than this.
         self.clerk.settle(END);
         self.ask_whether_confirmed();
+        self.parts.notes.tell(Note {
+            who: "gateway".to_owned(),
+            hash: self.parts.model.hash.clone(),
+            name: self.parts.model.name.clone(),
+            text: Some(self.parts.model.text.clone()),
+            from: self.parts.config.machine_from(),
+            file: self.parts.config.machine.display().to_string(),
+            outcome: ModelOutcome::InForce,
+            why: None,
+            worst: [None; 2],
+        });
         // From now on what the run before has written down may no longer be so.
         let report = *self.parts.handle.report();
         self.write_output(&report, false);

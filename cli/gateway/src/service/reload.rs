@@ -20,16 +20,19 @@ use super::{
 use crate::{
     audit::clerk::Receipt,
     config::Config,
-    documents::{Answer, ConfirmedLimits, Event, LimitChanges, Question, Reloaded},
+    documents::{
+        Answer, ConfirmedLimits, Event, LimitChanges, ModelOutcome, ModelSource, Reloaded,
+    },
     error::{FixedKey, GatewayError, ReloadError},
-    identity::{self, Judge},
+    identity::{self, Judge, Judged},
+    models::Note,
     options::Options,
     plan::Plan,
-    request::Reply,
+    request::{ModelAsk, Reply},
 };
 
-/// What a reload would take, and the question that comes first.
-pub(super) type Planned = Result<(Box<Plan>, Option<Question>), GatewayError>;
+/// What a reload would take, how far that moves the correction, and the question that comes first.
+pub(super) type Planned = Result<(Box<Plan>, Judged), GatewayError>;
 
 /// Whose machine file it is.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -38,6 +41,19 @@ pub(super) enum Whose {
     Configured,
     /// One that the centre of the fleet has sent, with the hash that a person has confirmed there; nothing else changes.
     Centre(Option<String>),
+    /// One that a person has chosen; nothing else changes.
+    Person(Box<ModelAsk>),
+}
+
+impl Whose {
+    /// Where a model comes from, and the same in words. `config` is what would be taken.
+    fn origin(&self, config: &Config) -> (ModelSource, String) {
+        match self {
+            Self::Person(ask) => (ask.from, ask.file.clone()),
+            Self::Centre(_) => (ModelSource::Centre, "centre".to_owned()),
+            Self::Configured => (config.machine_from(), config.machine.display().to_string()),
+        }
+    }
 }
 
 /// The files under way.
@@ -60,8 +76,11 @@ impl Reading {
 
 /// A plan that is taken as soon as its record is written, and what else must be.
 pub(super) struct Keeping {
+    who: String,
     whose: Whose,
     plan: Box<Plan>,
+    /// How far it moves the correction, µm and µrad.
+    worst: [Option<f64>; 2],
     receipts: Vec<Receipt>,
     until: Instant,
 }
@@ -89,38 +108,72 @@ impl Service {
             }
             Err(_) => return Progress::Done(self.not_taken(&whose, disk_silent())),
         };
-        let plan = match planned {
-            Ok((plan, None)) => plan,
-            Ok((_, Some(question))) if whose != Whose::Configured => {
-                return Progress::Done(self.centre_must_confirm(who, question));
-            }
-            Ok((_, Some(question))) => {
-                tracing::warn!("reload: {} must be confirmed", question.model);
-                self.must_confirm(true);
-                return Progress::Done(self.not_reloaded(Reply {
-                    status: 409,
-                    answer: Answer::Question(question),
-                }));
-            }
+        let (plan, judged) = match planned {
+            Ok(planned) => planned,
             Err(e) => {
-                let _ = self.log(who, "reload refused", Event::Refused(e.to_string()));
-                tracing::warn!("reload: {e}");
-                return Progress::Done(self.not_taken(&whose, refused(422, e.to_string())));
+                return Progress::Done(self.refused_files(&whose, who, e.to_string()));
             }
         };
+        if let Whose::Person(ask) = &whose
+            && plan.model.hash != ask.hash
+        {
+            let what = format!(
+                "{}: its hash is {}, expected {}: the file has become another one meanwhile",
+                ask.machine.display(),
+                plan.model.hash,
+                ask.hash
+            );
+            return Progress::Done(self.refused_files(&whose, who, what));
+        }
+        if let Some(question) = judged.question {
+            let mut note = self.note(&whose, who, &plan, judged.worst);
+            note.outcome = ModelOutcome::MustBeConfirmed;
+            self.parts.notes.tell(note);
+            match whose {
+                Whose::Centre(_) => return Progress::Done(self.centre_must_confirm(who, question)),
+                // Nothing on disk differs from what is in force.
+                Whose::Person(_) => {
+                    let what = Event::Refused(format!("{} must be confirmed", question.model));
+                    let _ = self.log(who, "model must be confirmed", what);
+                    return Progress::Done(Reply {
+                        status: 409,
+                        answer: Answer::Question(question),
+                    });
+                }
+                Whose::Configured => {}
+            }
+            tracing::warn!("reload: {} must be confirmed", question.model);
+            self.must_confirm(true);
+            return Progress::Done(self.not_reloaded(Reply {
+                status: 409,
+                answer: Answer::Question(question),
+            }));
+        }
         let to = plan.config.guard.as_ref().map(identity::limits);
         let event = Event::Reload {
             from: self.parts.model.hash.clone(),
             to: plan.model.hash.clone(),
             limits: identity::changes(&self.limits(), &to.unwrap_or_default()),
+            model_of: match &whose {
+                Whose::Person(ask) => Some(ask.file.clone()),
+                _ => None,
+            },
         };
-        let mut receipts = vec![self.log(who, "reload", event)];
-        if matches!(&whose, Whose::Centre(Some(hash)) if *hash == plan.model.hash) {
+        let (what, confirmed) = match &whose {
+            Whose::Configured => ("reload", None),
+            Whose::Centre(confirm) => ("reload", confirm.as_ref()),
+            Whose::Person(ask) => ("model", ask.confirm.as_ref()),
+        };
+        let is_confirmed = confirmed == Some(&plan.model.hash);
+        let mut receipts = vec![self.log(who, what, event)];
+        if is_confirmed {
             receipts.push(self.keep_confirmed_machine(&plan.model));
         }
         Progress::Next(Step::Keeping(Box::new(Keeping {
+            who: who.to_owned(),
             whose,
             plan,
+            worst: judged.worst,
             receipts,
             until: Instant::now() + FILES,
         })))
@@ -150,8 +203,28 @@ impl Service {
         }
         let plan = *step.plan;
         let is_configured = whose == Whose::Configured;
-        let unchanged = plan.model.hash == self.parts.model.hash
-            && (plan.config == self.parts.config || !is_configured);
+        let has_same_model = plan.model.hash == self.parts.model.hash;
+        let unchanged = has_same_model && (plan.config == self.parts.config || !is_configured);
+        if !(has_same_model && is_configured) {
+            let note = self.note(&whose, &step.who, &plan, step.worst);
+            self.parts.notes.tell(note);
+        }
+        let mut note = None;
+        if is_configured && plan.config.machine != plan.config.configured_machine {
+            let who = if plan.config.is_machine_of_centre() {
+                "the centre"
+            } else {
+                "a person"
+            };
+            note = Some(format!(
+                "{} was not read: the model that {who} has put in force holds",
+                plan.config.configured_machine.display()
+            ));
+        }
+        if plan.config.configured_machine != self.parts.config.configured_machine {
+            let machine = plan.config.configured_machine.clone();
+            self.parts.notes.configured(machine);
+        }
         if unchanged {
             self.parts.config.machine = plan.config.machine;
         } else {
@@ -162,22 +235,67 @@ impl Service {
                 self.tells = self.tells.without(Reasons::NOT_RELOADED);
                 self.must_confirm(false);
             }
-            Whose::Centre(_) => self.centre_took(),
+            Whose::Centre(_) => {
+                self.tells = self.tells.without(Reasons::CENTRE_FILE);
+                self.took_other();
+            }
+            Whose::Person(_) => self.took_other(),
         }
         Progress::Done(Reply {
             status: 200,
             answer: Answer::Reloaded(Reloaded {
                 model: self.parts.model.hash.clone(),
                 unchanged,
+                note,
             }),
         })
+    }
+
+    /// What became of a model, for its history: it is in force, unless the caller knows better.
+    fn note(&self, whose: &Whose, who: &str, plan: &Plan, worst: [Option<f64>; 2]) -> Note {
+        let (from, file) = whose.origin(&plan.config);
+        Note {
+            who: who.to_owned(),
+            hash: plan.model.hash.clone(),
+            name: plan.model.name.clone(),
+            text: Some(plan.model.text.clone()),
+            from,
+            file,
+            outcome: ModelOutcome::InForce,
+            why: None,
+            worst,
+        }
+    }
+
+    /// The answer where files are wrong, which is written down.
+    fn refused_files(&mut self, whose: &Whose, who: &str, what: String) -> Reply {
+        let title = match whose {
+            Whose::Person(ask) => {
+                self.parts.notes.tell(Note {
+                    who: who.to_owned(),
+                    hash: ask.hash.clone(),
+                    name: String::new(),
+                    text: None,
+                    from: ask.from,
+                    file: ask.file.clone(),
+                    outcome: ModelOutcome::Refused,
+                    why: Some(what.clone()),
+                    worst: [None; 2],
+                });
+                "model refused"
+            }
+            _ => "reload refused",
+        };
+        let _ = self.log(who, title, Event::Refused(what.clone()));
+        tracing::warn!("{title}: {what}");
+        self.not_taken(whose, refused(422, what))
     }
 
     /// The answer where nothing was taken.
     fn not_taken(&mut self, whose: &Whose, reply: Reply) -> Reply {
         match whose {
             Whose::Configured => self.not_reloaded(reply),
-            Whose::Centre(_) => reply,
+            Whose::Centre(_) | Whose::Person(_) => reply,
         }
     }
 
@@ -235,10 +353,14 @@ fn plan_again(
     if config.guard.is_some() {
         can_change(old, &config)?;
     }
-    // What the centre has put in force is its own to change.
-    if old.is_machine_of_centre() {
-        config.machine.clone_from(&old.machine);
-    }
+    // What the centre or a person has put in force is theirs to change.
+    let holds = old.machine_from() != ModelSource::File;
+    let machine = if holds {
+        &old.machine
+    } else {
+        &config.configured_machine
+    };
+    config.machine = machine.clone();
     plan_with(config, opened, model, limits, judge)
 }
 
@@ -273,10 +395,10 @@ pub(super) fn plan_with(
         identity::changes(limits, &new_limits)
     };
     let differs = plan.model.hash != model.hash || !changes.is_empty();
-    let question = judge
+    let judged = judge
         .filter(|_| differs)
-        .and_then(|judge| judge.question([model, &plan.model], changes, &new_limits));
-    Ok((Box::new(plan), question))
+        .map(|judge| judge.judged([model, &plan.model], changes, &new_limits));
+    Ok((Box::new(plan), judged.unwrap_or_default()))
 }
 
 /// Whether everything that stays as it is while the gateway runs is as it was.

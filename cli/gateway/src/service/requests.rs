@@ -75,11 +75,11 @@ impl Service {
     /// Takes a request on. Disarming was ordered when it was made.
     pub(super) fn take_on(&mut self, asked: Asked) {
         // From here on a person decides.
-        let decides = !matches!(asked.ask, Ask::Reload(_) | Ask::Centre(_));
+        let decides = !matches!(asked.ask, Ask::Reload(_) | Ask::Centre(_) | Ask::Model(_));
         self.person_decides |= decides;
         self.auto_arm_done |= decides;
         match asked.ask {
-            Ask::Arm(_) | Ask::Reload(_) | Ask::Centre(CentreAsk::Take { .. }) => {
+            Ask::Arm(_) | Ask::Reload(_) | Ask::Model(_) | Ask::Centre(CentreAsk::Take { .. }) => {
                 self.waiting.push_back(asked);
             }
             Ask::Centre(_) => self.centre_asks(asked),
@@ -209,8 +209,9 @@ impl Service {
                 Ask::Arm(confirm) => self.compare(confirm.take()),
                 Ask::Reload(confirm) => self.read_again(confirm.take()),
                 Ask::Centre(CentreAsk::Take { machine, confirm }) => {
-                    self.read_candidate(std::mem::take(machine), confirm.take())
+                    self.read_of_centre(std::mem::take(machine), confirm.take())
                 }
+                Ask::Model(ask) => self.read_of_person(ask.clone()),
                 // They do not wait.
                 Ask::Disarm | Ask::Acknowledge | Ask::Centre(_) => return,
             };

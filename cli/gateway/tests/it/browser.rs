@@ -10,6 +10,7 @@ use volcomp_test_support::peers;
 
 use crate::{
     controlled::control,
+    models::{ENGINEER, examples, measured_control, measured_rig_in},
     paths::{nobody, two_ways},
     program::{OPERATE, Program, change, path},
     several,
@@ -81,4 +82,19 @@ fn a_person_sees_forty_machines_at_a_glance() {
         "gateway-overview.png",
         || {},
     );
+}
+
+#[test]
+fn a_person_makes_a_model_from_measurements() {
+    let dir = tempfile::tempdir().expect("writable");
+    let control = measured_control();
+    let config = measured_rig_in(dir.path(), &control);
+    // Small enough that the model of the example is asked about.
+    change(&config, "confirm_um = 10.0", "confirm_um = 1.0");
+    let program = Program::start(dir.path(), &["--config", path(&config)]);
+    program.wait_for("compensating");
+    let url = format!("http://{}/", program.address);
+    let folder = examples();
+    let arguments = [url.as_str(), ENGINEER, path(&folder)];
+    run("browser_model.py", &arguments, "gateway-model.png", || {});
 }

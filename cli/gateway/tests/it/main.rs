@@ -37,6 +37,7 @@ mod hung_disk;
 mod interop;
 mod jumped;
 mod keys;
+mod models;
 mod online;
 #[cfg(feature = "opc-ua-server")]
 mod opc_ua;

@@ -17,6 +17,7 @@ use volcomp_gateway::{
     audit::AuditLog,
     documents::Standing,
     http::{self, Dashboard, Door, Tokens},
+    models::Models,
     options::Options,
     published::published,
     request::queue,
@@ -80,7 +81,10 @@ fn gateway() -> Gateway {
     let (publisher, published) = published(first(), Arc::clone(&model), handle.pulse());
     let (asks, asked) = queue();
     let tokens = format!("anna operate {OPERATE}\n");
+    let switch = handle.disarm_switch();
+    let models = Models::start(&config, true, &published, &asks, &switch).expect("a thread");
     let dashboard = Dashboard {
+        models: models.clone(),
         published,
         controllers: 1,
         asks,
@@ -105,6 +109,7 @@ fn gateway() -> Gateway {
         forbids: Reasons::NONE,
         life: Life::default(),
         proven_within: Duration::from_secs(4),
+        notes: models.notes(),
     };
     let mut service = Service::new(parts, audit, publisher, asked).expect("a thread");
     let ends = Arc::new(AtomicBool::new(false));

@@ -1,0 +1,286 @@
+//! The requests about models: how it stands, files that are uploaded, answers to questions, and the way into force.
+
+use std::{
+    net::{IpAddr, SocketAddr},
+    time::Duration,
+};
+
+use axum::{
+    Extension, Json, Router,
+    body::{Body, Bytes},
+    extract::{DefaultBodyLimit, Query, State},
+    http::{HeaderMap, StatusCode, header},
+    response::{IntoResponse, Response},
+    routing::post,
+};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
+use tokio::sync::{mpsc, oneshot};
+use tokio_stream::StreamExt;
+
+use super::{
+    door::{UPLOAD, bearer, refuse},
+    routes::Shared,
+    tokens::{Holder, Role},
+};
+use crate::{
+    documents::{ModelAnswers, ModelBack, ModelRequest},
+    models::{Incoming, Place, UploadError, UploadKind},
+    request::Reply,
+};
+
+/// The largest body of a request that brings no file, bytes: two hundred files have many questions.
+const MAX_BODY: usize = 1024 * 1024;
+/// The next part of a file must come within this.
+const PART_WITHIN: Duration = Duration::from_secs(30);
+/// So many parts of a file wait for the disk.
+const PARTS: usize = 4;
+
+/// The requests of an engineer.
+pub(super) fn router() -> Router<Shared> {
+    Router::new()
+        .route(UPLOAD, post(upload))
+        .route("/api/model/draft", post(draft))
+        .route("/api/model/answers", post(answers))
+        .route("/api/model/activate", post(activate))
+        .route("/api/model/back", post(back))
+        .route("/api/model/discard", post(discard))
+        .layer(DefaultBodyLimit::max(MAX_BODY))
+}
+
+pub(super) async fn state(State(dashboard): State<Shared>) -> Response {
+    Json(dashboard.models.state()).into_response()
+}
+
+pub(super) async fn candidate(State(dashboard): State<Shared>) -> Response {
+    match dashboard.models.candidate() {
+        Some(candidate) => Json(candidate).into_response(),
+        None => refuse(StatusCode::NOT_FOUND, "nobody is making a model"),
+    }
+}
+
+/// Lets an engineer in.
+fn engineer(dashboard: &Shared, from: IpAddr, headers: &HeaderMap) -> Result<Holder, Response> {
+    let tokens = &dashboard.door.tokens;
+    let checked = tokens.check(from, bearer(headers), Role::Engineer);
+    checked.map_err(IntoResponse::into_response)
+}
+
+fn told(reply: Reply) -> Response {
+    let status = StatusCode::from_u16(reply.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+    (status, Json(reply.answer)).into_response()
+}
+
+fn answered<T: Serialize>(found: Result<T, Reply>) -> Response {
+    match found {
+        Ok(document) => Json(document).into_response(),
+        Err(reply) => told(reply),
+    }
+}
+
+/// The body of a request; what is wrong with it is told.
+fn decoded<T: DeserializeOwned>(body: &Bytes) -> Result<T, Response> {
+    serde_json::from_slice(body)
+        .map_err(|e| refuse(StatusCode::BAD_REQUEST, &format!("the body is wrong: {e}")))
+}
+
+/// What the address of an upload says.
+#[derive(Deserialize)]
+struct Upload {
+    kind: String,
+    name: String,
+    candidate: Option<String>,
+}
+
+/// Takes one file: its body is the file itself.
+async fn upload(
+    State(dashboard): State<Shared>,
+    Extension(from): Extension<SocketAddr>,
+    headers: HeaderMap,
+    asked: Result<Query<Upload>, axum::extract::rejection::QueryRejection>,
+    body: Body,
+) -> Response {
+    let holder = match engineer(&dashboard, from.ip(), &headers) {
+        Ok(holder) => holder,
+        Err(denied) => return denied,
+    };
+    let Ok(Query(asked)) = asked else {
+        return refuse(
+            StatusCode::BAD_REQUEST,
+            "expected ?kind=machine or measurement, &name=NAME in UTF-8, and &candidate=ID from the second file on",
+        );
+    };
+    let kind = match asked.kind.as_str() {
+        "machine" => UploadKind::Machine,
+        "measurement" => UploadKind::Measurement,
+        _ => {
+            return refuse(
+                StatusCode::BAD_REQUEST,
+                "expected kind=machine or kind=measurement",
+            );
+        }
+    };
+    let length = headers
+        .get(header::CONTENT_LENGTH)
+        .and_then(|length| length.to_str().ok()?.parse().ok());
+    let models = &dashboard.models;
+    let id = asked.candidate.as_deref();
+    let place = match models.begin_file(&holder.name, kind, &asked.name, id, length) {
+        Ok(place) => place,
+        Err(reply) => return told(reply),
+    };
+    match received(&dashboard, &place, body).await {
+        Ok(bytes) => answered(models.file_done(place, bytes)),
+        Err(error) => {
+            let status = StatusCode::from_u16(error.status());
+            let status = status.unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+            refuse(status, &error.to_string())
+        }
+    }
+}
+
+/// A part of a file for the thread that writes it.
+enum Part {
+    Bytes(Bytes),
+    End,
+}
+
+/// Brings a body onto the disk: its size.
+async fn received(dashboard: &Shared, place: &Place, body: Body) -> Result<u64, UploadError> {
+    let (parts, coming) = mpsc::channel(PARTS);
+    let (tell, written) = oneshot::channel();
+    let (folder, name, most) = (place.folder.clone(), place.name.clone(), place.most);
+    dashboard.models.write(move || {
+        // Whoever asked may have gone.
+        let _ = tell.send(write(&folder, &name, most, coming));
+    })?;
+    let mut stream = body.into_data_stream();
+    // A disk that refuses ends the channel, and its reason comes below.
+    loop {
+        let part = match tokio::time::timeout(PART_WITHIN, stream.next()).await {
+            Ok(Some(Ok(bytes))) => Part::Bytes(bytes),
+            Ok(None) => Part::End,
+            // Cut, or silent: what has come is thrown away.
+            Ok(Some(Err(_))) | Err(_) => break,
+        };
+        let is_end = matches!(part, Part::End);
+        if parts.send(part).await.is_err() || is_end {
+            break;
+        }
+    }
+    drop(parts);
+    let gone = || std::io::Error::other("the thread that writes has ended");
+    written.await.unwrap_or_else(|_| Err(gone().into()))
+}
+
+/// Writes the parts of a file as they come.
+fn write(
+    folder: &std::path::Path,
+    name: &str,
+    most: u64,
+    mut parts: mpsc::Receiver<Part>,
+) -> Result<u64, UploadError> {
+    let mut file = Incoming::begin(folder, name, most)?;
+    loop {
+        match parts.blocking_recv() {
+            Some(Part::Bytes(bytes)) => file.write(&bytes)?,
+            Some(Part::End) => return file.done(),
+            None => {
+                return Err(UploadError::Cut {
+                    bytes: file.bytes(),
+                });
+            }
+        }
+    }
+}
+
+async fn draft(
+    State(dashboard): State<Shared>,
+    Extension(from): Extension<SocketAddr>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Response {
+    let asked =
+        engineer(&dashboard, from.ip(), &headers).and_then(|_| decoded::<ModelRequest>(&body));
+    match asked {
+        Ok(asked) => answered(dashboard.models.draft(&asked.candidate)),
+        Err(refusal) => refusal,
+    }
+}
+
+async fn answers(
+    State(dashboard): State<Shared>,
+    Extension(from): Extension<SocketAddr>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Response {
+    let asked =
+        engineer(&dashboard, from.ip(), &headers).and_then(|_| decoded::<ModelAnswers>(&body));
+    match asked {
+        Ok(asked) => answered(dashboard.models.answer(&asked.candidate, asked.answers)),
+        Err(refusal) => refusal,
+    }
+}
+
+async fn discard(
+    State(dashboard): State<Shared>,
+    Extension(from): Extension<SocketAddr>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Response {
+    let asked =
+        engineer(&dashboard, from.ip(), &headers).and_then(|_| decoded::<ModelRequest>(&body));
+    match asked {
+        Ok(asked) => answered(dashboard.models.discard(&asked.candidate)),
+        Err(refusal) => refusal,
+    }
+}
+
+async fn activate(
+    State(dashboard): State<Shared>,
+    Extension(from): Extension<SocketAddr>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Response {
+    let holder = match engineer(&dashboard, from.ip(), &headers) {
+        Ok(holder) => holder,
+        Err(denied) => return denied,
+    };
+    let asked: ModelRequest = match decoded(&body) {
+        Ok(asked) => asked,
+        Err(refusal) => return refusal,
+    };
+    let models = &dashboard.models;
+    answer_of(models.activate(&holder.name, &asked.candidate, asked.confirm)).await
+}
+
+async fn back(
+    State(dashboard): State<Shared>,
+    Extension(from): Extension<SocketAddr>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Response {
+    let holder = match engineer(&dashboard, from.ip(), &headers) {
+        Ok(holder) => holder,
+        Err(denied) => return denied,
+    };
+    let asked: ModelBack = match decoded(&body) {
+        Ok(asked) => asked,
+        Err(refusal) => return refusal,
+    };
+    answer_of(
+        dashboard
+            .models
+            .back(&holder.name, asked.hash, asked.confirm),
+    )
+    .await
+}
+
+async fn answer_of(asked: Result<oneshot::Receiver<Reply>, Reply>) -> Response {
+    match asked {
+        Err(reply) => told(reply),
+        Ok(answered) => match answered.await {
+            Ok(reply) => told(reply),
+            Err(_) => refuse(StatusCode::SERVICE_UNAVAILABLE, "the gateway is stopping"),
+        },
+    }
+}

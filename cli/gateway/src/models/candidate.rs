@@ -1,0 +1,299 @@
+//! The model that somebody is making: how it goes from files to a machine file. One at a time; requests name it, so that nobody
+//! goes on with the one of somebody else unseen.
+
+use std::{
+    fs,
+    ops::{Deref, DerefMut},
+    panic::{AssertUnwindSafe, catch_unwind},
+    sync::{Arc, MutexGuard},
+};
+
+use volcomp_calibrate::Draft;
+use volcomp_model::Machine;
+
+use super::{
+    Activate, Shared, UploadKind, gone, lock,
+    measured::{Folder, NotMeasured, machine_file, result},
+    quiet, refused, working,
+};
+use crate::{
+    documents::{Candidate, CandidateDraft, CandidateResult, CandidateStep, DraftAnswer},
+    request::Reply,
+};
+
+/// The candidate, and what only this side knows of it.
+pub(crate) struct Held {
+    pub(crate) document: Candidate,
+    pub(crate) folder: Folder,
+    /// What its files are; `None`: there is none yet.
+    pub(crate) kind: Option<UploadKind>,
+    /// The names of files that are on their way.
+    pub(crate) incoming: Vec<String>,
+    pub(crate) drafted: Option<Arc<Draft>>,
+    /// The machine file that came of it.
+    pub(crate) text: Option<String>,
+}
+
+impl Held {
+    /// This one, if it is the one that is meant.
+    pub(crate) fn if_it_is(&mut self, id: &str) -> Result<&mut Self, Reply> {
+        if self.document.brief.id == id {
+            Ok(self)
+        } else {
+            Err(gone())
+        }
+    }
+
+    /// The answer to whoever wants to begin another one.
+    pub(crate) fn is_there(&self) -> Reply {
+        let brief = &self.document.brief;
+        refused(
+            409,
+            format!(
+                "{} has been making a model since {}: go on with that one, or discard it first",
+                brief.who, brief.since
+            ),
+        )
+    }
+
+    /// Forgets what was made of the files so far.
+    pub(crate) fn restart(&mut self) {
+        self.document.brief.step = CandidateStep::Uploading;
+        self.document.error = None;
+        self.document.draft = None;
+        self.document.result = None;
+        self.drafted = None;
+        self.text = None;
+    }
+
+    /// What can be put in force. `running` is the hash of the model in force.
+    pub(crate) fn ready(&self, running: &str) -> Result<Activate, Reply> {
+        let (Some(text), Some(result)) = (&self.text, &self.document.result) else {
+            return Err(refused(
+                409,
+                "there is no model yet: answer the questions first",
+            ));
+        };
+        if self.kind == Some(UploadKind::Measurement) && self.document.based_on != running {
+            return Err(refused(
+                409,
+                "the model in force has become another one since this was begun, and what was not measured was taken from the one before: discard this one and begin again",
+            ));
+        }
+        let files = &self.document.files;
+        let what = match &files[..] {
+            [one] if self.kind == Some(UploadKind::Machine) => one.name.clone(),
+            [one] => format!("measurement {}", one.name),
+            several => format!("{} measurement files", several.len()),
+        };
+        Ok(Activate::Candidate {
+            id: self.document.brief.id.clone(),
+            hash: result.hash.clone(),
+            text: text.clone(),
+            file: what,
+        })
+    }
+}
+
+/// The candidate under its lock.
+pub(crate) struct HeldGuard<'a>(MutexGuard<'a, Option<Held>>);
+
+impl Deref for HeldGuard<'_> {
+    type Target = Held;
+    fn deref(&self) -> &Held {
+        // It is made only around one.
+        self.0.as_ref().unwrap_or_else(|| unreachable!())
+    }
+}
+
+impl DerefMut for HeldGuard<'_> {
+    fn deref_mut(&mut self) -> &mut Held {
+        self.0.as_mut().unwrap_or_else(|| unreachable!())
+    }
+}
+
+impl Shared {
+    /// The candidate of this name.
+    pub(crate) fn held(&self, id: &str) -> Option<HeldGuard<'_>> {
+        let candidate = lock(&self.candidate);
+        let is_it = |held: &Held| held.document.brief.id == id;
+        candidate
+            .as_ref()
+            .is_some_and(is_it)
+            .then(|| HeldGuard(candidate))
+    }
+
+    /// Gives the candidate up, with its files.
+    pub(crate) fn discard(self: &Arc<Self>, id: &str) -> Result<(), Reply> {
+        let folder = {
+            let mut candidate = lock(&self.candidate);
+            match candidate.take_if(|held| held.document.brief.id == id) {
+                Some(held) => held.folder,
+                None => return Err(gone()),
+            }
+        };
+        // What stays is removed at the next start.
+        let _ = quiet::spawn("volcomp-uploads", self.cycle_cpu, move || {
+            let _ = fs::remove_dir_all(folder.0);
+        });
+        Ok(())
+    }
+
+    /// Looks at a machine file that was uploaded.
+    pub(crate) fn look_at_machine(
+        self: &Arc<Self>,
+        id: &str,
+        name: &str,
+    ) -> Result<Candidate, Reply> {
+        let folder = self.begin_work(id)?;
+        let name = name.to_owned();
+        self.work(id, move || {
+            let before = Machine::read(&folder.0.join("machine.toml"));
+            let before = before.map_err(|e| NotMeasured::of(e.to_string()))?;
+            let bytes = fs::read(folder.files().join(&name));
+            let bytes = bytes.map_err(|e| NotMeasured::of(format!("{name}: {e}")))?;
+            let machine = machine_file(bytes, &name)?;
+            let mut found =
+                result(&machine, Some(&before)).map_err(|e| NotMeasured::of(e.to_string()))?;
+            found.warnings.extend(machine.notes());
+            Ok(Done {
+                result: Some((machine.to_toml(), found)),
+                ..Done::default()
+            })
+        })
+    }
+
+    /// Looks through the measurement files.
+    pub(crate) fn look_through(self: &Arc<Self>, id: &str) -> Result<Candidate, Reply> {
+        {
+            let held = self.held(id).ok_or_else(gone)?;
+            if held.kind != Some(UploadKind::Measurement) || !held.incoming.is_empty() {
+                return Err(refused(409, "upload the measurement files first"));
+            }
+        }
+        let folder = self.begin_work(id)?;
+        self.work(id, move || {
+            let drafted = folder.draft()?;
+            let document = folder.document(&drafted, Vec::new())?;
+            if document.questions.is_empty() {
+                let made = folder.calibrated(&drafted, &[]);
+                let (result, error) = match made {
+                    Ok(result) => (Some(result), None),
+                    Err(NotMeasured(error)) => (None, Some(error)),
+                };
+                return Ok(Done {
+                    drafted: Some((drafted, document)),
+                    result,
+                    error,
+                });
+            }
+            Ok(Done {
+                drafted: Some((drafted, document)),
+                ..Done::default()
+            })
+        })
+    }
+
+    /// Takes answers; with none open the calibration is made.
+    pub(crate) fn calibrate(
+        self: &Arc<Self>,
+        id: &str,
+        answers: Vec<DraftAnswer>,
+    ) -> Result<Candidate, Reply> {
+        let drafted = {
+            let held = self.held(id).ok_or_else(gone)?;
+            held.drafted.clone()
+        };
+        let drafted =
+            drafted.ok_or_else(|| refused(409, "the files have not been looked through yet"))?;
+        let folder = self.begin_work(id)?;
+        self.work(id, move || {
+            let document = folder.document(&drafted, answers.clone())?;
+            let (result, error) = match folder.calibrated(&drafted, &answers) {
+                Ok(result) => (Some(result), None),
+                Err(NotMeasured(error)) => (None, Some(error)),
+            };
+            Ok(Done {
+                drafted: Some((Draft::clone(&drafted), document)),
+                result,
+                error,
+            })
+        })
+    }
+
+    /// From here on the candidate is being worked at.
+    fn begin_work(&self, id: &str) -> Result<Folder, Reply> {
+        let mut held = self.held(id).ok_or_else(gone)?;
+        if held.document.brief.step == CandidateStep::Working {
+            return Err(working());
+        }
+        held.document.brief.step = CandidateStep::Working;
+        held.document.error = None;
+        held.document.result = None;
+        held.text = None;
+        Ok(held.folder.clone())
+    }
+
+    /// Works at the candidate on a quiet thread, and puts down what came of it, unless the candidate is gone by then.
+    fn work(
+        self: &Arc<Self>,
+        id: &str,
+        work: impl FnOnce() -> Result<Done, NotMeasured> + Send + 'static,
+    ) -> Result<Candidate, Reply> {
+        let now = self.held(id).map(|held| held.document.clone());
+        let now = now.ok_or_else(gone)?;
+        let (shared, of) = (Arc::clone(self), id.to_owned());
+        let begun = quiet::spawn("volcomp-models", self.cycle_cpu, move || {
+            // A fault of the program in a calculation is no reason that nobody can discard it any more.
+            let done = catch_unwind(AssertUnwindSafe(work));
+            let done = done.unwrap_or_else(|_| {
+                let what = "a fault of the program, written on standard error";
+                Err(NotMeasured::of(what.to_owned()))
+            });
+            if let Some(mut held) = shared.held(&of) {
+                held.take(done);
+            }
+        });
+        if let Err(e) = begun {
+            if let Some(mut held) = self.held(id) {
+                held.take(Err(NotMeasured::of(e.to_string())));
+            }
+            return Err(refused(503, format!("no thread for it: {e}")));
+        }
+        Ok(now)
+    }
+}
+
+/// What came of work at a candidate.
+#[derive(Default)]
+struct Done {
+    drafted: Option<(Draft, CandidateDraft)>,
+    result: Option<(String, CandidateResult)>,
+    /// What kept it from a result.
+    error: Option<String>,
+}
+
+impl Held {
+    fn take(&mut self, done: Result<Done, NotMeasured>) {
+        let done = match done {
+            Ok(done) => done,
+            Err(NotMeasured(error)) => Done {
+                error: Some(error),
+                ..Done::default()
+            },
+        };
+        if let Some((drafted, document)) = done.drafted {
+            self.drafted = Some(Arc::new(drafted));
+            self.document.draft = Some(document);
+        }
+        self.document.error = done.error;
+        (self.text, self.document.result) = done.result.unzip();
+        self.document.brief.step = if self.document.result.is_some() {
+            CandidateStep::Ready
+        } else if self.document.draft.is_some() {
+            CandidateStep::Asking
+        } else {
+            CandidateStep::Uploading
+        };
+    }
+}

@@ -1,0 +1,352 @@
+//! The thread that keeps the models on disk and asks the service to take one.
+//!
+//! The order of an activation: the machine file onto the disk under its hash, then the request to the service (which compares,
+//! asks, writes its record and ramps, as for a reload), then onto the disk that it is in force. What could not be written is tried
+//! again, and told meanwhile. A restart in between goes on with the model before.
+
+use std::{
+    path::PathBuf,
+    sync::{
+        Arc,
+        mpsc::{Receiver, RecvTimeoutError},
+    },
+    time::Duration,
+};
+
+use tokio::sync::oneshot;
+use volcomp_model::Machine;
+
+use super::{Shared, lock, refused, store};
+use crate::{
+    audit::utc_now,
+    documents::{
+        Answer, ConfiguredModel, ModelEntry, ModelInForce, ModelOutcome, ModelSource, ModelsKept,
+    },
+    request::{Ask, Asked, ModelAsk, Reply},
+};
+
+/// How often the configured machine file is looked at, and what could not be written is tried again.
+const LOOK: Duration = Duration::from_secs(2);
+
+/// What is to be put in force.
+pub(crate) enum Activate {
+    /// What somebody has made.
+    Candidate {
+        id: String,
+        hash: String,
+        text: String,
+        file: String,
+    },
+    /// A model that is kept, by its hash.
+    Kept(String),
+    /// The machine file that the configuration names, as it is on disk.
+    Configured,
+}
+
+/// What became of a model, as the service tells it.
+#[derive(Clone, Debug)]
+pub(crate) struct Note {
+    pub(crate) who: String,
+    pub(crate) hash: String,
+    pub(crate) name: String,
+    /// The machine file, where it is in force.
+    pub(crate) text: Option<String>,
+    pub(crate) from: ModelSource,
+    pub(crate) file: String,
+    pub(crate) outcome: ModelOutcome,
+    pub(crate) why: Option<String>,
+    pub(crate) worst: [Option<f64>; 2],
+}
+
+/// A piece of work for the desk.
+pub(crate) enum Job {
+    Noted(Box<Note>),
+    /// The configuration names this machine file from now on.
+    Configured(PathBuf),
+    Activate {
+        who: String,
+        what: Activate,
+        confirm: Option<String>,
+        answer: oneshot::Sender<Reply>,
+    },
+}
+
+/// What the dashboard shows of the desk.
+#[derive(Default)]
+pub(crate) struct Told {
+    pub(crate) kept: ModelsKept,
+    /// The models that are on disk.
+    pub(crate) there: Vec<String>,
+    /// Where the model in force comes from.
+    pub(crate) from: ModelSource,
+    pub(crate) configured: ConfiguredModel,
+    pub(crate) trouble: Option<String>,
+}
+
+/// The side of the thread.
+pub(crate) struct Desk {
+    shared: Arc<Shared>,
+    /// The machine file that the configuration names.
+    configured: PathBuf,
+    kept: ModelsKept,
+    /// Whether what stands is not on disk.
+    is_unwritten: bool,
+    damage: Option<String>,
+    trouble: Option<String>,
+}
+
+impl Desk {
+    pub(crate) fn new(shared: Arc<Shared>, configured: PathBuf) -> Self {
+        Self {
+            shared,
+            configured,
+            kept: ModelsKept::default(),
+            is_unwritten: false,
+            damage: None,
+            trouble: None,
+        }
+    }
+
+    /// Works until nobody can ask any more.
+    pub(crate) fn run(mut self, work: &Receiver<Job>) {
+        (self.kept, self.damage) = self.shared.store.read();
+        self.look();
+        loop {
+            match work.recv_timeout(LOOK) {
+                Ok(Job::Noted(note)) => self.note(*note),
+                Ok(Job::Configured(machine)) => self.configured = machine,
+                Ok(Job::Activate {
+                    who,
+                    what,
+                    confirm,
+                    answer,
+                }) => {
+                    let reply = self.activate(&who, what, confirm, work);
+                    // Whoever asked may have gone.
+                    let _ = answer.send(reply);
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return,
+            }
+            if self.is_unwritten {
+                self.write();
+            }
+            self.look();
+        }
+    }
+
+    /// Shows how it stands.
+    fn look(&self) {
+        let path = &self.configured;
+        let mut configured = ConfiguredModel {
+            file: path.display().to_string(),
+            ..ConfiguredModel::default()
+        };
+        if !self.shared.is_built_in {
+            match Machine::read(path) {
+                Ok(machine) => configured.hash = Some(machine.checksum()),
+                Err(e) => configured.error = Some(e.to_string()),
+            }
+        }
+        let there = self.shared.store.there(&self.kept);
+        let mut told = lock(&self.shared.told);
+        told.kept.clone_from(&self.kept);
+        told.there = there;
+        told.configured = configured;
+        let trouble = self.damage.iter().chain(&self.trouble);
+        let trouble: Vec<&str> = trouble.map(String::as_str).collect();
+        told.trouble = (!trouble.is_empty()).then(|| trouble.join("; "));
+    }
+
+    /// Takes a line into the history.
+    fn note(&mut self, note: Note) {
+        if note.outcome == ModelOutcome::InForce {
+            lock(&self.shared.told).from = note.from;
+            if let Some(text) = &note.text
+                && let Err(e) = self.shared.store.keep(&note.hash, text)
+            {
+                self.trouble = Some(format!("the model in force cannot be kept on disk: {e}"));
+            }
+        }
+        let entry = ModelEntry {
+            time: utc_now(),
+            who: note.who,
+            hash: note.hash,
+            name: note.name,
+            from: note.from,
+            file: note.file,
+            outcome: note.outcome,
+            why: note.why,
+            worst_um: note.worst[0],
+            worst_urad: note.worst[1],
+        };
+        let mut newest = self.kept.history.iter().rev();
+        let is_again = match entry.outcome {
+            // After a restart the same one corrects.
+            ModelOutcome::InForce if entry.who == GATEWAY => {
+                let last = newest.find(|known| known.outcome == ModelOutcome::InForce);
+                last.is_some_and(|last| (&last.hash, last.from) == (&entry.hash, entry.from))
+            }
+            ModelOutcome::InForce => false,
+            // Somebody who asks again and again gets one line.
+            _ => newest.next().is_some_and(|last| {
+                let of = |of: &ModelEntry| (of.hash.clone(), of.outcome, of.who.clone());
+                of(last) == of(&entry)
+            }),
+        };
+        let ends_person =
+            entry.outcome == ModelOutcome::InForce && entry.from == ModelSource::Centre;
+        if ends_person && self.kept.in_force.take().is_none() && is_again {
+            return;
+        }
+        if !is_again {
+            store::add(&mut self.kept, entry);
+        } else if !ends_person {
+            return;
+        }
+        self.write();
+    }
+
+    /// Puts what stands onto the disk.
+    fn write(&mut self) {
+        match self.shared.store.stand(&self.kept) {
+            Ok(()) => {
+                self.is_unwritten = false;
+                self.trouble = None;
+                self.damage = None;
+            }
+            Err(e) => {
+                if !self.is_unwritten {
+                    tracing::error!("models: {e}");
+                }
+                self.is_unwritten = true;
+                self.trouble = Some(format!(
+                    "which model is in force cannot be written down ({e}): a restart would load the one before. It is tried again"
+                ));
+            }
+        }
+    }
+
+    fn activate(
+        &mut self,
+        who: &str,
+        what: Activate,
+        confirm: Option<String>,
+        work: &Receiver<Job>,
+    ) -> Reply {
+        let (ask, candidate) = match self.prepared(what, confirm) {
+            Ok(prepared) => prepared,
+            Err(reply) => return reply,
+        };
+        let (hash, file, is_configured) = (
+            ask.hash.clone(),
+            ask.file.clone(),
+            ask.machine == self.configured,
+        );
+        let (answer, answered) = oneshot::channel();
+        let asked = Asked::new(Ask::Model(ask), who, Some(answer), &self.shared.switch);
+        if self.shared.asks.try_send(asked).is_err() {
+            return refused(503, "too many requests wait");
+        }
+        let Ok(mut reply) = answered.blocking_recv() else {
+            return refused(503, "the gateway is stopping");
+        };
+        // The service has told of it before it answered. Requests that came meanwhile are told to come again.
+        while let Ok(job) = work.try_recv() {
+            match job {
+                Job::Noted(note) => self.note(*note),
+                Job::Configured(machine) => self.configured = machine,
+                Job::Activate { answer, .. } => {
+                    let busy = "another model is being put in force: look at it, and try again";
+                    let _ = answer.send(refused(409, busy));
+                }
+            }
+        }
+        if reply.status != 200 {
+            return reply;
+        }
+        self.kept.in_force = (!is_configured).then(|| ModelInForce {
+            hash,
+            who: who.to_owned(),
+            time: utc_now(),
+            file,
+        });
+        self.write();
+        if let (Answer::Reloaded(reloaded), true) = (&mut reply.answer, self.is_unwritten) {
+            reloaded.note.clone_from(&self.trouble);
+        }
+        if let Some(id) = candidate {
+            // Somebody may have discarded it meanwhile.
+            let _ = self.shared.discard(&id);
+        }
+        reply
+    }
+
+    /// The machine file on disk, and the request to the service.
+    fn prepared(
+        &self,
+        what: Activate,
+        confirm: Option<String>,
+    ) -> Result<(ModelAsk, Option<String>), Reply> {
+        let store = &self.shared.store;
+        match what {
+            Activate::Candidate {
+                id,
+                hash,
+                text,
+                file,
+            } => {
+                store
+                    .keep(&hash, &text)
+                    .map_err(|e| refused(507, format!("the model cannot be kept on disk: {e}")))?;
+                let machine = store.machine(&hash);
+                let ask = ModelAsk {
+                    machine,
+                    hash,
+                    from: ModelSource::Upload,
+                    file,
+                    confirm,
+                };
+                Ok((ask, Some(id)))
+            }
+            Activate::Kept(hash) => {
+                let mut history = self.kept.history.iter().rev();
+                let was = |entry: &&ModelEntry| {
+                    entry.hash == hash && entry.outcome == ModelOutcome::InForce
+                };
+                let Some(entry) = history.find(was) else {
+                    return Err(refused(
+                        404,
+                        format!("{hash} is none of the models that were in force"),
+                    ));
+                };
+                store.text(&hash).map_err(|what| refused(422, what))?;
+                let ask = ModelAsk {
+                    machine: store.machine(&hash),
+                    from: entry.from,
+                    file: entry.file.clone(),
+                    hash,
+                    confirm,
+                };
+                Ok((ask, None))
+            }
+            Activate::Configured => {
+                let machine: PathBuf = self.configured.clone();
+                let hash = Machine::read(&machine)
+                    .map_err(|e| refused(422, e.to_string()))?
+                    .checksum();
+                let ask = ModelAsk {
+                    file: machine.display().to_string(),
+                    machine,
+                    hash,
+                    from: ModelSource::File,
+                    confirm,
+                };
+                Ok((ask, None))
+            }
+        }
+    }
+}
+
+/// Who tells what was found at the start.
+pub(crate) const GATEWAY: &str = "gateway";

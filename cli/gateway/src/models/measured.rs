@@ -1,0 +1,412 @@
+//! From measurement files in a folder to a machine file: the draft with its questions, then the calibration and what a page
+//! draws of it.
+//!
+//! The folder has the model in force as `machine.toml`, the calibration file as `calibration.toml`, and the measurement files in
+//! `files`. Messages name files from this folder on.
+
+use std::{
+    collections::BTreeMap,
+    fs, io,
+    path::{Path, PathBuf},
+    time::{Duration, Instant},
+};
+
+use volcomp_calibrate::{
+    Answer, Calibration, CalibrationFile, Draft, FitQuality, FittedCurve, Quality, Question,
+    Subject, calibrate, draft,
+};
+use volcomp_document::InputError;
+use volcomp_model::Machine;
+use volcomp_vocabulary::Urad;
+
+use super::diagonals::diagonals;
+use crate::documents::{
+    CandidateDraft, CandidateResult, DraftAnswer, DraftQuestion, DraftedMeasurement, ModelFit,
+};
+
+const MACHINE: &str = "machine.toml";
+const CALIBRATION: &str = "calibration.toml";
+/// The folder of the measurement files in the folder of an upload.
+pub(crate) const FILES: &str = "files";
+
+/// The uncertainty is found from so many calibrations with readings drawn again, where they take no longer than [`VARIED_AT_MOST`].
+const TRIALS: u32 = 40;
+/// With fewer nothing is said of the uncertainty.
+const LEAST_TRIALS: u32 = 12;
+const VARIED_AT_MOST: Duration = Duration::from_secs(20);
+/// The seed of these draws: the same files give the same band.
+const SEED: u64 = 1;
+/// The ends of a band are so many standard uncertainties from the curve.
+const COVERAGE: f64 = 2.0;
+
+/// Why there is no machine file, in words, with files as a person knows them.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub(crate) struct NotMeasured(pub(crate) String);
+
+impl NotMeasured {
+    pub(crate) fn of(why: String) -> Self {
+        Self(why)
+    }
+}
+
+/// The folder of an upload.
+#[derive(Clone, Debug)]
+pub(crate) struct Folder(pub(crate) PathBuf);
+
+impl Folder {
+    /// Makes it, empty but for the model in force.
+    pub(crate) fn make(&self, machine: &str) -> io::Result<()> {
+        fs::create_dir_all(self.files())?;
+        fs::write(self.0.join(MACHINE), machine)
+    }
+
+    /// Where the measurement files go.
+    pub(crate) fn files(&self) -> PathBuf {
+        self.0.join(FILES)
+    }
+
+    /// A message without the way to this folder.
+    fn told(&self, message: impl ToString) -> String {
+        let way = format!("{}/", self.0.display());
+        message.to_string().replace(&way, "")
+    }
+
+    fn wrong(&self, message: impl ToString) -> NotMeasured {
+        NotMeasured(self.told(message))
+    }
+
+    /// The machine that the measurements are of.
+    fn machine(&self) -> Result<Machine, NotMeasured> {
+        Machine::read(&self.0.join(MACHINE)).map_err(|e| self.wrong(e))
+    }
+
+    /// Looks through the files.
+    pub(crate) fn draft(&self) -> Result<Draft, NotMeasured> {
+        let machine = self.machine()?;
+        let named = |path: &Path| self.told(path.display());
+        let draft = draft(&self.files(), &machine, MACHINE, named).map_err(|e| self.wrong(e))?;
+        if draft.proposed.is_empty() {
+            let reasons: Vec<String> = draft
+                .left_over
+                .iter()
+                .map(|of| self.told(format_args!("{}: {}", of.file, of.reason)))
+                .collect();
+            return Err(NotMeasured(format!(
+                "none of the files is a measurement of this machine: {}",
+                reasons.join("; ")
+            )));
+        }
+        Ok(draft)
+    }
+
+    /// The draft as a document, with the answers so far.
+    pub(crate) fn document(
+        &self,
+        drafted: &Draft,
+        answers: Vec<DraftAnswer>,
+    ) -> Result<CandidateDraft, NotMeasured> {
+        let now = answered(drafted, &answers)?;
+        Ok(CandidateDraft {
+            measurements: (drafted.proposed.iter())
+                .map(|of| DraftedMeasurement {
+                    files: of.files.clone(),
+                    error: of.error.map(|error| error.to_string()),
+                    said: of
+                        .said
+                        .iter()
+                        .filter(|said| !said.is_empty())
+                        .cloned()
+                        .collect(),
+                })
+                .collect(),
+            questions: questions(drafted, &answers)?,
+            conflicts: drafted.conflicts.clone(),
+            left_over: (now.left_over.iter())
+                .map(|of| self.told(format_args!("{}: {}", of.file, of.reason)))
+                .collect(),
+            notes: drafted.notes.iter().map(|note| self.told(note)).collect(),
+            text: now.text,
+            answers,
+        })
+    }
+
+    /// Runs the calibration with these answers: the machine file and what is told of it. Open questions are refused by name.
+    pub(crate) fn calibrated(
+        &self,
+        drafted: &Draft,
+        answers: &[DraftAnswer],
+    ) -> Result<(String, CandidateResult), NotMeasured> {
+        let text = answered(drafted, answers)?.text;
+        let path = self.0.join(CALIBRATION);
+        fs::write(&path, text).map_err(|e| self.wrong(e))?;
+        let file = CalibrationFile::read(&path).map_err(|e| self.wrong(e))?;
+        let begun = Instant::now();
+        let calibration = calibrate(&file, |_, _| {}).map_err(|e| self.wrong(e))?;
+        let took = begun.elapsed();
+        let bands = bands(&file, &calibration, took);
+        let fits = calibration.curves.iter().zip(bands);
+        let fits = fits.map(|(curve, band)| fit(curve, &file.machine, band));
+        let squareness = calibration.squareness.iter();
+        let mut result =
+            result(&calibration.machine, Some(&file.machine)).map_err(|e| self.wrong(e))?;
+        result.warnings.splice(
+            0..0,
+            calibration
+                .warnings
+                .iter()
+                .map(|warning| self.told(warning)),
+        );
+        result.fits = fits.collect();
+        result.squareness_urad = squareness
+            .map(|(error, Urad(value))| (error.to_string(), *value))
+            .collect();
+        Ok((calibration.machine.to_toml(), result))
+    }
+}
+
+/// What a machine file says, against the model in force.
+pub(crate) fn result(
+    machine: &Machine,
+    before: Option<&Machine>,
+) -> Result<CandidateResult, volcomp_model::ModelError> {
+    let structure = machine.chain().structure().to_string();
+    let mut warnings = Vec::new();
+    if let Some(before) = before {
+        let was = before.chain().structure().to_string();
+        if was != structure {
+            warnings.push(format!(
+                "the structure is another one: {was} in the model in force, {structure} in this one"
+            ));
+        }
+        if machine.checksum() == before.checksum() {
+            warnings.push("this is the model in force: nothing would change".to_owned());
+        }
+    }
+    Ok(CandidateResult {
+        hash: machine.checksum(),
+        name: machine.name.clone(),
+        structure,
+        warnings,
+        fits: Vec::new(),
+        squareness_urad: BTreeMap::new(),
+        diagonals: match before {
+            Some(before) => diagonals(before, machine)?,
+            None => Vec::new(),
+        },
+    })
+}
+
+fn answered(drafted: &Draft, answers: &[DraftAnswer]) -> Result<Draft, NotMeasured> {
+    let answers: Result<Vec<Answer>, NotMeasured> = answers.iter().map(answer).collect();
+    drafted
+        .answered(&answers?)
+        .map_err(|e| NotMeasured(e.to_string()))
+}
+
+fn answer(typed: &DraftAnswer) -> Result<Answer, NotMeasured> {
+    let of = match typed.of.parse::<usize>() {
+        Ok(place) => Subject::Measurement(place),
+        Err(_) => Subject::Squareness(typed.of.parse().map_err(|_| {
+            NotMeasured(format!(
+                "found {:?}, expected the number of a measurement or the name of a squareness",
+                typed.of
+            ))
+        })?),
+    };
+    Ok(Answer {
+        of,
+        key: typed.key.clone(),
+        value: typed.value.clone(),
+    })
+}
+
+/// Every question of a draft, those that are answered included: which there are follows from errors and units.
+fn questions(drafted: &Draft, answers: &[DraftAnswer]) -> Result<Vec<DraftQuestion>, NotMeasured> {
+    let decides = |answer: &&DraftAnswer| matches!(answer.key.as_str(), "error" | "unit");
+    let deciding: Vec<DraftAnswer> = answers.iter().filter(decides).cloned().collect();
+    let with_errors = answered(drafted, &deciding)?;
+    let mut asked = Vec::new();
+    for (place, of) in with_errors.proposed.iter().enumerate() {
+        let mut questions = of.questions();
+        let first = &drafted.proposed[place];
+        // A question that has been answered stays on the page.
+        let is_gone = |question: &Question| {
+            let mut now = questions.iter();
+            matches!(question.key.as_str(), "error" | "unit")
+                && now.all(|of| of.key != question.key)
+        };
+        let mut first = first.questions();
+        first.retain(is_gone);
+        questions.splice(0..0, first);
+        for question in questions {
+            asked.push(DraftQuestion {
+                of: place.to_string(),
+                choices: choices(&question, &of.files),
+                about: question.of,
+                key: question.key,
+                question: question.question,
+            });
+        }
+    }
+    for question in with_errors.questions.iter().skip(count(&with_errors)) {
+        asked.push(DraftQuestion {
+            of: question.of.clone(),
+            about: format!("squareness {}", question.of),
+            key: question.key.clone(),
+            question: question.question.clone(),
+            choices: Vec::new(),
+        });
+    }
+    Ok(asked)
+}
+
+/// How many questions are about measurements: they come first.
+fn count(draft: &Draft) -> usize {
+    let questions = draft.proposed.iter().map(|of| of.questions().len());
+    questions.sum()
+}
+
+fn choices(question: &Question, files: &[String]) -> Vec<String> {
+    match question.key.as_str() {
+        "file" => files.to_vec(),
+        _ => question
+            .choices()
+            .iter()
+            .map(|word| (*word).to_owned())
+            .collect(),
+    }
+}
+
+/// A fitted curve as plain data.
+fn fit(curve: &FittedCurve, before: &Machine, band: Option<Vec<[f64; 3]>>) -> ModelFit {
+    let (min, max, rms, leave_one_out) = match curve.quality {
+        Quality::Length(of) => numbers(&of, |um| um.0),
+        Quality::Angle(of) => numbers(&of, |urad| urad.0),
+    };
+    ModelFit {
+        error: curve.error.to_string(),
+        direction: curve.direction.map(|direction| direction.name().to_owned()),
+        curve: curve.kind.to_owned(),
+        along: curve.error.axis.kind().coordinate_unit().to_owned(),
+        unit: curve.error.component.unit().to_owned(),
+        residual_min: min,
+        residual_max: max,
+        residual_rms: rms,
+        leave_one_out: leave_one_out.is_finite().then_some(leave_one_out),
+        readings: curve.points.iter().map(|[x, u, _]| [*x, *u]).collect(),
+        residuals: curve.points.iter().map(|[x, u, f]| [*x, u - f]).collect(),
+        fit: curve.sampled.clone(),
+        before: held(curve, before),
+        band,
+    }
+}
+
+fn numbers<U: Copy>(of: &FitQuality<U>, number: fn(U) -> f64) -> (f64, f64, f64, f64) {
+    (
+        number(of.residual_min),
+        number(of.residual_max),
+        number(of.residual_rms),
+        number(of.leave_one_out),
+    )
+}
+
+/// The same error in the model before, along the axis with the others at zero or the nearest end of travel.
+fn held(curve: &FittedCurve, before: &Machine) -> Vec<[f64; 2]> {
+    let (Some(error), Ok(own)) = (before.error(curve.error), before.index_of(curve.error.axis))
+    else {
+        return Vec::new();
+    };
+    let mut coordinates: Vec<f64> = before
+        .axes()
+        .iter()
+        .map(|axis| axis.nearest_zero())
+        .collect();
+    (curve.sampled.iter())
+        .map(|[x, _]| {
+            coordinates[own] = *x;
+            [*x, error.value(own, &coordinates, curve.direction)]
+        })
+        .collect()
+}
+
+/// The band of each curve, by calibrations with readings drawn again; `None` where nothing says how readings scatter, or it
+/// would take too long.
+fn bands(
+    file: &CalibrationFile,
+    calibration: &Calibration,
+    took: Duration,
+) -> Vec<Option<Vec<[f64; 3]>>> {
+    let none = || calibration.curves.iter().map(|_| None).collect();
+    let is_known = |curve: &FittedCurve| {
+        let mut lines = file.measurements.iter();
+        let unknown: Vec<&PathBuf> = file.without_scatter().map(|line| &line.file).collect();
+        lines.any(|line| line.setup.error == curve.error && !unknown.contains(&&line.file))
+    };
+    let trials = VARIED_AT_MOST.as_secs_f64() / took.as_secs_f64().max(1e-6);
+    let trials = (trials as u32).min(TRIALS);
+    if trials < LEAST_TRIALS
+        || file.observations.is_some()
+        || !calibration.curves.iter().any(is_known)
+    {
+        return none();
+    }
+    let mut sums: Vec<Vec<f64>> = (calibration.curves.iter())
+        .map(|curve| vec![0.0; curve.sampled.len()])
+        .collect();
+    let mut done = 0_u32;
+    for trial in 0..trials {
+        // Readings that scatter so much that nothing can be fitted say nothing of those that were taken.
+        let Ok(varied) = calibrate(&file.varied(SEED, u64::from(trial)), |_, _| {}) else {
+            continue;
+        };
+        let fits = |(a, b): (&FittedCurve, &FittedCurve)| {
+            (a.error, a.direction, a.sampled.len()) == (b.error, b.direction, b.sampled.len())
+        };
+        if varied.curves.len() != sums.len()
+            || !varied.curves.iter().zip(&calibration.curves).all(fits)
+        {
+            continue;
+        }
+        done += 1;
+        for ((sum, now), first) in sums.iter_mut().zip(&varied.curves).zip(&calibration.curves) {
+            for ((sum, now), first) in sum.iter_mut().zip(&now.sampled).zip(&first.sampled) {
+                *sum += (now[1] - first[1]).powi(2);
+            }
+        }
+    }
+    if done < LEAST_TRIALS {
+        return none();
+    }
+    let with_band = |(curve, sum): (&FittedCurve, &Vec<f64>)| {
+        is_known(curve).then(|| {
+            let points = curve.sampled.iter().zip(sum);
+            points
+                .map(|([x, u], sum)| {
+                    let half = COVERAGE * (sum / f64::from(done)).sqrt();
+                    [*x, u - half, u + half]
+                })
+                .collect()
+        })
+    };
+    calibration
+        .curves
+        .iter()
+        .zip(&sums)
+        .map(with_band)
+        .collect()
+}
+
+/// A machine file as somebody has uploaded it. `name` stands in messages.
+pub(crate) fn machine_file(bytes: Vec<u8>, name: &str) -> Result<Machine, NotMeasured> {
+    let text = String::from_utf8(bytes).map_err(|e| {
+        NotMeasured(format!(
+            "{name}: found a byte that is no text at place {}, expected a machine file in UTF-8",
+            e.utf8_error().valid_up_to()
+        ))
+    })?;
+    Machine::parse(&text, name).map_err(|e| match e {
+        volcomp_model::ModelError::Input(InputError { .. }) => NotMeasured(e.to_string()),
+        other => NotMeasured(format!("{name}: {other}")),
+    })
+}

@@ -1,0 +1,291 @@
+//! The folder in which the models of a machine are kept: `models` beside the audit log.
+//!
+//! `standing.json` says which model a person has put in force, and what became of each; it is replaced whole. Machine files
+//! are kept by their hash and checked by it when they are read. A machine file is on disk before anything is done by it.
+
+use std::{
+    collections::BTreeSet,
+    fs, io,
+    os::unix::fs::DirBuilderExt,
+    path::{Path, PathBuf},
+};
+
+use volcomp_model::Machine;
+
+use crate::{
+    audit::replace_file,
+    documents::{ModelEntry, ModelOutcome, ModelsKept},
+};
+
+const STANDING: &str = "standing.json";
+/// The largest number of lines of the history; the models of these lines are kept, no others.
+pub(crate) const MOST: usize = 100;
+
+/// The folder.
+#[derive(Clone, Debug)]
+pub(crate) struct Store {
+    dir: PathBuf,
+}
+
+impl Store {
+    /// The folder beside an audit log.
+    pub(crate) fn new(audit_dir: &Path) -> Self {
+        Self {
+            dir: audit_dir.join("models"),
+        }
+    }
+
+    /// The folder of uploads.
+    pub(crate) fn uploads(&self) -> PathBuf {
+        self.dir.join("uploads")
+    }
+
+    /// The machine file of a model, by its hash.
+    pub(crate) fn machine(&self, hash: &str) -> PathBuf {
+        // A hash from outside is not a path.
+        let hash = hash.strip_prefix("sha256:").unwrap_or(hash);
+        let digits: String = hash.chars().filter(char::is_ascii_hexdigit).collect();
+        self.dir.join(format!("machine-{digits}.toml"))
+    }
+
+    /// Whether a file is one of the models that are kept here.
+    pub(crate) fn holds(&self, machine: &Path) -> bool {
+        machine.parent() == Some(&self.dir)
+    }
+
+    /// What stands; and what is damaged, in words. A folder that is not there holds nothing.
+    pub(crate) fn read(&self) -> (ModelsKept, Option<String>) {
+        let path = self.dir.join(STANDING);
+        let damaged = |error: String| {
+            let what = format!(
+                "{}: {error}: which model a person has put in force is not known any more",
+                path.display()
+            );
+            (ModelsKept::default(), Some(what))
+        };
+        match fs::read_to_string(&path) {
+            Ok(text) => match serde_json::from_str::<ModelsKept>(&text) {
+                Ok(kept) => (kept, None),
+                Err(e) => damaged(e.to_string()),
+            },
+            Err(e) if is_missing(&e) => Default::default(),
+            Err(e) => damaged(e.to_string()),
+        }
+    }
+
+    /// The machine file that a person has put in force, where it is there and whole; else what is damaged.
+    pub(crate) fn in_force(&self) -> Result<Option<PathBuf>, String> {
+        let (kept, damage) = self.read();
+        if let Some(damage) = damage {
+            return Err(damage);
+        }
+        let Some(in_force) = kept.in_force else {
+            return Ok(None);
+        };
+        self.text(&in_force.hash)?;
+        Ok(Some(self.machine(&in_force.hash)))
+    }
+
+    /// The text of a model that is kept, checked against its hash.
+    pub(crate) fn text(&self, hash: &str) -> Result<String, String> {
+        let path = self.machine(hash);
+        let wrong = |what: String| format!("{}: {what}", path.display());
+        let text = fs::read_to_string(&path).map_err(|e| wrong(e.to_string()))?;
+        let machine = Machine::parse(&text, &path.display().to_string());
+        match machine {
+            Ok(machine) if machine.checksum() == hash => Ok(text),
+            Ok(machine) => Err(wrong(format!(
+                "its hash is {}, expected {hash}",
+                machine.checksum()
+            ))),
+            Err(e) => Err(e.to_string()),
+        }
+    }
+
+    /// Makes the folder and that of uploads, for this user alone.
+    pub(crate) fn make(&self) -> io::Result<()> {
+        let mut builder = fs::DirBuilder::new();
+        builder.recursive(true).mode(0o700).create(self.uploads())
+    }
+
+    /// Keeps a machine file.
+    pub(crate) fn keep(&self, hash: &str, text: &str) -> io::Result<()> {
+        self.make()?;
+        if self.text(hash).is_ok() {
+            return Ok(());
+        }
+        write(&self.machine(hash), text)
+    }
+
+    /// Writes down what stands from now on, and removes the machine files that belong to nothing any more.
+    pub(crate) fn stand(&self, kept: &ModelsKept) -> io::Result<()> {
+        self.make()?;
+        write(&self.dir.join(STANDING), &serde_json::to_string(kept)?)?;
+        self.tidy(kept);
+        Ok(())
+    }
+
+    fn tidy(&self, kept: &ModelsKept) {
+        let needed: BTreeSet<PathBuf> = hashes(kept).map(|hash| self.machine(hash)).collect();
+        let Ok(entries) = fs::read_dir(&self.dir) else {
+            return;
+        };
+        for path in entries.filter_map(|entry| Some(entry.ok()?.path())) {
+            let name = path.file_name().and_then(|name| name.to_str());
+            let is_ours = name.is_some_and(|name| name.starts_with("machine-"));
+            if is_ours && !needed.contains(&path) {
+                // One that stays takes room and does nothing else.
+                let _ = fs::remove_file(path);
+            }
+        }
+    }
+
+    /// The hashes of the models that are there, each once, the newest first.
+    pub(crate) fn there(&self, kept: &ModelsKept) -> Vec<String> {
+        let mut seen = BTreeSet::new();
+        let all = hashes(kept).filter(|hash| seen.insert(hash.to_owned()));
+        let there = all.filter(|hash| self.machine(hash).is_file());
+        let mut there: Vec<String> = there.map(str::to_owned).collect();
+        there.reverse();
+        there
+    }
+}
+
+/// The models that can be needed: those that were in force, and that which is.
+fn hashes(kept: &ModelsKept) -> impl Iterator<Item = &str> {
+    let was = |entry: &&ModelEntry| entry.outcome == ModelOutcome::InForce;
+    let history = kept.history.iter().filter(was);
+    let history = history.map(|entry| entry.hash.as_str());
+    history.chain(kept.in_force.iter().map(|model| model.hash.as_str()))
+}
+
+/// Whether there is no such file, and can be none: what is wrong with the folder is said by whoever opens the log.
+fn is_missing(error: &io::Error) -> bool {
+    matches!(
+        error.kind(),
+        io::ErrorKind::NotFound
+            | io::ErrorKind::NotADirectory
+            | io::ErrorKind::InvalidInput
+            | io::ErrorKind::InvalidFilename
+    )
+}
+
+/// Puts a line at the end of the history, which keeps the newest.
+pub(crate) fn add(kept: &mut ModelsKept, entry: ModelEntry) {
+    kept.history.push(entry);
+    let more = kept.history.len().saturating_sub(MOST);
+    kept.history.drain(..more);
+}
+
+/// Writes a file whole or not at all; what is half written where the disk is full takes no room.
+fn write(path: &Path, text: &str) -> io::Result<()> {
+    let written = replace_file(path, text);
+    if written.is_err() {
+        // It may not be there.
+        let _ = fs::remove_file(path.with_extension("new"));
+    }
+    written
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::documents::{ModelInForce, ModelSource};
+
+    const TEXT: &str =
+        "structure = \"w X' b t\"\naxes.X.travel = [0.0, 100.0]\n[errors]\nEYX = 20.0\n";
+
+    fn canonical() -> (String, String) {
+        let machine = Machine::parse(TEXT, "m").expect("right");
+        (machine.checksum(), machine.to_toml())
+    }
+
+    fn entry(hash: &str) -> ModelEntry {
+        ModelEntry {
+            time: "2026-01-01T00:00:00.000Z".to_owned(),
+            who: "erna".to_owned(),
+            hash: hash.to_owned(),
+            name: String::new(),
+            from: ModelSource::Upload,
+            file: "m.toml".to_owned(),
+            outcome: ModelOutcome::InForce,
+            why: None,
+            worst_um: Some(1.0),
+            worst_urad: None,
+        }
+    }
+
+    fn standing(hash: &str) -> ModelsKept {
+        ModelsKept {
+            in_force: Some(ModelInForce {
+                hash: hash.to_owned(),
+                who: "erna".to_owned(),
+                time: String::new(),
+                file: "m.toml".to_owned(),
+            }),
+            history: vec![entry(hash)],
+        }
+    }
+
+    /// Everything that a kill between two steps of an activation can leave on disk: what is loaded is whole, and the new
+    /// model only once it stands.
+    #[test]
+    fn a_kill_between_two_steps_leaves_a_model_that_is_whole() {
+        let dir = tempfile::tempdir().expect("writable");
+        let store = Store::new(dir.path());
+        let (hash, text) = canonical();
+        assert_eq!(store.in_force(), Ok(None), "nothing is there");
+        store.make().expect("writable");
+        // The machine file is half written.
+        let machine = store.machine(&hash);
+        fs::write(machine.with_extension("new"), &text[..20]).expect("writable");
+        assert_eq!(store.in_force(), Ok(None));
+        // It is there.
+        store.keep(&hash, &text).expect("writable");
+        assert_eq!(store.in_force(), Ok(None));
+        // What stands is half written.
+        let whole = serde_json::to_string(&standing(&hash)).expect("JSON");
+        fs::write(dir.path().join("models/standing.new"), &whole[..30]).expect("writable");
+        assert_eq!(store.in_force(), Ok(None));
+        // It stands.
+        store.stand(&standing(&hash)).expect("writable");
+        assert_eq!(store.in_force(), Ok(Some(machine.clone())));
+        // The file is damaged afterwards: it is not loaded, and that is told.
+        fs::write(&machine, text.replace("20.0", "90.0")).expect("writable");
+        assert!(store.in_force().is_err());
+        fs::write(&machine, "").expect("writable");
+        assert!(store.in_force().is_err());
+        fs::remove_file(&machine).expect("ours");
+        assert!(store.in_force().is_err());
+    }
+
+    #[test]
+    fn the_history_is_bounded_and_files_without_a_line_go() {
+        let dir = tempfile::tempdir().expect("writable");
+        let store = Store::new(dir.path());
+        let (hash, text) = canonical();
+        store.keep(&hash, &text).expect("writable");
+        let mut kept = ModelsKept::default();
+        add(&mut kept, entry(&hash));
+        store.stand(&kept).expect("writable");
+        assert!(store.text(&hash).is_ok());
+        for number in 0..MOST {
+            add(&mut kept, entry(&format!("sha256:{number:064x}")));
+        }
+        assert_eq!(kept.history.len(), MOST);
+        store.stand(&kept).expect("writable");
+        assert!(
+            store.text(&hash).is_err(),
+            "its line is gone, and it with it"
+        );
+    }
+
+    #[test]
+    fn a_hash_from_outside_is_no_path() {
+        let store = Store::new(Path::new("/a"));
+        assert_eq!(
+            store.machine("../../etc/passwd"),
+            Path::new("/a/models/machine-ecad.toml")
+        );
+    }
+}

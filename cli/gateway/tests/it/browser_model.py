@@ -1,0 +1,148 @@
+"""The page *Model* in a headless Chromium: `browser_model.py URL TOKEN FOLDER SCREENSHOT`.
+
+Measurement files are uploaded, questions answered, the model put in force and gone back from, as a person does it.
+"""
+import pathlib
+import sys
+
+from playwright.sync_api import sync_playwright
+
+url, token, folder, screenshot = sys.argv[1:5]
+chromium = "/usr/bin/chromium"
+files = [str(pathlib.Path(folder) / name) for name in ("ebx.csv", "exx.csv", "eyx.csv", "exy.csv", "ezx-level.csv")]
+
+
+def hold(page, selector, hold_ms=1300):
+    button = page.locator(selector).first
+    button.scroll_into_view_if_needed()
+    box = button.bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.mouse.down()
+    page.wait_for_timeout(hold_ms)
+    page.mouse.up()
+
+
+def shot(page, name):
+    page.evaluate("window.scrollTo(0, 0)")
+    page.screenshot(path=screenshot.replace(".png", f"-{name}.png"), full_page=True)
+
+
+def fits(page):
+    wide = page.evaluate("[document.documentElement.scrollWidth, window.innerWidth]")
+    assert wide[0] <= wide[1], f"the page is wider than its window: {wide}"
+
+
+def answer(about, key):
+    """What the calibration file of the example says."""
+    if key == "point":
+        return "0, 0, -350" if "exx" in about else "0, 0, -420"
+    if key == "rides":
+        return "carriage" if "exx" in about else "other"
+    if key == "sign":
+        return "-1" if "ebx" in about or "ezx" in about else "1"
+    if key == "error":
+        return pathlib.Path(about.split()[-1]).name.split(".")[0].split("-")[0].upper()
+    if key == "unit":
+        return "urad" if "ebx" in about or "ezx" in about else "um"
+    return {"at.X": "300", "at.Y": "200", "at.Z": "-300", "bridge_mm": "150", "reading": "slope", "reference_angle_urad": "2"}[key]
+
+
+def fill(page):
+    for field in page.locator("#questions [data-key]:not([data-key=leave_out])").all():
+        about = field.evaluate("of => of.closest('fieldset').querySelector('legend').textContent")
+        value = answer(about, field.get_attribute("data-key"))
+        if field.evaluate("of => of.tagName") == "SELECT":
+            field.select_option(value)
+        else:
+            field.fill(value)
+
+
+with sync_playwright() as playwright:
+    browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+    page = browser.new_page(viewport={"width": 1280, "height": 900})
+    errors, foreign = [], []
+    # What is not confirmed yet is answered by 409, which the browser tells.
+    page.on("console", lambda m: errors.append(m.text) if m.type in ("error", "warning") and "409" not in m.text else None)
+    page.on("pageerror", lambda e: errors.append(str(e)))
+    page.on("request", lambda r: foreign.append(r.url) if not r.url.startswith(url) else None)
+    page.goto(url)
+    page.click("#to-model a")
+    page.wait_for_selector("#in-force dd")
+    # Without an engineer's token nothing can be done.
+    for control in ("#measurements", "#machine-file", "#configured", "#disarm"):
+        assert page.is_disabled(control), control
+    page.fill("#token", token)
+    page.click("#token-form button")
+    page.wait_for_selector("#measurements:not([disabled])", timeout=5000)
+    assert token not in page.url and token not in page.content()
+    shot(page, "1280-begin")
+    page.set_input_files("#measurements", files)
+    page.wait_for_selector("#draft:not([disabled])", timeout=20000)
+    page.wait_for_function("document.querySelectorAll('#files li').length === 5", timeout=20000)
+    page.click("#draft")
+    page.wait_for_selector("#questions fieldset", timeout=30000)
+    fill(page)
+    # What was typed stays while the page looks at the gateway.
+    page.wait_for_timeout(1500)
+    assert page.locator("#questions [data-key='at.Y']").first.input_value() == "200"
+    shot(page, "1280-questions")
+    fits(page)
+    page.click("#calibrate")
+    # The unit of the level says that it stood on a bridge: that is asked now, and said where the button is.
+    page.wait_for_selector("#questions [data-key=bridge_mm]", timeout=30000)
+    assert "open question" in page.inner_text("#open"), page.inner_text("#open")
+    fill(page)
+    page.click("#calibrate")
+    page.wait_for_selector("#result-panel:not([hidden])", timeout=60000)
+    page.wait_for_selector("#activate:not([disabled])", timeout=10000)
+    assert page.locator("#curves svg").count() == page.locator("#fits tbody tr").count() > 0
+    assert page.locator("#diagonals svg").count() == 4
+    assert page.locator("#warnings li").count() > 0
+    assert "NaN" not in page.inner_html("#curves") + page.inner_html("#diagonals")
+    shot(page, "1280-result")
+    fits(page)
+    page.emulate_media(color_scheme="dark")
+    shot(page, "1280-result-dark")
+    page.set_viewport_size({"width": 390, "height": 844})
+    fits(page)
+    shot(page, "390-result-dark")
+    page.emulate_media(color_scheme="light")
+    shot(page, "390-result")
+    page.set_viewport_size({"width": 1280, "height": 900})
+    # A short touch does nothing, a second puts it in force, after a question where it moves far.
+    hash_before = page.inner_text("#in-force")
+    hold(page, "#activate", 300)
+    page.wait_for_timeout(700)
+    assert page.inner_text("#in-force") == hash_before
+    hold(page, "#activate")
+    page.wait_for_selector("#confirm-panel:not([hidden])", timeout=15000)
+    assert "moves by" in page.inner_text("#confirm-lines")
+    shot(page, "1280-confirm")
+    hold(page, "#confirm", 300)
+    page.wait_for_timeout(700)
+    assert page.is_visible("#confirm-panel"), "a short touch confirms nothing"
+    hold(page, "#confirm")
+    page.wait_for_selector("#result-panel", state="hidden", timeout=20000)
+    page.wait_for_function("document.getElementById('in-force').textContent.includes('erna')", timeout=10000)
+    # Back to the configured file.
+    page.wait_for_selector("#configured:not([disabled])", timeout=5000)
+    hold(page, "#configured")
+    page.wait_for_selector("#confirm-panel:not([hidden])", timeout=15000)
+    hold(page, "#confirm")
+    page.wait_for_function("!document.getElementById('in-force').textContent.includes('erna')", timeout=20000)
+    # And forward again from the history.
+    page.wait_for_selector("#history td button:not([disabled])", timeout=5000)
+    hold(page, "#history td button")
+    page.wait_for_selector("#confirm-panel:not([hidden])", timeout=15000)
+    page.click("#not-now")
+    assert page.is_hidden("#confirm-panel")
+    shot(page, "1280-history")
+    fits(page)
+    page.set_viewport_size({"width": 390, "height": 844})
+    fits(page)
+    shot(page, "390-history")
+    page.emulate_media(color_scheme="dark")
+    shot(page, "390-history-dark")
+    assert not errors, errors
+    assert not foreign, foreign
+    browser.close()

@@ -1,0 +1,371 @@
+"use strict";
+/* global curveOf, diagonalOf, ends */
+
+const HOLD_MS = 1000, LOOK_MS = 1000;
+const element = (id) => document.getElementById(id);
+// The token stays in this tab only; it is never in an address.
+const token = () => sessionStorage.getItem("token") || "";
+const headers = () => (token() ? { Authorization: `Bearer ${token()}` } : {});
+let isEngineer = false, mayOperate = false, state = null, candidate = null;
+/** What a person has to confirm: the request that is repeated with the hash. */
+let asked = null;
+/** The answers that were typed, by measurement and key: a look at the gateway must not take them away. */
+const typed = new Map();
+let drawn = "", busy = false, wantsResult = false;
+
+function text(id, value) {
+  const target = element(id);
+  if (target.textContent !== value) target.textContent = value;
+}
+
+function make(tag, name, parent, said) {
+  const made = document.createElement(tag);
+  if (name) made.className = name;
+  if (said !== undefined) made.textContent = said;
+  parent.append(made);
+  return made;
+}
+
+const short = (hash) => hash.replace("sha256:", "").slice(0, 12);
+const when = (time) => time.replace("T", " ").slice(0, 19);
+const size = (bytes) => (bytes < 1024 ? `${bytes} B` : bytes < 1048576 ? `${(bytes / 1024).toFixed(0)} KiB` : `${(bytes / 1048576).toFixed(1)} MiB`);
+const SOURCES = { file: "machine file", upload: "upload", centre: "centre" };
+const OUTCOMES = { "in-force": "put in force", refused: "refused", "must-be-confirmed": "not confirmed" };
+
+async function ask(path, body) {
+  const response = await fetch(path, { method: body === undefined ? "GET" : "POST", headers: headers(), cache: "no-store", body: body === undefined ? undefined : JSON.stringify(body) });
+  let answer = {};
+  try { answer = await response.json(); } catch { answer = { error: `the gateway answers ${response.status}` }; }
+  return { ok: response.ok, status: response.status, answer };
+}
+
+function pairs(list, rows) {
+  list.replaceChildren();
+  for (const [key, value] of rows) {
+    make("dt", "", list, key);
+    make("dd", "", list, value);
+  }
+}
+
+function showState() {
+  const from = state.put_in_force;
+  const rows = [["Name", state.name || "–"], ["From", SOURCES[state.from]]];
+  if (state.from === "upload" && from) rows.push(["Put in force", `by ${from.who}, ${when(from.time)} UTC, ${from.file}`]);
+  rows.push(["Hash", state.hash]);
+  rows.push(["Configured", state.configured.file]);
+  pairs(element("in-force"), rows);
+  element("trouble").hidden = !state.trouble;
+  text("trouble", state.trouble || "");
+  element("differs").hidden = !state.configured.differs && !state.configured.error;
+  text("differs", state.configured.error
+    ? `The configured machine file cannot be read: ${state.configured.error}`
+    : "The configured machine file says something else than the model in force. It is taken by a reload of the dashboard where it is in force itself, else by “Use the configured file” below.");
+  text("most", `at most ${state.most_files} files, each up to ${size(state.largest_file_bytes)}`);
+  const body = element("history").tBodies[0];
+  body.replaceChildren();
+  const now = state.history.find((entry) => entry.outcome === "in-force" && entry.hash === state.hash);
+  for (const entry of state.history) {
+    const row = body.insertRow();
+    make("td", "", row, when(entry.time));
+    make("td", "", row, `${entry.name || "–"} ${short(entry.hash)}`).title = entry.hash;
+    make("td", "", row, entry.from === "file" ? SOURCES.file : `${SOURCES[entry.from]}: ${entry.file}`).title = entry.file;
+    make("td", "", row, entry.who);
+    make("td", entry.outcome === "refused" ? "refused" : "", row, `${OUTCOMES[entry.outcome]}${entry.why ? `: ${entry.why}` : ""}`);
+    const moves = [[entry.worst_um, "µm"], [entry.worst_urad, "µrad"]].filter(([value]) => value !== null);
+    make("td", "", row, moves.map(([value, unit]) => `${value.toFixed(1)} ${unit}`).join(", "));
+    const cell = make("td", "", row);
+    if (entry.outcome === "in-force" && entry.hash !== state.hash && state.kept.includes(entry.hash)) {
+      const button = make("button", "plain", cell, "Back to this");
+      button.disabled = !isEngineer;
+      guard(button, () => putInForce("back", { hash: entry.hash }));
+    } else if (entry === now) {
+      cell.textContent = "in force";
+    }
+  }
+}
+
+function list(id, lines) {
+  const target = element(id);
+  target.replaceChildren();
+  for (const line of lines) make("li", "", target, line);
+}
+
+function showCandidate() {
+  const step = candidate ? candidate.step : null;
+  const isWorking = step === "working";
+  text("candidate", !candidate ? "Upload what was measured, or a machine file that is ready."
+    : isWorking ? "The gateway looks at the files …"
+      : `Begun by ${candidate.who}, ${when(candidate.since)} UTC.`);
+  const hasMachine = candidate && candidate.files.some((file) => file.name.toLowerCase().endsWith(".toml"));
+  element("measurements").disabled = !isEngineer || isWorking || busy || hasMachine;
+  element("machine-file").disabled = !isEngineer || Boolean(candidate) || busy;
+  element("machine-file").parentElement.hidden = Boolean(candidate);
+  list("files", candidate ? candidate.files.map((file) => `${file.name}, ${size(file.bytes)}`) : []);
+  // What went wrong is said where it can be mended.
+  const error = (candidate && candidate.error) || "", hasDraft = Boolean(candidate && candidate.draft);
+  for (const [id, isHere] of [["error", !hasDraft], ["open", hasDraft]]) {
+    element(id).hidden = !error || !isHere;
+    text(id, error);
+  }
+  element("working").hidden = !isWorking;
+  element("draft").hidden = !candidate || hasMachine || step !== "uploading";
+  element("draft").disabled = !isEngineer || busy || !candidate || candidate.files.length === 0;
+  element("discard").hidden = !candidate;
+  element("discard").disabled = !isEngineer;
+  element("calibrate").disabled = !isEngineer || isWorking;
+  element("activate").disabled = !isEngineer || step !== "ready";
+  element("configured").disabled = !isEngineer || !state || !(state.from === "upload" || state.configured.differs) || state.from === "centre";
+  const draft = candidate && candidate.draft;
+  element("questions-panel").hidden = !draft;
+  const result = candidate && candidate.result;
+  element("result-panel").hidden = !result;
+  // What is drawn already stays, with what is being typed into it.
+  const now = JSON.stringify(candidate && [candidate.id, draft, result, isEngineer]);
+  if (now === drawn) return;
+  drawn = now;
+  if (draft) showDraft(draft);
+  if (result) showResult(result);
+  if (result && wantsResult) element("result-panel").scrollIntoView();
+  wantsResult = wantsResult && !result;
+}
+
+function showDraft(draft) {
+  for (const answer of draft.answers) if (!typed.has(`${answer.of} ${answer.key}`)) typed.set(`${answer.of} ${answer.key}`, answer.value);
+  list("notes", [...draft.conflicts, ...draft.left_over.map((file) => `not used: ${file}`), ...draft.notes]);
+  text("text", draft.text);
+  const form = element("questions");
+  form.replaceChildren();
+  const groups = new Map();
+  for (const question of draft.questions) groups.set(question.of, [...(groups.get(question.of) || []), question]);
+  if (groups.size === 0) make("p", "", form, "None: the files say everything.");
+  for (const [of, questions] of groups) {
+    const group = make("fieldset", "", form);
+    const measurement = draft.measurements[Number(of)];
+    make("legend", "", group, measurement ? `${measurement.error || "unknown error"}: ${measurement.files.join(" or ")}` : `Squareness ${of}`);
+    if (measurement) for (const said of measurement.said) make("p", "said", group, said);
+    for (const question of questions) {
+      const line = make("label", "question", group);
+      const words = make("span", "", line, `${question.question} `);
+      make("code", "", words, question.key);
+      const key = `${of} ${question.key}`;
+      let field;
+      if (question.choices.length) {
+        field = make("select", "", line);
+        make("option", "", field, "").value = "";
+        for (const choice of question.choices) make("option", "", field, choice).value = choice;
+      } else {
+        field = make("input", "", line);
+        field.autocomplete = "off";
+        field.inputMode = question.key === "error" || question.key.startsWith("channels") ? "text" : "decimal";
+        if (question.key === "point") field.placeholder = "x, y, z";
+      }
+      field.dataset.of = of;
+      field.dataset.key = question.key;
+      field.value = typed.get(key) || "";
+      field.addEventListener("input", () => typed.set(key, field.value));
+    }
+    const out = make("label", "out", group);
+    const box = make("input", "", out);
+    box.type = "checkbox";
+    box.dataset.of = of;
+    box.dataset.key = "leave_out";
+    box.checked = typed.get(`${of} leave_out`) === "true";
+    make("span", "", out, "leave this out");
+    const mark = () => group.classList.toggle("left-out", box.checked);
+    box.addEventListener("change", () => { typed.set(`${of} leave_out`, String(box.checked)); mark(); });
+    mark();
+  }
+}
+
+function answers() {
+  const found = [];
+  for (const field of element("questions").querySelectorAll("[data-key]")) {
+    const value = field.type === "checkbox" ? (field.checked ? "true" : "") : field.value.trim();
+    if (value) found.push({ of: field.dataset.of, key: field.dataset.key, value });
+  }
+  return found;
+}
+
+function showResult(result) {
+  text("result-name", result.name);
+  text("result-hash", result.hash);
+  list("warnings", result.warnings);
+  const table = element("fits"), body = table.tBodies[0];
+  table.hidden = result.fits.length === 0;
+  body.replaceChildren();
+  const fixed = (value, unit) => (value === null ? "–" : `${value.toFixed(2)} ${unit}`);
+  for (const fit of result.fits) {
+    const unit = fit.unit === "urad" ? "µrad" : "µm";
+    const row = body.insertRow();
+    const largest = Math.max(Math.abs(fit.residual_min), Math.abs(fit.residual_max));
+    for (const cell of [`${fit.error}${fit.direction ? ` ${fit.direction}` : ""}`, fit.curve, fit.readings.length, fixed(fit.residual_rms, unit), fixed(largest, unit), fixed(fit.leave_one_out, unit)]) make("td", "", row, String(cell));
+  }
+  const square = Object.entries(result.squareness_urad).map(([error, value]) => `${error} ${value.toFixed(1)} µrad`.replace("-", "−"));
+  text("squareness", square.length ? `Squareness: ${square.join(", ")}` : "");
+  element("curves").replaceChildren(...result.fits.map(curveOf));
+  const range = ends(result.diagonals.flatMap((diagonal) => diagonal.points.flatMap((p) => p.slice(1))));
+  element("diagonals-title").hidden = result.diagonals.length === 0;
+  element("diagonals").replaceChildren(...result.diagonals.map((diagonal) => diagonalOf(diagonal, range)));
+}
+
+/** What a change does, in lines. */
+function changesOf(answer) {
+  const moved = [[answer.worst_corner_um, answer.confirm_um, "µm"], [answer.worst_corner_urad, answer.confirm_urad, "µrad"]];
+  if (answer.worst_corner_um === null) return ["The machine has other axes than before: how far the correction moves is unknown."];
+  return moved.filter(([worst]) => worst !== null)
+    .map(([worst, least, unit]) => `At the worst place of the work space the correction moves by ${worst.toFixed(1).replace("-", "−")} ${unit}` + (least === null ? "." : ` (allowed without asking: ${least} ${unit}).`));
+}
+
+function question(answer, repeat) {
+  asked = repeat;
+  element("confirm-panel").hidden = !answer;
+  if (!answer) return;
+  list("confirm-lines", changesOf(answer));
+  text("confirm-hash", answer.model);
+  asked.hash = answer.model;
+  element("confirm-panel").scrollIntoView({ block: "center" });
+}
+
+/** Puts a model in force; where it moves the correction far it is asked first. */
+async function putInForce(what, body) {
+  text("answer", "comparing with the model in force …");
+  try {
+    const { ok, status, answer } = await ask(`/api/model/${what}`, body);
+    if (status === 409 && answer.model) {
+      text("answer", "This moves the correction far and must be confirmed.");
+      return question(answer, { what, body });
+    }
+    question(null, null);
+    text("answer", ok ? `in force: ${short(answer.model)}${answer.unchanged ? ", as before" : ""}${answer.note ? `. ${answer.note}` : ""}` : `not put in force: ${answer.error || (answer.reasons || []).join(", ")}`);
+  } catch {
+    text("answer", "the gateway does not answer: look at the history whether it is in force");
+  }
+  look();
+}
+
+async function upload(kind, input) {
+  busy = true;
+  const files = [...input.files];
+  try {
+    for (const [index, file] of files.entries()) {
+      text("answer", `uploading ${file.name} (${index + 1} of ${files.length}) …`);
+      const at = candidate ? `&candidate=${candidate.id}` : "";
+      const response = await fetch(`/api/model/upload?kind=${kind}&name=${encodeURIComponent(file.name)}${at}`, { method: "POST", headers: headers(), body: file });
+      const answer = await response.json();
+      if (!response.ok) {
+        text("answer", `${file.name}: ${answer.error}`);
+        return;
+      }
+      candidate = answer;
+    }
+    text("answer", "");
+  } catch {
+    text("answer", "the upload was cut: the gateway does not answer, or ended the connection");
+  } finally {
+    input.value = "";
+    busy = false;
+    look();
+  }
+}
+
+async function post(what, body) {
+  try {
+    const { ok, answer } = await ask(`/api/model/${what}`, body);
+    text("answer", ok ? "" : answer.error);
+  } catch {
+    text("answer", "the gateway does not answer");
+  }
+  await look();
+}
+
+async function look() {
+  try {
+    const [machine, model] = await Promise.all([ask("/api/state"), ask("/api/model")]);
+    if (!machine.ok) {
+      text("state", "unknown");
+      element("state").dataset.state = "unknown";
+      text("answer", machine.answer.error);
+      return;
+    }
+    text("machine-name", machine.answer.machine.name);
+    text("state", machine.answer.state.replace("-", " "));
+    element("state").dataset.state = machine.answer.state;
+    document.title = `Model – ${machine.answer.machine.name}`;
+    element("disarm").disabled = !mayOperate;
+    const before = JSON.stringify(state), was = candidate && candidate.id;
+    state = model.answer;
+    // It may be gone by now, which the next look shows.
+    const made = state.candidate ? await ask("/api/model/candidate") : { ok: false };
+    candidate = made.ok ? made.answer : null;
+    if (was && (!candidate || candidate.id !== was)) typed.clear();
+    // A button that is being held must not be drawn anew under the finger.
+    if (JSON.stringify(state) !== before) showState();
+    showCandidate();
+  } catch {
+    text("state", "no connection");
+    element("state").dataset.state = "unknown";
+    element("disarm").disabled = true;
+  }
+}
+
+async function checkToken() {
+  [isEngineer, mayOperate] = [false, false];
+  if (token()) {
+    const { ok, answer } = await ask("/api/token");
+    if (!ok) sessionStorage.removeItem("token");
+    isEngineer = ok && answer.role === "engineer";
+    mayOperate = ok && (answer.role === "engineer" || answer.role === "operate");
+    text("role", !ok ? `this token is refused: ${answer.error}` : `token of ${answer.name}${isEngineer ? "" : `, role ${answer.role}: a new model needs a token of the role engineer`}`);
+  } else {
+    text("role", "a new model needs a token of the role engineer");
+  }
+  state = null;
+  await look();
+}
+
+/** A press counts after a second: a glove or a tool that touches the glass does nothing. */
+function guard(button, act) {
+  let timer = null;
+  const end = () => {
+    clearTimeout(timer);
+    timer = null;
+    button.classList.remove("holding");
+  };
+  const begin = (event) => {
+    if (button.disabled || (event.type === "keydown" && event.key !== "Enter" && event.key !== " ") || event.repeat) return;
+    event.preventDefault();
+    button.classList.add("holding");
+    timer = timer || setTimeout(() => { end(); act(); }, HOLD_MS);
+  };
+  for (const name of ["pointerdown", "keydown"]) button.addEventListener(name, begin);
+  for (const name of ["pointerup", "pointerleave", "pointercancel", "keyup", "blur"]) button.addEventListener(name, end);
+  button.addEventListener("contextmenu", (event) => event.preventDefault());
+}
+
+element("disarm").addEventListener("click", async () => {
+  const { ok, answer } = await ask("/api/disarm", {});
+  text("answer", ok ? "" : `disarm refused: ${answer.error || answer.state}`);
+  look();
+});
+element("measurements").addEventListener("change", () => upload("measurement", element("measurements")));
+element("machine-file").addEventListener("change", () => upload("machine", element("machine-file")));
+element("draft").addEventListener("click", () => post("draft", { candidate: candidate.id }));
+element("discard").addEventListener("click", () => post("discard", { candidate: candidate.id }));
+element("questions").addEventListener("submit", (event) => {
+  event.preventDefault();
+  wantsResult = true;
+  post("answers", { candidate: candidate.id, answers: answers() });
+});
+element("not-now").addEventListener("click", () => { question(null, null); text("answer", ""); });
+guard(element("activate"), () => putInForce("activate", { candidate: candidate.id }));
+guard(element("configured"), () => putInForce("back", { hash: null }));
+guard(element("confirm"), () => putInForce(asked.what, { ...asked.body, confirm: asked.hash }));
+element("token-form").addEventListener("submit", (event) => {
+  event.preventDefault();
+  sessionStorage.setItem("token", element("token").value.trim());
+  element("token").value = "";
+  checkToken();
+});
+window.addEventListener("resize", () => { if (candidate && candidate.result) showResult(candidate.result); });
+checkToken();
+setInterval(look, LOOK_MS);
