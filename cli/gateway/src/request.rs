@@ -32,7 +32,7 @@ pub enum Ask {
     /// What the centre of the fleet has decided.
     Centre(CentreAsk),
     /// Correct by a model that a person has chosen.
-    Model(ModelAsk),
+    Model(Box<ModelAsk>),
 }
 
 /// A model that a person has chosen on the page *Model*.

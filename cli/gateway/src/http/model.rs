@@ -59,10 +59,14 @@ pub(super) async fn candidate(State(dashboard): State<Shared>) -> Response {
 }
 
 /// Lets an engineer in.
-fn engineer(dashboard: &Shared, from: IpAddr, headers: &HeaderMap) -> Result<Holder, Response> {
+fn engineer(
+    dashboard: &Shared,
+    from: IpAddr,
+    headers: &HeaderMap,
+) -> Result<Holder, Box<Response>> {
     let tokens = &dashboard.door.tokens;
     let checked = tokens.check(from, bearer(headers), Role::Engineer);
-    checked.map_err(IntoResponse::into_response)
+    checked.map_err(|denied| Box::new(denied.into_response()))
 }
 
 fn told(reply: Reply) -> Response {
@@ -78,9 +82,11 @@ fn answered<T: Serialize>(found: Result<T, Reply>) -> Response {
 }
 
 /// The body of a request; what is wrong with it is told.
-fn decoded<T: DeserializeOwned>(body: &Bytes) -> Result<T, Response> {
-    serde_json::from_slice(body)
-        .map_err(|e| refuse(StatusCode::BAD_REQUEST, &format!("the body is wrong: {e}")))
+fn decoded<T: DeserializeOwned>(body: &Bytes) -> Result<T, Box<Response>> {
+    serde_json::from_slice(body).map_err(|e| {
+        let what = format!("the body is wrong: {e}");
+        Box::new(refuse(StatusCode::BAD_REQUEST, &what))
+    })
 }
 
 /// What the address of an upload says.
@@ -101,7 +107,7 @@ async fn upload(
 ) -> Response {
     let holder = match engineer(&dashboard, from.ip(), &headers) {
         Ok(holder) => holder,
-        Err(denied) => return denied,
+        Err(denied) => return *denied,
     };
     let Ok(Query(asked)) = asked else {
         return refuse(
@@ -129,7 +135,7 @@ async fn upload(
         Err(reply) => return told(reply),
     };
     match received(&dashboard, &place, body).await {
-        Ok(bytes) => answered(models.file_done(place, bytes)),
+        Ok(bytes) => answered(models.file_done(&place, bytes)),
         Err(error) => {
             let status = StatusCode::from_u16(error.status());
             let status = status.unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
@@ -203,7 +209,7 @@ async fn draft(
         engineer(&dashboard, from.ip(), &headers).and_then(|_| decoded::<ModelRequest>(&body));
     match asked {
         Ok(asked) => answered(dashboard.models.draft(&asked.candidate)),
-        Err(refusal) => refusal,
+        Err(refusal) => *refusal,
     }
 }
 
@@ -217,7 +223,7 @@ async fn answers(
         engineer(&dashboard, from.ip(), &headers).and_then(|_| decoded::<ModelAnswers>(&body));
     match asked {
         Ok(asked) => answered(dashboard.models.answer(&asked.candidate, asked.answers)),
-        Err(refusal) => refusal,
+        Err(refusal) => *refusal,
     }
 }
 
@@ -231,7 +237,7 @@ async fn discard(
         engineer(&dashboard, from.ip(), &headers).and_then(|_| decoded::<ModelRequest>(&body));
     match asked {
         Ok(asked) => answered(dashboard.models.discard(&asked.candidate)),
-        Err(refusal) => refusal,
+        Err(refusal) => *refusal,
     }
 }
 
@@ -243,11 +249,11 @@ async fn activate(
 ) -> Response {
     let holder = match engineer(&dashboard, from.ip(), &headers) {
         Ok(holder) => holder,
-        Err(denied) => return denied,
+        Err(denied) => return *denied,
     };
     let asked: ModelRequest = match decoded(&body) {
         Ok(asked) => asked,
-        Err(refusal) => return refusal,
+        Err(refusal) => return *refusal,
     };
     let models = &dashboard.models;
     answer_of(models.activate(&holder.name, &asked.candidate, asked.confirm)).await
@@ -261,11 +267,11 @@ async fn back(
 ) -> Response {
     let holder = match engineer(&dashboard, from.ip(), &headers) {
         Ok(holder) => holder,
-        Err(denied) => return denied,
+        Err(denied) => return *denied,
     };
     let asked: ModelBack = match decoded(&body) {
         Ok(asked) => asked,
-        Err(refusal) => return refusal,
+        Err(refusal) => return *refusal,
     };
     answer_of(
         dashboard

@@ -104,13 +104,8 @@ pub(super) fn start(
     };
     #[cfg(feature = "fleet")]
     let fleet = crate::fleet::start(&config, &published, &asks, &switch)?;
-    let models = Models::start(
-        &config,
-        machine.options.config.is_none(),
-        &published,
-        &asks,
-        &switch,
-    )?;
+    let is_built_in = machine.options.config.is_none();
+    let models = Models::start(&config, is_built_in, &published, &asks, &switch)?;
     let dashboard = Dashboard {
         models: models.clone(),
         published,

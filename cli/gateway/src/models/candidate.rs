@@ -148,7 +148,7 @@ impl Shared {
         let folder = self.begin_work(id)?;
         let name = name.to_owned();
         self.work(id, move || {
-            let before = Machine::read(&folder.0.join("machine.toml"));
+            let before = Machine::read(folder.0.join("machine.toml"));
             let before = before.map_err(|e| NotMeasured::of(e.to_string()))?;
             let bytes = fs::read(folder.files().join(&name));
             let bytes = bytes.map_err(|e| NotMeasured::of(format!("{name}: {e}")))?;

@@ -244,7 +244,12 @@ impl Desk {
             ask.machine == self.configured,
         );
         let (answer, answered) = oneshot::channel();
-        let asked = Asked::new(Ask::Model(ask), who, Some(answer), &self.shared.switch);
+        let asked = Asked::new(
+            Ask::Model(Box::new(ask)),
+            who,
+            Some(answer),
+            &self.shared.switch,
+        );
         if self.shared.asks.try_send(asked).is_err() {
             return refused(503, "too many requests wait");
         }

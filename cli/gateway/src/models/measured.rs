@@ -16,7 +16,7 @@ use volcomp_calibrate::{
     Subject, calibrate, draft,
 };
 use volcomp_document::InputError;
-use volcomp_model::Machine;
+use volcomp_model::{Axis, Machine};
 use volcomp_vocabulary::Urad;
 
 use super::diagonals::diagonals;
@@ -67,30 +67,30 @@ impl Folder {
     }
 
     /// A message without the way to this folder.
-    fn told(&self, message: impl ToString) -> String {
+    fn told(&self, message: &impl ToString) -> String {
         let way = format!("{}/", self.0.display());
         message.to_string().replace(&way, "")
     }
 
-    fn wrong(&self, message: impl ToString) -> NotMeasured {
+    fn wrong(&self, message: &impl ToString) -> NotMeasured {
         NotMeasured(self.told(message))
     }
 
     /// The machine that the measurements are of.
     fn machine(&self) -> Result<Machine, NotMeasured> {
-        Machine::read(&self.0.join(MACHINE)).map_err(|e| self.wrong(e))
+        Machine::read(self.0.join(MACHINE)).map_err(|e| self.wrong(&e))
     }
 
     /// Looks through the files.
     pub(crate) fn draft(&self) -> Result<Draft, NotMeasured> {
         let machine = self.machine()?;
-        let named = |path: &Path| self.told(path.display());
-        let draft = draft(&self.files(), &machine, MACHINE, named).map_err(|e| self.wrong(e))?;
+        let named = |path: &Path| self.told(&path.display());
+        let draft = draft(&self.files(), &machine, MACHINE, named).map_err(|e| self.wrong(&e))?;
         if draft.proposed.is_empty() {
             let reasons: Vec<String> = draft
                 .left_over
                 .iter()
-                .map(|of| self.told(format_args!("{}: {}", of.file, of.reason)))
+                .map(|of| self.told(&format_args!("{}: {}", of.file, of.reason)))
                 .collect();
             return Err(NotMeasured(format!(
                 "none of the files is a measurement of this machine: {}",
@@ -123,7 +123,7 @@ impl Folder {
             questions: questions(drafted, &answers)?,
             conflicts: drafted.conflicts.clone(),
             left_over: (now.left_over.iter())
-                .map(|of| self.told(format_args!("{}: {}", of.file, of.reason)))
+                .map(|of| self.told(&format_args!("{}: {}", of.file, of.reason)))
                 .collect(),
             notes: drafted.notes.iter().map(|note| self.told(note)).collect(),
             text: now.text,
@@ -139,17 +139,17 @@ impl Folder {
     ) -> Result<(String, CandidateResult), NotMeasured> {
         let text = answered(drafted, answers)?.text;
         let path = self.0.join(CALIBRATION);
-        fs::write(&path, text).map_err(|e| self.wrong(e))?;
-        let file = CalibrationFile::read(&path).map_err(|e| self.wrong(e))?;
+        fs::write(&path, text).map_err(|e| self.wrong(&e))?;
+        let file = CalibrationFile::read(&path).map_err(|e| self.wrong(&e))?;
         let begun = Instant::now();
-        let calibration = calibrate(&file, |_, _| {}).map_err(|e| self.wrong(e))?;
+        let calibration = calibrate(&file, |_, _| {}).map_err(|e| self.wrong(&e))?;
         let took = begun.elapsed();
         let bands = bands(&file, &calibration, took);
         let fits = calibration.curves.iter().zip(bands);
         let fits = fits.map(|(curve, band)| fit(curve, &file.machine, band));
         let squareness = calibration.squareness.iter();
         let mut result =
-            result(&calibration.machine, Some(&file.machine)).map_err(|e| self.wrong(e))?;
+            result(&calibration.machine, Some(&file.machine)).map_err(|e| self.wrong(&e))?;
         result.warnings.splice(
             0..0,
             calibration
@@ -317,11 +317,7 @@ fn held(curve: &FittedCurve, before: &Machine) -> Vec<[f64; 2]> {
     else {
         return Vec::new();
     };
-    let mut coordinates: Vec<f64> = before
-        .axes()
-        .iter()
-        .map(|axis| axis.nearest_zero())
-        .collect();
+    let mut coordinates: Vec<f64> = before.axes().iter().map(Axis::nearest_zero).collect();
     (curve.sampled.iter())
         .map(|[x, _]| {
             coordinates[own] = *x;
@@ -343,8 +339,9 @@ fn bands(
         let unknown: Vec<&PathBuf> = file.without_scatter().map(|line| &line.file).collect();
         lines.any(|line| line.setup.error == curve.error && !unknown.contains(&&line.file))
     };
-    let trials = VARIED_AT_MOST.as_secs_f64() / took.as_secs_f64().max(1e-6);
-    let trials = (trials as u32).min(TRIALS);
+    let mut counts = (1..=TRIALS).rev();
+    let trials = counts.find(|count| took.saturating_mul(*count) <= VARIED_AT_MOST);
+    let trials = trials.unwrap_or_default();
     if trials < LEAST_TRIALS
         || file.observations.is_some()
         || !calibration.curves.iter().any(is_known)

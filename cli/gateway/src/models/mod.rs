@@ -154,7 +154,7 @@ impl Models {
         let (jobs, work) = channel();
         let desk = Desk::new(Arc::clone(&shared), config.configured_machine.clone());
         quiet::spawn("volcomp-models", config.realtime.cpu, move || {
-            desk.run(&work)
+            desk.run(&work);
         })
         .map_err(|e| GatewayError::system("models", e))?;
         Ok(Self { shared, jobs })
@@ -314,7 +314,7 @@ impl Models {
     }
 
     /// A file is on disk.
-    pub(crate) fn file_done(&self, place: Place, bytes: u64) -> Result<Candidate, Reply> {
+    pub(crate) fn file_done(&self, place: &Place, bytes: u64) -> Result<Candidate, Reply> {
         {
             let mut held = self.shared.held(&place.candidate).ok_or_else(gone)?;
             held.document.files.push(UploadedFile {

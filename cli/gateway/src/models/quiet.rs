@@ -32,12 +32,11 @@ pub(crate) fn spawn(
 /// Leaves the processor of the cycle, and takes what others leave of the rest. What the operating system refuses is no reason
 /// not to work: the cycle has real-time priority besides.
 fn step_back(cycle_cpu: Option<usize>) {
-    if let (Some(cpu), Ok(set)) = (cycle_cpu, sched_getaffinity(None)) {
-        if let Some(others) = without(set, cpu)
-            && let Err(e) = sched_setaffinity(None, &others)
-        {
-            tracing::debug!("not off processor {cpu}: {e}");
-        }
+    if let (Some(cpu), Ok(set)) = (cycle_cpu, sched_getaffinity(None))
+        && let Some(others) = without(set, cpu)
+        && let Err(e) = sched_setaffinity(None, &others)
+    {
+        tracing::debug!("not off processor {cpu}: {e}");
     }
     // Linux: of this thread alone.
     if let Err(e) = setpriority_process(None, NICE) {

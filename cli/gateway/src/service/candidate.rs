@@ -73,7 +73,7 @@ impl Service {
 
     /// Begins to read a machine file that a person has chosen. Where a centre has put one in force, it comes from there alone:
     /// a machine that corrects by another one than its centre believes is a surprise to everybody.
-    pub(super) fn read_of_person(&mut self, ask: ModelAsk) -> Result<Step, Reply> {
+    pub(super) fn read_of_person(&mut self, ask: Box<ModelAsk>) -> Result<Step, Reply> {
         if self.parts.config.is_machine_of_centre() {
             return Err(refused(
                 409,
@@ -81,7 +81,7 @@ impl Service {
             ));
         }
         let (machine, confirm) = (ask.machine.clone(), ask.confirm.clone());
-        self.read_candidate(machine, confirm, Whose::Person(Box::new(ask)))
+        self.read_candidate(machine, confirm, Whose::Person(ask))
     }
 
     /// Begins to read a machine file. Nothing else of the configuration changes, whatever stands on disk.

@@ -126,7 +126,7 @@ impl Service {
             return Progress::Done(self.refused_files(&whose, who, what));
         }
         if let Some(question) = judged.question {
-            let mut note = self.note(&whose, who, &plan, judged.worst);
+            let mut note = Self::note(&whose, who, &plan, judged.worst);
             note.outcome = ModelOutcome::MustBeConfirmed;
             self.parts.notes.tell(note);
             match whose {
@@ -206,7 +206,7 @@ impl Service {
         let has_same_model = plan.model.hash == self.parts.model.hash;
         let unchanged = has_same_model && (plan.config == self.parts.config || !is_configured);
         if !(has_same_model && is_configured) {
-            let note = self.note(&whose, &step.who, &plan, step.worst);
+            let note = Self::note(&whose, &step.who, &plan, step.worst);
             self.parts.notes.tell(note);
         }
         let mut note = None;
@@ -252,7 +252,7 @@ impl Service {
     }
 
     /// What became of a model, for its history: it is in force, unless the caller knows better.
-    fn note(&self, whose: &Whose, who: &str, plan: &Plan, worst: [Option<f64>; 2]) -> Note {
+    fn note(whose: &Whose, who: &str, plan: &Plan, worst: [Option<f64>; 2]) -> Note {
         let (from, file) = whose.origin(&plan.config);
         Note {
             who: who.to_owned(),
@@ -360,7 +360,7 @@ fn plan_again(
     } else {
         &config.configured_machine
     };
-    config.machine = machine.clone();
+    config.machine.clone_from(machine);
     plan_with(config, opened, model, limits, judge)
 }
 

@@ -158,6 +158,19 @@ fn wait_model(program: &Program, done: impl Fn(&Value) -> bool) -> Value {
     }
 }
 
+/// Back to the model before, and to the first of all.
+fn goes_back(program: &Program, before: &Value) {
+    let history = model(program)["history"].clone();
+    let first = &history.as_array().expect("a list").last().expect("one")["hash"];
+    for (hash, um) in [(before, -100.0), (first, -20.0)] {
+        let asked = post(program, "back", &json!({ "hash": hash })).json();
+        let back = json!({ "hash": hash, "confirm": asked["model"] });
+        let taken = post(program, "back", &back);
+        assert_eq!(taken.status, 200, "{}", taken.body);
+        y(program, um);
+    }
+}
+
 /// Uploaded while it corrects; asked about; confirmed; through the ramp without a step; outlives a kill; a reload leaves it; the
 /// configured file is taken back only when a person says so.
 #[test]
@@ -251,25 +264,7 @@ fn a_model_goes_into_force_through_question_and_ramp_and_outlives_a_kill() {
     let state = model(&program);
     assert_eq!(state["from"], "file", "{state}");
     assert!(rig.standing()["in_force"].is_null());
-    // Back to the one before, and to the first of all.
-    for (hash, um) in [
-        (made["result"]["hash"].clone(), -100.0),
-        (
-            model(&program)["history"]
-                .as_array()
-                .expect("a list")
-                .last()
-                .expect("one")["hash"]
-                .clone(),
-            -20.0,
-        ),
-    ] {
-        let asked = post(&program, "back", &json!({ "hash": hash })).json();
-        let back = json!({ "hash": hash, "confirm": asked["model"] });
-        let taken = post(&program, "back", &back);
-        assert_eq!(taken.status, 200, "{}", taken.body);
-        y(&program, um);
-    }
+    goes_back(&program, &made["result"]["hash"]);
     let nobody = post(&program, "back", &json!({ "hash": "sha256:../../x" }));
     assert_eq!(nobody.status, 404, "{}", nobody.body);
 }
