@@ -12,7 +12,7 @@ fn drafted(names: &[&str]) -> (tempfile::TempDir, Draft) {
     for name in names.iter().chain(&["machine.toml"]) {
         std::fs::copy(examples.join(name), dir.path().join(name)).expect("there");
     }
-    let machine = Machine::read(&dir.path().join("machine.toml")).expect("right");
+    let machine = Machine::read(dir.path().join("machine.toml")).expect("right");
     let base: PathBuf = dir.path().to_owned();
     let named = |path: &Path| {
         path.strip_prefix(&base)
