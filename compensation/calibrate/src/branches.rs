@@ -222,29 +222,30 @@ impl Branches {
         let both = self.fits.len() == 2;
         let runs = self.runs.iter().cloned().chain(std::iter::repeat(None));
         let each = self.fits.iter().zip(&self.points).zip(runs);
-        let row = |(((direction, fit), points), runs): ((&(Direction, Fit), &Points), _)| FittedCurve {
-            error,
-            direction: both.then_some(*direction),
-            kind: fit.curve.kind(),
-            readings: fit.residuals.len(),
-            quality: if error.component.is_angular() {
-                Quality::Angle(quality(fit, reversal, Urad))
-            } else {
-                Quality::Length(quality(fit, reversal, Um))
-            },
-            method: self.method,
-            choice: self.choice.clone(),
-            band: None,
-            resampled: Option::<Vec<Run>>::map(runs, |runs| Resampled {
-                runs,
-                targets: self.targets.clone(),
-                factor: self.factor,
-            }),
-            points: (points.iter())
-                .map(|(x, u)| [*x, *u, fit.curve.value(*x)])
-                .collect(),
-            sampled: sampled(fit, points),
-        };
+        let row =
+            |(((direction, fit), points), runs): ((&(Direction, Fit), &Points), _)| FittedCurve {
+                error,
+                direction: both.then_some(*direction),
+                kind: fit.curve.kind(),
+                readings: fit.residuals.len(),
+                quality: if error.component.is_angular() {
+                    Quality::Angle(quality(fit, reversal, Urad))
+                } else {
+                    Quality::Length(quality(fit, reversal, Um))
+                },
+                method: self.method,
+                choice: self.choice.clone(),
+                band: None,
+                resampled: Option::<Vec<Run>>::map(runs, |runs| Resampled {
+                    runs,
+                    targets: self.targets.clone(),
+                    factor: self.factor,
+                }),
+                points: (points.iter())
+                    .map(|(x, u)| [*x, *u, fit.curve.value(*x)])
+                    .collect(),
+                sampled: sampled(fit, points),
+            };
         each.map(row).collect()
     }
 
