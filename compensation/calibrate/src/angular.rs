@@ -9,7 +9,7 @@ use crate::{
     calibration_file::CalibrationFile,
     contradictions::{contradictions, noise_of_lines},
     error::CalibrateError,
-    fitted::{Fitted, fit, joint_of, lines_of, measured, notes_of},
+    fitted::{Fitted, fit, joint_of, lines_of, measured},
     locations::without_others,
     profile::Profile,
     set_up::SetUp,
@@ -49,7 +49,6 @@ pub(crate) fn angular(
         let joint = joint_of(&file.machine, error)?;
         let (mut as_read, mut profiles) = (Vec::new(), Vec::new());
         for line in lines_of(file, error) {
-            result.notes.extend(notes_of(line));
             let read = Profile::new(line, &joint)?;
             profiles.push(without_others(read.clone(), whole, set_up)?);
             as_read.push(read);

@@ -7,7 +7,7 @@ use crate::{
     calibration_file::{CalibrationFile, Location},
     checks::{different_machines, odd, odd_values, without_point},
     error::CalibrateError,
-    fitted::measured,
+    fitted::{measured, notes_of},
     fitted_curve::FittedCurve,
     fitted_line::FittedLine,
     identified::{Identified, Wanted, settled},
@@ -91,6 +91,7 @@ fn calibrated(
     warnings.extend(lines.flat_map(|line| odd(line, &file.machine)));
     warnings.extend(without_point(&file.measurements, &stages.machine));
     warnings.extend(odd_values(file));
+    warnings.extend(notes_of(&file.measurements));
     warnings.append(&mut stages.notes);
     warnings.extend(of_observations);
     if matches!(wanted, Wanted::Everything) {

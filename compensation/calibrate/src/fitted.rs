@@ -42,10 +42,21 @@ pub(crate) fn lines_of(file: &CalibrationFile, error: ErrorName) -> impl Iterato
     lines.filter(move |line| line.setup.error == error)
 }
 
-/// The notes from reading the measurement file of a line, each with the name of the file before it.
-pub(crate) fn notes_of(line: &Line) -> impl Iterator<Item = String> {
-    let notes = line.readings.notes.iter();
-    notes.map(|note| format!("{}: {note}", line.file.display()))
+/// The notes from reading the measurement files, each with the names of all files before it that it is about.
+pub(crate) fn notes_of(lines: &[Line]) -> Vec<String> {
+    let mut told: Vec<(&str, Vec<String>)> = Vec::new();
+    for line in lines {
+        let file = line.file.display().to_string();
+        for note in &line.readings.notes {
+            match told.iter_mut().find(|(text, _)| text == note) {
+                Some((_, files)) if files.contains(&file) => {}
+                Some((_, files)) => files.push(file.clone()),
+                None => told.push((note, vec![file.clone()])),
+            }
+        }
+    }
+    let text = |(note, files): (&str, Vec<String>)| format!("{}: {note}", files.join(", "));
+    told.into_iter().map(text).collect()
 }
 
 /// The joint of the axis of an error.

@@ -10,7 +10,7 @@ use crate::{
     calibration_file::{CalibrationFile, Line},
     contradictions::{Tilts, contradictions},
     error::CalibrateError,
-    fitted::{Fitted, fit, joint_of, lines_of, measured, notes_of},
+    fitted::{Fitted, fit, joint_of, lines_of, measured},
     locations::without_others,
     profile::Profile,
     set_up::SetUp,
@@ -49,7 +49,6 @@ pub(crate) fn linear<'a>(
         let straightness = MotionKind::of(error) == MotionKind::Straightness;
         let (mut as_read, mut profiles) = (Vec::new(), Vec::new());
         for line in lines_of(file, error) {
-            result.notes.extend(notes_of(line));
             let read = Profile::new(line, &joint)?;
             let profile = without_abbe(without_others(read.clone(), whole, set_up)?, tilted)?;
             as_read.push(read);

@@ -357,7 +357,9 @@ mod tests {
         assert!(early.is_err(), "it runs");
         is_faulty.store(true, Ordering::Relaxed);
         let ended = tokio::time::timeout(Duration::from_secs(60), running.ended()).await;
-        assert_eq!(ended, Ok("the engine"));
+        // Both use the store: which of them meets the fault first is a matter of chance.
+        let ended = ended.expect("it ends");
+        assert!(["the engine", "the thread that writes"].contains(&ended), "{ended}");
         assert_eq!(CommandError::Ended("the engine").status(), 1);
 
         let (alive, writer) = oneshot::channel();
@@ -368,5 +370,12 @@ mod tests {
             writer,
         };
         assert_eq!(running.ended().await, "the thread that writes");
+        let (_alive, writer) = oneshot::channel();
+        let mut running = Running {
+            engine: Arc::clone(running.engine()),
+            tasks: tokio::spawn(async {}),
+            writer,
+        };
+        assert_eq!(running.ended().await, "the engine");
     }
 }
