@@ -1,0 +1,397 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: GPL-2.0-or-later
+"""The bridge between LinuxCNC and a volcomp gateway, in user space.
+
+Started by volcomp.tcl, or again while LinuxCNC runs by its own name. It takes its settings
+from the section [VOLCOMP] of the INI file, which it is given as its argument or finds in INI_FILE_NAME.
+"""
+
+import os
+import random
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import hal
+import linuxcnc
+
+sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
+import datagram  # noqa: E402
+from barrier import Barrier, Settings  # noqa: E402
+
+# Cycles of the servo thread after which a change of the counts must be seen in the control's request.
+LANDS_WITHIN = 5
+# Cycles for which nothing moves after the machine was switched on.
+SETTLES = 20
+# Cycles for which nothing moves after an offset was lost.
+LOST_FOR = 1000
+# Cycles for which a sender that says nothing hears states.
+LISTENS_FOR_S = 1.0
+SENDERS = 4
+PROBING = 5
+# Parts of a unit (mm or degree) in the unit of steps and offsets, and scale of the control's counts.
+NANO = 1e6
+
+
+def tell(what):
+    print(f"volcomp bridge: {what}", file=sys.stderr, flush=True)
+
+
+class Configuration:
+    """The section [VOLCOMP] and what else of the INI file is needed."""
+
+    def __init__(self, path):
+        self.path = path
+        self.ini = linuxcnc.ini(path)
+        self.axes = list(self.text("AXES", "XYZ").upper().replace(" ", ""))
+        self.reads = list(self.text("READS", "").upper().replace(" ", ""))
+        self.machine = int(self.number("MACHINE"))
+        self.port = int(self.number("PORT", 47001))
+        self.listen = self.text("LISTEN", "127.0.0.1")
+        self.joints = int(self.ini.find("KINS", "JOINTS") or len(self.axes))
+        self.period_s = float(self.ini.find("EMCMOT", "SERVO_PERIOD") or 1000000) * 1e-9
+        folder = os.path.dirname(os.path.abspath(path))
+        self.epoch_file = os.path.join(folder, self.text("EPOCH_FILE", "volcomp.epoch"))
+        rotary = [letter in "ABC" for letter in self.axes]
+        steps = [self.number("STEP_UDEG", 1) if turns else self.number("STEP_NM", 1) for turns in rotary]
+        self.steps = [int(step) for step in steps]
+        if self.steps != steps or min(self.steps) < 1:
+            raise ValueError("[VOLCOMP]STEP_NM and STEP_UDEG: expected whole numbers, 1 or more")
+        milli = 1000.0  # nm of a um, millionths of a degree of a millidegree
+        limit = [self.number("LIMIT_MDEG") if turns else self.number("LIMIT_UM") for turns in rotary]
+        rate = [self.number("RATE_MDEG_PER_S") if turns else self.number("RATE_UM_PER_S") for turns in rotary]
+        # The largest rate, and the smallest number of cycles from step to step with which it is a count or more.
+        per_scan = [value * milli * self.period_s / step for value, step in zip(rate, self.steps)]
+        step_scans = max(1, int(max(-(-1.0 // value) for value in per_scan)))
+
+        def scans(key, default):
+            return int(round(self.number(key, default) * 1e-3 / self.period_s))
+
+        self.settings = Settings(
+            self.axes, self.machine,
+            [int(value * milli / step) for value, step in zip(limit, self.steps)],
+            [int(value * step_scans + 1e-9) for value in per_scan],
+            step_scans, scans("HOLD_MS", 100), scans("TIME_OUT_MS", 300))
+        self.period_ns = int(round(self.period_s * 1e9))
+
+    def text(self, key, default):
+        return self.ini.find("VOLCOMP", key) or default
+
+    def number(self, key, default=None):
+        text = self.ini.find("VOLCOMP", key)
+        if text is None and default is None:
+            raise ValueError(f"[VOLCOMP]{key} is missing")
+        try:
+            return float(text) if text is not None else default
+        except ValueError:
+            raise ValueError(f"[VOLCOMP]{key}: found {text!r}, expected a number") from None
+
+
+class KeptEpoch:
+    """The epoch in a file. A start or time-out that is not written down could let an old frame pass after the next one."""
+
+    def __init__(self, path):
+        self.path = path
+        try:
+            with open(path, encoding="ascii") as file:
+                self.epoch = int(file.read()) & 0xFFFF
+        except FileNotFoundError:
+            self.epoch = 0
+
+    def keep(self, epoch):
+        if epoch == self.epoch:
+            return
+        beside = self.path + ".new"
+        with open(beside, "w", encoding="ascii") as file:
+            file.write(f"{epoch}\n")
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(beside, self.path)
+        self.epoch = epoch
+
+
+class Control:
+    """What the bridge reads of LinuxCNC, and what it writes."""
+
+    def __init__(self, component, configuration):
+        self.component, self.configuration = component, configuration
+        self.letters = [letter.lower() for letter in configuration.axes]
+        self.counts = [f"counts-{letter}" for letter in self.letters]
+        self.joints = [f"joint.{joint}.homed" for joint in range(configuration.joints)]
+        self.positions = [f"axis.{letter.lower()}.pos-cmd" for letter in configuration.axes + configuration.reads]
+
+    def cycle(self):
+        """The number of cycles that the servo thread has finished."""
+        return int(hal.get_value("volcomp-end"))
+
+    def read(self):
+        """Everything of one cycle: read again where the servo thread went on meanwhile."""
+        for _ in range(10):
+            cycle = self.cycle()
+            position = [hal.get_value(pin) for pin in self.positions]
+            offset = [hal.get_value(f"axis.{letter}.eoffset") for letter in self.letters]
+            request = [hal.get_value(f"axis.{letter}.eoffset-request") for letter in self.letters]
+            if int(hal.get_value("volcomp-begin")) == cycle:
+                break
+        return cycle, time.monotonic_ns(), position, offset, request
+
+    def flags(self):
+        flags = 0
+        if not (hal.get_value("iocontrol.0.emc-enable-in") and hal.get_value("iocontrol.0.user-enable-out")):
+            flags |= datagram.EMERGENCY_STOP
+        if hal.get_value("motion.motion-enabled"):
+            flags |= datagram.ENABLED
+        if all(hal.get_value(joint) for joint in self.joints):
+            flags |= datagram.HOMED
+        if hal.get_value("motion.eoffset-limited"):
+            flags |= datagram.LIMITED
+        if hal.get_value("motion.motion-type") == PROBING:
+            flags |= datagram.PROBING
+        return flags
+
+
+class Senders:
+    """Those who hear states, and the last frame of each since the last scan."""
+
+    def __init__(self, configuration):
+        self.machine = configuration.machine
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind((configuration.listen, configuration.port))
+        self.socket.setblocking(False)
+        self.heard = {}
+        self.frames = {}
+
+    def receive(self):
+        now = time.monotonic()
+        for _ in range(64):
+            try:
+                data, sender = self.socket.recvfrom(512)
+            except (BlockingIOError, ConnectionRefusedError):
+                break
+            told = datagram.command(data)
+            # Who only listens moves nothing: it may be told that this is another machine.
+            if told is None or told[1] == datagram.FRAME and told[0] != self.machine:
+                continue
+            if sender not in self.heard and len(self.heard) >= SENDERS:
+                continue
+            self.heard[sender] = now
+            if told[1] == datagram.FRAME:
+                self.frames[sender] = told[2]
+        self.heard = {sender: at for sender, at in self.heard.items() if now - at < LISTENS_FOR_S}
+
+    def mailboxes(self):
+        frames, self.frames = self.frames, {}
+        return list(frames.values())
+
+    def send(self, data):
+        for sender in self.heard:
+            try:
+                self.socket.sendto(data, sender)
+            except OSError:
+                pass  # One that is gone, or a full queue: the next state says more.
+
+
+class Bridge:
+    def __init__(self, component, configuration, senders):
+        self.component, self.configuration = component, configuration
+        self.control = Control(component, configuration)
+        self.senders = senders
+        self.kept = KeptEpoch(configuration.epoch_file)
+        self.run = random.SystemRandom().getrandbits(32)
+        self.sequence = 0
+        self.cycle, _, self.position, _, request = self.control.read()
+        self.velocity = [0.0] * len(self.position)
+        applied = self.whole(request)
+        self.barrier = Barrier(configuration.settings, self.kept.epoch, self.cycle & 0xFFFF, applied)
+        self.kept.keep(self.barrier.epoch)
+        self.base = self.based(applied)
+        self.written = [applied]
+        self.strange = self.settle = self.lost = 0
+        self.was_enabled = False
+        self.was_probing = False
+
+    def whole(self, request):
+        """What the control is asked for, in counts of the barrier."""
+        steps = self.configuration.steps
+        return [int(round(value * NANO / step)) for value, step in zip(request, steps)]
+
+    def based(self, applied):
+        """The control's counts at which the barrier's are zero: only changes of its counts move it."""
+        steps = self.configuration.steps
+        return [self.component[pin] - value * step
+                for pin, value, step in zip(self.control.counts, applied, steps)]
+
+    def write(self, applied):
+        for pin, base, value, step in zip(self.control.counts, self.base, applied, self.configuration.steps):
+            self.component[pin] = base + value * step
+        # The values that the control may show as its request while the last ones are on their way.
+        self.written = (self.written + [list(applied)])[-LANDS_WITHIN:]
+
+    def watch(self, request, flags):
+        """Whether the control's request is what was written; begins anew from it where it is not for some cycles."""
+        found = self.whole(request)
+        is_on = flags & datagram.ENABLED and flags & datagram.HOMED
+        # Axis by axis: the servo thread may come between the writing of two.
+        landing = zip(found, *self.written, self.barrier.applied)
+        if all(value in known for value, *known in landing):
+            self.strange = 0
+            return
+        self.strange += 1
+        if self.strange <= LANDS_WITHIN or not is_on:
+            return
+        gone = [was - now for was, now in zip(self.barrier.applied, found)]
+        for letter, value, step in zip(self.control.letters, gone, self.configuration.steps):
+            self.component[f"absorbed-{letter}"] += value * step / NANO
+        shown = ", ".join(f"{letter.upper()} {value * step / 1000:+.3f}"
+                          for letter, value, step in zip(self.control.letters, gone, self.configuration.steps))
+        tell(f"the control has lost an offset, or taken it into its position: {shown} um or mdeg; "
+             "nothing moves for a second, then the correction is ramped in anew")
+        self.barrier.begin_anew(found)
+        self.kept.keep(self.barrier.epoch)
+        self.base = self.based(found)
+        self.written = [found]
+        self.strange, self.lost = 0, LOST_FOR
+
+    def probe(self, flags, offset):
+        """The offset at the instant of the contact: probed positions contain it."""
+        is_probing = bool(flags & datagram.PROBING)
+        touches = bool(hal.get_value("motion.probe-input"))
+        if is_probing and not self.was_probing:
+            self.latched = False
+        if is_probing and touches and not self.latched:
+            self.latched = True
+            for letter, value in zip(self.control.letters, offset):
+                self.component[f"probed-offset-{letter}"] = value
+        self.was_probing = is_probing
+
+    def scan(self):
+        cycle, now, position, offset, request = self.control.read()
+        passed = cycle - self.cycle
+        flags = self.control.flags()
+        is_on = bool(flags & datagram.ENABLED and flags & datagram.HOMED)
+        self.settle = max(self.settle - passed, 0) if is_on and self.was_enabled else SETTLES
+        self.was_enabled = is_on
+        self.lost = max(self.lost - passed, 0)
+        self.watch(request, flags)
+        if self.lost:
+            flags |= datagram.LOST
+        self.probe(flags, offset)
+        stops = datagram.EMERGENCY_STOP | datagram.LIMITED | datagram.LOST
+        whole = self.component["factor"] == 1.0
+        holds = bool(flags & stops) or not is_on or self.settle > 0 or self.strange > 0 or not whole
+        report = self.barrier.scan(self.senders.mailboxes(), holds, min(passed, 32767))
+        self.kept.keep(self.barrier.epoch)
+        if self.barrier.applied != self.written[-1] or len(self.written) > 1:
+            self.write(self.barrier.applied)
+        self.velocity = [(at - was) / (passed * self.configuration.period_s) for at, was in zip(position, self.position)]
+        self.position, self.cycle = position, cycle
+        self.sequence += 1
+        c = self.configuration
+        axes = [(letter, step, at, velocity, int(round(moved * NANO)))
+                for letter, step, at, velocity, moved in zip(
+                    c.axes + c.reads, c.steps + [1] * len(c.reads), position, self.velocity, offset + [0] * len(c.reads))]
+        self.senders.send(datagram.state(
+            c.machine, self.run, self.sequence, flags, now, c.period_ns, axes, report))
+        self.component["alive"] = not self.component["alive"]
+        self.component["holds"] = holds
+        self.component["owner"] = self.barrier.owner
+        self.component["epoch"] = self.barrier.epoch
+
+    def go(self):
+        while True:
+            select.select([self.senders.socket], [], [], 0.0003)
+            self.senders.receive()
+            if self.control.cycle() != self.cycle:
+                self.scan()
+
+
+def names():
+    """The names that a bridge may have. One that was killed leaves its own behind, as LinuxCNC has no way to take it away."""
+    return ["volcomp"] + [f"volcomp-{number}" for number in range(2, 100)]
+
+
+def component(configuration):
+    """Only one bridge gets here, since only one has the port: what has an earlier name is dead, and lets go of its signals."""
+    made = None
+    for name in names():
+        try:
+            made = hal.component(name)
+            break
+        except (hal.error, RuntimeError):
+            for pin in [f"counts-{letter.lower()}" for letter in configuration.axes] + ["alive", "enable", "factor"]:
+                subprocess.run(["halcmd", "unlinkp", f"{name}.{pin}"], check=False, capture_output=True)
+    if made is None:
+        raise RuntimeError("too many bridges have died: start LinuxCNC anew")
+    for letter in configuration.axes:
+        letter = letter.lower()
+        made.newpin(f"counts-{letter}", hal.HAL_FLOAT, hal.HAL_OUT)
+        made.newpin(f"absorbed-{letter}", hal.HAL_FLOAT, hal.HAL_OUT)
+        made.newpin(f"probed-offset-{letter}", hal.HAL_FLOAT, hal.HAL_OUT)
+    made.newpin("alive", hal.HAL_BIT, hal.HAL_OUT)
+    made.newpin("enable", hal.HAL_BIT, hal.HAL_OUT)
+    made.newpin("factor", hal.HAL_FLOAT, hal.HAL_IN)
+    made.newpin("holds", hal.HAL_BIT, hal.HAL_OUT)
+    made.newpin("owner", hal.HAL_U32, hal.HAL_OUT)
+    made.newpin("epoch", hal.HAL_U32, hal.HAL_OUT)
+    return made, name
+
+
+def connect(made, configuration, component_name):
+    """Connects to the signals of volcomp.tcl without moving anything: with the values that they have, where the watchdog
+    still lets them through, else with zero once it does not."""
+    factor = hal.get_value("volcomp-factor")
+    while 0.0 < factor < 1.0:
+        time.sleep(0.01)
+        factor = hal.get_value("volcomp-factor")
+    for letter in configuration.axes:
+        pin, signal_name = f"counts-{letter.lower()}", f"volcomp-counts-{letter.lower()}"
+        value = hal.get_value(signal_name) if factor else 0.0
+        made[pin] = value
+        hal.connect(f"{component_name}.{pin}", signal_name)
+        made[pin] = value
+    made["alive"] = bool(hal.get_value("volcomp-alive"))
+    hal.connect(f"{component_name}.alive", "volcomp-alive")
+    made["enable"] = True
+    hal.connect(f"{component_name}.enable", "volcomp-enable")
+    made["enable"] = True
+    hal.connect(f"{component_name}.factor", "volcomp-factor")
+
+
+def main():
+    path = sys.argv[1] if len(sys.argv) > 1 else os.environ.get("INI_FILE_NAME")
+    if not path:
+        tell("found no INI file, expected its path as the argument or in INI_FILE_NAME")
+        return 2
+    try:
+        configuration = Configuration(path)
+    except (ValueError, linuxcnc.error) as error:
+        tell(f"{path}: {error}")
+        return 2
+    try:
+        senders = Senders(configuration)
+    except OSError as error:
+        tell(f"UDP port {configuration.listen}:{configuration.port}: {error}")
+        return 1
+    made, name = component(configuration)
+    try:
+        connect(made, configuration, name)
+        bridge = Bridge(made, configuration, senders)
+    except (OSError, ValueError, RuntimeError) as error:
+        tell(f"{error}")
+        made.exit()
+        return 1
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: sys.exit(0))
+    made.ready()
+    try:
+        bridge.go()
+    finally:
+        made.exit()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
