@@ -1,0 +1,101 @@
+//! The datagram that a gateway sends.
+
+use volcomp_port::{MOST_WORDS, Words};
+
+use crate::{Broken, Reader, VERSION, Writer, whole};
+
+/// The first bytes: `VCLF`.
+const MAGIC: u32 = u32::from_le_bytes(*b"VCLF");
+/// The bytes before the words.
+const HEAD: usize = 16;
+
+/// The room of the largest command.
+pub const COMMAND_BYTES: usize = HEAD + 2 * MOST_WORDS + 4;
+
+/// What a gateway says to a bridge. Each makes the bridge send its states to the sender's address for a second.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Command {
+    /// The number of the machine.
+    pub machine: u16,
+    /// The number of commands that the sender has sent; it wraps around.
+    pub sequence: u32,
+    /// What is said.
+    pub content: Content,
+}
+
+/// The content of a [`Command`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Content {
+    /// Nothing but that states are wanted.
+    Listen,
+    /// A frame for the barrier, which carries its own epoch, tick, owner, sequence and checksum.
+    Frame(Words),
+}
+
+impl Command {
+    /// Reads a datagram.
+    ///
+    /// # Errors
+    /// A datagram that is none of a gateway, torn, or of another version.
+    pub fn decode(bytes: &[u8]) -> Result<Self, Broken> {
+        if bytes.get(..4) != Some(&MAGIC.to_le_bytes()) {
+            return Err(Broken::Magic);
+        }
+        if let Some(&found) = bytes.get(4).filter(|version| **version != VERSION) {
+            return Err(Broken::Version { found });
+        }
+        let body = whole(bytes)?;
+        let short = |expected| Broken::Length {
+            found: bytes.len(),
+            expected,
+        };
+        if body.len() < HEAD {
+            return Err(short(HEAD + 4));
+        }
+        let mut reader = Reader(&body[6..]);
+        let machine = reader.u16();
+        let sequence = reader.u32();
+        let (kind, count) = (reader.u16(), usize::from(reader.u16()));
+        if count > MOST_WORDS {
+            return Err(Broken::Count { found: count });
+        }
+        if body.len() != HEAD + 2 * count {
+            return Err(short(HEAD + 2 * count + 4));
+        }
+        let mut words = [0; MOST_WORDS];
+        for word in &mut words[..count] {
+            *word = reader.u16();
+        }
+        let content = match kind {
+            0 if count == 0 => Content::Listen,
+            // Not more than there is room for.
+            1 => Content::Frame(Words::new(&words[..count]).unwrap_or_default()),
+            found => return Err(Broken::Kind { found }),
+        };
+        Ok(Self {
+            machine,
+            sequence,
+            content,
+        })
+    }
+
+    /// Writes the datagram, and tells how many bytes it has.
+    pub fn encode(&self, bytes: &mut [u8; COMMAND_BYTES]) -> usize {
+        let (kind, words): (u16, &[u16]) = match &self.content {
+            Content::Listen => (0, &[]),
+            Content::Frame(words) => (1, words.as_slice()),
+        };
+        let count = u16::try_from(words.len()).unwrap_or(0);
+        let mut writer = Writer::new(bytes);
+        writer.put(&MAGIC.to_le_bytes());
+        writer.put(&[VERSION, 0]);
+        writer.put(&self.machine.to_le_bytes());
+        writer.put(&self.sequence.to_le_bytes());
+        writer.put(&kind.to_le_bytes());
+        writer.put(&count.to_le_bytes());
+        for word in words {
+            writer.put(&word.to_le_bytes());
+        }
+        writer.seal()
+    }
+}

@@ -1,0 +1,388 @@
+//! LinuxCNC as a controller: states come from its bridge, frames for the barrier go to it.
+
+use std::{
+    io::ErrorKind,
+    net::UdpSocket,
+    time::{Duration, Instant},
+};
+
+use rustix::{
+    event::{PollFd, PollFlags, Timespec, poll},
+    io::Errno,
+};
+use volcomp_port::{
+    Axis, Controller, ControllerState, Description, DeviceError, Fault, Heartbeat, ShownStates,
+    Snapshot, Words,
+};
+use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement, Mm, PerChannel};
+
+use crate::{
+    COMMAND_BYTES, Command, Content, Flags, STATE_BYTES, State,
+    age::Clocks,
+    look::{device, open},
+    state::AxisState,
+};
+
+/// How often a gateway that sends no frames says that it listens; the bridge forgets it after a second.
+const LISTEN_EVERY: Duration = Duration::from_millis(200);
+
+/// After so long without a state of the run that was heard, one of another run is believed, whatever its clock says.
+const FORGOTTEN_AFTER: Duration = Duration::from_secs(1);
+
+/// The most datagrams that are taken in one read.
+const AT_ONCE: usize = 256;
+
+/// A LinuxCNC control and its bridge, not opened.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LinuxCncConfig {
+    /// The host name or address of the bridge.
+    pub host: String,
+    /// The UDP port of the bridge.
+    pub port: u16,
+    /// Whether the bridge may be on another computer. Datagrams are not encrypted, and anybody on that network can read
+    /// them; the barrier refuses what is not meant for it.
+    pub remote: bool,
+    /// The name of the channel by which corrections get in.
+    pub channel: String,
+    /// The number of the machine, as the bridge has it.
+    pub machine: u16,
+    /// The axes in channel order, as the bridge has them; none where positions are only read.
+    pub axes: Vec<AxisName>,
+    /// Axes of which only the positions are read.
+    pub reads: Vec<AxisName>,
+    /// The size of a count of linear axes.
+    pub step_linear: Displacement,
+    /// The size of a count of rotary axes.
+    pub step_rotary: Displacement,
+}
+
+impl LinuxCncConfig {
+    /// A nanometre.
+    pub const STEP_LINEAR: Displacement = Displacement::Length(Mm(1e-6));
+
+    /// The same on a rotary axis: a millionth of a degree.
+    pub fn step_rotary() -> Displacement {
+        Displacement::Angle(Deg(1e-6).to_rad())
+    }
+
+    /// The device as messages name it.
+    pub fn device(&self) -> String {
+        device(&self.host, self.port)
+    }
+
+    fn step(&self, kind: AxisKind) -> Displacement {
+        match kind {
+            AxisKind::Linear => self.step_linear,
+            AxisKind::Rotary => self.step_rotary,
+        }
+    }
+
+    /// The description of the controller, without opening it.
+    ///
+    /// # Errors
+    /// Axes or steps that make no sense.
+    pub fn describe(&self) -> Result<Description, DeviceError> {
+        let axis = |name: &AxisName| {
+            let step = self.step(name.kind());
+            let largest = f64::from(i16::MAX) * step.mm_or_rad();
+            Axis {
+                name: *name,
+                // `pos-cmd` never contains the offset.
+                includes_correction: false,
+                resolution: step,
+                largest: Some(Displacement::new(name.kind(), largest)),
+            }
+        };
+        let description = Description {
+            device: self.device(),
+            channel: self.channel.clone(),
+            axes: self.axes.iter().map(axis).collect(),
+            reads: self.reads.clone(),
+            heartbeat: if self.axes.is_empty() {
+                Heartbeat::Unwatched
+            } else {
+                Heartbeat::Watched
+            },
+            barrier: !self.axes.is_empty(),
+            tells_applied: !self.axes.is_empty(),
+            shown: ShownStates::ALL,
+            sees_other_gateways: !self.axes.is_empty(),
+            shortest_cycle: Duration::from_micros(250),
+        };
+        let unfit = |error: volcomp_port::UnfitAxes| {
+            DeviceError::option(self.device(), error.to_string(), "correct the axes")
+        };
+        description.check().map_err(unfit)?;
+        for axis in &description.axes {
+            let counts = nano(axis.name, axis.step());
+            let near = (counts - counts.round()).abs() < 1e-6 * counts;
+            if !near || !(1.0..=1e6).contains(&counts.round()) {
+                let found = format!("axis {}: found a step of {}", axis.name, axis.resolution);
+                let expected = match axis.kind() {
+                    AxisKind::Linear => "expected whole nanometres, 0.001 um or more",
+                    AxisKind::Rotary => "expected whole millionths of a degree",
+                };
+                return Err(DeviceError::option(self.device(), found, expected));
+            }
+        }
+        Ok(description)
+    }
+}
+
+/// A length in mm or an angle in rad, in nm or millionths of a degree.
+fn nano(name: AxisName, mm_or_rad: f64) -> f64 {
+    match name.kind() {
+        AxisKind::Linear => mm_or_rad * 1e6,
+        AxisKind::Rotary => mm_or_rad.to_degrees() * 1e6,
+    }
+}
+
+/// What was noticed on the way to the bridge so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Health {
+    /// Datagrams that were torn, of another version, or no states.
+    pub broken: u64,
+    /// States of another machine, or of other axes or steps.
+    pub foreign: u64,
+    /// States that were overtaken by a later one or came twice.
+    pub late: u64,
+    /// States that never came.
+    pub lost: u64,
+    /// How often the bridge was started anew.
+    pub restarts: u64,
+}
+
+/// A LinuxCNC control.
+pub struct LinuxCncController {
+    socket: UdpSocket,
+    description: Description,
+    machine: u16,
+    sequence: u32,
+    /// When something was sent last.
+    said: Option<Instant>,
+    last: Option<(State, Instant)>,
+    /// When the last state was read.
+    heard: Option<Instant>,
+    misfit: Option<&'static str>,
+    clocks: Clocks,
+    health: Health,
+}
+
+impl LinuxCncController {
+    /// Opens the way to a bridge, which need not be there yet.
+    ///
+    /// # Errors
+    /// Axes or steps that make no sense, a host that cannot be found or is another computer, no socket.
+    pub fn new(config: &LinuxCncConfig) -> Result<Self, DeviceError> {
+        let description = config.describe()?;
+        let socket = open(&config.host, config.port, config.remote)?;
+        Ok(Self {
+            socket,
+            description,
+            machine: config.machine,
+            sequence: 0,
+            said: None,
+            last: None,
+            heard: None,
+            misfit: None,
+            clocks: Clocks::default(),
+            health: Health::default(),
+        })
+    }
+
+    /// What was noticed on the way so far.
+    pub fn health(&self) -> Health {
+        self.health
+    }
+
+    /// The last state of the bridge.
+    pub fn state(&self) -> Option<&State> {
+        self.last.as_ref().map(|(state, _)| state)
+    }
+
+    fn say(&mut self, content: Content) -> Result<(), Fault> {
+        self.sequence = self.sequence.wrapping_add(1);
+        self.said = Some(Instant::now());
+        let command = Command {
+            machine: self.machine,
+            sequence: self.sequence,
+            content,
+        };
+        let mut bytes = [0; COMMAND_BYTES];
+        let length = command.encode(&mut bytes);
+        // One that is refused was told by the system about the datagram before: the next one is on its way again.
+        for _ in 0..2 {
+            match self.socket.send(&bytes[..length]) {
+                Ok(_) => return Ok(()),
+                Err(e) if e.kind() == ErrorKind::ConnectionRefused => {}
+                Err(e) if e.kind() == ErrorKind::Interrupted => {}
+                // A full queue: this one is lost, as others may be on the way.
+                Err(e) if e.kind() == ErrorKind::WouldBlock => return Err(Fault::TimedOut),
+                Err(_) => return Err(Fault::Disconnected),
+            }
+        }
+        Err(Fault::Disconnected)
+    }
+
+    /// Takes what there is.
+    fn drain(&mut self) {
+        let mut bytes = [0; STATE_BYTES + 1];
+        for _ in 0..AT_ONCE {
+            match self.socket.recv(&mut bytes) {
+                Ok(length) => self.take(&bytes[..length], Instant::now()),
+                Err(e) if e.kind() == ErrorKind::Interrupted => {}
+                // Nobody listens at that port yet, or any more: the age of the last state tells.
+                Err(e) if e.kind() == ErrorKind::ConnectionRefused => {}
+                Err(_) => return,
+            }
+        }
+    }
+
+    fn take(&mut self, bytes: &[u8], arrived: Instant) {
+        let Ok(state) = State::decode(bytes) else {
+            self.health.broken += 1;
+            return;
+        };
+        if let Some(misfit) = self.misfit_of(&state) {
+            self.health.foreign += 1;
+            self.misfit = Some(misfit);
+            return;
+        }
+        if let Some((last, _)) = &self.last {
+            if last.run == state.run {
+                // Less than half of the range ahead.
+                let ahead = state.sequence.wrapping_sub(last.sequence);
+                if ahead == 0 || ahead >= 1 << 31 {
+                    self.health.late += 1;
+                    return;
+                }
+                self.health.lost += u64::from(ahead - 1);
+            } else {
+                let silent = self
+                    .heard
+                    .is_none_or(|heard| arrived.saturating_duration_since(heard) > FORGOTTEN_AFTER);
+                if state.time <= last.time && !silent {
+                    self.health.late += 1;
+                    return;
+                }
+                if state.time <= last.time {
+                    self.clocks.forget();
+                }
+                self.health.restarts += 1;
+            }
+        }
+        self.misfit = None;
+        self.heard = Some(arrived);
+        let held = self.clocks.held(state.time, arrived);
+        self.last = Some((state, held));
+    }
+
+    /// Why a state is none of this machine.
+    fn misfit_of(&self, state: &State) -> Option<&'static str> {
+        if state.machine != self.machine {
+            return Some("the bridge belongs to a machine of another number");
+        }
+        let expected = &self.description.axes;
+        let names = || state.axes().map(|axis| axis.name);
+        if !names()
+            .take(expected.len())
+            .eq(expected.iter().map(|axis| axis.name))
+        {
+            return Some("the bridge has other axes, or has them in another order");
+        }
+        let mut reads = self.description.reads.iter();
+        if !reads.all(|name| names().any(|found| found == *name)) {
+            return Some("the bridge does not tell the position of an axis that is read");
+        }
+        let same = |(own, found): (&Axis, &AxisState)| {
+            let own = nano(own.name, own.step());
+            (own - f64::from(found.step)).abs() < 0.5
+        };
+        if !expected.iter().zip(state.axes()).all(same) {
+            return Some("a count of the bridge is of another size than the configuration says");
+        }
+        None
+    }
+
+    /// Waits until something came. Whether it did.
+    fn wait(&self, deadline: Instant) -> bool {
+        let left = deadline.saturating_duration_since(Instant::now());
+        let left = Timespec::try_from(left.min(LISTEN_EVERY)).unwrap_or_default();
+        match poll(&mut [PollFd::new(&self.socket, PollFlags::IN)], Some(&left)) {
+            Ok(ready) => ready > 0,
+            Err(error) => error == Errno::INTR,
+        }
+    }
+}
+
+impl Controller for LinuxCncController {
+    fn description(&self) -> &Description {
+        &self.description
+    }
+
+    /// The last state of the bridge, however long ago it was sent; waits only until one has come at all.
+    fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
+        let due = |said: Option<Instant>| said.is_none_or(|at| at.elapsed() >= LISTEN_EVERY);
+        let (state, taken) = loop {
+            if due(self.said) {
+                self.say(Content::Listen)?;
+            }
+            self.drain();
+            if let Some(misfit) = self.misfit {
+                return Err(Fault::Protocol(misfit));
+            }
+            if let Some(last) = &self.last {
+                break last;
+            }
+            if Instant::now() >= deadline {
+                return Err(Fault::TimedOut);
+            }
+            self.wait(deadline);
+        };
+        let mut positions = PerChannel::ZERO;
+        for (position, name) in positions.iter_mut().zip(self.description.shown_axes()) {
+            // Every one of them is among those of the state: others are a misfit.
+            let Some(axis) = state.axes().find(|axis| axis.name == name) else {
+                return Err(Fault::Protocol("an axis is missing"));
+            };
+            *position = match name.kind() {
+                AxisKind::Linear => axis.position,
+                AxisKind::Rotary => axis.position.to_radians(),
+            };
+        }
+        let flags = state.flags;
+        Ok(Snapshot {
+            positions,
+            taken: *taken,
+            uncertainty: state.scan,
+            state: ControllerState {
+                referenced: flags.has(Flags::HOMED),
+                alarm: !flags.has(Flags::ENABLED)
+                    || flags.has(Flags::LIMITED)
+                    || flags.has(Flags::LOST),
+                emergency_stop: flags.has(Flags::EMERGENCY_STOP),
+            },
+            state_taken: *taken,
+            applied: None,
+            report: (self.description.barrier && !state.report.as_slice().is_empty())
+                .then_some(state.report),
+            correction_taken: *taken,
+        })
+    }
+
+    fn post(&mut self, frame: &Words, deadline: Instant) -> Result<(), Fault> {
+        if !self.description.barrier {
+            return Err(Fault::Unsupported(
+                "corrections, where positions are only read",
+            ));
+        }
+        if Instant::now() >= deadline {
+            return Err(Fault::TimedOut);
+        }
+        self.say(Content::Frame(*frame))
+    }
+
+    fn apply(&mut self, _: &PerChannel<f64>, _: Instant) -> Result<(), Fault> {
+        Err(Fault::Unsupported("plain values: the bridge has a barrier"))
+    }
+}

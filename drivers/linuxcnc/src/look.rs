@@ -1,0 +1,113 @@
+//! The way to a bridge, and one look at it.
+
+use std::{
+    net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket},
+    time::{Duration, Instant},
+};
+
+use volcomp_port::DeviceError;
+
+use crate::{COMMAND_BYTES, Command, Content, STATE_BYTES, State};
+
+/// How often a bridge that does not answer is asked again.
+const ASK_EVERY: Duration = Duration::from_millis(100);
+
+/// The device as messages name it.
+pub(crate) fn device(host: &str, port: u16) -> String {
+    format!("linuxcnc://{host}:{port}")
+}
+
+/// A socket that hears only the bridge, and does not wait.
+pub(crate) fn open(host: &str, port: u16, remote: bool) -> Result<UdpSocket, DeviceError> {
+    let bridge = resolve(host, port, remote)?;
+    let own: IpAddr = match (bridge.ip(), bridge.ip().is_loopback()) {
+        (IpAddr::V4(_), true) => Ipv4Addr::LOCALHOST.into(),
+        (IpAddr::V4(_), false) => Ipv4Addr::UNSPECIFIED.into(),
+        (IpAddr::V6(_), true) => Ipv6Addr::LOCALHOST.into(),
+        (IpAddr::V6(_), false) => Ipv6Addr::UNSPECIFIED.into(),
+    };
+    let socket = UdpSocket::bind((own, 0)).and_then(|socket| {
+        socket.set_nonblocking(true)?;
+        socket.connect(bridge)?;
+        Ok(socket)
+    });
+    socket.map_err(|e| {
+        let found = format!("a UDP socket cannot be opened: {e}");
+        DeviceError::open(
+            device(host, port),
+            found,
+            "check the network of this computer",
+        )
+    })
+}
+
+fn resolve(host: &str, port: u16, remote: bool) -> Result<SocketAddr, DeviceError> {
+    let failed = |found: String| {
+        DeviceError::open(device(host, port), found, "check the host of the bridge")
+    };
+    let name = host.trim_start_matches('[').trim_end_matches(']');
+    let found = (name, port).to_socket_addrs();
+    let found: Vec<SocketAddr> = found
+        .map_err(|e| failed(format!("the host cannot be found: {e}")))?
+        .collect();
+    let allowed = |address: &&SocketAddr| remote || address.ip().is_loopback();
+    if let Some(address) = found.iter().find(allowed) {
+        return Ok(*address);
+    }
+    Err(match found.first() {
+        None => failed("the host has no address".to_owned()),
+        Some(address) => DeviceError::option(
+            device(host, port),
+            format!("{} is another computer", address.ip()),
+            "let the gateway run on the control's computer, or add ?remote=true where the network is a separate one",
+        ),
+    })
+}
+
+/// What a bridge tells now, whatever its machine and axes are.
+///
+/// # Errors
+/// A host that cannot be found or is another computer, a bridge that does not answer or speaks another version.
+pub fn look(host: &str, port: u16, remote: bool, at_most: Duration) -> Result<State, DeviceError> {
+    let socket = open(host, port, remote)?;
+    let failed = |e: std::io::Error| {
+        let found = format!("the socket fails: {e}");
+        DeviceError::open(
+            device(host, port),
+            found,
+            "check the network of this computer",
+        )
+    };
+    socket.set_nonblocking(false).map_err(failed)?;
+    socket.set_read_timeout(Some(ASK_EVERY)).map_err(failed)?;
+    let command = Command {
+        machine: 0,
+        sequence: 0,
+        content: Content::Listen,
+    };
+    let mut bytes = [0; COMMAND_BYTES];
+    let length = command.encode(&mut bytes);
+    let end = Instant::now() + at_most;
+    let mut found = "the bridge does not answer".to_owned();
+    while Instant::now() < end {
+        // One that is refused tells that nobody was there; somebody may come.
+        let _ = socket.send(&bytes[..length]);
+        let mut state = [0; STATE_BYTES + 1];
+        match socket.recv(&mut state) {
+            Ok(length) => match State::decode(&state[..length]) {
+                Ok(state) => return Ok(state),
+                Err(broken) => found = broken.to_string(),
+            },
+            // Nobody is there: not asked again at once.
+            Err(e) if e.kind() == std::io::ErrorKind::ConnectionRefused => {
+                std::thread::sleep(ASK_EVERY.min(at_most));
+            }
+            Err(_) => {}
+        }
+    }
+    Err(DeviceError::no_answer(
+        device(host, port),
+        found,
+        "start LinuxCNC with the bridge, and compare [VOLCOMP]PORT of its INI file",
+    ))
+}

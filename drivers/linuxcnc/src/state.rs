@@ -1,0 +1,269 @@
+//! The datagram that the bridge sends once per servo cycle.
+
+use std::time::Duration;
+
+use volcomp_port::{MOST_WORDS, Words};
+use volcomp_vocabulary::{AxisName, MAX_AXES};
+
+use crate::{Reader, VERSION, Writer, whole};
+
+/// The first bytes: `VCLS`.
+const MAGIC: u32 = u32::from_le_bytes(*b"VCLS");
+/// The bytes before the axes.
+const HEAD: usize = 36;
+/// The bytes of each axis.
+const OF_AXIS: usize = 32;
+
+/// The room of the largest state.
+pub const STATE_BYTES: usize = HEAD + MAX_AXES * OF_AXIS + 2 * MOST_WORDS + 4;
+
+/// What the control is doing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Flags(pub u16);
+
+impl Flags {
+    /// The emergency stop is pressed.
+    pub const EMERGENCY_STOP: u16 = 1;
+    /// The machine is on: motion is enabled.
+    pub const ENABLED: u16 = 1 << 1;
+    /// Every joint is homed.
+    pub const HOMED: u16 = 1 << 2;
+    /// The control has cut an offset at a soft limit (`motion.eoffset-limited`).
+    pub const LIMITED: u16 = 1 << 3;
+    /// The control probes: probed positions contain the offset.
+    pub const PROBING: u16 = 1 << 4;
+    /// The control's offset is not what the bridge has asked for: the control has taken it into its position, or somebody
+    /// cleared or froze it. The bridge holds for a while, and begins anew from what is there.
+    pub const LOST: u16 = 1 << 5;
+
+    /// Whether one of these flags is set.
+    #[must_use]
+    pub fn has(self, flag: u16) -> bool {
+        self.0 & flag != 0
+    }
+}
+
+/// One axis as the control has it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AxisState {
+    /// The letter of the axis.
+    pub name: AxisName,
+    /// The size of a count of the barrier, nm or millionths of a degree.
+    pub step: u32,
+    /// The commanded position without the offset (`axis.L.pos-cmd`), mm or deg.
+    pub position: f64,
+    /// The commanded velocity, mm/s or deg/s.
+    pub velocity: f64,
+    /// The offset that the control's planner has reached (`axis.L.eoffset`), nm or millionths of a degree.
+    pub offset: i64,
+}
+
+/// What the bridge tells once per servo cycle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct State {
+    /// The number of the machine.
+    pub machine: u16,
+    /// A number that the bridge draws at its start.
+    pub run: u32,
+    /// The number of states that were sent since the start of the bridge; it wraps around.
+    pub sequence: u32,
+    /// What the control is doing.
+    pub flags: Flags,
+    /// The monotonic clock of the bridge's computer when the positions were read.
+    pub time: Duration,
+    /// The time from one scan of the barrier to the next.
+    pub scan: Duration,
+    /// The axes; `None` behind the last.
+    axes: [Option<AxisState>; MAX_AXES],
+    /// The report of the barrier, which carries its own checksum.
+    pub report: Words,
+}
+
+/// Why a datagram cannot be read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Broken {
+    /// There are too few or too many bytes.
+    #[error("found {found} bytes, expected {expected}")]
+    Length {
+        /// The number of bytes that were found.
+        found: usize,
+        /// The number that was expected.
+        expected: usize,
+    },
+    /// The datagram begins with other bytes.
+    #[error("this is no datagram of this protocol")]
+    Magic,
+    /// The other side speaks another version of the protocol.
+    #[error("found version {found} of the protocol, expected {VERSION}")]
+    Version {
+        /// The version that was found.
+        found: u8,
+    },
+    /// The checksum does not fit.
+    #[error("the checksum does not fit")]
+    Checksum,
+    /// The number of axes or words is beyond the largest.
+    #[error("found {found} axes or words, which is too many")]
+    Count {
+        /// The number that was found.
+        found: usize,
+    },
+    /// A letter is no axis.
+    #[error("found the letter {found}, expected an axis, each once")]
+    Letter {
+        /// The byte that was found.
+        found: u8,
+    },
+    /// A number is not finite, or a step is zero.
+    #[error("a number makes no sense")]
+    Number,
+    /// The content is of a kind that there is not.
+    #[error("found the kind {found} of content")]
+    Kind {
+        /// The number that was found.
+        found: u16,
+    },
+}
+
+impl State {
+    /// A state of these axes, with everything else zero; `None` when they are more than there can be.
+    #[must_use]
+    pub fn of(axes: &[AxisState]) -> Option<Self> {
+        let mut room = [None; MAX_AXES];
+        for (place, axis) in room.get_mut(..axes.len())?.iter_mut().zip(axes) {
+            *place = Some(*axis);
+        }
+        Some(Self {
+            machine: 0,
+            run: 0,
+            sequence: 0,
+            flags: Flags::default(),
+            time: Duration::ZERO,
+            scan: Duration::ZERO,
+            axes: room,
+            report: Words::EMPTY,
+        })
+    }
+
+    /// The axes in the order of the report's words.
+    pub fn axes(&self) -> impl Iterator<Item = &AxisState> {
+        self.axes.iter().map_while(Option::as_ref)
+    }
+
+    /// Reads a datagram.
+    ///
+    /// # Errors
+    /// A datagram that is none of a bridge, torn, or of another version.
+    pub fn decode(bytes: &[u8]) -> Result<Self, Broken> {
+        if bytes.get(..4) != Some(&MAGIC.to_le_bytes()) {
+            return Err(Broken::Magic);
+        }
+        if let Some(&found) = bytes.get(4).filter(|version| **version != VERSION) {
+            return Err(Broken::Version { found });
+        }
+        let body = whole(bytes)?;
+        let short = |expected| Broken::Length {
+            found: bytes.len(),
+            expected,
+        };
+        if body.len() < HEAD {
+            return Err(short(HEAD + 4));
+        }
+        let mut reader = Reader(&body[5..]);
+        let count = usize::from(reader.u8());
+        let machine = reader.u16();
+        let (run, sequence) = (reader.u32(), reader.u32());
+        let flags = Flags(reader.u16());
+        let words = usize::from(reader.u16());
+        let nanos = u64::from_le_bytes(reader.take());
+        let scan = Duration::from_nanos(reader.u32().into());
+        // Room for what a later version of the protocol may say.
+        reader.take::<4>();
+        if count > MAX_AXES || words > MOST_WORDS {
+            return Err(Broken::Count {
+                found: count.max(words),
+            });
+        }
+        let expected = HEAD + count * OF_AXIS + 2 * words;
+        if body.len() != expected {
+            return Err(short(expected + 4));
+        }
+        let mut axes = [None; MAX_AXES];
+        for index in 0..count {
+            let axis = axis(&mut reader)?;
+            let twice = axes[..index].iter().flatten();
+            if twice
+                .map(|before: &AxisState| before.name)
+                .any(|name| name == axis.name)
+            {
+                let found = u8::try_from(axis.name.letter()).unwrap_or(0);
+                return Err(Broken::Letter { found });
+            }
+            axes[index] = Some(axis);
+        }
+        let mut report = [0; MOST_WORDS];
+        for word in &mut report[..words] {
+            *word = reader.u16();
+        }
+        Ok(Self {
+            machine,
+            run,
+            sequence,
+            flags,
+            time: Duration::from_nanos(nanos),
+            scan,
+            axes,
+            // Not more than there is room for.
+            report: Words::new(&report[..words]).unwrap_or_default(),
+        })
+    }
+
+    /// Writes the datagram, and tells how many bytes it has.
+    pub fn encode(&self, bytes: &mut [u8; STATE_BYTES]) -> usize {
+        let words = self.report.as_slice();
+        // Both are small numbers.
+        let count = u8::try_from(self.axes().count()).unwrap_or(0);
+        let length = u16::try_from(words.len()).unwrap_or(0);
+        let mut writer = Writer::new(bytes);
+        writer.put(&MAGIC.to_le_bytes());
+        writer.put(&[VERSION, count]);
+        writer.put(&self.machine.to_le_bytes());
+        writer.put(&self.run.to_le_bytes());
+        writer.put(&self.sequence.to_le_bytes());
+        writer.put(&self.flags.0.to_le_bytes());
+        writer.put(&length.to_le_bytes());
+        let nanos = u64::try_from(self.time.as_nanos()).unwrap_or(u64::MAX);
+        writer.put(&nanos.to_le_bytes());
+        let scan = u32::try_from(self.scan.as_nanos()).unwrap_or(u32::MAX);
+        writer.put(&scan.to_le_bytes());
+        writer.put(&[0; 4]);
+        for axis in self.axes() {
+            let letter = u8::try_from(axis.name.letter()).unwrap_or(0);
+            writer.put(&[letter, 0, 0, 0]);
+            writer.put(&axis.step.to_le_bytes());
+            writer.put(&axis.position.to_le_bytes());
+            writer.put(&axis.velocity.to_le_bytes());
+            writer.put(&axis.offset.to_le_bytes());
+        }
+        for word in words {
+            writer.put(&word.to_le_bytes());
+        }
+        writer.seal()
+    }
+}
+
+fn axis(reader: &mut Reader<'_>) -> Result<AxisState, Broken> {
+    let found = reader.u8();
+    reader.take::<3>();
+    let name = AxisName::from_letter(char::from(found)).ok_or(Broken::Letter { found })?;
+    let axis = AxisState {
+        name,
+        step: reader.u32(),
+        position: f64::from_le_bytes(reader.take()),
+        velocity: f64::from_le_bytes(reader.take()),
+        offset: i64::from_le_bytes(reader.take()),
+    };
+    let sensible = axis.step > 0 && axis.position.is_finite() && axis.velocity.is_finite();
+    sensible.then_some(axis).ok_or(Broken::Number)
+}

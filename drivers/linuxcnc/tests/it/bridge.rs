@@ -1,0 +1,153 @@
+//! A bridge in this process: the reference barrier behind a UDP port.
+
+use std::{
+    net::{SocketAddr, UdpSocket},
+    sync::{
+        Arc, Mutex,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread::JoinHandle,
+    time::{Duration, Instant},
+};
+
+use volcomp_guard::barrier::{Barrier, Counts, Layout, REPORT_WORDS, Settings};
+use volcomp_linuxcnc::{
+    AxisState, COMMAND_BYTES, Command, Content, Flags, LinuxCncConfig, STATE_BYTES, State,
+};
+use volcomp_port::Words;
+use volcomp_vocabulary::{AxisName, PerChannel};
+
+pub(crate) const MACHINE: u16 = 7;
+pub(crate) const AXES: [AxisName; 2] = [AxisName::X, AxisName::C];
+
+pub(crate) fn settings() -> Settings {
+    Settings {
+        axes: Layout::of(AXES).unwrap(),
+        machine: MACHINE,
+        limit: PerChannel::leading([20_000, 20_000]),
+        rate: PerChannel::leading([100, 100]),
+        step_scans: 1,
+        hold_scans: 100,
+        time_out_scans: 300,
+    }
+}
+
+/// What the bridge tells besides its report.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Told {
+    pub(crate) machine: u16,
+    pub(crate) run: u32,
+    pub(crate) flags: u16,
+    pub(crate) at: [f64; 2],
+    pub(crate) silent: bool,
+}
+
+pub(crate) struct Bridge {
+    pub(crate) address: SocketAddr,
+    pub(crate) told: Arc<Mutex<Told>>,
+    pub(crate) barrier: Arc<Mutex<Barrier>>,
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+pub(crate) fn state(told: &Told, sequence: u32, time: Duration, report: Words) -> State {
+    let axis = |name, position| AxisState {
+        name,
+        step: 1,
+        position,
+        velocity: 0.0,
+        offset: 0,
+    };
+    let axes = [axis(AXES[0], told.at[0]), axis(AXES[1], told.at[1])];
+    let mut state = State::of(&axes).unwrap();
+    state.machine = told.machine;
+    (state.run, state.sequence) = (told.run, sequence);
+    state.flags = Flags(told.flags);
+    (state.time, state.scan) = (time, Duration::from_millis(1));
+    state.report = report;
+    state
+}
+
+impl Bridge {
+    pub(crate) fn start() -> Self {
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let millisecond = Duration::from_millis(1);
+        socket.set_read_timeout(Some(millisecond)).unwrap();
+        let address = socket.local_addr().unwrap();
+        let told = Arc::new(Mutex::new(Told {
+            machine: MACHINE,
+            run: 1,
+            flags: Flags::ENABLED | Flags::HOMED,
+            at: [100.0, 90.0],
+            silent: false,
+        }));
+        let barrier = Barrier::start(settings(), 0, 0, &Counts::default()).unwrap();
+        let barrier = Arc::new(Mutex::new(barrier));
+        let stop = Arc::new(AtomicBool::new(false));
+        let shared = (Arc::clone(&told), Arc::clone(&barrier), Arc::clone(&stop));
+        let thread = std::thread::spawn(move || {
+            let (told, barrier, stop) = shared;
+            let (mut peer, mut sequence) = (None, 0_u32);
+            let start = Instant::now();
+            let mut bytes = [0; COMMAND_BYTES];
+            while !stop.load(Ordering::Relaxed) {
+                let mut frame = None;
+                if let Ok((length, from)) = socket.recv_from(&mut bytes)
+                    && let Ok(command) = Command::decode(&bytes[..length])
+                    && command.machine == MACHINE
+                {
+                    peer = Some(from);
+                    if let Content::Frame(words) = command.content {
+                        frame = Some(words);
+                    }
+                }
+                let mailbox = frame.as_ref().map(Words::as_slice);
+                let report = {
+                    let mut barrier = barrier.lock().unwrap();
+                    barrier.scan(mailbox.as_slice(), false)
+                };
+                let mut words = [0; REPORT_WORDS];
+                let length = report.encode(&mut words);
+                let told = *told.lock().unwrap();
+                sequence += 1;
+                let report = Words::new(&words[..length]).unwrap();
+                let state = state(&told, sequence, start.elapsed(), report);
+                let mut out = [0; STATE_BYTES];
+                let length = state.encode(&mut out);
+                if let Some(peer) = peer.filter(|_| !told.silent) {
+                    let _ = socket.send_to(&out[..length], peer);
+                }
+            }
+        });
+        Self {
+            address,
+            told,
+            barrier,
+            stop,
+            thread: Some(thread),
+        }
+    }
+
+    pub(crate) fn config(&self) -> LinuxCncConfig {
+        LinuxCncConfig {
+            host: self.address.ip().to_string(),
+            port: self.address.port(),
+            remote: false,
+            channel: "linuxcnc".to_owned(),
+            machine: MACHINE,
+            axes: AXES.to_vec(),
+            reads: Vec::new(),
+            step_linear: LinuxCncConfig::STEP_LINEAR,
+            step_rotary: LinuxCncConfig::step_rotary(),
+        }
+    }
+}
+
+impl Drop for Bridge {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}

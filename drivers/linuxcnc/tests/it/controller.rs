@@ -1,0 +1,278 @@
+//! The driver against a bridge in this process.
+
+use std::{
+    net::UdpSocket,
+    time::{Duration, Instant},
+};
+
+use assert_no_alloc::assert_no_alloc;
+use volcomp_guard::barrier::{Counts, FRAME_WORDS, Report, Session};
+use volcomp_linuxcnc::{Flags, LinuxCncConfig, LinuxCncController, STATE_BYTES};
+use volcomp_port::{Controller, DeviceError, Fault, Snapshot, Words, contract};
+use volcomp_vocabulary::{AxisName, Displacement, Mm, PerChannel};
+
+use crate::bridge::{Bridge, MACHINE, Told, settings, state};
+
+fn soon() -> Instant {
+    Instant::now() + Duration::from_secs(5)
+}
+
+/// Reads until this holds.
+fn until(controller: &mut LinuxCncController, done: impl Fn(&Result<Snapshot, Fault>) -> bool) {
+    let end = soon();
+    loop {
+        let read = controller.read(soon());
+        if done(&read) {
+            return;
+        }
+        assert!(Instant::now() < end, "last: {read:?}");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
+#[test]
+fn it_keeps_the_contract_of_controllers() {
+    let bridge = Bridge::start();
+    let mut controller = LinuxCncController::new(&bridge.config()).unwrap();
+    contract::controller(&mut controller);
+}
+
+/// A whole exchange: reports come, frames that answer them are taken, and what the barrier applies is what was sent.
+#[test]
+fn a_correction_arrives_at_the_barrier() {
+    let bridge = Bridge::start();
+    let mut controller = LinuxCncController::new(&bridge.config()).unwrap();
+    let snapshot = controller.read(soon()).unwrap();
+    let (x, c) = (snapshot.positions[0], snapshot.positions[1]);
+    assert_eq!(x, 100.0);
+    assert!((c - std::f64::consts::FRAC_PI_2).abs() < 1e-12, "{c} rad");
+    assert!(snapshot.state.referenced && !snapshot.state.alarm && !snapshot.state.emergency_stop);
+    let mut session = Session::new(77);
+    let wanted: Counts = PerChannel::leading([12_345, -678]);
+    let end = soon();
+    loop {
+        let (report, settings) = (controller.read(soon()).unwrap().report.unwrap(), settings());
+        let report = Report::decode(MACHINE, settings.axes, report.as_slice()).unwrap();
+        if report.applied == wanted {
+            break;
+        }
+        session.read(&report);
+        let mut words = [0; FRAME_WORDS];
+        let length = session
+            .frame(&wanted)
+            .unwrap()
+            .encode(&settings, &mut words);
+        controller
+            .post(&Words::new(&words[..length]).unwrap(), soon())
+            .unwrap();
+        assert!(Instant::now() < end, "{report:?}");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    assert_eq!(bridge.barrier.lock().unwrap().memory().owner, 77);
+    assert_eq!(controller.health().broken, 0);
+}
+
+#[test]
+fn flags_are_taken_in_the_sense_that_forbids() {
+    let bridge = Bridge::start();
+    let mut controller = LinuxCncController::new(&bridge.config()).unwrap();
+    let good = Flags::ENABLED | Flags::HOMED;
+    let cases = [
+        (good, [true, false, false]),
+        (good | Flags::PROBING, [true, false, false]),
+        (Flags::ENABLED, [false, false, false]),
+        (Flags::HOMED, [true, true, false]),
+        (good | Flags::LIMITED, [true, true, false]),
+        (good | Flags::LOST, [true, true, false]),
+        (good | Flags::EMERGENCY_STOP, [true, false, true]),
+        (0, [false, true, false]),
+    ];
+    for (flags, expected) in cases {
+        bridge.told.lock().unwrap().flags = flags;
+        let end = soon();
+        loop {
+            let state = controller.read(soon()).unwrap().state;
+            let found = [state.referenced, state.alarm, state.emergency_stop];
+            if controller.state().unwrap().flags.0 == flags {
+                assert_eq!(found, expected, "{flags:#b}");
+                break;
+            }
+            assert!(Instant::now() < end);
+        }
+    }
+}
+
+#[test]
+fn a_bridge_of_another_machine_or_other_counts_is_refused_by_name() {
+    let bridge = Bridge::start();
+    let mut other = bridge.config();
+    other.step_linear = Displacement::Length(Mm(1e-5));
+    let mut controller = LinuxCncController::new(&other).unwrap();
+    let refused = |read: &Result<Snapshot, Fault>, what: &str| matches!(read, Err(Fault::Protocol(told)) if told.contains(what));
+    until(&mut controller, |read| refused(read, "another size"));
+    let mut other = bridge.config();
+    other.axes.reverse();
+    let mut controller = LinuxCncController::new(&other).unwrap();
+    until(&mut controller, |read| refused(read, "other axes"));
+    let mut controller = LinuxCncController::new(&bridge.config()).unwrap();
+    controller.read(soon()).unwrap();
+    bridge.told.lock().unwrap().machine = 8;
+    until(&mut controller, |read| refused(read, "another number"));
+    bridge.told.lock().unwrap().machine = MACHINE;
+    until(&mut controller, Result::is_ok);
+    assert!(controller.health().foreign > 0);
+}
+
+/// What was heard last stays, and grows old.
+#[test]
+fn a_bridge_that_falls_silent_grows_old_and_comes_back() {
+    let bridge = Bridge::start();
+    let mut controller = LinuxCncController::new(&bridge.config()).unwrap();
+    controller.read(soon()).unwrap();
+    bridge.told.lock().unwrap().silent = true;
+    std::thread::sleep(Duration::from_millis(50));
+    let last = controller.read(soon()).unwrap();
+    std::thread::sleep(Duration::from_millis(50));
+    let again = controller.read(soon()).unwrap();
+    assert_eq!(last.taken, again.taken);
+    assert!(again.taken.elapsed() >= Duration::from_millis(50));
+    {
+        let mut told = bridge.told.lock().unwrap();
+        (told.silent, told.run) = (false, 2);
+    }
+    until(&mut controller, |read| {
+        read.is_ok_and(|read| read.taken > again.taken)
+    });
+    assert_eq!(controller.health().restarts, 1);
+}
+
+#[test]
+fn without_a_bridge_a_read_ends_at_its_deadline() {
+    // A port that nobody has: it was just given up.
+    let port = UdpSocket::bind("127.0.0.1:0")
+        .unwrap()
+        .local_addr()
+        .unwrap()
+        .port();
+    let bridge = Bridge::start();
+    let config = LinuxCncConfig {
+        port,
+        ..bridge.config()
+    };
+    let mut controller = LinuxCncController::new(&config).unwrap();
+    let deadline = Instant::now() + Duration::from_millis(30);
+    assert_eq!(controller.read(deadline), Err(Fault::TimedOut));
+    assert!(Instant::now() >= deadline);
+}
+
+/// Datagrams by hand: doubled, overtaken, of an earlier run, from a queue in which they waited.
+#[test]
+fn late_doubled_and_waiting_states_are_told_apart() {
+    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let bridge = Bridge::start();
+    let config = LinuxCncConfig {
+        port: socket.local_addr().unwrap().port(),
+        ..bridge.config()
+    };
+    let mut controller = LinuxCncController::new(&config).unwrap();
+    let _ = controller.read(Instant::now());
+    let (_, to) = socket.recv_from(&mut [0; 100]).unwrap();
+    let clock = Instant::now();
+    let send = |run: u32, sequence: u32, at: f64, time: Duration| {
+        let told = Told {
+            machine: MACHINE,
+            run,
+            flags: Flags::ENABLED | Flags::HOMED,
+            at: [at, 0.0],
+            silent: false,
+        };
+        let mut bytes = [0; STATE_BYTES];
+        let length = state(&told, sequence, time, Words::EMPTY).encode(&mut bytes);
+        socket.send_to(&bytes[..length], to).unwrap();
+    };
+    let base = Duration::from_secs(100);
+    let x =
+        |controller: &mut LinuxCncController| controller.read(soon()).map(|read| read.positions[0]);
+    send(1, u32::MAX, 1.0, base + clock.elapsed());
+    assert_eq!(x(&mut controller), Ok(1.0));
+    // The sequence goes round.
+    send(1, 1, 2.0, base + clock.elapsed());
+    assert_eq!(x(&mut controller), Ok(2.0));
+    send(1, 1, 3.0, base + clock.elapsed());
+    send(1, 0, 4.0, base + clock.elapsed());
+    send(9, 50, 5.0, base);
+    assert_eq!(x(&mut controller), Ok(2.0));
+    let health = controller.health();
+    assert_eq!((health.late, health.lost), (3, 1));
+    // One that waits in the queue is as old as it is.
+    send(1, 2, 6.0, base + clock.elapsed());
+    let sent = Instant::now();
+    std::thread::sleep(Duration::from_millis(100));
+    let read = controller.read(soon()).unwrap();
+    assert_eq!(read.positions[0], 6.0);
+    assert!(
+        read.taken <= sent + Duration::from_millis(50),
+        "it is as young as if it had just come"
+    );
+    assert_eq!(read.report, None);
+}
+
+#[test]
+fn positions_alone_can_be_read() {
+    let bridge = Bridge::start();
+    let mut config = bridge.config();
+    (config.axes, config.reads) = (Vec::new(), vec![AxisName::C]);
+    let mut controller = LinuxCncController::new(&config).unwrap();
+    let read = controller.read(soon()).unwrap();
+    assert!((read.positions[0] - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
+    assert_eq!((read.report, read.applied), (None, None));
+    let refused = controller.post(&Words::EMPTY, soon());
+    assert!(matches!(refused, Err(Fault::Unsupported(_))), "{refused:?}");
+    config.reads = vec![AxisName::Y];
+    let mut controller = LinuxCncController::new(&config).unwrap();
+    until(&mut controller, |read| {
+        matches!(read, Err(Fault::Protocol(_)))
+    });
+}
+
+#[test]
+fn another_computer_must_be_asked_for() {
+    let bridge = Bridge::start();
+    let mut config = LinuxCncConfig {
+        host: "192.0.2.1".to_owned(),
+        ..bridge.config()
+    };
+    let refused = LinuxCncController::new(&config).err().expect("refused");
+    assert!(matches!(refused, DeviceError::Option(_)), "{refused}");
+    assert!(
+        refused.to_string().contains("another computer"),
+        "{refused}"
+    );
+    config.remote = true;
+    assert!(config.describe().is_ok());
+    config.step_linear = Displacement::Length(Mm(1.5e-6));
+    let refused = config.describe().expect_err("no whole nanometres");
+    assert!(
+        refused.to_string().contains("whole nanometres"),
+        "{refused}"
+    );
+}
+
+#[test]
+fn exchanges_allocate_nothing() {
+    let bridge = Bridge::start();
+    let mut controller = LinuxCncController::new(&bridge.config()).unwrap();
+    controller.read(soon()).unwrap();
+    let frame = Words::new(&[1; 8]).unwrap();
+    for _ in 0..50 {
+        assert_no_alloc(|| {
+            controller.read(soon()).unwrap();
+            controller.post(&frame, soon()).unwrap();
+        });
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    assert_eq!(
+        controller.post(&frame, Instant::now()),
+        Err(Fault::TimedOut)
+    );
+}

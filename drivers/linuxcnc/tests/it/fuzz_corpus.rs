@@ -1,0 +1,36 @@
+//! Replays the kept inputs of the fuzz target; those named `valid-…` come from the bridge in Python and must be read, those
+//! named `broken-…` refused.
+
+use volcomp_linuxcnc::{COMMAND_BYTES, Command, STATE_BYTES, State};
+
+#[test]
+fn kept_files() {
+    let folder = volcomp_test_support::root().join("tests/fuzz/corpus/linuxcnc");
+    let mut valid = 0;
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let entry = entry.unwrap();
+        let name = entry.file_name().to_string_lossy().into_owned();
+        let bytes = std::fs::read(entry.path()).unwrap();
+        let again = match (State::decode(&bytes), Command::decode(&bytes)) {
+            (Ok(state), _) => {
+                let mut again = [0; STATE_BYTES];
+                let length = state.encode(&mut again);
+                Some(again[..length].to_vec())
+            }
+            (_, Ok(command)) => {
+                let mut again = [0; COMMAND_BYTES];
+                let length = command.encode(&mut again);
+                Some(again[..length].to_vec())
+            }
+            _ => None,
+        };
+        assert!(again.is_some() || !name.starts_with("valid-"), "{name}");
+        assert!(again.is_none() || !name.starts_with("broken-"), "{name}");
+        if let Some(again) = again {
+            // Byte for byte what the other implementation made.
+            assert_eq!(again, bytes, "{name}");
+            valid += 1;
+        }
+    }
+    assert_eq!(valid, 3);
+}

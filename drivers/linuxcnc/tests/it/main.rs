@@ -1,0 +1,13 @@
+//! The protocol, and the driver against a bridge in this process.
+#![expect(clippy::unwrap_used, reason = "tests")]
+
+mod bridge;
+mod codec;
+mod controller;
+mod fuzz_corpus;
+mod ini;
+mod python_barrier;
+
+/// Ends the run on an allocation where one is forbidden.
+#[global_allocator]
+static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;

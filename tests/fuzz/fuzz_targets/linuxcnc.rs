@@ -1,0 +1,28 @@
+#![no_main]
+//! Datagrams and INI files of LinuxCNC: no panic on any bytes, and what is read is written as it was.
+
+use libfuzzer_sys::fuzz_target;
+use volcomp_linuxcnc::{COMMAND_BYTES, Command, Expected, Ini, STATE_BYTES, State};
+use volcomp_vocabulary::AxisName;
+
+fuzz_target!(|bytes: &[u8]| {
+    if let Ok(state) = State::decode(bytes) {
+        let mut again = [0; STATE_BYTES];
+        let length = state.encode(&mut again);
+        assert_eq!(State::decode(&again[..length]), Ok(state));
+    }
+    if let Ok(command) = Command::decode(bytes) {
+        let mut again = [0; COMMAND_BYTES];
+        let length = command.encode(&mut again);
+        assert_eq!(Command::decode(&again[..length]), Ok(command));
+    }
+    let expected = Expected {
+        machine: 1,
+        port: 47_001,
+        axes: vec![AxisName::X, AxisName::C],
+        step_nm: 1.0,
+        step_udeg: 1.0,
+        scan_ms: 1.0,
+    };
+    let _ = Ini::parse(&String::from_utf8_lossy(bytes)).problems(&expected);
+});
