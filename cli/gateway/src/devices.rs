@@ -1,6 +1,6 @@
 //! The devices of a configuration: what they are, told without opening them, and opened.
 
-use std::time::Duration;
+use std::{collections::BTreeMap, time::Duration};
 
 use volcomp_can::{
     BridgeConfig, CanController, CanSocket, CanThermometer, SignalTable, temperature_names,
@@ -14,6 +14,7 @@ use volcomp_focas::{
     BarrierArea, Block, FocasConfig, FocasController, PmcAddress, ShiftSource, inspect,
 };
 use volcomp_guard::Limits;
+use volcomp_linuxcnc::{LinuxCncConfig, LinuxCncController};
 use volcomp_port::{Controller, Description, DeviceError, DigitalIo, Thermometer};
 use volcomp_runtime::{BarrierSettings, PathSettings};
 use volcomp_sinumerik::SinumerikConfig;
@@ -21,13 +22,14 @@ use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Um, Urad};
 
 use crate::config::{ControllerConfig, ThermometerConfig};
 use crate::documents::{OnlinePlan, OpcUaPlan, PmcPlan};
+use crate::linuxcnc;
 use crate::online;
 use crate::sinumerik;
 
-/// A bridge on CAN tells what is applied in messages of its own, which it sends when it likes: so late at the most a
+/// A bridge on CAN, or in LinuxCNC, tells what is applied in messages of its own, which it sends when it likes: so late at the most a
 /// correction shows in them. How old such a message may be, or one with positions, flags or temperatures, is for the guard to
 /// judge.
-const CAN_READ_BACK: Duration = Duration::from_millis(100);
+const TOLD_WITHIN: Duration = Duration::from_millis(100);
 
 /// One controller as it is configured, not opened.
 #[derive(Clone, Debug)]
@@ -42,6 +44,7 @@ enum Kind {
     Can(BridgeConfig),
     Lines(Lines),
     Sinumerik(Box<SinumerikConfig>),
+    LinuxCnc(LinuxCncConfig),
 }
 
 /// One axis on digital lines.
@@ -65,6 +68,9 @@ impl ControllerDevice {
             Scheme::Focas => Kind::Focas(Box::new(focas(&address, config)?)),
             Scheme::Can => Kind::Can(can(&address, config, channel("can"))?),
             Scheme::OpcUa => Kind::Sinumerik(Box::new(sinumerik::controller(&address, config)?)),
+            Scheme::LinuxCnc => {
+                Kind::LinuxCnc(linuxcnc::controller(&address, config, channel("linuxcnc"))?)
+            }
             Scheme::Gpio | Scheme::Modbus | Scheme::ModbusRtu => {
                 Kind::Lines(lines(config, channel("digital"))?)
             }
@@ -85,6 +91,7 @@ impl ControllerDevice {
                 .description()
                 .clone()),
             Kind::Sinumerik(config) => config.describe().map_err(|error| error.of(config.device())),
+            Kind::LinuxCnc(config) => config.describe(),
         }
     }
 
@@ -104,6 +111,7 @@ impl ControllerDevice {
             }
             Kind::Lines(lines) => Box::new(lines.on(digital_modules(&self.address)?)?),
             Kind::Sinumerik(config) => sinumerik::open(config)?,
+            Kind::LinuxCnc(config) => Box::new(LinuxCncController::new(config)?),
         })
     }
 
@@ -120,6 +128,9 @@ impl ControllerDevice {
         let config = match &self.kind {
             Kind::Focas(config) => config,
             Kind::Sinumerik(config) => return sinumerik::online(config, limits).map(Some),
+            Kind::LinuxCnc(config) => {
+                return linuxcnc::online(config, &self.address, own, limits).map(Some);
+            }
             Kind::Can(_) | Kind::Lines(_) => return Ok(None),
         };
         let found = inspect(config).map_err(|error| error.of(config.device()))?;
@@ -163,7 +174,7 @@ impl ControllerDevice {
     pub fn settings(&self, config: &ControllerConfig, period: Duration) -> PathSettings {
         let is_digital = matches!(self.kind, Kind::Lines(_));
         let behind = match self.kind {
-            Kind::Can(_) => CAN_READ_BACK.min(longest_read_back(period)),
+            Kind::Can(_) | Kind::LinuxCnc(_) => TOLD_WITHIN.min(longest_read_back(period)),
             Kind::Focas(_) | Kind::Lines(_) => period,
             Kind::Sinumerik(ref config) => config.server.read_back().min(longest_read_back(period)),
         };
@@ -193,6 +204,8 @@ impl ControllerDevice {
                 Kind::Sinumerik(config) => (config.axes.iter().chain(&config.reads))
                     .map(|name| (*name, config.position_step(*name)))
                     .collect(),
+                // Commanded positions are floating numbers.
+                Kind::LinuxCnc(_) => BTreeMap::new(),
             },
             read_back_cycles: usize::try_from(cycles).unwrap_or(usize::MAX).max(1),
             barrier: config.barrier.map(|barrier| BarrierSettings {
@@ -235,7 +248,7 @@ impl ControllerDevice {
     pub fn overlap(&self) -> Option<[Block; 2]> {
         match &self.kind {
             Kind::Focas(config) => config.overlap(),
-            Kind::Can(_) | Kind::Lines(_) | Kind::Sinumerik(_) => None,
+            Kind::Can(_) | Kind::Lines(_) | Kind::Sinumerik(_) | Kind::LinuxCnc(_) => None,
         }
     }
 
@@ -252,7 +265,7 @@ impl ControllerDevice {
     pub fn opc_ua(&self) -> Option<OpcUaPlan> {
         match &self.kind {
             Kind::Sinumerik(config) => Some(sinumerik::plan(config)),
-            Kind::Focas(_) | Kind::Can(_) | Kind::Lines(_) => None,
+            Kind::Focas(_) | Kind::Can(_) | Kind::Lines(_) | Kind::LinuxCnc(_) => None,
         }
     }
 
@@ -415,7 +428,7 @@ impl ThermometerDevice {
                 server = Some(sinumerik::Temperatures::new(&address, config)?);
                 (None, config.names.clone())
             }
-            Scheme::Focas | Scheme::Gpio => {
+            Scheme::Focas | Scheme::Gpio | Scheme::LinuxCnc => {
                 return Err(address.unsupported(
                     "this device has no temperatures",
                     "expected modbus://, modbus-rtu://, can:// or opc.tcp://",

@@ -14,6 +14,7 @@ pub mod history;
 pub mod http;
 mod identity;
 pub mod interop;
+mod linuxcnc;
 mod lock;
 pub mod machine;
 mod metrics;

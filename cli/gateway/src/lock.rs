@@ -111,6 +111,10 @@ fn devices(address: &Address) -> BTreeSet<String> {
             &address.host,
             address.port.unwrap_or(volcomp_sinumerik::PORT),
         ),
+        Scheme::LinuxCnc => hosts(
+            &address.host,
+            address.port.unwrap_or(volcomp_linuxcnc::PORT),
+        ),
         Scheme::ModbusRtu => {
             let path = std::fs::canonicalize(&address.path);
             let path = path.map_or_else(|_| address.path.clone(), |p| p.display().to_string());

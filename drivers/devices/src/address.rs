@@ -20,16 +20,19 @@ pub enum Scheme {
     Gpio,
     /// A SINUMERIK control on OPC UA, such as `opc.tcp://HOST:4840`.
     OpcUa,
+    /// A LinuxCNC control by its bridge, such as `linuxcnc://127.0.0.1:47001`.
+    LinuxCnc,
 }
 
 impl Scheme {
-    const NAMES: [(&'static str, Self); 6] = [
+    const NAMES: [(&'static str, Self); 7] = [
         ("focas", Self::Focas),
         ("modbus", Self::Modbus),
         ("modbus-rtu", Self::ModbusRtu),
         ("can", Self::Can),
         ("gpio", Self::Gpio),
         ("opc.tcp", Self::OpcUa),
+        ("linuxcnc", Self::LinuxCnc),
     ];
 
     /// The keys behind the question mark.
@@ -41,6 +44,7 @@ impl Scheme {
             Self::Can => &["dbc"],
             Self::Gpio => &["position", "correction"],
             Self::OpcUa => &[],
+            Self::LinuxCnc => &["remote"],
         }
     }
 }
@@ -68,7 +72,7 @@ impl Address {
     /// No URL, an unknown scheme or key, a host or path that is missing.
     pub fn parse(text: &str) -> Result<Self, DeviceError> {
         let wrong = |what: String, remedy: &str| DeviceError::address(text, what, remedy);
-        let forms = "expected focas://HOST, modbus://HOST?profile=…, modbus-rtu:///dev/…?profile=…, can://INTERFACE, gpio://?position=… or opc.tcp://HOST";
+        let forms = "expected focas://HOST, modbus://HOST?profile=…, modbus-rtu:///dev/…?profile=…, can://INTERFACE, gpio://?position=…, opc.tcp://HOST or linuxcnc://HOST";
         let url =
             Url::parse(text).map_err(|e| wrong(format!("this is no device URL: {e}"), forms))?;
         let known = Scheme::NAMES.iter().find(|(name, _)| *name == url.scheme());
@@ -100,7 +104,7 @@ impl Address {
         };
         let needs_host = matches!(
             scheme,
-            Scheme::Focas | Scheme::Modbus | Scheme::Can | Scheme::OpcUa
+            Scheme::Focas | Scheme::Modbus | Scheme::Can | Scheme::OpcUa | Scheme::LinuxCnc
         );
         if needs_host && address.host.is_empty() {
             return Err(wrong("the host or interface is missing".to_owned(), forms));

@@ -10,6 +10,8 @@ mod focas;
 mod gpio;
 #[cfg(all(feature = "gpio", feature = "modbus"))]
 mod lines;
+#[cfg(feature = "linuxcnc")]
+mod linuxcnc;
 mod list;
 #[cfg(feature = "modbus")]
 mod modbus;
@@ -28,6 +30,8 @@ pub use focas::focas_config;
 pub use gpio::gpio_port;
 #[cfg(all(feature = "gpio", feature = "modbus"))]
 pub use lines::digital_lines;
+#[cfg(feature = "linuxcnc")]
+pub use linuxcnc::remote;
 pub use list::{CanInterface, GpioChip, GpioLine, LocalDevices, SerialPort, list};
 #[cfg(feature = "modbus")]
 pub use modbus::{MODBUS_PORT, digital_modules, thermometer, thermometer_names};

@@ -13,7 +13,7 @@ pub fn digital_lines(address: &Address) -> Result<UnopenedLines, DeviceError> {
     match address.scheme {
         Scheme::Gpio => crate::gpio::unopened(address),
         Scheme::Modbus | Scheme::ModbusRtu => crate::modbus::unopened(address),
-        Scheme::Focas | Scheme::Can | Scheme::OpcUa => Err(address.wrong(
+        Scheme::Focas | Scheme::Can | Scheme::OpcUa | Scheme::LinuxCnc => Err(address.wrong(
             "this device has no digital lines",
             "expected gpio://, modbus:// or modbus-rtu://",
         )),

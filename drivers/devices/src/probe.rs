@@ -9,6 +9,7 @@ use volcomp_port::DeviceError;
     feature = "modbus",
     feature = "can",
     feature = "gpio",
+    feature = "linuxcnc",
     feature = "sinumerik"
 ))]
 use crate::address::Scheme;
@@ -30,11 +31,14 @@ pub fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError>
         Scheme::Gpio => crate::gpio::probe(address, at_most),
         #[cfg(feature = "sinumerik")]
         Scheme::OpcUa => crate::sinumerik::probe(address, at_most),
+        #[cfg(feature = "linuxcnc")]
+        Scheme::LinuxCnc => crate::linuxcnc::probe(address, at_most),
         #[cfg(not(all(
             feature = "focas",
             feature = "modbus",
             feature = "can",
             feature = "gpio",
+            feature = "linuxcnc",
             feature = "sinumerik"
         )))]
         _ => {

@@ -36,6 +36,7 @@ impl Probe {
         feature = "modbus",
         feature = "can",
         feature = "gpio",
+        feature = "linuxcnc",
         feature = "sinumerik"
     ))]
     pub(crate) fn of(device: &str) -> Self {

@@ -1,6 +1,11 @@
 //! The tables `[[controller]]` and `[[thermometer]]`.
 
-use std::{collections::BTreeMap, ops::RangeInclusive, path::Path, time::Duration};
+use std::{
+    collections::BTreeMap,
+    ops::RangeInclusive,
+    path::{Path, PathBuf},
+    time::Duration,
+};
 
 use volcomp_devices::{Address, Scheme};
 use volcomp_digital_io::{
@@ -105,7 +110,18 @@ pub(super) fn controller(
             .transpose()?
             .unwrap_or_default(),
         sinumerik: table,
+        ini: ini(section, folder)?,
     })
+}
+
+/// The INI file of the table `linuxcnc`.
+fn ini(section: &Section<'_>, folder: &Path) -> Result<Option<PathBuf>, InputError> {
+    let Some(table) = section.section("linuxcnc")? else {
+        return Ok(None);
+    };
+    table.allow(&["ini"])?;
+    let file = table.require("ini")?;
+    Ok(Some(folder.join(file.text()?)))
 }
 
 /// The words of the shifts, `{ pmc = "R", first = 100, width = 2 }`.

@@ -15,32 +15,35 @@ pub enum ControllerKind {
     Lines,
     /// A SINUMERIK control over OPC UA, `opc.tcp://`.
     Sinumerik,
+    /// A LinuxCNC control by its bridge, `linuxcnc://`: it has a barrier, and tells the states of the control.
+    LinuxCnc,
 }
 
-use ControllerKind::{Can, Focas, Lines, Sinumerik};
+use ControllerKind::{Can, Focas, Lines, LinuxCnc, Sinumerik};
 
 /// The keys of `[[controller]]`, and the kinds of controllers that use each of them.
-pub const CONTROLLER_KEYS: [(&str, &[ControllerKind]); 20] = [
+pub const CONTROLLER_KEYS: [(&str, &[ControllerKind]); 21] = [
     ("url", &ControllerKind::ALL),
     ("channel", &ControllerKind::ALL),
     ("axes", &ControllerKind::ALL),
     ("reads", &ControllerKind::ALL),
     ("fixed", &ControllerKind::ALL),
     ("not_driven", &ControllerKind::ALL),
-    ("includes_correction", &ControllerKind::ALL),
+    ("includes_correction", &[Focas, Can, Lines, Sinumerik]),
     ("terms", &ControllerKind::ALL),
     ("hold_ms", &ControllerKind::ALL),
     ("test_shift", &ControllerKind::ALL),
-    ("unwatched", &ControllerKind::ALL),
+    ("unwatched", &[Focas, Can, Lines, Sinumerik]),
     ("unseen", &ControllerKind::ALL),
-    ("resolution_um", &[Focas, Lines, Sinumerik]),
-    ("resolution_urad", &[Focas, Lines, Sinumerik]),
+    ("resolution_um", &[Focas, Lines, Sinumerik, LinuxCnc]),
+    ("resolution_urad", &[Focas, Lines, Sinumerik, LinuxCnc]),
     ("area", &[Focas]),
     ("heartbeat", &[Focas]),
     ("referenced", &[Focas]),
-    ("barrier", &[Focas, Can]),
+    ("barrier", &[Focas, Can, LinuxCnc]),
     ("digital", &[Lines]),
     ("sinumerik", &[Sinumerik]),
+    ("linuxcnc", &[LinuxCnc]),
 ];
 
 /// The keys that a controller which is only read can use.
@@ -71,7 +74,7 @@ pub(super) fn check_reader(section: &Section<'_>) -> Result<(), InputError> {
 
 impl ControllerKind {
     /// Every kind of controller that a configuration can name.
-    pub const ALL: [Self; 4] = [Focas, Can, Lines, Sinumerik];
+    pub const ALL: [Self; 5] = [Focas, Can, Lines, Sinumerik, LinuxCnc];
 
     /// The kind of the controllers of this scheme.
     pub fn of(scheme: Scheme) -> Self {
@@ -79,6 +82,7 @@ impl ControllerKind {
             Scheme::Focas => Focas,
             Scheme::Can => Can,
             Scheme::OpcUa => Sinumerik,
+            Scheme::LinuxCnc => LinuxCnc,
             Scheme::Gpio | Scheme::Modbus | Scheme::ModbusRtu => Lines,
         }
     }
@@ -89,6 +93,7 @@ impl ControllerKind {
             Focas => "a FANUC control (focas://)",
             Can => "a bridge on CAN (can://)",
             Sinumerik => "a SINUMERIK control (opc.tcp://)",
+            LinuxCnc => "a LinuxCNC control (linuxcnc://)",
             Lines => "digital lines (gpio://, modbus://, modbus-rtu://)",
         }
     }

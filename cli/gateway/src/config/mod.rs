@@ -144,6 +144,8 @@ pub struct ControllerConfig {
     pub digital: DigitalConfig,
     /// SINUMERIK: how the server is reached, and its nodes.
     pub sinumerik: SinumerikTable,
+    /// LinuxCNC: the INI file of the control, which `check` looks through.
+    pub ini: Option<PathBuf>,
 }
 
 /// The table `[controller.barrier]`: the barrier in the control, as its program is set.

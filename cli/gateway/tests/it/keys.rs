@@ -5,7 +5,7 @@ use std::path::Path;
 use volcomp_gateway::config::{CONTROLLER_KEYS, Config, ControllerKind};
 
 /// A URL of each scheme, and its kind.
-const URLS: [(&str, ControllerKind); 6] = [
+const URLS: [(&str, ControllerKind); 7] = [
     ("focas://192.0.2.10:8193", ControllerKind::Focas),
     ("can://can0", ControllerKind::Can),
     (
@@ -21,6 +21,7 @@ const URLS: [(&str, ControllerKind); 6] = [
         ControllerKind::Lines,
     ),
     ("opc.tcp://192.0.2.20:4840", ControllerKind::Sinumerik),
+    ("linuxcnc://127.0.0.1:47001", ControllerKind::LinuxCnc),
 ];
 
 /// A good value of a key, and the axis for which it is one.
@@ -45,6 +46,7 @@ fn value(key: &str, kind: ControllerKind) -> (&'static str, &'static str) {
         "heartbeat" => ("{ pmc = \"R\", at = 120 }", "X"),
         "referenced" => ("false", "X"),
         "sinumerik" => ("{ numbers = [1] }", "X"),
+        "linuxcnc" => ("{ ini = \"mill.ini\" }", "X"),
         "digital" => ("{ position_bits = 8 }", "X"),
         "unseen" => ("[\"alarm\", \"referenced\"]", "X"),
         other => panic!("no value for the key {other}"),
@@ -96,8 +98,8 @@ fn every_key_with_every_kind_of_controller() {
             }
         }
     }
-    // 18 keys and 6 URLs: eight keys on one kind, two or three of the four.
-    assert_eq!([taken, refused], [79, 29]);
+    // 19 keys and 7 URLs.
+    assert_eq!([taken, refused], [91, 42]);
 }
 
 /// A controller that is only read has no use for keys about corrections.

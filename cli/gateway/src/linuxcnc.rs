@@ -1,0 +1,128 @@
+//! A LinuxCNC control, reached by its bridge: what the configuration says of it, and what the bridge tells.
+
+use std::{
+    path::Path,
+    time::{Duration, Instant},
+};
+
+use volcomp_devices::{Address, remote};
+use volcomp_guard::Limits;
+use volcomp_linuxcnc::{Expected, Ini, LinuxCncConfig, PORT, look};
+use volcomp_port::{Controller as _, DeviceError};
+use volcomp_vocabulary::{AxisKind, Displacement};
+
+use crate::{config::ControllerConfig, documents::OnlinePlan, online};
+
+/// How long a bridge may take to answer `check --online`.
+const ANSWERS_WITHIN: Duration = Duration::from_secs(2);
+
+/// Between two reports by which the scans of a bridge are counted.
+const COUNTED_FOR: Duration = Duration::from_millis(500);
+
+/// The control of a `[[controller]]`.
+///
+/// # Errors
+/// No table of the barrier, steps that are no whole numbers.
+pub(crate) fn controller(
+    address: &Address,
+    config: &ControllerConfig,
+    channel: String,
+) -> Result<LinuxCncConfig, DeviceError> {
+    let machine = match &config.barrier {
+        Some(barrier) => barrier.machine,
+        None if config.axes.is_empty() => 0,
+        None => {
+            return Err(address.wrong(
+                "found no table [controller.barrier]",
+                "state it with the number of the machine, [VOLCOMP]MACHINE of the INI file, and the period of its servo thread as scan_ms",
+            ));
+        }
+    };
+    let step = |kind, default| config.resolution(kind).unwrap_or(default);
+    let control = LinuxCncConfig {
+        host: address.host.clone(),
+        port: address.port.unwrap_or(PORT),
+        remote: remote(address)?,
+        channel,
+        machine,
+        axes: config.axes.clone(),
+        reads: config.reads.clone(),
+        step_linear: step(AxisKind::Linear, LinuxCncConfig::STEP_LINEAR),
+        step_rotary: step(AxisKind::Rotary, LinuxCncConfig::step_rotary()),
+    };
+    control.describe()?;
+    if let Some(file) = &config.ini {
+        check(address, config, &control, file)?;
+    }
+    Ok(control)
+}
+
+/// Looks through the INI file of the control, and names everything that is wrong or missing.
+fn check(
+    address: &Address,
+    config: &ControllerConfig,
+    control: &LinuxCncConfig,
+    file: &Path,
+) -> Result<(), DeviceError> {
+    let shown = file.display();
+    let text = std::fs::read(file).map_err(|e| {
+        let found = format!("{shown}: {e}");
+        address.wrong(found, "check linuxcnc.ini").caused_by(e)
+    })?;
+    let step = |step: Displacement| step.mm_or_rad();
+    let problems = Ini::parse(&String::from_utf8_lossy(&text)).problems(&Expected {
+        machine: control.machine,
+        port: control.port,
+        axes: control.axes.clone(),
+        step_nm: step(control.step_linear) * 1e6,
+        step_udeg: step(control.step_rotary).to_degrees() * 1e6,
+        scan_ms: (config.barrier).map_or(1.0, |barrier| barrier.scan.as_secs_f64() * 1e3),
+    });
+    if problems.is_empty() {
+        return Ok(());
+    }
+    let problems: Vec<String> = problems.iter().map(ToString::to_string).collect();
+    let found = format!("{shown}: {}", problems.join("; "));
+    Err(address.wrong(found, "correct the INI file, and start LinuxCNC anew"))
+}
+
+/// What the bridge tells now, held against the configuration.
+///
+/// # Errors
+/// A bridge that does not answer, or contradicts the configuration.
+pub(crate) fn online(
+    config: &LinuxCncConfig,
+    address: &Address,
+    own: &ControllerConfig,
+    limits: Option<&Limits>,
+) -> Result<OnlinePlan, DeviceError> {
+    let state = look(&config.host, config.port, config.remote, ANSWERS_WITHIN)?;
+    let axes = state.axes().map(|axis| axis.name.to_string()).collect();
+    let barrier = match own.barrier.as_ref().zip(limits) {
+        None => None,
+        Some((barrier, limits)) => {
+            let mut reports = Vec::new();
+            let mut control = volcomp_linuxcnc::LinuxCncController::new(config)?;
+            for pause in [Duration::ZERO, COUNTED_FOR] {
+                std::thread::sleep(pause);
+                let read = control.read(Instant::now() + ANSWERS_WITHIN);
+                let read = read.map_err(|fault| {
+                    let expected = "compare [VOLCOMP] of the INI file with the configuration";
+                    DeviceError::of_fault(config.device(), fault, expected)
+                })?;
+                reports.extend(read.report.map(|report| (read.correction_taken, report)));
+            }
+            let found = online::barrier(&config.device(), barrier, &own.axes, limits, &reports);
+            Some(found?)
+        }
+    };
+    Ok(OnlinePlan {
+        url: address.text.clone(),
+        axes,
+        fastest_per_min: None,
+        shift_in_use: None,
+        shift_words: None,
+        barrier,
+        notes: Vec::new(),
+    })
+}
