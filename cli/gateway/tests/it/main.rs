@@ -37,6 +37,7 @@ mod hung_disk;
 mod interop;
 mod jumped;
 mod keys;
+mod linuxcnc;
 mod models;
 mod online;
 #[cfg(feature = "opc-ua-server")]

@@ -1,0 +1,216 @@
+//! What goes wrong: a gateway or a bridge that dies, a second gateway, a network that loses, doubles, delays and reorders.
+
+use std::{
+    net::UdpSocket,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread::JoinHandle,
+    time::{Duration, Instant},
+};
+
+use rand::{RngExt, SeedableRng};
+
+use super::{
+    corrected, gateway, no_jump,
+    peer::{Bridge, LinuxCnc, alone, with_both},
+    wait_corrected, wait_zero,
+};
+use crate::program::{Program, path};
+
+with_both!(faults: a_gateway_that_dies_leaves_nothing, a_network_that_loses_doubles_and_delays_moves_nothing_wrongly);
+
+const PORT: u16 = 47_001;
+
+/// What the barrier moves in a cycle and LinuxCNC's own planner may catch up, mm.
+const MOST: f64 = 0.005;
+
+fn a_gateway_that_dies_leaves_nothing(kind: Bridge) {
+    let dir = tempfile::tempdir().expect("writable");
+    let mut control = LinuxCnc::start(dir.path(), kind, |ini| ini);
+    let mut program = gateway(dir.path(), PORT);
+    control.do_it("up");
+    control.mdi("G21 G90 G0 X50 Y40 Z-20");
+    wait_corrected(&mut control, &program);
+    let epoch = control.pin("volcomp.epoch");
+
+    // The gateway is killed: after its time-out the barrier goes to zero, and its epoch moves on.
+    let cycles = control.record(|control| {
+        program.running.kill();
+        wait_zero(control);
+    });
+    no_jump(&cycles, MOST);
+    assert!(control.pin("volcomp.epoch") > epoch);
+    assert_eq!(control.pin("volcomp.owner"), 0.0);
+    drop(program);
+
+    // It is started again, and goes on.
+    let program = gateway(dir.path(), PORT);
+    let cycles = control.record(|control| wait_corrected(control, &program));
+    no_jump(&cycles, MOST);
+
+    // A second gateway with folders of its own does nothing to an axis.
+    let other = tempfile::tempdir().expect("writable");
+    // By another address: by the same one it is refused at its start, since both are on this computer.
+    let mut relay = Relay::start(47_101, PORT);
+    let config = super::configuration(other.path(), 47_101);
+    let second = Program::start(other.path(), &["--config", path(&config)]);
+    let cycles = control.record(|control| {
+        let seen = second.wait(|state| state["reasons"].to_string().contains("gateway"));
+        seen.unwrap_or_else(|state| panic!("it does not see the first one: {state}"));
+        control.mdi("G1 F600 X90");
+    });
+    corrected("with a second gateway", &cycles);
+    drop(second);
+    relay.end();
+}
+
+#[test]
+fn a_bridge_in_user_space_that_dies_leaves_nothing() {
+    if !alone("faults::a_bridge_in_user_space_that_dies_leaves_nothing") {
+        return;
+    }
+    let dir = tempfile::tempdir().expect("writable");
+    let mut control = LinuxCnc::start(dir.path(), Bridge::User, |ini| ini);
+    let program = gateway(dir.path(), PORT);
+    control.do_it("up");
+    control.mdi("G21 G90 G0 X50 Y40 Z-20");
+    wait_corrected(&mut control, &program);
+    // The bridge is killed: the servo thread goes to zero by itself, on one line.
+    let epoch = control.pin("volcomp.epoch");
+    let before = super::offsets(&mut control);
+    let cycles = control.record(|control| {
+        control.kill_bridge();
+        wait_zero(control);
+    });
+    no_jump(&cycles, MOST);
+    for cycle in &cycles {
+        // All axes by the same part of what they had, but for LinuxCNC's own ramps.
+        let parts = [0, 1, 2].map(|axis| cycle.offset[axis] / before[axis]);
+        let spread = (parts[0] - parts[1]).abs().max((parts[0] - parts[2]).abs());
+        assert!(spread < 0.3, "{parts:?}");
+    }
+    // It is started again while LinuxCNC runs: a new epoch, and the gateway goes on.
+    let cycles = control.record(|control| {
+        control.start_bridge();
+        wait_corrected(control, &program);
+    });
+    no_jump(&cycles, MOST);
+    // The name of the one that was killed stays taken.
+    assert!(control.pin("volcomp-2.epoch") > epoch, "the epoch was kept");
+    control.mdi("G0 X40");
+    wait_corrected(&mut control, &program);
+}
+
+/// Datagrams between a gateway and the bridge, some of them lost, doubled, late or in another order.
+struct Relay {
+    stop: Arc<AtomicBool>,
+    bad: Arc<AtomicBool>,
+    thread: Option<JoinHandle<[u64; 2]>>,
+}
+
+impl Relay {
+    fn start(from: u16, to: u16) -> Self {
+        let stop = Arc::new(AtomicBool::new(false));
+        let bad = Arc::new(AtomicBool::new(false));
+        let near = UdpSocket::bind(("127.0.0.1", from)).expect("free");
+        let far = UdpSocket::bind("127.0.0.1:0").expect("loopback");
+        far.connect(("127.0.0.1", to)).expect("loopback");
+        for socket in [&near, &far] {
+            socket.set_nonblocking(true).expect("a socket");
+        }
+        let (stopped, worse) = (Arc::clone(&stop), Arc::clone(&bad));
+        let thread = std::thread::spawn(move || {
+            let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(7);
+            let mut waiting: Vec<(Instant, bool, Vec<u8>)> = Vec::new();
+            let mut peer = None;
+            let mut counts = [0; 2];
+            while !stopped.load(Ordering::Relaxed) {
+                let mut came = Vec::new();
+                let mut bytes = [0; 600];
+                while let Ok((length, sender)) = near.recv_from(&mut bytes) {
+                    peer = Some(sender);
+                    came.push((true, bytes[..length].to_vec()));
+                }
+                while let Ok(length) = far.recv(&mut bytes) {
+                    came.push((false, bytes[..length].to_vec()));
+                }
+                for (outwards, bytes) in came {
+                    counts[0] += 1;
+                    let is_bad = worse.load(Ordering::Relaxed);
+                    if is_bad && random.random_bool(0.1) {
+                        continue;
+                    }
+                    let copies = if is_bad && random.random_bool(0.1) {
+                        2
+                    } else {
+                        1
+                    };
+                    for _ in 0..copies {
+                        // One in ten is overtaken by some that come after it, one in a hundred by very many.
+                        let ms = match random.random_range(0..100) {
+                            0 if is_bad => random.random_range(100..2000),
+                            1..10 if is_bad => random.random_range(1..12),
+                            _ => 0,
+                        };
+                        let at = Instant::now() + Duration::from_millis(ms);
+                        waiting.push((at, outwards, bytes.clone()));
+                        counts[1] += u64::from(ms > 0 || copies > 1);
+                    }
+                }
+                let now = Instant::now();
+                waiting.retain(|(at, outwards, bytes)| {
+                    if *at > now {
+                        return true;
+                    }
+                    let _ = match (outwards, peer) {
+                        (true, _) => far.send(bytes),
+                        (false, Some(peer)) => near.send_to(bytes, peer),
+                        (false, None) => Ok(0),
+                    };
+                    false
+                });
+                std::thread::sleep(Duration::from_micros(200));
+            }
+            counts
+        });
+        Self {
+            stop,
+            bad,
+            thread: Some(thread),
+        }
+    }
+
+    /// Datagrams that came, and those that were doubled or late.
+    fn end(&mut self) -> [u64; 2] {
+        self.stop.store(true, Ordering::Relaxed);
+        let thread = self.thread.take().expect("ended once");
+        thread.join().expect("no panic")
+    }
+}
+
+fn a_network_that_loses_doubles_and_delays_moves_nothing_wrongly(kind: Bridge) {
+    let dir = tempfile::tempdir().expect("writable");
+    let mut control = LinuxCnc::start(dir.path(), kind, |ini| ini);
+    let mut relay = Relay::start(47_100, PORT);
+    let program = gateway(dir.path(), 47_100);
+    control.do_it("up");
+    control.mdi("G21 G90 G0 X20 Y10 Z-5");
+    wait_corrected(&mut control, &program);
+    relay.bad.store(true, Ordering::Relaxed);
+    let cycles = control.record(|control| control.mdi("G1 F600 X50 Y30 Z-20"));
+    no_jump(&cycles, MOST);
+    // What is not told in time cannot be right to the nanometre; nothing is wrong by more than some cycles of the way.
+    let found = super::residuals(&cycles);
+    let [median, most] = [50, 99].map(|of| super::part(&found, of));
+    println!("a bad network: residual {median:.2} nm median, {most:.1} nm p99");
+    assert!(median < 20.0, "{median} nm");
+    relay.bad.store(false, Ordering::Relaxed);
+    program.wait_for("compensating");
+    wait_corrected(&mut control, &program);
+    let counts = relay.end();
+    assert!(counts[0] > 5000 && counts[1] > 300, "{counts:?}");
+    // Nobody carries anything any more: zero by the time-out.
+    wait_zero(&mut control);
+}

@@ -1,0 +1,197 @@
+//! The gateway on a real LinuxCNC, moved without a display: what its motors do against what the errors ask for.
+
+mod faults;
+mod ini;
+mod peer;
+mod tables;
+mod traps;
+mod whole;
+
+use std::path::{Path, PathBuf};
+
+use peer::{Cycle, LinuxCnc};
+
+use crate::program::{Program, path, token_file};
+
+/// The errors, um of mm: of X against the way of the workpiece, of the others against that of the tool.
+const MACHINE: &str = r#"
+name = "mill"
+structure = "w X' b Y Z t"
+[axes.X]
+travel = [-10.0, 500.0]
+[axes.Y]
+travel = [-10.0, 400.0]
+[axes.Z]
+travel = [-300.0, 10.0]
+[errors]
+EXX = { poly = [2.0, 0.03] }
+EYX = { poly = [0.0, 0.0, 5e-5] }
+EYY = { poly = [0.0, -0.03] }
+EZZ = { poly = [0.0, 0.02] }
+EZX = { poly = [-3.0, 0.01] }
+"#;
+
+/// The corrections of the same errors on paper, mm: what a motor must do besides its program.
+fn oracle([x, y, z]: [f64; 3]) -> [f64; 3] {
+    [
+        -(2.0 + 0.03 * x) * 1e-3,
+        -(5e-5 * x * x) * 1e-3 + 0.03 * y * 1e-3,
+        -(-3.0 + 0.01 * x) * 1e-3 - 0.02 * z * 1e-3,
+    ]
+}
+
+/// The configuration of a gateway for the mill, whose bridge has this port.
+fn configuration(dir: &Path, port: u16) -> PathBuf {
+    configuration_of(dir, port, MACHINE)
+}
+
+fn configuration_of(dir: &Path, port: u16, machine: &str) -> PathBuf {
+    std::fs::write(dir.join("machine.toml"), machine).expect("writable");
+    token_file(dir);
+    let text = format!(
+        r#"
+machine = "machine.toml"
+cycle_ms = 1.0
+auto_arm = true
+[guard]
+limit_um = 30.0
+slew_um_per_s = 500.0
+hold_ms = 100
+zero_after_ms = 1000
+ramp_s = 0.3
+confirm_um = 100.0
+# Tests move the axes at once.
+test_shift_um = 0
+[[controller]]
+url = "linuxcnc://127.0.0.1:{port}"
+axes = ["X", "Y", "Z"]
+[controller.barrier]
+machine = 1
+scan_ms = 1.0
+[dashboard]
+token_file = "tokens"
+"#
+    );
+    let file = dir.join("G.toml");
+    std::fs::write(&file, text).expect("writable");
+    file
+}
+
+/// A gateway on the bridge at this port, with as much real time as there is.
+fn gateway(dir: &Path, port: u16) -> Program {
+    start(dir, &configuration(dir, port))
+}
+
+fn start(dir: &Path, config: &Path) -> Program {
+    let program = Program::start(dir, &["--config", path(config)]);
+    let pid = program.running.id().to_string();
+    let _ = std::process::Command::new("chrt")
+        .args(["-a", "-f", "-p", "30", &pid])
+        .output();
+    program
+}
+
+/// The distances of what the motors did from what they should, nm, sorted: the correction in each cycle is that of the
+/// nominal position as many cycles before as a command needs to the motor.
+fn residuals(cycles: &[Cycle]) -> Vec<f64> {
+    let of = |shift: usize| {
+        let pairs = cycles.iter().skip(shift).zip(cycles);
+        let mut found: Vec<f64> = pairs
+            .map(|(now, then)| {
+                let wanted = oracle(then.nominal);
+                let square =
+                    |axis: usize| (now.motor[axis] - then.nominal[axis] - wanted[axis]).powi(2);
+                (0..3).map(square).sum::<f64>().sqrt() * 1e6
+            })
+            .collect();
+        found.sort_by(f64::total_cmp);
+        found
+    };
+    // The way from the command to the motor is one of whole cycles: the same one for the whole record.
+    let all = (0..5).map(of);
+    all.min_by(|a, b| part(a, 50).total_cmp(&part(b, 50)))
+        .expect("some shift")
+}
+
+/// The distances of the offsets from what they should be where the motors are, nm, sorted. Unlike [`residuals`] it knows nothing
+/// of how LinuxCNC smooths the way of a motor, by 300 nm while it accelerates, with or without a correction.
+fn offset_residuals(cycles: &[Cycle]) -> Vec<f64> {
+    let of = |shift: usize| {
+        let mut found: Vec<f64> = (cycles.iter().skip(shift).zip(cycles))
+            .map(|(now, then)| {
+                let at = [0, 1, 2].map(|axis| now.motor[axis] - then.offset[axis]);
+                let wanted = oracle(at);
+                let square = |axis: usize| (then.offset[axis] - wanted[axis]).powi(2);
+                (0..3).map(square).sum::<f64>().sqrt() * 1e6
+            })
+            .collect();
+        found.sort_by(f64::total_cmp);
+        found
+    };
+    let all = (0..5).map(of);
+    all.min_by(|a, b| part(a, 50).total_cmp(&part(b, 50)))
+        .expect("some shift")
+}
+
+fn part(sorted: &[f64], per_cent: usize) -> f64 {
+    assert!(sorted.len() > 100, "{} cycles", sorted.len());
+    sorted[sorted.len() * per_cent / 100]
+}
+
+/// The figures that count: median and 99 %.
+fn corrected(what: &str, cycles: &[Cycle]) {
+    let found = residuals(cycles);
+    let [median, most] = [50, 99].map(|of| part(&found, of));
+    println!(
+        "{what}: {} cycles, residual {median:.2} nm median, {most:.1} nm p99",
+        cycles.len()
+    );
+    assert!(
+        median < 2.0 && most < 200.0,
+        "{what}: {median} nm, {most} nm"
+    );
+}
+
+/// Offsets that the control has now, mm.
+fn offsets(control: &mut LinuxCnc) -> [f64; 3] {
+    let found = control.get(&["axis.x.eoffset", "axis.y.eoffset", "axis.z.eoffset"]);
+    found.try_into().expect("three")
+}
+
+/// Waits until the control stands corrected.
+fn wait_corrected(control: &mut LinuxCnc, program: &Program) {
+    let end = std::time::Instant::now() + std::time::Duration::from_secs(60);
+    loop {
+        let pins = ["axis.x.pos-cmd", "axis.y.pos-cmd", "axis.z.pos-cmd"];
+        let at: [f64; 3] = control.get(&pins).try_into().expect("three");
+        let (found, wanted) = (offsets(control), oracle(at));
+        if (0..3).all(|axis| (found[axis] - wanted[axis]).abs() < 3e-6) {
+            return;
+        }
+        assert!(
+            std::time::Instant::now() < end,
+            "at {at:?} offsets {found:?}, wanted {wanted:?}\n{}\n{}\n{}",
+            program.state(),
+            control.log(),
+            program.log()
+        );
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    }
+}
+
+/// Waits until the control has no offset.
+fn wait_zero(control: &mut LinuxCnc) {
+    for axis in ["x", "y", "z"] {
+        control.wait(&format!("axis.{axis}.eoffset"), |value| value.abs() < 1e-7);
+    }
+}
+
+/// No motor moved by more in a cycle than the program and the largest rate of an offset make it, mm.
+fn no_jump(cycles: &[Cycle], most: f64) {
+    for pair in cycles.windows(2) {
+        for axis in 0..3 {
+            let moved = (pair[1].offset[axis] - pair[0].offset[axis]).abs();
+            assert!(moved <= most, "{moved} mm in a cycle");
+        }
+    }
+}

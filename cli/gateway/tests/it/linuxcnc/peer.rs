@@ -1,0 +1,407 @@
+//! A LinuxCNC without a display, in namespaces of its own.
+
+use std::{
+    fmt::Write as _,
+    io::{BufRead as _, BufReader, Write as _},
+    os::unix::{
+        fs::PermissionsExt as _, net::UnixListener, net::UnixStream, process::CommandExt as _,
+    },
+    path::{Path, PathBuf},
+    process::{Child, Command, Stdio},
+    time::{Duration, Instant},
+};
+
+use serde_json::{Value, json};
+use volcomp_test_support::{peers, root};
+
+/// How long LinuxCNC may take to start on a computer that is busy.
+const STARTS_WITHIN: Duration = Duration::from_secs(120);
+
+/// What tells the processes of a test from those of another one.
+const HERE: &str = "VOLCOMP_HERE";
+
+/// Whether a LinuxCNC can be started here at all.
+fn is_there() -> bool {
+    let there = Path::new("/usr/bin/linuxcnc").exists();
+    if !there {
+        peers::not_run("linuxcnc-uspace");
+    }
+    there
+}
+
+/// Which of the two bridges.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Bridge {
+    /// In user space.
+    User,
+    /// In the servo thread.
+    Servo,
+}
+
+/// Runs each test with both bridges, in namespaces of their own.
+macro_rules! with_both {
+    ($module:ident: $($name:ident),* $(,)?) => {
+        mod user {
+            $(#[test]
+            fn $name() {
+                let name = concat!(stringify!($module), "::user::", stringify!($name));
+                if crate::linuxcnc::peer::alone(name) {
+                    super::$name(crate::linuxcnc::peer::Bridge::User);
+                }
+            })*
+        }
+        mod servo {
+            $(#[test]
+            fn $name() {
+                let name = concat!(stringify!($module), "::servo::", stringify!($name));
+                if crate::linuxcnc::peer::can_build() && crate::linuxcnc::peer::alone(name) {
+                    super::$name(crate::linuxcnc::peer::Bridge::Servo);
+                }
+            })*
+        }
+    };
+}
+pub(crate) use with_both;
+
+/// Whether a component can be built, and put beside those of LinuxCNC for the time of a test.
+pub(crate) fn can_build() -> bool {
+    if !Path::new("/usr/bin/halcompile").exists() {
+        peers::not_run("linuxcnc-uspace-dev");
+        return false;
+    }
+    let is_root = rustix::process::geteuid().is_root();
+    if !is_root {
+        eprintln!("not run: only root can put a component beside those of LinuxCNC");
+    }
+    is_root
+}
+
+/// Builds the bridge in the servo thread, and puts it beside the components of LinuxCNC: in this mount namespace alone.
+fn build(dir: &Path) {
+    const MODULES: &str = "/usr/lib/linuxcnc/modules";
+    let run = |command: &mut Command| {
+        let output = command.output().expect("a program of the system");
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{command:?}: {said}");
+    };
+    let component = root().join("drivers/linuxcnc/bridge/volcomp.comp");
+    let modules = dir.join("modules");
+    run(Command::new("cp").args(["-a", MODULES]).arg(&modules));
+    std::fs::copy(component, modules.join("volcomp.comp")).expect("writable");
+    run(Command::new("halcompile")
+        .args(["--compile", "volcomp.comp"])
+        .current_dir(&modules));
+    run(Command::new("mount")
+        .arg("--bind")
+        .arg(&modules)
+        .arg(MODULES));
+}
+
+/// Whether the test of this name goes on: two LinuxCNC on one computer share their memory, so, as root, a test is started
+/// once more in namespaces of its own, and its end is that of the one here.
+pub(crate) fn alone(name: &str) -> bool {
+    if !is_there() {
+        return false;
+    }
+    if std::env::var_os("VOLCOMP_ALONE").is_some() {
+        return true;
+    }
+    if !rustix::process::geteuid().is_root() {
+        // Nobody else may have one then.
+        return true;
+    }
+    let inside = std::env::current_exe().expect("this program");
+    let status = Command::new("unshare")
+        .args(["--ipc", "--net", "--mount", "sh", "-c"])
+        .arg("ip link set lo up && exec \"$@\"")
+        .arg("sh")
+        .arg(inside)
+        .args(["--exact", &format!("linuxcnc::{name}"), "--nocapture"])
+        .env("VOLCOMP_ALONE", "1")
+        .status()
+        .expect("unshare of util-linux");
+    assert!(status.success(), "in namespaces of its own it fails");
+    false
+}
+
+pub(crate) struct LinuxCnc {
+    pub(crate) dir: PathBuf,
+    bridge: Bridge,
+    child: Child,
+    asks: UnixStream,
+    hears: BufReader<UnixStream>,
+}
+
+/// The cycles of a record: nominal positions, motor positions, offsets.
+pub(crate) struct Cycle {
+    pub(crate) nominal: [f64; 3],
+    pub(crate) motor: [f64; 3],
+    pub(crate) offset: [f64; 3],
+}
+
+impl LinuxCnc {
+    /// Starts the mill of the examples with other lines in its INI file.
+    pub(crate) fn start(dir: &Path, kind: Bridge, edit: impl Fn(String) -> String) -> Self {
+        let open = std::fs::Permissions::from_mode(0o1777);
+        std::fs::set_permissions(dir, open).expect("ours");
+        let examples = root().join("examples/linuxcnc");
+        std::fs::copy(examples.join("mill.hal"), dir.join("mill.hal")).expect("shipped");
+        std::fs::write(dir.join("mill.tbl"), "").expect("writable");
+        std::fs::write(dir.join("record.hal"), record(kind)).expect("writable");
+        let ui = root().join("cli/gateway/tests/it/linuxcnc_ui.py");
+        let file = match kind {
+            Bridge::User => "volcomp.tcl",
+            Bridge::Servo => {
+                build(dir);
+                "volcomp-servo.tcl"
+            }
+        };
+        let bridge = root().join("drivers/linuxcnc/bridge").join(file);
+        let ini = std::fs::read_to_string(examples.join("mill.ini")).expect("shipped");
+        let ini = ini
+            .replace("DISPLAY = axis", &format!("DISPLAY = {}", ui.display()))
+            .replace(
+                "../../drivers/linuxcnc/bridge/volcomp.tcl",
+                &format!("{}\nHALFILE = record.hal", bridge.display()),
+            );
+        let ini = edit(ini);
+        let path = dir.join("mill.ini");
+        std::fs::write(&path, ini).expect("writable");
+        let socket = dir.join("ui");
+        let listener = UnixListener::bind(&socket).expect("writable");
+        listener.set_nonblocking(true).expect("a socket");
+        let log = std::fs::File::create(dir.join("linuxcnc.log")).expect("writable");
+        let mut command = Command::new("linuxcnc");
+        command
+            .arg("-r")
+            .arg(&path)
+            .current_dir(dir)
+            .env_remove("DISPLAY")
+            .env("VOLCOMP_UI", &socket)
+            .env(HERE, dir)
+            .env("RTAPI_FIFO_PATH", dir.join("fifo"))
+            .stdin(Stdio::null())
+            .stdout(log.try_clone().expect("a file"))
+            .stderr(log)
+            .process_group(0);
+        if rustix::process::geteuid().is_root() {
+            // The real-time part refuses to run as root; nobody has this number.
+            command.env("RTAPI_UID", "65533");
+        }
+        let mut child = command.spawn().expect("linuxcnc");
+        let end = Instant::now() + STARTS_WITHIN;
+        let asks = loop {
+            if let Ok((stream, _)) = listener.accept() {
+                break stream;
+            }
+            let log = || std::fs::read_to_string(dir.join("linuxcnc.log")).unwrap_or_default();
+            assert!(child.try_wait().expect("ours").is_none(), "{}", log());
+            assert!(Instant::now() < end, "it does not start\n{}", log());
+            std::thread::sleep(Duration::from_millis(20));
+        };
+        asks.set_nonblocking(false).expect("a socket");
+        let hears = BufReader::new(asks.try_clone().expect("a socket"));
+        let mut control = Self {
+            dir: dir.to_owned(),
+            bridge: kind,
+            child,
+            asks,
+            hears,
+        };
+        control.ask("realtime", &json!({}));
+        control
+    }
+
+    /// Asks the user interface, and waits until it has done it.
+    pub(crate) fn ask(&mut self, what: &str, more: &Value) -> Value {
+        let answer = self.try_ask(what, more);
+        answer.unwrap_or_else(|error| panic!("{what}: {error}\n{}", self.log()))
+    }
+
+    pub(crate) fn try_ask(&mut self, what: &str, more: &Value) -> Result<Value, String> {
+        let mut asked = more.clone();
+        asked["do"] = what.into();
+        writeln!(self.asks, "{asked}").map_err(|e| e.to_string())?;
+        let mut line = String::new();
+        self.hears.read_line(&mut line).map_err(|e| e.to_string())?;
+        let mut told: Value = serde_json::from_str(&line).map_err(|e| format!("{e}: {line:?}"))?;
+        match told["error"].as_str() {
+            Some(error) => Err(error.to_owned()),
+            None => Ok(told["ok"].take()),
+        }
+    }
+
+    pub(crate) fn do_it(&mut self, what: &str) {
+        self.ask(what, &json!({}));
+    }
+
+    pub(crate) fn mdi(&mut self, text: &str) {
+        self.ask("mdi", &json!({ "text": text }));
+    }
+
+    pub(crate) fn get(&mut self, pins: &[&str]) -> Vec<f64> {
+        let found = self.ask("get", &json!({ "pins": pins }));
+        let found = found.as_array().expect("a list").iter();
+        found
+            .map(|value| value.as_f64().expect("a number"))
+            .collect()
+    }
+
+    pub(crate) fn pin(&mut self, pin: &str) -> f64 {
+        self.get(&[pin])[0]
+    }
+
+    /// A pin of the bridge for the first axis.
+    pub(crate) fn of_x(&self, name: &str) -> String {
+        match self.bridge {
+            Bridge::User => format!("volcomp.{name}-x"),
+            Bridge::Servo => format!("volcomp.{name}-0"),
+        }
+    }
+
+    /// Whether the probe touches.
+    pub(crate) fn touch(&mut self, touches: bool) {
+        let signal = match self.bridge {
+            Bridge::User => "probe",
+            Bridge::Servo => "volcomp-probe",
+        };
+        self.hal(&["sets", signal, if touches { "1" } else { "0" }]);
+    }
+
+    pub(crate) fn hal(&mut self, arguments: &[&str]) {
+        self.ask("hal", &json!({ "arguments": arguments }));
+    }
+
+    /// Waits until a pin has such a value.
+    pub(crate) fn wait(&mut self, pin: &str, done: impl Fn(f64) -> bool) -> f64 {
+        let end = Instant::now() + Duration::from_secs(60);
+        loop {
+            // A pin may come only later, with the program whose it is.
+            let value = self.try_ask("get", &json!({ "pins": [pin] }));
+            if let Some(value) = value.as_ref().ok().and_then(|value| value[0].as_f64())
+                && done(value)
+            {
+                return value;
+            }
+            assert!(Instant::now() < end, "{pin} is {value:?}\n{}", self.log());
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// Records every cycle while something is done.
+    pub(crate) fn record(&mut self, act: impl FnOnce(&mut Self)) -> Vec<Cycle> {
+        let path = self.dir.join("record.txt");
+        self.ask("record", &json!({ "path": path }));
+        act(self);
+        self.ask("recorded", &json!({}));
+        let text = std::fs::read_to_string(path).expect("recorded");
+        let cycles = text.lines().filter_map(|line| {
+            let values: Vec<f64> = line
+                .split_whitespace()
+                .map_while(|v| v.parse().ok())
+                .collect();
+            let three = |at: usize| values.get(at..at + 3)?.try_into().ok();
+            Some(Cycle {
+                nominal: three(0)?,
+                motor: three(3)?,
+                offset: three(6)?,
+            })
+        });
+        cycles.collect()
+    }
+
+    pub(crate) fn log(&self) -> String {
+        std::fs::read_to_string(self.dir.join("linuxcnc.log")).unwrap_or_default()
+    }
+
+    /// The processes of this LinuxCNC whose command line has this word.
+    pub(crate) fn processes(&self, word: &str) -> Vec<i32> {
+        let mine = format!("{HERE}={}", self.dir.display());
+        let has = |file: PathBuf, word: &str| {
+            let bytes = std::fs::read(file).unwrap_or_default();
+            String::from_utf8_lossy(&bytes).contains(word)
+        };
+        let entries = std::fs::read_dir("/proc").expect("Linux").flatten();
+        let found = entries.filter(|entry| {
+            has(entry.path().join("environ"), &mine) && has(entry.path().join("cmdline"), word)
+        });
+        found
+            .filter_map(|entry| entry.file_name().to_str()?.parse().ok())
+            .collect()
+    }
+
+    /// Ends the bridge in user space at once.
+    pub(crate) fn kill_bridge(&self) {
+        for pid in self.processes("volcomp_bridge.py") {
+            signal("KILL", pid);
+        }
+    }
+
+    /// Starts the bridge in user space again, as the book says.
+    pub(crate) fn start_bridge(&mut self) {
+        let bridge = root().join("drivers/linuxcnc/bridge/volcomp_bridge.py");
+        let ini = self.dir.join("mill.ini");
+        let arguments = [bridge, ini].map(|path| path.display().to_string());
+        self.ask("spawn", &json!({ "arguments": arguments }));
+        self.wait("volcomp-2.alive", |_| true);
+        self.ask("realtime", &json!({}));
+    }
+}
+
+fn signal(name: &str, pid: i32) {
+    let _ = Command::new("kill")
+        .arg(format!("-{name}"))
+        .arg(pid.to_string())
+        .status();
+}
+
+impl Drop for LinuxCnc {
+    fn drop(&mut self) {
+        // The user interface ends with the socket, and LinuxCNC with the user interface.
+        let _ = self.asks.shutdown(std::net::Shutdown::Both);
+        let end = Instant::now() + Duration::from_secs(30);
+        while Instant::now() < end {
+            if matches!(self.child.try_wait(), Ok(Some(_)) | Err(_)) {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        for pid in self.processes("") {
+            signal("KILL", pid);
+        }
+        let _ = self.child.wait();
+    }
+}
+
+/// A record of every cycle of the servo thread. The bridge in the servo thread has connected some of the pins already.
+fn record(kind: Bridge) -> String {
+    let mut text = String::from(
+        "loadrt sampler cfg=fffffffff depth=60000\naddf sampler.0 servo-thread\nsetp sampler.0.enable 0\n",
+    );
+    for (at, (small, large)) in [("x", "X"), ("y", "Y"), ("z", "Z")].iter().enumerate() {
+        let (nominal, offset) = match kind {
+            Bridge::User => (
+                format!("rec-cmd-{small} axis.{small}.pos-cmd"),
+                format!("rec-offset-{small} axis.{small}.eoffset"),
+            ),
+            Bridge::Servo => (
+                format!("volcomp-cmd-{small}"),
+                format!("volcomp-eoffset-{small}"),
+            ),
+        };
+        let (motor, last) = (at + 3, at + 6);
+        let lines = [
+            (nominal, at),
+            (format!("{large}pos"), motor),
+            (offset, last),
+        ];
+        for (signal, pin) in lines {
+            let _ = writeln!(text, "net {signal} => sampler.0.pin.{pin}");
+        }
+    }
+    let probe = match kind {
+        Bridge::User => "net probe => motion.probe-input\nsets probe 0\n",
+        Bridge::Servo => "sets volcomp-probe 0\n",
+    };
+    text + probe
+}

@@ -1,0 +1,229 @@
+//! Compensation tables of LinuxCNC on the running control, and the same part uncorrected, with tables, and corrected live:
+//! what each leaves of a virtual truth with squareness, straightness, pitch (Abbe) and reversal.
+
+use std::{fmt::Write as _, path::Path};
+
+use volcomp_model::{Machine, Temperatures};
+use volcomp_tables::axis_table::{
+    AxisNumbers, Facts, Format, TableOptions, WriteOptions, sampled, write,
+};
+use volcomp_vocabulary::AxisName;
+
+use super::{
+    configuration_of,
+    peer::{Bridge, Cycle, LinuxCnc, alone},
+    start,
+};
+
+/// The truth as a machine file; on the next page the same on paper.
+const MACHINE: &str = r#"
+name = "truth"
+structure = "w b X Y Z t"
+[axes.X]
+travel = [-10.0, 500.0]
+[axes.Y]
+travel = [-10.0, 400.0]
+[axes.Z]
+travel = [-300.0, 10.0]
+[errors]
+EXX = { mean = { poly = [0.0, 0.03] }, reversal = 3.0 }
+EYX = { poly = [0.0, 0.0, 4e-5] }
+EBX = { poly = [0.0, 0.08] }
+EYY = { poly = [0.0, -0.02] }
+EXY = { poly = [0.0, 0.0, -3e-5] }
+EZZ = { poly = [0.0, 0.02] }
+EC0Y = 25.0
+EA0Z = -15.0
+"#;
+
+/// The error of the tool on paper, mm: a chain of small motions from the bed to the tool, each lever taken as it is.
+/// `forward`: the direction of X.
+fn truth([x, y, z]: [f64; 3], forward: f64) -> [f64; 3] {
+    let um = 1e-3;
+    let urad = 1e-6;
+    let pitch = 0.08 * x * urad;
+    [
+        (0.03 * x + 1.5 * forward) * um - 3e-5 * y * y * um + pitch * z - 25.0 * urad * y,
+        4e-5 * x * x * um - 0.02 * y * um + 15.0 * urad * z,
+        0.02 * z * um,
+    ]
+}
+
+/// The part: through the volume, in both directions of X.
+const PART: [&str; 6] = [
+    "G1 F1500 X180 Y60 Z-40",
+    "G1 X60 Y140 Z-150",
+    "G17 G2 X100 Y180 I40 J0",
+    "G1 X220 Y90 Z-90",
+    "G1 X40 Y40 Z-160",
+    "G1 X20 Y20 Z-20",
+];
+
+fn run(control: &mut LinuxCnc) -> Vec<Cycle> {
+    control.mdi("G21 G90 G0 X20 Y20 Z-20");
+    std::thread::sleep(std::time::Duration::from_secs(1));
+    control.record(|control| {
+        for line in PART {
+            control.mdi(line);
+        }
+    })
+}
+
+/// What is left at the tool, um: root of the mean square, and the largest. Cycles in which X turns are left out: a table and
+/// the model may differ by when they take a reversal for one.
+fn left(cycles: &[Cycle]) -> [f64; 2] {
+    let (mut squares, mut largest, mut count) = (0.0, 0.0_f64, 0.0);
+    let mut since_turn = 0;
+    let mut direction = 0.0;
+    for pair in cycles.windows(3) {
+        let (then, now) = (&pair[0], &pair[2]);
+        let moved = pair[1].nominal[0] - then.nominal[0];
+        if moved == 0.0 || moved.signum() != direction {
+            since_turn = 0;
+            if moved != 0.0 {
+                direction = moved.signum();
+            }
+        }
+        since_turn += 1;
+        if since_turn < 200 {
+            continue;
+        }
+        let error = truth(then.nominal, direction);
+        let square: f64 = (0..3)
+            .map(|axis| (now.motor[axis] - then.nominal[axis] + error[axis]).powi(2))
+            .sum();
+        squares += square;
+        largest = largest.max(square);
+        count += 1.0;
+    }
+    assert!(count > 1000.0, "{count} cycles");
+    [(squares / count).sqrt() * 1e3, largest.sqrt() * 1e3]
+}
+
+/// Writes the tables as `volcomp export` does, with as many lines as LinuxCNC takes, and the lines for the INI file.
+fn tables(dir: &Path, format: Format) -> Vec<String> {
+    let machine = Machine::parse(MACHINE, "truth").expect("valid");
+    let options = TableOptions {
+        step_mm: 2.0,
+        // The middle of the part.
+        at: vec![
+            (AxisName::X, 110.0),
+            (AxisName::Y, 90.0),
+            (AxisName::Z, -90.0),
+        ],
+        ..TableOptions::default()
+    };
+    let temperatures = Temperatures::default();
+    let content = sampled(&machine, &temperatures, &options, format).expect("sampled");
+    let options = WriteOptions {
+        facts: Facts::of(
+            &machine,
+            options.reference(&machine).expect("there"),
+            String::new(),
+        ),
+        axes: AxisNumbers::of_machine(&machine),
+        ..WriteOptions::default()
+    };
+    let written = write(format, &content, &options).expect("it holds them");
+    let mut lines = vec![String::new(); 3];
+    for file in written.files {
+        let Some(joint) = ["X", "Y", "Z"]
+            .iter()
+            .position(|axis| file.name == format!("{axis}.comp"))
+        else {
+            continue;
+        };
+        if joint == 0 {
+            assert_eq!(file.text.lines().count(), 256, "as many as LinuxCNC takes");
+        }
+        std::fs::write(dir.join(&file.name), file.text).expect("writable");
+        let kind = u8::from(format == Format::LinuxcncType1);
+        write!(
+            lines[joint],
+            "COMP_FILE = {}\nCOMP_FILE_TYPE = {kind}\n",
+            file.name
+        )
+        .expect("a string");
+    }
+    lines
+}
+
+/// An INI file without the bridge, with these lines of the joints.
+fn with_tables(ini: &str, lines: &[String]) -> String {
+    let mut text: String = ini
+        .lines()
+        .filter(|line| !line.contains("volcomp.tcl"))
+        .fold(String::new(), |text, line| text + line + "\n");
+    for (joint, lines) in lines.iter().enumerate() {
+        let section = format!("[JOINT_{joint}]\n");
+        text = text.replace(&section, &format!("{section}{lines}"));
+    }
+    text
+}
+
+/// At rest, on the line for which the tables were made, both types and both directions: what a motor stands beside its joint.
+fn on_the_line(control: &mut LinuxCnc) -> f64 {
+    control.mdi("G21 G90 G0 X0 Y90 Z-90");
+    let mut worst = 0.0_f64;
+    for (x, forward) in [
+        (50.0, 1.0),
+        (333.0, 1.0),
+        (480.0, 1.0),
+        (333.0, -1.0),
+        (51.0, -1.0),
+    ] {
+        control.mdi(&format!("G0 X{x}"));
+        std::thread::sleep(std::time::Duration::from_millis(500));
+        // What the joint gets besides its position; halcmd shows seven digits, so not the positions themselves.
+        let found = control.pin("joint.0.backlash-filt");
+        let wanted = -truth([x, 90.0, -90.0], forward)[0];
+        worst = worst.max((found - wanted).abs() * 1e3);
+    }
+    worst
+}
+
+#[test]
+fn the_same_part_uncorrected_with_tables_and_live() {
+    if !alone("tables::the_same_part_uncorrected_with_tables_and_live") {
+        return;
+    }
+    let dir = tempfile::tempdir().expect("writable");
+    let (uncorrected, live) = {
+        let mut control = LinuxCnc::start(dir.path(), Bridge::User, |ini| ini);
+        control.do_it("up");
+        let uncorrected = run(&mut control);
+        let config = configuration_of(dir.path(), 47_001, MACHINE);
+        let program = start(dir.path(), &config);
+        program.wait_for("compensating");
+        (left(&uncorrected), left(&run(&mut control)))
+    };
+    let mut rows = vec![("uncorrected", uncorrected)];
+    for (name, format) in [
+        ("COMP_FILE, type 0", Format::Linuxcnc),
+        ("COMP_FILE, type 1", Format::LinuxcncType1),
+    ] {
+        let dir = tempfile::tempdir().expect("writable");
+        let lines = tables(dir.path(), format);
+        let mut control =
+            LinuxCnc::start(dir.path(), Bridge::User, |ini| with_tables(&ini, &lines));
+        control.do_it("up");
+        let worst = on_the_line(&mut control);
+        println!("{name}: on its own line within {worst:.4} um");
+        // Six decimals of a mm in the file, and the errors are straight from line to line.
+        assert!(worst < 0.002, "{name}: {worst} um");
+        rows.push((name, left(&run(&mut control))));
+    }
+    rows.push(("live", live));
+    for (name, [rms, largest]) in &rows {
+        println!(
+            "{name:20} rms {rms:8.4} um  largest {largest:8.4} um  {:6.2} % of the uncorrected",
+            100.0 * rms / rows[0].1[0]
+        );
+    }
+    // A table over one axis cannot hold what another axis makes; the gateway can.
+    assert!(
+        rows[1].1[0] > 0.3 * rows[0].1[0] && rows[2].1[0] > 0.3 * rows[0].1[0],
+        "{rows:?}"
+    );
+    assert!(live[0] < 0.05 * uncorrected[0], "{rows:?}");
+}

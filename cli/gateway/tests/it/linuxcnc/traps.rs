@@ -1,0 +1,144 @@
+//! The nine traps of LinuxCNC's external offsets, each on the running control.
+
+use std::time::Duration;
+
+use serde_json::json;
+
+use super::{
+    gateway, no_jump, offsets, oracle,
+    peer::{Bridge, LinuxCnc, alone, with_both},
+    wait_corrected, wait_zero,
+};
+
+with_both!(traps: off_and_on_and_an_emergency_stop, an_offset_that_is_frozen_cleared_or_cut, nothing_is_written_before_the_axes_are_homed);
+
+const PORT: u16 = 47_001;
+const MOST: f64 = 0.005;
+
+/// Traps 1, 2, 3 and 8: counts that change while the machine is off are swallowed; positions that contain the offset; the
+/// offset that off and on take into the nominal position; commands that get lost.
+fn off_and_on_and_an_emergency_stop(kind: Bridge) {
+    let dir = tempfile::tempdir().expect("writable");
+    let mut control = LinuxCnc::start(dir.path(), kind, |ini| ini);
+    let program = gateway(dir.path(), PORT);
+    control.do_it("up");
+    control.mdi("G21 G90 G0 X50 Y40 Z-20");
+    wait_corrected(&mut control, &program);
+
+    for stop in ["off", "estop"] {
+        let held = offsets(&mut control);
+        let counts = control.of_x("counts");
+        let counted = control.pin(&counts);
+        let motor = control.pin("joint.0.motor-pos-cmd");
+        // Trap 1: nothing is written while the machine is off, for longer than any time-out.
+        let cycles = control.record(|control| {
+            control.do_it(stop);
+            std::thread::sleep(Duration::from_secs(2));
+        });
+        no_jump(&cycles, 1e-6);
+        assert_eq!(control.pin(&counts), counted);
+        let state = program.state();
+        assert_ne!(state["state"], "compensating", "{state}");
+        // Trap 8: the command is sent until its effect is seen. Trap 3: the motor stands, and its offset has become position.
+        let shown = control.of_x("absorbed");
+        let lost = control.pin(&shown);
+        control.do_it("on");
+        let absorbed = control.wait(&shown, |now| now != lost) - lost;
+        assert!((absorbed - held[0]).abs() < 2e-6, "{absorbed} mm, {held:?}");
+        let cycles = control.record(|control| {
+            wait_corrected(control, &program);
+        });
+        // What it has no cure for is made slow, and told.
+        no_jump(&cycles, MOST);
+        assert!(
+            control.log().contains("has lost an offset"),
+            "{}",
+            control.log()
+        );
+        let now = control.pin("joint.0.motor-pos-cmd");
+        let moved = now - motor;
+        assert!((moved - held[0]).abs() < 1e-3, "{moved} mm");
+        // Trap 2: the nominal position moved, and positions are read where they have no offset.
+        let nominal = control.pin("axis.x.pos-cmd");
+        let expected = nominal + oracle([nominal, 0.0, 0.0])[0];
+        assert!((now - expected).abs() < 3e-6, "{now} mm, {expected} mm");
+        // A move to a programmed position puts everything right.
+        control.mdi("G0 X50 Y40 Z-20");
+        wait_corrected(&mut control, &program);
+    }
+}
+
+/// Traps 4 and 5: an offset that somebody freezes or clears, and one that is cut at a soft limit.
+fn an_offset_that_is_frozen_cleared_or_cut(kind: Bridge) {
+    let dir = tempfile::tempdir().expect("writable");
+    let mut control = LinuxCnc::start(dir.path(), kind, |ini| ini);
+    let program = gateway(dir.path(), PORT);
+    control.do_it("up");
+    control.mdi("G21 G90 G0 X50 Y40 Z-20");
+    wait_corrected(&mut control, &program);
+
+    // Cleared: the bridge sees it, says it, and the correction is ramped in anew.
+    let shown = control.of_x("absorbed");
+    let lost = control.pin(&shown);
+    control.hal(&["setp", "axis.x.eoffset-clear", "1"]);
+    control.wait(&shown, |now| now != lost);
+    control.hal(&["setp", "axis.x.eoffset-clear", "0"]);
+    wait_corrected(&mut control, &program);
+
+    // Frozen: the bridge drives the pin itself, so somebody must take it away first.
+    control.hal(&["unlinkp", "axis.x.eoffset-enable"]);
+    control.hal(&["setp", "axis.x.eoffset-enable", "0"]);
+    let frozen = offsets(&mut control)[0];
+    control.mdi("G0 X80");
+    let seen = program.wait(|state| state["state"] != "compensating");
+    seen.unwrap_or_else(|state| panic!("nobody sees that the offset stands still: {state}"));
+    assert_eq!(offsets(&mut control)[0], frozen);
+    control.hal(&["net", "volcomp-enable", "axis.x.eoffset-enable"]);
+    wait_corrected(&mut control, &program);
+
+    // At the soft limit the offset is cut: told as an alarm, and over once the axis is away from there.
+    control.mdi("G0 X-9.9995 Y40 Z-20");
+    let state = program.wait(|state| state["reasons"].to_string().contains("alarm"));
+    state.unwrap_or_else(|state| panic!("it is not told: {state}"));
+    control.mdi("G0 X50 Y40");
+    wait_corrected(&mut control, &program);
+}
+
+/// Traps 6, 7 and 9 stand in the tests of the whole day (the offset at the contact of a probe), of what dies (zero by the
+/// watchdog), and in every test (namespaces). Here: two bridges for one port.
+#[test]
+fn a_second_bridge_for_one_port_is_refused_by_name() {
+    if !alone("traps::a_second_bridge_for_one_port_is_refused_by_name") {
+        return;
+    }
+    let _taken = std::net::UdpSocket::bind(("127.0.0.1", PORT)).expect("free");
+    let dir = tempfile::tempdir().expect("writable");
+    let started = std::panic::catch_unwind(|| LinuxCnc::start(dir.path(), Bridge::User, |ini| ini));
+    assert!(started.is_err(), "LinuxCNC started without its bridge");
+    let log = std::fs::read_to_string(dir.path().join("linuxcnc.log")).expect("a log");
+    assert!(
+        log.contains("volcomp bridge:") && log.contains("in use"),
+        "{log}"
+    );
+}
+
+/// Trap 1, from the other side: a machine that is switched on and not homed gets nothing, and after homing everything.
+fn nothing_is_written_before_the_axes_are_homed(kind: Bridge) {
+    let dir = tempfile::tempdir().expect("writable");
+    let mut control = LinuxCnc::start(dir.path(), kind, |ini| ini);
+    let program = gateway(dir.path(), PORT);
+    control.do_it("on");
+    program.watch();
+    std::thread::sleep(Duration::from_secs(1));
+    let counts = control.of_x("counts");
+    assert_eq!(control.pin(&counts), 0.0);
+    assert_eq!(control.pin("volcomp.holds"), 1.0);
+    control.do_it("up");
+    wait_corrected(&mut control, &program);
+    // What was lost while it was off is shown.
+    let shown = control.of_x("absorbed");
+    assert_eq!(control.pin(&shown), 0.0);
+    control.ask("said", &json!({}));
+    drop(program);
+    wait_zero(&mut control);
+}

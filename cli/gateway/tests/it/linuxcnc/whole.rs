@@ -1,0 +1,88 @@
+//! A day at the machine: home, MDI, a program with arcs and a pause, a probe.
+
+use std::time::Duration;
+
+use serde_json::json;
+
+use super::{
+    corrected, gateway, offset_residuals, oracle, part,
+    peer::{Bridge, LinuxCnc, with_both},
+    wait_corrected,
+};
+
+with_both!(whole: what_the_motors_do_is_the_program_and_the_correction);
+
+const PORT: u16 = 47_001;
+
+const PROGRAM: &str = "G21 G90 G17 G64
+G1 F600 X40 Y20 Z-10
+G2 X60 Y40 I20 J0 F600
+G3 X40 Y20 I0 J-20
+G1 X60 Y60 Z-20
+M2
+";
+
+fn what_the_motors_do_is_the_program_and_the_correction(kind: Bridge) {
+    let dir = tempfile::tempdir().expect("writable");
+    let mut control = LinuxCnc::start(dir.path(), kind, |ini| ini);
+    let program = gateway(dir.path(), PORT);
+    // Not homed: nothing is corrected.
+    program.watch();
+    let state = program.state();
+    assert!(
+        state["reasons"].to_string().contains("not referenced"),
+        "{state}"
+    );
+    control.do_it("up");
+    program.wait_for("compensating");
+    control.mdi("G21 G90 G0 X20 Y10 Z-5");
+    wait_corrected(&mut control, &program);
+
+    let cycles = control.record(|control| control.mdi("G1 F600 X60 Y45 Z-25"));
+    corrected("MDI on a diagonal", &cycles);
+    let nominal = control.pin("axis.x.pos-cmd");
+    assert!(
+        (nominal - 60.0).abs() < 1e-9,
+        "the program knows of nothing: {nominal}"
+    );
+
+    let file = dir.path().join("part.ngc");
+    std::fs::write(&file, PROGRAM).expect("writable");
+    let cycles = control.record(|control| {
+        control.ask("begin", &json!({ "path": file }));
+        std::thread::sleep(Duration::from_millis(1500));
+        control.do_it("pause");
+        std::thread::sleep(Duration::from_millis(500));
+        control.do_it("resume");
+        control.do_it("idle");
+    });
+    corrected("a program with arcs and a pause", &cycles);
+
+    // Ten times as fast the correction is as many cycles behind, and these are ten times as long.
+    control.mdi("G0 X20 Y20 Z-5");
+    wait_corrected(&mut control, &program);
+    let cycles = control.record(|control| control.mdi("G1 F6000 X300 Y200 Z-100"));
+    let found = offset_residuals(&cycles);
+    let [median, most] = [50, 99].map(|of| part(&found, of));
+    println!("at 100 mm/s: residual {median:.2} nm median, {most:.1} nm p99");
+    assert!(median < 40.0 && most < 200.0, "{median} nm, {most} nm");
+
+    // A probe: the position that the control notes contains the offset; the bridge keeps what it was.
+    control.mdi("G0 X50 Y30 Z-10");
+    wait_corrected(&mut control, &program);
+    control.ask("begin_mdi", &json!({ "text": "G38.3 X120 F300" }));
+    control.wait("axis.x.pos-cmd", |x| x > 55.0);
+    control.touch(true);
+    control.do_it("idle");
+    control.touch(false);
+    let probed = control.ask("probed", &json!({}));
+    assert_eq!(probed[0], true);
+    let probed = probed[1].as_f64().expect("a number");
+    let shown = control.of_x("probed-offset");
+    let offset = control.pin(&shown);
+    let wanted = oracle([probed, 30.0, -10.0])[0];
+    // At 5 mm/s, and in a bridge that looks at the contact once in a while.
+    assert!((offset - wanted).abs() < 2e-5, "{offset} mm, {wanted} mm");
+    let said = control.ask("said", &json!({}));
+    assert_eq!(said, json!([]), "LinuxCNC complains");
+}

@@ -1,0 +1,217 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: GPL-2.0-or-later
+"""The user interface of a LinuxCNC without a display: does what a test asks over a socket. LinuxCNC lives as long as it.
+
+It imports LinuxCNC's Python module, so it is under LinuxCNC's licence."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import time
+
+import linuxcnc
+
+stat, command = linuxcnc.stat(), linuxcnc.command()
+errors = linuxcnc.error_channel()
+said = []
+
+
+def halcmd(*arguments):
+    return subprocess.run(["halcmd", *arguments], capture_output=True, text=True, check=True).stdout.strip()
+
+
+def listen():
+    """What LinuxCNC has said to its operator."""
+    global errors
+    try:
+        while message := errors.poll():
+            said.append(message[1])
+    except linuxcnc.error:
+        errors = linuxcnc.error_channel()
+
+
+def until(send, done, patience=3.0, tries=8):
+    """Commands can get lost where the computer is busy: sent again until the effect is seen. How often it was sent."""
+    global command
+    for tried in range(1, tries + 1):
+        if tried > 1:
+            # A channel on which nothing arrives is opened anew.
+            command = linuxcnc.command()
+        send()
+        end = time.monotonic() + patience
+        while time.monotonic() < end:
+            stat.poll()
+            if done():
+                return tried
+            time.sleep(0.002)
+        listen()
+    raise RuntimeError(f"no effect; state {stat.task_state} mode {stat.task_mode} homed {stat.homed[:stat.joints]}; {said}")
+
+
+def state(wanted):
+    return until(lambda: command.state(wanted), lambda: stat.task_state == wanted)
+
+
+def mode(wanted):
+    return until(lambda: command.mode(wanted), lambda: stat.task_mode == wanted)
+
+
+def on():
+    if stat.task_state == linuxcnc.STATE_ESTOP:
+        state(linuxcnc.STATE_ESTOP_RESET)
+    state(linuxcnc.STATE_ON)
+
+
+def home():
+    mode(linuxcnc.MODE_MANUAL)
+    if not all(stat.homed[:stat.joints]):
+        until(lambda: command.teleop_enable(0), lambda: stat.motion_mode == linuxcnc.TRAJ_MODE_FREE)
+        until(lambda: command.home(-1), lambda: all(stat.homed[:stat.joints]), patience=10)
+
+
+def idle(patience=120):
+    """Waits until nothing moves and nothing is to be done, several looks long."""
+    end, quiet = time.monotonic() + patience, 0
+    while quiet < 10:
+        time.sleep(0.004)
+        stat.poll()
+        is_idle = (stat.interp_state == linuxcnc.INTERP_IDLE and stat.inpos and stat.queue == 0
+                   and stat.state != linuxcnc.RCS_EXEC and stat.echo_serial_number >= command.serial)
+        quiet = quiet + 1 if is_idle else 0
+        if time.monotonic() > end:
+            raise RuntimeError(f"it is not idle; {said}")
+    listen()
+
+
+def mdi(text):
+    mode(linuxcnc.MODE_MDI)
+    command.mdi(text)
+    idle()
+
+
+def begin(path):
+    mode(linuxcnc.MODE_AUTO)
+    command.program_open(path)
+    command.wait_complete(10)
+    until(lambda: command.auto(linuxcnc.AUTO_RUN, 0), lambda: stat.interp_state != linuxcnc.INTERP_IDLE)
+
+
+def pause():
+    until(lambda: command.auto(linuxcnc.AUTO_PAUSE), lambda: stat.paused)
+
+
+def resume():
+    until(lambda: command.auto(linuxcnc.AUTO_RESUME), lambda: not stat.paused)
+
+
+recorder = None
+
+
+def record(path):
+    global recorder
+    file = open(path, "w", encoding="ascii")
+    recorder = (subprocess.Popen(["halsampler"], stdout=file), file)
+    time.sleep(0.2)
+    halcmd("setp", "sampler.0.enable", "1")
+
+
+def recorded():
+    halcmd("setp", "sampler.0.enable", "0")
+    time.sleep(0.3)
+    process, file = recorder
+    process.terminate()
+    process.wait()
+    file.close()
+    return halcmd("getp", "sampler.0.overruns")
+
+
+def realtime():
+    """As much real time as this computer gives: without it the servo thread waits for everybody."""
+    listed = subprocess.run(["ps", "-eLo", "pid,tid,comm,args"], capture_output=True, text=True, check=True).stdout
+    mine = os.environ["VOLCOMP_HERE"]
+    done = 0
+    for line in listed.splitlines()[1:]:
+        pid, tid, comm, arguments = line.split(None, 3)
+        try:
+            with open(f"/proc/{pid}/environ", "rb") as file:
+                if mine.encode() not in file.read():
+                    continue
+        except OSError:
+            continue
+        if comm.startswith("rtapi_app:T") or "volcomp_bridge" in arguments or comm.startswith("milltask"):
+            level = "80" if comm.startswith("rtapi") else "40"
+            done += subprocess.run(["chrt", "-f", "-p", level, tid], capture_output=True).returncode == 0
+    return done
+
+
+def answer(asked):
+    do = asked.pop("do")
+    if do == "up":
+        stat.poll()
+        on()
+        home()
+        mode(linuxcnc.MODE_MDI)
+    elif do == "on":
+        stat.poll()
+        on()
+    elif do == "off":
+        # What is off without an emergency stop is told as one that was reset.
+        until(lambda: command.state(linuxcnc.STATE_OFF), lambda: stat.task_state != linuxcnc.STATE_ON)
+    elif do == "estop":
+        state(linuxcnc.STATE_ESTOP)
+    elif do == "mdi":
+        mdi(asked["text"])
+    elif do == "begin_mdi":
+        mode(linuxcnc.MODE_MDI)
+        command.mdi(asked["text"])
+    elif do == "begin":
+        begin(asked["path"])
+    elif do in ("idle", "pause", "resume", "home"):
+        globals()[do]()
+    elif do == "unhome":
+        mode(linuxcnc.MODE_MANUAL)
+        until(lambda: command.teleop_enable(0), lambda: stat.motion_mode == linuxcnc.TRAJ_MODE_FREE)
+        until(lambda: command.unhome(-1), lambda: not any(stat.homed[:stat.joints]))
+    elif do == "hal":
+        return halcmd(*asked["arguments"])
+    elif do == "get":
+        return [float({"TRUE": 1, "FALSE": 0}.get(text, text))
+                for text in (halcmd("getp", pin) for pin in asked["pins"])]
+    elif do == "signal":
+        return float(halcmd("gets", asked["name"]))
+    elif do == "probed":
+        stat.poll()
+        return [bool(stat.probe_tripped), *stat.probed_position]
+    elif do == "said":
+        listen()
+        return said
+    elif do == "record":
+        record(asked["path"])
+    elif do == "recorded":
+        return recorded()
+    elif do == "realtime":
+        return realtime()
+    elif do == "spawn":
+        subprocess.Popen(asked["arguments"])
+    else:
+        raise RuntimeError(f"nobody knows how to do {do}")
+    return None
+
+
+def main():
+    signal.signal(signal.SIGTERM, lambda *_: os._exit(0))
+    peer = socket.socket(socket.AF_UNIX)
+    # What is asked while the other parts of LinuxCNC are still starting is lost for good.
+    time.sleep(1)
+    peer.connect(os.environ["VOLCOMP_UI"])
+    for line in peer.makefile("r"):
+        try:
+            told = {"ok": answer(json.loads(line))}
+        except Exception as error:  # told to the test, which fails with it
+            told = {"error": f"{type(error).__name__}: {error} {getattr(error, 'stderr', '')}"}
+        peer.sendall((json.dumps(told) + "\n").encode())
+
+
+main()
