@@ -359,7 +359,10 @@ mod tests {
         let ended = tokio::time::timeout(Duration::from_secs(60), running.ended()).await;
         // Both use the store: which of them meets the fault first is a matter of chance.
         let ended = ended.expect("it ends");
-        assert!(["the engine", "the thread that writes"].contains(&ended), "{ended}");
+        assert!(
+            ["the engine", "the thread that writes"].contains(&ended),
+            "{ended}"
+        );
         assert_eq!(CommandError::Ended("the engine").status(), 1);
 
         let (alive, writer) = oneshot::channel();
