@@ -3,7 +3,7 @@
 use volcomp_curve::{ErrorCurve, Field};
 use volcomp_fit::{Choice, Fit, FitError, FitOptions, Method, Noise};
 use volcomp_metrology::{MotionKind, ReferenceLine};
-use volcomp_vocabulary::{AxisKind, Direction, ErrorName, Um, Urad};
+use volcomp_vocabulary::{Direction, ErrorName, Um, Urad};
 
 use crate::{
     curve_choice::CurveChoice,
@@ -29,12 +29,12 @@ fn within_noise(profiles: &[Profile<'_>]) -> Option<f64> {
 }
 
 /// The scatter that the automatic choice is told of, and the period of the coordinate.
-fn options(error: ErrorName, profiles: &[Profile<'_>]) -> FitOptions {
+fn options(period: Option<f64>, profiles: &[Profile<'_>]) -> FitOptions {
     let noise = profiles.iter().filter_map(Profile::scatter_of_mean);
     let larger = |a: Noise, b: Noise| if b.deviation > a.deviation { b } else { a };
     FitOptions {
         noise: noise.reduce(larger),
-        period: (error.axis.kind() == AxisKind::Rotary).then_some(360.0),
+        period,
         ..FitOptions::default()
     }
 }
@@ -63,9 +63,10 @@ impl Branches {
     pub(crate) fn fit(
         error: ErrorName,
         choice: CurveChoice,
+        period: Option<f64>,
         mut profiles: Vec<Profile<'_>>,
     ) -> Result<(Self, Vec<Profile<'_>>), CalibrateError> {
-        let mut branches = Self::fit_once(error, choice, &profiles)?;
+        let mut branches = Self::fit_once(error, choice, period, &profiles)?;
         for _ in 1..ROUNDS {
             let Some((first, others)) = profiles.split_first() else {
                 break;
@@ -89,7 +90,7 @@ impl Branches {
             if largest < LINES_AGREE_UM {
                 break;
             }
-            branches = Self::fit_once(error, choice, &profiles)?;
+            branches = Self::fit_once(error, choice, period, &profiles)?;
         }
         branches.runs = branches.runs_of(&profiles);
         Ok((branches, profiles))
@@ -98,6 +99,7 @@ impl Branches {
     fn fit_once(
         error: ErrorName,
         choice: CurveChoice,
+        period: Option<f64>,
         profiles: &[Profile<'_>],
     ) -> Result<Self, CalibrateError> {
         let files = || files_of(profiles);
@@ -120,7 +122,7 @@ impl Branches {
             let files = files();
             return Err(CalibrateError::NoReadings { error, files });
         }
-        let options = options(error, profiles);
+        let options = options(period, profiles);
         let settled = choice.settled(&read, required, &options);
         let (method, choice) = settled.map_err(failed)?;
         for (direction, (x, u)) in Direction::BOTH.into_iter().zip(both) {

@@ -2,7 +2,7 @@
 
 use volcomp_kinematics::{Joint, nalgebra::Vector3};
 use volcomp_metrology::MotionKind;
-use volcomp_model::{Machine, ModelError};
+use volcomp_model::{Axis, Machine, ModelError};
 use volcomp_vocabulary::{Component, ErrorName};
 
 use crate::{
@@ -64,6 +64,16 @@ pub(crate) fn joint_of(machine: &Machine, error: ErrorName) -> Result<Joint, Mod
     Ok(machine.chain().joints()[machine.index_of(error.axis)?])
 }
 
+/// The period of what repeats along an axis, deg: that of one that turns all the way round. On an axis that does not, the error at one
+/// end of the travel has nothing to do with that at the other.
+fn period_of(axis: &Axis) -> Option<f64> {
+    let [low, high] = axis.travel;
+    let turns = axis.name.is_rotary() && high - low >= FULL_TURN_DEG * (1.0 - 1e-9);
+    turns.then_some(FULL_TURN_DEG)
+}
+
+const FULL_TURN_DEG: f64 = 360.0;
+
 /// Fits the profiles of an error: its curves, zero at the reference (a straightness has lost its constant with its
 /// line), and the profiles as they were moved to agree. A positioning deviation along an oblique axis makes a curve
 /// for each component of the axis's direction.
@@ -83,7 +93,8 @@ pub(crate) fn fit<'a>(
         None => profiles,
     };
     let choice = profiles.iter().find_map(|profile| profile.line.curve);
-    let (branches, profiles) = Branches::fit(error, choice.unwrap_or_default(), profiles)?;
+    let period = machine.axis(error.axis).and_then(period_of);
+    let (branches, profiles) = Branches::fit(error, choice.unwrap_or_default(), period, profiles)?;
     let zero = if MotionKind::of(error) == MotionKind::Straightness {
         0.0
     } else {

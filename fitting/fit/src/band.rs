@@ -316,7 +316,9 @@ impl Whole {
         let centred: f64 = residuals.iter().map(|r| (r - mean).powi(2)).sum();
         let factor = (squares / freedom / (centred / residuals.len() as f64)).sqrt();
         if !factor.is_finite() {
-            return Ok(vec![0.0; at.len()]);
+            // Nothing is left of the readings; or all errors are alike, and tell nothing of how others would be.
+            let half = if squares == 0.0 { 0.0 } else { f64::INFINITY };
+            return Ok(vec![half; at.len()]);
         }
         let resamples = (MOST_REFITTED / count)
             .max(FEWEST_RESAMPLES)

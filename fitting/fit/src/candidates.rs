@@ -123,8 +123,9 @@ pub(crate) fn candidates(
     let mut all = Vec::new();
     let count = targets.len();
     let goes_round = options.period.is_some_and(|period| {
+        // The step from the last target to the first of the next turn is one as between the others.
         let gap = range / (count - 1) as f64;
-        range >= period - 1.5 * gap
+        count > 2 && range + gap >= period * (1.0 - HAIR)
     });
     let of_two = count == 2;
     let order = (4 * count)
@@ -174,6 +175,9 @@ pub(crate) fn candidates(
     }
     Ok(all)
 }
+
+/// Rounding of targets, as a share of the period.
+const HAIR: f64 = 1e-9;
 
 /// A table through the means.
 fn through_means(method: Method, means: &[[f64; 2]]) -> Result<Candidate, FitError> {

@@ -151,6 +151,38 @@ fn a_known_scatter_decides_what_is_followed() {
     assert!(with(2.0) > 0.5, "{}", with(2.0));
 }
 
+/// A scale error of a rotary axis that does not go all the way round: few targets far from one another are no full turn.
+#[test]
+fn targets_over_a_part_of_a_turn_are_no_full_turn() {
+    let round = FitOptions {
+        period: Some(360.0),
+        ..none()
+    };
+    for (count, end) in [
+        (2, 80.0),
+        (3, 110.0),
+        (4, 130.0),
+        (5, 140.0),
+        (8, 150.0),
+        (10, 157.5),
+    ] {
+        let step = 2.0 * end / f64::from(count - 1);
+        let x: Vec<f64> = (0..count)
+            .map(|i| f64::from(i).mul_add(step, -end))
+            .collect();
+        let u = noisy(&x, 0.1, 5, |x| 0.5 * x);
+        let chosen = fit_auto(&x, &u, &round).unwrap();
+        let worst = (x.iter().zip(&u))
+            .map(|(x, u)| (u - chosen.fit.curve.value(*x)).abs())
+            .fold(0.0, f64::max);
+        assert!(
+            worst < 0.6,
+            "{count} to ±{end}: {worst} by {}",
+            chosen.choice.method
+        );
+    }
+}
+
 /// Round a rotary axis nothing jumps where it closes.
 #[test]
 fn periodic_readings_get_periodic_curves() {
