@@ -1,5 +1,7 @@
 //! What text reports of different makers have in common.
 
+use std::fmt::Write as _;
+
 use crate::Metadata;
 
 /// Digits behind the decimal point.
@@ -19,12 +21,14 @@ pub(crate) fn head_of(metadata: &Metadata) -> String {
         ("Location", &metadata.location),
         ("Title", &metadata.title),
     ];
-    let known = texts
-        .into_iter()
-        .filter_map(|(key, text)| Some((key, text.as_ref()?)));
-    known
-        .map(|(key, text)| format!("{key}: {}\r\n", text.replace(char::is_control, " ")))
-        .collect()
+    let mut head = String::new();
+    for (key, text) in texts {
+        if let Some(text) = text {
+            // Writing to a String cannot fail.
+            let _ = write!(head, "{key}: {}\r\n", text.replace(char::is_control, " "));
+        }
+    }
+    head
 }
 
 /// Lines `key: value` with keys that say the same in every report; others are passed over.
