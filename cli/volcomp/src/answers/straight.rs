@@ -54,6 +54,10 @@ pub(crate) struct Straightness {
 
 /// The document of `volcomp squareness`.
 #[derive(Debug, Serialize, JsonSchema)]
+#[expect(
+    clippy::struct_field_names,
+    reason = "the keys are those of the document"
+)]
 pub(crate) struct Squareness {
     /// The squareness error: `EC0Y`, `EA0Z` or `EB0Z`.
     pub(crate) error: String,

@@ -327,6 +327,7 @@ fn straightness_and_squareness_of_the_examples() {
 }
 
 #[test]
+#[expect(clippy::too_many_lines, reason = "one call for each message")]
 fn files_and_options_of_another_kind_are_told() {
     let folder = tempfile::tempdir().expect("a folder");
     let demo = folder.path().join("demo").display().to_string();
