@@ -46,7 +46,7 @@ pub fn readings_at_dwells(
     let axis = channel_of(log, &channels.target)?;
     let reading = channel_of(log, &channels.reading)?;
     let stands = stands(axis, log.duration_s(), channels);
-    let read = Read::of(log, reading, &stands, channels)?;
+    let read = Read::of(log, axis, reading, &stands, channels)?;
     let mut readings = read.readings;
     let Some(first) = readings.first().map(|reading| reading.deviation) else {
         return Err(MetrologyError::Readings {
@@ -78,6 +78,13 @@ pub fn readings_at_dwells(
             read.passed_over
         ));
     }
+    if read.joined > 0 {
+        notes.push(format!(
+            "{} stands at a target that the axis had not left passed over: it crept, or overran it by no more than {}",
+            read.joined,
+            reach(channels)
+        ));
+    }
     if channels.targets.is_empty() {
         notes.push(
             "the targets are where the axis stood, to the nearest 0.001: state them as `targets`"
@@ -106,6 +113,8 @@ struct Read {
     readings: Vec<Reading>,
     /// Stands that are at no target, or at one that was read before in the same run.
     passed_over: usize,
+    /// Stands at the target of the stand before, which the axis had not left.
+    joined: usize,
     /// By how much the instrument moved at the most while the axis stood, µm or µrad.
     widest: f64,
 }
@@ -113,6 +122,7 @@ struct Read {
 impl Read {
     fn of(
         log: &ChannelLog,
+        axis: &Channel,
         reading: &Channel,
         stands: &[Stand],
         channels: &Channels,
@@ -123,20 +133,35 @@ impl Read {
             nearest(&nominal, stand.position)
                 .filter(|target| (target - stand.position).abs() <= reach)
         };
+        // An axis that creeps at a target, or overruns it by less than its reach, approached it once: the first stand is read.
+        let is_left = |from: &Stand, to: &Stand| {
+            let target = at_target(from);
+            let stays = |(_, value): &(f64, f64)| {
+                target.is_some_and(|target| (target - value).abs() <= reach)
+            };
+            target != at_target(to) || !between(axis, from, to).iter().all(stays)
+        };
+        let visits: Vec<&Stand> = stands
+            .chunk_by(|from, to| !is_left(from, to))
+            .filter_map(<[Stand]>::first)
+            .collect();
         // Places that are no targets, such as overruns, still say from where a target was approached.
-        let order: Vec<f64> = stands
+        let order: Vec<f64> = visits
             .iter()
             .map(|stand| at_target(stand).unwrap_or(stand.position))
             .collect();
-        let mut read = Self::default();
-        for (stand, (run, direction)) in stands.iter().zip(runs_by_travel(&order)) {
+        let mut read = Self {
+            joined: stands.len() - visits.len(),
+            ..Self::default()
+        };
+        for (stand, (run, direction)) in visits.into_iter().zip(runs_by_travel(&order)) {
             let Some(target) = at_target(stand) else {
                 read.passed_over += 1;
                 continue;
             };
             let is_same = |r: &Reading| (r.run, r.direction, r.target) == (run, direction, target);
             if read.readings.iter().any(is_same) {
-                // The axis crept by more than the limit and stood again: one target, one reading.
+                // Approached once more at the beginning of a run: one target, one reading.
                 read.passed_over += 1;
                 continue;
             }
@@ -244,6 +269,13 @@ fn nearest(targets: &[f64], position: f64) -> Option<f64> {
 /// How far from a target the axis may stand and still be at it: ten times the limit of standing. An overrun is farther away.
 fn reach(channels: &Channels) -> f64 {
     10.0 * channels.within
+}
+
+/// What a channel reported from the end of one stand to the beginning of another.
+fn between<'c>(channel: &'c Channel, from: &Stand, to: &Stand) -> &'c [(f64, f64)] {
+    let place = |at: f64| channel.samples.partition_point(|(time, _)| *time < at);
+    let samples = channel.samples.get(place(from.to_s)..place(to.from_s));
+    samples.unwrap_or_default()
 }
 
 /// The mean of a channel while the axis stood, and by how much it moved.

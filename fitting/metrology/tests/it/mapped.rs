@@ -254,6 +254,75 @@ fn stands_of_the_axis_in_a_log_are_readings() {
     );
 }
 
+/// An axis that creeps at a target, or overruns it by less than counts as the target, approached it once.
+#[test]
+fn a_creep_or_a_small_overrun_at_a_target_changes_no_reading() {
+    let Mapping::Channels(channels) = mapping(CHANNELS) else {
+        panic!("no channels");
+    };
+    let read = |text: &str| {
+        let log = parse_camonitor(text.as_bytes(), "x.log").unwrap();
+        readings_at_dwells(&log, &channels).unwrap()
+    };
+    // Two stands of 1.2 s instead of one of 3 s, and a way back where the axis overran.
+    let moved = |target: f64, steps: &[(f64, f64)]| {
+        let mut text = String::new();
+        let mut arrived = false;
+        for line in log().lines() {
+            let words: Vec<&str> = line.split(' ').collect();
+            writeln!(text, "{line}").unwrap();
+            if !arrived && words[0] == "M:X.RBV" && words[3] == format!("{target:.4}") {
+                arrived = true;
+                let (minute, second) = words[2][3..].split_once(':').unwrap();
+                let second: f64 = second.parse().unwrap();
+                for (after, by) in steps {
+                    let at = target + by;
+                    let later = second + after;
+                    writeln!(
+                        text,
+                        "M:X.RBV {} 10:{minute}:{later:09.6} {at:.4}",
+                        words[1]
+                    )
+                    .unwrap();
+                    let later = later + 0.1;
+                    writeln!(
+                        text,
+                        "LASER:POS {} 10:{minute}:{later:09.6} {at:.5}",
+                        words[1]
+                    )
+                    .unwrap();
+                }
+            }
+        }
+        assert!(arrived);
+        read(&text)
+    };
+    let straight = read(&log());
+    for target in [0.0, 10.0, 20.0] {
+        for steps in [
+            &[(1.5, 0.01)][..],
+            &[(1.5, -0.01)],
+            // Forth and back, with no stand between, and with one.
+            &[(1.3, 0.04), (1.5, 0.0)],
+            &[(1.1, 0.04), (2.2, 0.0)],
+        ] {
+            let crept = moved(target, steps);
+            assert_eq!(crept.readings, straight.readings, "{target} {steps:?}");
+            assert!(
+                crept
+                    .notes
+                    .join("\n")
+                    .contains("that the axis had not left"),
+                "{:?}",
+                crept.notes
+            );
+        }
+    }
+    // An overrun beyond the reach without a stand there is an approach from the other side.
+    let left = moved(20.0, &[(1.3, 0.5), (1.5, 0.0)]);
+    assert_ne!(left.readings, straight.readings);
+}
+
 /// Lines out of their order change nothing but a note.
 #[test]
 fn a_log_out_of_order_gives_the_same_readings() {
