@@ -20,18 +20,14 @@ pub(super) enum Kind {
     Positions([Column; 2]),
 }
 
-const EXPECTED: &str =
-    "the columns `angle` and `deviation` (or `radius deviation`), or two of `x`, `y` and `z`";
+const EXPECTED: &str = "the columns `angle` and `deviation` (or `radius deviation`, `radial deviation`; a radius alone is none), or two of `x`, `y` and `z`";
 
 impl TraceColumns {
     /// The coordinates are called as the axes of the plane are.
     pub(super) fn of(table: &CsvTable, axes: [&str; 2]) -> Result<Self, MetrologyError> {
         let direction = table.column("direction")?;
         let angle = with_unit(table, "angle")?;
-        let deviation = match with_unit(table, "deviation")? {
-            Some(found) => Some(found),
-            None => with_unit(table, "radius")?,
-        };
+        let deviation = deviation(table)?;
         let positions = [with_unit(table, axes[0])?, with_unit(table, axes[1])?];
         let kind = match (angle, deviation, positions) {
             (Some(_), Some(_), [Some(_), Some(_)]) => {
@@ -79,23 +75,28 @@ fn angle_in_rad(table: &CsvTable, unit: &str) -> Result<f64, MetrologyError> {
 }
 
 fn deviation_in_um(table: &CsvTable, unit: &str) -> Result<f64, MetrologyError> {
-    // `radius deviation µm`: the word belongs to the name.
-    let words = unit.split(|c: char| !c.is_alphanumeric());
-    let unit = words
-        .filter(|word| !word.is_empty() && !word.eq_ignore_ascii_case("deviation"))
-        .collect::<Vec<_>>()
-        .join(" ");
     if unit.is_empty() {
         return Ok(1.0);
     }
     if let Some(unit @ (ReadingUnit::Mm | ReadingUnit::Um | ReadingUnit::Nm)) =
-        ReadingUnit::named(&unit)
+        ReadingUnit::named(unit)
     {
         return Ok(unit.micro());
     }
-    let found = quoted(&unit);
+    let found = quoted(unit);
     let message = format!("found radial deviations in {found}, expected µm, mm or nm");
     Err(table.header_error(message).into())
+}
+
+/// The column of radial deviations and its unit: `deviation`, or `radius` or `radial` with the word `deviation` behind.
+fn deviation(table: &CsvTable) -> Result<Option<(Column, &str)>, MetrologyError> {
+    if let Some(found) = with_unit(table, "deviation")? {
+        return Ok(Some(found));
+    }
+    one(table, "radius deviation", |head| {
+        let behind = unit_of(head, "radius").or_else(|| unit_of(head, "radial"));
+        unit_of(behind?, "deviation")
+    })
 }
 
 /// The column of a name, alone or with a unit behind it, and that unit.
@@ -103,9 +104,18 @@ fn with_unit<'t>(
     table: &'t CsvTable,
     name: &str,
 ) -> Result<Option<(Column, &'t str)>, MetrologyError> {
+    one(table, name, |head| unit_of(head, name))
+}
+
+/// The one column in whose head a unit is found, which may be empty.
+fn one<'t>(
+    table: &'t CsvTable,
+    name: &str,
+    unit: impl Fn(&'t str) -> Option<&'t str>,
+) -> Result<Option<(Column, &'t str)>, MetrologyError> {
     let mut named = table
         .names()
-        .filter_map(|(column, head)| Some((column, unit_of(head, name)?)));
+        .filter_map(|(column, head)| Some((column, unit(head)?)));
     let first = named.next();
     if named.next().is_some() {
         let message = format!("column `{name}` stands twice");

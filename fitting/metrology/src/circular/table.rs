@@ -14,7 +14,7 @@ const FEWEST_POINTS: usize = 16;
 
 /// Reads a trace from CSV text; `name` is used in messages.
 ///
-/// The header has `angle` (deg, or `angle rad`) and `deviation` or `radius deviation` (µm, or with `mm` or `nm` behind), or the two coordinates of the
+/// The header has `angle` (deg, or `angle rad`) and `deviation`, `radius deviation` or `radial deviation` (µm, or with `mm` or `nm` behind), or the two coordinates of the
 /// plane (`x` and `y` in X–Y, mm). A column `direction` with `ccw` or `+` and `cw` or `-` says in which sense a point was run;
 /// without it the order of the rows does. The nominal radius belongs to the call; positions without it are measured against
 /// their own mean radius.

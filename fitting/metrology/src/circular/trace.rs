@@ -134,35 +134,51 @@ pub(super) fn least_squares_circle(
     Ok(([middle[0] + centre[0], middle[1] + centre[1]], radius))
 }
 
+/// One degree: far more than what a position at standstill jitters by, far less than the arc of a test.
+const LEAST_TURN_RAD: f64 = std::f64::consts::PI / 180.0;
+
 /// The sense at each point of a path by how the angle goes on from it; where it stands the one before counts.
+///
+/// Only a turn of more than [`LEAST_TURN_RAD`] counts: positions at standstill jitter.
 pub(super) fn senses(angles_rad: &[f64]) -> Vec<Sense> {
-    let step = |pair: &[f64]| {
-        let turn = (pair[1] - pair[0]).rem_euclid(std::f64::consts::TAU);
-        if turn > std::f64::consts::PI {
-            turn - std::f64::consts::TAU
-        } else {
-            turn
+    let mut found = vec![Sense::CounterClockwise; angles_rad.len()];
+    let mut angle = 0.0;
+    // Of the points since the sense last changed, those with the least and with the greatest angle, of equal ones the last.
+    let (mut least, mut greatest) = ((0, 0.0), (0, 0.0));
+    let mut last: Option<Sense> = None;
+    for (index, pair) in angles_rad.windows(2).enumerate() {
+        angle += turn(pair);
+        let here = (index + 1, angle);
+        if angle <= least.1 {
+            least = here;
         }
-    };
-    let steps: Vec<f64> = angles_rad.windows(2).map(step).collect();
-    let of = |turn: f64| {
-        if turn > 0.0 {
-            Some(Sense::CounterClockwise)
-        } else if turn < 0.0 {
-            Some(Sense::Clockwise)
+        if angle >= greatest.1 {
+            greatest = here;
+        }
+        let turned = if last != Some(Sense::CounterClockwise) && angle - least.1 > LEAST_TURN_RAD {
+            Some((Sense::CounterClockwise, least))
+        } else if last != Some(Sense::Clockwise) && greatest.1 - angle > LEAST_TURN_RAD {
+            Some((Sense::Clockwise, greatest))
         } else {
             None
+        };
+        if let Some((sense, from)) = turned {
+            // The points before the first turn stand.
+            let from = if last.is_none() { 0 } else { from.0 };
+            found[from..].fill(sense);
+            (least, greatest) = (here, here);
+            last = Some(sense);
         }
-    };
-    let first = steps.iter().copied().find_map(of);
-    let mut last = first.unwrap_or(Sense::CounterClockwise);
-    let mut found = Vec::with_capacity(angles_rad.len());
-    for index in 0..angles_rad.len() {
-        // The last point goes on as the one before it.
-        if let Some(sense) = steps.get(index).copied().and_then(of) {
-            last = sense;
-        }
-        found.push(last);
     }
     found
+}
+
+/// From one angle to the next, the shorter way round.
+fn turn(pair: &[f64]) -> f64 {
+    let turn = (pair[1] - pair[0]).rem_euclid(std::f64::consts::TAU);
+    if turn > std::f64::consts::PI {
+        turn - std::f64::consts::TAU
+    } else {
+        turn
+    }
 }

@@ -356,3 +356,95 @@ fn tables_that_are_no_circle_are_refused() {
     assert!(circular_deviations(&trace).is_err());
     assert!(circular_signatures(&trace).is_err());
 }
+
+/// Encoders jitter: 50 points at a standstill are run in no other sense, neither before the circle, nor within it, nor after it.
+#[test]
+fn a_standstill_changes_no_sense() {
+    let table = |stands: &[usize]| {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(9);
+        let jitter = Normal::new(0.0, 1e-4).unwrap();
+        let mut text = "x,y\n".to_owned();
+        // Once round counter-clockwise, and back.
+        for k in 0..=1440 {
+            let angle = TAU * f64::from(720 - (720_i32 - k).abs()) / 720.0;
+            let [x, y] = [RADIUS_MM * angle.cos(), RADIUS_MM * angle.sin()];
+            let count = if stands.contains(&(k as usize)) {
+                50
+            } else {
+                0
+            };
+            for _ in 0..count {
+                let [dx, dy] = [jitter.sample(&mut rng), jitter.sample(&mut rng)];
+                writeln!(text, "{:.7},{:.7}", x + dx, y + dy).unwrap();
+            }
+            writeln!(text, "{x:.7},{y:.7}").unwrap();
+        }
+        parse_trace(text.as_bytes(), "s.csv", CircularPlane::Xy, Some(RADIUS_MM)).unwrap()
+    };
+    let without = table(&[]);
+    let expected = |k: usize| {
+        if k < 720 {
+            Sense::CounterClockwise
+        } else {
+            Sense::Clockwise
+        }
+    };
+    for (k, point) in without.points.iter().enumerate() {
+        assert_eq!(point.sense, expected(k), "{k}");
+    }
+    for stand in [0, 100, 1000, 1440] {
+        let with = table(&[stand]);
+        for (k, point) in with.points.iter().enumerate() {
+            let k = if k > stand + 50 { k - 50 } else { k.min(stand) };
+            assert_eq!(point.sense, expected(k), "{k} with a stand at {stand}");
+        }
+        let [one, other] = [&with, &without].map(|trace| circular_deviations(trace).unwrap());
+        for k in 0..2 {
+            near(one.g_um[k].unwrap(), other.g_um[k].unwrap(), 1.0);
+        }
+    }
+    // Where the path turns round, the points of the stand alone may belong to either.
+    let with = table(&[720]);
+    for (k, point) in with.points.iter().enumerate() {
+        if k < 720 {
+            assert_eq!(point.sense, Sense::CounterClockwise, "{k}");
+        } else if k > 770 {
+            assert_eq!(point.sense, Sense::Clockwise, "{k}");
+        }
+    }
+}
+
+/// `radius` alone is a radius: 150.002 mm read as a deviation of 150 µm would be a wrong circle.
+#[test]
+fn a_column_of_radii_is_no_column_of_deviations() {
+    let read = |head: &str| {
+        let cells = head.split(',').count();
+        let mut text = format!("{head}\n");
+        for k in 0..360 {
+            let row = [k.to_string(), "0.002".to_owned(), "150".to_owned()];
+            writeln!(text, "{}", row[..cells].join(",")).unwrap();
+        }
+        parse_trace(text.as_bytes(), "r.csv", CircularPlane::Xy, Some(RADIUS_MM))
+    };
+    for head in [
+        "angle,radius",
+        "angle,radius mm",
+        "angle,radial",
+        "angle,radius [um]",
+    ] {
+        let message = read(head).unwrap_err().to_string();
+        assert!(
+            message.contains("`radius deviation`, `radial deviation`; a radius alone is none"),
+            "{head}: {message}"
+        );
+    }
+    for (head, um) in [
+        ("angle,deviation mm", 2.0),
+        ("angle,radius deviation mm", 2.0),
+        ("angle,Radial Deviation [mm]", 2.0),
+        ("angle,radius_deviation", 0.002),
+        ("angle,radius deviation,radius mm", 0.002),
+    ] {
+        assert_eq!(read(head).unwrap().points[7].deviation_um, um, "{head}");
+    }
+}
