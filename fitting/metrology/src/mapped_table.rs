@@ -27,7 +27,7 @@ pub fn parse_table_with(
     let (text, encoding_note) = decode(bytes, name)?;
     refuse_empty(&text, name, "a table with the columns of the mapping")?;
     let rows = rows(&text, name, columns)?;
-    let header_end = columns.header_rows.min(rows.len());
+    let header_end = rows.partition_point(|(line, _)| *line <= columns.header_rows);
     let (header, body) = rows.split_at(header_end);
     let places = Places::of(header.last(), name, columns)?;
     let read: Vec<Row> = body
@@ -47,7 +47,7 @@ pub fn parse_table_with(
         return Err(MetrologyError::Empty {
             file: name.into(),
             expected: format!(
-                "at least one reading under {} header rows",
+                "at least one reading under {} lines of header",
                 columns.header_rows
             ),
         });
@@ -94,6 +94,11 @@ fn rows(
         .delimiter(u8::try_from(separator).unwrap_or(b','))
         .from_reader(text.as_bytes());
     let mut rows = Vec::new();
+    let mut lines = Lines {
+        text,
+        at: 0,
+        line: 1,
+    };
     for record in reader.records() {
         let record = record.map_err(|error| {
             let line = error.position().map_or(1, csv::Position::line);
@@ -103,13 +108,39 @@ fn rows(
             };
             MetrologyError::Structure(place.finding("row", error.to_string(), "cells"))
         })?;
-        let line = record.position().map_or(1, csv::Position::line);
+        let start = record.position().map_or(0, csv::Position::byte);
+        let line = lines.of(usize::try_from(start).unwrap_or(0));
         if record.iter().any(|cell| !cell.is_empty()) {
             let cells = record.iter().map(str::to_owned).collect();
-            rows.push((usize::try_from(line).unwrap_or(1), cells));
+            rows.push((line, cells));
         }
     }
     Ok(rows)
+}
+
+/// Counts the lines of a text on the way through it.
+struct Lines<'t> {
+    text: &'t str,
+    at: usize,
+    line: usize,
+}
+
+impl Lines<'_> {
+    /// The line of a record. The reader states the place before the blank lines above it.
+    fn of(&mut self, start: usize) -> usize {
+        let bytes = self.text.as_bytes();
+        while let Some(byte) = bytes.get(self.at) {
+            let is_end = match byte {
+                b'\n' => true,
+                b'\r' => bytes.get(self.at + 1) != Some(&b'\n'),
+                _ if self.at >= start => break,
+                _ => false,
+            };
+            self.line += usize::from(is_end);
+            self.at += 1;
+        }
+        self.line
+    }
 }
 
 /// The places of the columns, from 0.

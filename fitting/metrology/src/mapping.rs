@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use volcomp_document::{Document, InputError, Section, Value};
 
 use crate::dwell::Channels;
-use crate::{MetrologyError, ReadingUnit};
+use crate::{DeviationUnit, MetrologyError, ReadingUnit};
 
 /// What the user says of a file that does not say it itself.
 #[derive(Debug, Clone, PartialEq)]
@@ -46,7 +46,7 @@ pub struct Columns {
     pub unit: Option<ReadingUnit>,
     /// The unit of the targets: mm or deg.
     pub target_unit: Option<TargetUnit>,
-    /// Rows above the first reading; the last of them holds the heads.
+    /// Lines of the file above the first reading, blank ones as well; the last of them that is not blank holds the heads.
     pub header_rows: usize,
 }
 
@@ -192,6 +192,7 @@ impl Columns {
                 "found `measured` without `unit`, expected the unit of the measured positions: `unit = \"mm\"`",
             ));
         }
+        columns.refuse_contradictory_units(section)?;
         let is_head = |name: &&ColumnName| matches!(name, ColumnName::Head(_));
         if columns.header_rows == 0 && columns.names().any(|(_, name)| is_head(&name)) {
             return Err(section.error(
@@ -199,6 +200,22 @@ impl Columns {
             ));
         }
         Ok(columns)
+    }
+
+    /// Targets are subtracted from measured positions: both are lengths or both are angles.
+    fn refuse_contradictory_units(&self, section: &Section<'_>) -> Result<(), InputError> {
+        let (true, Some(unit), Some(target)) = (self.reads_position, self.unit, self.target_unit)
+        else {
+            return Ok(());
+        };
+        let (found, expected) = match (unit.held_in(), target) {
+            (DeviationUnit::Um, TargetUnit::Deg) => ("deg", "mm"),
+            (DeviationUnit::Urad, TargetUnit::Mm) => ("mm", "deg"),
+            _ => return Ok(()),
+        };
+        Err(section.error(format!(
+            "found `target_unit = \"{found}\"` and measured positions in {unit}, expected `target_unit = \"{expected}\"`: the targets are subtracted from the positions"
+        )))
     }
 
     /// Every column that is named, with what it is.

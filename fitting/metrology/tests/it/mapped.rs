@@ -65,6 +65,30 @@ fn columns_are_found_by_name_or_number_in_any_dialect() {
     assert_eq!(ways, ["+", "+", "-", "-"]);
 }
 
+/// A blank line is a line: what an editor shows as line 3 is the third.
+#[test]
+fn header_rows_are_lines_of_the_file() {
+    for (separator, cell) in [(",", ","), ("blank", " "), ("tab", "\t")] {
+        for end in ["\n", "\r\n"] {
+            let toml = format!(
+                "[columns]\ntarget = \"t\"\ndeviation = \"d\"\nseparator = \"{separator}\"\nheader_rows = 3"
+            );
+            let rows = format!("{end}t{cell}d{end}{end}0{cell}1{end}{end}10{cell}2{end}");
+            let m = table(&toml, &rows).unwrap();
+            assert_eq!(shown(&m), [(0.0, 1, "+", 1.0), (10.0, 1, "+", 2.0)]);
+            // And messages name the line.
+            let wrong = rows.replace("10", "1x");
+            let message = table(&toml, &wrong).unwrap_err().to_string();
+            assert!(message.starts_with("x.csv:6: target"), "{message}");
+        }
+    }
+    // Heads below the stated lines are not found; nothing is lost silently.
+    let toml = "[columns]\ntarget = \"t\"\ndeviation = \"d\"";
+    assert!(table(toml, "\nt,d\n0,1\n").is_err());
+    let numbered = "[columns]\ntarget = 1\ndeviation = 2\nheader_rows = 2";
+    assert_eq!(table(numbered, "\nt,d\n0,1\n").unwrap().readings.len(), 1);
+}
+
 #[test]
 fn runs_and_directions_come_from_columns_where_there_are_some() {
     let toml =
@@ -135,6 +159,14 @@ fn mappings_that_mean_nothing_are_refused() {
             "decimal commas",
         ),
         ("[columns]\ntarget = 0\ndeviation = 2", "0"),
+        (
+            "[columns]\ntarget = 1\nmeasured = 2\nunit = \"um\"\ntarget_unit = \"deg\"",
+            "measured positions in µm, expected `target_unit = \"mm\"`",
+        ),
+        (
+            "[columns]\ntarget = 1\nmeasured = 2\nunit = \"arcsec\"\ntarget_unit = \"mm\"",
+            "expected `target_unit = \"deg\"`",
+        ),
         (
             "[columns]\ntarget = 1\ndeviation = 2\ncolour = 3",
             "unknown key",
