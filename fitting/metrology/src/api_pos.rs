@@ -4,7 +4,7 @@ use volcomp_document::quoted;
 
 use crate::encoding::{decode, refuse_empty, wrong_kind};
 use crate::number::Place;
-use crate::report::{decimals_of, metadata_of};
+use crate::text_report::{decimals_of, metadata_of, step_of};
 use crate::{DeviationUnit, Direction, FileFormat, Measurement, MetrologyError, Quantity, Reading};
 
 const EXPECTED: &str = "a table headed `Position   Bidirectional Avg Error`";
@@ -103,7 +103,7 @@ struct Row {
     line: usize,
     target: f64,
     error_mm: f64,
-    decimals: usize,
+    decimals: i32,
 }
 
 struct Table {
@@ -235,11 +235,12 @@ fn compare(
             let expected = "the same positions in every table";
             MetrologyError::Count(place.finding("position", row.target.to_string(), expected))
         };
-        let (back, _, _) = value(backward, row.target).ok_or_else(missing)?;
+        let (back, _, of_back) = value(backward, row.target).ok_or_else(missing)?;
         let Some(both) = both else { continue };
-        let (mean, line, decimals) = value(both, row.target).ok_or_else(missing)?;
+        let (mean, line, of_mean) = value(both, row.target).ok_or_else(missing)?;
         let expected = f64::midpoint(row.error_mm, back);
-        let rounding = 1.01 * 10_f64.powi(-i32::try_from(decimals).unwrap_or(i32::MAX));
+        // With exponents each number has a last digit of its own.
+        let rounding = 1.01 * step_of([row.decimals, of_back, of_mean].into_iter());
         if (mean - expected).abs() > rounding {
             let place = Place { file: name, line };
             return Err(MetrologyError::Structure(place.finding(

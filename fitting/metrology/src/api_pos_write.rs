@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use crate::report::head_of;
+use crate::text_report::head_of;
 use crate::{Direction, Measurement};
 
 const MM_PER_UM: f64 = 1e-3;

@@ -4,7 +4,7 @@ use volcomp_document::quoted;
 
 use crate::encoding::{decode, refuse_empty, wrong_kind};
 use crate::number::Place;
-use crate::report::{decimals_of, metadata_of};
+use crate::text_report::{decimals_of, metadata_of, step_of};
 use crate::{Direction, FileFormat, Measurement, MetrologyError, Reading, ReadingUnit};
 
 const EXPECTED: &str = "a report with rows of target, forward, reverse and system mean, 2σ forward, 2σ reverse and dead zone";
@@ -93,8 +93,20 @@ fn rows(text: &str, name: &str) -> Result<Vec<Row>, MetrologyError> {
         };
         let cells: Vec<&str> = line.split_ascii_whitespace().collect();
         let Some(first) = cells.first() else { continue };
-        if place.number("row", first).is_err() || cells.len() < 3 {
+        if place.number("row", first).is_err() {
             continue;
+        }
+        if cells.len() < 3 {
+            if rows.is_empty() {
+                // A number among the lines above the rows.
+                continue;
+            }
+            let expected = format!("{COLUMNS} numbers: the file may be cut off");
+            return Err(MetrologyError::Truncated(place.finding(
+                "row",
+                quoted(line.trim()),
+                expected,
+            )));
         }
         let cells = match cells.len() {
             COLUMNS => &cells[..],
@@ -143,18 +155,13 @@ fn row(place: Place<'_>, cells: &[&str]) -> Result<Row, MetrologyError> {
         two_sigma_reverse,
         dead_zone,
     ] = values;
-    let decimals = cells[1..]
-        .iter()
-        .map(|cell| decimals_of(cell))
-        .min()
-        .unwrap_or(0);
     // Each of three numbers is rounded by itself.
-    let rounding = 2.01 * 10_f64.powi(-i32::try_from(decimals).unwrap_or(i32::MAX));
+    let rounding = 2.01 * step_of(cells[1..].iter().map(|cell| decimals_of(cell)));
     let check = |what: &str, found: f64, expected: f64, why: &str| {
         if (found - expected).abs() <= rounding {
             return Ok(());
         }
-        let expected = format!("{expected:.decimals$}, {why}");
+        let expected = format!("{}, {why}", (expected * 1e9).round() / 1e9);
         Err(MetrologyError::Structure(place.finding(
             what,
             found.to_string(),

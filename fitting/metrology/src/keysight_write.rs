@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use crate::report::head_of;
+use crate::text_report::head_of;
 use crate::{DeviationUnit, Direction, Measurement};
 
 /// Decimals of targets, and of means and scatter in µm or µrad.

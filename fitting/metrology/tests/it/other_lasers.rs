@@ -232,6 +232,8 @@ fn reports_hold_statistics_whose_columns_prove_themselves() {
         ("(microns)", "(microns) mean (mm)", "unit: found mm and µm"),
         ("2     0.000", "2  -254.000", "each target once"),
         ("Dead", "Live", "kind of file"),
+        ("+1.500\r\n", "+1.500\r\n 3  254", "the file may be cut off"),
+        ("+1.500\r\n", "+1.500\r\n3", "the file may be cut off"),
     ] {
         assert!(REPORT.contains(from), "{from}");
         let text = REPORT.replace(from, to);
@@ -240,6 +242,11 @@ fn reports_hold_statistics_whose_columns_prove_themselves() {
             .to_string();
         assert!(message.contains(expected), "{from}: {message}");
     }
+    let cut = format!("{REPORT} 3  254");
+    assert!(matches!(
+        parse_keysight_report(cut.as_bytes(), "x.txt"),
+        Err(MetrologyError::Truncated(_))
+    ));
     let without = REPORT.replace("(microns)", "");
     assert_eq!(
         parse_keysight_report(without.as_bytes(), "x.txt")
@@ -247,4 +254,43 @@ fn reports_hold_statistics_whose_columns_prove_themselves() {
             .unit,
         None
     );
+}
+
+/// Numbers with exponents prove the columns to their own last digit: 2.0E-03 is known to 0.0001.
+#[test]
+fn reports_with_exponents_prove_their_columns() {
+    let head = REPORT.split("1  -254").next().unwrap();
+    let read = |row: &str| parse_keysight_report(format!("{head}{row}\r\n").as_bytes(), "x.txt");
+    let m = read("0.0E+00 2.0E-03 4.0E-03 3.0E-03 1.0E-03 1.0E-03 2.0E-03").unwrap();
+    assert_eq!(m.mean_at(0.0, Negative), Some(4.0e-3));
+    // Forward and reverse swapped.
+    let message = read("0.0E+00 4.0E-03 2.0E-03 3.0E-03 1.0E-03 1.0E-03 2.0E-03")
+        .unwrap_err()
+        .to_string();
+    assert!(
+        message.contains("dead zone: found 0.002, expected -0.002"),
+        "{message}"
+    );
+    // A zero has no last digit that would let everything pass.
+    assert!(read("1.0E+01 4.0E-03 0.0E+00 2.0E-03 1.0E-03 1.0E-03 4.0E-03").is_err());
+    // Large numbers are rounded to their own last digit: −280 where the rounded means differ by −200.
+    assert!(read("1.0E+01 1.2E+03 1.0E+03 1.1E+03 1.0E+01 1.0E+01 -2.8E+02").is_ok());
+}
+
+#[test]
+fn api_files_with_exponents_prove_the_mean_of_both_directions() {
+    let text = |both: &str| {
+        format!(
+            "Position Bidirectional Avg Error\n10.0 {both}\nPosition Forward Avg Error\n10.0 4.0E-03\nPosition Backward Avg Error\n10.0 2.0E-03\n"
+        )
+    };
+    let read = |both: &str| parse_pos(text(both).as_bytes(), "x.pos");
+    assert_eq!(read("3.0E-03").unwrap().mean_at(10.0, Positive), Some(4.0));
+    for wrong in ["2.0E-03", "4.0E-03", "0.0E+00"] {
+        let message = read(wrong).unwrap_err().to_string();
+        assert!(message.contains("mean of both directions"), "{message}");
+    }
+    // The means of the directions are rounded, too: the mean of both is finer than they are.
+    let fine = text("2.0E-05").replace("2.0E-03", "-4.0E-03");
+    assert!(parse_pos(fine.as_bytes(), "x.pos").is_ok());
 }

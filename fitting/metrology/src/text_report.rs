@@ -4,10 +4,29 @@ use std::fmt::Write as _;
 
 use crate::Metadata;
 
-/// Digits behind the decimal point.
-pub(crate) fn decimals_of(text: &str) -> usize {
-    let mantissa = text.split(['e', 'E']).next().unwrap_or_default();
-    crate::number::decimals(mantissa)
+/// Finer steps than these are below what a sum of such numbers can hold.
+const MOST_DECIMALS: i32 = 12;
+
+/// The decimals of the last digit of a number: 3 of `1.250`, 4 of `2.0E-03`, −2 of `1.2E+03`. A zero with an exponent has
+/// none that count, and as many as any.
+pub(crate) fn decimals_of(text: &str) -> i32 {
+    let (mantissa, exponent) = match text.split_once(['e', 'E']) {
+        Some((mantissa, exponent)) => (mantissa, Some(exponent)),
+        None => (text, None),
+    };
+    let is_zero = !mantissa.contains(|c: char| ('1'..='9').contains(&c));
+    if exponent.is_some() && is_zero {
+        return MOST_DECIMALS;
+    }
+    let behind = i32::try_from(crate::number::decimals(mantissa)).unwrap_or(MOST_DECIMALS);
+    // An exponent that is no number of this size stands in no number that is read.
+    let exponent = exponent.map_or(0, |text| text.parse().unwrap_or(0));
+    behind.saturating_sub(exponent).min(MOST_DECIMALS)
+}
+
+/// The size of the last digit of the coarsest of some numbers.
+pub(crate) fn step_of(decimals: impl Iterator<Item = i32>) -> f64 {
+    10_f64.powi(-decimals.min().unwrap_or(0))
 }
 
 /// The same lines, CRLF, for what is known; line breaks in texts become blanks.
@@ -54,4 +73,28 @@ pub(crate) fn metadata_of<'t>(lines: impl Iterator<Item = &'t str>) -> Metadata 
         }
     }
     metadata
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_exponent_moves_the_last_digit() {
+        for (text, decimals) in [
+            ("1.250", 3),
+            ("-7", 0),
+            ("0.00", 2),
+            ("2.0E-03", 4),
+            ("2.0e-3", 4),
+            ("-1.25E+01", 1),
+            ("1.2E+03", -2),
+            ("0.0E+00", MOST_DECIMALS),
+            ("1E-99999999999", 0),
+            ("1E-2147483648", MOST_DECIMALS),
+            ("0.12345678901234567", MOST_DECIMALS),
+        ] {
+            assert_eq!(decimals_of(text), decimals, "{text}");
+        }
+    }
 }
