@@ -32,6 +32,9 @@ pub(crate) struct Arguments {
     /// Machine file for --draft: structure, axes and travels
     #[arg(long, short, value_name = "M.toml", requires = "draft")]
     machine: Option<PathBuf>,
+    /// With --draft: writes over a file that is there and says something else, answers included
+    #[arg(long, requires = "draft")]
+    replace: bool,
     /// Machine file to write; with --draft the calibration file
     #[arg(long, short)]
     output: PathBuf,
@@ -39,7 +42,7 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     if let (Some(folder), Some(machine)) = (&arguments.draft, &arguments.machine) {
-        return calibrate_draft::run(folder, machine, &arguments.output);
+        return calibrate_draft::run(folder, machine, &arguments.output, arguments.replace);
     }
     // Where there is no draft the call has a calibration file.
     let path = arguments.calibration.clone().unwrap_or_default();

@@ -9,7 +9,12 @@ use volcomp_model::Machine;
 use super::{Answer, refuse_overwriting, table, table_text};
 use crate::{answers::calibrate_draft::CalibrateDraft, failure::Failure, output::OutputFile};
 
-pub(super) fn run(folder: &Path, machine_file: &Path, output: &Path) -> Result<Answer, Failure> {
+pub(super) fn run(
+    folder: &Path,
+    machine_file: &Path,
+    output: &Path,
+    replace: bool,
+) -> Result<Answer, Failure> {
     let machine = Machine::read(machine_file)?;
     let mut file = OutputFile::open_beside(output, &[(machine_file, "the machine file")])?;
     let base = base_of(output);
@@ -33,11 +38,25 @@ pub(super) fn run(folder: &Path, machine_file: &Path, output: &Path) -> Result<A
         ));
     }
     refuse_overwriting(&found.looked_at, output, "draft")?;
+    if !replace {
+        refuse_another(output, &found.text)?;
+    }
     file.append(found.text.as_bytes())?;
     file.finish()?;
     let name = output.display().to_string();
     let document = CalibrateDraft::new(name.clone(), &found);
     Answer::new(&document, text(&name, &found), notes(&found))
+}
+
+/// Refuses to write over a file with another text: its questions may have been answered.
+fn refuse_another(output: &Path, text: &str) -> Result<(), Failure> {
+    if !output.exists() || std::fs::read(output).is_ok_and(|there| there == text.as_bytes()) {
+        return Ok(());
+    }
+    Err(Failure::Input(format!(
+        "--output {}: the file is there and is not this draft; expected another file, or --replace",
+        output.display()
+    )))
 }
 
 /// The folder of the draft, from which the files are named.

@@ -96,6 +96,23 @@ fn a_folder_becomes_a_draft_that_asks_before_it_is_calibrated() {
         message.contains("open question") && message.contains("drafted.toml:"),
         "{message}"
     );
+    // A draft that is as it was is written once more, one with an answer only where the call says so.
+    json(&call);
+    let draft = fs::read_to_string(&drafted).expect("the draft");
+    let answered = draft.replacen("\"?\"", "0.0", 1);
+    assert_ne!(answered, draft);
+    fs::write(&drafted, &answered).expect("written");
+    let message = refused(&call);
+    assert!(
+        message.contains("drafted.toml: the file is there")
+            && message.contains("expected another file, or --replace"),
+        "{message}"
+    );
+    let kept = || fs::read_to_string(&drafted).expect("the draft");
+    assert_eq!(kept(), answered);
+    json(&[&call[..], &["--replace"]].concat());
+    assert_eq!(kept(), draft);
+    assert!(refused(&["calibrate", &drafted, "--replace", "-o", &result]).contains("--draft"));
     // The draft does not take the place of what it was made from.
     let laser = folder.path().join("exx.rtl").display().to_string();
     let call = [
