@@ -377,6 +377,36 @@ fn files_and_options_of_another_kind_are_told() {
             "expected --part 2",
         ),
         (
+            &["iso230", &circle, "--part", "4", "--edition", "2014"],
+            "--edition: found --part 4, expected --part 2",
+        ),
+        (
+            &["iso230", POSITIONING, "--part", "6", "--edition", "1997"],
+            "--edition: found --part 6, expected --part 2",
+        ),
+        (
+            &[
+                "iso230",
+                POSITIONING,
+                "--standard",
+                "vdi",
+                "--device-um",
+                "1",
+            ],
+            "found --standard vdi, which states none",
+        ),
+        (
+            &[
+                "iso230",
+                POSITIONING,
+                "--standard",
+                "asme",
+                "--tolerance",
+                "M=0.001",
+            ],
+            "--tolerance: symbol: found `M`",
+        ),
+        (
             &["iso230", POSITIONING, "--edition", "1988"],
             "with 3 s, is not evaluated",
         ),

@@ -10,7 +10,7 @@ use crate::{
     table::{fixed, folded, table, table_text, to_the_left},
 };
 
-/// The symbols of ISO 230-2 and ASME B5.54.
+/// The symbols of ISO 230-2.
 pub(crate) const POSITIONING: [&str; 12] = [
     "A",
     "A_forward",
@@ -22,6 +22,20 @@ pub(crate) const POSITIONING: [&str; 12] = [
     "E_forward",
     "E_backward",
     "M",
+    "B",
+    "mean_B",
+];
+/// The symbols of ASME B5.54, which has no mean deviation M.
+pub(crate) const ASME: [&str; 11] = [
+    "A",
+    "A_forward",
+    "A_backward",
+    "R",
+    "R_forward",
+    "R_backward",
+    "E",
+    "E_forward",
+    "E_backward",
     "B",
     "mean_B",
 ];

@@ -25,9 +25,9 @@ pub(crate) struct Arguments {
     /// Part of ISO 230: 2 (positioning of an axis), 4 (circles), 6 (diagonals)
     #[arg(long, default_value_t = 2, value_parser = parse_part)]
     part: u8,
-    /// Edition of ISO 230-2: 1997, 2006 or 2014
-    #[arg(long, default_value_t = 2014, value_parser = parse_edition)]
-    edition: u16,
+    /// Edition of ISO 230-2: 1997, 2006 or 2014, without it 2014
+    #[arg(long, value_parser = parse_edition)]
+    edition: Option<u16>,
     /// Standard of a positioning test; all: each of them
     #[arg(long, default_value = "iso")]
     standard: Standard,
@@ -83,7 +83,7 @@ fn parse_edition(text: &str) -> Result<u16, String> {
 impl Arguments {
     fn edition(&self) -> Edition {
         // The parser let no other year through.
-        Edition::of_year(self.edition).unwrap_or_default()
+        self.edition.and_then(Edition::of_year).unwrap_or_default()
     }
 }
 
@@ -107,6 +107,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     if part != 2 && arguments.uncertainty.stated() {
         return refuse("options of the measurement uncertainty", "2");
     }
+    if part != 2 && arguments.edition.is_some() {
+        return refuse("--edition", "2");
+    }
     if part != 2 && arguments.standard != Standard::Iso {
         return refuse("--standard", "2");
     }
@@ -115,6 +118,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     }
     if part == 4 && arguments.unit.is_some() {
         return refuse("--unit", "2 or 6: circles state units in their header");
+    }
+    if arguments.uncertainty.stated() && arguments.standard == Standard::Vdi {
+        let message = "options of the measurement uncertainty: found --standard vdi, which states none, expected iso, asme or all";
+        return Err(Failure::Input(message.to_owned()));
     }
     if arguments.uncertainty.stated() && !arguments.edition().states_uncertainty() {
         let message = "options of the measurement uncertainty: found --edition 1997, expected 2006 or 2014, which have the annex on it";

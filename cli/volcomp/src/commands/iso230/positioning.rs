@@ -10,7 +10,7 @@ use volcomp_metrology::{
 use volcomp_vocabulary::AxisKind;
 
 use super::judged::{
-    POSITIONING, VDI, decision, decision_text, judged, quantities_text, tolerances,
+    ASME, POSITIONING, VDI, decision, decision_text, judged, quantities_text, tolerances,
 };
 use super::rows::{self, Row};
 use super::{Arguments, Standard, some_refused};
@@ -35,7 +35,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let known: Vec<&str> = match arguments.standard {
         Standard::Vdi => VDI.to_vec(),
         Standard::All => [&POSITIONING[..], &VDI].concat(),
-        Standard::Iso | Standard::Asme => POSITIONING.to_vec(),
+        Standard::Iso => POSITIONING.to_vec(),
+        Standard::Asme => ASME.to_vec(),
     };
     let tolerances = tolerances(arguments.tolerance.as_deref(), &known)?;
     let csv = match &arguments.csv {
