@@ -77,7 +77,7 @@ function rolloutPanel(rollout) {
   }));
   const { why: cause, by } = rollout.phase;
   const why = cause || (by ? `${phase === "paused" ? "held" : "ended"} by ${by}` : "");
-  const rows = turns.map((turn) => make("tr", {}, cell(make("a", { href: `#machine/${turn.machine}`, textContent: turn.machine })), cell(turn.wave === 0 ? "first" : String(turn.wave)), cell(badge(turn.step, STEP_NAMES[turn.step] || turn.step)), cell(stepWords(turn), { class: "text" }), cell(turn.step === "needs-confirmation" && may("engineer") ? wish("Confirm", { wish: "confirm", machine: turn.machine, hash: turn.hash }) : decide(rollout, turn, said))));
+  const rows = turns.map((turn) => make("tr", {}, cell(make("a", { href: `#machine/${turn.machine}`, textContent: turn.machine })), cell(turn.wave === 0 ? "first" : String(turn.wave)), cell(badge(turn.step, STEP_NAMES[turn.step] || turn.step)), cell(stepWords(turn), { class: "text" }), cell(turn.step === "needs-confirmation" && may("engineer") && ["running", "paused"].includes(phase) ? wish("Confirm", { wish: "confirm", machine: turn.machine, hash: turn.hash }) : decide(rollout, turn, said))));
   const list = table(["machine", "wave", "step", "what that means", ""], rows.slice(0, 200));
   return make("section", { class: "panel", data: { rollout: id } },
     make("div", { class: "head" }, make("h2", { textContent: `Roll-out ${id}` }), badge(phase, phase === "aborted" ? "ended" : phase), make("a", { href: `#model/${rollout.model}`, textContent: short(rollout.model) }), make("span", { class: "soft", textContent: `${clock(rollout.since_s)}, ${rollout.by}; ${turns.filter((turn) => turn.step === "done").length} of ${turns.length} done` })),

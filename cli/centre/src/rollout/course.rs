@@ -214,6 +214,8 @@ impl Rollout {
             Wish::Abort => self.phase = Phase::Aborted { by },
             Wish::Resume => {
                 for turn in &mut self.turns {
+                    // That was decided of what had stopped: where it stops once more it is to be decided anew.
+                    turn.kept_by = None;
                     if let Step::Out { excused, .. } = &mut turn.step {
                         *excused = true;
                     }
@@ -221,6 +223,10 @@ impl Rollout {
                 self.phase = Phase::Running;
             }
             Wish::Confirm { machine, hash } => {
+                // Once it has stopped nothing would take back what is sent.
+                if !self.phase.takes_confirmations() {
+                    return None;
+                }
                 let turn = self.turn(&machine)?;
                 if matches!(&turn.step, Step::NeedsConfirmation { hash: shown, .. } if *shown == hash)
                 {

@@ -245,6 +245,11 @@ impl Phase {
         matches!(self, Self::Stopped { .. } | Self::Aborted { .. })
     }
 
+    /// Whether a change is sent when a person confirms it: not where nothing more is sent.
+    pub fn takes_confirmations(&self) -> bool {
+        matches!(self, Self::Running | Self::Paused { .. })
+    }
+
     /// Whether nothing will happen any more.
     pub fn is_over(&self) -> bool {
         matches!(self, Self::Aborted { .. } | Self::Done)
@@ -337,7 +342,7 @@ pub enum Wish {
     Resume,
     /// To end it. What was sent stays sent.
     Abort,
-    /// To confirm the change of one machine.
+    /// To confirm the change of one machine; in a roll-out that has stopped it is not sent.
     Confirm {
         /// The machine.
         machine: MachineId,

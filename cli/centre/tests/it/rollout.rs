@@ -548,3 +548,43 @@ fn what_is_not_in_force_is_taken_back_when_it_stops() {
         Step::Out { version: None, .. }
     ));
 }
+
+/// A roll-out that has stopped sends nothing, although a person confirms a change; held, or let go on, it does. What a person
+/// has kept is to be decided anew when it goes on.
+#[test]
+fn a_stopped_roll_out_takes_no_confirmation() {
+    let mut rollout = rollout(2, &[0, 1], rules());
+    let wished = |wish| Event::Wished {
+        wish,
+        by: "bert".to_owned(),
+    };
+    let actions = rollout.step(looked(1.0, &[]));
+    assert_eq!(issue(&mut rollout, &actions).len(), 2);
+    let needs = Outcome::NeedsConfirmation {
+        hash: "abc".to_owned(),
+        worst_um: "120.0".to_owned(),
+        worst_urad: String::new(),
+    };
+    rollout.step(answered(0, 1, needs));
+    let confirm = || {
+        wished(Wish::Confirm {
+            machine: name(0),
+            hash: "abc".to_owned(),
+        })
+    };
+    let sent = [Action::Issue {
+        machine: name(0),
+        confirm: Some("abc".to_owned()),
+    }];
+    let mut held = rollout.clone();
+    held.step(wished(Wish::Pause));
+    assert_eq!(held.step(confirm()), sent);
+    let why = "its axes".to_owned();
+    rollout.step(answered(1, 1, Outcome::Refused { why }));
+    assert!(matches!(rollout.phase, Phase::Stopped { .. }));
+    assert!(rollout.step(confirm()).is_empty());
+    rollout.turns[0].kept_by = Some("anna".to_owned());
+    rollout.step(wished(Wish::Resume));
+    assert_eq!(rollout.turns[0].kept_by, None);
+    assert_eq!(rollout.step(confirm()), sent);
+}
