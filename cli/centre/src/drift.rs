@@ -9,7 +9,7 @@ use volcomp_vocabulary::ErrorName;
 
 use crate::{
     models::NoModel,
-    records::{Machine, Model, Version},
+    records::{Live, Machine, Model, Version},
     store::{Store, StoreError},
 };
 
@@ -107,30 +107,46 @@ pub(crate) fn may_be_in_force(version: &Version) -> bool {
         )
 }
 
-/// The version by whose model a machine corrects, as far as its answers tell: the newest, unless that was refused or waits for a
-/// person; then the newest that was put in force. `versions` begins with the newest.
-pub fn in_force(versions: &[Version]) -> Option<&Version> {
-    let newest = versions.first()?;
-    if may_be_in_force(newest) {
-        return Some(newest);
-    }
-    let is_active = |version: &&Version| version.outcome == Some(Outcome::Activated);
-    let mut each = versions.iter();
-    each.clone()
-        .find(is_active)
-        .or_else(|| each.find(|version| may_be_in_force(version)))
+/// The version by whose model a machine corrects: the one that it tells; where none is known of what it tells, or it has answered
+/// since that a newer one is in force, the newest that it has put in force and that was not taken back. `versions` begins with
+/// the newest.
+pub fn in_force<'a>(versions: &'a [Version], live: Option<&Live>) -> Option<&'a Version> {
+    let told = live.and_then(|live| {
+        let mut each = versions.iter();
+        each.find(|version| version.version == live.version)
+    });
+    let told_s = live.and_then(Live::made).map(|made| made.at_s);
+    let is_active = |version: &&Version| {
+        let is_newer = told.is_none_or(|told| {
+            // Conditions may be rarer than answers.
+            let is_later = version
+                .answered_s
+                .zip(told_s)
+                .is_some_and(|(at, told)| at > told);
+            version.version > told.version && is_later
+        });
+        is_newer && !version.withdrawn && version.outcome == Some(Outcome::Activated)
+    };
+    versions.iter().find(is_active).or(told)
 }
 
-/// The checksum of that model, where the newest version is known; older ones are read where they are needed.
+/// The checksum of that model, where the newest version is known; older ones are read where they are needed. Where nothing tells
+/// what is in force it is the newest that may be.
 ///
 /// # Errors
 /// The older ones cannot be read.
-pub fn model_in_force(store: &Store, newest: &Version) -> Result<Option<String>, StoreError> {
-    if may_be_in_force(newest) {
+pub fn model_in_force(
+    store: &Store,
+    newest: &Version,
+    live: Option<&Live>,
+) -> Result<Option<String>, StoreError> {
+    if live.is_some_and(|live| live.version == newest.version) {
         return Ok(Some(newest.model.clone()));
     }
     let versions = store.versions(&newest.machine)?;
-    Ok(in_force(&versions).map(|version| version.model.clone()))
+    let may_be = || versions.iter().find(|version| may_be_in_force(version));
+    let version = in_force(&versions, live).or_else(may_be);
+    Ok(version.map(|version| version.model.clone()))
 }
 
 /// The beginning of a day such as `2026-11-25`, s since 1970; `None`: it is no date.

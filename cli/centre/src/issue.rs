@@ -13,7 +13,7 @@ use crate::{
         Database, Issued, Store, StoreError,
         machines::machine_named,
         models::{
-            add_version, change_version, clear_desired, model_of, newest, newest_version,
+            add_version, change_version, clear_desired, live_of, model_of, newest_version,
             next_version, text_of, versions_of,
         },
     },
@@ -136,21 +136,22 @@ pub(crate) fn reissue_in(
     machine: &MachineId,
     by: &str,
 ) -> Result<Issued, NotIssued> {
-    let last = newest(database, machine)?.ok_or_else(|| NotIssued::NoModelYet {
+    // What is under its key goes with its settings: what it waits for, or has. A model that was refused, or that waits for a
+    // person, is not sent again by the way: the settings go with the one that is in force, also where nothing is under its key.
+    // It stays the model of its roll-out: settings make nothing good.
+    let newest = newest_version(database, machine)?;
+    let version = match newest {
+        Some(newest) if may_be_in_force(&newest) => Some(newest),
+        newest => {
+            let versions = versions_of(database, machine)?;
+            let live = live_of(database, machine)?;
+            in_force(&versions, live.as_ref()).cloned().or(newest)
+        }
+    };
+    let version = version.ok_or_else(|| NotIssued::NoModelYet {
         machine: machine.clone(),
     })?;
-    let newest = newest_version(database, machine)?;
-    // A model that was refused, or that waits for a person, is not sent again by the way: the settings go with the one that is in
-    // force. It stays the model of its roll-out: settings make nothing good.
-    if !newest.as_ref().is_none_or(may_be_in_force) {
-        let versions = versions_of(database, machine)?;
-        if let Some(version) = in_force(&versions) {
-            let (model, rollout) = (&version.model, version.rollout);
-            return issue_again(database, key, machine, model, rollout, by);
-        }
-    }
-    let rollout = newest.and_then(|version| version.rollout);
-    issue_again(database, key, machine, &last.model, rollout, by)
+    issue_again(database, key, machine, &version.model, version.rollout, by)
 }
 
 /// Issues a model that the machine was to have before.
@@ -199,9 +200,12 @@ pub(crate) fn withdraw(
         };
         change_version(database, &withdrawn)?;
     }
-    let mut versions = versions.into_iter();
-    let before = versions.find(|version| !of_it(version) && !version.withdrawn);
-    let issued = match before {
+    // Neither what it has refused nor what waits for a person.
+    let before: Vec<Version> = (versions.into_iter())
+        .filter(|version| !of_it(version) && may_be_in_force(version))
+        .collect();
+    let live = live_of(database, machine)?;
+    let issued = match in_force(&before, live.as_ref()).or(before.first()) {
         Some(before) => {
             let (model, rollout) = (&before.model, before.rollout);
             issue_again(database, key, machine, model, rollout, "centre")
@@ -238,7 +242,14 @@ pub fn settle(
     store.write_or(|database| {
         let known = machine_named(database, machine)?;
         let known = known.ok_or_else(|| missing("machine", machine.as_str()))?;
-        let newest = newest_version(database, machine)?;
+        // Where nothing is under its key it goes on with what it has.
+        let newest = match newest_version(database, machine)? {
+            Some(newest) => Some(newest),
+            None => {
+                let versions = versions_of(database, machine)?;
+                in_force(&versions, live_of(database, machine)?.as_ref()).cloned()
+            }
+        };
         let newest = newest.ok_or_else(|| NotIssued::NoModelYet {
             machine: machine.clone(),
         })?;
@@ -254,5 +265,166 @@ pub(crate) fn missing(what: &'static str, name: &str) -> NotIssued {
     NotIssued::Missing {
         what,
         name: name.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use ed25519_dalek::SigningKey;
+    use volcomp_fleet::Identity;
+    use volcomp_vocabulary::AxisName;
+
+    use super::*;
+    use crate::{
+        models::NewModel,
+        records::{Live, Origin},
+    };
+
+    struct Place {
+        _folder: tempfile::TempDir,
+        store: Store,
+        key: Key,
+        machine: Machine,
+    }
+
+    impl Place {
+        fn new() -> Self {
+            let folder = tempfile::tempdir().expect("writable");
+            let store = Store::open(&folder.path().join("centre.db")).expect("a store");
+            let identity = Identity {
+                site: "berlin".parse().expect("a name"),
+                machine: "mill-1".parse().expect("a name"),
+            };
+            let axes = vec![AxisName::X, AxisName::Y, AxisName::Z];
+            let machine = Machine::new(identity, "1".into(), "w X' b Y Z t".into(), axes);
+            store.put_machine(&machine, "anna").expect("stored");
+            let key = Key {
+                name: "main".to_owned(),
+                key: SigningKey::from_bytes(&[7; 32]),
+            };
+            Self {
+                _folder: folder,
+                store,
+                key,
+                machine,
+            }
+        }
+
+        fn name(&self) -> &MachineId {
+            &self.machine.identity.machine
+        }
+
+        /// Issues the model of this number, and writes what became of it.
+        fn issue(&self, number: u32, rollout: u64, outcome: Option<Outcome>) -> String {
+            let text = format!(
+                "name = \"mill\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 500.0]\n[axes.Y]\ntravel = [0.0, 400.0]\n[axes.Z]\ntravel = [0.0, 300.0]\n[errors]\nEC0Y = {number}.0\n"
+            );
+            let origin = Origin::Form;
+            let new = NewModel::of_text(text, "mill.toml", origin, "anna").expect("a model");
+            self.store.add_model(&new.model, &new.text).expect("stored");
+            let issued = self.store.write_or(|database| {
+                let order = Order {
+                    machine: &self.machine,
+                    model: &new.model,
+                    text: &new.text,
+                    confirm: None,
+                    rollout: Some(rollout),
+                    by: "anna",
+                };
+                issue(database, &self.key, &order)?;
+                let newest = newest_version(database, self.name())?.expect("it was issued");
+                let answered_s = outcome.is_some().then_some(1.0);
+                let answered = Version {
+                    outcome: outcome.clone(),
+                    answered_s,
+                    ..newest
+                };
+                Ok::<_, NotIssued>(change_version(database, &answered)?)
+            });
+            issued.expect("issued");
+            new.model.sha256
+        }
+
+        fn withdraw(&self, rollout: u64) {
+            let store = &self.store;
+            let done = store.write(|database| withdraw(database, &self.key, self.name(), rollout));
+            done.expect("withdrawn");
+        }
+
+        fn under_key(&self) -> Option<(u64, String)> {
+            let issued = self.store.issued(self.name()).expect("a store");
+            issued.map(|issued| (issued.version, issued.model))
+        }
+    }
+
+    fn refused() -> Outcome {
+        let why = "its axes".to_owned();
+        Outcome::Refused { why }
+    }
+
+    #[test]
+    fn what_was_refused_does_not_come_back_with_what_is_taken_back() {
+        let place = Place::new();
+        let old = place.issue(1, 1, Some(Outcome::Activated));
+        place.issue(2, 2, Some(refused()));
+        place.issue(3, 3, None);
+        place.withdraw(3);
+        assert_eq!(place.under_key(), Some((4, old)));
+        let other = Place::new();
+        other.issue(1, 1, Some(refused()));
+        other.issue(2, 2, None);
+        other.withdraw(2);
+        assert_eq!(other.under_key(), None);
+    }
+
+    #[test]
+    fn settings_go_with_the_model_that_is_brought_back() {
+        let place = Place::new();
+        let old = place.issue(1, 1, Some(Outcome::Activated));
+        place.issue(2, 2, None);
+        place.withdraw(2);
+        // It has taken the new one meanwhile, and not the old one again yet.
+        let live = Live {
+            machine: place.name().clone(),
+            heard_s: 1.0,
+            instance: String::new(),
+            version: 2,
+            model: String::new(),
+            condition: None,
+            lost: 0,
+            made: None,
+        };
+        place.store.put_live(&[live]).expect("stored");
+        let issued = reissue(&place.store, &place.key, place.name(), "anna").expect("issued");
+        assert_eq!((issued.version, issued.model), (4, old));
+    }
+
+    /// Nothing is under its key, and it goes on with what was taken back: other settings reach it.
+    #[test]
+    fn a_machine_under_whose_key_nothing_is_can_be_disabled() {
+        let place = Place::new();
+        let settle = || settle(&place.store, &place.key, place.name(), "anna");
+        let new = place.issue(1, 1, None);
+        place.withdraw(1);
+        let disabled = Machine {
+            enable: false,
+            ..place.machine.clone()
+        };
+        place.store.put_machine(&disabled, "anna").expect("stored");
+        assert!(matches!(settle(), Err(NotIssued::NoModelYet { .. })));
+        let live = Live {
+            machine: place.name().clone(),
+            heard_s: 1.0,
+            instance: String::new(),
+            version: 1,
+            model: String::new(),
+            condition: None,
+            lost: 0,
+            made: None,
+        };
+        place.store.put_live(&[live]).expect("stored");
+        let issued = settle().expect("issued").expect("other settings");
+        assert_eq!((issued.version, issued.model), (2, new));
+        assert!(settle().expect("a store").is_none());
     }
 }

@@ -10,9 +10,9 @@ use volcomp_fleet::MachineId;
 use super::{Engine, causes, writer::lock};
 use crate::{
     clock::now_s,
-    drift::{due_days, may_be_in_force, model_in_force},
+    drift::{due_days, in_force, model_in_force},
     ingest::Since,
-    records::{AlarmKind, Machine, Model, Version},
+    records::{AlarmKind, Live, Machine, Model, Version},
     rollout::{Phase, Rollout, Step},
     store::{StoreError, alarms},
 };
@@ -25,6 +25,15 @@ const READ_EVERY_S: f64 = 60.0;
 
 type Key = (Option<MachineId>, AlarmKind);
 
+/// From what it is learned which version is in force: the newest version with when it was answered, and the version that the machine
+/// tells.
+type Told = (Option<(u64, Option<f64>)>, u64);
+
+fn told(newest: Option<&Version>, live: Option<&Live>) -> Told {
+    let newest = newest.map(|newest| (newest.version, newest.answered_s));
+    (newest, live.map_or(0, |live| live.version))
+}
+
 /// The alarms that are open: number, text, and when the text was written.
 #[derive(Default)]
 pub(super) struct Open {
@@ -33,9 +42,11 @@ pub(super) struct Open {
     models: BTreeMap<String, Model>,
     /// When the models were read: the day of their measurements may be stated later.
     models_read: Option<Instant>,
-    /// The newest version that it was learned at, and the model that a machine corrects by, of machines whose calibration
+    /// At what it was learned, and the model that a machine corrects by, of machines whose calibration
     /// can be due.
-    in_force: BTreeMap<MachineId, (u64, Option<String>)>,
+    in_force: BTreeMap<MachineId, (Told, Option<String>)>,
+    /// The roll-out of the version in force, of machines that tell another than the newest.
+    of_rollout: BTreeMap<MachineId, (Told, Option<u64>)>,
     /// Roll-outs that are done: nothing of them is suspect, and nothing of them changes.
     done: BTreeSet<u64>,
 }
@@ -55,14 +66,22 @@ pub(super) fn look(
             state.unreadable.insert(machine.clone(), told);
         }
     }
-    learn_in_force(engine, &mut state.in_force, machines, versions)?;
+    let lives: BTreeMap<MachineId, Live> = {
+        let ingest = lock(&engine.ingest);
+        let lives = ingest.machines();
+        lives
+            .filter_map(|(name, heard)| Some((name.clone(), heard.live.clone()?)))
+            .collect()
+    };
+    learn_in_force(engine, &mut state.in_force, machines, versions, &lives)?;
     let read = state.models_read;
     if read.is_none_or(|read| read.elapsed().as_secs_f64() >= READ_EVERY_S) {
         state.models.clear();
         state.models_read = Some(Instant::now());
     }
     learn_models(engine, &mut state.models, versions, &state.in_force)?;
-    let suspects = suspects(engine, &mut state.done, versions)?;
+    let rollouts = learn_rollouts(engine, &mut state.of_rollout, machines, versions, &lives)?;
+    let suspects = suspects(engine, &mut state.done, &rollouts)?;
     let mut causes = of_machines(engine, state, machines, versions, &suspects, now);
     let over = of_centre(engine, &mut causes)?;
     let open = if let Some(open) = &mut state.known {
@@ -136,7 +155,7 @@ fn learn_models(
     engine: &Engine,
     models: &mut BTreeMap<String, Model>,
     versions: &BTreeMap<MachineId, Version>,
-    in_force: &BTreeMap<MachineId, (u64, Option<String>)>,
+    in_force: &BTreeMap<MachineId, (Told, Option<String>)>,
 ) -> Result<(), StoreError> {
     let of_versions = versions.values().map(|version| &version.model);
     let of_machines = in_force.values().filter_map(|(_, model)| model.as_ref());
@@ -155,9 +174,10 @@ fn learn_models(
 /// Learns by which model each machine corrects: a calibration that was refused, or that waits for a person, renews nothing.
 fn learn_in_force(
     engine: &Engine,
-    in_force: &mut BTreeMap<MachineId, (u64, Option<String>)>,
+    in_force: &mut BTreeMap<MachineId, (Told, Option<String>)>,
     machines: &[Machine],
     versions: &BTreeMap<MachineId, Version>,
+    lives: &BTreeMap<MachineId, Live>,
 ) -> Result<(), StoreError> {
     let due = machines.iter().filter(|machine| machine.due_days.is_some());
     let mut learned = BTreeMap::new();
@@ -166,16 +186,12 @@ fn learn_in_force(
         let Some(newest) = versions.get(name) else {
             continue;
         };
-        let known = in_force.remove(name);
-        let model = match known.filter(|(version, _)| *version == newest.version) {
+        let live = lives.get(name);
+        let at = told(Some(newest), live);
+        let known = in_force.remove(name).filter(|(known, _)| *known == at);
+        let model = match known {
             Some((_, model)) => model,
-            None => model_in_force(&engine.store, newest)?,
-        };
-        // While it may be in force it may be refused yet: then it is learned anew.
-        let at = if may_be_in_force(newest) {
-            0
-        } else {
-            newest.version
+            None => model_in_force(&engine.store, newest, live)?,
         };
         learned.insert(name.clone(), (at, model));
     }
@@ -191,15 +207,52 @@ fn readable(engine: &Engine, id: u64) -> Result<Option<Rollout>, StoreError> {
     }
 }
 
-/// The machines whose newest version is of a roll-out that is broken off and that nobody has decided to keep: its number, and
+/// The roll-out of the version that each machine has in force, where there is one.
+fn learn_rollouts(
+    engine: &Engine,
+    learned: &mut BTreeMap<MachineId, (Told, Option<u64>)>,
+    machines: &[Machine],
+    versions: &BTreeMap<MachineId, Version>,
+    lives: &BTreeMap<MachineId, Live>,
+) -> Result<BTreeMap<MachineId, u64>, StoreError> {
+    let mut found = BTreeMap::new();
+    let mut before = std::mem::take(learned);
+    for machine in machines {
+        let name = &machine.identity.machine;
+        let (newest, live) = (versions.get(name), lives.get(name));
+        let at = told(newest, live);
+        let rollout = match newest {
+            Some(newest) if newest.version == at.1 => newest.rollout,
+            None if at.1 == 0 => None,
+            _ => {
+                let rollout = match before.remove(name).filter(|(known, _)| *known == at) {
+                    Some((_, rollout)) => rollout,
+                    None => {
+                        let versions = engine.store.versions(name)?;
+                        in_force(&versions, live).and_then(|version| version.rollout)
+                    }
+                };
+                learned.insert(name.clone(), (at, rollout));
+                rollout
+            }
+        };
+        if let Some(rollout) = rollout {
+            found.insert(name.clone(), rollout);
+        }
+    }
+    Ok(found)
+}
+
+/// The machines that have in force the model of a roll-out that is broken off and that nobody has decided to keep: its number, and
 /// what became of it.
 fn suspects(
     engine: &Engine,
     done: &mut BTreeSet<u64>,
-    versions: &BTreeMap<MachineId, Version>,
+    rollouts: &BTreeMap<MachineId, u64>,
 ) -> Result<BTreeMap<MachineId, (u64, String)>, StoreError> {
-    let of_versions = versions.values().filter_map(|version| version.rollout);
-    let open: BTreeSet<u64> = of_versions.filter(|id| !done.contains(id)).collect();
+    let open: BTreeSet<u64> = (rollouts.values().copied())
+        .filter(|id| !done.contains(id))
+        .collect();
     let mut suspects = BTreeMap::new();
     for id in open {
         let Some(rollout) = readable(engine, id)? else {
@@ -214,12 +267,9 @@ fn suspects(
             }
             Phase::Running | Phase::Paused { .. } => continue,
         };
-        for turn in rollout.turns {
-            let newest = versions.get(&turn.machine);
-            let has_it = newest.is_some_and(|version| version.rollout == Some(id));
-            if has_it && turn.kept_by.is_none() {
-                suspects.insert(turn.machine, (id, what.clone()));
-            }
+        let of_it = rollouts.iter().filter(|(_, of)| **of == id);
+        for (machine, _) in of_it.filter(|(machine, _)| rollout.is_suspect_on(machine)) {
+            suspects.insert(machine.clone(), (id, what.clone()));
         }
     }
     Ok(suspects)

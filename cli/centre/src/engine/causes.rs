@@ -26,7 +26,7 @@ pub(super) struct Known<'a> {
     /// The newest version with its model.
     pub(super) version: Option<&'a Version>,
     pub(super) model: Option<&'a Model>,
-    /// The roll-out of the newest version, where that is broken off: number, and what became of it.
+    /// The roll-out of the version in force, where that is broken off: number, and what became of it.
     pub(super) suspect: Option<&'a (u64, String)>,
     /// A foreign value stood under its key so long ago, s.
     pub(super) clobbered_s: Option<f64>,
@@ -57,6 +57,15 @@ pub(super) fn of(known: &Known<'_>) -> BTreeMap<AlarmKind, String> {
         causes.insert(
             AlarmKind::Due,
             format!("The calibration has been due for {days:.0} days."),
+        );
+    }
+    if let Some((rollout, what)) = known.suspect {
+        let name = &known.machine.identity.machine;
+        causes.insert(
+            AlarmKind::Suspect,
+            format!(
+                "It corrects with the model of roll-out {rollout}, which {what}. `model back {name}` brings back the one before; `rollout keep {rollout} {name}` says that it shall stay."
+            ),
         );
     }
     of_version(known, &mut causes);
@@ -94,17 +103,6 @@ fn of_version(known: &Known<'_>, causes: &mut BTreeMap<AlarmKind, String>) {
         Some(Outcome::Activated) | None => {}
     }
     let live = known.heard.and_then(|heard| heard.live.as_ref());
-    let has_it = version.outcome == Some(Outcome::Activated)
-        || live.is_some_and(|live| live.version == version.version);
-    if let Some((rollout, what)) = known.suspect.filter(|_| has_it) {
-        let name = &version.machine;
-        causes.insert(
-            AlarmKind::Suspect,
-            format!(
-                "It corrects with the model of roll-out {rollout}, which {what}. `model back {name}` brings back the one before; `rollout keep {rollout} {name}` says that it shall stay."
-            ),
-        );
-    }
     let Some(live) = live else {
         return;
     };

@@ -11,6 +11,7 @@ use volcomp_fleet::{MachineId, SiteId};
 use super::{Engine, alarms, blocking, writer::lock};
 use crate::{
     clock::now_s,
+    drift::in_force,
     ingest::Since,
     issue::{NotIssued, Order, differs, issue, missing, settle, withdraw},
     records::{AlarmKind, Machine, Model, Version},
@@ -186,8 +187,26 @@ fn settings(
     let mut issued = 0;
     for machine in machines {
         let name = &machine.identity.machine;
-        let newest = versions.get(name);
-        if issued == SETTINGS || !newest.is_some_and(|newest| differs(machine, newest)) {
+        if issued == SETTINGS {
+            break;
+        }
+        let is_other = match versions.get(name) {
+            Some(newest) => differs(machine, newest),
+            // Where nothing is under its key it goes on with what it has.
+            None => {
+                let live = lock(&engine.ingest)
+                    .machine(name)
+                    .and_then(|heard| heard.live.clone());
+                match live.filter(|live| live.version > 0) {
+                    Some(live) => {
+                        let versions = engine.store.versions(name)?;
+                        in_force(&versions, Some(&live)).is_some_and(|one| differs(machine, one))
+                    }
+                    None => false,
+                }
+            }
+        };
+        if !is_other {
             continue;
         }
         match settle(&engine.store, &engine.settings.key, name, "centre") {

@@ -10,10 +10,11 @@ use volcomp_fleet::MachineId;
 use super::{
     answer::{Answer, Refused, document, json_bytes},
     face::Shared,
-    overview::{in_force, is_silent},
+    overview::is_silent,
 };
 use crate::{
     clock::now_s,
+    drift::in_force,
     point::mean,
     records::{Alarm, Live, Machine, Point, Resolution, Version},
 };
@@ -94,10 +95,7 @@ pub(super) async fn machine(State(face): Shared, Path(name): Path<String>) -> An
             let telemetry = store.telemetry(&id)?;
             let alarms = store.alarms(Some(&id), RECORDS)?;
             let records = store.machine_records(&id, RECORDS)?;
-            let running = live
-                .as_ref()
-                .and_then(|live| in_force(&versions, live.version));
-            let model = running
+            let model = in_force(&versions, live.as_ref())
                 .or(versions.first())
                 .map(|version| version.model.clone());
             // Where the age is not known yet the machine is taken for silent.

@@ -112,7 +112,7 @@ impl Overview {
         for machine in machines.iter().filter(|machine| machine.due_days.is_some()) {
             let id = &machine.identity.machine;
             if let Some(newest) = issued.get(id) {
-                correct_by.insert(id, model_in_force(store, newest)?);
+                correct_by.insert(id, model_in_force(store, newest, live.get(id))?);
             }
         }
         let (now_s, now) = (now_s(), Instant::now());
@@ -216,9 +216,4 @@ fn hangs(for_long: Duration) -> Alarm {
 
 fn largest<K>(values: &BTreeMap<K, f64>) -> Option<f64> {
     values.values().map(|value| value.abs()).reduce(f64::max)
-}
-
-/// The version with this number.
-pub(super) fn in_force(versions: &[Version], version: u64) -> Option<&Version> {
-    versions.iter().find(|one| one.version == version)
 }

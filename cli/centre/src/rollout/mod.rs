@@ -275,6 +275,15 @@ pub struct Rollout {
     pub turns: Vec<Turn>,
 }
 
+impl Rollout {
+    /// Whether its model was not found good, and nobody has decided that this machine keeps it.
+    pub fn is_suspect_on(&self, machine: &MachineId) -> bool {
+        let mut turns = self.turns.iter();
+        let is_kept = turns.any(|turn| turn.machine == *machine && turn.kept_by.is_some());
+        self.phase.is_broken_off() && !is_kept
+    }
+}
+
 /// What is seen of a machine at one look.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Seen {

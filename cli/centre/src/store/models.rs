@@ -7,7 +7,7 @@ use super::{
     Store, StoreError, audit,
     database::{Database, Row},
 };
-use crate::records::{Model, Version};
+use crate::records::{Live, Model, Version};
 
 /// The newest signed value of a machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -234,6 +234,18 @@ pub(super) fn machine(row: &Row, column: usize) -> Result<MachineId, StoreError>
     })
 }
 
+/// What a machine told last, as it stands in a transaction.
+pub(crate) fn live_of(
+    database: &mut dyn Database,
+    machine: &MachineId,
+) -> Result<Option<Live>, StoreError> {
+    let row = database.first(
+        "SELECT document FROM live WHERE machine = ?1",
+        &[machine.as_str().into()],
+    )?;
+    row.map(|row| row.json(0)).transpose()
+}
+
 /// A version that a machine tells is believed up to here: above it must be room for every version that will ever be issued.
 const HIGHEST_TOLD: u64 = 1 << 52;
 
@@ -250,8 +262,7 @@ pub(crate) fn next_version(
         &name(),
     )?;
     let issued = issued.map_or(Ok(0), |row| row.count(0))?;
-    let live = database.first("SELECT document FROM live WHERE machine = ?1", &name())?;
-    let live: Option<crate::records::Live> = live.map(|row| row.json(0)).transpose()?;
+    let live = live_of(database, machine)?;
     let told = live.map_or(0, |live| live.version);
     let highest = issued.max(if told <= HIGHEST_TOLD { told } else { 0 });
     let next = highest

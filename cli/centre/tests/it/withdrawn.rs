@@ -192,3 +192,53 @@ fn a_machine_may_keep_the_model() {
         gateway.1.abort();
     });
 }
+
+/// A machine took a model, and its answer was lost until the roll-out had stopped and was taken back: nothing is under its key, and it
+/// corrects. That is told, other settings reach it, and it may keep what it has.
+#[test]
+fn a_machine_that_has_what_was_taken_back_is_suspect_and_can_be_disabled() {
+    let Some(shop) = Shop::new(1, 1) else { return };
+    runtime().block_on(async {
+        let centre = shop.centre(&shop.url()).await;
+        let rules = Rules {
+            answer_s: 1.0,
+            ..Rules::default()
+        };
+        let id = shop.roll_out(7, rules);
+        let name = shop.machines[0].0.identity.machine.clone();
+        until("it stops", || {
+            let rollout = shop.store.rollout(id).unwrap().unwrap();
+            matches!(rollout.phase, Phase::Stopped { .. })
+        })
+        .await;
+        shop.until_under_key(0, 0).await;
+        let told = Told::default();
+        told.version.store(1, Ordering::Relaxed);
+        let gateway = tokio::spawn(gateway::run(shop.plan(0, "run-0"), told.clone()));
+        until("it is suspect", || is_suspect(&shop)).await;
+        assert!(shop.store.issued(&name).unwrap().is_none());
+        let mut machine = shop.machines[0].0.clone();
+        machine.enable = false;
+        shop.store.put_machine(&machine, "anna").unwrap();
+        until("it is told", || told.version.load(Ordering::Relaxed) == 2).await;
+        let issued = shop.store.issued(&name).unwrap().unwrap();
+        let desired = Desired::parse(issued.value.as_bytes()).unwrap();
+        let manifest: Manifest = serde_json::from_str(&desired.manifest).unwrap();
+        assert!(!manifest.enable);
+        assert_eq!(manifest.model.sha256, model(7).model.sha256);
+        until("it tells so", || {
+            shop.store
+                .live()
+                .unwrap()
+                .iter()
+                .any(|live| live.version == 2)
+        })
+        .await;
+        tokio::time::sleep(std::time::Duration::from_secs(2)).await;
+        assert!(is_suspect(&shop), "settings make nothing good");
+        shop.store.keep_model(id, &name, "bert").unwrap();
+        until("nobody is told any more", || !is_suspect(&shop)).await;
+        centre.end().await;
+        gateway.abort();
+    });
+}
