@@ -74,6 +74,7 @@ impl CommandError {
                 StoreError::Missing { .. }
                 | StoreError::Rollout { .. }
                 | StoreError::NotBrokenOff { .. }
+                | StoreError::NotInForce { .. }
                 | StoreError::Password(_)
                 | StoreError::NotEmpty { .. },
             ) => 2,

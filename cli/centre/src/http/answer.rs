@@ -50,9 +50,9 @@ impl Refused {
 impl From<StoreError> for Refused {
     fn from(error: StoreError) -> Self {
         match error {
-            StoreError::Rollout { .. } | StoreError::NotBrokenOff { .. } => {
-                Self::conflict(error.to_string())
-            }
+            StoreError::Rollout { .. }
+            | StoreError::NotBrokenOff { .. }
+            | StoreError::NotInForce { .. } => Self::conflict(error.to_string()),
             StoreError::Missing { .. } => Self::missing(error.to_string()),
             StoreError::InDoubt { .. } => {
                 tracing::error!("page: {error}");

@@ -141,6 +141,16 @@ pub enum StoreError {
         /// The number of the roll-out.
         rollout: u64,
     },
+    /// A machine cannot keep what it does not have.
+    #[error(
+        "{machine} does not have the model of roll-out {rollout} in force: expected a machine that corrects with it"
+    )]
+    NotInForce {
+        /// The machine.
+        machine: String,
+        /// The number of the roll-out.
+        rollout: u64,
+    },
     /// What is asked for is not there.
     #[error("found no {what} {name}")]
     Missing {

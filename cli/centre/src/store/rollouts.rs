@@ -4,8 +4,15 @@
 use serde_json::json;
 use volcomp_fleet::MachineId;
 
-use super::{Store, StoreError, audit, database::Database};
-use crate::rollout::{Phase, Rollout, Wish};
+use super::{
+    Store, StoreError, audit,
+    database::Database,
+    models::{live_of, versions_of},
+};
+use crate::{
+    drift::in_force,
+    rollout::{Phase, Rollout, Wish},
+};
 
 impl Store {
     /// Starts a roll-out: `make` is told its number.
@@ -115,7 +122,7 @@ impl Store {
     /// Writes down that a machine keeps the model of a roll-out that is broken off.
     ///
     /// # Errors
-    /// There is no such roll-out with such a machine, or it goes on or is done. Or: the database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed.
+    /// There is no such roll-out with such a machine, or it goes on or is done, or the machine does not have its model. Or: the database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed.
     pub fn keep_model(&self, id: u64, machine: &MachineId, by: &str) -> Result<(), StoreError> {
         self.write(|database| {
             let row = database.first("SELECT state FROM rollouts WHERE id = ?1", &[id.into()])?;
@@ -132,6 +139,14 @@ impl Store {
                 what: "machine of that roll-out",
                 name: machine.to_string(),
             })?;
+            let versions = versions_of(database, machine)?;
+            let has = in_force(&versions, live_of(database, machine)?.as_ref());
+            if has.and_then(|version| version.rollout) != Some(id) {
+                return Err(StoreError::NotInForce {
+                    machine: machine.to_string(),
+                    rollout: id,
+                });
+            }
             turn.kept_by = Some(by.to_owned());
             let phase = rollout.phase.clone();
             save(database, &rollout, &phase)?;

@@ -212,6 +212,8 @@ fn a_machine_that_has_what_was_taken_back_is_suspect_and_can_be_disabled() {
         })
         .await;
         shop.until_under_key(0, 0).await;
+        let without = shop.store.keep_model(id, &name, "bert").unwrap_err();
+        assert!(without.to_string().contains("does not have"), "{without}");
         let told = Told::default();
         told.version.store(1, Ordering::Relaxed);
         let gateway = tokio::spawn(gateway::run(shop.plan(0, "run-0"), told.clone()));
