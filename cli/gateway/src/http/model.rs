@@ -2,6 +2,7 @@
 
 use std::{
     net::{IpAddr, SocketAddr},
+    sync::Arc,
     time::Duration,
 };
 
@@ -24,7 +25,7 @@ use super::{
 };
 use crate::{
     documents::{ModelAnswers, ModelBack, ModelRequest},
-    models::{Incoming, Place, UploadError, UploadKind},
+    models::{Place, UploadError, UploadKind},
     request::Reply,
 };
 
@@ -131,7 +132,7 @@ async fn upload(
     let models = &dashboard.models;
     let id = asked.candidate.as_deref();
     let place = match models.begin_file(&holder.name, kind, &asked.name, id, length) {
-        Ok(place) => place,
+        Ok(place) => Arc::new(place),
         Err(reply) => return told(reply),
     };
     match received(&dashboard, &place, body).await {
@@ -151,13 +152,16 @@ enum Part {
 }
 
 /// Brings a body onto the disk: its size.
-async fn received(dashboard: &Shared, place: &Place, body: Body) -> Result<u64, UploadError> {
+async fn received(dashboard: &Shared, place: &Arc<Place>, body: Body) -> Result<u64, UploadError> {
     let (parts, coming) = mpsc::channel(PARTS);
     let (tell, written) = oneshot::channel();
-    let (folder, name, most) = (place.folder.clone(), place.name.clone(), place.most);
+    let place = Arc::clone(place);
     dashboard.models.write(move || {
+        let done = write(&place, coming);
+        // Before it is told: whoever asked gives the place back with the answer.
+        drop(place);
         // Whoever asked may have gone.
-        let _ = tell.send(write(&folder, &name, most, coming));
+        let _ = tell.send(done);
     })?;
     let mut stream = body.into_data_stream();
     // A disk that refuses ends the channel, and its reason comes below.
@@ -179,13 +183,8 @@ async fn received(dashboard: &Shared, place: &Place, body: Body) -> Result<u64, 
 }
 
 /// Writes the parts of a file as they come.
-fn write(
-    folder: &std::path::Path,
-    name: &str,
-    most: u64,
-    mut parts: mpsc::Receiver<Part>,
-) -> Result<u64, UploadError> {
-    let mut file = Incoming::begin(folder, name, most)?;
+fn write(place: &Place, mut parts: mpsc::Receiver<Part>) -> Result<u64, UploadError> {
+    let mut file = place.open()?;
     loop {
         match parts.blocking_recv() {
             Some(Part::Bytes(bytes)) => file.write(&bytes)?,

@@ -10,6 +10,7 @@ use std::{
 
 use volcomp_calibrate::Draft;
 use volcomp_model::Machine;
+use volcomp_runtime::Model;
 
 use super::{
     Activate, Shared, UploadKind, gone, lock,
@@ -25,6 +26,8 @@ use crate::{
 pub(crate) struct Held {
     pub(crate) document: Candidate,
     pub(crate) folder: Folder,
+    /// The model in force when it was begun.
+    pub(crate) based_on: Arc<Model>,
     /// What its files are; `None`: there is none yet.
     pub(crate) kind: Option<UploadKind>,
     /// The names of files that are on their way.
@@ -132,11 +135,16 @@ impl Shared {
                 None => return Err(gone()),
             }
         };
+        self.remove(folder);
+        Ok(())
+    }
+
+    /// Removes the folder of a candidate that is given up.
+    pub(crate) fn remove(&self, folder: Folder) {
         // What stays is removed at the next start.
         let _ = quiet::spawn("volcomp-uploads", self.cycle_cpu, move || {
             let _ = fs::remove_dir_all(folder.0);
         });
-        Ok(())
     }
 
     /// Looks at a machine file that was uploaded.

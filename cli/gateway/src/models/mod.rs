@@ -8,13 +8,13 @@ use std::{
     path::PathBuf,
     sync::{
         Arc, Mutex, MutexGuard, PoisonError,
-        atomic::{AtomicUsize, Ordering},
+        atomic::{AtomicBool, AtomicUsize, Ordering},
         mpsc::{Sender, channel},
     },
 };
 
 use tokio::sync::oneshot;
-use volcomp_runtime::DisarmSwitch;
+use volcomp_runtime::{DisarmSwitch, Model};
 
 use crate::{
     audit::utc_now,
@@ -98,21 +98,46 @@ pub(crate) struct Shared {
     uploading: AtomicUsize,
 }
 
-/// A file that may be written now; its place is given back with it.
+/// A file that may be written now. Its place is given back once neither the request nor the thread that writes has it any more.
 pub(crate) struct Place {
-    pub(crate) folder: PathBuf,
-    pub(crate) name: String,
-    pub(crate) most: u64,
+    name: String,
+    most: u64,
+    length: u64,
     candidate: String,
     kind: UploadKind,
+    folder: Folder,
+    /// The model in force when the candidate was begun, where no file is there yet: the folder may have to be made.
+    begins: Option<Arc<Model>>,
+    is_folder_made: AtomicBool,
     shared: Arc<Shared>,
+}
+
+impl Place {
+    /// Begins the file, and the folder with the first one. It waits for the disk: for the thread that writes alone.
+    pub(crate) fn open(&self) -> Result<Incoming, UploadError> {
+        if let Some(model) = &self.begins {
+            let store = &self.shared.store;
+            store.make()?;
+            check_room(&store.uploads(), self.length)?;
+            self.folder.make(&model.text)?;
+            self.is_folder_made.store(true, Ordering::Release);
+        }
+        Incoming::begin(&self.folder.files(), &self.name, self.most)
+    }
 }
 
 impl Drop for Place {
     fn drop(&mut self) {
         self.shared.uploading.fetch_sub(1, Ordering::AcqRel);
-        if let Some(mut held) = self.shared.held(&self.candidate) {
+        let is_without_folder = self.begins.is_some() && !*self.is_folder_made.get_mut();
+        let is_given_up = self.shared.held(&self.candidate).is_none_or(|mut held| {
             held.incoming.retain(|name| *name != self.name);
+            is_without_folder && held.incoming.is_empty() && held.document.files.is_empty()
+        });
+        if is_given_up {
+            // It may have been discarded before its folder was made.
+            let _ = self.shared.discard(&self.candidate);
+            self.shared.remove(self.folder.clone());
         }
     }
 }
@@ -199,7 +224,8 @@ impl Models {
         candidate.as_ref().map(|held| held.document.clone())
     }
 
-    /// A place for a file of `who`. Without an `id` it begins a candidate.
+    /// A place for a file of `who`. Without an `id` it begins a candidate. It waits for no disk: the thread that writes makes the
+    /// folder.
     pub(crate) fn begin_file(
         &self,
         who: &str,
@@ -224,16 +250,15 @@ impl Models {
                 mib: most / 1024 / 1024,
             }));
         }
+        let is_place = || shared.uploading.load(Ordering::Acquire) < AT_ONE_TIME;
+        let crowded = || refused(503, "other files are being uploaded: try again");
         let mut candidate = lock(&shared.candidate);
         let held = match (candidate.as_mut(), id) {
             (Some(held), None) => return Err(held.is_there()),
             (Some(held), Some(id)) => held.if_it_is(id)?,
             (None, Some(_)) => return Err(gone()),
-            (None, None) => {
-                shared.store.make().map_err(|e| wrong(e.into()))?;
-                check_room(&shared.store.uploads(), length.unwrap_or(0)).map_err(wrong)?;
-                candidate.insert(self.begin(who).map_err(|e| wrong(e.into()))?)
-            }
+            (None, None) if !is_place() => return Err(crowded()),
+            (None, None) => candidate.insert(self.begin(who)),
         };
         let files = &held.document.files;
         let is_same = |known: &String| known.eq_ignore_ascii_case(&name);
@@ -259,34 +284,37 @@ impl Models {
             Some(wrong(UploadError::Quota {
                 mib: quota / 1024 / 1024,
             }))
-        } else if shared.uploading.load(Ordering::Acquire) >= AT_ONE_TIME {
-            Some(refused(503, "other files are being uploaded: try again"))
+        } else if !is_place() {
+            Some(crowded())
         } else {
             None
         };
         if let Some(refusal) = refusal {
             return Err(refusal);
         }
+        let is_first = files.is_empty();
         held.kind = Some(kind);
         held.incoming.push(name.clone());
         shared.uploading.fetch_add(1, Ordering::AcqRel);
         Ok(Place {
-            folder: held.folder.files(),
             most: most.min(quota - total),
+            length: length.unwrap_or(0),
             candidate: held.document.brief.id.clone(),
+            begins: is_first.then(|| Arc::clone(&held.based_on)),
+            is_folder_made: AtomicBool::new(false),
+            folder: held.folder.clone(),
             name,
             kind,
             shared: Arc::clone(shared),
         })
     }
 
-    /// A candidate of `who`, with an empty folder.
-    fn begin(&self, who: &str) -> std::io::Result<Held> {
+    /// A candidate of `who`, whose folder is not made yet.
+    fn begin(&self, who: &str) -> Held {
         let model = self.shared.published.model();
         let id = crate::hex(&rand::random::<u64>().to_be_bytes());
         let folder = Folder(self.shared.store.uploads().join(&id));
-        folder.make(&model.text)?;
-        Ok(Held {
+        Held {
             document: Candidate {
                 brief: CandidateBrief {
                     id,
@@ -301,11 +329,12 @@ impl Models {
                 result: None,
             },
             folder,
+            based_on: model,
             kind: None,
             incoming: Vec::new(),
             drafted: None,
             text: None,
-        })
+        }
     }
 
     /// Begins to write a file, on a thread of its own.

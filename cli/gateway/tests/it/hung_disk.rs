@@ -7,11 +7,13 @@ use std::{
     time::{Duration, Instant},
 };
 
+use serde_json::json;
 use volcomp_focas::simulator::{Options, Simulator, World};
 use volcomp_test_support::peers;
 
 use crate::{
     controlled::configuration,
+    models::{ENGINEER, candidate, engineers, post, upload},
     program::{Program, change, path},
 };
 
@@ -32,6 +34,7 @@ impl Rig {
         world.motion = Arc::new(|_| vec![400.0, 150.0, 50.0]);
         let control = Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback");
         let config = configuration(dir.path(), &control, "auto_arm = true");
+        engineers(dir.path());
         // 20 µm in 20 cycles: every cycle of the ramp writes another value.
         change(&config, "[guard]", "[guard]\nramp_s = 0.08\nstop_s = 2");
         let hangs = dir.path().join("hangs");
@@ -144,4 +147,44 @@ fn ending_ramps_out_and_ends_in_its_time() {
             .log()
             .contains("the disk of the audit log does not answer")
     );
+}
+
+/// Before, the thread that serves HTTP waited for the disk with the first file of a model, and nobody could disarm.
+#[test]
+fn an_upload_to_it_holds_nobody_up() {
+    let Some(rig) = Rig::start() else {
+        return;
+    };
+    rig.hang();
+    let program = &rig.program;
+    std::thread::scope(|scope| {
+        let sent = scope.spawn(|| upload(program, "kind=machine&name=m.toml", b"rubbish"));
+        let id = loop {
+            let now = candidate(program);
+            if now["id"].is_string() {
+                break now["id"].clone();
+            }
+            assert!(!sent.is_finished(), "it was not begun");
+            std::thread::sleep(Duration::from_millis(5));
+        };
+        let state = program.get("/api/model");
+        assert_eq!(state.json()["candidate"]["id"], id, "{}", state.body);
+        let disarmed = program.post("/api/disarm", "");
+        assert_eq!(disarmed.status, 200, "{}", disarmed.body);
+        program.wait_for("disarmed");
+        let discarded = post(program, "discard", &json!({ "candidate": id }));
+        assert_eq!(discarded.status, 200, "{}", discarded.body);
+        assert!(!sent.is_finished(), "the disk hangs");
+        std::fs::remove_file(&rig.hangs).expect("ours");
+        // It is discarded by now.
+        let sent = sent.join().expect("no panic");
+        assert_eq!(sent.status, 409, "{}", sent.body);
+    });
+    // Nothing of it stays.
+    let uploads = rig.dir.path().join("audit/models/uploads");
+    let end = Instant::now() + Duration::from_secs(10);
+    while std::fs::read_dir(&uploads).expect("there").count() > 0 {
+        assert!(Instant::now() < end);
+        std::thread::sleep(Duration::from_millis(20));
+    }
 }

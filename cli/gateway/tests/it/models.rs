@@ -79,7 +79,7 @@ pub(crate) fn engineers(dir: &Path) {
     std::fs::write(file, text + &more).expect("writable");
 }
 
-fn post(program: &Program, what: &str, body: &Value) -> Answer {
+pub(crate) fn post(program: &Program, what: &str, body: &Value) -> Answer {
     let path = format!("/api/model/{what}");
     program.request("POST", &path, Some(ENGINEER), &body.to_string())
 }
@@ -95,7 +95,7 @@ fn upload_as(program: &Program, token: &str, query: &str, bytes: &[u8]) -> Answe
     answer(&program.raw(&request))
 }
 
-fn upload(program: &Program, query: &str, bytes: &[u8]) -> Answer {
+pub(crate) fn upload(program: &Program, query: &str, bytes: &[u8]) -> Answer {
     upload_as(program, ENGINEER, query, bytes)
 }
 
@@ -103,7 +103,7 @@ fn model(program: &Program) -> Value {
     program.get("/api/model").json()
 }
 
-fn candidate(program: &Program) -> Value {
+pub(crate) fn candidate(program: &Program) -> Value {
     program.get("/api/model/candidate").json()
 }
 
