@@ -10,7 +10,6 @@ use std::{
 
 use volcomp_calibrate::Draft;
 use volcomp_model::Machine;
-use volcomp_runtime::Model;
 
 use super::{
     Activate, Shared, UploadKind, gone, lock,
@@ -18,7 +17,9 @@ use super::{
     quiet, refused, working,
 };
 use crate::{
-    documents::{Candidate, CandidateDraft, CandidateResult, CandidateStep, DraftAnswer},
+    documents::{
+        Candidate, CandidateBrief, CandidateDraft, CandidateResult, CandidateStep, DraftAnswer,
+    },
     request::Reply,
 };
 
@@ -26,18 +27,46 @@ use crate::{
 pub(crate) struct Held {
     pub(crate) document: Candidate,
     pub(crate) folder: Folder,
-    /// The model in force when it was begun.
-    pub(crate) based_on: Arc<Model>,
+    /// The machine file in force when it was begun.
+    pub(crate) machine: Arc<str>,
     /// What its files are; `None`: there is none yet.
     pub(crate) kind: Option<UploadKind>,
     /// The names of files that are on their way.
     pub(crate) incoming: Vec<String>,
+    /// Which state of the files and answers this is: what was made of an earlier one is not what this one says.
+    pub(crate) turn: u64,
     pub(crate) drafted: Option<Arc<Draft>>,
     /// The machine file that came of it.
     pub(crate) text: Option<String>,
 }
 
 impl Held {
+    /// One without files. `based_on` and `machine`: the hash and the text of the model in force.
+    pub(crate) fn begun(
+        brief: CandidateBrief,
+        folder: Folder,
+        based_on: String,
+        machine: &str,
+    ) -> Self {
+        Self {
+            document: Candidate {
+                brief,
+                based_on,
+                files: Vec::new(),
+                error: None,
+                draft: None,
+                result: None,
+            },
+            folder,
+            machine: machine.into(),
+            kind: None,
+            incoming: Vec::new(),
+            turn: 0,
+            drafted: None,
+            text: None,
+        }
+    }
+
     /// This one, if it is the one that is meant.
     pub(crate) fn if_it_is(&mut self, id: &str) -> Result<&mut Self, Reply> {
         if self.document.brief.id == id {
@@ -61,6 +90,7 @@ impl Held {
 
     /// Forgets what was made of the files so far.
     pub(crate) fn restart(&mut self) {
+        self.turn += 1;
         self.document.brief.step = CandidateStep::Uploading;
         self.document.error = None;
         self.document.draft = None;
@@ -69,8 +99,20 @@ impl Held {
         self.text = None;
     }
 
+    /// Nobody goes on while a file is on its way, which would be left out.
+    fn is_whole(&self) -> Result<(), Reply> {
+        match self.incoming.first() {
+            Some(name) => Err(refused(
+                409,
+                format!("{name} is on its way: wait until it is there"),
+            )),
+            None => Ok(()),
+        }
+    }
+
     /// What can be put in force. `running` is the hash of the model in force.
     pub(crate) fn ready(&self, running: &str) -> Result<Activate, Reply> {
+        self.is_whole()?;
         let (Some(text), Some(result)) = (&self.text, &self.document.result) else {
             return Err(refused(
                 409,
@@ -153,9 +195,9 @@ impl Shared {
         id: &str,
         name: &str,
     ) -> Result<Candidate, Reply> {
-        let folder = self.begin_work(id)?;
+        let (folder, turn) = self.begin_work(id)?;
         let name = name.to_owned();
-        self.work(id, move || {
+        self.work(id, turn, move || {
             let before = Machine::read(folder.0.join("machine.toml"));
             let before = before.map_err(|e| NotMeasured::of(e.to_string()))?;
             let bytes = fs::read(folder.files().join(&name));
@@ -175,12 +217,12 @@ impl Shared {
     pub(crate) fn look_through(self: &Arc<Self>, id: &str) -> Result<Candidate, Reply> {
         {
             let held = self.held(id).ok_or_else(gone)?;
-            if held.kind != Some(UploadKind::Measurement) || !held.incoming.is_empty() {
+            if held.kind != Some(UploadKind::Measurement) {
                 return Err(refused(409, "upload the measurement files first"));
             }
         }
-        let folder = self.begin_work(id)?;
-        self.work(id, move || {
+        let (folder, turn) = self.begin_work(id)?;
+        self.work(id, turn, move || {
             let drafted = folder.draft()?;
             let document = folder.document(&drafted, Vec::new())?;
             if document.questions.is_empty() {
@@ -208,14 +250,15 @@ impl Shared {
         id: &str,
         answers: Vec<DraftAnswer>,
     ) -> Result<Candidate, Reply> {
-        let drafted = {
-            let held = self.held(id).ok_or_else(gone)?;
-            held.drafted.clone()
+        let (drafted, folder, turn) = {
+            let mut held = self.held(id).ok_or_else(gone)?;
+            let drafted = held.drafted.clone();
+            let drafted = drafted
+                .ok_or_else(|| refused(409, "the files have not been looked through yet"))?;
+            let (folder, turn) = held.begin_work()?;
+            (drafted, folder, turn)
         };
-        let drafted =
-            drafted.ok_or_else(|| refused(409, "the files have not been looked through yet"))?;
-        let folder = self.begin_work(id)?;
-        self.work(id, move || {
+        self.work(id, turn, move || {
             let document = folder.document(&drafted, answers.clone())?;
             let (result, error) = match folder.calibrated(&drafted, &answers) {
                 Ok(result) => (Some(result), None),
@@ -229,23 +272,15 @@ impl Shared {
         })
     }
 
-    /// From here on the candidate is being worked at.
-    fn begin_work(&self, id: &str) -> Result<Folder, Reply> {
-        let mut held = self.held(id).ok_or_else(gone)?;
-        if held.document.brief.step == CandidateStep::Working {
-            return Err(working());
-        }
-        held.document.brief.step = CandidateStep::Working;
-        held.document.error = None;
-        held.document.result = None;
-        held.text = None;
-        Ok(held.folder.clone())
+    fn begin_work(&self, id: &str) -> Result<(Folder, u64), Reply> {
+        self.held(id).ok_or_else(gone)?.begin_work()
     }
 
-    /// Works at the candidate on a quiet thread, and puts down what came of it, unless the candidate is gone by then.
+    /// Works at the candidate on a quiet thread, and puts down what came of it, unless the candidate is gone or another one by then.
     fn work(
         self: &Arc<Self>,
         id: &str,
+        turn: u64,
         work: impl FnOnce() -> Result<Done, NotMeasured> + Send + 'static,
     ) -> Result<Candidate, Reply> {
         let now = self.held(id).map(|held| held.document.clone());
@@ -259,12 +294,12 @@ impl Shared {
                 Err(NotMeasured::of(what.to_owned()))
             });
             if let Some(mut held) = shared.held(&of) {
-                held.take(done);
+                held.take(turn, done);
             }
         });
         if let Err(e) = begun {
             if let Some(mut held) = self.held(id) {
-                held.take(Err(NotMeasured::of(e.to_string())));
+                held.take(turn, Err(NotMeasured::of(e.to_string())));
             }
             return Err(refused(503, format!("no thread for it: {e}")));
         }
@@ -282,7 +317,25 @@ struct Done {
 }
 
 impl Held {
-    fn take(&mut self, done: Result<Done, NotMeasured>) {
+    /// From here on the candidate is being worked at: where, and which turn this is.
+    fn begin_work(&mut self) -> Result<(Folder, u64), Reply> {
+        if self.document.brief.step == CandidateStep::Working {
+            return Err(working());
+        }
+        self.is_whole()?;
+        self.turn += 1;
+        self.document.brief.step = CandidateStep::Working;
+        self.document.error = None;
+        self.document.result = None;
+        self.text = None;
+        Ok((self.folder.clone(), self.turn))
+    }
+
+    /// Takes what came of a turn; that of an earlier one is dropped.
+    fn take(&mut self, turn: u64, done: Result<Done, NotMeasured>) {
+        if turn != self.turn {
+            return;
+        }
         let done = match done {
             Ok(done) => done,
             Err(NotMeasured(error)) => Done {
@@ -303,5 +356,46 @@ impl Held {
         } else {
             CandidateStep::Uploading
         };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn begun() -> Held {
+        let brief = CandidateBrief {
+            id: "1".to_owned(),
+            who: "erna".to_owned(),
+            since: String::new(),
+            step: CandidateStep::Uploading,
+        };
+        Held::begun(brief, Folder("uploads/1".into()), String::new(), "")
+    }
+
+    /// A file comes, or the files are looked at anew, while a calculation is under way: its end changes nothing any more.
+    #[test]
+    fn an_older_calculation_is_dropped() {
+        let mut held = begun();
+        let error = |text: &str| Err(NotMeasured::of(text.to_owned()));
+        let (_, first) = held.begin_work().expect("nothing is under way");
+        held.restart();
+        held.take(first, error("first"));
+        assert_eq!(held.document.error, None);
+        let (_, second) = held.begin_work().expect("nothing is under way");
+        held.take(first, error("first"));
+        assert_eq!(held.document.brief.step, CandidateStep::Working);
+        held.take(second, error("second"));
+        assert_eq!(held.document.error.as_deref(), Some("second"));
+        assert_eq!(held.document.brief.step, CandidateStep::Uploading);
+    }
+
+    #[test]
+    fn nobody_goes_on_while_a_file_is_on_its_way() {
+        let mut held = begun();
+        held.incoming.push("exx.csv".to_owned());
+        assert_eq!(held.begin_work().expect_err("it comes").status, 409);
+        held.incoming.clear();
+        assert!(held.begin_work().is_ok());
     }
 }

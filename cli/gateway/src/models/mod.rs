@@ -14,7 +14,7 @@ use std::{
 };
 
 use tokio::sync::oneshot;
-use volcomp_runtime::{DisarmSwitch, Model};
+use volcomp_runtime::DisarmSwitch;
 
 use crate::{
     audit::utc_now,
@@ -106,8 +106,8 @@ pub(crate) struct Place {
     candidate: String,
     kind: UploadKind,
     folder: Folder,
-    /// The model in force when the candidate was begun, where no file is there yet: the folder may have to be made.
-    begins: Option<Arc<Model>>,
+    /// The machine file in force when the candidate was begun, where no file is there yet: the folder may have to be made.
+    begins: Option<Arc<str>>,
     is_folder_made: AtomicBool,
     shared: Arc<Shared>,
 }
@@ -115,11 +115,11 @@ pub(crate) struct Place {
 impl Place {
     /// Begins the file, and the folder with the first one. It waits for the disk: for the thread that writes alone.
     pub(crate) fn open(&self) -> Result<Incoming, UploadError> {
-        if let Some(model) = &self.begins {
+        if let Some(machine) = &self.begins {
             let store = &self.shared.store;
             store.make()?;
             check_room(&store.uploads(), self.length)?;
-            self.folder.make(&model.text)?;
+            self.folder.make(machine)?;
             self.is_folder_made.store(true, Ordering::Release);
         }
         Incoming::begin(&self.folder.files(), &self.name, self.most)
@@ -300,7 +300,7 @@ impl Models {
             most: most.min(quota - total),
             length: length.unwrap_or(0),
             candidate: held.document.brief.id.clone(),
-            begins: is_first.then(|| Arc::clone(&held.based_on)),
+            begins: is_first.then(|| Arc::clone(&held.machine)),
             is_folder_made: AtomicBool::new(false),
             folder: held.folder.clone(),
             name,
@@ -314,27 +314,13 @@ impl Models {
         let model = self.shared.published.model();
         let id = crate::hex(&rand::random::<u64>().to_be_bytes());
         let folder = Folder(self.shared.store.uploads().join(&id));
-        Held {
-            document: Candidate {
-                brief: CandidateBrief {
-                    id,
-                    who: who.to_owned(),
-                    since: utc_now(),
-                    step: CandidateStep::Uploading,
-                },
-                based_on: model.hash.clone(),
-                files: Vec::new(),
-                error: None,
-                draft: None,
-                result: None,
-            },
-            folder,
-            based_on: model,
-            kind: None,
-            incoming: Vec::new(),
-            drafted: None,
-            text: None,
-        }
+        let brief = CandidateBrief {
+            id,
+            who: who.to_owned(),
+            since: utc_now(),
+            step: CandidateStep::Uploading,
+        };
+        Held::begun(brief, folder, model.hash.clone(), &model.text)
     }
 
     /// Begins to write a file, on a thread of its own.
@@ -346,6 +332,7 @@ impl Models {
     pub(crate) fn file_done(&self, place: &Place, bytes: u64) -> Result<Candidate, Reply> {
         {
             let mut held = self.shared.held(&place.candidate).ok_or_else(gone)?;
+            held.incoming.retain(|name| *name != place.name);
             held.document.files.push(UploadedFile {
                 name: place.name.clone(),
                 bytes,

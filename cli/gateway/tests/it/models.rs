@@ -713,6 +713,48 @@ fn measurements_become_a_model_and_the_cycle_goes_on() {
     assert_eq!(model(&program)["hash"], made["result"]["hash"]);
 }
 
+/// Before, answers that were given while a further file was on its way led to a model that left this file out.
+#[test]
+fn nobody_goes_on_while_a_file_is_on_its_way() {
+    let rig = measured_rig();
+    let program = rig.start();
+    let id = send_measurements(&program);
+    let draft = || post(&program, "draft", &json!({ "candidate": id }));
+    assert_eq!(draft().status, 200);
+    let made = settled(&program);
+    assert_eq!(made["step"], "asking", "{made}");
+    // Half of a further file.
+    let mut stream = program.connect();
+    let head = format!(
+        "POST /api/model/upload?kind=measurement&name=late.csv&candidate={id} HTTP/1.1\r\nHost: {}\r\nAuthorization: Bearer {ENGINEER}\r\nContent-Length: 8\r\nConnection: close\r\n\r\n1,2\n",
+        program.address
+    );
+    stream.write_all(head.as_bytes()).expect("it listens");
+    let folder = rig.dir.path().join("audit/models/uploads").join(&id);
+    let end = Instant::now() + Duration::from_secs(20);
+    while !folder.join("files/.late.csv.part").exists() {
+        assert!(Instant::now() < end, "it does not begin");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    for refused in [
+        answers(&program, &id, &all_answers(&made)),
+        draft(),
+        activate(&program, &made, None),
+    ] {
+        assert_eq!(refused.status, 409, "{}", refused.body);
+        assert!(refused.body.contains("late.csv"), "{}", refused.body);
+    }
+    stream.write_all(b"3,4\n").expect("it listens");
+    let mut told = String::new();
+    let _ = stream.read_to_string(&mut told);
+    assert_eq!(answer(&told).status, 200, "{told}");
+    let now = candidate(&program);
+    assert_eq!(now["step"], "uploading", "{now}");
+    assert!(now["draft"].is_null(), "{now}");
+    assert!(now["files"].to_string().contains("late.csv"), "{now}");
+    assert_eq!(draft().status, 200);
+}
+
 /// The overruns of as many cycles with calibrations under way as without, in turns. Whatever else runs on this computer disturbs
 /// both; the work adds to no more than one cycle in ten.
 fn is_undisturbed(program: &Program, id: &str, all: &[Value]) {
