@@ -324,7 +324,8 @@ async function checkToken() {
 }
 
 /** A press counts after a second: a glove or a tool that touches the glass does nothing. */
-function guard(button, act) {
+/** A button that is held. `what` is asked as the press begins: what is shown then is meant, whatever comes meanwhile. */
+function guard(button, act, what = () => null) {
   let timer = null;
   const end = () => {
     clearTimeout(timer);
@@ -335,7 +336,8 @@ function guard(button, act) {
     if (button.disabled || (event.type === "keydown" && event.key !== "Enter" && event.key !== " ") || event.repeat) return;
     event.preventDefault();
     button.classList.add("holding");
-    timer = timer || setTimeout(() => { end(); act(); }, HOLD_MS);
+    const meant = what();
+    timer = timer || setTimeout(() => { end(); act(meant); }, HOLD_MS);
   };
   for (const name of ["pointerdown", "keydown"]) button.addEventListener(name, begin);
   for (const name of ["pointerup", "pointerleave", "pointercancel", "keyup", "blur"]) button.addEventListener(name, end);
@@ -357,7 +359,7 @@ element("questions").addEventListener("submit", (event) => {
   post("answers", { candidate: candidate.id, answers: answers() });
 });
 element("not-now").addEventListener("click", () => { question(null, null); text("answer", ""); });
-guard(element("activate"), () => putInForce("activate", { candidate: candidate.id }));
+guard(element("activate"), (shown) => putInForce("activate", shown), () => ({ candidate: candidate.id, hash: candidate.result.hash }));
 guard(element("configured"), () => putInForce("back", { hash: null }));
 guard(element("confirm"), () => putInForce(asked.what, { ...asked.body, confirm: asked.hash }));
 element("token-form").addEventListener("submit", (event) => {

@@ -19,9 +19,9 @@ pub use history::{History, HistoryPoint};
 pub use map::{ErrorMap, MapAxis};
 pub use model::{
     Candidate, CandidateBrief, CandidateDraft, CandidateResult, CandidateStep, ConfiguredModel,
-    DraftAnswer, DraftQuestion, DraftedMeasurement, ModelAnswers, ModelBack, ModelDiagonal,
-    ModelEntry, ModelFit, ModelInForce, ModelOutcome, ModelRequest, ModelSource, ModelState,
-    ModelsKept, UploadedFile,
+    DraftAnswer, DraftQuestion, DraftedMeasurement, ModelActivate, ModelAnswers, ModelBack,
+    ModelDiagonal, ModelEntry, ModelFit, ModelInForce, ModelOutcome, ModelRequest, ModelSource,
+    ModelState, ModelsKept, UploadedFile,
 };
 pub use overview::{Glance, Overview, PhaseName};
 pub use plan::{
@@ -58,6 +58,7 @@ pub fn schemas() -> Vec<(&'static str, Schema)> {
         ("gateway-last-output.json", schema_for!(LastOutput)),
         ("gateway-map.json", schema_for!(ErrorMap)),
         ("gateway-model.json", schema_for!(ModelState)),
+        ("gateway-model-activate.json", schema_for!(ModelActivate)),
         ("gateway-model-answers.json", schema_for!(ModelAnswers)),
         ("gateway-model-back.json", schema_for!(ModelBack)),
         ("gateway-model-candidate.json", schema_for!(Candidate)),

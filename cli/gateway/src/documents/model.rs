@@ -303,13 +303,23 @@ pub struct ModelAnswers {
     pub answers: Vec<DraftAnswer>,
 }
 
-/// The body of `POST /api/model/draft`, `activate` and `discard`.
+/// The body of `POST /api/model/draft` and `discard`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ModelRequest {
     /// The candidate.
     pub candidate: String,
-    /// For `activate`: the hash that a person confirms.
+}
+
+/// The body of `POST /api/model/activate`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ModelActivate {
+    /// The candidate.
+    pub candidate: String,
+    /// The hash of the result that a person has seen: no other one is put in force.
+    pub hash: String,
+    /// The hash that a person confirms.
     #[serde(default)]
     pub confirm: Option<String>,
 }

@@ -24,7 +24,7 @@ use super::{
     tokens::{Holder, Role},
 };
 use crate::{
-    documents::{ModelAnswers, ModelBack, ModelRequest},
+    documents::{ModelActivate, ModelAnswers, ModelBack, ModelRequest},
     models::{Place, UploadError, UploadKind},
     request::Reply,
 };
@@ -250,12 +250,13 @@ async fn activate(
         Ok(holder) => holder,
         Err(denied) => return *denied,
     };
-    let asked: ModelRequest = match decoded(&body) {
+    let asked: ModelActivate = match decoded(&body) {
         Ok(asked) => asked,
         Err(refusal) => return *refusal,
     };
     let models = &dashboard.models;
-    answer_of(models.activate(&holder.name, &asked.candidate, asked.confirm)).await
+    let (candidate, hash) = (&asked.candidate, &asked.hash);
+    answer_of(models.activate(&holder.name, candidate, hash, asked.confirm)).await
 }
 
 async fn back(

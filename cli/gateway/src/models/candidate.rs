@@ -110,8 +110,8 @@ impl Held {
         }
     }
 
-    /// What can be put in force. `running` is the hash of the model in force.
-    pub(crate) fn ready(&self, running: &str) -> Result<Activate, Reply> {
+    /// What can be put in force. `seen` is the hash of the result that a person has looked at, `running` is the hash of the model in force.
+    pub(crate) fn ready(&self, seen: &str, running: &str) -> Result<Activate, Reply> {
         self.is_whole()?;
         let (Some(text), Some(result)) = (&self.text, &self.document.result) else {
             return Err(refused(
@@ -119,6 +119,15 @@ impl Held {
                 "there is no model yet: answer the questions first",
             ));
         };
+        if result.hash != seen {
+            return Err(refused(
+                409,
+                format!(
+                    "another model has been made meanwhile, {}: look at that one first",
+                    result.hash
+                ),
+            ));
+        }
         if self.kind == Some(UploadKind::Measurement) && self.document.based_on != running {
             return Err(refused(
                 409,

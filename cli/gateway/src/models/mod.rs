@@ -362,16 +362,17 @@ impl Models {
         Ok(self.state())
     }
 
-    /// Asks the desk to put the candidate in force.
+    /// Asks the desk to put the candidate in force. `hash`: that of the result which `who` has seen.
     pub(crate) fn activate(
         &self,
         who: &str,
         id: &str,
+        hash: &str,
         confirm: Option<String>,
     ) -> Result<oneshot::Receiver<Reply>, Reply> {
         let what = {
             let held = self.shared.held(id).ok_or_else(gone)?;
-            held.ready(&self.shared.published.model().hash)?
+            held.ready(hash, &self.shared.published.model().hash)?
         };
         Ok(self.ask(who, what, confirm))
     }

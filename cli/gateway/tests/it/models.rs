@@ -128,7 +128,9 @@ fn machine_file(program: &Program, text: &str) -> Value {
 }
 
 fn activate(program: &Program, candidate: &Value, confirm: Option<&Value>) -> Answer {
-    let mut body = json!({ "candidate": candidate["id"] });
+    // One without a result has no hash.
+    let hash = candidate["result"]["hash"].as_str().unwrap_or("none");
+    let mut body = json!({ "candidate": candidate["id"], "hash": hash });
     if let Some(hash) = confirm {
         body["confirm"] = hash.clone();
     }
@@ -532,7 +534,7 @@ fn a_kill_at_any_moment_leaves_one_of_the_two_models() {
         assert_eq!(made["step"], "ready", "{made}");
         let after = made["result"]["hash"].clone();
         // Small moves need no confirmation.
-        let body = json!({ "candidate": made["id"] }).to_string();
+        let body = json!({ "candidate": made["id"], "hash": after }).to_string();
         let request = format!(
             "POST /api/model/activate HTTP/1.1\r\nHost: {}\r\nAuthorization: Bearer {ENGINEER}\r\nContent-Length: {}\r\nConnection: close\r\n\r\n{body}",
             program.address,
@@ -614,6 +616,27 @@ fn a_damaged_model_is_not_loaded() {
         "{}",
         program.log()
     );
+}
+
+/// What is put in force is what was looked at: a hash of another result, and none, put nothing in force.
+#[test]
+fn only_the_result_that_was_looked_at_is_put_in_force() {
+    let rig = Rig::new("");
+    let program = rig.start();
+    let before = model(&program)["hash"].clone();
+    let made = machine_file(&program, &with_y(21.0));
+    let other = json!({ "candidate": made["id"], "hash": before });
+    let refused = post(&program, "activate", &other);
+    assert_eq!(refused.status, 409, "{}", refused.body);
+    let hash = made["result"]["hash"].as_str().expect("a hash");
+    assert!(refused.body.contains(hash), "{}", refused.body);
+    // No question that could be confirmed.
+    assert!(refused.json()["model"].is_null(), "{}", refused.body);
+    let none = post(&program, "activate", &json!({ "candidate": made["id"] }));
+    assert_eq!(none.status, 400, "{}", none.body);
+    assert_eq!(model(&program)["hash"], before);
+    assert_eq!(activate(&program, &made, None).status, 200);
+    assert_eq!(model(&program)["hash"], hash);
 }
 
 /// The disk is full: the file is refused, and nothing of it stays. A small file system stands for it.
