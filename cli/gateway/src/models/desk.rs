@@ -91,6 +91,7 @@ pub(crate) struct Desk {
     kept: ModelsKept,
     /// Whether what stands is not on disk.
     is_unwritten: bool,
+    /// Why the model that a person has put in force was not loaded; until another one is put in force.
     damage: Option<String>,
     trouble: Option<String>,
 }
@@ -109,7 +110,12 @@ impl Desk {
 
     /// Works until nobody can ask any more.
     pub(crate) fn run(mut self, work: &Receiver<Job>) {
-        (self.kept, self.damage) = self.shared.store.read();
+        (self.kept, _) = self.shared.store.read();
+        if !self.shared.is_built_in {
+            self.damage = self.shared.store.in_force().err().map(|what| {
+                format!("{what}: the model that a person has put in force was not loaded, another one corrects")
+            });
+        }
         self.look();
         loop {
             match work.recv_timeout(LOOK) {
@@ -196,6 +202,9 @@ impl Desk {
         };
         let ends_person =
             entry.outcome == ModelOutcome::InForce && entry.from == ModelSource::Centre;
+        if ends_person {
+            self.damage = None;
+        }
         if ends_person && self.kept.in_force.take().is_none() && is_again {
             return;
         }
@@ -213,7 +222,6 @@ impl Desk {
             Ok(()) => {
                 self.is_unwritten = false;
                 self.trouble = None;
-                self.damage = None;
             }
             Err(e) => {
                 if !self.is_unwritten {
@@ -270,6 +278,7 @@ impl Desk {
         if reply.status != 200 {
             return reply;
         }
+        self.damage = None;
         self.kept.in_force = (!is_configured).then(|| ModelInForce {
             hash,
             who: who.to_owned(),

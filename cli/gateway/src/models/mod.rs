@@ -206,7 +206,7 @@ impl Models {
                 .kept
                 .in_force
                 .clone()
-                .filter(|_| told.from != ModelSource::Centre),
+                .filter(|known| known.hash == model.hash && told.from != ModelSource::Centre),
             configured,
             candidate: candidate.as_ref().map(|held| held.document.brief.clone()),
             history: told.kept.history.iter().rev().cloned().collect(),

@@ -616,6 +616,23 @@ fn a_damaged_model_is_not_loaded() {
         "{}",
         program.log()
     );
+    // The page says so, too, and goes on to.
+    let is_told = |now: &Value| {
+        let trouble = now["trouble"].as_str().unwrap_or_default();
+        trouble.contains(&hash) && trouble.contains("was not loaded")
+    };
+    let now = wait_model(&program, |now| {
+        is_told(now) && now["history"][0]["from"] == "file"
+    });
+    assert!(now["put_in_force"].is_null(), "{now}");
+    std::thread::sleep(Duration::from_secs(3));
+    let now = model(&program);
+    assert!(is_told(&now), "{now}");
+    // Somebody says that the configured one shall hold.
+    let taken = post(&program, "back", &json!({ "hash": null }));
+    assert_eq!(taken.status, 200, "{}", taken.body);
+    let now = wait_model(&program, |now| now["trouble"].is_null());
+    assert_eq!(now["from"], "file", "{now}");
 }
 
 /// What is put in force is what was looked at: a hash of another result, and none, put nothing in force.
