@@ -365,14 +365,10 @@ fn a_standstill_changes_no_sense() {
         let jitter = Normal::new(0.0, 1e-4).unwrap();
         let mut text = "x,y\n".to_owned();
         // Once round counter-clockwise, and back.
-        for k in 0..=1440 {
-            let angle = TAU * f64::from(720 - (720_i32 - k).abs()) / 720.0;
+        for k in 0..=1440_usize {
+            let angle = TAU * (720 - k.abs_diff(720)) as f64 / 720.0;
             let [x, y] = [RADIUS_MM * angle.cos(), RADIUS_MM * angle.sin()];
-            let count = if stands.contains(&(k as usize)) {
-                50
-            } else {
-                0
-            };
+            let count = if stands.contains(&k) { 50 } else { 0 };
             for _ in 0..count {
                 let [dx, dy] = [jitter.sample(&mut rng), jitter.sample(&mut rng)];
                 writeln!(text, "{:.7},{:.7}", x + dx, y + dy).unwrap();
