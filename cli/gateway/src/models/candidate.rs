@@ -110,7 +110,8 @@ impl Held {
         }
     }
 
-    /// What can be put in force. `seen` is the hash of the result that a person has looked at, `running` is the hash of the model in force.
+    /// What can be put in force. `seen` is the hash of the result that a person has looked at, `running` that of the model in
+    /// force.
     pub(crate) fn ready(&self, seen: &str, running: &str) -> Result<Activate, Reply> {
         self.is_whole()?;
         let (Some(text), Some(result)) = (&self.text, &self.document.result) else {

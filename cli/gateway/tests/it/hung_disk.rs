@@ -13,7 +13,7 @@ use volcomp_test_support::peers;
 
 use crate::{
     controlled::configuration,
-    models::{ENGINEER, candidate, engineers, post, upload},
+    models::{candidate, engineers, post, upload},
     program::{Program, change, path},
 };
 
