@@ -13,7 +13,7 @@ use crate::{
         Database, Issued, Store, StoreError,
         machines::machine_named,
         models::{
-            add_version, change_version, clear_desired, live_of, model_of, newest_version,
+            add_version, change_version, clear_desired, live_of, model_of, newest, newest_version,
             next_version, text_of, versions_of,
         },
     },
@@ -139,9 +139,13 @@ pub(crate) fn reissue_in(
     // What is under its key goes with its settings: what it waits for, or has. A model that was refused, or that waits for a
     // person, is not sent again by the way: the settings go with the one that is in force, also where nothing is under its key.
     // It stays the model of its roll-out: settings make nothing good.
+    let under_key = newest(database, machine)?;
     let newest = newest_version(database, machine)?;
     let version = match newest {
-        Some(newest) if may_be_in_force(&newest) => Some(newest),
+        Some(newest) if may_be_in_force(&newest) => Some(Version {
+            model: under_key.map_or_else(|| newest.model.clone(), |issued| issued.model),
+            ..newest
+        }),
         newest => {
             let versions = versions_of(database, machine)?;
             let live = live_of(database, machine)?;

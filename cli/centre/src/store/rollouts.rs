@@ -11,7 +11,7 @@ use super::{
 };
 use crate::{
     drift::in_force,
-    rollout::{Phase, Rollout, Wish},
+    rollout::{Phase, Rollout, Step, Wish},
 };
 
 impl Store {
@@ -141,7 +141,9 @@ impl Store {
             })?;
             let versions = versions_of(database, machine)?;
             let has = in_force(&versions, live_of(database, machine)?.as_ref());
-            if has.and_then(|version| version.rollout) != Some(id) {
+            // Where nothing else is known, what the roll-out has seen of it counts.
+            let seen = matches!(turn.step, Step::Done { .. } | Step::Soaking { .. });
+            if !has.map_or(seen, |version| version.rollout == Some(id)) {
                 return Err(StoreError::NotInForce {
                     machine: machine.to_string(),
                     rollout: id,
