@@ -247,12 +247,11 @@ pub fn settle(
         let known = machine_named(database, machine)?;
         let known = known.ok_or_else(|| missing("machine", machine.as_str()))?;
         // Where nothing is under its key it goes on with what it has.
-        let newest = match newest_version(database, machine)? {
-            Some(newest) => Some(newest),
-            None => {
-                let versions = versions_of(database, machine)?;
-                in_force(&versions, live_of(database, machine)?.as_ref()).cloned()
-            }
+        let newest = if let Some(newest) = newest_version(database, machine)? {
+            Some(newest)
+        } else {
+            let versions = versions_of(database, machine)?;
+            in_force(&versions, live_of(database, machine)?.as_ref()).cloned()
         };
         let newest = newest.ok_or_else(|| NotIssued::NoModelYet {
             machine: machine.clone(),

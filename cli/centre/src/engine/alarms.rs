@@ -225,12 +225,12 @@ fn learn_rollouts(
             Some(newest) if newest.version == at.1 => newest.rollout,
             None if at.1 == 0 => None,
             _ => {
-                let rollout = match before.remove(name).filter(|(known, _)| *known == at) {
-                    Some((_, rollout)) => rollout,
-                    None => {
-                        let versions = engine.store.versions(name)?;
-                        in_force(&versions, live).and_then(|version| version.rollout)
-                    }
+                let known = before.remove(name).filter(|(known, _)| *known == at);
+                let rollout = if let Some((_, rollout)) = known {
+                    rollout
+                } else {
+                    let versions = engine.store.versions(name)?;
+                    in_force(&versions, live).and_then(|version| version.rollout)
                 };
                 learned.insert(name.clone(), (at, rollout));
                 rollout

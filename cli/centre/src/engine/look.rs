@@ -190,20 +190,19 @@ fn settings(
         if issued == SETTINGS {
             break;
         }
-        let is_other = match versions.get(name) {
-            Some(newest) => differs(machine, newest),
+        let is_other = if let Some(newest) = versions.get(name) {
+            differs(machine, newest)
+        } else {
             // Where nothing is under its key it goes on with what it has.
-            None => {
-                let live = lock(&engine.ingest)
-                    .machine(name)
-                    .and_then(|heard| heard.live.clone());
-                match live.filter(|live| live.version > 0) {
-                    Some(live) => {
-                        let versions = engine.store.versions(name)?;
-                        in_force(&versions, Some(&live)).is_some_and(|one| differs(machine, one))
-                    }
-                    None => false,
+            let live = lock(&engine.ingest)
+                .machine(name)
+                .and_then(|heard| heard.live.clone());
+            match live.filter(|live| live.version > 0) {
+                Some(live) => {
+                    let versions = engine.store.versions(name)?;
+                    in_force(&versions, Some(&live)).is_some_and(|one| differs(machine, one))
                 }
+                None => false,
             }
         };
         if !is_other {

@@ -31,7 +31,7 @@ fn filled() -> tempfile::TempDir {
     let store = Store::open(&at.join("centre.db")).unwrap();
     for name in ["mill-a", "mill-b"] {
         let mut machine = machine(name);
-        machine.note = "ä, 2 µm, \"quoted\"; \u{1f527}".to_owned();
+        machine.note = "ä, 2 µm, \"quoted\"; \u{1f527}".into();
         store.put_machine(&machine, "anna").unwrap();
     }
     store

@@ -25,15 +25,15 @@ fn measured(format: &str, error: &str) -> (String, Measurement) {
         "format = \"{format}\"\n[header]\ndate = \"2026-11-02\"\nby = \"A. Meier\"\nserial = \"17\"\nmaterial_degc = 20.5\n\
          [instrument]\nnoise_um = 0.5\nnoise_urad = 0.5\ntargets = 5\nruns = 3\n[[measurement]]\nerror = \"{error}\""
     ))
-    .unwrap();
-    let files = shop.files(|_, _| {}).unwrap();
+    .expect("it works");
+    let files = shop.files(|_, _| {}).expect("it works");
     let (name, text) = &files[1];
     assert_eq!(shop.file_names()[1], *name);
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("shop-{format}-{error}"));
-    fs::create_dir_all(&folder).unwrap();
+    fs::create_dir_all(&folder).expect("it works");
     let path = folder.join(name);
-    fs::write(&path, text).unwrap();
-    (name.clone(), read_file(&path).unwrap())
+    fs::write(&path, text).expect("it works");
+    (name.clone(), read_file(&path).expect("it works"))
 }
 
 #[test]
