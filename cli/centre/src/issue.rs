@@ -318,6 +318,10 @@ mod tests {
         }
 
         /// Issues the model of this number, and writes what became of it.
+        #[expect(
+            clippy::needless_pass_by_value,
+            reason = "what became of it is built where it is told"
+        )]
         fn issue(&self, number: u32, rollout: u64, outcome: Option<Outcome>) -> String {
             let text = format!(
                 "name = \"mill\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 500.0]\n[axes.Y]\ntravel = [0.0, 400.0]\n[axes.Z]\ntravel = [0.0, 300.0]\n[errors]\nEC0Y = {number}.0\n"
