@@ -43,6 +43,7 @@ macro_rules! with_both {
     ($module:ident: $($name:ident),* $(,)?) => {
         mod user {
             $(#[test]
+            #[ignore = "needs a quiet computer: a running LinuxCNC in real time; run with `-- --ignored linuxcnc`"]
             fn $name() {
                 let name = concat!(stringify!($module), "::user::", stringify!($name));
                 if crate::linuxcnc::peer::alone(name) {
@@ -52,6 +53,7 @@ macro_rules! with_both {
         }
         mod servo {
             $(#[test]
+            #[ignore = "needs a quiet computer: a running LinuxCNC in real time; run with `-- --ignored linuxcnc`"]
             fn $name() {
                 let name = concat!(stringify!($module), "::servo::", stringify!($name));
                 if crate::linuxcnc::peer::can_build() && crate::linuxcnc::peer::alone(name) {
@@ -116,7 +118,12 @@ pub(crate) fn alone(name: &str) -> bool {
         .arg("ip link set lo up && exec \"$@\"")
         .arg("sh")
         .arg(inside)
-        .args(["--exact", &format!("linuxcnc::{name}"), "--nocapture"])
+        .args([
+            "--exact",
+            &format!("linuxcnc::{name}"),
+            "--nocapture",
+            "--include-ignored",
+        ])
         .env("VOLCOMP_ALONE", "1")
         .status()
         .expect("unshare of util-linux");
