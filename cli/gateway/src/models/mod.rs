@@ -1,7 +1,7 @@
 //! New models: files that are uploaded, what is made of them, and the way into force, which is that of a reload.
 //!
 //! Nothing here touches the cycle. Requests come from the dashboard; files are written and calibrations made on quiet threads;
-//! one thread, the desk, keeps the models on disk and asks the service to take one. State: the folder of [`store`], and the
+//! one thread, the desk, keeps the models on disk and asks the service to take one. State: the folder of `store`, and the
 //! candidate that somebody is making, which does not outlive the program.
 
 use std::{
