@@ -6,6 +6,13 @@ use super::{CommandError, open, print};
 use crate::config::{Config, StorePlace};
 
 pub(super) fn copy(from: &Config, to: &Config, by: &str) -> Result<(), CommandError> {
+    #[cfg_attr(
+        not(feature = "postgres"),
+        expect(
+            clippy::infallible_destructuring_match,
+            reason = "there are two kinds with the feature `postgres`"
+        )
+    )]
     let file = match &from.store {
         StorePlace::File(file) => file,
         #[cfg(feature = "postgres")]

@@ -14,6 +14,5 @@ pub use overview::{Overviewed, serve_overview};
 pub use routes::router;
 pub(crate) use server::{listen, runtime};
 pub use shared::Dashboard;
-#[cfg(feature = "sparkplug")]
 pub use tokens::{Denied, Holder, Role, Tokens};
 pub use volcomp_web::{Tls, serve, tls};
