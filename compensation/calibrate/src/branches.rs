@@ -237,7 +237,6 @@ impl Branches {
                 },
                 method: self.method,
                 choice: self.choice.clone(),
-                band: None,
                 resampled: Option::<Vec<Run>>::map(runs, |runs| Resampled {
                     runs,
                     targets: self.targets.clone(),

@@ -94,11 +94,6 @@ fn calibrated(
     warnings.extend(notes_of(&file.measurements));
     warnings.append(&mut stages.notes);
     warnings.extend(of_observations);
-    if matches!(wanted, Wanted::Everything) {
-        for curve in &mut stages.curves {
-            curve.find_band();
-        }
-    }
     let not_measured = not_measured(file, &stages);
     warnings.extend(not_measured.iter().cloned());
     Ok(Calibration {

@@ -23,8 +23,6 @@ pub struct FittedCurve {
     pub method: Method,
     /// How it was chosen from the readings, those of both directions; `None` where the calibration file states it. In the unit of the error.
     pub choice: Option<Choice>,
-    /// The band of 95 % at the targets, of the readings alone; `None` where it is not known. In the unit of the error.
-    pub band: Option<Band>,
     /// The mean readings that the curve was fitted to, cleared of what does not belong to the error (Abbe, the line of a
     /// straightness, the zero of each line): coordinate in mm or deg, reading and value of the curve there in the unit of the
     /// error.
@@ -45,21 +43,18 @@ pub(crate) struct Resampled {
 }
 
 impl FittedCurve {
-    /// Finds the band, which takes longer than the curve.
-    pub(crate) fn find_band(&mut self) {
-        let Some(of) = &self.resampled else {
-            return;
-        };
+    /// The band of 95 % at the targets, of the readings alone, in the unit of the error; `None` where it is not known. It is
+    /// resampled from the runs at each call, which takes longer than the curve.
+    pub fn band(&self) -> Option<Band> {
+        let of = self.resampled.as_ref()?;
         let runs: Vec<(&[f64], &[f64])> = of.runs.iter().map(|(x, u)| (&x[..], &u[..])).collect();
         // A method that the readings of some runs do not carry has no band.
-        let found = band(self.method, &runs, &of.targets, &BandOptions::default());
-        self.band = found.ok().and_then(|mut band| {
-            for half in &mut band.half_width {
-                *half *= of.factor.abs();
-            }
-            let is_known = band.half_width.iter().all(|half| half.is_finite());
-            is_known.then_some(band)
-        });
+        let mut band = band(self.method, &runs, &of.targets, &BandOptions::default()).ok()?;
+        for half in &mut band.half_width {
+            *half *= of.factor.abs();
+        }
+        let is_known = band.half_width.iter().all(|half| half.is_finite());
+        is_known.then_some(band)
     }
 }
 
