@@ -90,6 +90,17 @@ fn decoded<T: DeserializeOwned>(body: &Bytes) -> Result<T, Box<Response>> {
     })
 }
 
+/// What an engineer asks for, and who that is.
+fn asked<T: DeserializeOwned>(
+    dashboard: &Shared,
+    from: IpAddr,
+    headers: &HeaderMap,
+    body: &Bytes,
+) -> Result<(Holder, T), Box<Response>> {
+    let holder = engineer(dashboard, from, headers)?;
+    Ok((holder, decoded(body)?))
+}
+
 /// What the address of an upload says.
 #[derive(Deserialize)]
 struct Upload {
@@ -204,10 +215,8 @@ async fn draft(
     headers: HeaderMap,
     body: Bytes,
 ) -> Response {
-    let asked =
-        engineer(&dashboard, from.ip(), &headers).and_then(|_| decoded::<ModelRequest>(&body));
-    match asked {
-        Ok(asked) => answered(dashboard.models.draft(&asked.candidate)),
+    match asked::<ModelRequest>(&dashboard, from.ip(), &headers, &body) {
+        Ok((_, asked)) => answered(dashboard.models.draft(&asked.candidate)),
         Err(refusal) => *refusal,
     }
 }
@@ -218,10 +227,8 @@ async fn answers(
     headers: HeaderMap,
     body: Bytes,
 ) -> Response {
-    let asked =
-        engineer(&dashboard, from.ip(), &headers).and_then(|_| decoded::<ModelAnswers>(&body));
-    match asked {
-        Ok(asked) => answered(dashboard.models.answer(&asked.candidate, asked.answers)),
+    match asked::<ModelAnswers>(&dashboard, from.ip(), &headers, &body) {
+        Ok((_, asked)) => answered(dashboard.models.answer(&asked.candidate, asked.answers)),
         Err(refusal) => *refusal,
     }
 }
@@ -232,10 +239,8 @@ async fn discard(
     headers: HeaderMap,
     body: Bytes,
 ) -> Response {
-    let asked =
-        engineer(&dashboard, from.ip(), &headers).and_then(|_| decoded::<ModelRequest>(&body));
-    match asked {
-        Ok(asked) => answered(dashboard.models.discard(&asked.candidate)),
+    match asked::<ModelRequest>(&dashboard, from.ip(), &headers, &body) {
+        Ok((_, asked)) => answered(dashboard.models.discard(&asked.candidate)),
         Err(refusal) => *refusal,
     }
 }
@@ -246,17 +251,14 @@ async fn activate(
     headers: HeaderMap,
     body: Bytes,
 ) -> Response {
-    let holder = match engineer(&dashboard, from.ip(), &headers) {
-        Ok(holder) => holder,
-        Err(denied) => return *denied,
-    };
-    let asked: ModelActivate = match decoded(&body) {
-        Ok(asked) => asked,
-        Err(refusal) => return *refusal,
-    };
-    let models = &dashboard.models;
-    let (candidate, hash) = (&asked.candidate, &asked.hash);
-    answer_of(models.activate(&holder.name, candidate, hash, asked.confirm)).await
+    match asked::<ModelActivate>(&dashboard, from.ip(), &headers, &body) {
+        Ok((holder, asked)) => {
+            let models = &dashboard.models;
+            let (candidate, hash) = (&asked.candidate, &asked.hash);
+            answer_of(models.activate(&holder.name, candidate, hash, asked.confirm)).await
+        }
+        Err(refusal) => *refusal,
+    }
 }
 
 async fn back(
@@ -265,20 +267,13 @@ async fn back(
     headers: HeaderMap,
     body: Bytes,
 ) -> Response {
-    let holder = match engineer(&dashboard, from.ip(), &headers) {
-        Ok(holder) => holder,
-        Err(denied) => return *denied,
-    };
-    let asked: ModelBack = match decoded(&body) {
-        Ok(asked) => asked,
-        Err(refusal) => return *refusal,
-    };
-    answer_of(
-        dashboard
-            .models
-            .back(&holder.name, asked.hash, asked.confirm),
-    )
-    .await
+    match asked::<ModelBack>(&dashboard, from.ip(), &headers, &body) {
+        Ok((holder, asked)) => {
+            let models = &dashboard.models;
+            answer_of(models.back(&holder.name, asked.hash, asked.confirm)).await
+        }
+        Err(refusal) => *refusal,
+    }
 }
 
 async fn answer_of(asked: Result<oneshot::Receiver<Reply>, Reply>) -> Response {
