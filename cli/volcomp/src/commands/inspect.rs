@@ -6,7 +6,7 @@ use serde_json::{Map, Value};
 use volcomp_metrology::{Content, Measurement, MetrologyError, read_content};
 use volcomp_vocabulary::AxisName;
 
-use super::Answer;
+use super::{Answer, several::some_refused};
 use crate::{
     answers::inspect::{Inspect, Log, OneFile, Readings, Refused, Samples},
     failure::Failure,
@@ -53,11 +53,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let count = files.len();
     let answer = Answer::new(&Inspect::Many { files }, texts.join("\n"), Vec::new())?;
     Ok(Answer {
-        failed: (refused > 0).then(|| {
-            Failure::input(format_args!(
-                "{refused} of {count} files are refused, see above"
-            ))
-        }),
+        failed: some_refused(refused, count),
         ..answer
     })
 }

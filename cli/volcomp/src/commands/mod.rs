@@ -34,6 +34,7 @@ pub(crate) mod probe;
 pub(crate) mod report;
 mod same_machine;
 pub(crate) mod sensitivity;
+mod several;
 pub(crate) mod simulate;
 mod simulated_files;
 pub(crate) mod squareness;

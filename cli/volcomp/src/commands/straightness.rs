@@ -13,13 +13,11 @@ use volcomp_metrology::{
 use volcomp_vocabulary::ErrorName;
 
 use super::iso230::judged::{decision, decision_text, judged, quantities_text, tolerances};
-use super::iso230::rows::{self, Row};
-use super::iso230::some_refused;
+use super::several::{Documents, Evaluated, evaluated};
 use super::{Answer, fixed, table, table_text};
 use crate::{
     answers::straight::{Straightness as Document, StraightnessDocument},
     failure::Failure,
-    table::folded,
     unit::{self, Unit},
 };
 
@@ -81,55 +79,19 @@ const SYMBOLS: [&str; 3] = ["least-squares", "end-points", "minimum-zone"];
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let tolerances = tolerances(arguments.tolerance.as_deref(), &SYMBOLS)?;
-    let csv = match &arguments.csv {
-        Some(path) => Some(rows::open(path, &arguments.files)?),
-        None => None,
+    let documents = Documents {
+        refused: |file, error| StraightnessDocument::Refused { file, error },
+        many: |files| StraightnessDocument::Many { files },
     };
-    let row = |document: &Document| Row {
-        file: document.file.clone(),
-        found: Ok((document.quantities.clone(), document.decision)),
-    };
-    if let [only] = &arguments.files[..] {
-        let document = one(only, arguments, &tolerances)?;
-        if let Some(output) = csv {
-            rows::write(output, &[row(&document)])?;
-        }
-        let (text, notes) = (text(&document), document.notes.clone());
-        return Answer::new(&StraightnessDocument::One(Box::new(document)), text, notes);
-    }
-    let (mut files, mut texts, mut rows, mut refused) = (Vec::new(), Vec::new(), Vec::new(), 0);
-    for path in &arguments.files {
-        let file = path.display().to_string();
-        match one(path, arguments, &tolerances) {
-            Ok(document) => {
-                let notes: String = (document.notes.iter())
-                    .map(|note| folded(&format!("note: {note}"), ""))
-                    .collect();
-                texts.push(format!("{file}\n{notes}{}", text(&document)));
-                rows.push(row(&document));
-                files.push(StraightnessDocument::One(Box::new(document)));
-            }
-            Err(failure) => {
-                refused += 1;
-                let error = failure.message();
-                texts.push(folded(&format!("{file} REFUSED: {error}"), ""));
-                rows.push(Row {
-                    file: file.clone(),
-                    found: Err(error.clone()),
-                });
-                files.push(StraightnessDocument::Refused { file, error });
-            }
-        }
-    }
-    if let Some(output) = csv {
-        rows::write(output, &rows)?;
-    }
-    let count = files.len();
-    let document = StraightnessDocument::Many { files };
-    let answer = Answer::new(&document, texts.join("\n"), Vec::new())?;
-    Ok(Answer {
-        failed: some_refused(refused, count),
-        ..answer
+    let csv = arguments.csv.as_deref();
+    evaluated(&arguments.files, csv, &documents, |path| {
+        let document = one(path, arguments, &tolerances)?;
+        Ok(Evaluated {
+            text: text(&document),
+            notes: document.notes.clone(),
+            found: (document.quantities.clone(), document.decision),
+            document: StraightnessDocument::One(Box::new(document)),
+        })
     })
 }
 

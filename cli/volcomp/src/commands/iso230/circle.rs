@@ -11,14 +11,17 @@ use volcomp_metrology::{
     },
 };
 
+use super::Arguments;
 use super::judged::{CIRCULAR, decision, decision_text, judged, quantities_text, tolerances};
-use super::rows::{self, Row};
-use super::{Arguments, some_refused};
 use crate::{
     answers::iso230_parts::{CircularTest, CircularTests, Signature},
-    commands::{Answer, fixed, table, table_text},
+    commands::{
+        Answer, fixed,
+        several::{Documents, Evaluated, evaluated},
+        table, table_text,
+    },
     failure::Failure,
-    table::{folded, to_the_left},
+    table::to_the_left,
 };
 
 /// Options of circles.
@@ -63,12 +66,6 @@ impl CircleOptions {
     }
 }
 
-/// One file, evaluated.
-struct Evaluated {
-    document: CircularTest,
-    text: String,
-}
-
 pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let tolerances = tolerances(arguments.tolerance.as_deref(), &CIRCULAR)?;
     if let Some(feed) = arguments.circle.feed
@@ -78,56 +75,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             "--feed: found {feed}, expected mm/min above zero"
         )));
     }
-    let csv = match &arguments.csv {
-        Some(path) => Some(rows::open(path, &arguments.files)?),
-        None => None,
+    let documents = Documents {
+        refused: |file, error| CircularTests::Refused { file, error },
+        many: |files| CircularTests::Many { files },
     };
-    let row = |document: &CircularTest| Row {
-        file: document.file.clone(),
-        found: Ok((document.quantities.clone(), document.decision)),
-    };
-    if let [only] = &arguments.files[..] {
-        let one = one(only, &arguments.circle, &tolerances)?;
-        if let Some(output) = csv {
-            rows::write(output, &[row(&one.document)])?;
-        }
-        let notes = one.document.notes.clone();
-        let document = CircularTests::One(Box::new(one.document));
-        return Answer::new(&document, one.text, notes);
-    }
-    let (mut files, mut texts, mut rows, mut refused) = (Vec::new(), Vec::new(), Vec::new(), 0);
-    for path in &arguments.files {
-        let file = path.display().to_string();
-        match one(path, &arguments.circle, &tolerances) {
-            Ok(one) => {
-                let notes: String = (one.document.notes.iter())
-                    .map(|note| folded(&format!("note: {note}"), ""))
-                    .collect();
-                texts.push(format!("{file}\n{notes}{}", one.text));
-                rows.push(row(&one.document));
-                files.push(CircularTests::One(Box::new(one.document)));
-            }
-            Err(failure) => {
-                refused += 1;
-                let error = failure.message();
-                texts.push(folded(&format!("{file} REFUSED: {error}"), ""));
-                rows.push(Row {
-                    file: file.clone(),
-                    found: Err(error.clone()),
-                });
-                files.push(CircularTests::Refused { file, error });
-            }
-        }
-    }
-    if let Some(output) = csv {
-        rows::write(output, &rows)?;
-    }
-    let count = files.len();
-    let document = CircularTests::Many { files };
-    let answer = Answer::new(&document, texts.join("\n"), Vec::new())?;
-    Ok(Answer {
-        failed: some_refused(refused, count),
-        ..answer
+    let csv = arguments.csv.as_deref();
+    evaluated(&arguments.files, csv, &documents, |path| {
+        one(path, &arguments.circle, &tolerances)
     })
 }
 
@@ -149,7 +103,7 @@ fn one(
     path: &Path,
     options: &CircleOptions,
     tolerances: &[Tolerance],
-) -> Result<Evaluated, Failure> {
+) -> Result<Evaluated<CircularTests>, Failure> {
     let trace = read(path, options)?;
     let deviations = circular_deviations(&trace)?;
     let mut notes = trace.notes.clone();
@@ -200,8 +154,12 @@ fn one(
         quantities,
         notes,
     };
-    let text = text(&document);
-    Ok(Evaluated { document, text })
+    Ok(Evaluated {
+        text: text(&document),
+        notes: document.notes.clone(),
+        found: (document.quantities.clone(), document.decision),
+        document: CircularTests::One(Box::new(document)),
+    })
 }
 
 /// The signatures as documents, named by the axes of the plane.

@@ -7,13 +7,13 @@ use volcomp_metrology::{
     read_file,
 };
 
+use super::Arguments;
 use super::judged::{DIAGONALS, decision, decision_text, judged, quantities_text, tolerances};
 use super::rows::{self, Row};
-use super::{Arguments, some_refused};
 use crate::{
     answers::iso230_parts::{MeasuredDiagonal, MeasuredDiagonals, RefusedFile, SquarenessHint},
     answers::quantity::Quantity,
-    commands::{Answer, fixed, table, table_text},
+    commands::{Answer, fixed, several::some_refused, table, table_text},
     failure::Failure,
     points::numbers,
     table::folded,

@@ -25,20 +25,6 @@ pub(crate) const POSITIONING: [&str; 12] = [
     "B",
     "mean_B",
 ];
-/// The symbols of ASME B5.54, which has no mean deviation M.
-pub(crate) const ASME: [&str; 11] = [
-    "A",
-    "A_forward",
-    "A_backward",
-    "R",
-    "R_forward",
-    "R_backward",
-    "E",
-    "E_forward",
-    "E_backward",
-    "B",
-    "mean_B",
-];
 /// The symbols of VDI/DGQ 3441.
 pub(crate) const VDI: [&str; 6] = ["P", "Pa", "U_max", "U_mean", "Ps_max", "Ps_mean"];
 /// The symbols of ISO 230-4.

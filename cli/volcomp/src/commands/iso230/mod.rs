@@ -133,12 +133,3 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         _ => positioning::run(arguments),
     }
 }
-
-/// Why the program fails after all files were read: some were refused.
-pub(crate) fn some_refused(refused: usize, count: usize) -> Option<Failure> {
-    (refused > 0).then(|| {
-        Failure::input(format_args!(
-            "{refused} of {count} files are refused, see above"
-        ))
-    })
-}

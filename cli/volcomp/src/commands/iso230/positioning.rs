@@ -10,79 +10,41 @@ use volcomp_metrology::{
 use volcomp_vocabulary::AxisKind;
 
 use super::judged::{
-    ASME, POSITIONING, VDI, decision, decision_text, judged, quantities_text, tolerances,
+    POSITIONING, VDI, decision, decision_text, judged, quantities_text, tolerances,
 };
-use super::rows::{self, Row};
-use super::{Arguments, Standard, some_refused};
+use super::{Arguments, Standard};
 use crate::{
     answers::iso230::{Contribution, Iso230, Stated, Uncertainty},
     answers::quantity,
-    commands::{Answer, fixed, table, table_text},
+    commands::{
+        Answer, fixed,
+        several::{Documents, Evaluated, evaluated},
+        table, table_text,
+    },
     failure::Failure,
     table::folded,
     unit,
 };
-
-/// One file, evaluated.
-struct Evaluated {
-    document: Iso230,
-    text: String,
-    notes: Vec<String>,
-    row: Row,
-}
 
 pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let known: Vec<&str> = match arguments.standard {
         Standard::Vdi => VDI.to_vec(),
         Standard::All => [&POSITIONING[..], &VDI].concat(),
         Standard::Iso => POSITIONING.to_vec(),
-        Standard::Asme => ASME.to_vec(),
+        // It has no mean deviation.
+        Standard::Asme => (POSITIONING.into_iter())
+            .filter(|symbol| *symbol != "M")
+            .collect(),
     };
     let tolerances = tolerances(arguments.tolerance.as_deref(), &known)?;
-    let csv = match &arguments.csv {
-        Some(path) => Some(rows::open(path, &arguments.files)?),
-        None => None,
+    let documents = Documents {
+        refused: |file, error| Iso230::Refused { file, error },
+        many: |files| Iso230::Many { files },
     };
-    if let [only] = &arguments.files[..] {
-        let one = one(only, arguments, &tolerances, false)?;
-        if let Some(output) = csv {
-            rows::write(output, &[one.row])?;
-        }
-        return Answer::new(&one.document, one.text, one.notes);
-    }
-    let (mut files, mut texts, mut rows, mut refused) = (Vec::new(), Vec::new(), Vec::new(), 0);
-    for path in &arguments.files {
-        let file = path.display().to_string();
-        match one(path, arguments, &tolerances, true) {
-            Ok(one) => {
-                let notes: String = (one.notes.iter())
-                    .map(|note| folded(&format!("note: {note}"), ""))
-                    .collect();
-                texts.push(format!("{file}\n{notes}{}", one.text));
-                files.push(one.document);
-                rows.push(one.row);
-            }
-            Err(failure @ (Failure::Call(_) | Failure::Work(_))) => return Err(failure),
-            Err(failure) => {
-                refused += 1;
-                let error = failure.message();
-                texts.push(folded(&format!("{file} REFUSED: {error}"), ""));
-                rows.push(Row {
-                    file: file.clone(),
-                    found: Err(error.clone()),
-                });
-                files.push(Iso230::Refused { file, error });
-            }
-        }
-    }
-    if let Some(output) = csv {
-        rows::write(output, &rows)?;
-    }
-    let count = files.len();
-    let answer = Answer::new(&Iso230::Many { files }, texts.join("\n"), Vec::new())?;
-    Ok(Answer {
-        failed: some_refused(refused, count),
-        ..answer
+    let among_others = arguments.files.len() > 1;
+    let csv = arguments.csv.as_deref();
+    evaluated(&arguments.files, csv, &documents, |path| {
+        one(path, arguments, &tolerances, among_others)
     })
 }
 
@@ -91,7 +53,7 @@ fn one(
     arguments: &Arguments,
     tolerances: &[Tolerance],
     among_others: bool,
-) -> Result<Evaluated, Failure> {
+) -> Result<Evaluated<Iso230>, Failure> {
     let mut measurement = read_file(path)?;
     if measurement.quantity == Some(Quantity::Straightness) {
         let what = "found straightness readings, expected positioning; `volcomp straightness` evaluates them";
@@ -147,9 +109,8 @@ fn one(
             format!("\n{}", folded(&format!("material compensation {said}"), ""))
         })
         + &decision_text(decision, &quantities);
-    let file = path.display().to_string();
     let stated = Stated {
-        file: among_others.then(|| file.clone()),
+        file: among_others.then(|| path.display().to_string()),
         edition: edition.year(),
         quantities: quantities.clone(),
         uncertainty: uncertainty.map(document_of),
@@ -161,10 +122,7 @@ fn one(
         document: Iso230::new(&result, unit, stated, notes.clone()),
         text,
         notes,
-        row: Row {
-            file,
-            found: Ok((quantities, decision)),
-        },
+        found: (quantities, decision),
     })
 }
 
