@@ -1,30 +1,36 @@
-//! A calibration file to a report: `cargo run -p volcomp-report --example report -- CALIBRATION.toml REPORT.html`.
+//! A calibration file to a report:
+//!
+//! ```text
+//! cargo run -p volcomp-report --example report -- calibration.toml report.html
+//! ```
+//!
+//! Without arguments it takes the calibration in the folder `examples/calibration` of the repository, and says how long the report is.
 
-use std::{env, fs, path::Path, process::ExitCode};
+use std::{env, error::Error, fs, path::Path};
 
 use volcomp_calibrate::{CalibrationFile, calibrate};
 use volcomp_report::{Language, Report, Stated, html};
 
-fn report(calibration: &Path, output: &Path) -> Result<(), Box<dyn std::error::Error>> {
+fn report(calibration: &Path) -> Result<String, Box<dyn Error>> {
     let file = CalibrationFile::read(calibration)?;
     let found = calibrate(&file, |_, _| {})?;
     let source = calibration.display().to_string();
     let report = Report::of_calibration(&source, &file, &found, &Stated::default());
-    fs::write(output, html(&report, Language::En))?;
-    Ok(())
+    Ok(html(&report, Language::En))
 }
 
-fn main() -> ExitCode {
+fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = env::args().skip(1).collect();
-    let [calibration, output] = &arguments[..] else {
-        eprintln!("expected CALIBRATION.toml REPORT.html");
-        return ExitCode::from(2);
-    };
-    match report(Path::new(calibration), Path::new(output)) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("{error}");
-            ExitCode::from(2)
+    match &arguments[..] {
+        [] => {
+            let shipped = Path::new(env!("CARGO_MANIFEST_DIR"))
+                .join("../../examples/calibration/calibration.toml");
+            let page = report(&shipped)?;
+            assert!(page.starts_with("<!DOCTYPE html>") && page.trim_end().ends_with("</html>"));
+            println!("a report of {} kB", page.len() / 1000);
+            Ok(())
         }
+        [calibration, output] => Ok(fs::write(output, report(Path::new(calibration))?)?),
+        _ => Err("expected CALIBRATION.toml REPORT.html, or nothing".into()),
     }
 }
