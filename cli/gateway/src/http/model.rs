@@ -148,11 +148,7 @@ async fn upload(
     };
     match received(&dashboard, &place, body).await {
         Ok(bytes) => answered(models.file_done(&place, bytes)),
-        Err(error) => {
-            let status = StatusCode::from_u16(error.status());
-            let status = status.unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
-            refuse(status, &error.to_string())
-        }
+        Err(error) => told(models.file_failed(&place, &error)),
     }
 }
 

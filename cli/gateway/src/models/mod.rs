@@ -346,6 +346,14 @@ impl Models {
         self.candidate().ok_or_else(gone)
     }
 
+    /// The answer where a file did not get onto the disk. Whoever discards a candidate has its folder removed under the file.
+    pub(crate) fn file_failed(&self, place: &Place, error: &UploadError) -> Reply {
+        if self.shared.held(&place.candidate).is_none() {
+            return gone();
+        }
+        refused(error.status(), error.to_string())
+    }
+
     /// All files are there: they are looked through.
     pub(crate) fn draft(&self, id: &str) -> Result<Candidate, Reply> {
         self.shared.look_through(id)
