@@ -217,6 +217,7 @@ pub struct Sender {
     loaded: Loaded,
     begun: u32,
     tick: Option<u16>,
+    in_use: Option<u16>,
 }
 
 impl Sender {
@@ -249,7 +250,15 @@ impl Sender {
             loaded: Loaded::Unknown,
             begun: 0,
             tick: None,
+            in_use: None,
         })
+    }
+
+    /// The number of the map that the control had in use when it was last read, whoever sent that; `None`: none was, and the
+    /// corrections were zero or on the way there.
+    #[must_use]
+    pub fn in_use(&self) -> Option<u16> {
+        self.in_use
     }
 
     /// What the words of a report say, `None`: they are torn, or of another machine.
@@ -267,6 +276,7 @@ impl Sender {
         let Some(seen) = self.seen(&words) else {
             return Ok(Step::Unreadable);
         };
+        self.in_use = seen.valid.then_some(seen.counter);
         // A program that stands would be answered with its own old tick for ever.
         if self.tick.replace(seen.tick) == Some(seen.tick) {
             return Ok(Step::Stands);

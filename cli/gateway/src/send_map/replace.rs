@@ -4,7 +4,7 @@
 //! thread of its own: the map in use must be kept meanwhile.
 
 use std::{
-    fs,
+    fs, io,
     path::{Path, PathBuf},
     sync::mpsc::{Receiver, channel},
     thread,
@@ -60,23 +60,42 @@ pub(super) fn watch(running: &Checked) -> std::io::Result<Receiver<Another>> {
     thread::Builder::new()
         .name("volcomp-files".to_owned())
         .spawn(move || {
+            let mut trouble = String::new();
             loop {
                 thread::sleep(LOOK);
-                let Ok(hash) = fs::read_to_string(&file) else {
-                    continue;
+                let another = match taken(&file) {
+                    Ok(None) => {
+                        trouble.clear();
+                        continue;
+                    }
+                    Ok(Some(hash)) => another(&path, &config, hash.trim()),
+                    Err(e) => {
+                        let what = format!("{}: {e}", file.display());
+                        // It stays so at every look, and is told once.
+                        if what == trouble {
+                            continue;
+                        }
+                        trouble.clone_from(&what);
+                        Err(what)
+                    }
                 };
-                // Where it cannot be removed it would be taken for ever.
-                let another = match fs::remove_file(&file) {
-                    Ok(()) => another(&path, &config, hash.trim()),
-                    Err(e) => Err(format!("{}: {e}", file.display())),
-                };
-                let is_over = another.is_err() && file.exists();
-                if told.send(another).is_err() || is_over {
+                if told.send(another).is_err() {
                     return;
                 }
             }
         })?;
     Ok(heard)
+}
+
+/// Takes the confirmation that is there. It has another name before it is read, so that one that comes meanwhile is a
+/// confirmation of its own and stays for the next look.
+fn taken(file: &Path) -> io::Result<Option<String>> {
+    let mine = file.with_extension("taken");
+    match fs::rename(file, &mine) {
+        Ok(()) => fs::read_to_string(&mine).map(Some),
+        Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
+        Err(e) => Err(e),
+    }
 }
 
 /// The map that was confirmed, where nothing else in the file of the sender has changed.

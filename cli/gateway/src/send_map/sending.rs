@@ -1,8 +1,11 @@
 //! Sends a map and keeps it valid until a signal ends it.
+//!
+//! Nothing here waits for a disk while a map is in use: its validity would run out. Records go to the [`Clerk`], and a log that
+//! does not answer keeps only another map from being taken.
 
 use std::{
     collections::BTreeMap,
-    io::Write as _,
+    io::{self, Write as _},
     sync::mpsc::Receiver,
     time::{Duration, Instant},
 };
@@ -15,7 +18,10 @@ use super::{
     words::{Place, Words},
 };
 use crate::{
-    audit::AuditLog,
+    audit::{
+        AuditLog, Entry,
+        clerk::{Clerk, Receipt},
+    },
     documents::{Details, Event},
     error::GatewayError,
     lock,
@@ -28,11 +34,27 @@ const AGAIN: Duration = Duration::from_secs(1);
 const SOON: Duration = Duration::from_millis(5);
 /// So much longer than the control's time-out something is waited for that its end should bring, s.
 const PATIENCE_S: f64 = 2.0;
+/// A map waits for its record for so long; later nobody would expect it any more.
+const RECORD: Duration = Duration::from_secs(5);
+/// How often it is looked whether a record is written, before anything is sent.
+const LOOK: Duration = Duration::from_millis(10);
+/// How long until a log that could not be written is tried again.
+const RETRY: Duration = Duration::from_millis(100);
+/// The last records get onto the disk within this, or are lost.
+const END: Duration = Duration::from_secs(1);
 
 /// What is known of another sender.
 struct Other {
     sequence: u16,
     since: Instant,
+}
+
+/// Another map whose record is on its way to the disk. Nothing of it is sent before.
+struct Recording {
+    checked: Checked,
+    sender: Sender,
+    receipt: Receipt,
+    until: Instant,
 }
 
 struct Sending {
@@ -42,11 +64,16 @@ struct Sending {
     owner: u16,
     /// Maps that were confirmed while it runs.
     others: Receiver<Another>,
+    recording: Option<Recording>,
     /// The map in use while another one is brought in its place.
     before: Option<(Checked, Sender)>,
     words: Option<Words>,
-    audit: AuditLog,
-    in_use: bool,
+    clerk: Clerk,
+    /// Why records may be missing, as it was told.
+    trouble: Option<&'static str>,
+    tried_again: Instant,
+    /// The number of the map in use; that of the map before while another one is brought.
+    in_use: Option<u16>,
     other: Option<Other>,
     /// What went wrong last, which is told once.
     told: String,
@@ -56,15 +83,15 @@ struct Sending {
 /// waited for that; a second signal ends it at once.
 ///
 /// # Errors
-/// Another gateway or sender has the control, the control allows more than the sender or refuses the map, the audit log
+/// Another gateway or sender has the control, the control allows more than the sender or refuses the map, the first record
 /// cannot be written, or nobody knows whether the corrections came to zero.
 pub fn run(checked: &Checked) -> Result<(), GatewayError> {
     let config = &checked.config;
     let place = Place::of(config)?;
     let _locks = lock::lock_sender(&config.url, &config.audit_dir)?;
-    let shown = config.audit_dir.display().to_string();
-    let (audit, _) =
-        AuditLog::open(&config.audit_dir).map_err(|e| GatewayError::system(shown, e))?;
+    let in_folder = |e| GatewayError::system(config.audit_dir.display().to_string(), e);
+    let (audit, _) = AuditLog::open(&config.audit_dir).map_err(in_folder)?;
+    let clerk = Clerk::start(audit).map_err(|e| GatewayError::system("audit log", e))?;
     let mut number = [0; 2];
     rustix::rand::getrandom(&mut number, rustix::rand::GetRandomFlags::empty())
         .map_err(|e| GatewayError::system("random numbers", e.into()))?;
@@ -78,18 +105,25 @@ pub fn run(checked: &Checked) -> Result<(), GatewayError> {
         sender: sender.map_err(|e| ended(checked, e.to_string()))?,
         owner,
         others,
+        recording: None,
         before: None,
         words: None,
-        audit,
-        in_use: false,
+        clerk,
+        trouble: None,
+        tried_again: Instant::now(),
+        in_use: None,
         other: None,
         told: String::new(),
     };
     let heard = Heard::new(|| ())?;
-    // Nothing is sent before it is on record.
-    sending.record("a map is going to be sent", Event::Nothing)?;
+    if !sending.begin(&heard).map_err(in_folder)? {
+        return Ok(());
+    }
     let outcome = sending.keep(&heard);
     let silent = sending.fall_silent(&heard);
+    if !sending.clerk.settle(END) {
+        tracing::error!("the disk of the audit log does not answer: the last records are lost");
+    }
     match (outcome, silent) {
         // The cause is what ends the program; what came of it is told beside it.
         (Err(cause), Err(error)) => {
@@ -115,25 +149,53 @@ fn ended(checked: &Checked, what: String) -> GatewayError {
 }
 
 impl Sending {
-    fn record(&mut self, what: &str, event: Event) -> Result<(), GatewayError> {
-        let details = Details {
-            model: format!("map {}", self.checked.hash),
-            output_um: BTreeMap::new(),
-            output_urad: BTreeMap::new(),
-            what: event,
-        };
-        let written = self.audit.append("send-map", what, details);
-        written.map_err(|e| {
-            GatewayError::system(self.checked.config.audit_dir.display().to_string(), e)
-        })
+    /// Hands over a record about this map.
+    fn record_of(&self, checked: &Checked, what: &str) -> Receipt {
+        self.clerk.record(entry(checked, what))
+    }
+
+    /// Hands over a record about the map that is sent.
+    fn record(&self, what: &str) {
+        let _ = self.record_of(&self.checked, what);
+    }
+
+    /// Waits until the beginning is on record: nothing is sent before. Whether it is; a signal ends it.
+    fn begin(&mut self, heard: &Heard) -> io::Result<bool> {
+        let receipt = self.record_of(&self.checked, "a map is going to be sent");
+        let until = Instant::now() + RECORD;
+        loop {
+            match receipt.written() {
+                Some(true) => return Ok(true),
+                Some(false) => {
+                    return Err(io::Error::other(
+                        "the audit log cannot be written, and nothing was sent",
+                    ));
+                }
+                None if Instant::now() > until => {
+                    return Err(io::Error::new(
+                        io::ErrorKind::TimedOut,
+                        format!(
+                            "the disk of the audit log has not answered for {} s, and nothing was sent",
+                            RECORD.as_secs()
+                        ),
+                    ));
+                }
+                None => {}
+            }
+            if heard.next(LOOK) == Some(Signal::Stop) {
+                return Ok(false);
+            }
+        }
     }
 
     /// Until a signal comes, or something is wrong that does not pass.
     fn keep(&mut self, heard: &Heard) -> Result<(), GatewayError> {
         loop {
             if let Ok(another) = self.others.try_recv() {
-                self.take(another)?;
+                self.take(another);
             }
+            self.go_over();
+            self.look_after_log();
             let wait = self.step()?;
             if heard.next(wait) == Some(Signal::Stop) {
                 return Ok(());
@@ -141,11 +203,29 @@ impl Sending {
         }
     }
 
-    /// Begins with a map that was confirmed meanwhile. The one in use stays so until the control has all of the other; then the
-    /// control goes from value to value at its rate.
-    fn take(&mut self, another: Another) -> Result<(), GatewayError> {
+    /// Whether the log is written as it should; where it was not, it is tried again.
+    fn look_after_log(&mut self) {
+        let trouble = self.clerk.trouble();
+        if trouble != self.trouble {
+            match trouble {
+                Some(trouble) => tracing::error!(
+                    "{trouble}: the map stays in use, and no other one is taken until it is written again"
+                ),
+                None => tracing::info!("the audit log is written again"),
+            }
+            self.trouble = trouble;
+        }
+        if self.clerk.wants_another_try() && self.tried_again.elapsed() > RETRY {
+            self.tried_again = Instant::now();
+            let what = "audit log can be written again";
+            self.clerk.try_again(entry(&self.checked, what));
+        }
+    }
+
+    /// Begins to write down that a map which was confirmed meanwhile is going to be sent.
+    fn take(&mut self, another: Another) {
         let made = another.and_then(|another| {
-            if !self.in_use {
+            if self.in_use.is_none() || self.before.is_some() || self.recording.is_some() {
                 return Err("the map before is not in use yet".to_owned());
             }
             fits(&self.checked, &another)?;
@@ -155,28 +235,54 @@ impl Sending {
         });
         match made {
             Ok((checked, sender)) => {
-                let checked = std::mem::replace(&mut self.checked, checked);
-                let sender = std::mem::replace(&mut self.sender, sender);
+                let receipt = self.record_of(&checked, "another map is going to be sent");
+                self.recording = Some(Recording {
+                    checked,
+                    sender,
+                    receipt,
+                    until: Instant::now() + RECORD,
+                });
+            }
+            Err(why) => self.refuse(&why),
+        }
+    }
+
+    fn refuse(&mut self, why: &str) {
+        self.tell(format!("another map is not sent: {why}"));
+        self.record("another map was refused");
+    }
+
+    /// Goes over to another map once that is on record. The one in use stays so until the control has all of the other; then
+    /// the control goes from value to value at its rate.
+    fn go_over(&mut self) {
+        let Some(recording) = self.recording.take() else {
+            return;
+        };
+        match recording.receipt.written() {
+            Some(true) => {
+                let checked = std::mem::replace(&mut self.checked, recording.checked);
+                let sender = std::mem::replace(&mut self.sender, recording.sender);
                 self.before = Some((checked, sender));
-                self.in_use = false;
-                self.record("another map is going to be sent", Event::Nothing)
             }
-            Err(why) => {
-                self.tell(format!("another map is not sent: {why}"));
-                self.record("another map was refused", Event::Nothing)
-            }
+            Some(false) => self.refuse("the audit log cannot be written"),
+            None if Instant::now() < recording.until => self.recording = Some(recording),
+            // The record may come onto the disk later: the one behind it tells what became of it.
+            None => self.refuse(&format!(
+                "the disk of the audit log has not answered for {} s: confirm it again once it does",
+                RECORD.as_secs()
+            )),
         }
     }
 
     /// The map before stays where the control does not take the other: whether there was one.
-    fn go_back(&mut self, why: &str) -> Result<bool, GatewayError> {
+    fn go_back(&mut self, why: &str) -> bool {
         let Some((checked, sender)) = self.before.take() else {
-            return Ok(false);
+            return false;
         };
         self.tell(format!("another map is not sent: {why}"));
-        self.record("another map was refused by the control", Event::Nothing)?;
+        self.record("another map was refused by the control");
         (self.checked, self.sender) = (checked, sender);
-        Ok(true)
+        true
     }
 
     /// One exchange; how long to wait until the next.
@@ -184,29 +290,24 @@ impl Sending {
         let Some(words) = &mut self.words else {
             return Ok(self.connect());
         };
-        match self.sender.step(words) {
+        let step = self.sender.step(words);
+        if let Ok(Step::Kept | Step::Loading) = step {
+            self.other = None;
+            self.look_at_use();
+        }
+        match step {
             Ok(Step::Kept) => {
-                self.other = None;
                 self.before = None;
-                if !self.in_use {
-                    self.in_use = true;
-                    self.told.clear();
-                    self.record("the map is in use", Event::Nothing)?;
-                    say(&format!(
-                        "map {} is in use",
-                        self.checked.map.header().counter
-                    ))?;
+                let number = self.checked.map.header().counter;
+                if self.in_use != Some(number) {
+                    self.in_use = Some(number);
+                    self.record("the map is in use");
+                    say(&format!("map {number} is in use"))?;
                 }
+                self.told.clear();
                 Ok(self.place.period())
             }
-            Ok(Step::Loading) => {
-                self.other = None;
-                if std::mem::take(&mut self.in_use) {
-                    self.tell("the control has lost the map, and is sent it again".to_owned());
-                    self.record("the control has lost the map", Event::Nothing)?;
-                }
-                Ok(Duration::ZERO)
-            }
+            Ok(Step::Loading) => Ok(Duration::ZERO),
             Ok(Step::Stands) => Ok(SOON),
             Ok(Step::Unreadable) => {
                 self.tell("the report is torn, or of another machine".to_owned());
@@ -224,11 +325,24 @@ impl Sending {
             }
             Err(error) => {
                 let why = error.to_string();
-                if self.go_back(&why)? {
+                if self.go_back(&why) {
                     return Ok(SOON);
                 }
                 Err(ended(&self.checked, why))
             }
+        }
+    }
+
+    /// Whether the control still has the map that was in use, also while another one is brought.
+    fn look_at_use(&mut self) {
+        if is_lost(
+            self.in_use,
+            self.checked.map.header().counter,
+            self.sender.in_use(),
+        ) {
+            self.in_use = None;
+            self.tell("the control has lost the map, and is sent it again".to_owned());
+            self.record("the control has lost the map");
         }
     }
 
@@ -296,12 +410,28 @@ impl Sending {
         if !is_zero {
             let what =
                 "nothing is sent any more, but it is not known that the corrections are zero";
-            self.record(what, Event::Nothing)?;
+            self.record(what);
             return Err(ended(&self.checked, what.to_owned()));
         }
-        self.record("the corrections are zero", Event::Nothing)?;
+        self.record("the corrections are zero");
         say("the corrections are zero")
     }
+}
+
+/// A record about a map, of now.
+fn entry(checked: &Checked, what: &str) -> Entry {
+    let details = Details {
+        model: format!("map {}", checked.hash),
+        output_um: BTreeMap::new(),
+        output_urad: BTreeMap::new(),
+        what: Event::Nothing,
+    };
+    Entry::new("send-map", what, details)
+}
+
+/// Whether a map that was in use is not any more; it may have given way to the one that is sent.
+fn is_lost(was: Option<u16>, sent: u16, is: Option<u16>) -> bool {
+    was.is_some() && is != was && is != Some(sent)
 }
 
 /// A line to standard output; a reader that has gone away is no failure.
@@ -312,5 +442,23 @@ fn say(text: &str) -> Result<(), GatewayError> {
             Err(GatewayError::system("standard output", e))
         }
         _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_map_is_lost_also_while_another_one_is_brought() {
+        // Map 7 is kept; then map 8 is brought, and takes its place.
+        assert!(!is_lost(None, 7, None));
+        assert!(!is_lost(Some(7), 7, Some(7)));
+        assert!(!is_lost(Some(7), 8, Some(7)));
+        assert!(!is_lost(Some(7), 8, Some(8)));
+        // The control has none, or one of somebody else.
+        assert!(is_lost(Some(7), 7, None));
+        assert!(is_lost(Some(7), 8, None));
+        assert!(is_lost(Some(7), 7, Some(9)));
     }
 }

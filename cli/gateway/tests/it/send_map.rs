@@ -14,7 +14,10 @@ use volcomp_tables::{
 };
 use volcomp_test_support::{Running, peers, root, until};
 
-use crate::program::{change, path};
+use crate::{
+    hung_disk::preloaded,
+    program::{change, path},
+};
 
 /// Long enough for a loaded machine.
 const PATIENCE: Duration = Duration::from_secs(90);
@@ -237,6 +240,111 @@ fn another_map_takes_the_place_of_the_one_in_use() {
     assert!(least >= 29.0 && most <= 41.0, "{least} to {most} µm");
     assert!(seen.is_sorted_by(|was, is| is <= was), "{seen:?}");
     assert!(sender.id() > 0);
+}
+
+/// A sender with its map in use, whose program is started by `command`; what it says goes to a file.
+fn heard_sending(
+    mut command: Command,
+    dir: &Path,
+) -> (Running, BufReader<ChildStdout>, impl Fn() -> String) {
+    let log = dir.join("sender.log");
+    let errors = std::fs::File::create(&log).expect("writable");
+    let (sender, line, output) = Running::start_and_hear(command.stderr(errors));
+    assert_eq!(line, "map 7 is in use");
+    let log = move || std::fs::read_to_string(&log).expect("a log");
+    (sender, output, log)
+}
+
+/// Before, the record of another map was written in the loop that keeps the first one valid: a disk that hung let its time run
+/// out. Now the other map is given up after a while, and is not taken late.
+#[test]
+fn a_disk_that_hangs_keeps_the_map_in_use() {
+    let dir = tempfile::tempdir().expect("writable");
+    let Some(library) = preloaded(dir.path()) else {
+        return;
+    };
+    let Some((mut control, url)) = Control::start("127.0.0.1:0") else {
+        return;
+    };
+    let file = write(dir.path(), &url, 80.0);
+    let confirmed = hash(&file);
+    let hangs = dir.path().join("hangs");
+    let mut begun = command(&file, &["--confirm", &confirmed]);
+    begun.env("LD_PRELOAD", library).env("HANGS", &hangs);
+    let (mut sender, mut output, log) = heard_sending(begun, dir.path());
+    control.reaches(40.0);
+    std::fs::write(&hangs, "").expect("writable");
+    write_map(dir.path(), 60.0, 8);
+    let replace = || {
+        let call = ["--confirm", &hash(&file), "--replace"];
+        let output = command(&file, &call).output().expect("it starts");
+        assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    };
+    replace();
+    until("it is given up", PATIENCE, || {
+        assert!((control.x_um() - 40.0).abs() <= 1.0);
+        log().contains("another map is not sent: the disk of the audit log")
+    });
+    assert!(log().contains("the map stays in use"), "{}", log());
+    std::fs::remove_file(&hangs).expect("ours");
+    until("the disk is back", PATIENCE, || {
+        assert!((control.x_um() - 40.0).abs() <= 1.0);
+        log().contains("the audit log is written again")
+    });
+    // Confirmed anew it is taken.
+    replace();
+    control.reaches(30.0);
+    let mut line = String::new();
+    output.read_line(&mut line).expect("a line");
+    assert_eq!(line, "map 8 is in use\n");
+    // With the disk gone again it still ends in good order, and says what is missing.
+    std::fs::write(&hangs, "").expect("writable");
+    sender.signal("TERM");
+    assert_eq!(sender.ended(PATIENCE).expect("it ends").code(), Some(0));
+    assert!(control.x_um().abs() < 0.5);
+    assert!(log().contains("the last records are lost"), "{}", log());
+}
+
+/// A confirmation that came while the one before was being refused was taken for that one, which could not be removed: nobody
+/// looked for confirmations any more.
+#[test]
+fn a_confirmation_during_a_refusal_is_one_of_its_own() {
+    let dir = tempfile::tempdir().expect("writable");
+    let Some((mut control, url)) = Control::start("127.0.0.1:0") else {
+        return;
+    };
+    let file = write(dir.path(), &url, 80.0);
+    let confirmed = hash(&file);
+    let begun = command(&file, &["--confirm", &confirmed]);
+    let (_sender, mut output, log) = heard_sending(begun, dir.path());
+    control.reaches(40.0);
+    // Whoever reads this map waits until somebody writes it.
+    let pipe = dir.path().join("pipe.map");
+    let made = Command::new("mkfifo").arg(&pipe).status();
+    assert!(made.expect("of the system").success());
+    change(&file, "machine.map", "pipe.map");
+    let confirmation = dir.path().join("audit/confirmed-map");
+    std::fs::write(&confirmation, "0123456789abcdef").expect("writable");
+    until("it is taken", PATIENCE, || !confirmation.exists());
+    // Opened by both sides: the refusal is under way.
+    let mut bytes = std::fs::File::options()
+        .write(true)
+        .open(&pipe)
+        .expect("it is read");
+    change(&file, "pipe.map", "machine.map");
+    write_map(dir.path(), 60.0, 8);
+    let call = ["--confirm", &hash(&file), "--replace"];
+    let asked = command(&file, &call).output().expect("it starts");
+    assert_eq!(asked.status.code(), Some(0), "{}", said(&asked));
+    bytes.write_all(b"no map").expect("it is read");
+    drop(bytes);
+    until("the refusal", PATIENCE, || {
+        log().contains("another map is not sent")
+    });
+    let mut line = String::new();
+    output.read_line(&mut line).expect("a line");
+    assert_eq!(line, "map 8 is in use\n");
+    control.reaches(30.0);
 }
 
 /// Nobody is left to end anything: the control does it by itself. After that another sender takes it, and a control that

@@ -14,7 +14,7 @@ pub struct LineError {
     pub file: String,
     /// The line, from 1; `None` where the whole file is meant.
     pub line: Option<usize>,
-    /// What stands there.
+    /// What the line holds at the place that is wrong.
     pub found: String,
     /// What was expected.
     pub expected: String,

@@ -137,6 +137,30 @@ fn bring(sender: &mut Sender, control: &mut Control) -> usize {
     panic!("not in use: {:?}", control.lookup.report());
 }
 
+/// Another sender object for another map: it tells which map the control has, until that is exchanged.
+#[test]
+fn a_sender_tells_which_map_is_in_use_while_it_brings_another_one() {
+    let mut control = Control::new();
+    let mut first = sender(&map(1, 1.0), 9);
+    assert_eq!(first.in_use(), None, "nothing was read");
+    bring(&mut first, &mut control);
+    assert_eq!(first.in_use(), Some(1));
+    let mut second = sender(&map(2, 0.5), 9);
+    while second.step(&mut control) == Ok(Step::Loading) {
+        assert_eq!(second.in_use(), Some(1));
+    }
+    assert_eq!(second.in_use(), Some(2));
+    // Nobody sends for longer than its time-out, in the middle of a third one.
+    let mut third = sender(&map(3, 1.0), 9);
+    assert_eq!(third.step(&mut control), Ok(Step::Loading));
+    assert_eq!(third.in_use(), Some(2));
+    for _ in 0..50 {
+        control.scan();
+    }
+    assert!(third.step(&mut control).is_ok());
+    assert_eq!(third.in_use(), None);
+}
+
 /// Keeps for so many steps.
 fn keep(sender: &mut Sender, control: &mut Control, steps: usize) {
     for _ in 0..steps {
