@@ -235,7 +235,7 @@ pub enum GatewayError {
     MapEnded {
         /// The URL of the control.
         url: String,
-        /// Why.
+        /// Why it is not sent or kept, a sentence without its full stop.
         what: String,
     },
     /// The control thread does not start.

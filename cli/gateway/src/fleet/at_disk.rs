@@ -43,22 +43,46 @@ impl Drop for Waits {
     }
 }
 
-/// Tells it while a disk hangs, for ever. Whoever waits tells what comes after it.
+/// Tells it while a disk hangs, for ever. When it answers again what was told here is taken back here, whatever whoever waited
+/// says after that, and whenever.
 pub(super) async fn watch(shared: &Shared, folder: &str) {
+    let hangs = format!("{folder}: the disk does not answer");
+    let acting = format!("{hangs}: what was accepted is not in force before it does");
+    let telling = format!("{hangs}: the centre is told nothing before it does");
     loop {
         tokio::time::sleep(LOOK).await;
-        let hangs = format!("{folder}: the disk does not answer");
-        if shared.acting.hangs() {
-            let what = format!("{hangs}: what was accepted is not in force before it does");
-            shared
-                .published
-                .tell_fleet(|state| state.trouble = Some(what));
-        }
-        if shared.telling.hangs() {
-            let what = format!("{hangs}: the centre is told nothing before it does");
-            shared
-                .published
-                .tell_fleet(|state| state.waiting = Some(what));
-        }
+        let (is_acting_late, is_telling_late) = (shared.acting.hangs(), shared.telling.hangs());
+        shared.published.tell_fleet(|state| {
+            tell(&mut state.trouble, is_acting_late, &acting);
+            tell(&mut state.waiting, is_telling_late, &telling);
+        });
+    }
+}
+
+/// Sets what is told while the disk hangs; where it does not, only that is taken back.
+fn tell(told: &mut Option<String>, hangs: bool, what: &str) {
+    if hangs {
+        *told = Some(what.to_owned());
+    } else if told.as_deref() == Some(what) {
+        *told = None;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whoever waited goes on with something else for long, or was answered between two looks: before, what was told stayed.
+    #[test]
+    fn what_was_told_of_a_disk_ends_with_it() {
+        let mut told = None;
+        tell(&mut told, true, "it hangs");
+        assert_eq!(told.as_deref(), Some("it hangs"));
+        tell(&mut told, false, "it hangs");
+        assert_eq!(told, None);
+        // What somebody else told stays.
+        told = Some("another trouble".to_owned());
+        tell(&mut told, false, "it hangs");
+        assert_eq!(told.as_deref(), Some("another trouble"));
     }
 }

@@ -234,19 +234,25 @@ async fn connected(
     told: &watch::Sender<Option<MachineSender>>,
     shared: &Shared,
 ) -> MachineLink {
+    let mut last = None;
     loop {
         match MachineLink::connect(settings, identity).await {
             Ok(link) => {
+                // Only what was told here is past.
+                shared.published.tell_fleet(|state| {
+                    if last.is_some() && state.trouble == last {
+                        state.trouble = None;
+                    }
+                });
                 // Nobody may be listening any more.
                 let _ = told.send(Some(link.sender()));
                 return link;
             }
             Err(error) => {
                 tracing::error!("fleet: {error}");
-                let trouble = error.to_string();
-                shared
-                    .published
-                    .tell_fleet(|state| state.trouble = Some(trouble));
+                last = Some(error.to_string());
+                let trouble = last.clone();
+                shared.published.tell_fleet(|state| state.trouble = trouble);
             }
         }
         tokio::time::sleep(AGAIN).await;

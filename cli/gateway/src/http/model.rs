@@ -25,7 +25,7 @@ use super::{
 };
 use crate::{
     documents::{ModelActivate, ModelAnswers, ModelBack, ModelRequest},
-    models::{Place, UploadError, UploadKind},
+    models::{Answering, Place, UploadError, UploadKind},
     request::Reply,
 };
 
@@ -272,12 +272,9 @@ async fn back(
     }
 }
 
-async fn answer_of(asked: Result<oneshot::Receiver<Reply>, Reply>) -> Response {
-    match asked {
-        Err(reply) => told(reply),
-        Ok(answered) => match answered.await {
-            Ok(reply) => told(reply),
-            Err(_) => refuse(StatusCode::SERVICE_UNAVAILABLE, "the gateway is stopping"),
-        },
-    }
+async fn answer_of(asked: Result<Answering, Reply>) -> Response {
+    told(match asked {
+        Err(reply) => reply,
+        Ok(answering) => answering.answer().await,
+    })
 }

@@ -23,6 +23,13 @@ use crate::{
     request::Reply,
 };
 
+/// A file on its way.
+pub(crate) struct Coming {
+    pub(crate) name: String,
+    /// So many bytes of what may be uploaded are its own.
+    pub(crate) bytes: u64,
+}
+
 /// The candidate, and what only this side knows of it.
 pub(crate) struct Held {
     pub(crate) document: Candidate,
@@ -31,8 +38,8 @@ pub(crate) struct Held {
     pub(crate) machine: Arc<str>,
     /// What its files are; `None`: there is none yet.
     pub(crate) kind: Option<UploadKind>,
-    /// The names of files that are on their way.
-    pub(crate) incoming: Vec<String>,
+    /// The files that are on their way.
+    pub(crate) incoming: Vec<Coming>,
     /// Which state of the files and answers this is: what was made of an earlier one is not what this one says.
     pub(crate) turn: u64,
     pub(crate) drafted: Option<Arc<Draft>>,
@@ -99,12 +106,19 @@ impl Held {
         self.text = None;
     }
 
+    /// The bytes of all files, those that are on their way included.
+    pub(crate) fn bytes(&self) -> u64 {
+        let whole = self.document.files.iter().map(|file| file.bytes);
+        let coming = self.incoming.iter().map(|file| file.bytes);
+        whole.chain(coming).fold(0, u64::saturating_add)
+    }
+
     /// Nobody goes on while a file is on its way, which would be left out.
     fn is_whole(&self) -> Result<(), Reply> {
         match self.incoming.first() {
-            Some(name) => Err(refused(
+            Some(file) => Err(refused(
                 409,
-                format!("{name} is on its way: wait until it is there"),
+                format!("{} is on its way: wait until it is there", file.name),
             )),
             None => Ok(()),
         }
@@ -403,7 +417,10 @@ mod tests {
     #[test]
     fn nobody_goes_on_while_a_file_is_on_its_way() {
         let mut held = begun();
-        held.incoming.push("exx.csv".to_owned());
+        held.incoming.push(Coming {
+            name: "exx.csv".to_owned(),
+            bytes: 4,
+        });
         assert_eq!(held.begin_work().expect_err("it comes").status, 409);
         held.incoming.clear();
         assert!(held.begin_work().is_ok());

@@ -16,7 +16,7 @@ use std::{
 use tokio::sync::oneshot;
 use volcomp_model::Machine;
 
-use super::{Shared, lock, refused, store};
+use super::{Patience, Shared, lock, refused, store};
 use crate::{
     audit::utc_now,
     documents::{
@@ -68,7 +68,15 @@ pub(crate) enum Job {
         what: Activate,
         confirm: Option<String>,
         answer: oneshot::Sender<Reply>,
+        patience: Patience,
     },
+}
+
+/// A machine file that is in force and could not be kept, for the way back.
+struct Unkept {
+    hash: String,
+    text: String,
+    error: String,
 }
 
 /// What the dashboard shows of the desk.
@@ -89,11 +97,11 @@ pub(crate) struct Desk {
     /// The machine file that the configuration names.
     configured: PathBuf,
     kept: ModelsKept,
-    /// Whether what stands is not on disk.
-    is_unwritten: bool,
     /// Why the model that a person has put in force was not loaded; until another one is put in force.
     damage: Option<String>,
-    trouble: Option<String>,
+    unkept: Option<Unkept>,
+    /// Why what stands is not on disk.
+    unwritten: Option<String>,
 }
 
 impl Desk {
@@ -102,9 +110,9 @@ impl Desk {
             shared,
             configured,
             kept: ModelsKept::default(),
-            is_unwritten: false,
             damage: None,
-            trouble: None,
+            unkept: None,
+            unwritten: None,
         }
     }
 
@@ -126,15 +134,19 @@ impl Desk {
                     what,
                     confirm,
                     answer,
+                    patience,
                 }) => {
-                    let reply = self.activate(&who, what, confirm, work);
+                    let reply = self.activate(&who, what, confirm, &patience, work);
                     // Whoever asked may have gone.
                     let _ = answer.send(reply);
                 }
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return,
             }
-            if self.is_unwritten {
+            if let Some(Unkept { hash, text, .. }) = self.unkept.take() {
+                self.keep(hash, text);
+            }
+            if self.unwritten.is_some() {
                 self.write();
             }
             self.look();
@@ -159,19 +171,33 @@ impl Desk {
         told.kept.clone_from(&self.kept);
         told.there = there;
         told.configured = configured;
-        let trouble = self.damage.iter().chain(&self.trouble);
-        let trouble: Vec<&str> = trouble.map(String::as_str).collect();
+        let unkept = self.unkept.as_ref().map(|unkept| {
+            let error = &unkept.error;
+            format!("the model in force cannot be kept on disk ({error}): nobody can go back to it. It is tried again")
+        });
+        let trouble = [&self.damage, &unkept, &self.unwritten];
+        let trouble: Vec<&str> = trouble.into_iter().flatten().map(String::as_str).collect();
         told.trouble = (!trouble.is_empty()).then(|| trouble.join("; "));
+    }
+
+    /// Keeps the machine file of the model in force.
+    fn keep(&mut self, hash: String, text: String) {
+        self.unkept = match self.shared.store.keep(&hash, &text) {
+            Ok(()) => None,
+            Err(e) => Some(Unkept {
+                hash,
+                text,
+                error: e.to_string(),
+            }),
+        };
     }
 
     /// Takes a line into the history.
     fn note(&mut self, note: Note) {
         if note.outcome == ModelOutcome::InForce {
             lock(&self.shared.told).from = note.from;
-            if let Some(text) = &note.text
-                && let Err(e) = self.shared.store.keep(&note.hash, text)
-            {
-                self.trouble = Some(format!("the model in force cannot be kept on disk: {e}"));
+            if let Some(text) = note.text {
+                self.keep(note.hash.clone(), text);
             }
         }
         let entry = ModelEntry {
@@ -219,16 +245,12 @@ impl Desk {
     /// Puts what stands onto the disk.
     fn write(&mut self) {
         match self.shared.store.stand(&self.kept) {
-            Ok(()) => {
-                self.is_unwritten = false;
-                self.trouble = None;
-            }
+            Ok(()) => self.unwritten = None,
             Err(e) => {
-                if !self.is_unwritten {
+                if self.unwritten.is_none() {
                     tracing::error!("models: {e}");
                 }
-                self.is_unwritten = true;
-                self.trouble = Some(format!(
+                self.unwritten = Some(format!(
                     "which model is in force cannot be written down ({e}): a restart would load the one before. It is tried again"
                 ));
             }
@@ -240,12 +262,33 @@ impl Desk {
         who: &str,
         what: Activate,
         confirm: Option<String>,
+        patience: &Patience,
         work: &Receiver<Job>,
     ) -> Reply {
+        // A request that has waited behind another one that long does not even begin.
+        if patience.left().is_zero() {
+            tracing::warn!("models: {who}: {GIVEN_UP}");
+            return refused(503, GIVEN_UP);
+        }
         let (ask, candidate) = match self.prepared(what, confirm) {
             Ok(prepared) => prepared,
             Err(reply) => return reply,
         };
+        if !patience.lets_go_on() {
+            tracing::warn!("models: {who}: {GIVEN_UP}");
+            self.note(Note {
+                who: who.to_owned(),
+                hash: ask.hash,
+                name: String::new(),
+                text: None,
+                from: ask.from,
+                file: ask.file,
+                outcome: ModelOutcome::Refused,
+                why: Some(GIVEN_UP.to_owned()),
+                worst: [None; 2],
+            });
+            return refused(503, GIVEN_UP);
+        }
         let (hash, file, is_configured) = (
             ask.hash.clone(),
             ask.file.clone(),
@@ -286,8 +329,8 @@ impl Desk {
             file,
         });
         self.write();
-        if let (Answer::Reloaded(reloaded), true) = (&mut reply.answer, self.is_unwritten) {
-            reloaded.note.clone_from(&self.trouble);
+        if let (Answer::Reloaded(reloaded), Some(why)) = (&mut reply.answer, &self.unwritten) {
+            reloaded.note = Some(why.clone());
         }
         if let Some(id) = candidate {
             // Somebody may have discarded it meanwhile.
@@ -361,6 +404,9 @@ impl Desk {
         }
     }
 }
+
+/// Why a model was not put in force where the disk has not answered in time.
+pub(crate) const GIVEN_UP: &str = "the disk with the models has not answered in time: the model was not put in force, and will not be later. Try again once it answers";
 
 /// Who tells what was found at the start.
 pub(crate) const GATEWAY: &str = "gateway";

@@ -8,7 +8,7 @@ use std::{
     path::PathBuf,
     sync::{
         Arc, Mutex, MutexGuard, PoisonError,
-        atomic::{AtomicBool, AtomicUsize, Ordering},
+        atomic::AtomicUsize,
         mpsc::{Sender, channel},
     },
 };
@@ -17,12 +17,8 @@ use tokio::sync::oneshot;
 use volcomp_runtime::DisarmSwitch;
 
 use crate::{
-    audit::utc_now,
     config::Config,
-    documents::{
-        Answer, Candidate, CandidateBrief, CandidateStep, DraftAnswer, ModelSource, ModelState,
-        Refusal, UploadedFile,
-    },
+    documents::{Answer, Candidate, DraftAnswer, ModelSource, ModelState, Refusal},
     error::GatewayError,
     published::Published,
     request::{Asks, Reply},
@@ -32,20 +28,20 @@ mod candidate;
 mod desk;
 mod diagonals;
 mod measured;
+mod patience;
 mod quiet;
+mod receiving;
 pub(crate) mod store;
 mod uploads;
 
 use candidate::Held;
 pub(crate) use desk::{Activate, Note};
-use desk::{Desk, Job, Told};
-use measured::Folder;
+use desk::{Desk, GIVEN_UP, Job, Told};
+use patience::Patience;
+pub(crate) use receiving::Place;
 use store::Store;
-pub(crate) use uploads::{Incoming, UploadError};
-use uploads::{MOST_FILES, TIMES, check_room, sanitised};
-
-/// The largest number of files that are uploaded at one time.
-const AT_ONE_TIME: usize = 4;
+pub(crate) use uploads::UploadError;
+use uploads::{MOST_FILES, TIMES};
 
 /// What a file is that somebody uploads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -96,50 +92,6 @@ pub(crate) struct Shared {
     told: Mutex<Told>,
     candidate: Mutex<Option<Held>>,
     uploading: AtomicUsize,
-}
-
-/// A file that may be written now. Its place is given back once neither the request nor the thread that writes has it any more.
-pub(crate) struct Place {
-    name: String,
-    most: u64,
-    length: u64,
-    candidate: String,
-    kind: UploadKind,
-    folder: Folder,
-    /// The machine file in force when the candidate was begun, where no file is there yet: the folder may have to be made.
-    begins: Option<Arc<str>>,
-    is_folder_made: AtomicBool,
-    shared: Arc<Shared>,
-}
-
-impl Place {
-    /// Begins the file, and the folder with the first one. It waits for the disk: for the thread that writes alone.
-    pub(crate) fn open(&self) -> Result<Incoming, UploadError> {
-        if let Some(machine) = &self.begins {
-            let store = &self.shared.store;
-            store.make()?;
-            check_room(&store.uploads(), self.length)?;
-            self.folder.make(machine)?;
-            self.is_folder_made.store(true, Ordering::Release);
-        }
-        Incoming::begin(&self.folder.files(), &self.name, self.most)
-    }
-}
-
-impl Drop for Place {
-    fn drop(&mut self) {
-        self.shared.uploading.fetch_sub(1, Ordering::AcqRel);
-        let is_without_folder = self.begins.is_some() && !*self.is_folder_made.get_mut();
-        let is_given_up = self.shared.held(&self.candidate).is_none_or(|mut held| {
-            held.incoming.retain(|name| *name != self.name);
-            is_without_folder && held.incoming.is_empty() && held.document.files.is_empty()
-        });
-        if is_given_up {
-            // It may have been discarded before its folder was made.
-            let _ = self.shared.discard(&self.candidate);
-            self.shared.remove(self.folder.clone());
-        }
-    }
 }
 
 /// Why a request cannot be carried out, and the status of HTTP.
@@ -224,136 +176,6 @@ impl Models {
         candidate.as_ref().map(|held| held.document.clone())
     }
 
-    /// A place for a file of `who`. Without an `id` it begins a candidate. It waits for no disk: the thread that writes makes the
-    /// folder.
-    pub(crate) fn begin_file(
-        &self,
-        who: &str,
-        kind: UploadKind,
-        name: &str,
-        id: Option<&str>,
-        length: Option<u64>,
-    ) -> Result<Place, Reply> {
-        let shared = &self.shared;
-        let wrong = |error: UploadError| refused(error.status(), error.to_string());
-        if shared.is_built_in {
-            return Err(refused(422, BUILT_IN));
-        }
-        let name = sanitised(name).map_err(wrong)?;
-        let is_toml = name.to_ascii_lowercase().ends_with(".toml");
-        if is_toml && kind == UploadKind::Measurement {
-            return Err(wrong(UploadError::Toml { name }));
-        }
-        let most = shared.largest_file;
-        if length.is_some_and(|length| length > most) {
-            return Err(wrong(UploadError::Large {
-                mib: most / 1024 / 1024,
-            }));
-        }
-        let is_place = || shared.uploading.load(Ordering::Acquire) < AT_ONE_TIME;
-        let crowded = || refused(503, "other files are being uploaded: try again");
-        let mut candidate = lock(&shared.candidate);
-        let held = match (candidate.as_mut(), id) {
-            (Some(held), None) => return Err(held.is_there()),
-            (Some(held), Some(id)) => held.if_it_is(id)?,
-            (None, Some(_)) => return Err(gone()),
-            (None, None) if !is_place() => return Err(crowded()),
-            (None, None) => candidate.insert(self.begin(who)),
-        };
-        let files = &held.document.files;
-        let is_same = |known: &String| known.eq_ignore_ascii_case(&name);
-        let twice =
-            files.iter().any(|file| is_same(&file.name)) || held.incoming.iter().any(is_same);
-        let total: u64 = files.iter().map(|file| file.bytes).sum();
-        let quota = most.saturating_mul(TIMES);
-        let refusal = if held.document.brief.step == CandidateStep::Working {
-            Some(working())
-        } else if held
-            .kind
-            .is_some_and(|known| known != kind || kind == UploadKind::Machine)
-        {
-            Some(refused(
-                409,
-                "a model is made of one machine file or of measurement files: discard the one that is being made first",
-            ))
-        } else if twice {
-            Some(wrong(UploadError::Twice { name: name.clone() }))
-        } else if files.len() + held.incoming.len() >= MOST_FILES {
-            Some(wrong(UploadError::Files))
-        } else if total.saturating_add(length.unwrap_or(0)) > quota {
-            Some(wrong(UploadError::Quota {
-                mib: quota / 1024 / 1024,
-            }))
-        } else if !is_place() {
-            Some(crowded())
-        } else {
-            None
-        };
-        if let Some(refusal) = refusal {
-            return Err(refusal);
-        }
-        let is_first = files.is_empty();
-        held.kind = Some(kind);
-        held.incoming.push(name.clone());
-        shared.uploading.fetch_add(1, Ordering::AcqRel);
-        Ok(Place {
-            most: most.min(quota - total),
-            length: length.unwrap_or(0),
-            candidate: held.document.brief.id.clone(),
-            begins: is_first.then(|| Arc::clone(&held.machine)),
-            is_folder_made: AtomicBool::new(false),
-            folder: held.folder.clone(),
-            name,
-            kind,
-            shared: Arc::clone(shared),
-        })
-    }
-
-    /// A candidate of `who`, whose folder is not made yet.
-    fn begin(&self, who: &str) -> Held {
-        let model = self.shared.published.model();
-        let id = crate::hex(&rand::random::<u64>().to_be_bytes());
-        let folder = Folder(self.shared.store.uploads().join(&id));
-        let brief = CandidateBrief {
-            id,
-            who: who.to_owned(),
-            since: utc_now(),
-            step: CandidateStep::Uploading,
-        };
-        Held::begun(brief, folder, model.hash.clone(), &model.text)
-    }
-
-    /// Begins to write a file, on a thread of its own.
-    pub(crate) fn write(&self, work: impl FnOnce() + Send + 'static) -> std::io::Result<()> {
-        quiet::spawn("volcomp-uploads", self.shared.cycle_cpu, work)
-    }
-
-    /// A file is on disk.
-    pub(crate) fn file_done(&self, place: &Place, bytes: u64) -> Result<Candidate, Reply> {
-        {
-            let mut held = self.shared.held(&place.candidate).ok_or_else(gone)?;
-            held.incoming.retain(|name| *name != place.name);
-            held.document.files.push(UploadedFile {
-                name: place.name.clone(),
-                bytes,
-            });
-            // What was made of the files before is not what these files say.
-            held.restart();
-        }
-        if place.kind == UploadKind::Machine {
-            return self.shared.look_at_machine(&place.candidate, &place.name);
-        }
-        self.candidate().ok_or_else(gone)
-    }
-
-    /// The answer where a file did not get onto the disk. Whoever discards a candidate has its folder removed under the file.
-    pub(crate) fn file_failed(&self, place: &Place, error: &UploadError) -> Reply {
-        if self.shared.held(&place.candidate).is_none() {
-            return gone();
-        }
-        refused(error.status(), error.to_string())
-    }
-
     /// All files are there: they are looked through.
     pub(crate) fn draft(&self, id: &str) -> Result<Candidate, Reply> {
         self.shared.look_through(id)
@@ -377,7 +199,7 @@ impl Models {
         id: &str,
         hash: &str,
         confirm: Option<String>,
-    ) -> Result<oneshot::Receiver<Reply>, Reply> {
+    ) -> Result<Answering, Reply> {
         let what = {
             let held = self.shared.held(id).ok_or_else(gone)?;
             held.ready(hash, &self.shared.published.model().hash)?
@@ -391,7 +213,7 @@ impl Models {
         who: &str,
         hash: Option<String>,
         confirm: Option<String>,
-    ) -> Result<oneshot::Receiver<Reply>, Reply> {
+    ) -> Result<Answering, Reply> {
         if self.shared.is_built_in {
             return Err(refused(422, BUILT_IN));
         }
@@ -399,16 +221,44 @@ impl Models {
         Ok(self.ask(who, what, confirm))
     }
 
-    fn ask(&self, who: &str, what: Activate, confirm: Option<String>) -> oneshot::Receiver<Reply> {
+    fn ask(&self, who: &str, what: Activate, confirm: Option<String>) -> Answering {
         let (answer, answered) = oneshot::channel();
+        let patience = Patience::begin();
         // Where the desk has ended the receiver tells so.
         let _ = self.jobs.send(Job::Activate {
             who: who.to_owned(),
             what,
             confirm,
             answer,
+            patience: patience.clone(),
         });
-        answered
+        Answering { answered, patience }
+    }
+}
+
+/// The answer to a request that the desk has, waited for.
+pub(crate) struct Answering {
+    answered: oneshot::Receiver<Reply>,
+    patience: Patience,
+}
+
+impl Answering {
+    /// The answer. A disk that hangs is waited for only so long, and the request is given up then.
+    pub(crate) async fn answer(self) -> Reply {
+        let Self {
+            mut answered,
+            patience,
+        } = self;
+        let ended = match tokio::time::timeout(patience.left(), &mut answered).await {
+            Err(_) if patience.gives_up() => {
+                tracing::warn!("models: {GIVEN_UP}");
+                return refused(503, GIVEN_UP);
+            }
+            // The service has it, which answers in its time.
+            Err(_) => answered.await,
+            Ok(ended) => ended,
+        };
+        ended.unwrap_or_else(|_| refused(503, "the gateway is stopping"))
     }
 }
 

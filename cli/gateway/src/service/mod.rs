@@ -34,9 +34,9 @@ use crate::{
 };
 
 mod arming;
-mod candidate;
 mod effect;
 mod lags;
+mod other_model;
 mod reload;
 mod requests;
 pub(crate) mod standing;

@@ -68,7 +68,7 @@ impl Service {
         machine: PathBuf,
         confirm: Option<String>,
     ) -> Result<Step, Reply> {
-        self.read_candidate(machine, confirm.clone(), Whose::Centre(confirm))
+        self.read_other(machine, confirm.clone(), Whose::Centre(confirm))
     }
 
     /// Begins to read a machine file that a person has chosen. Where a centre has put one in force, it comes from there alone:
@@ -81,11 +81,11 @@ impl Service {
             ));
         }
         let (machine, confirm) = (ask.machine.clone(), ask.confirm.clone());
-        self.read_candidate(machine, confirm, Whose::Person(ask))
+        self.read_other(machine, confirm, Whose::Person(ask))
     }
 
     /// Begins to read a machine file. Nothing else of the configuration changes, whatever stands on disk.
-    fn read_candidate(
+    fn read_other(
         &mut self,
         machine: PathBuf,
         confirm: Option<String>,

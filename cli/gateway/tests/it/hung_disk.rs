@@ -14,7 +14,9 @@ use volcomp_test_support::peers;
 
 use crate::{
     controlled::configuration,
-    models::{candidate, engineers, post, upload},
+    models::{
+        activate, candidate, engineers, machine_file, model, post, upload, wait_model, with_y,
+    },
     program::{Answer, Program, change, path},
 };
 
@@ -218,4 +220,35 @@ fn a_file_of_a_discarded_model_is_told_so_whatever_the_disk_says() {
         assert_eq!(sent.status, 409, "{}", sent.body);
         assert!(sent.body.contains("discarded"), "{}", sent.body);
     });
+}
+
+/// Before, the request waited at the disk, and the model came into force whenever that answered again.
+#[test]
+fn a_model_that_waits_for_it_is_given_up_and_told() {
+    let Some(rig) = Rig::start() else {
+        return;
+    };
+    let program = &rig.program;
+    let made = machine_file(program, &with_y(21.0));
+    assert_eq!(made["step"], "ready", "{made}");
+    let before = model(program)["hash"].clone();
+    rig.hang();
+    let given_up = activate(program, &made, None);
+    assert!(rig.hangs.exists());
+    assert_eq!(given_up.status, 503, "{}", given_up.body);
+    assert!(
+        given_up.body.contains("will not be later"),
+        "{}",
+        given_up.body
+    );
+    std::fs::remove_file(&rig.hangs).expect("ours");
+    let now = wait_model(program, |now| {
+        let newest = &now["history"][0];
+        newest["hash"] == made["result"]["hash"] && newest["outcome"] == "refused"
+    });
+    assert_eq!(now["hash"], before);
+    // Asked for again it comes.
+    let taken = activate(program, &candidate(program), None);
+    assert_eq!(taken.status, 200, "{}", taken.body);
+    assert_eq!(model(program)["hash"], made["result"]["hash"]);
 }

@@ -99,7 +99,7 @@ pub(crate) fn upload(program: &Program, query: &str, bytes: &[u8]) -> Answer {
     upload_as(program, ENGINEER, query, bytes)
 }
 
-fn model(program: &Program) -> Value {
+pub(crate) fn model(program: &Program) -> Value {
     program.get("/api/model").json()
 }
 
@@ -121,13 +121,13 @@ fn settled(program: &Program) -> Value {
 }
 
 /// Uploads a machine file: its candidate.
-fn machine_file(program: &Program, text: &str) -> Value {
+pub(crate) fn machine_file(program: &Program, text: &str) -> Value {
     let sent = upload(program, "kind=machine&name=m.toml", text.as_bytes());
     assert_eq!(sent.status, 200, "{}", sent.body);
     settled(program)
 }
 
-fn activate(program: &Program, candidate: &Value, confirm: Option<&Value>) -> Answer {
+pub(crate) fn activate(program: &Program, candidate: &Value, confirm: Option<&Value>) -> Answer {
     // One without a result has no hash.
     let hash = candidate["result"]["hash"].as_str().unwrap_or("none");
     let mut body = json!({ "candidate": candidate["id"], "hash": hash });
@@ -143,12 +143,12 @@ fn y(program: &Program, um: f64) {
         .unwrap_or_else(|state| panic!("Y is not {um}: {state}\n{}", program.log()));
 }
 
-fn with_y(um: f64) -> String {
+pub(crate) fn with_y(um: f64) -> String {
     MACHINE.replace("EYX = 20.0", &format!("EYX = {um:?}"))
 }
 
 /// Waits until the desk has taken something over.
-fn wait_model(program: &Program, done: impl Fn(&Value) -> bool) -> Value {
+pub(crate) fn wait_model(program: &Program, done: impl Fn(&Value) -> bool) -> Value {
     let end = Instant::now() + Duration::from_secs(20);
     loop {
         let now = model(program);
@@ -793,6 +793,91 @@ fn nobody_goes_on_while_a_file_is_on_its_way() {
     assert!(now["draft"].is_null(), "{now}");
     assert!(now["files"].to_string().contains("late.csv"), "{now}");
     assert_eq!(draft().status, 200);
+}
+
+/// Before, only whole files counted: as many as are received at one time went over what all of them together may be.
+#[test]
+fn files_on_their_way_count_for_what_all_may_be() {
+    let rig = Rig::new("");
+    change(
+        &rig.config,
+        "[dashboard]\n",
+        "[dashboard]\nupload_mib = 1\n",
+    );
+    let program = rig.start();
+    let begun = upload(&program, "kind=measurement&name=x.csv", b"1,2\n").json();
+    let id = begun["id"].as_str().expect("named").to_owned();
+    let files = rig.dir.path().join("audit/models/uploads").join(&id);
+    let begin = |name: &str| {
+        let mut stream = program.connect();
+        let head = format!(
+            "POST /api/model/upload?kind=measurement&name={name}&candidate={id} HTTP/1.1\r\nHost: {}\r\nAuthorization: Bearer {ENGINEER}\r\nContent-Length: {}\r\n\r\n1,2\n",
+            program.address,
+            1024 * 1024
+        );
+        stream.write_all(head.as_bytes()).expect("it listens");
+        stream
+    };
+    // Three of a MiB each, and nothing comes of them.
+    let streams: Vec<_> = ["a.csv", "b.csv", "c.csv"].into_iter().map(begin).collect();
+    let end = Instant::now() + Duration::from_secs(20);
+    for name in ["a", "b", "c"] {
+        while !files.join(format!("files/.{name}.csv.part")).exists() {
+            assert!(Instant::now() < end, "{name} does not begin");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+    // Four bytes are there, 4 MiB is the most.
+    let whole = vec![b'1'; 1024 * 1024];
+    let query = format!("kind=measurement&name=d.csv&candidate={id}");
+    let over = upload(&program, &query, &whole);
+    assert_eq!(over.status, 413, "{}", over.body);
+    assert!(over.body.contains("all files together"), "{}", over.body);
+    let query = format!("kind=measurement&name=e.csv&candidate={id}");
+    let fits = upload(&program, &query, &whole[4..]);
+    assert_eq!(fits.status, 200, "{}", fits.body);
+    // What is cut gives its share back.
+    drop(streams);
+    let end = Instant::now() + Duration::from_secs(20);
+    let query = format!("kind=measurement&name=d.csv&candidate={id}");
+    while upload(&program, &query, &whole).status != 200 {
+        assert!(Instant::now() < end);
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}
+
+/// A model in force whose file cannot be kept is told until it can: before, the next line of the history wiped it out.
+#[test]
+fn a_model_that_cannot_be_kept_is_told_until_it_is() {
+    let rig = Rig::new("");
+    let program = rig.start();
+    let machine = rig.dir.path().join("machine.toml");
+    let text = std::fs::read_to_string(&machine).expect("there");
+    let other = text.replace("EYX = 20.0", "EYX = 21.0");
+    assert_ne!(text, other);
+    let hash = volcomp_model::Machine::parse(&other, "machine.toml")
+        .expect("right")
+        .checksum();
+    let digits = hash.strip_prefix("sha256:").expect("a hash");
+    let kept = rig.dir.path().join("audit/models");
+    // A folder in the place of the file that is written first.
+    let stands_in = kept.join(format!("machine-{digits}.new"));
+    std::fs::create_dir_all(&stands_in).expect("writable");
+    std::fs::write(&machine, other).expect("writable");
+    let reloaded = program.post("/api/reload", "");
+    assert_eq!(reloaded.status, 200, "{}", reloaded.body);
+    let is_told = |now: &Value| {
+        let trouble = now["trouble"].as_str().unwrap_or_default();
+        trouble.contains("cannot be kept on disk")
+    };
+    wait_model(&program, is_told);
+    // Looked at anew, it is still so.
+    std::thread::sleep(Duration::from_secs(3));
+    let now = model(&program);
+    assert!(is_told(&now), "{now}");
+    std::fs::remove_dir(&stands_in).expect("empty");
+    wait_model(&program, |now| now["trouble"].is_null());
+    assert!(kept.join(format!("machine-{digits}.toml")).is_file());
 }
 
 /// The overruns of as many cycles with calibrations under way as without, in turns. Whatever else runs on this computer disturbs
