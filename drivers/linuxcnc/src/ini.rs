@@ -45,7 +45,7 @@ pub enum Problem {
     Other {
         /// The key.
         key: &'static str,
-        /// What stands there.
+        /// The value of this key in the INI file.
         found: String,
         /// What the gateway is configured for.
         expected: String,
@@ -65,7 +65,7 @@ pub enum Problem {
     Ratio {
         /// The axis.
         axis: AxisName,
-        /// What stands there.
+        /// The value of this key in the INI file.
         found: String,
     },
     /// A joint has a compensation table of LinuxCNC, which would be added to ours.
@@ -75,7 +75,7 @@ pub enum Problem {
     CompFile {
         /// The joint.
         joint: String,
-        /// What stands there.
+        /// The name of the table's file in the INI file.
         found: String,
     },
     /// A joint has a backlash of LinuxCNC, which would be added to ours.
@@ -85,7 +85,7 @@ pub enum Problem {
     Backlash {
         /// The joint.
         joint: String,
-        /// What stands there.
+        /// The backlash in the INI file.
         found: String,
     },
     /// Lengths are not mm.
@@ -93,7 +93,7 @@ pub enum Problem {
     Units {
         /// The key.
         key: &'static str,
-        /// What stands there.
+        /// The unit in the INI file.
         found: String,
         /// The unit that is expected.
         expected: &'static str,
@@ -103,7 +103,7 @@ pub enum Problem {
         "[KINS]KINEMATICS: found {found}, expected trivkins: with other kinematics LinuxCNC adds offsets to coordinates of the workpiece, not of the machine"
     )]
     Kinematics {
-        /// What stands there.
+        /// The kinematics module in the INI file.
         found: String,
     },
     /// The servo thread has another period than the gateway is configured for.
@@ -111,7 +111,7 @@ pub enum Problem {
         "[EMCMOT]SERVO_PERIOD: found {found} ns, expected {expected} ns, barrier.scan_ms of the gateway's configuration"
     )]
     Period {
-        /// What stands there.
+        /// The period in the INI file, ns.
         found: String,
         /// The period of the configuration, ns.
         expected: f64,

@@ -45,6 +45,8 @@ impl SinumerikController {
             orders: ordered,
             latest: read,
             shared: Arc::clone(&shared),
+            opened: None,
+            noted: Vec::new(),
         };
         start(&device, worker.run())?;
         Ok(Self {

@@ -5,6 +5,7 @@ mod inspection;
 mod link;
 mod socket;
 mod thermometer;
+mod trouble;
 mod trust;
 mod words;
 mod worker;

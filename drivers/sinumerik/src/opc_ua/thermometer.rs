@@ -12,7 +12,7 @@ use volcomp_port::{
     DeviceError, Published, Publisher, Reason, Temperature, Thermometer, published,
 };
 
-use super::{controller::start, link::Link};
+use super::{controller::start, link::Link, trouble::Said};
 use crate::{error::SinumerikError, server::Server};
 
 /// A temperature of a control.
@@ -47,6 +47,7 @@ impl SinumerikThermometer {
             server,
             publisher,
             ends: Arc::clone(&ends),
+            opened: None,
         };
         start(&device, asker.run())?;
         Ok(Self { published, ends })
@@ -79,26 +80,27 @@ struct Asker {
     latest: Vec<Temperature>,
     publisher: Publisher,
     ends: Arc<AtomicBool>,
+    /// Since when there is a session.
+    opened: Option<Instant>,
 }
 
 impl Asker {
     async fn run(mut self) {
         let mut pause = Duration::ZERO;
-        let mut logged = String::new();
+        let mut said = Said::default();
         while !self.ends.load(Ordering::Acquire) {
-            let begun = Instant::now();
             let Err(error) = self.session().await else {
                 return;
             };
+            let lived = self.opened.take().map_or(Duration::ZERO, |at| at.elapsed());
             let text = error.of(&*self.server.url).to_string();
-            if text != logged {
+            if said.is_new(&text, lived) {
                 tracing::warn!("{text}");
-                logged = text;
             }
             let now = Instant::now();
             self.latest.fill(Temperature::bad(Reason::NoAnswer, now));
             self.publisher.publish(&self.latest);
-            pause = self.server.backoff.next(pause, begun.elapsed());
+            pause = self.server.backoff.next(pause, lived);
             self.rest(pause).await;
         }
     }
@@ -112,6 +114,7 @@ impl Asker {
 
     async fn session(&mut self) -> Result<(), SinumerikError> {
         let link = Link::open(&self.server).await?;
+        self.opened = Some(Instant::now());
         let every = self.server.period.max(Duration::from_secs(1));
         while !self.ends.load(Ordering::Acquire) {
             let answer = link.read(&self.nodes).await?;

@@ -16,6 +16,7 @@ use volcomp_vocabulary::PerChannel;
 use super::{
     inspection::{self, Inspection},
     link::Link,
+    trouble::Said,
 };
 use crate::{config::SinumerikConfig, error::SinumerikError, reading::Reading};
 
@@ -90,28 +91,30 @@ pub(super) struct Worker {
     pub(super) orders: Output<Order>,
     pub(super) latest: Input<Latest>,
     pub(super) shared: Arc<Shared>,
+    /// Since when there is a session.
+    pub(super) opened: Option<Instant>,
+    /// The notes of the last opening, which are logged where they are others.
+    pub(super) noted: Vec<String>,
 }
 
 impl Worker {
     /// Connects, reads and writes until the controller is dropped.
     pub(super) async fn run(mut self) {
         let mut pause = Duration::ZERO;
-        // Every trouble is logged once, not at every try.
-        let mut logged = String::new();
+        let mut said = Said::default();
         while !self.ends() {
-            let begun = Instant::now();
             let error = match self.session().await {
                 Ok(()) => return,
                 Err(error) => error.of(self.config.device()),
             };
             self.latest.write(Latest::default());
+            let lived = self.opened.take().map_or(Duration::ZERO, |at| at.elapsed());
             let text = error.to_string();
-            if text != logged {
+            if said.is_new(&text, lived) {
                 tracing::warn!("{text}");
-                logged = text;
             }
             self.shared.note(Some(error), None);
-            pause = self.config.server.backoff.next(pause, begun.elapsed());
+            pause = self.config.server.backoff.next(pause, lived);
             self.rest(pause).await;
         }
     }
@@ -131,8 +134,12 @@ impl Worker {
     async fn session(&mut self) -> Result<(), SinumerikError> {
         let link = Link::open(&self.config.server).await?;
         let opened = inspection::opened(&link, &self.config).await?;
-        for note in &opened.notes {
-            tracing::warn!("{}: {note}", self.config.device());
+        self.opened = Some(Instant::now());
+        if self.noted != opened.notes {
+            for note in &opened.notes {
+                tracing::warn!("{}: {note}", self.config.device());
+            }
+            self.noted.clone_from(&opened.notes);
         }
         self.shared.note(None, Some(opened));
         self.shared.opened.fetch_add(1, Ordering::Relaxed);

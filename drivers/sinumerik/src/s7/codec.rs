@@ -36,9 +36,9 @@ pub enum Cotp<'a> {
 /// One item to be written with its bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Write {
-    /// Where.
+    /// The variable that is written.
     pub item: Item,
-    /// What.
+    /// The bytes of its new value.
     pub bytes: Vec<u8>,
 }
 
