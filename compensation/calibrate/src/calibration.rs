@@ -12,7 +12,9 @@ use crate::{
     fitted_line::FittedLine,
     identified::{Identified, Wanted, settled},
     locations::located,
+    not_followed::not_followed,
     not_measured::not_measured,
+    provenance::with_provenance,
     same_readings::same_readings,
     stages::Stages,
 };
@@ -94,6 +96,8 @@ fn calibrated(
     warnings.extend(notes_of(&file.measurements));
     warnings.append(&mut stages.notes);
     warnings.extend(of_observations);
+    warnings.extend(not_followed(&stages.curves));
+    stages.machine = with_provenance(file, &stages)?;
     let not_measured = not_measured(file, &stages);
     warnings.extend(not_measured.iter().cloned());
     Ok(Calibration {

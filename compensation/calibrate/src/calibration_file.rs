@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use volcomp_identify::Observations;
 use volcomp_metrology::{Measurement, ReferenceKind};
-use volcomp_model::Machine;
+use volcomp_model::{Machine, Source};
 use volcomp_vocabulary::{AxisName, ErrorName, Urad};
 
 use crate::{curve_choice::CurveChoice, diagonals::Diagonals, setup::Setup};
@@ -14,6 +14,8 @@ use crate::{curve_choice::CurveChoice, diagonals::Diagonals, setup::Setup};
 pub struct CalibrationFile {
     /// The calibration file, its machine file and its measurement files, as paths: what must not be overwritten.
     pub files: Vec<PathBuf>,
+    /// The serial number of the machine, where the calibration file states it.
+    pub serial: Option<String>,
     /// The machine as its file states it.
     pub machine: Machine,
     /// Coordinates at which curves are zero, mm or deg, by the place of the axis in the chain; without a value, 0.
@@ -31,6 +33,8 @@ pub struct CalibrationFile {
     pub locations: Vec<Location>,
     /// What is to be found from observations of the whole machine.
     pub observations: Option<Observations>,
+    /// What the machine file tells of the files of the observations.
+    pub observed: Vec<Source>,
     /// Contributions to the uncertainty that the scatter of the readings does not show.
     pub uncertainty: Uncertainty,
 }
@@ -42,6 +46,9 @@ pub struct Line {
     pub setup: Setup,
     /// The measurement file, for messages.
     pub file: PathBuf,
+    /// What the machine file tells of the measurement file; nothing for readings that come from none, more where readings are
+    /// made from several.
+    pub sources: Vec<Source>,
     /// Where the calibration file names it, for messages: `calibration.toml:12`.
     pub place: String,
     /// Its readings, in the sign of the error, µm or µrad; of the bridge for the angular method.

@@ -69,6 +69,26 @@ pub(crate) fn refuse_file_of_another(
     })
 }
 
+/// Refuses a file that another line of the same error names already: its readings would count twice. `file` is the value that
+/// names the file.
+pub(crate) fn refuse_file_twice(
+    before: &[Line],
+    line: &Line,
+    file: &Value<'_>,
+) -> Result<(), InputError> {
+    // Both were read; one that is no longer there is compared as it is named.
+    let place = |line: &Line| line.file.canonicalize().unwrap_or(line.file.clone());
+    let same = |other: &&Line| other.setup.error == line.setup.error && place(other) == place(line);
+    before.iter().find(same).map_or(Ok(()), |other| {
+        Err(file.error(format!(
+            "found {}, which {} names for {} already, expected each file once for an error: its readings would count twice",
+            volcomp_document::quoted(file.text()?),
+            other.place,
+            line.setup.error
+        )))
+    })
+}
+
 /// Refuses readings (µm or µrad) that cannot be those of this line: of another axis that the machine has, none of them
 /// within the travel, or of a size that only a wrong unit gives. `file` is the value that names the file.
 pub(crate) fn refuse(

@@ -10,11 +10,12 @@ use volcomp_identify::{
 };
 use volcomp_kinematics::{State, nalgebra::Vector3};
 use volcomp_metrology::{DeviationUnit, Measurement};
-use volcomp_model::Machine;
+use volcomp_model::{Machine, Source};
 use volcomp_vocabulary::{AxisName, Direction, Displacement, ErrorName, Urad};
 
 use crate::{
     error::CalibrateError,
+    provenance::sources_of,
     read::read_measurement,
     setup_file::set_coordinates,
     squares::{set_square, tilt_of},
@@ -31,6 +32,8 @@ pub struct Diagonals {
     /// The diagonals as lines of sight. The offset of each is unknown, and a scale that all share: the laser's, its
     /// material temperature's, and that of the diagonals' mean.
     pub observations: Observations,
+    /// What the machine file tells of their files.
+    pub sources: Vec<Source>,
 }
 
 /// What diagonals show.
@@ -168,6 +171,7 @@ pub(crate) fn decode_diagonals(
     }
     Ok(Diagonals {
         errors,
+        sources: sources_of(folder, &found.files)?,
         observations: found,
     })
 }

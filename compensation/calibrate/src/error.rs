@@ -33,6 +33,14 @@ pub enum CalibrateError {
         /// Why the rows are refused with the stated one.
         rows: Box<IdentifyError>,
     },
+    /// The hash of a file that was read before cannot be made.
+    #[error("{}: {source}", .file.display())]
+    Hash {
+        /// The file.
+        file: PathBuf,
+        /// The reason why it cannot be read.
+        source: std::io::Error,
+    },
     /// A measurement file cannot be read, or what it holds is broken.
     #[error(transparent)]
     Measurement(#[from] MetrologyError),

@@ -68,6 +68,16 @@ pub enum Quality {
     Angle(FitQuality<Urad>),
 }
 
+impl Quality {
+    /// The leave-one-out error in the unit of the error.
+    pub(crate) fn leave_one_out(&self) -> f64 {
+        match self {
+            Self::Length(quality) => quality.leave_one_out.0,
+            Self::Angle(quality) => quality.leave_one_out.0,
+        }
+    }
+}
+
 /// How far readings are from their curve, in the unit of the error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]

@@ -1,5 +1,6 @@
 //! The mean readings of one line as its curve follows them: what a plot shows beside the curve.
 
+use volcomp_model::Source;
 use volcomp_vocabulary::ErrorName;
 
 use crate::{calibration_file::CalibrationFile, profile::Profile};
@@ -12,6 +13,8 @@ pub struct FittedLine {
     /// The place of the line in [`CalibrationFile::measurements`]; `None` where the error was found from several other
     /// lines.
     pub line: Option<usize>,
+    /// The files that its readings come from.
+    pub sources: Vec<Source>,
     /// Targets (mm or deg, ascending) and mean readings (µm or µrad), forward and backward: without what tilts and other
     /// axes add, a straightness without its line, moved onto the first line of its error, with the zero of the curve.
     /// Empty in a direction that was not run.
@@ -32,6 +35,7 @@ impl FittedLine {
         Self {
             error,
             line: lines.position(|line| std::ptr::eq(line, profile.line)),
+            sources: profile.line.sources.clone(),
             factor,
             points: profile.points.each_ref().map(|points| {
                 let points = points.iter();

@@ -211,6 +211,9 @@ fn line_of(tilt: ErrorName, readings: Vec<Reading>, lines: &[&Line]) -> Line {
             sign: 1.0,
         },
         file: PathBuf::from(files_named(lines)),
+        sources: (lines.iter())
+            .flat_map(|line| line.sources.iter().cloned())
+            .collect(),
         place: lines
             .first()
             .map_or_else(String::new, |line| line.place.clone()),

@@ -8,8 +8,8 @@ use volcomp_metrology::{
     Columns, DeviationUnit, FileFormat, Mapping, Measurement, MetrologyError, MotionKind,
     ReadingUnit, ReferenceKind, read_file_with,
 };
-use volcomp_model::{Axis, Machine};
-use volcomp_vocabulary::{AxisName, ErrorName};
+use volcomp_model::{Axis, Machine, Source};
+use volcomp_vocabulary::{AxisName, Direction, ErrorName};
 
 use crate::{
     calibration_file::{CalibrationFile, Line, Location, Squareness, Uncertainty},
@@ -19,6 +19,7 @@ use crate::{
     error::CalibrateError,
     location_file::{decode_location, square_of, standard_uncertainty},
     observed::{Direct, decode_observations},
+    provenance::sources_of,
     questions::refuse_open,
     setup::Setup,
     setup_file::{decode_motion, set_coordinates},
@@ -71,7 +72,7 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, Calibrat
     let columns = columns
         .map(|section| Columns::decode(&section))
         .transpose()?;
-    let source = Source {
+    let common = Common {
         folder,
         serial,
         columns: columns.map(Mapping::Columns),
@@ -79,8 +80,9 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, Calibrat
     let mut measurements: Vec<Line> = Vec::new();
     for item in items("measurement")? {
         let section = item.section()?;
-        let line = decode_line(&section, &machine, &source)?;
+        let line = decode_line(&section, &machine, &common)?;
         check_same_curve(&measurements, &line, &section)?;
+        checks::refuse_file_twice(&measurements, &line, &section.require("file")?)?;
         checks::refuse_file_of_another(&measurements, &line, &section.require("file")?)?;
         measurements.push(line);
     }
@@ -110,6 +112,8 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, Calibrat
         locations: &locations,
     };
     let observations = decode_observations(root, &machine, folder, &direct)?;
+    let observed = observations.as_ref().map_or(&[][..], |o| &o.files);
+    let observed = sources_of(folder, observed)?;
     let mut files = vec![machine_file];
     files.extend(measurements.iter().map(|line| line.file.clone()));
     files.extend(
@@ -120,6 +124,7 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, Calibrat
     files.extend(observations.iter().flat_map(|o| o.files.iter().cloned()));
     Ok(CalibrationFile {
         files,
+        serial: serial.map(str::to_owned),
         reference_axes,
         machine,
         reference,
@@ -128,6 +133,7 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, Calibrat
         diagonals,
         locations,
         observations,
+        observed,
         uncertainty: match root.section("uncertainty")? {
             Some(section) => decode_uncertainty(&section)?,
             None => Uncertainty::default(),
@@ -210,7 +216,7 @@ pub fn decode_holds_location(section: &Section<'_>, error: ErrorName) -> Result<
 }
 
 /// What all lines of a calibration file have in common.
-struct Source<'a> {
+struct Common<'a> {
     folder: &'a Path,
     serial: Option<&'a str>,
     /// The columns of its tables.
@@ -237,7 +243,7 @@ fn refuse_unstated_export(
 fn decode_line(
     section: &Section<'_>,
     machine: &Machine,
-    source: &Source<'_>,
+    common: &Common<'_>,
 ) -> Result<Line, CalibrateError> {
     let own = [
         "columns",
@@ -257,12 +263,12 @@ fn decode_line(
     let holds_location = decode_holds_location(section, error)?;
     let file_value = section.require("file")?;
     let own_mapping = Mapping::decode_keys(section)?;
-    let named = source.folder.join(file_value.text()?);
+    let named = common.folder.join(file_value.text()?);
     let mapping = match own_mapping {
         Some(mapping) => Some(mapping),
-        None => Mapping::read_beside(&named)?.or_else(|| source.columns.clone()),
+        None => Mapping::read_beside(&named)?.or_else(|| common.columns.clone()),
     };
-    let (file, mut readings) = read_measurement(&file_value, source.folder, mapping.as_ref())?;
+    let (file, mut readings) = read_measurement(&file_value, common.folder, mapping.as_ref())?;
     refuse_unstated_export(section, &file_value, &readings)?;
     tracing::debug!(
         "{error}: {} readings from {}",
@@ -274,10 +280,12 @@ fn decode_line(
     for reading in &mut readings.readings {
         reading.deviation *= setup.sign;
     }
-    checks::refuse_serial(&file_value, &readings, source.serial)?;
+    checks::refuse_serial(&file_value, &readings, common.serial)?;
     checks::refuse(&file_value, &setup, &readings, machine)?;
     let at = file_value.error("");
+    let source = source_of(&file_value, &file, &setup, &readings, machine)?;
     Ok(Line {
+        sources: vec![source],
         setup,
         file,
         place: format!("{}:{}", at.file, at.line),
@@ -288,6 +296,32 @@ fn decode_line(
             .transpose()?,
         reference_line: decode_reference_line(section, error)?,
         holds_location,
+    })
+}
+
+/// What the machine file tells of a measurement file.
+fn source_of(
+    value: &Value<'_>,
+    path: &Path,
+    setup: &Setup,
+    readings: &Measurement,
+    machine: &Machine,
+) -> Result<Source, InputError> {
+    let read = Source::read(value.text()?, path);
+    let source = read.map_err(|e| value.error(format!("{}: {e}", path.display())))?;
+    let runs = Direction::BOTH.map(|direction| readings.runs(direction).len());
+    let axes = machine.axes().iter().map(|axis| axis.name);
+    let mut at: Vec<(AxisName, f64)> = axes
+        .zip(setup.at.iter().copied())
+        .filter(|(_, q)| *q != 0.0)
+        .collect();
+    at.sort_by_key(|(axis, _)| *axis);
+    Ok(Source {
+        runs: runs.into_iter().max(),
+        targets: Some(readings.targets().len()),
+        at,
+        date: readings.metadata.date.clone(),
+        ..source
     })
 }
 

@@ -21,6 +21,7 @@ pub(crate) fn machine(errors: &str) -> Machine {
 pub(crate) fn file(measurements: Vec<Line>) -> CalibrationFile {
     CalibrationFile {
         files: Vec::new(),
+        serial: None,
         machine: machine(""),
         reference: vec![0.0; 3],
         reference_axes: [AxisName::X, AxisName::Y],
@@ -29,6 +30,7 @@ pub(crate) fn file(measurements: Vec<Line>) -> CalibrationFile {
         diagonals: Vec::new(),
         locations: Vec::new(),
         observations: None,
+        observed: Vec::new(),
         uncertainty: Uncertainty::default(),
     }
 }
@@ -58,6 +60,7 @@ pub(crate) fn line(error: &str, reading: impl Fn(f64) -> f64) -> Line {
             sign: 1.0,
         },
         file: format!("{error}.csv").into(),
+        sources: Vec::new(),
         place: "calibration.toml:1".to_owned(),
         readings: Measurement {
             readings: readings.collect(),

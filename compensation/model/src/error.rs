@@ -4,6 +4,8 @@ use volcomp_document::{InputError, ReadError};
 use volcomp_kinematics::{ChainError, NoEffect};
 use volcomp_vocabulary::{AxisName, ErrorName};
 
+use crate::provenance::ProvenanceRefusal;
+
 /// Why a machine file is refused or a machine cannot answer.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -86,6 +88,9 @@ pub enum ModelError {
     /// Axes that corrections cannot be restricted to.
     #[error(transparent)]
     Correct(#[from] CorrectRefusal),
+    /// A provenance that the machine cannot have.
+    #[error("provenance: {0}")]
+    Provenance(#[from] ProvenanceRefusal),
     /// Geometry that a chain cannot have.
     #[error(transparent)]
     Chain(#[from] ChainError),

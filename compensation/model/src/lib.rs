@@ -16,6 +16,7 @@ mod machine;
 mod machine_file;
 mod map;
 mod odd;
+mod provenance;
 mod rigid;
 mod seen;
 #[cfg(feature = "serde")]
@@ -36,6 +37,7 @@ pub use error::{CorrectRefusal, ErrorRefusal, ModelError, ThermalRefusal};
 pub use inverse::Reached;
 pub use machine::Machine;
 pub use map::MapGrid;
+pub use provenance::{Origin, Provenance, ProvenanceRefusal, Source, is_date, sha256_of};
 pub use rigid::{Lengths, RigidMotion, RigidSums};
 pub use seen::Seen;
 pub use source::MachineErrors;

@@ -11,6 +11,7 @@ use crate::{
     error::{CorrectRefusal, ModelError},
     error_rules::{curve_refusal, location_refusal},
     odd,
+    provenance::{Provenance, ProvenanceRefusal},
     thermal::Thermal,
     tool::Tool,
 };
@@ -41,6 +42,7 @@ pub struct Machine {
     motions: Vec<[Option<ErrorCurve>; 6]>,
     locations: BTreeMap<ErrorName, f64>,
     assembly: Vec<[f64; 6]>,
+    provenance: Provenance,
 }
 
 /// The parts that a machine is built from, as the file states them.
@@ -84,6 +86,7 @@ impl Machine {
             motions: vec![Default::default(); count],
             locations: BTreeMap::new(),
             assembly: vec![[0.0; 6]; count],
+            provenance: Provenance::default(),
         })
     }
 
@@ -239,6 +242,7 @@ impl Machine {
             });
         }
         self.motions[index][name.component.index()] = Some(curve);
+        self.provenance.forget(name);
         Ok(())
     }
 
@@ -257,6 +261,7 @@ impl Machine {
             });
         }
         self.locations.insert(name, value);
+        self.provenance.forget(name);
         Ok(())
     }
 
@@ -315,11 +320,38 @@ impl Machine {
         Ok(())
     }
 
+    /// Where the errors come from, as far as it is known.
+    pub fn provenance(&self) -> &Provenance {
+        &self.provenance
+    }
+
+    /// Sets where the errors come from, in place of what was known.
+    ///
+    /// # Errors
+    /// A date that is none, an error twice or one that the machine does not state, numbers below 0, hashes that are none.
+    pub fn set_provenance(&mut self, provenance: Provenance) -> Result<(), ProvenanceRefusal> {
+        let stated = |name: ErrorName| {
+            if name.location {
+                self.locations.contains_key(&name)
+            } else {
+                self.error(name).is_some()
+            }
+        };
+        match provenance.refusal(stated) {
+            Some(refusal) => Err(refusal),
+            None => {
+                self.provenance = provenance;
+                Ok(())
+            }
+        }
+    }
+
     /// Takes every error motion, location and assembly error away; thermal terms stay.
     pub fn clear_errors(&mut self) {
         self.motions.fill(Default::default());
         self.locations.clear();
         self.assembly.fill([0.0; 6]);
+        self.provenance = Provenance::default();
     }
 
     /// The place of an axis in the chain.

@@ -1,5 +1,7 @@
 //! The automatic choice of a curve: one rule for all callers.
 
+use std::fmt;
+
 use crate::candidates::{Candidate, candidates};
 use crate::{Fit, FitError, Method, readings};
 
@@ -104,6 +106,17 @@ pub enum Reason {
     Smallest,
     /// It is the simplest of those that predict what is left out as well as the best, within one standard error.
     Simplest,
+}
+
+/// The rule in words: `the simplest of those that predict as well as the best`.
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::FewTargets => "the targets are too few for anything else",
+            Self::Smallest => "smallest leave-one-out error",
+            Self::Simplest => "simplest of those that predict as well as the best",
+        })
+    }
 }
 
 /// The method chosen, and all candidates.

@@ -1,6 +1,5 @@
 //! The machine file: decoded with precise errors, written back with its checksum.
 
-use core::fmt::Write;
 use std::{collections::BTreeMap, path::Path};
 
 use sha2::{Digest, Sha256};
@@ -9,12 +8,14 @@ use volcomp_document::{Document, FileKind, InputError, Section, Value};
 use crate::{
     error::ModelError,
     machine::{Machine, Parts},
+    provenance::hexadecimal,
     tool::Tool,
 };
 
 mod axes;
 mod denavit_hartenberg;
 mod errors;
+mod provenance;
 mod thermal;
 mod tool;
 mod write;
@@ -22,11 +23,12 @@ mod write;
 use axes::{decode_axes, decode_correct, decode_structure};
 use denavit_hartenberg::place_by_table;
 use errors::{decode_assembly, decode_errors};
+use provenance::decode_provenance;
 use thermal::decode_thermal;
 use tool::{check_gauge_keys, decode_tool};
 use write::canonical;
 
-const TOP_KEYS: [&str; 13] = [
+const TOP_KEYS: [&str; 14] = [
     "name",
     "checksum",
     "structure",
@@ -40,6 +42,7 @@ const TOP_KEYS: [&str; 13] = [
     "errors",
     "assembly",
     "thermal",
+    "provenance",
 ];
 
 impl Machine {
@@ -82,11 +85,10 @@ impl Machine {
 }
 
 fn checksum_of(canonical: &str) -> String {
-    let mut text = String::from("sha256:");
-    for byte in Sha256::digest(canonical.as_bytes()) {
-        let _ = write!(text, "{byte:02x}"); // writing to a String cannot fail
-    }
-    text
+    format!(
+        "sha256:{}",
+        hexadecimal(&Sha256::digest(canonical.as_bytes()))
+    )
 }
 
 fn decode_machine(root: &Section<'_>) -> Result<Machine, ModelError> {
@@ -132,6 +134,7 @@ fn decode_machine(root: &Section<'_>) -> Result<Machine, ModelError> {
             .map_err(|e| section.error(e.to_string()))?;
     }
     decode_correct(root, &mut machine)?;
+    decode_provenance(root, &mut machine)?;
     check_checksum(root, &machine)?;
     Ok(machine)
 }

@@ -5,6 +5,7 @@ use core::fmt::Write;
 use volcomp_document::toml_string;
 use volcomp_kinematics::MotionFrame;
 
+use super::provenance::write_provenance;
 use crate::{curve_file::write_error_curve, machine::Machine, thermal::Thermal, tool::Tool};
 
 /// The machine file without its checksum: fixed order, fixed spelling.
@@ -67,6 +68,7 @@ pub(super) fn canonical(machine: &Machine) -> String {
         }
     }
     line(write_thermal(machine.thermal()));
+    text += &write_provenance(machine.provenance());
     text
 }
 

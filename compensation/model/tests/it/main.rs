@@ -10,6 +10,7 @@ mod fuzz_corpus;
 mod inverse;
 mod messages;
 mod placed;
+mod provenance;
 mod rigid;
 mod round_trip;
 #[cfg(feature = "serde")]

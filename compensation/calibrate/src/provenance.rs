@@ -1,0 +1,191 @@
+//! Where the errors of a calibrated machine come from: what stands in `[provenance]` of its machine file.
+
+use std::path::{Path, PathBuf};
+
+use volcomp_metrology::squareness_parts;
+use volcomp_model::{Machine, ModelError, Origin, Provenance, Source};
+use volcomp_vocabulary::ErrorName;
+
+use crate::{
+    calibration_file::{CalibrationFile, Squareness, SquarenessSource},
+    curve_choice::CurveChoice,
+    error::CalibrateError,
+    fitted::lines_of,
+    fitted_curve::FittedCurve,
+    squares::tilt_of,
+    stages::Stages,
+};
+
+/// The rule of what a person has stated.
+const STATED: &str = "stated in the calibration file";
+
+/// The machine of the stages with what is known of where its errors come from. What its machine file tells of errors that
+/// were not measured anew stays. No clock is asked: the same files give the same text.
+pub(crate) fn with_provenance(
+    file: &CalibrationFile,
+    stages: &Stages,
+) -> Result<Machine, CalibrateError> {
+    let mut machine = stages.machine.clone();
+    let mut found = machine.provenance().clone();
+    let mut origins = of_curves(file, stages);
+    for square in &file.squareness {
+        origins.push(of_square(file, square)?);
+    }
+    origins.extend(file.locations.iter().map(|location| Origin {
+        error: location.error,
+        method: STATED.to_owned(),
+        rule: None,
+        residual: None,
+        leave_one_out: None,
+        sources: Vec::new(),
+    }));
+    origins.extend(of_observations(file));
+    let is_stated = |error: ErrorName| {
+        machine.error(error).is_some() || machine.locations().contains_key(&error)
+    };
+    for origin in origins.into_iter().filter(|o| is_stated(o.error)) {
+        found.errors.retain(|other| other.error != origin.error);
+        found.errors.push(origin);
+    }
+    found.errors.sort_by_key(|origin| origin.error);
+    let provenance = Provenance {
+        version: Some(env!("CARGO_PKG_VERSION").to_owned()),
+        serial: file.serial.clone().or(found.serial),
+        date: None,
+        errors: found.errors,
+    };
+    if !provenance.errors.is_empty() {
+        let refused = machine.set_provenance(provenance);
+        refused.map_err(ModelError::from)?;
+    }
+    Ok(machine)
+}
+
+fn of_curves(file: &CalibrationFile, stages: &Stages) -> Vec<Origin> {
+    let mut origins: Vec<Origin> = Vec::new();
+    for curve in &stages.curves {
+        if origins.iter().any(|origin| origin.error == curve.error) {
+            continue;
+        }
+        let of_error = |other: &&FittedCurve| other.error == curve.error;
+        let branches: Vec<&FittedCurve> = stages.curves.iter().filter(of_error).collect();
+        let lines = stages.lines.iter().filter(|line| line.error == curve.error);
+        let is_own = lines.clone().all(|line| line.line.is_some());
+        let parallel = if is_own {
+            ""
+        } else {
+            ", of what parallel lines differ by"
+        };
+        origins.push(Origin {
+            error: curve.error,
+            method: format!("{}{parallel}", curve.method),
+            rule: Some(rule(file, curve)),
+            residual: Some(residual(&branches)),
+            leave_one_out: leave_one_out(&branches),
+            sources: lines.flat_map(|line| line.sources.clone()).collect(),
+        });
+    }
+    origins
+}
+
+/// The rule by which the method of a curve was taken.
+fn rule(file: &CalibrationFile, curve: &FittedCurve) -> String {
+    if let Some(choice) = &curve.choice {
+        let follows = choice.chosen().is_none_or(|score| score.follows);
+        let but = if follows {
+            ""
+        } else {
+            "; it does not follow the readings within their scatter"
+        };
+        return format!("{}{but}", choice.reason);
+    }
+    let stated = lines_of(file, curve.error).find_map(|line| line.curve);
+    match stated {
+        Some(CurveChoice::AutoMovingLeastSquares { .. }) => {
+            "moving least squares stated in the calibration file, order and support by their leave-one-out error"
+                .to_owned()
+        }
+        _ => STATED.to_owned(),
+    }
+}
+
+/// Root mean square of mean reading minus curve over the readings of all directions.
+fn residual(branches: &[&FittedCurve]) -> f64 {
+    let points = branches.iter().flat_map(|curve| &curve.points);
+    let (count, squares) = points.fold((0.0, 0.0), |(count, squares), [_, read, value]| {
+        (count + 1.0, squares + (read - value).powi(2))
+    });
+    f64::sqrt(squares / f64::max(count, 1.0))
+}
+
+/// The leave-one-out error of all directions; `None` where a target cannot be predicted from the others.
+fn leave_one_out(branches: &[&FittedCurve]) -> Option<f64> {
+    let squares = branches.iter().map(|curve| {
+        let readings = curve.readings as f64;
+        (readings, readings * curve.quality.leave_one_out().powi(2))
+    });
+    let (count, sum) = squares.fold((0.0, 0.0), |(n, sum), (own, square)| {
+        (n + own, sum + square)
+    });
+    let error = f64::sqrt(sum / f64::max(count, 1.0));
+    error.is_finite().then_some(error)
+}
+
+fn of_square(file: &CalibrationFile, square: &Squareness) -> Result<Origin, CalibrateError> {
+    let (error, _) = tilt_of(square.error, file.reference_axes);
+    let (method, sources) = match square.source {
+        SquarenessSource::Value(_) => (STATED.to_owned(), Vec::new()),
+        SquarenessSource::Slopes { .. } => {
+            let parts = squareness_parts(square.error)?;
+            let lines = parts.iter().flat_map(|part| lines_of(file, *part));
+            let sources = lines.flat_map(|line| line.sources.clone()).collect();
+            let [first, second] = parts;
+            (format!("slopes of {first} and {second}"), sources)
+        }
+        SquarenessSource::Diagonals => {
+            let own = file.diagonals.iter();
+            let own = own.filter(|diagonals| diagonals.errors.contains(&square.error));
+            let sources = own.flat_map(|diagonals| diagonals.sources.clone());
+            ("diagonals".to_owned(), sources.collect())
+        }
+    };
+    Ok(Origin {
+        error,
+        method,
+        rule: None,
+        residual: None,
+        leave_one_out: None,
+        sources,
+    })
+}
+
+fn of_observations(file: &CalibrationFile) -> Vec<Origin> {
+    let mut origins: Vec<Origin> = Vec::new();
+    for unknown in file.observations.iter().flat_map(|o| &o.unknown) {
+        if origins.iter().any(|origin| origin.error == unknown.error) {
+            continue;
+        }
+        origins.push(Origin {
+            error: unknown.error,
+            method: "identified from observations".to_owned(),
+            rule: None,
+            residual: None,
+            leave_one_out: None,
+            sources: file.observed.clone(),
+        });
+    }
+    origins
+}
+
+/// Files by their names relative to the folder of the calibration file.
+pub(crate) fn sources_of(folder: &Path, paths: &[PathBuf]) -> Result<Vec<Source>, CalibrateError> {
+    let read = |path: &PathBuf| {
+        let name = path.strip_prefix(folder).unwrap_or(path);
+        let read = Source::read(&name.display().to_string(), path);
+        read.map_err(|source| CalibrateError::Hash {
+            file: path.clone(),
+            source,
+        })
+    };
+    paths.iter().map(read).collect()
+}

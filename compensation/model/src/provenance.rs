@@ -1,0 +1,213 @@
+//! Where the errors of a machine come from: the table `[provenance]` of a machine file.
+
+use std::{fmt::Write as _, io::Read, path::Path};
+
+use sha2::{Digest, Sha256};
+use volcomp_vocabulary::{AxisName, ErrorName};
+
+/// Where the errors of a machine come from, as the program that found them has written it.
+///
+/// It changes nothing about what a machine computes. Setting an error on a machine takes what stands here about it away:
+/// what is told is never about another curve.
+#[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct Provenance {
+    /// The version of volcomp that wrote it.
+    pub version: Option<String>,
+    /// The serial number of the machine that was measured.
+    pub serial: Option<String>,
+    /// The day that the person who calibrated has stated, `2026-11-26`.
+    pub date: Option<String>,
+    /// What is known of each error, each error once.
+    pub errors: Vec<Origin>,
+}
+
+/// Where one error comes from.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct Origin {
+    /// The error motion or the location error.
+    pub error: ErrorName,
+    /// How it was found: `smoothing B-spline`, `slopes of EXY and EYX`.
+    pub method: String,
+    /// The rule by which the method was taken.
+    pub rule: Option<String>,
+    /// Root mean square of the mean readings minus the curve, of both directions, µm or µrad.
+    pub residual: Option<f64>,
+    /// Root mean square of what the curve misses of targets left out of its fit, µm or µrad.
+    pub leave_one_out: Option<f64>,
+    /// The files with its readings.
+    pub sources: Vec<Source>,
+}
+
+/// A file that an error was found from.
+#[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct Source {
+    /// The file as the calibration file names it, relative to that file.
+    pub file: String,
+    /// SHA-256 of its bytes, 64 lower-case hexadecimal digits.
+    pub sha256: String,
+    /// The number of runs that were used, both directions of a run counted once.
+    pub runs: Option<usize>,
+    /// The number of targets.
+    pub targets: Option<usize>,
+    /// Where the other axes stood, mm or deg, without those that stood at 0.
+    pub at: Vec<(AxisName, f64)>,
+    /// The date of the test, as the file states it.
+    pub date: Option<String>,
+}
+
+impl Provenance {
+    /// Whether nothing is known.
+    pub fn is_empty(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// What is known of one error.
+    pub fn of(&self, error: ErrorName) -> Option<&Origin> {
+        self.errors.iter().find(|origin| origin.error == error)
+    }
+
+    /// Takes away what stands here about an error. Who found the others is told on while there are any.
+    pub(crate) fn forget(&mut self, error: ErrorName) {
+        let before = self.errors.len();
+        self.errors.retain(|origin| origin.error != error);
+        if before > 0 && self.errors.is_empty() {
+            *self = Self::default();
+        }
+    }
+
+    /// Why a machine that states the errors of which `stated` is true cannot have it, in the order of what is looked at.
+    pub(crate) fn refusal(&self, stated: impl Fn(ErrorName) -> bool) -> Option<ProvenanceRefusal> {
+        if let Some(found) = self.date.as_ref().filter(|date| !is_date(date)) {
+            return Some(ProvenanceRefusal::Date {
+                found: found.clone(),
+            });
+        }
+        self.errors.iter().enumerate().find_map(|(place, origin)| {
+            let error = origin.error;
+            if self.errors[..place].iter().any(|o| o.error == error) {
+                return Some(ProvenanceRefusal::Twice { error });
+            }
+            if !stated(error) {
+                return Some(ProvenanceRefusal::NotStated { error });
+            }
+            let numbers = [origin.residual, origin.leave_one_out]
+                .into_iter()
+                .flatten();
+            let mut wrong = numbers.filter(|x| !(*x >= 0.0 && x.is_finite()));
+            if let Some(found) = wrong.next() {
+                return Some(ProvenanceRefusal::Number { error, found });
+            }
+            let mut hashes = origin.sources.iter().map(|source| &source.sha256);
+            let found = hashes.find(|hash| !is_sha256(hash))?.clone();
+            Some(ProvenanceRefusal::Hash { error, found })
+        })
+    }
+}
+
+/// Why a machine cannot have a provenance.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ProvenanceRefusal {
+    /// The date is none.
+    #[error("date: found `{found}`, expected a day of the calendar such as 2026-11-26")]
+    Date {
+        /// The text that was found.
+        found: String,
+    },
+    /// An error stands twice.
+    #[error("{error} stands twice")]
+    Twice {
+        /// The error.
+        error: ErrorName,
+    },
+    /// An error that the machine does not state.
+    #[error("found {error}, expected an error that stands in [errors]")]
+    NotStated {
+        /// The error.
+        error: ErrorName,
+    },
+    /// A residual or a leave-one-out error that is none.
+    #[error("{error}: found {found}, expected a finite number of 0 or more")]
+    Number {
+        /// The error that it belongs to.
+        error: ErrorName,
+        /// The number that was found.
+        found: f64,
+    },
+    /// A hash that is none.
+    #[error("{error}: found `{found}` as sha256, expected 64 lower-case hexadecimal digits")]
+    Hash {
+        /// The error that it belongs to.
+        error: ErrorName,
+        /// The text that was found.
+        found: String,
+    },
+}
+
+fn is_sha256(text: &str) -> bool {
+    let is_digit = |byte: u8| matches!(byte, b'0'..=b'9' | b'a'..=b'f');
+    text.len() == 64 && text.bytes().all(is_digit)
+}
+
+/// Whether a text is a day of the Gregorian calendar, `2026-11-26`.
+pub fn is_date(text: &str) -> bool {
+    let mut parts = text.split('-');
+    let mut next = |digits: usize| {
+        let part = parts.next()?;
+        let fits = part.len() == digits && part.bytes().all(|byte| byte.is_ascii_digit());
+        fits.then(|| part.parse::<u16>().ok()).flatten()
+    };
+    let (Some(year), Some(month), Some(day)) = (next(4), next(2), next(2)) else {
+        return false;
+    };
+    let is_leap = year % 4 == 0 && (year % 100 != 0 || year % 400 == 0);
+    let days = match month {
+        1 | 3 | 5 | 7 | 8 | 10 | 12 => 31,
+        4 | 6 | 9 | 11 => 30,
+        2 if is_leap => 29,
+        2 => 28,
+        _ => 0,
+    };
+    (1..=days).contains(&day) && parts.next().is_none()
+}
+
+impl Source {
+    /// A file by the name under which it is told, with the hash of its bytes.
+    ///
+    /// # Errors
+    /// What keeps the file from being read.
+    pub fn read(name: &str, path: &Path) -> std::io::Result<Self> {
+        Ok(Self {
+            file: name.to_owned(),
+            sha256: sha256_of(path)?,
+            ..Self::default()
+        })
+    }
+}
+
+/// SHA-256 of the bytes of a file, 64 lower-case hexadecimal digits.
+///
+/// # Errors
+/// What keeps the file from being read.
+pub fn sha256_of(path: &Path) -> std::io::Result<String> {
+    let mut file = std::fs::File::open(path)?;
+    let (mut hash, mut part) = (Sha256::new(), vec![0; 1 << 16]);
+    loop {
+        match file.read(&mut part)? {
+            0 => return Ok(hexadecimal(&hash.finalize())),
+            read => hash.update(part.get(..read).unwrap_or_default()),
+        }
+    }
+}
+
+/// Bytes as lower-case hexadecimal digits.
+pub(crate) fn hexadecimal(bytes: &[u8]) -> String {
+    let mut text = String::with_capacity(2 * bytes.len());
+    for byte in bytes {
+        let _ = write!(text, "{byte:02x}"); // writing to a String cannot fail
+    }
+    text
+}
