@@ -1,6 +1,6 @@
 use volcomp_curve::BSpline;
 
-use crate::fit::{left_out, rms};
+use crate::fit::left_out;
 use crate::triangle::{Triangle, WIDTH};
 use crate::{Fit, FitError, readings};
 
@@ -26,9 +26,9 @@ pub fn fit_bspline(x: &[f64], u: &[f64]) -> Result<Fit, FitError> {
     let problem = Problem::new(&targets);
     let spline = problem.smoothed(problem.cross_validated()?)?;
     let errors = spline.residuals.iter().zip(&spline.leverages);
-    let loo = rms(errors.map(|(&e, &h)| left_out(e, h)));
+    let missed = errors.map(|(&e, &h)| left_out(e, h)).enumerate();
     let curve = BSpline::new(problem.knots, spline.coefficients, DEGREE)?;
-    Ok(Fit::new(curve.into(), x, u, loo))
+    Ok(Fit::new(curve.into(), x, u, missed))
 }
 
 pub(crate) const LEAST_TARGETS: usize = 4;

@@ -137,6 +137,16 @@ impl Choice {
         self.scores.iter().find(|score| score.method == self.method)
     }
 
+    /// Says that the curve chosen leaves more of the readings than these scatter; `None` where it follows them. `unit` is that of the
+    /// readings.
+    pub fn not_followed(&self, unit: &str) -> Option<String> {
+        let score = self.chosen().filter(|score| !score.follows)?;
+        Some(format!(
+            "the curve chosen, {}, does not follow the readings: it leaves up to {:.1} {unit} of them, more than the runs scatter, and a curve that follows them misses targets that are left out by far more. Look for an error with a period shorter than the spacing of the targets, and for single targets that are wrong; measure more densely, or state the kind of curve",
+            score.method, score.largest_residual
+        ))
+    }
+
     /// The best candidate of each kind by its leave-one-out error, in the order of the candidates.
     pub fn best_of_kinds(&self) -> Vec<Score> {
         let mut best: Vec<Score> = Vec::new();

@@ -1,6 +1,7 @@
 use volcomp_curve::Curve;
 
 use crate::least_squares::Solution;
+use crate::readings;
 
 /// A fitted curve and how well it fits.
 #[derive(Clone, Debug, PartialEq)]
@@ -10,8 +11,9 @@ pub struct Fit {
     pub curve: Curve,
     /// Reading minus curve, in the order of the readings.
     pub residuals: Vec<f64>,
-    /// Root mean square of the errors with which the curve, fitted without a target and all its readings, predicts the
-    /// mean of these.
+    /// Root mean square of the errors with which the curve, fitted without a target and all its readings, predicts each of
+    /// these. Like the residuals it counts every reading, so that it is never below their root mean square: what the readings
+    /// of one target differ by no curve predicts.
     ///
     /// Support, knots and smoothing parameter stay those of the whole fit. A table predicts its inner targets
     /// only. Infinite when a target cannot be predicted from the others.
@@ -22,7 +24,14 @@ pub struct Fit {
 }
 
 impl Fit {
-    pub(crate) fn new(curve: Curve, x: &[f64], u: &[f64], leave_one_out_rms: f64) -> Self {
+    /// `missed` is what the curve misses of the means of targets that are left out, each with the place of its target; none
+    /// where nothing can be left out.
+    pub(crate) fn new(
+        curve: Curve,
+        x: &[f64],
+        u: &[f64],
+        missed: impl Iterator<Item = (usize, f64)>,
+    ) -> Self {
         // Several runs ask for the same places, and moving least squares are slow to answer.
         let mut places = x.to_vec();
         places.sort_by(f64::total_cmp);
@@ -37,7 +46,7 @@ impl Fit {
         Self {
             curve,
             residuals,
-            leave_one_out_rms,
+            leave_one_out_rms: over_readings(x, u, missed),
             meets_required: None,
         }
     }
@@ -45,8 +54,8 @@ impl Fit {
     /// The fit of a curve whose coefficients were solved for by least squares.
     pub(crate) fn least_squares(curve: Curve, x: &[f64], u: &[f64], solution: &Solution) -> Self {
         let errors = solution.residuals.iter().zip(&solution.leverages);
-        let loo = rms(errors.map(|(&e, &h)| left_out(e, h)));
-        Self::new(curve, x, u, loo)
+        let missed = errors.map(|(&e, &h)| left_out(e, h)).enumerate();
+        Self::new(curve, x, u, missed)
     }
 
     /// The smallest residual, in the unit of the readings.
@@ -70,6 +79,23 @@ impl Fit {
     /// The root mean square of the residuals.
     pub fn rms(&self) -> f64 {
         rms(self.residuals.iter().copied())
+    }
+}
+
+/// Root mean square over the readings of targets, from what is missed of their means; infinite where nothing can be left out.
+fn over_readings(x: &[f64], u: &[f64], missed: impl Iterator<Item = (usize, f64)>) -> f64 {
+    let targets = readings::counted(x, u);
+    let (mut sum, mut count) = (0.0, 0.0);
+    for (place, error) in missed {
+        if let Some(target) = targets.get(place) {
+            sum += target.count * error * error + target.squares;
+            count += target.count;
+        }
+    }
+    if count > 0.0 {
+        (sum / count).sqrt()
+    } else {
+        f64::INFINITY
     }
 }
 

@@ -60,7 +60,7 @@ impl Method {
             Self::Polynomial { order: 0 } if lower == upper => {
                 let targets = readings::checked_targets(x, u, 1, "a curve")?;
                 let curve = volcomp_curve::Curve::constant(targets[0][1])?;
-                Ok(Fit::new(curve, x, u, f64::INFINITY))
+                Ok(Fit::new(curve, x, u, std::iter::empty()))
             }
             Self::Polynomial { order } => fit_polynomial(x, u, order, domain),
             Self::Chebyshev { order } => fit_chebyshev(x, u, order, domain),

@@ -283,7 +283,9 @@ impl Candidate {
     }
 
     fn fit(self, x: &[f64], u: &[f64]) -> Fit {
-        Fit::new(self.curve.into(), x, u, self.leave_one_out_rms)
+        let errors = self.residuals.iter().zip(&self.influences);
+        let missed = errors.map(|(&e, &influence)| left_out(e, influence));
+        Fit::new(self.curve.into(), x, u, missed.enumerate())
     }
 }
 

@@ -1,6 +1,5 @@
 use volcomp_curve::{CurveError, Table};
 
-use crate::fit::rms;
 use crate::{Fit, FitError, readings};
 
 /// A table of the mean reading of each target, with straight lines between.
@@ -26,12 +25,10 @@ fn fit_table(
 ) -> Result<Fit, FitError> {
     let targets = readings::checked_targets(x, u, 2, "a table")?;
     let errors = left_out(&targets, build)?;
-    let loo = if errors.is_empty() {
-        f64::INFINITY
-    } else {
-        rms(errors.into_iter())
-    };
-    Ok(Fit::new(build(targets)?.into(), x, u, loo))
+    // The first target is not left out.
+    let missed = errors.into_iter().enumerate();
+    let missed = missed.map(|(place, error)| (place + 1, error));
+    Ok(Fit::new(build(targets)?.into(), x, u, missed))
 }
 
 /// What the table through all other targets misses of each inner target. Slopes reach no further than the next but one

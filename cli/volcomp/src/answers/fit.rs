@@ -29,6 +29,86 @@ pub(crate) struct Fit {
     /// The orders and supports of moving least squares that the targets carry; only with `--scan`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) scan: Option<Vec<Trial>>,
+    /// How the kind of curve was chosen; only with `--method auto`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) choice: Option<Choice>,
+    /// How far the true curve may be from this one, with a probability of 95 % at each target by itself; only with `--method auto`, and
+    /// not there where it is not known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) band: Option<Band>,
+}
+
+/// How a kind of curve was chosen.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Choice {
+    /// The method chosen, with its settings.
+    pub(crate) method: String,
+    /// The rule by which it was chosen, in words.
+    pub(crate) reason: String,
+    /// Whether it leaves no more of the readings than the runs scatter; true where that is not known.
+    pub(crate) follows: bool,
+    /// All candidates, the simplest first.
+    pub(crate) candidates: Vec<Candidate>,
+}
+
+/// A candidate of the choice.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Candidate {
+    /// The method with its settings.
+    pub(crate) method: String,
+    /// The kind of curve without its settings.
+    pub(crate) kind: &'static str,
+    /// Number of coefficients that the readings determine.
+    pub(crate) coefficients: f64,
+    /// Root mean square of what the curve misses of the means of inner targets that are left out, µm; null where it cannot be known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) leave_one_out_um: Option<f64>,
+    /// The same in µrad.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) leave_one_out_urad: Option<f64>,
+    /// Largest deviation of the mean reading of a target from the curve, µm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) largest_residual_um: Option<f64>,
+    /// The same in µrad.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) largest_residual_urad: Option<f64>,
+    /// Whether it meets the residual asked for; true where none is.
+    pub(crate) meets_required: bool,
+    /// Whether it leaves no more of the readings than the runs scatter; true where that is not known.
+    pub(crate) follows: bool,
+    /// Whether it was put aside since its curve swings between targets.
+    pub(crate) swings: bool,
+    /// Whether it is the one chosen.
+    pub(crate) chosen: bool,
+}
+
+/// A band of 95 % about the curve.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Band {
+    /// What was resampled: `runs`, or the `residuals` of the only one.
+    pub(crate) from: &'static str,
+    /// Half of its width at each target.
+    pub(crate) half_widths: Vec<BandPoint>,
+}
+
+/// Half of the width of a band at one target.
+#[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
+pub(crate) struct BandPoint {
+    /// The target, mm or deg.
+    pub(crate) at: f64,
+    /// Half of the width, µm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) half_width_um: Option<f64>,
+    /// Half of the width, µrad.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) half_width_urad: Option<f64>,
+}
+
+impl BandPoint {
+    /// Half of the width in the unit of the file.
+    pub(crate) fn half_width(&self) -> Option<f64> {
+        self.half_width_um.or(self.half_width_urad)
+    }
 }
 
 /// One order and support of moving least squares.

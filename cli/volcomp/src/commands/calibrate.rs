@@ -127,7 +127,8 @@ fn text(document: &Document) -> String {
         document.squareness_urad.len()
     );
     text += "\nResidual: mean reading minus curve. LOO error: root mean square of what the\n\
-             curve misses of readings that were left out of its fit one at a time.\n";
+             curve misses of the readings of a target that were left out of its fit, one\n\
+             target at a time.\n";
     if document.identified.is_some() {
         text += EXPLAINED;
     }

@@ -6,13 +6,13 @@ use clap::ValueEnum;
 use serde_json::Value;
 use volcomp_curve::Curve;
 use volcomp_fit::{
-    Fit, FitError, MLS_ORDERS, MlsTrial, fit_bspline, fit_chebyshev, fit_mls, fit_mls_auto,
-    fit_polynomial, scan_mls,
+    Fit, FitError, FitOptions, MLS_ORDERS, MlsTrial, fit_bspline, fit_chebyshev,
+    fit_cubic_table, fit_mls, fit_mls_auto, fit_polynomial, scan_mls,
 };
 use volcomp_metrology::{DeviationUnit, MetrologyError, read_file};
 use volcomp_model::write_curve;
 
-use super::{Answer, fixed, table, table_text};
+use super::{Answer, fit_auto, fixed, table, table_text};
 use crate::{
     answers::fit::{Fit as Document, Point, Spread, Trial},
     failure::Failure,
@@ -28,7 +28,8 @@ pub(crate) struct Arguments {
     /// Unit of the deviations in a file that does not state it (.csv), without it µm; the answer is in µm or µrad
     #[arg(long)]
     unit: Option<Unit>,
-    /// Kind of curve: polynomial, Chebyshev series, moving least squares or smoothing B-spline
+    /// Kind of curve: polynomial, Chebyshev series, moving least squares, smoothing B-spline, monotone table; auto chooses among
+    /// them and prints the candidates and a band of 95 %
     #[arg(long)]
     method: Method,
     /// Order of the polynomials (poly, chebyshev, mls) [default: 4]
@@ -43,11 +44,10 @@ pub(crate) struct Arguments {
     /// Choose order and support by the leave-one-out error (mls)
     #[arg(long, conflicts_with_all = ["order", "support"])]
     auto: bool,
-    /// The residual that --auto has to meet, µm for displacements and µrad for rotations
+    /// The residual that --auto or --method auto has to meet, µm for displacements and µrad for rotations
     #[arg(
         long,
         alias = "residual-um",
-        requires = "auto",
         value_name = "UM_OR_URAD"
     )]
     residual: Option<f64>,
@@ -61,10 +61,13 @@ pub(crate) struct Arguments {
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
 enum Method {
+    Auto,
+    #[value(alias = "polynomial")]
     Poly,
     Chebyshev,
     Mls,
     Bspline,
+    Table,
 }
 
 impl Arguments {
@@ -85,9 +88,21 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             return Err(Failure::Input(message));
         }
     }
-    if arguments.order.is_some() && arguments.method == Method::Bspline {
+    let has_order = matches!(
+        arguments.method,
+        Method::Poly | Method::Chebyshev | Method::Mls
+    );
+    if arguments.order.is_some() && !has_order {
+        let found = arguments.method.to_possible_value();
+        let found = found.map_or(String::new(), |value| value.get_name().to_owned());
+        return Err(Failure::Input(format!(
+            "--order: found --method {found}, which has none to state: expected --method poly, chebyshev or mls"
+        )));
+    }
+    let chooses = arguments.auto || arguments.method == Method::Auto;
+    if arguments.residual.is_some() && !chooses {
         return Err(Failure::input(
-            "--order: found --method bspline, whose order is fixed: expected --method poly, chebyshev or mls",
+            "--residual: found without a choice to make, expected it with --method auto, or --method mls --auto",
         ));
     }
     let numbers = arguments.at.iter().chain(&arguments.residual);
@@ -101,7 +116,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let unit = unit::apply(&arguments.data, &mut measurement, arguments.unit)?;
     let (x, u): (Vec<f64>, Vec<f64>) = measurement.mean_curve().into_iter().unzip();
     let failed = |e: FitError| Failure::Input(format!("{}: {e}", arguments.data.display()));
-    let fit = fit(arguments, &x, &u).map_err(failed)?;
+    let mut auto = None;
+    let fit = if arguments.method == Method::Auto {
+        let found = fit_auto::auto(&measurement, &x, &u, arguments.residual, unit);
+        let found = found.map_err(failed)?;
+        auto = Some((found.choice, found.band));
+        found.fit
+    } else {
+        fit(arguments, &x, &u).map_err(failed)?
+    };
     let trials = arguments.scan.then(|| scan_mls(&x, &u, arguments.shape()));
     let scan = match trials {
         Some(trials) => Some(scan(&trials.map_err(failed)?, &fit.curve, unit)),
@@ -114,17 +137,31 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         .collect();
     let mut notes = measurement.notes;
     if fit.meets_required == Some(false) {
-        notes.push(
-            "no order and support meets the residual asked for: the best is shown".to_owned(),
-        );
+        let what = if auto.is_some() {
+            "kind of curve"
+        } else {
+            "order and support"
+        };
+        notes.push(format!(
+            "no {what} meets the residual asked for: the best is shown"
+        ));
+    }
+    if let Some((choice, _)) = &auto {
+        notes.extend(choice.not_followed(&unit.to_string()));
     }
     notes.extend(outside_note(&fit.curve, &arguments.at));
-    let scanned = scan.as_deref().map_or(String::new(), scan_text);
+    let mut more = scan.as_deref().map_or(String::new(), scan_text);
+    if let Some((choice, band)) = &auto {
+        more += &fit_auto::text(choice, band.as_ref(), unit);
+    }
+    let (choice, band) = auto.unzip();
     let document = Document {
         scan,
+        choice: choice.map(|choice| fit_auto::document(&choice, unit)),
+        band: band.flatten(),
         ..document(&fit, &values, unit)?
     };
-    Answer::new(&document, text(&fit, &values, unit) + &scanned, notes)
+    Answer::new(&document, text(&fit, &values, unit) + &more, notes)
 }
 
 /// The settings of a scan as the document has them.
@@ -245,6 +282,9 @@ fn fit(arguments: &Arguments, x: &[f64], u: &[f64]) -> Result<Fit, FitError> {
         Method::Poly => fit_polynomial(x, u, order, domain),
         Method::Chebyshev => fit_chebyshev(x, u, order, domain),
         Method::Bspline => fit_bspline(x, u),
+        Method::Table => fit_cubic_table(x, u),
+        // `run` chooses by all runs, before the means alone are left.
+        Method::Auto => volcomp_fit::fit_auto(x, u, &FitOptions::default()).map(|found| found.fit),
         Method::Mls if arguments.auto => fit_mls_auto(x, u, shape, arguments.residual),
         Method::Mls => fit_mls(x, u, order, arguments.support.unwrap_or(1.0 / 3.0), shape),
     }
@@ -272,6 +312,8 @@ fn document(fit: &Fit, values: &[(f64, f64)], unit: DeviationUnit) -> Result<Doc
         values: values.iter().map(point).collect(),
         meets_required: fit.meets_required,
         scan: None,
+        choice: None,
+        band: None,
     })
 }
 

@@ -15,6 +15,7 @@ pub(crate) mod error;
 pub(crate) mod export;
 pub(crate) mod expression;
 pub(crate) mod fit;
+mod fit_auto;
 pub(crate) mod fit_thermal;
 pub(crate) mod form;
 pub(crate) mod generate;

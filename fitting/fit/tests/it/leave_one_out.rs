@@ -8,19 +8,44 @@ use volcomp_fit::{
 
 use crate::{noisy, targets};
 
-/// Every target left out with all its readings.
+/// Every target left out with all its readings, each of which is predicted.
 fn brute_force(x: &[f64], u: &[f64], fit: impl Fn(&[f64], &[f64]) -> Result<Fit, FitError>) -> f64 {
-    let mut targets = x.to_vec();
-    targets.sort_by(f64::total_cmp);
-    targets.dedup();
-    let square = |target: &f64| {
+    let square = |(target, reading): (&f64, &f64)| {
         let pairs = || x.iter().copied().zip(u.iter().copied());
         let (others, readings): (Vec<f64>, Vec<f64>) = pairs().filter(|p| p.0 != *target).unzip();
-        let own: Vec<f64> = pairs().filter(|p| p.0 == *target).map(|p| p.1).collect();
-        let mean = own.iter().sum::<f64>() / own.len() as f64;
-        (mean - fit(&others, &readings).unwrap().curve.value(*target)).powi(2)
+        (reading - fit(&others, &readings).unwrap().curve.value(*target)).powi(2)
     };
-    (targets.iter().map(square).sum::<f64>() / targets.len() as f64).sqrt()
+    (x.iter().zip(u).map(square).sum::<f64>() / x.len() as f64).sqrt()
+}
+
+/// Three lines that differ by more than the curve misses: the leave-one-out error of any kind stays above the residual of the
+/// same readings. With the mean of each target predicted in place of its readings it was a fraction of it.
+#[test]
+fn several_lines_do_not_make_it_less_than_the_residual() {
+    let one = targets(21);
+    let x = one.repeat(3);
+    let u: Vec<f64> = (x.iter().enumerate())
+        .map(|(i, x)| (x / 1000.0).sin() * 10.0 + 4.0 * (i / 21) as f64)
+        .collect();
+    let fits = [
+        fit_polynomial(&x, &u, 8, [0.0, 8000.0]),
+        fit_bspline(&x, &u),
+        fit_mls(&x, &u, 4, 1.0 / 3.0, 3.0),
+        fit_linear_table(&x, &u),
+    ];
+    for fit in fits {
+        let fit = fit.unwrap();
+        // The lines alone leave 4 times the root mean square of −1, 0 and 1.
+        let least = 4.0 * (2.0_f64 / 3.0).sqrt();
+        let kind = fit.curve.kind();
+        assert!(fit.rms() >= least * (1.0 - 1e-9), "{kind}: {}", fit.rms());
+        assert!(
+            fit.leave_one_out_rms >= fit.rms() * (1.0 - 1e-9),
+            "{kind}: {} {}",
+            fit.leave_one_out_rms,
+            fit.rms()
+        );
+    }
 }
 
 fn same(found: f64, expected: f64) {
