@@ -233,7 +233,8 @@ fn brackets(result: &Iso230Part2) -> Vec<Bracket> {
     });
     let b = most(|row| row.reversal.map(f64::abs)).and_then(|row| {
         Some(Bracket {
-            label: format!("B {}", short(row.reversal?, 1)),
+            // B is the size of the largest, as in the figures.
+            label: format!("B {}", short(row.reversal?.abs(), 1)),
             span: [row.forward?.mean, row.backward?.mean],
             at: Some(row.target),
         })
