@@ -64,8 +64,8 @@ pub struct PositioningUncertainty {
     pub left_out: Vec<String>,
 }
 
-/// A range R of a uniform distribution has the standard uncertainty R/(2√3) and the expanded one R/√3, which the annex rounds to
-/// 0.6 R.
+/// A range R of a uniform distribution has the standard uncertainty R/(2√3) and the expanded one R/√3; the annex rounds that to
+/// 0.6 R, which is 4 % more.
 const EXPANDED_OF_RANGE: f64 = 0.577_350_269_189_625_8;
 
 /// Evaluates the uncertainty over a length, m, with a number of runs in each direction.
@@ -100,22 +100,22 @@ pub fn positioning_uncertainty(
         },
         Contribution {
             symbol: "U_MISALIGNMENT",
-            name: "beam along the axis, 0.3 R²/L",
+            name: "beam along the axis, R²/(2√3 L)",
             u_um: misalignment,
         },
         Contribution {
             symbol: "U_M",
-            name: "temperature of the machine, 0.6 α L R(θ)",
+            name: "temperature of the machine, α L R(θ)/√3",
             u_um: temperature,
         },
         Contribution {
             symbol: "U_E",
-            name: "expansion coefficient, 0.6 ΔT L R(α)",
+            name: "expansion coefficient, ΔT L R(α)/√3",
             u_um: expansion,
         },
         Contribution {
             symbol: "U_EVE",
-            name: "environment variation, 0.6 E_VE",
+            name: "environment variation, E_VE/√3",
             u_um: environment,
         },
     ];
