@@ -1,8 +1,8 @@
 //! What a reader must know before any number, the gravest first.
 
 use volcomp_calibrate::{Calibration, CalibrationFile, Line, Method};
-use volcomp_metrology::{MotionKind, environment_notes, outlier_hints};
-use volcomp_vocabulary::AxisName;
+use volcomp_metrology::{MotionKind, Quantity, environment_notes, outlier_hints};
+use volcomp_vocabulary::{AxisKind, AxisName};
 
 use crate::{
     asked_for::fewer_than_asked_for,
@@ -36,11 +36,16 @@ pub(crate) fn of_calibration(file: &CalibrationFile, calibration: &Calibration) 
     let mut without = 0;
     for line in &file.measurements {
         let environment = &line.readings.environment;
-        for text in environment_notes(environment) {
+        let is_length = line.setup.error.axis.kind() == AxisKind::Linear
+            && MotionKind::of(line.setup.error) == MotionKind::Positioning;
+        let quantity = if is_length {
+            Quantity::Positioning
+        } else {
+            Quantity::Angle
+        };
+        for text in environment_notes(environment, quantity) {
             add(WarningKind::Temperature, named(line, text));
         }
-        let is_length = line.setup.error.axis.kind() == volcomp_vocabulary::AxisKind::Linear
-            && MotionKind::of(line.setup.error) == MotionKind::Positioning;
         let is_silent = environment
             .material_temperature
             .iter()

@@ -1,6 +1,6 @@
 //! What the surroundings of a test mean for its readings.
 
-use crate::{Environment, StartEnd};
+use crate::{Environment, Quantity, StartEnd};
 
 /// The temperature at which lengths are stated (ISO 1), °C.
 pub const REFERENCE_DEGC: f64 = 20.0;
@@ -15,13 +15,20 @@ const ROOM_DEGC: [f64; 2] = [-5.0, 60.0];
 const COEFFICIENTS: [f64; 2] = [0.0, 100.0];
 
 /// Notes on the surroundings of a test: material farther than 1 K from 20 °C or changing by more during the test, with
-/// what hangs on the expansion coefficient, and values that no workshop has.
-pub fn environment_notes(environment: &Environment) -> Vec<String> {
+/// what hangs on the expansion coefficient, and values that no workshop has. The material matters to lengths along an axis
+/// alone: of straightness and of angles only what no workshop has is noted.
+pub fn environment_notes(environment: &Environment, quantity: Quantity) -> Vec<String> {
+    let is_length = quantity == Quantity::Positioning;
     let mut notes = Vec::new();
     for (index, sensor) in environment.material_temperature.iter().enumerate() {
         let Some(degc) = sensor else { continue };
         let name = format!("material temperature {}", index + 1);
-        notes.extend(room(&name, degc).or_else(|| material(&name, degc, environment)));
+        let of_length = || {
+            is_length
+                .then(|| material(&name, degc, environment))
+                .flatten()
+        };
+        notes.extend(room(&name, degc).or_else(of_length));
     }
     if let Some(air) = &environment.air_temperature {
         notes.extend(room("air temperature", air));

@@ -31,6 +31,7 @@ mod read;
 mod reading_unit;
 mod renishaw;
 mod squareness;
+mod squareness_uncertainty;
 mod standard_quantity;
 mod straightness;
 mod straightness_error;
@@ -64,7 +65,7 @@ pub use mapped_table::parse_table_with;
 pub use mapping::{ColumnName, Columns, Mapping, TargetUnit};
 pub use measurement::{DeviationUnit, Environment, Measurement, Metadata, Reading, StartEnd};
 pub use motion_kind::MotionKind;
-pub use oddities::{ODD_ABOVE, SMALL_BELOW, axis_named, oddities};
+pub use oddities::{ODD_ABOVE, SMALL_BELOW, axis_named, odd_size, oddities};
 pub use outliers::{OutlierHint, outlier_hints};
 pub use positioning_uncertainty::{
     Contribution, PositioningUncertainty, UncertaintyInputs, positioning_uncertainty,
@@ -73,6 +74,7 @@ pub use read::{Content, READ_EXTENSIONS, read_content, read_file, read_file_with
 pub use reading_unit::ReadingUnit;
 pub use renishaw::{Capture, RenishawKind, parse_ren, parse_renishaw, parse_rtx, write_renishaw};
 pub use squareness::{squareness, squareness_parts};
+pub use squareness_uncertainty::{SquarenessInputs, SquarenessUncertainty, squareness_uncertainty};
 pub use standard_quantity::StandardQuantity;
 pub use straightness::{ReferenceKind, ReferenceLine, TiltReading, angular_method_um, tilt_sign};
 pub use straightness_error::{

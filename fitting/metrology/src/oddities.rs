@@ -2,7 +2,7 @@
 
 use volcomp_vocabulary::{AxisName, Direction};
 
-use crate::{Measurement, Quantity, outlier_hints};
+use crate::{DeviationUnit, Measurement, Quantity, outlier_hints};
 
 /// More is odd for a machine tool: 1 mm and 1 mrad, in µm and µrad.
 pub const ODD_ABOVE: f64 = 1e3;
@@ -18,9 +18,7 @@ pub fn oddities(measurement: &Measurement) -> Vec<String> {
     let mut odd = measurement.notes.clone();
     let sizes = || measurement.readings.iter().map(|reading| reading.deviation);
     let largest = sizes().fold(0.0_f64, |largest, size| largest.max(size.abs()));
-    let unit = measurement
-        .unit
-        .map_or(String::new(), |unit| format!(" {unit}"));
+    let unit = with_space(measurement.unit);
     if measurement.unit.is_none() {
         odd.push("the unit of the deviations is not stated".into());
     }
@@ -30,16 +28,12 @@ pub fn oddities(measurement: &Measurement) -> Vec<String> {
         odd.push(format!(
             "every deviation is {first}{unit}: was anything measured?"
         ));
-    } else if largest < SMALL_BELOW {
-        odd.push(format!(
-            "every deviation is below {SMALL_BELOW}{unit}: are they in another unit?"
-        ));
+    } else {
+        odd.extend(small(largest, measurement.unit));
     }
     // A straightness contains the line along which the optics were set up.
-    if largest > ODD_ABOVE && measurement.quantity != Some(Quantity::Straightness) {
-        odd.push(format!(
-            "deviations of up to {largest:.0}{unit} are large for a machine tool: are they in another unit?"
-        ));
+    if measurement.quantity != Some(Quantity::Straightness) {
+        odd.extend(large(largest, measurement.unit));
     }
     let targets = measurement.targets();
     if let [only] = targets[..] {
@@ -65,6 +59,32 @@ pub fn oddities(measurement: &Measurement) -> Vec<String> {
     }
     odd.extend(outlier_hints(measurement).into_iter().map(|hint| hint.text));
     odd
+}
+
+/// That deviations with this largest size, µm or µrad, are larger or smaller than those of a machine tool, in a sentence: most often
+/// they are in another unit.
+pub fn odd_size(largest: f64, unit: Option<DeviationUnit>) -> Option<String> {
+    large(largest, unit).or_else(|| small(largest, unit))
+}
+
+fn large(largest: f64, unit: Option<DeviationUnit>) -> Option<String> {
+    (largest > ODD_ABOVE).then(|| {
+        let unit = with_space(unit);
+        format!(
+            "deviations of up to {largest:.0}{unit} are large for a machine tool: are they in another unit?"
+        )
+    })
+}
+
+fn small(largest: f64, unit: Option<DeviationUnit>) -> Option<String> {
+    (largest < SMALL_BELOW).then(|| {
+        let unit = with_space(unit);
+        format!("every deviation is below {SMALL_BELOW}{unit}: are they in another unit?")
+    })
+}
+
+fn with_space(unit: Option<DeviationUnit>) -> String {
+    unit.map_or(String::new(), |unit| format!(" {unit}"))
 }
 
 /// The axis of a text such as `X`, `x-axis` or `Axis Y`.

@@ -70,17 +70,18 @@ pub fn vdi_3441(result: &Iso230Part2) -> Option<Vdi3441> {
 }
 
 impl Vdi3441 {
-    /// The quantities by symbol and name.
-    pub fn quantities(&self) -> Vec<StandardQuantity> {
-        [
-            ("P", "positional uncertainty", self.p),
-            ("Pa", "position deviation", self.pa),
-            ("U_max", "largest reversal", self.u_max),
-            ("U_mean", "mean reversal", self.u_mean),
-            ("Ps_max", "largest scatter, 6 s", self.ps_max),
-            ("Ps_mean", "mean scatter, 6 s", self.ps_mean),
-        ]
-        .map(|(symbol, name, value)| StandardQuantity::new(symbol, name, Some(value)))
-        .to_vec()
+    /// The quantities by symbol and name; each without a value where the guideline could not be evaluated.
+    pub fn quantities(evaluated: Option<&Self>) -> Vec<StandardQuantity> {
+        type Value = fn(&Vdi3441) -> f64;
+        let all: [(&str, &str, Value); 6] = [
+            ("P", "positional uncertainty", |v| v.p),
+            ("Pa", "position deviation", |v| v.pa),
+            ("U_max", "largest reversal", |v| v.u_max),
+            ("U_mean", "mean reversal", |v| v.u_mean),
+            ("Ps_max", "largest scatter, 6 s", |v| v.ps_max),
+            ("Ps_mean", "mean scatter, 6 s", |v| v.ps_mean),
+        ];
+        all.map(|(symbol, name, value)| StandardQuantity::new(symbol, name, evaluated.map(value)))
+            .to_vec()
     }
 }

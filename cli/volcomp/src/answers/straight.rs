@@ -69,9 +69,11 @@ pub(crate) struct Squareness {
     pub(crate) reference: &'static str,
     /// The squareness, µrad.
     pub(crate) squareness_urad: f64,
-    /// Its expanded uncertainty (k = 2) by the residuals of both lines, µrad, without that of the reference angle; null where a file has two targets
-    /// or with another line than that of least squares.
+    /// Its expanded uncertainty (k = 2), µrad, of what is stated; null where a file has two targets or with another line than that of
+    /// least squares.
     pub(crate) uncertainty_urad: Option<f64>,
+    /// What it is made of; null where it is.
+    pub(crate) uncertainty: Option<SquarenessUncertainty>,
     /// The squareness as a quantity, with its tolerance.
     pub(crate) quantities: Vec<Quantity>,
     /// What was decided on the tolerances; null without any.
@@ -80,6 +82,21 @@ pub(crate) struct Squareness {
     pub(crate) pass: Option<bool>,
     /// Notes in words on the files and their readings.
     pub(crate) notes: Vec<String>,
+}
+
+/// The contributions to the uncertainty of a squareness, expanded (k = 2), µrad; null: not stated, and left out.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct SquarenessUncertainty {
+    /// Of both slopes, by what their lines leave, straightness included.
+    pub(crate) scatter_urad: f64,
+    /// Of the square, by its calibration.
+    pub(crate) square_urad: Option<f64>,
+    /// Of the straight edge under both lines.
+    pub(crate) straight_edge_urad: Option<f64>,
+    /// Of changes of temperature.
+    pub(crate) temperature_urad: Option<f64>,
+    /// What was not stated.
+    pub(crate) left_out: Vec<String>,
 }
 
 /// One of the two lines.

@@ -3,15 +3,16 @@
 use std::path::PathBuf;
 
 use volcomp_metrology::{
-    ReferenceKind, StandardQuantity, squareness, squareness_parts, straightness_of,
+    ODD_ABOVE, ReferenceKind, SquarenessInputs, StandardQuantity, squareness, squareness_parts,
+    squareness_uncertainty, straightness_of,
 };
 use volcomp_vocabulary::{ErrorName, Urad};
 
 use super::iso230::judged::{decision, decision_text, judged, quantities_text, tolerances};
-use super::straightness::{Reference, key, read};
+use super::straightness::{Reference, key, odd, read};
 use super::{Answer, fixed, table, table_text};
 use crate::{
-    answers::straight::{Squareness, SquarenessPart},
+    answers::straight::{Squareness, SquarenessPart, SquarenessUncertainty},
     failure::Failure,
     unit::Unit,
 };
@@ -40,6 +41,15 @@ pub(crate) struct Arguments {
     /// Unit of the deviations in files that do not state it (.csv), without it µm
     #[arg(long)]
     unit: Option<Unit>,
+    /// Uncertainty of the square by its calibration (k = 2), µrad
+    #[arg(long, value_name = "URAD")]
+    square_urad: Option<f64>,
+    /// Uncertainty of the straight edge, or of the straightness optics, at any place by its calibration (k = 2), µm
+    #[arg(long, value_name = "UM")]
+    straight_edge_um: Option<f64>,
+    /// Range of the angle by changes of temperature, over as long as the measurement, µrad
+    #[arg(long, value_name = "URAD")]
+    temperature_urad: Option<f64>,
     /// Limit, µrad: squareness=20
     #[arg(long, value_name = "LIMIT")]
     tolerance: Option<String>,
@@ -69,7 +79,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let mut notes = Vec::new();
     let mut documents = Vec::new();
     let mut slopes = Vec::new();
-    let mut variance = Some(0.0);
+    let mut lines = Vec::new();
     for (path, error) in paths.into_iter().zip(parts) {
         let measurement = read(path, arguments.unit)?;
         measurement.check_targets(error.axis)?;
@@ -90,9 +100,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
                 .iter()
                 .map(|note| format!("{error}: {note}")),
         );
+        notes.extend(odd(&found).map(|note| format!("{error}: {note}")));
         let slope = found.of(kind).line.slope();
-        variance = (variance.zip(found.slope_standard_uncertainty_urad))
-            .map(|(sum, u): (f64, f64)| sum + u * u);
+        let ends = found.profile.first().zip(found.profile.last());
+        let length_mm = ends.map_or(0.0, |(first, last)| last.0 - first.0);
+        lines.push((found.slope_standard_uncertainty_urad, length_mm));
         documents.push(SquarenessPart {
             error: error.to_string(),
             file: path.display().to_string(),
@@ -107,9 +119,24 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         .try_into()
         .map_err(|_| Failure::Work("two files make two parts".to_owned()))?;
     let value = squareness(arguments.error, Urad(angle), [first, second])?.0;
-    let uncertainty = variance
-        .filter(|_| kind == ReferenceKind::LeastSquares)
-        .map(|variance| 2.0 * variance.sqrt());
+    let whole = uncertainty(arguments, kind, &lines)?;
+    match &whole {
+        Some(whole) if !whole.left_out.is_empty() => notes.push(format!(
+            "left out of the measurement uncertainty, not stated: {}",
+            whole.left_out.join(", ")
+        )),
+        None if arguments.inputs() != SquarenessInputs::default() => notes.push(
+            "no measurement uncertainty is stated: that of the slopes is known with three targets and the line of least squares alone"
+                .to_owned(),
+        ),
+        _ => {}
+    }
+    if value.abs() > ODD_ABOVE {
+        notes.push(format!(
+            "a squareness of {value:.0} µrad is large for a machine tool: are the files in another unit?"
+        ));
+    }
+    let uncertainty = whole.as_ref().map(|whole| whole.whole_urad);
     let quantity = StandardQuantity {
         symbol: SYMBOL,
         name: "squareness by the slopes of two straightness lines",
@@ -125,6 +152,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         reference: key(kind),
         squareness_urad: value,
         uncertainty_urad: uncertainty,
+        uncertainty: whole.map(|whole| SquarenessUncertainty {
+            scatter_urad: whole.scatter_urad,
+            square_urad: whole.square_urad,
+            straight_edge_urad: whole.straight_edge_urad,
+            temperature_urad: whole.temperature_urad,
+            left_out: whole.left_out,
+        }),
         pass: decision.map(|d| d.pass),
         decision,
         quantities,
@@ -132,6 +166,56 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     };
     let text = text(&document);
     Answer::new(&document, text, notes)
+}
+
+impl Arguments {
+    fn inputs(&self) -> SquarenessInputs {
+        SquarenessInputs {
+            square_urad: self.square_urad,
+            straight_edge_um: self.straight_edge_um,
+            temperature_urad: self.temperature_urad,
+        }
+    }
+}
+
+/// The uncertainty where that of both slopes is known: of lines of least squares with three targets at least.
+fn uncertainty(
+    arguments: &Arguments,
+    kind: ReferenceKind,
+    lines: &[(Option<f64>, f64)],
+) -> Result<Option<volcomp_metrology::SquarenessUncertainty>, Failure> {
+    let &[(Some(first), first_mm), (Some(second), second_mm)] = lines else {
+        return Ok(None);
+    };
+    if kind != ReferenceKind::LeastSquares {
+        return Ok(None);
+    }
+    let inputs = arguments.inputs();
+    let found = squareness_uncertainty(&inputs, [first, second], [first_mm, second_mm])?;
+    Ok(Some(found))
+}
+
+fn uncertainty_text(uncertainty: &SquarenessUncertainty) -> String {
+    let mut rows = table(&["contribution", "U (k=2) µrad", "from"]);
+    crate::table::to_the_left(&mut rows, &[2]);
+    let size = |u: Option<f64>| u.map_or_else(|| "left out".to_owned(), |u| fixed(u, 2));
+    for (name, u, from) in [
+        (
+            "scatter",
+            Some(uncertainty.scatter_urad),
+            "what the two lines leave",
+        ),
+        ("square", uncertainty.square_urad, "its calibration"),
+        (
+            "straight edge",
+            uncertainty.straight_edge_urad,
+            "its calibration, √2 U/L of each line",
+        ),
+        ("temperature", uncertainty.temperature_urad, "R/√3"),
+    ] {
+        rows.add_row([name, &size(u), from]);
+    }
+    format!("\nMeasurement uncertainty\n{}", table_text(&rows))
 }
 
 fn text(document: &Squareness) -> String {
@@ -144,11 +228,15 @@ fn text(document: &Squareness) -> String {
         fixed(document.reference_angle_urad, 2),
     ]);
     format!(
-        "squareness {}, µrad, slopes by {}\n\n{}\n{}{}",
+        "squareness {}, µrad, slopes by {}\n\n{}\n{}{}{}",
         document.error,
         document.reference.replace('-', " "),
         table_text(&rows),
         quantities_text(&document.quantities),
+        document
+            .uncertainty
+            .as_ref()
+            .map_or_else(String::new, uncertainty_text),
         decision_text(document.decision, &document.quantities)
     )
 }

@@ -8,9 +8,10 @@ use std::{
 use clap::ValueEnum;
 use volcomp_metrology::{
     DeviationUnit, Measurement, ReferenceKind, StandardQuantity, Straightness, TiltReading,
-    Tolerance, angular_method_um, read_file, straightness_of, straightness_of_profile,
+    Tolerance, angular_method_um, axis_named, odd_size, read_file, straightness_of,
+    straightness_of_profile,
 };
-use volcomp_vocabulary::ErrorName;
+use volcomp_vocabulary::{AxisKind, AxisName, ErrorName};
 
 use super::iso230::judged::{decision, decision_text, judged, quantities_text, tolerances};
 use super::several::{Documents, Evaluated, evaluated};
@@ -103,7 +104,20 @@ pub(crate) fn read(path: &Path, asked: Option<Unit>) -> Result<Measurement, Fail
         return Err(Failure::in_file(path, what));
     }
     refuse_positioning(path, &measurement)?;
+    linear_axis(path, &measurement)?;
     Ok(measurement)
+}
+
+/// Straightness is of a motion along a linear axis: its targets are mm.
+fn linear_axis(path: &Path, measurement: &Measurement) -> Result<(), Failure> {
+    let stated = measurement.metadata.axis.as_deref().and_then(axis_named);
+    if let Some(axis) = stated.filter(|axis| axis.kind() == AxisKind::Rotary) {
+        let what = format!("found rotary axis {axis}, expected the straightness of a linear axis");
+        return Err(Failure::in_file(path, what));
+    }
+    // One that is named counts; of any other linear axis the same is expected.
+    measurement.check_targets(stated.unwrap_or(AxisName::X))?;
+    Ok(())
 }
 
 fn refuse_positioning(path: &Path, measurement: &Measurement) -> Result<(), Failure> {
@@ -125,6 +139,7 @@ fn one(path: &Path, arguments: &Arguments, tolerances: &[Tolerance]) -> Result<D
         Some(bridge_mm) => {
             let mut measurement = read_file(path)?;
             refuse_positioning(path, &measurement)?;
+            linear_axis(path, &measurement)?;
             if measurement.unit.is_none() && arguments.unit.is_none() {
                 measurement.unit = Some(DeviationUnit::Urad);
                 let note =
@@ -146,6 +161,7 @@ fn one(path: &Path, arguments: &Arguments, tolerances: &[Tolerance]) -> Result<D
             (found, measurement.notes, "angular-method")
         }
     };
+    notes.extend(odd(&found));
     if found.profile.len() < 3 {
         notes
             .push("two targets are always on one line: nothing is said of straightness".to_owned());
@@ -153,9 +169,19 @@ fn one(path: &Path, arguments: &Arguments, tolerances: &[Tolerance]) -> Result<D
     Ok(document(path, arguments, tolerances, &found, method, notes))
 }
 
+/// That a straightness is none of a machine tool. The line along which the optics were set up is not in it, as it may be steep.
+pub(crate) fn odd(found: &Straightness) -> Option<String> {
+    // Two targets leave nothing.
+    let error_um = found.of(ReferenceKind::LeastSquares).error_um;
+    (found.profile.len() > 2)
+        .then(|| odd_size(error_um, Some(DeviationUnit::Um)))
+        .flatten()
+        .map(|text| format!("about the line of least squares {text}"))
+}
+
 /// A straightness error by which slopes are slopes; any one does.
 fn rising() -> ErrorName {
-    use volcomp_vocabulary::{AxisName, Component};
+    use volcomp_vocabulary::Component;
     ErrorName::motion(Component::EZ, AxisName::X)
 }
 

@@ -307,6 +307,34 @@ fn straightness_and_squareness_of_the_examples() {
         "minimum-zone",
     ]);
     assert_eq!(other["uncertainty_urad"], Value::Null);
+    assert_eq!(other["uncertainty"], Value::Null);
+    // What is stated is added: a square of 1 µrad, an edge of 0.5 µm under lines of 600 and 800 mm, a range of 3 µrad.
+    let stated = json(&[
+        "squareness",
+        exy,
+        eyx,
+        "--error",
+        "EC0Y",
+        "--square-urad",
+        "1",
+        "--straight-edge-um",
+        "0.5",
+        "--temperature-urad",
+        "3",
+    ]);
+    let scatter = square["uncertainty_urad"].as_f64().expect("a number");
+    close(
+        &stated["uncertainty_urad"],
+        (scatter * scatter + 1.0 + 2.0 * ((0.5_f64 / 0.6).powi(2) + (0.5_f64 / 0.8).powi(2)) + 3.0)
+            .sqrt(),
+        1e-9,
+    );
+    assert_eq!(stated["uncertainty"]["left_out"], json!([]));
+    let open = square["notes"].to_string();
+    assert!(
+        open.contains("left out of the measurement uncertainty, not stated: square, straight edge, temperature"),
+        "{open}"
+    );
     // Tilts of a bridge of 250 mm: waves of 12 and 5 µm.
     let tilts = json(&["straightness", "examples/tilts.csv", "--bridge-mm", "250"]);
     assert_eq!(tilts["method"], "angular-method");
@@ -324,6 +352,101 @@ fn straightness_and_squareness_of_the_examples() {
         truth.about[0].error_um,
         1.5,
     );
+}
+
+/// A file in another unit than its head says is a thousand times too large.
+#[test]
+fn a_wrong_unit_and_an_angle_are_told() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let rows = |unit: &str, head: &str| {
+        let mut rows = format!("{head},run,direction,deviation {unit}\n");
+        for (run, direction) in [(1, "+"), (1, "-"), (2, "+"), (2, "-")] {
+            for k in 0..=5 {
+                let at = f64::from(k) * 100.0;
+                writeln!(rows, "{at},{run},{direction},{}", 4.0 * (at / 90.0).sin())
+                    .expect("a string");
+            }
+        }
+        rows
+    };
+    let right = write(folder.path(), "right.csv", &rows("um", "target"));
+    let wrong = write(folder.path(), "wrong.csv", &rows("mm", "target"));
+    let tiny = write(folder.path(), "tiny.csv", &rows("nm", "target"));
+    let angle = write(folder.path(), "angle.csv", &rows("urad", "target"));
+    let turned = write(folder.path(), "turned.csv", &rows("um", "target deg"));
+    let said = |call: &[&str]| json(call)["notes"].to_string();
+    for command in ["iso230", "straightness"] {
+        assert!(!said(&[command, &right]).contains("another unit"));
+        for file in [&wrong, &tiny] {
+            let notes = said(&[command, file]);
+            assert!(
+                notes.contains("are they in another unit?"),
+                "{command} {file}: {notes}"
+            );
+        }
+    }
+    let second = write(folder.path(), "second.csv", &rows("um", "target"));
+    let notes = said(&["squareness", &wrong, &second, "--error", "EC0Y"]);
+    assert!(notes.contains("a squareness of"), "{notes}");
+    let notes = said(&["iso230", &angle]);
+    assert!(
+        notes.contains("an angular error motion here, not of positioning"),
+        "{notes}"
+    );
+    assert!(!said(&["iso230", &angle, "--axis", "C"]).contains("angular error motion"));
+    let message = refused(&["straightness", &turned]);
+    assert!(
+        message.contains("found `target deg`, expected `target` or `target mm`"),
+        "{message}"
+    );
+}
+
+/// The file says X; material far from 20 °C is told of lengths, not of angles.
+#[test]
+fn the_axis_of_a_file_is_not_another_one() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let demo = folder.path().join("demo").display().to_string();
+    json(&["demo", "-o", &demo]);
+    let laser = format!("{demo}/exx.rtl");
+    let message = refused(&["iso230", &laser, "--axis", "Z"]);
+    assert!(
+        message.contains("found axis X, expected axis Z (--axis)"),
+        "{message}"
+    );
+    json(&["iso230", &laser, "--axis", "X"]);
+    let angles = fs::read_to_string(format!("{demo}/eay.rta")).expect("read");
+    let no_sensor = "Mat temp 1 : -10.000000 -10.000000 0\r\n";
+    assert!(angles.contains(no_sensor), "{angles}");
+    let warm = angles.replacen(no_sensor, "Mat temp 1 : 26.0 26.2 0\r\n", 1);
+    let warm = json(&["iso230", &write(folder.path(), "warm.rta", &warm)]);
+    assert!(
+        !warm["notes"].to_string().contains("20 °C"),
+        "{}",
+        warm["notes"]
+    );
+    assert_eq!(warm["material_compensation"], Value::Null);
+}
+
+/// With one run VDI/DGQ 3441 gives nothing, as ISO 230-2 gives no A: neither refuses the file.
+#[test]
+fn one_run_is_not_evaluated_by_vdi() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = write(
+        folder.path(),
+        "one.csv",
+        "target,run,direction,deviation um\n0,1,+,1\n0,1,-,2\n100,1,+,3\n100,1,-,5\n",
+    );
+    let vdi = json(&["iso230", &file, "--standard", "vdi", "--tolerance", "P=10"]);
+    assert_eq!(vdi["decision"]["verdict"], "not evaluated");
+    assert_eq!(quantity(&vdi, "P")["verdict"], "not evaluated");
+    assert_eq!(quantity(&vdi, "Pa")["value"], Value::Null);
+    assert!(
+        vdi["notes"]
+            .to_string()
+            .contains("is not evaluated: it needs both directions")
+    );
+    let iso = json(&["iso230", &file, "--tolerance", "A=10"]);
+    assert_eq!(iso["decision"]["verdict"], "not evaluated");
 }
 
 #[test]

@@ -53,7 +53,7 @@ pub fn parse_renishaw(
     if kind == RenishawKind::Straightness {
         notes.push(STRAIGHTNESS_NOT_PROVEN.into());
     }
-    notes.extend(environment_notes(&environment));
+    notes.extend(environment_notes(&environment, kind.quantity()));
     Ok(Measurement {
         name: name.into(),
         format: Some(kind.format()),

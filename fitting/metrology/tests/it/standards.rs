@@ -4,8 +4,9 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
 use volcomp_metrology::{
     Direction::{self, Negative, Positive},
-    Edition, Measurement, Reading, UncertaintyInputs, Verdict, asked_for, asme_b5_54, axis_kind,
-    decide, evaluate, parse_csv, parse_tolerances, positioning_uncertainty, shortfalls, vdi_3441,
+    Edition, Measurement, Reading, UncertaintyInputs, Vdi3441, Verdict, asked_for, asme_b5_54,
+    axis_kind, decide, evaluate, parse_csv, parse_tolerances, positioning_uncertainty, shortfalls,
+    vdi_3441,
 };
 use volcomp_vocabulary::AxisKind;
 
@@ -58,8 +59,14 @@ fn vdi_3441_by_hand() {
     near(vdi.ps_mean, 4.5 * root2, 1e-12);
     // From 0 − (4 + 3√2)/2 = −4.12 up to 5.5 + (1 + 6√2)/2 = 10.24.
     near(vdi.p, 5.5 + 0.5 + 3.0 * root2 + 2.0 + 1.5 * root2, 1e-12);
-    let symbols: Vec<&str> = vdi.quantities().iter().map(|q| q.symbol).collect();
+    let symbols: Vec<&str> = Vdi3441::quantities(Some(&vdi))
+        .iter()
+        .map(|q| q.symbol)
+        .collect();
     assert_eq!(symbols, ["P", "Pa", "U_max", "U_mean", "Ps_max", "Ps_mean"]);
+    assert_eq!(Vdi3441::quantities(Some(&vdi))[0].value, Some(vdi.p));
+    let none = Vdi3441::quantities(None);
+    assert!(none.len() == 6 && none.iter().all(|q| q.value.is_none()));
 }
 
 #[test]

@@ -3,11 +3,12 @@
 use std::path::Path;
 
 use volcomp_metrology::{
-    Approach, DeviationUnit, Direction, Edition, Iso230Part2, Measurement, PositioningUncertainty,
-    Quantity, Tolerance, asme_b5_54, axis_kind, evaluate, material_compensation,
-    positioning_uncertainty, read_file, shortfalls, vdi_3441,
+    Approach, DeviationUnit, Direction, Edition, Iso230Part2, Measurement, ODD_ABOVE,
+    PositioningUncertainty, Quantity, Tolerance, Vdi3441, asme_b5_54, axis_kind, axis_named,
+    evaluate, material_compensation, odd_size, positioning_uncertainty, read_file, shortfalls,
+    vdi_3441,
 };
-use volcomp_vocabulary::AxisKind;
+use volcomp_vocabulary::{AxisKind, AxisName};
 
 use super::judged::{
     POSITIONING, VDI, decision, decision_text, judged, quantities_text, tolerances,
@@ -25,6 +26,9 @@ use crate::{
     table::folded,
     unit,
 };
+
+const IS_ANGLE: &str = "the readings are angles of a linear axis: the statistics of the standard are of an angular error motion here, not of \
+     positioning (of a rotary axis state --axis)";
 
 pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let known: Vec<&str> = match arguments.standard {
@@ -59,8 +63,10 @@ fn one(
         let what = "found straightness readings, expected positioning; `volcomp straightness` evaluates them";
         return Err(Failure::in_file(path, what));
     }
+    let is_unit_stated = measurement.unit.is_some();
     let unit = unit::apply(path, &mut measurement, arguments.unit)?;
     if let Some(axis) = arguments.axis {
+        same_axis(path, &measurement, axis)?;
         measurement.check_targets(axis)?;
     }
     let result = evaluate(&measurement)?;
@@ -71,6 +77,16 @@ fn one(
     };
     let uncertainty = uncertainty(path, arguments, &measurement, unit, kind)?;
     let mut notes = measurement.notes.clone();
+    let sizes = measurement.readings.iter().map(|r| r.deviation.abs());
+    let largest = sizes.fold(0.0, f64::max);
+    // Without a unit small ones are noted already, with how to state it.
+    if is_unit_stated || largest > ODD_ABOVE {
+        notes.extend(odd_size(largest, Some(unit)));
+    }
+    let is_angle = unit == DeviationUnit::Urad && kind == AxisKind::Linear;
+    if is_angle {
+        notes.push(IS_ANGLE.to_owned());
+    }
     notes.extend(shortfalls(&measurement, kind, edition));
     notes.extend(result.outlier_hints.iter().map(|hint| hint.text.clone()));
     if let Some(uncertainty) = &uncertainty
@@ -89,17 +105,17 @@ fn one(
         tolerances,
         uncertainty.as_ref(),
     );
-    if matches!(arguments.standard, Standard::Vdi | Standard::All)
-        && !quantities.iter().any(|q| q.symbol == "P")
+    if quantities
+        .iter()
+        .any(|q| q.symbol == "P" && q.value.is_none())
     {
-        let note = "VDI/DGQ 3441 needs both directions and at least two runs in each";
+        let note =
+            "VDI/DGQ 3441 is not evaluated: it needs both directions and at least two runs in each";
         notes.push(note.to_owned());
-        if tolerances.iter().any(|t| VDI.contains(&t.symbol.as_str())) {
-            return Err(Failure::in_file(path, format_args!("{note}, found fewer")));
-        }
     }
     let decision = decision(&quantities);
-    let is_laser = measurement.quantity.is_some();
+    // Angles do not grow with the material.
+    let is_laser = measurement.quantity == Some(Quantity::Positioning);
     let compensation = is_laser.then(|| material_compensation(&measurement.environment));
     let text = text(&result, unit, edition, arguments.standard, &quantities)
         + &uncertainty
@@ -124,6 +140,18 @@ fn one(
         notes,
         found: (quantities, decision),
     })
+}
+
+/// What the file calls its axis is not another one than the call.
+fn same_axis(path: &Path, measurement: &Measurement, axis: AxisName) -> Result<(), Failure> {
+    let stated = measurement.metadata.axis.as_deref().and_then(axis_named);
+    match stated {
+        Some(found) if found != axis => {
+            let what = format!("found axis {found}, expected axis {axis} (--axis)");
+            Err(Failure::in_file(path, what))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// The uncertainty, where any of its options is given.
@@ -188,10 +216,8 @@ fn quantities(
         let quantities = edition.quantities(result);
         all.extend(judged(&name, quantities, unit.key(), tolerances, &u));
     }
-    if matches!(standard, Standard::Vdi | Standard::All)
-        && let Some(vdi) = vdi_3441(result)
-    {
-        let quantities = vdi.quantities();
+    if matches!(standard, Standard::Vdi | Standard::All) {
+        let quantities = Vdi3441::quantities(vdi_3441(result).as_ref());
         all.extend(judged(
             "VDI/DGQ 3441",
             quantities,
