@@ -67,6 +67,20 @@ pub enum NoWayBack {
     },
 }
 
+/// The version whose model a machine can be given back; `None`: it has had no other in force, or what it had was broken off.
+///
+/// # Errors
+/// The database cannot be read.
+pub fn way(
+    store: &Store,
+    machine: &MachineId,
+    live: Option<&Live>,
+) -> Result<Option<Version>, StoreError> {
+    let versions = store.versions(machine)?;
+    let broken_off = broken_off(store, machine, &versions)?;
+    Ok(before(&versions, live, &broken_off).cloned())
+}
+
 /// Starts a roll-out of that model to the machine: it gets a version that is higher than all before, and is watched as with any
 /// other.
 ///
@@ -86,9 +100,7 @@ pub fn start(
         .live()?
         .into_iter()
         .find(|live| live.machine == *machine);
-    let versions = store.versions(machine)?;
-    let broken_off = broken_off(store, machine, &versions)?;
-    let version = before(&versions, live.as_ref(), &broken_off).ok_or_else(none)?;
+    let version = way(store, machine, live.as_ref())?.ok_or_else(none)?;
     let model = store.model(&version.model)?.ok_or_else(none)?;
     fits(&model, &known)?;
     let machines = [(machine.clone(), true)];

@@ -3,7 +3,7 @@
 use std::{collections::BTreeMap, fmt};
 
 use time::{Date, Month, OffsetDateTime};
-use volcomp_fleet::Outcome;
+use volcomp_fleet::{MachineId, Outcome};
 use volcomp_model::Machine as ModelMachine;
 use volcomp_vocabulary::ErrorName;
 
@@ -105,6 +105,22 @@ pub(crate) fn may_be_in_force(version: &Version) -> bool {
             version.outcome,
             Some(Outcome::Refused { .. } | Outcome::NeedsConfirmation { .. })
         )
+}
+
+/// The version by whose model a machine corrects, by [`in_force`], of a machine whose `newest` version is known: where it tells
+/// that one, no other is read.
+pub(crate) fn version_in_force(
+    store: &Store,
+    machine: &MachineId,
+    newest: Option<&Version>,
+    live: Option<&Live>,
+) -> Result<Option<Version>, StoreError> {
+    let told = live.map_or(0, |live| live.version);
+    match newest {
+        Some(newest) if newest.version == told => Ok(Some(newest.clone())),
+        None if told == 0 => Ok(None),
+        _ => Ok(in_force(&store.versions(machine)?, live).cloned()),
+    }
 }
 
 /// The version by whose model a machine corrects: the one that it tells; where none is known of what it tells, or it has answered

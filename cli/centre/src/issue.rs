@@ -11,10 +11,10 @@ use crate::{
     records::{Machine, Model, Version},
     store::{
         Database, Issued, Store, StoreError,
+        desired::{clear_desired, newest, newest_version},
         machines::machine_named,
         models::{
-            add_version, change_version, clear_desired, live_of, model_of, newest, newest_version,
-            next_version, text_of, versions_of,
+            add_version, change_version, live_of, model_of, next_version, text_of, versions_of,
         },
     },
 };

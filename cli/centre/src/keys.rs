@@ -32,7 +32,7 @@ pub enum KeyError {
     File {
         /// The file.
         file: PathBuf,
-        /// Why.
+        /// What the operating system said.
         source: io::Error,
     },
     /// A secret cannot be read, or others may read it.

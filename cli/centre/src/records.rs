@@ -69,9 +69,14 @@ impl Machine {
     }
 
     /// A machine of which no condition came for longer than this is not heard, s: five of its intervals, and at least 15 s.
-    /// Alarms and roll-outs go by it alike.
+    /// Alarms, roll-outs, the page and the command line go by it alike.
     pub fn silent_after_s(&self) -> f64 {
         (5.0 * f64::from(self.condition_s.unwrap_or(1))).max(Self::SILENT_S)
+    }
+
+    /// Whether it is not heard any more: its last condition is older than [`silent_after_s`](Self::silent_after_s).
+    pub fn is_silent(&self, age_s: f64) -> bool {
+        age_s > self.silent_after_s()
     }
 
     /// No machine is silent before this, s.
@@ -156,7 +161,8 @@ pub struct Version {
     pub outcome: Option<Outcome>,
     /// When that came, s.
     pub answered_s: Option<f64>,
-    /// It was taken back before it was in force, since its roll-out had stopped.
+    /// Whether another version was put under the key of the machine in its place because its roll-out had stopped before the
+    /// machine told that this one is in force. A machine that has taken it all the same corrects with it until it takes the other one.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub withdrawn: bool,
 }

@@ -12,6 +12,7 @@ use super::{
 use crate::{
     clock::now_s,
     config::Config,
+    drift::version_in_force,
     issue::{NotIssued, settle},
     models::NewModel,
     records::{Live, Machine, Model, Version},
@@ -26,7 +27,20 @@ pub(super) struct Shown {
     pub(super) live: Option<Live>,
     /// How old its last condition is by the clocks of this computer and of the server, s.
     pub(super) age_s: Option<f64>,
+    /// The newest version, which it shall have.
     pub(super) version: Option<Version>,
+    /// The model of that version.
+    pub(super) wanted: Option<Named>,
+    /// The model by which it corrects; `None`: it was never heard, or has none.
+    pub(super) in_force: Option<Named>,
+}
+
+/// A model of a machine, by its version, its checksum and its name.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub(super) struct Named {
+    pub(super) version: u64,
+    pub(super) model: String,
+    pub(super) name: String,
 }
 
 pub(super) fn add(config: &Config, add: &AddMachine, by: &str) -> Result<(), CommandError> {
@@ -89,19 +103,33 @@ pub(super) fn list(config: &Config, json: bool) -> Result<(), CommandError> {
     let mut versions: BTreeMap<MachineId, Version> = (store.newest_versions()?.into_iter())
         .map(|version| (version.machine.clone(), version))
         .collect();
-    let now_s = now_s();
-    let shown: Vec<Shown> = (store.machines()?.into_iter())
-        .map(|machine| {
-            let live = live.remove(&machine.identity.machine);
-            let made = live.as_ref().and_then(Live::made);
-            Shown {
-                age_s: made.map(|made| (now_s - made.at_s).max(made.late_s)),
-                live,
-                version: versions.remove(&machine.identity.machine),
-                machine,
-            }
-        })
+    let models: BTreeMap<String, String> = (store.models()?.into_iter())
+        .map(|model| (model.sha256, model.name))
         .collect();
+    let named = |version: &Version| Named {
+        version: version.version,
+        model: version.model.clone(),
+        name: models.get(&version.model).cloned().unwrap_or_default(),
+    };
+    let now_s = now_s();
+    let mut shown = Vec::new();
+    for machine in store.machines()? {
+        let name = &machine.identity.machine;
+        let (live, version) = (live.remove(name), versions.remove(name));
+        let in_force = match &live {
+            Some(live) => version_in_force(&store, name, version.as_ref(), Some(live))?,
+            None => None,
+        };
+        let made = live.as_ref().and_then(Live::made);
+        shown.push(Shown {
+            age_s: made.map(|made| (now_s - made.at_s).max(made.late_s)),
+            live,
+            wanted: version.as_ref().map(named),
+            in_force: in_force.as_ref().map(named),
+            version,
+            machine,
+        });
+    }
     if json {
         print_json(&shown)
     } else {

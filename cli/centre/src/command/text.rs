@@ -4,7 +4,7 @@ use std::{collections::BTreeSet, fmt::Write};
 
 use volcomp_fleet::largest_moves;
 
-use super::machines::Shown;
+use super::machines::{Named, Shown};
 use crate::{
     drift::{Stage, date},
     records::{Alarm, AuditRecord, Model, Origin},
@@ -66,12 +66,18 @@ pub(super) fn started(rollout: &Rollout, model: &Model) -> String {
 
 pub(super) fn machines(shown: &[Shown]) -> String {
     let mut rows = vec![row(&[
-        "machine", "site", "state", "age", "version", "model", "residual",
+        "machine",
+        "site",
+        "state",
+        "age",
+        "residual",
+        "corrects by",
+        "shall have",
     ])];
     for one in shown {
         let condition = one.live.as_ref().and_then(|live| live.condition.as_ref());
-        // What is older than an alarm waits for is not what holds now.
-        let is_old = (one.age_s).is_none_or(|age_s| age_s > one.machine.silent_after_s());
+        // What a silent machine told last is not what holds now.
+        let is_old = (one.age_s).is_none_or(|age_s| one.machine.is_silent(age_s));
         let state = match condition {
             None => "never heard".to_owned(),
             Some(condition) if is_old => format!("unknown, was {}", condition.state),
@@ -79,26 +85,25 @@ pub(super) fn machines(shown: &[Shown]) -> String {
         };
         let residual = condition.and_then(|condition| condition.residual_um);
         let residual = residual.filter(|_| !is_old);
-        let version = match (&one.live, &one.version) {
-            (Some(live), Some(version)) if live.version != version.version => {
-                format!("{} (shall {})", live.version, version.version)
-            }
-            (Some(live), _) => live.version.to_string(),
-            (None, Some(version)) => format!("- (shall {})", version.version),
-            (None, None) => "-".to_owned(),
+        let of_machine = |model: &Option<Named>| {
+            model.as_ref().map_or("-".to_owned(), |model| {
+                let words = format!("{}: {} {}", model.version, short(&model.model), model.name);
+                words.trim_end().to_owned()
+            })
         };
-        let model = one
-            .version
-            .as_ref()
-            .map_or("-", |version| short(&version.model));
+        let shall_have = if one.wanted.is_some() && one.wanted == one.in_force {
+            "the same".to_owned()
+        } else {
+            of_machine(&one.wanted)
+        };
         rows.push(row(&[
             one.machine.identity.machine.as_str(),
             one.machine.identity.site.as_str(),
             &state,
             &one.age_s.map_or("-".to_owned(), age),
-            &version,
-            model,
             &residual.map_or("-".to_owned(), |um| format!("{um:.1} µm")),
+            &of_machine(&one.in_force),
+            &shall_have,
         ]));
     }
     columns(&rows)

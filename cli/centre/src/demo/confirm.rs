@@ -65,7 +65,11 @@ fn look(store: &Store, since: &mut HashMap<Waiting, Instant>) -> Result<(), Stor
         let begun = *since.entry(one.clone()).or_insert_with(Instant::now);
         if begun.elapsed() >= CONFIRMS_AFTER {
             let (id, machine, hash) = one.clone();
-            store.wish(id, &Wish::Confirm { machine, hash }, BY)?;
+            match store.wish(id, &Wish::Confirm { machine, hash }, BY) {
+                // It has gone on, or stopped, since it was looked at.
+                Ok(()) | Err(StoreError::NotConfirmed { .. }) => {}
+                Err(error) => return Err(error),
+            }
             // The engine takes it up within a second; where it does not, it is wished again after the same while.
             since.insert(one, Instant::now());
         }

@@ -7,10 +7,15 @@ use std::{
 
 use volcomp_fleet::MachineId;
 
-use super::{Engine, causes, writer::lock};
+use super::{
+    Engine,
+    causes::{self, Suspect},
+    writer::lock,
+};
 use crate::{
+    back,
     clock::now_s,
-    drift::{due_days, in_force, model_in_force},
+    drift::{due_days, model_in_force, version_in_force},
     ingest::Since,
     records::{AlarmKind, Live, Machine, Model, Version},
     rollout::{Phase, Rollout, Step},
@@ -45,10 +50,13 @@ pub(super) struct Open {
     /// At what it was learned, and the model that a machine corrects by, of machines whose calibration
     /// can be due.
     in_force: BTreeMap<MachineId, (Told, Option<String>)>,
-    /// The roll-out of the version in force, of machines that tell another than the newest.
+    /// The roll-out of the version in force of each machine.
     of_rollout: BTreeMap<MachineId, (Told, Option<u64>)>,
     /// Roll-outs that are done: nothing of them is suspect, and nothing of them changes.
     done: BTreeSet<u64>,
+    /// Whether there is a model to go back to, of suspect machines, and when that was read: it changes with what becomes of other
+    /// roll-outs.
+    ways_back: BTreeMap<MachineId, (Instant, bool)>,
 }
 
 /// Raises, closes, and says more.
@@ -81,7 +89,7 @@ pub(super) fn look(
     }
     learn_models(engine, &mut state.models, versions, &state.in_force)?;
     let rollouts = learn_rollouts(engine, &mut state.of_rollout, machines, versions, &lives)?;
-    let suspects = suspects(engine, &mut state.done, &rollouts)?;
+    let suspects = suspects(engine, state, &rollouts, &lives)?;
     let mut causes = of_machines(engine, state, machines, versions, &suspects, now);
     let over = of_centre(engine, &mut causes)?;
     let open = if let Some(open) = &mut state.known {
@@ -221,21 +229,13 @@ fn learn_rollouts(
         let name = &machine.identity.machine;
         let (newest, live) = (versions.get(name), lives.get(name));
         let at = told(newest, live);
-        let rollout = match newest {
-            Some(newest) if newest.version == at.1 => newest.rollout,
-            None if at.1 == 0 => None,
-            _ => {
-                let known = before.remove(name).filter(|(known, _)| *known == at);
-                let rollout = if let Some((_, rollout)) = known {
-                    rollout
-                } else {
-                    let versions = engine.store.versions(name)?;
-                    in_force(&versions, live).and_then(|version| version.rollout)
-                };
-                learned.insert(name.clone(), (at, rollout));
-                rollout
-            }
+        let known = before.remove(name).filter(|(known, _)| *known == at);
+        let rollout = match known {
+            Some((_, rollout)) => rollout,
+            None => version_in_force(&engine.store, name, newest, live)?
+                .and_then(|version| version.rollout),
         };
+        learned.insert(name.clone(), (at, rollout));
         if let Some(rollout) = rollout {
             found.insert(name.clone(), rollout);
         }
@@ -243,17 +243,18 @@ fn learn_rollouts(
     Ok(found)
 }
 
-/// The machines that have in force the model of a roll-out that is broken off and that nobody has decided to keep: its number, and
-/// what became of it.
+/// The machines that have in force the model of a roll-out that is broken off and that nobody has decided to keep.
 fn suspects(
     engine: &Engine,
-    done: &mut BTreeSet<u64>,
+    state: &mut Open,
     rollouts: &BTreeMap<MachineId, u64>,
-) -> Result<BTreeMap<MachineId, (u64, String)>, StoreError> {
+    lives: &BTreeMap<MachineId, Live>,
+) -> Result<BTreeMap<MachineId, Suspect>, StoreError> {
     let open: BTreeSet<u64> = (rollouts.values().copied())
-        .filter(|id| !done.contains(id))
+        .filter(|id| !state.done.contains(id))
         .collect();
     let mut suspects = BTreeMap::new();
+    let mut ways_back = std::mem::take(&mut state.ways_back);
     for id in open {
         let Some(rollout) = readable(engine, id)? else {
             continue;
@@ -262,14 +263,30 @@ fn suspects(
             Phase::Stopped { why } => format!("has stopped ({why})"),
             Phase::Aborted { by } => format!("{by} has ended before it was done"),
             Phase::Done => {
-                done.insert(id);
+                state.done.insert(id);
                 continue;
             }
             Phase::Running | Phase::Paused { .. } => continue,
         };
         let of_it = rollouts.iter().filter(|(_, of)| **of == id);
         for (machine, _) in of_it.filter(|(machine, _)| rollout.is_suspect_on(machine)) {
-            suspects.insert(machine.clone(), (id, what.clone()));
+            let known = ways_back.remove(machine);
+            let known = known.filter(|(at, _)| at.elapsed().as_secs_f64() < READ_EVERY_S);
+            let (at, has_way_back) = match known {
+                Some(known) => known,
+                None => {
+                    let way = back::way(&engine.store, machine, lives.get(machine))?;
+                    (Instant::now(), way.is_some())
+                }
+            };
+            state.ways_back.insert(machine.clone(), (at, has_way_back));
+            let suspect = Suspect {
+                rollout: id,
+                what: what.clone(),
+                may_go_on: !rollout.phase.is_over(),
+                has_way_back,
+            };
+            suspects.insert(machine.clone(), suspect);
         }
     }
     Ok(suspects)
@@ -280,7 +297,7 @@ fn of_machines(
     state: &Open,
     machines: &[Machine],
     versions: &BTreeMap<MachineId, Version>,
-    suspects: &BTreeMap<MachineId, (u64, String)>,
+    suspects: &BTreeMap<MachineId, Suspect>,
     now_s: f64,
 ) -> BTreeMap<Key, String> {
     let clobbered = lock(&engine.clobbered).clone();

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use volcomp_fleet::{Outcome, largest_moves};
+use volcomp_fleet::{MachineId, Outcome, largest_moves};
 
 use crate::{
     ingest::Heard,
@@ -26,8 +26,8 @@ pub(super) struct Known<'a> {
     /// The newest version with its model.
     pub(super) version: Option<&'a Version>,
     pub(super) model: Option<&'a Model>,
-    /// The roll-out of the version in force, where that is broken off: number, and what became of it.
-    pub(super) suspect: Option<&'a (u64, String)>,
+    /// The roll-out of the version in force, where that is broken off.
+    pub(super) suspect: Option<&'a Suspect>,
     /// A foreign value stood under its key so long ago, s.
     pub(super) clobbered_s: Option<f64>,
     /// A message could not be read so long ago, s, and why not.
@@ -35,6 +35,41 @@ pub(super) struct Known<'a> {
     /// A calibration is due since so many days.
     pub(super) due_days: Option<f64>,
     pub(super) now_s: f64,
+}
+
+/// A roll-out that is broken off and whose model a machine has in force.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Suspect {
+    /// Its number.
+    pub(super) rollout: u64,
+    /// What became of it.
+    pub(super) what: String,
+    /// Whether somebody can still let it go on: its machines take part in no other meanwhile.
+    pub(super) may_go_on: bool,
+    /// Whether there is an earlier model to go back to.
+    pub(super) has_way_back: bool,
+}
+
+impl Suspect {
+    /// What is told of a machine, with the ways on that there are.
+    fn in_words(&self, name: &MachineId) -> String {
+        let Self { rollout, what, .. } = self;
+        let stop = if self.may_go_on {
+            format!("after `rollout stop {rollout}` ")
+        } else {
+            String::new()
+        };
+        let back = if self.has_way_back {
+            format!("{stop}`model back {name}` brings back the one before")
+        } else {
+            format!(
+                "there is no earlier one to go back to, and `machine disable {name}` ends its correction"
+            )
+        };
+        format!(
+            "It corrects with the model of roll-out {rollout}, which {what}: {back}; `rollout keep {rollout} {name}` says that the model shall stay."
+        )
+    }
 }
 
 pub(super) fn of(known: &Known<'_>) -> BTreeMap<AlarmKind, String> {
@@ -59,14 +94,9 @@ pub(super) fn of(known: &Known<'_>) -> BTreeMap<AlarmKind, String> {
             format!("The calibration has been due for {days:.0} days."),
         );
     }
-    if let Some((rollout, what)) = known.suspect {
-        let name = &known.machine.identity.machine;
-        causes.insert(
-            AlarmKind::Suspect,
-            format!(
-                "It corrects with the model of roll-out {rollout}, which {what}. `model back {name}` brings back the one before; `rollout keep {rollout} {name}` says that it shall stay."
-            ),
-        );
+    if let Some(suspect) = known.suspect {
+        let text = suspect.in_words(&known.machine.identity.machine);
+        causes.insert(AlarmKind::Suspect, text);
     }
     of_version(known, &mut causes);
     of_heard(known, &mut causes);
@@ -130,7 +160,7 @@ fn of_version(known: &Known<'_>, causes: &mut BTreeMap<AlarmKind, String>) {
 fn of_heard(known: &Known<'_>, causes: &mut BTreeMap<AlarmKind, String>) {
     let Some(heard) = known.heard else { return };
     let Some(live) = &heard.live else { return };
-    if known.quiet_s > known.machine.silent_after_s() {
+    if known.machine.is_silent(known.quiet_s) {
         causes.insert(
             AlarmKind::Silent,
             "It is not heard. It goes on with the model that it has.".to_owned(),
@@ -179,5 +209,35 @@ fn of_heard(known: &Known<'_>, causes: &mut BTreeMap<AlarmKind, String>) {
             AlarmKind::Sensor,
             format!("Temperatures are not used: {}.", broken.join(", ")),
         );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_suspect_is_told_only_the_ways_that_there_are() {
+        let name = "mill-1".parse().expect("a name");
+        let mut suspect = Suspect {
+            rollout: 3,
+            what: "anna has ended before it was done".to_owned(),
+            may_go_on: false,
+            has_way_back: true,
+        };
+        assert_eq!(
+            suspect.in_words(&name),
+            "It corrects with the model of roll-out 3, which anna has ended before it was done: `model back mill-1` brings back the one before; `rollout keep 3 mill-1` says that the model shall stay."
+        );
+        suspect.may_go_on = true;
+        assert!(
+            suspect
+                .in_words(&name)
+                .contains("after `rollout stop 3` `model back mill-1`")
+        );
+        suspect.has_way_back = false;
+        let told = suspect.in_words(&name);
+        assert!(!told.contains("model back"), "{told}");
+        assert!(told.contains("`machine disable mill-1`"), "{told}");
     }
 }

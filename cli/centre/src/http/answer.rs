@@ -52,7 +52,8 @@ impl From<StoreError> for Refused {
         match error {
             StoreError::Rollout { .. }
             | StoreError::NotBrokenOff { .. }
-            | StoreError::NotInForce { .. } => Self::conflict(error.to_string()),
+            | StoreError::NotInForce { .. }
+            | StoreError::NotConfirmed { .. } => Self::conflict(error.to_string()),
             StoreError::Missing { .. } => Self::missing(error.to_string()),
             StoreError::InDoubt { .. } => {
                 tracing::error!("page: {error}");

@@ -10,7 +10,6 @@ use volcomp_fleet::MachineId;
 use super::{
     answer::{Answer, Refused, document, json_bytes},
     face::Shared,
-    overview::is_silent,
 };
 use crate::{
     clock::now_s,
@@ -99,7 +98,7 @@ pub(super) async fn machine(State(face): Shared, Path(name): Path<String>) -> An
                 .or(versions.first())
                 .map(|version| version.model.clone());
             // Where the age is not known yet the machine is taken for silent.
-            let silent = age_s.is_none_or(|age_s| is_silent(&machine, age_s));
+            let silent = age_s.is_none_or(|age_s| machine.is_silent(age_s));
             let telemetry = telemetry.map(|(at_s, state)| Told {
                 at_s,
                 age_s: now_s() - at_s,

@@ -13,14 +13,9 @@ use super::ages::Ages;
 use crate::{
     clock::now_s,
     drift::{due_days, model_in_force},
-    records::{Alarm, AlarmKind, Live, Machine, Model, Severity, Version},
+    records::{Alarm, AlarmKind, Live, Model, Severity, Version},
     store::{Store, StoreError},
 };
-
-/// A machine that was not heard for so many periods is not known any more …
-const PERIODS: f64 = 3.0;
-/// … and this is the time that a message may be on its way through the server and the store, s.
-const ON_ITS_WAY_S: f64 = 2.0;
 
 /// What is older than this, and than what it takes to make it three times, is not told as what holds now.
 const OLD: Duration = Duration::from_secs(5);
@@ -79,11 +74,6 @@ struct Document<'a> {
     centre: Vec<&'a Alarm>,
 }
 
-/// Whether a machine with this age is silent.
-pub(super) fn is_silent(machine: &Machine, age_s: f64) -> bool {
-    age_s > PERIODS * f64::from(machine.condition_s.unwrap_or(1)) + ON_ITS_WAY_S
-}
-
 impl Overview {
     pub(super) fn of(store: &Store, ages: &mut Ages, notice: &str) -> Result<Self, StoreError> {
         let began = Instant::now();
@@ -127,7 +117,7 @@ impl Overview {
                 if let Some(age_s) = age_s {
                     ages_s.insert(id.clone(), age_s);
                 }
-                let silent = age_s.is_none_or(|age_s| is_silent(machine, age_s));
+                let silent = age_s.is_none_or(|age_s| machine.is_silent(age_s));
                 let told = heard.and_then(|live| live.condition.as_ref());
                 let condition = told.filter(|_| !silent);
                 let state = match condition {

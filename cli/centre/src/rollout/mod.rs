@@ -160,9 +160,9 @@ pub enum Step {
     },
     /// It is out: it did not answer, or something speaks against the model.
     Out {
-        /// The version, where one was sent.
+        /// The version, where one was sent and was not taken back since.
         version: Option<u64>,
-        /// Why.
+        /// Why it is out, a sentence without its full stop.
         why: String,
         /// Whether the roll-out must stop for it, however many may stay out.
         against: bool,
@@ -221,17 +221,17 @@ pub enum Phase {
     Running,
     /// A person holds it.
     Paused {
-        /// Who.
+        /// The name of the user who holds it.
         by: String,
     },
     /// It stopped by itself.
     Stopped {
-        /// Why.
+        /// What it stopped for, a sentence without its full stop.
         why: String,
     },
     /// A person has ended it.
     Aborted {
-        /// Who.
+        /// The name of the user who has ended it.
         by: String,
     },
     /// Every machine had its turn.
@@ -282,6 +282,40 @@ impl Rollout {
         let is_kept = turns.any(|turn| turn.machine == *machine && turn.kept_by.is_some());
         self.phase.is_broken_off() && !is_kept
     }
+
+    /// Whether a person can confirm this change of a machine now. `is_ending`: somebody has ended the roll-out, which is not
+    /// taken up yet.
+    ///
+    /// # Errors
+    /// Why not, and what to do.
+    pub fn may_confirm(
+        &self,
+        machine: &MachineId,
+        hash: &str,
+        is_ending: bool,
+    ) -> Result<(), String> {
+        let id = self.id;
+        if self.phase.is_over() || is_ending {
+            return Err(format!("roll-out {id} is over, and nothing more is sent"));
+        }
+        if !self.phase.takes_confirmations() {
+            return Err(format!(
+                "roll-out {id} has stopped, and sends nothing: `rollout resume {id}` lets it go on in spite of what it stopped for, and the change can be confirmed then"
+            ));
+        }
+        let mut turns = self.turns.iter();
+        let turn = turns.find(|turn| turn.machine == *machine);
+        match turn.map(|turn| &turn.step) {
+            None => Err(format!("{machine} has no turn in roll-out {id}")),
+            Some(Step::NeedsConfirmation { hash: shown, .. }) if shown == hash => Ok(()),
+            Some(Step::NeedsConfirmation { hash: shown, .. }) => Err(format!(
+                "found the hash {hash}, expected {shown}, that of the change of {machine} which waits for a confirmation"
+            )),
+            Some(_) => Err(format!(
+                "{machine} has no change in roll-out {id} that waits for a confirmation"
+            )),
+        }
+    }
 }
 
 /// What is seen of a machine at one look.
@@ -320,7 +354,7 @@ pub enum Event {
     NotIssued {
         /// For this machine.
         machine: MachineId,
-        /// Why.
+        /// Why nothing was issued for it.
         why: String,
     },
     /// A machine has answered.
@@ -334,9 +368,9 @@ pub enum Event {
     },
     /// A person wishes something.
     Wished {
-        /// What.
+        /// What is wished.
         wish: Wish,
-        /// Who.
+        /// The name of the user who wishes it.
         by: String,
     },
 }

@@ -84,12 +84,13 @@ impl Store {
     /// read back and compared before it is committed. The file stays as it is.
     ///
     /// # Errors
-    /// The file is not there, or another program has it open; this store holds something; what was read back differs; one
+    /// The file is not there, is of an older program, or another program has it open; this store holds something; what was read back differs; one
     /// of the databases fails. Nothing is changed then.
     pub fn copy_from(&self, path: &Path, by: &str) -> Result<Vec<Copied>, StoreError> {
-        let mut file = Sqlite::open_alone(path)?;
-        schema::bring_up(&mut file)?;
-        file.execute("BEGIN", &[])?;
+        schema::check_newest(&mut Sqlite::open_to_read(path)?, path)?;
+        Sqlite::check_alone(path)?;
+        let mut file = Sqlite::open_to_read(path)?;
+        file.execute("BEGIN DEFERRED", &[])?;
         let copied = self.write(|database| {
             let mut copied = Vec::new();
             for (table, columns) in tables(&mut file)? {

@@ -7,6 +7,7 @@ pub(crate) mod alarms;
 pub(crate) mod audit;
 mod copy;
 mod database;
+pub(crate) mod desired;
 mod history;
 pub(crate) mod ingest;
 mod live;
@@ -27,8 +28,8 @@ use std::{
 
 pub use copy::Copied;
 pub use database::{Database, Row, Value};
+pub use desired::Issued;
 pub use history::Keep;
-pub use models::Issued;
 #[cfg(feature = "postgres")]
 pub use postgres::PostgresPlace;
 pub use users::Changed;
@@ -50,7 +51,7 @@ pub enum StoreError {
     NotReached {
         /// The server, the database and the user.
         place: String,
-        /// Why.
+        /// What the client or the server of the database said.
         why: String,
     },
     /// PostgreSQL refuses, or its connection was lost; then nothing of a change is done.
@@ -58,13 +59,13 @@ pub enum StoreError {
     Postgres {
         /// The server, the database and the user.
         place: String,
-        /// Why.
+        /// What the client or the server of the database said.
         why: String,
     },
     /// The connection was lost while a change was committed: it is done, or nothing of it.
     #[error("it is not known whether the change is stored, look before it is made again: {why}")]
     InDoubt {
-        /// Why.
+        /// How the connection was lost.
         why: String,
     },
     /// The password of the database.
@@ -88,6 +89,18 @@ pub enum StoreError {
         "the database has {found} steps of its schema, this program knows {known}: expected a program as new as the one that wrote it"
     )]
     Newer {
+        /// The steps that it has.
+        found: u64,
+        /// The steps that this program knows.
+        known: u64,
+    },
+    /// An older program has written the file, which is only read here.
+    #[error(
+        "{file}: its schema has {found} steps, expected {known}, those of this program: a file that is copied is read and not changed; any command of this program with this store, such as `machine list`, brings it up"
+    )]
+    Older {
+        /// The file.
+        file: String,
         /// The steps that it has.
         found: u64,
         /// The steps that this program knows.
@@ -150,6 +163,12 @@ pub enum StoreError {
         machine: String,
         /// The number of the roll-out.
         rollout: u64,
+    },
+    /// A confirmation that would be sent to nobody.
+    #[error("nothing is confirmed: {why}")]
+    NotConfirmed {
+        /// Why nothing would come of it, and what to do.
+        why: String,
     },
     /// What is asked for is not there.
     #[error("found no {what} {name}")]

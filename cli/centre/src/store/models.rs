@@ -9,19 +9,6 @@ use super::{
 };
 use crate::records::{Live, Model, Version};
 
-/// The newest signed value of a machine.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Issued {
-    /// The machine.
-    pub machine: MachineId,
-    /// The version in it.
-    pub version: u64,
-    /// The checksum of its model.
-    pub model: String,
-    /// The bytes that stand under the machine's key.
-    pub value: String,
-}
-
 impl Store {
     /// Adds a model with its text. Tells whether it is new. Of one that is there already the day of its measurements is taken,
     /// where one is stated.
@@ -109,30 +96,6 @@ impl Store {
     pub fn versions(&self, machine: &MachineId) -> Result<Vec<Version>, StoreError> {
         self.read(|database| versions_of(database, machine))
     }
-
-    /// What a machine shall run: its newest signed value.
-    ///
-    /// # Errors
-    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
-    pub fn issued(&self, machine: &MachineId) -> Result<Option<Issued>, StoreError> {
-        self.read(|database| newest(database, machine))
-    }
-
-    /// The newest version of every machine, with what became of it.
-    ///
-    /// # Errors
-    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
-    pub fn newest_versions(&self) -> Result<Vec<Version>, StoreError> {
-        self.read(|database| {
-            let rows = database.rows(
-                "SELECT versions.document FROM desired JOIN versions
-                 ON versions.machine = desired.machine AND versions.version = desired.version
-                 WHERE desired.value <> ''",
-                &[],
-            )?;
-            rows.iter().map(|row| row.json(0)).collect()
-        })
-    }
 }
 
 /// The text of a model, as it stands in a transaction.
@@ -159,18 +122,6 @@ pub(crate) fn model_of(
     row.map(|row| row.json(0)).transpose()
 }
 
-/// What a machine shall run, as it stands in a transaction.
-pub(crate) fn newest(
-    database: &mut dyn Database,
-    machine: &MachineId,
-) -> Result<Option<Issued>, StoreError> {
-    let row = database.first(
-        "SELECT machine, version, model, value FROM desired WHERE machine = ?1 AND value <> ''",
-        &[machine.as_str().into()],
-    )?;
-    row.as_ref().map(issued).transpose()
-}
-
 /// Every version of a machine, the newest first, as it stands in a transaction.
 pub(crate) fn versions_of(
     database: &mut dyn Database,
@@ -181,48 +132,6 @@ pub(crate) fn versions_of(
         &[machine.as_str().into()],
     )?;
     rows.iter().map(|row| row.json(0)).collect()
-}
-
-/// Has nothing stand under the key of a machine: what was issued last is taken back, and there was nothing before. A value
-/// without bytes says so until the next one is issued.
-pub(crate) fn clear_desired(
-    database: &mut dyn Database,
-    machine: &MachineId,
-) -> Result<(), StoreError> {
-    database.execute(
-        "UPDATE desired SET value = '' WHERE machine = ?1",
-        &[machine.as_str().into()],
-    )?;
-    audit::append(
-        database,
-        "centre",
-        "version.withdraw",
-        machine.as_str(),
-        json!({}),
-    )
-}
-
-/// The newest version of a machine, as it stands in a transaction.
-pub(crate) fn newest_version(
-    database: &mut dyn Database,
-    machine: &MachineId,
-) -> Result<Option<Version>, StoreError> {
-    let row = database.first(
-        "SELECT versions.document FROM desired JOIN versions
-         ON versions.machine = desired.machine AND versions.version = desired.version
-         WHERE desired.machine = ?1 AND desired.value <> ''",
-        &[machine.as_str().into()],
-    )?;
-    row.map(|row| row.json(0)).transpose()
-}
-
-fn issued(row: &Row) -> Result<Issued, StoreError> {
-    Ok(Issued {
-        machine: machine(row, 0)?,
-        version: row.count(1)?,
-        model: row.text(2)?.to_owned(),
-        value: row.text(3)?.to_owned(),
-    })
 }
 
 /// A name of a machine in a column.

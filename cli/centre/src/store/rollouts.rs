@@ -96,12 +96,20 @@ impl Store {
     /// it; one that ends the roll-out before all of them.
     ///
     /// # Errors
-    /// There is no such roll-out. Or: the database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed.
+    /// There is no such roll-out, or it is confirmed what does not wait for a confirmation. Or: the database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed.
     pub fn wish(&self, id: u64, wish: &Wish, by: &str) -> Result<(), StoreError> {
         self.write(|database| {
-            let known = database.first("SELECT id FROM rollouts WHERE id = ?1", &[id.into()])?;
-            if known.is_none() {
-                return Err(missing(id));
+            let known = database.first("SELECT state FROM rollouts WHERE id = ?1", &[id.into()])?;
+            let known = known.ok_or_else(|| missing(id))?;
+            if let Wish::Confirm { machine, hash } = wish {
+                // What would come of nothing is said now: whoever wishes it does not see the running centre drop it.
+                let rollout: Rollout = known.json(0)?;
+                let is_ending = waiting_wishes(database, id)?
+                    .iter()
+                    .any(|(wish, _)| *wish == Wish::Abort);
+                rollout
+                    .may_confirm(machine, hash, is_ending)
+                    .map_err(|why| StoreError::NotConfirmed { why })?;
             }
             let row = database.first(
                 "SELECT coalesce(max(number), 0) + 1 FROM wishes WHERE rollout = ?1",
@@ -178,6 +186,15 @@ fn open(database: &mut dyn Database) -> Result<Vec<Rollout>, StoreError> {
 /// A wish and who has it.
 type Wished = (Wish, String);
 
+/// The wishes of a roll-out that wait for the running centre, in their order.
+fn waiting_wishes(database: &mut dyn Database, id: u64) -> Result<Vec<Wished>, StoreError> {
+    let rows = database.rows(
+        "SELECT document FROM wishes WHERE rollout = ?1 ORDER BY number",
+        &[id.into()],
+    )?;
+    rows.iter().map(|row| row.json(0)).collect()
+}
+
 /// A roll-out with the wishes that wait, in their order, which are taken. Where one of them ends it, the others are not done.
 pub(crate) fn take(
     database: &mut dyn Database,
@@ -186,15 +203,10 @@ pub(crate) fn take(
     let row = database.first("SELECT state FROM rollouts WHERE id = ?1", &[id.into()])?;
     let Some(row) = row else { return Ok(None) };
     let rollout = row.json(0)?;
-    let rows = database.rows(
-        "SELECT document FROM wishes WHERE rollout = ?1 ORDER BY number",
-        &[id.into()],
-    )?;
-    if rows.is_empty() {
-        return Ok(Some((rollout, Vec::new())));
+    let mut wishes = waiting_wishes(database, id)?;
+    if wishes.is_empty() {
+        return Ok(Some((rollout, wishes)));
     }
-    let wishes: Result<Vec<Wished>, StoreError> = rows.iter().map(|row| row.json(0)).collect();
-    let mut wishes = wishes?;
     if let Some(end) = wishes.iter().position(|(wish, _)| *wish == Wish::Abort) {
         wishes = vec![wishes.swap_remove(end)];
     }

@@ -1,5 +1,7 @@
 //! The tables. Truth values are 0 and 1, documents are JSON in a text.
 
+use std::path::Path;
+
 use super::{
     StoreError,
     database::{Database, transaction},
@@ -73,6 +75,35 @@ const RECORDS_ONCE: &[&str] = &[
     "CREATE UNIQUE INDEX records_once ON records (machine, record)",
 ];
 
+/// How many of the steps a database has, in which there is the table of them.
+fn steps_of(database: &mut dyn Database) -> Result<u64, StoreError> {
+    let row = database.first("SELECT steps FROM schema", &[])?;
+    let found = row.map_or(Ok(0), |row| row.count(0))?;
+    let known = STEPS.len() as u64;
+    if found > known {
+        return Err(StoreError::Newer { found, known });
+    }
+    Ok(found)
+}
+
+/// Checks that a SQLite file has the newest schema, and changes nothing.
+pub(super) fn check_newest(database: &mut dyn Database, file: &Path) -> Result<(), StoreError> {
+    let has_table = "SELECT name FROM sqlite_master WHERE type = 'table' AND name = 'schema'";
+    let found = match database.first(has_table, &[])? {
+        Some(_) => steps_of(database)?,
+        None => 0,
+    };
+    let known = STEPS.len() as u64;
+    if found < known {
+        return Err(StoreError::Older {
+            file: file.display().to_string(),
+            found,
+            known,
+        });
+    }
+    Ok(())
+}
+
 /// Brings a database to the newest schema.
 pub(super) fn bring_up(database: &mut dyn Database) -> Result<(), StoreError> {
     transaction(database, |database| {
@@ -80,15 +111,8 @@ pub(super) fn bring_up(database: &mut dyn Database) -> Result<(), StoreError> {
             "CREATE TABLE IF NOT EXISTS schema (steps BIGINT NOT NULL)",
             &[],
         )?;
-        let row = database.first("SELECT steps FROM schema", &[])?;
-        let done = row.map_or(Ok(0), |row| row.count(0))?;
+        let done = steps_of(database)?;
         let steps = STEPS.len() as u64;
-        if done > steps {
-            return Err(StoreError::Newer {
-                found: done,
-                known: steps,
-            });
-        }
         for step in STEPS
             .iter()
             .skip(usize::try_from(done).unwrap_or(usize::MAX))

@@ -1,9 +1,13 @@
 //! SQLite: one file beside the centre.
 
-use std::{path::Path, time::Duration};
+use std::{
+    path::Path,
+    thread,
+    time::{Duration, Instant},
+};
 
 use rusqlite::{
-    Connection, ErrorCode,
+    Connection, ErrorCode, OpenFlags,
     types::{ToSqlOutput, ValueRef},
 };
 
@@ -16,6 +20,8 @@ use super::{
 const BUSY: Duration = Duration::from_secs(30);
 /// The same where it must not be held by another at all.
 const BUSY_ALONE: Duration = Duration::from_secs(2);
+/// What was busy is tried again after so long.
+const AGAIN: Duration = Duration::from_millis(10);
 /// Statements that are kept ready.
 const READY: usize = 128;
 
@@ -28,22 +34,31 @@ impl Sqlite {
         let connection = Connection::open(path)?;
         connection.busy_timeout(BUSY)?;
         connection.set_prepared_statement_cache_capacity(READY);
+        begin_log(&connection)?;
         // What was acknowledged to the server must outlive a power failure: every commit is on disk when it returns.
         connection.execute_batch(
-            "PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA foreign_keys = ON; PRAGMA cache_size = -65536;",
+            "PRAGMA synchronous = FULL; PRAGMA foreign_keys = ON; PRAGMA cache_size = -65536;",
         )?;
         Ok(Self(connection))
     }
 
-    /// Opens a file that is there, for this program alone: no other has it open, or can write it meanwhile.
-    pub(crate) fn open_alone(path: &Path) -> Result<Self, StoreError> {
-        let file = path.display().to_string();
+    /// Opens a file that is there, and changes nothing in it.
+    pub(crate) fn open_to_read(path: &Path) -> Result<Self, StoreError> {
         if !path.is_file() {
             return Err(StoreError::Missing {
                 what: "file of a store:",
-                name: file,
+                name: path.display().to_string(),
             });
         }
+        let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+        let connection = Connection::open_with_flags(path, flags)?;
+        connection.busy_timeout(BUSY_ALONE)?;
+        Ok(Self(connection))
+    }
+
+    /// Checks that no other program has the file open. What stands in the log beside it is in the file then.
+    pub(crate) fn check_alone(path: &Path) -> Result<(), StoreError> {
+        let file = path.display().to_string();
         let connection = Connection::open(path)?;
         connection.busy_timeout(BUSY_ALONE)?;
         // The log beside the file can be given up only where nobody else has the file open, idle as he may be.
@@ -51,11 +66,28 @@ impl Sqlite {
             row.get::<_, String>(0)
         });
         match given_up {
-            Ok(mode) if mode == "delete" => Ok(Self(connection)),
+            Ok(mode) if mode == "delete" => Ok(()),
             Err(error) if error.sqlite_error_code() != Some(ErrorCode::DatabaseBusy) => {
                 Err(error.into())
             }
             _ => Err(StoreError::InUse { file }),
+        }
+    }
+}
+
+/// Has changes go to a log beside the file. Where several programs begin with a new file at one time, SQLite tells all but one of
+/// them that it is busy without waiting: they try again.
+fn begin_log(connection: &Connection) -> Result<(), StoreError> {
+    let until = Instant::now() + BUSY;
+    loop {
+        match connection.execute_batch("PRAGMA journal_mode = WAL") {
+            Err(error)
+                if error.sqlite_error_code() == Some(ErrorCode::DatabaseBusy)
+                    && Instant::now() < until =>
+            {
+                thread::sleep(AGAIN);
+            }
+            done => return Ok(done?),
         }
     }
 }

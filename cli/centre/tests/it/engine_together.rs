@@ -119,7 +119,8 @@ fn settings_that_are_sent_again_do_not_bring_the_old_model_back() {
     );
 }
 
-/// Somebody stops a roll-out for good; within the same second, or while the centre is down, somebody else confirms a machine.
+/// Somebody stops a roll-out for good; within the same second, or while the centre is down, somebody else lets it go on, or
+/// confirms a machine.
 #[test]
 fn a_stop_is_not_replaced_by_another_wish() {
     let Some(shop) = Shop::new(1, 1) else { return };
@@ -131,7 +132,12 @@ fn a_stop_is_not_replaced_by_another_wish() {
             machine: machine.clone(),
             hash: "ab".into(),
         };
-        shop.store.wish(id, &confirm, "bert").unwrap();
+        let refused = shop.store.wish(id, &confirm, "bert").unwrap_err();
+        assert!(
+            refused.to_string().contains("roll-out 1 is over"),
+            "{refused}"
+        );
+        shop.store.wish(id, &Wish::Resume, "bert").unwrap();
         let centre = shop.centre(&shop.url()).await;
         let rollout = || shop.store.rollout(id).unwrap().unwrap();
         until("it is over", || rollout().phase.is_over()).await;
