@@ -168,6 +168,35 @@ impl Draft {
     }
 }
 
+impl Draft {
+    /// One answer to every open question of a key, each as [`Draft::answered`] takes it: of all measurements and squarenesses, or of
+    /// those whose error or axis is `of` (`EYX`, `Y`). Empty where nothing asks for it.
+    pub fn for_all(&self, of: Option<&str>, key: &str, value: &str) -> Vec<Answer> {
+        let is_meant = |error: Option<ErrorName>| {
+            of.is_none_or(|of| {
+                error.is_some_and(|error| error.to_string() == of || error.axis.to_string() == of)
+            })
+        };
+        let answer = |of: Subject| Answer {
+            of,
+            key: key.to_owned(),
+            value: value.to_owned(),
+        };
+        let measurements = self.proposed.iter().enumerate();
+        let measurements = measurements.filter(|(_, proposed)| {
+            let mut asked = proposed.questions().into_iter();
+            is_meant(proposed.error) && asked.any(|asked| asked.key == key)
+        });
+        let squares = self.squares.iter().filter(|square| {
+            let is_open = square.reference_angle_urad.is_none();
+            is_open && is_meant(Some(square.error)) && square.question().key == key
+        });
+        let measurements = measurements.map(|(place, _)| answer(Subject::Measurement(place)));
+        let squares = squares.map(|square| answer(Subject::Squareness(square.error)));
+        measurements.chain(squares).collect()
+    }
+}
+
 fn answer_measurement(of: &mut Proposed, answer: &Answer) -> Result<(), AnswerError> {
     let subject = of.files.join(", ");
     let wrong = |expected: &str| value_error(answer, &subject, expected);

@@ -5,7 +5,7 @@ use volcomp_vocabulary::{ErrorName, Urad};
 
 use crate::{
     calibration_file::{CalibrationFile, Location},
-    checks::{different_machines, odd, odd_values, without_point},
+    checks::{different_machines, files_of, odd, odd_values, without_point},
     error::CalibrateError,
     fitted::{measured, notes_of},
     fitted_curve::FittedCurve,
@@ -87,7 +87,7 @@ fn calibrated(
         identified = Some(found);
     }
     let mut warnings = file.machine.notes();
-    warnings.extend(different_machines(&file.measurements));
+    warnings.extend(different_machines(files_of(&file.measurements)));
     warnings.extend(same_readings(&file.measurements));
     let lines = file.measurements.iter();
     warnings.extend(lines.flat_map(|line| odd(line, &file.machine)));

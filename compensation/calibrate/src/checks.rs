@@ -3,9 +3,9 @@
 
 use volcomp_document::{InputError, Value};
 use volcomp_kinematics::MotionFrame;
-use volcomp_metrology::{Measurement, MotionKind, ODD_ABOVE, SMALL_BELOW};
-use volcomp_model::Machine;
-use volcomp_vocabulary::{AxisKind, AxisName, Component, Displacement, ErrorName};
+use volcomp_metrology::{Measurement, Metadata, MotionKind, ODD_ABOVE, ReferenceLine, SMALL_BELOW};
+use volcomp_model::{Axis, Machine};
+use volcomp_vocabulary::{AxisKind, AxisName, Component, Displacement, ErrorName, Um, Urad};
 
 use crate::{
     calibration_file::{CalibrationFile, Line, SquarenessSource},
@@ -207,6 +207,61 @@ fn ends(readings: &Measurement) -> Option<[f64; 2]> {
     })
 }
 
+/// What is said of targets that go beyond the travel of their axis.
+pub(crate) fn beyond_travel(readings: &Measurement, axis: &Axis) -> Option<String> {
+    let [first, last] = ends(readings)?;
+    let [low, high] = axis.travel;
+    let beyond = (low - first).max(last - high);
+    let unit = axis.name.kind().coordinate_unit();
+    (axis.modulo.is_none() && beyond > BEYOND_ABOVE * (high - low)).then(|| {
+        format!(
+            "targets from {first} to {last} {unit} go beyond the travel of {}, {low} to {high} {unit}: is it the right axis and machine?",
+            axis.name
+        )
+    })
+}
+
+/// What is said of a file that states the name of another machine than the machine file.
+pub(crate) fn other_machine(readings: &Measurement, machine: &Machine) -> Option<String> {
+    let known = machine.name.trim();
+    let stated = readings.metadata.machine.as_deref()?.trim();
+    let is_other = !stated.is_empty() && !known.is_empty() && !is_same_name(stated, known);
+    is_other.then(|| {
+        format!(
+            "it states the machine `{stated}`, and the machine file is of `{known}`: is it the right machine?"
+        )
+    })
+}
+
+/// What is said of a straightness that is large also without the line along which the optics were set up, and of tilts of a bridge that
+/// are large without their mean.
+fn large_without_line(line: &Line) -> Option<String> {
+    let points = line.readings.mean_curve();
+    let (left, what, unit) = if line.setup.reads_angles() {
+        let mean = points.iter().map(|p| p.1).sum::<f64>() / points.len() as f64;
+        let left = points.iter().map(|p| p.1 - mean).collect::<Vec<f64>>();
+        (left, "a tilt that differs from the mean by", Urad::SYMBOL)
+    } else {
+        let reference = ReferenceLine::least_squares(&points).ok()?;
+        let left = reference.removed_from(&points);
+        let left = left.iter().map(|p| p.1).collect();
+        (left, "a deviation from the straight line of", Um::SYMBOL)
+    };
+    let largest = left
+        .iter()
+        .fold(0.0_f64, |largest, of| largest.max(of.abs()));
+    let state = if line.readings.unit.is_none() {
+        ", or state `unit`"
+    } else {
+        ""
+    };
+    (largest > ODD_ABOVE).then(|| {
+        format!(
+            "{what} {largest:.0} {unit} is large for a machine tool: check the unit of the file{state}"
+        )
+    })
+}
+
 /// Notes on what is odd about a line that is not refused.
 pub(crate) fn odd(line: &Line, machine: &Machine) -> Vec<String> {
     let error = line.setup.error;
@@ -220,12 +275,8 @@ pub(crate) fn odd(line: &Line, machine: &Machine) -> Vec<String> {
     let [low, high] = axis.travel;
     let unit = error.axis.kind().coordinate_unit();
     let travel = high - low;
-    let beyond = (low - first).max(last - high);
-    if axis.modulo.is_none() && beyond > BEYOND_ABOVE * travel {
-        note(format!(
-            "targets from {first} to {last} {unit} go beyond the travel of {}, {low} to {high} {unit}: is it the right axis and machine?",
-            error.axis
-        ));
+    if let Some(said) = beyond_travel(&line.readings, axis) {
+        note(said);
     }
     if last - first < SHORT_BELOW * travel {
         note(format!(
@@ -249,14 +300,11 @@ pub(crate) fn odd(line: &Line, machine: &Machine) -> Vec<String> {
             "a deviation of {largest_size:.0} is large for a machine tool: check the unit of the file{state}"
         ));
     }
-    let known = machine.name.trim();
-    let stated = line.readings.metadata.machine.as_deref().map(str::trim);
-    if let Some(stated) = stated.filter(|stated| !stated.is_empty() && !known.is_empty())
-        && !is_same_name(stated, known)
-    {
-        note(format!(
-            "it states the machine `{stated}`, and the machine file is of `{known}`: is it the right machine?"
-        ));
+    if !is_direct && let Some(said) = large_without_line(line) {
+        note(said);
+    }
+    if let Some(said) = other_machine(&line.readings, machine) {
+        note(said);
     }
     if let Some(other) = named_in_title(line) {
         note(format!(
@@ -325,13 +373,14 @@ pub(crate) fn without_point(lines: &[Line], tilted: &Machine) -> Option<String> 
     })
 }
 
-/// Notes where measurement files state different machines or serial numbers.
-pub(crate) fn different_machines(lines: &[Line]) -> Vec<String> {
+/// Notes where measurement files state different machines or serial numbers. Each file by its name.
+pub(crate) fn different_machines<'f>(
+    files: impl Iterator<Item = (String, &'f Metadata)> + Clone,
+) -> Vec<String> {
     let mut notes = Vec::new();
     for (what, is_serial) in [("machines", false), ("serial numbers", true)] {
-        let mut found: Vec<(&str, &Line)> = Vec::new();
-        for line in lines {
-            let metadata = &line.readings.metadata;
+        let mut found: Vec<(&str, String)> = Vec::new();
+        for (file, metadata) in files.clone() {
             let text = if is_serial {
                 &metadata.serial
             } else {
@@ -339,13 +388,13 @@ pub(crate) fn different_machines(lines: &[Line]) -> Vec<String> {
             };
             let text = text.as_deref().unwrap_or_default().trim();
             if !text.is_empty() && !found.iter().any(|(known, _)| is_same_name(known, text)) {
-                found.push((text, line));
+                found.push((text, file));
             }
         }
         if found.len() > 1 {
             let each = found
                 .iter()
-                .map(|(text, line)| format!("`{text}` ({})", line.file.display()));
+                .map(|(text, file)| format!("`{text}` ({file})"));
             let each: Vec<String> = each.collect();
             let each = each.join(", ");
             notes.push(format!(
@@ -354,6 +403,14 @@ pub(crate) fn different_machines(lines: &[Line]) -> Vec<String> {
         }
     }
     notes
+}
+
+/// The files of lines with what they say of themselves.
+pub(crate) fn files_of(lines: &[Line]) -> impl Iterator<Item = (String, &Metadata)> + Clone {
+    let file = |line: &'_ Line| line.file.display().to_string();
+    lines
+        .iter()
+        .map(move |line| (file(line), &line.readings.metadata))
 }
 
 /// Refuses a file that states another serial number than the calibration file. `file` is the value that names the file.
@@ -387,7 +444,7 @@ mod tests {
                 line.readings.metadata.machine = Some(name.to_owned());
                 line.readings.metadata.serial = Some(name.to_owned());
             }
-            different_machines(&lines)
+            different_machines(files_of(&lines))
         };
         assert_eq!(told(["VMC-5 ", "vmc-5"]), [""; 0]);
         assert_eq!(told(["VMC-5", "VMC-6"]).len(), 2);

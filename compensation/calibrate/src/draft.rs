@@ -12,6 +12,7 @@ use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisName, Component, ErrorName};
 
 use crate::{
+    checks::{beyond_travel, different_machines, other_machine},
     draft_text::{self, Square},
     hints::{self, Hints},
     questions::{OPEN, question},
@@ -91,6 +92,7 @@ pub fn draft(
     let looked_at = paths.clone();
     let (mut proposed, mut left_over, mut notes) = (Vec::new(), Vec::new(), Vec::new());
     let mut conflicts = Vec::new();
+    let mut used: Vec<(String, Metadata)> = Vec::new();
     let mut seen: BTreeMap<Vec<[u64; 4]>, String> = BTreeMap::new();
     for path in paths {
         let name = named(&path);
@@ -118,7 +120,13 @@ pub fn draft(
                     ));
                 }
                 match of_measurement(&name, &path, &measurement, machine) {
-                    Ok(found) => {
+                    Ok(mut found) => {
+                        let odd = out_of_place(&found, &measurement, machine);
+                        notes.extend(odd.iter().map(|odd| format!("{name}: {odd}")));
+                        found
+                            .said
+                            .extend(odd.iter().map(|odd| format!("LOOK: {odd}")));
+                        used.push((name.clone(), measurement.metadata.clone()));
                         notes.extend(
                             oddities(&measurement)
                                 .iter()
@@ -131,6 +139,8 @@ pub fn draft(
             }
         }
     }
+    let files = used.iter().map(|(name, metadata)| (name.clone(), metadata));
+    conflicts.extend(different_machines(files));
     join_same_places(&mut proposed, &mut conflicts);
     let squares = draft_text::squares(&proposed);
     let mut questions = Vec::new();
@@ -366,6 +376,14 @@ fn of_measurement(
     found.said = said;
     found.files = vec![name.to_owned()];
     Ok(found)
+}
+
+/// What is said of a file that looks like one of another axis or machine.
+fn out_of_place(of: &Proposed, measurement: &Measurement, machine: &Machine) -> Vec<String> {
+    let axis = of.error.and_then(|error| machine.axis(error.axis));
+    let beyond = axis.and_then(|axis| beyond_travel(measurement, axis));
+    let said = [beyond, other_machine(measurement, machine)];
+    said.into_iter().flatten().collect()
 }
 
 /// The keys that a line of an error needs, whatever instrument measured it.

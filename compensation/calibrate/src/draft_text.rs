@@ -62,7 +62,8 @@ pub(crate) fn text(
 ) -> String {
     let mut text = String::from(
         "# Draft of a calibration file. Every \"?\" is a question that only the one who measured can answer;\n\
-         # while there is one, `volcomp calibrate` refuses the file and names it.\n",
+         # while there is one, `volcomp calibrate` refuses the file and names it. A key with a default may be taken out\n\
+         # (\"Without it\"); what many questions have in common is answered at once by `--draft … --answer KEY=VALUE`.\n",
     );
     for conflict in conflicts {
         comment(&mut text, &format!("CONFLICT: {conflict}"));
@@ -116,9 +117,10 @@ pub(crate) fn text(
         let [first, second] = square.from;
         text.push('\n');
         if square.reference_angle_urad.is_none() {
+            let asked = square.question();
             comment(
                 &mut text,
-                "QUESTION reference_angle_urad: see the chapter on the calibration file, or state `value_urad`",
+                &format!("QUESTION {}: {}", asked.key, asked.question),
             );
         }
         let angle = match square.reference_angle_urad {

@@ -115,7 +115,12 @@ fn residual(branches: &[&FittedCurve]) -> f64 {
     let (count, squares) = points.fold((0.0, 0.0), |(count, squares), [_, read, value]| {
         (count + 1.0, squares + (read - value).powi(2))
     });
-    f64::sqrt(squares / f64::max(count, 1.0))
+    rounded(f64::sqrt(squares / f64::max(count, 1.0)))
+}
+
+/// Without the rounding of the computation, which says nothing: 1e-6 µm or µrad.
+fn rounded(value: f64) -> f64 {
+    (value * 1e6).round() / 1e6
 }
 
 /// The leave-one-out error of all directions; `None` where a target cannot be predicted from the others.
@@ -128,7 +133,7 @@ fn leave_one_out(branches: &[&FittedCurve]) -> Option<f64> {
         (n + own, sum + square)
     });
     let error = f64::sqrt(sum / f64::max(count, 1.0));
-    error.is_finite().then_some(error)
+    error.is_finite().then(|| rounded(error))
 }
 
 fn of_square(file: &CalibrationFile, square: &Squareness) -> Result<Origin, CalibrateError> {

@@ -17,7 +17,9 @@ const INNER: [&str; 3] = ["at", "columns", "channels"];
 pub(crate) fn question(key: &str, inner: Option<&str>) -> String {
     match (key, inner) {
         ("at", Some(axis)) => {
-            return format!("where did axis {axis} stand during this test, mm or deg?");
+            return format!(
+                "where did axis {axis} stand during this test, mm or deg? Without it: at 0"
+            );
         }
         ("channels", Some("target")) => "which channel is the position of the axis?",
         ("channels", Some("reading")) => "which channel is the instrument?",
@@ -29,19 +31,21 @@ pub(crate) fn question(key: &str, inner: Option<&str>) -> String {
         ("file", None) => "which of these files is the right one?",
         ("at", None) => "where did the other axes stand during this test?",
         ("point", None) => {
-            "where was the measured point, [x, y, z] in mm of the machine, with the measured axis at 0?"
+            "where was the measured point, [x, y, z] in mm of the machine, with the measured axis at 0? It gives the levers of the tilts. Without it: the point of the axis in the machine file"
         }
         ("rides", None) => {
-            "on which side of the joint was the measured point, \"carriage\" or \"other\"?"
+            "on which side of the joint was the measured point? \"carriage\": on the part that this axis moves, as a reflector on its slide is. \"other\": on the part along which it moves, so that the way travelled is a lever as well. Without it: \"carriage\""
         }
-        ("sign", None) => "whose motion did the instrument show, and with which sign: 1 or -1?",
+        ("sign", None) => {
+            "whose motion did the instrument show, and with which sign: 1 or -1? 1 where a positive reading means that the tool went to plus seen from the workpiece; -1 where it means that the table or the guideway did, or where the instrument counts the other way round. Without it: 1"
+        }
         ("bridge_mm", None) => "how far apart were the feet of the bridge, mm?",
         ("reading", None) => "how is the sign of a tilt meant, \"right-hand\" or \"slope\"?",
         ("holds_location", None) => {
             "were the readings taken against the commanded pose (true) or against the axis itself (false)?"
         }
         ("reference_angle_urad", None) => {
-            "by how much is the angle between the two references more than 90°, µrad?"
+            "by how much is the angle between the plus directions of the two references, the sides of the square or the two beams, more than 90°, µrad? 0 for a perfect square, else what its certificate says; or state `value_urad`, the squareness itself, in its place"
         }
         _ => "which value is it?",
     }

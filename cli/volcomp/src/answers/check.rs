@@ -37,6 +37,9 @@ pub(crate) struct Check {
     pub(crate) assembly: Vec<Assembly>,
     /// The thermal terms; null where there are none.
     pub(crate) thermal: Option<Thermal>,
+    /// Where the errors come from; not there where the machine file does not tell it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) provenance: Option<Provenance>,
     /// The error at machine zero.
     pub(crate) home: Place,
     /// The error at every corner of the travels of X, Y and Z, other axes at 0.
@@ -130,6 +133,71 @@ pub(crate) struct Thermal {
     /// Errors with a drift term.
     #[schemars(with = "Vec<String>")]
     pub(crate) drift: Vec<ErrorName>,
+}
+
+/// Where the errors of the machine come from.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Provenance {
+    /// The version of volcomp that found them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) version: Option<String>,
+    /// Serial number of the machine that was measured.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) serial: Option<String>,
+    /// The day that the person who calibrated has stated.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) date: Option<String>,
+    /// What is known of each error.
+    pub(crate) errors: Vec<Origin>,
+}
+
+/// Where one error comes from.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Origin {
+    /// Its name after ISO 230-1.
+    #[schemars(with = "String")]
+    pub(crate) error: ErrorName,
+    /// How it was found.
+    pub(crate) method: String,
+    /// The rule by which the method was taken.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) rule: Option<String>,
+    /// Root mean square of the mean readings minus the curve, µm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) residual_um: Option<f64>,
+    /// The same in µrad.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) residual_urad: Option<f64>,
+    /// Root mean square of what the curve misses of targets left out of its fit, µm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) leave_one_out_um: Option<f64>,
+    /// The same in µrad.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) leave_one_out_urad: Option<f64>,
+    /// The files with its readings.
+    pub(crate) files: Vec<SourceFile>,
+}
+
+/// A file that an error was found from.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct SourceFile {
+    /// Its name, as the calibration file had it.
+    pub(crate) file: String,
+    /// The SHA-256 that it had.
+    pub(crate) sha256: String,
+    /// What it is now: `same`, `different` or `not at hand`.
+    pub(crate) state: &'static str,
+    /// The number of runs that were used.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) runs: Option<usize>,
+    /// The number of targets.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) targets: Option<usize>,
+    /// Where the other axes stood, mm or deg, without those that stood at 0.
+    pub(crate) at: std::collections::BTreeMap<String, f64>,
+    /// The date of the test, as the file states it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) date: Option<String>,
 }
 
 /// The tool and its error at one position.

@@ -39,6 +39,52 @@ pub(crate) struct Demo {
     pub(crate) irregular_curve: IrregularCurve,
     /// The curves that the calibration fitted, with their settings.
     pub(crate) curves: Vec<FittedCurve>,
+    /// These figures beside those of the paper on such a gantry; only with `--published`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) published: Option<Published>,
+}
+
+/// The figures of the demo beside those of the paper.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Published {
+    /// Peak to peak along the lines.
+    pub(crate) lines: Vec<PublishedLine>,
+    /// What is left of the mean readings at the targets.
+    pub(crate) residuals: Vec<PublishedResidual>,
+}
+
+/// A line beside that of the paper, peak to peak.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct PublishedLine {
+    /// The error that the line shows: `EXX`.
+    pub(crate) error: &'static str,
+    /// Where the other axes stand.
+    pub(crate) line: String,
+    /// On the machine as it is, µm.
+    pub(crate) before_um: f64,
+    /// On the corrected machine, µm.
+    pub(crate) after_um: f64,
+    /// What the paper prints as before, µm.
+    pub(crate) paper_before_um: f64,
+    /// What the paper prints as after, µm; null where it prints none.
+    pub(crate) paper_after_um: Option<f64>,
+}
+
+/// What a method leaves of the mean readings at the targets, beside the paper.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct PublishedResidual {
+    /// The error that was fitted.
+    pub(crate) error: &'static str,
+    /// The method, or `chosen`: the one that the automatic choice takes.
+    pub(crate) method: String,
+    /// The smallest residual, µm.
+    pub(crate) min_um: f64,
+    /// The largest residual, µm.
+    pub(crate) max_um: f64,
+    /// What the paper prints as the smallest, µm; null where it prints none.
+    pub(crate) paper_min_um: Option<f64>,
+    /// What the paper prints as the largest, µm; null where it prints none.
+    pub(crate) paper_max_um: Option<f64>,
 }
 
 /// A fitted curve and its settings.

@@ -4,10 +4,14 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use volcomp_calibrate::{Calibration, CalibrationFile, calibrate};
+use volcomp_document::quoted;
+use volcomp_model::{Provenance, is_date};
 use volcomp_vocabulary::{Um, Urad};
 
 use super::{
-    Answer, calibrate_draft, fixed,
+    Answer,
+    calibrate_draft::{self, Wanted},
+    fixed,
     identify::{EXPLAINED, found_text},
     refuse_overwriting, table, table_text,
 };
@@ -35,6 +39,13 @@ pub(crate) struct Arguments {
     /// With --draft: writes over a file that is there and says something else, answers included
     #[arg(long, requires = "draft")]
     replace: bool,
+    /// With --draft: one answer to every open question of a key, or to those of an error or an axis: rides=carriage,
+    /// EYX:sign=-1, Y:at.X=4000; can be given several times
+    #[arg(long = "answer", value_name = "[OF:]KEY=VALUE", requires = "draft")]
+    answers: Vec<String>,
+    /// The day of the calibration, which the machine file then states; without it no day stands there
+    #[arg(long, value_name = "YYYY-MM-DD", conflicts_with = "draft")]
+    date: Option<String>,
     /// Machine file to write; with --draft the calibration file
     #[arg(long, short)]
     output: PathBuf,
@@ -42,14 +53,33 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     if let (Some(folder), Some(machine)) = (&arguments.draft, &arguments.machine) {
-        return calibrate_draft::run(folder, machine, &arguments.output, arguments.replace);
+        let wanted = Wanted {
+            answers: &arguments.answers,
+            replace: arguments.replace,
+        };
+        return calibrate_draft::run(folder, machine, &arguments.output, &wanted);
     }
     // Where there is no draft the call has a calibration file.
     let path = arguments.calibration.clone().unwrap_or_default();
     let file = CalibrationFile::read(&path)?;
+    if let Some(date) = arguments.date.as_ref().filter(|date| !is_date(date)) {
+        return Err(Failure::Input(format!(
+            "--date: found {}, expected a day of the calendar such as 2026-11-26",
+            quoted(date)
+        )));
+    }
     refuse_overwriting(&file.files, &arguments.output, "calibration")?;
     let mut output = OutputFile::open(&arguments.output)?;
-    let calibration = fit(&file)?;
+    let mut calibration = fit(&file)?;
+    if arguments.date.is_some() {
+        let provenance = calibration.machine.provenance().clone();
+        let dated = Provenance {
+            date: arguments.date.clone(),
+            ..provenance
+        };
+        let set = calibration.machine.set_provenance(dated);
+        set.map_err(|refusal| Failure::Input(format!("--date: {refusal}")))?;
+    }
     output.append(calibration.machine.to_toml().as_bytes())?;
     output.finish()?;
     let document = Document::new(arguments.output.display().to_string(), &calibration);

@@ -3,17 +3,27 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use volcomp_calibrate::{Draft, draft};
+use volcomp_calibrate::{Answer as AnswerOf, Draft, draft};
 use volcomp_model::Machine;
 
 use super::{Answer, refuse_overwriting, table, table_text};
-use crate::{answers::calibrate_draft::CalibrateDraft, failure::Failure, output::OutputFile};
+use crate::{
+    answers::calibrate_draft::CalibrateDraft, failure::Failure, output::OutputFile, table::folded,
+};
+
+/// What the call wants of a draft.
+pub(super) struct Wanted<'a> {
+    /// Answers to many questions at once: `[OF:]KEY=VALUE`.
+    pub(super) answers: &'a [String],
+    /// Writes over a file with another text.
+    pub(super) replace: bool,
+}
 
 pub(super) fn run(
     folder: &Path,
     machine_file: &Path,
     output: &Path,
-    replace: bool,
+    wanted: &Wanted<'_>,
 ) -> Result<Answer, Failure> {
     let machine = Machine::read(machine_file)?;
     let mut file = OutputFile::open_beside(output, &[(machine_file, "the machine file")])?;
@@ -37,8 +47,9 @@ pub(super) fn run(
             format_args!("found no measurement file for this machine: {reasons}"),
         ));
     }
+    let found = answered(found, wanted.answers)?;
     refuse_overwriting(&found.looked_at, output, "draft")?;
-    if !replace {
+    if !wanted.replace {
         refuse_another(output, &found.text)?;
     }
     file.append(found.text.as_bytes())?;
@@ -46,6 +57,42 @@ pub(super) fn run(
     let name = output.display().to_string();
     let document = CalibrateDraft::new(name.clone(), &found);
     Answer::new(&document, text(&name, &found), notes(&found))
+}
+
+/// The draft with answers that hold for many questions.
+fn answered(draft: Draft, answers: &[String]) -> Result<Draft, Failure> {
+    let mut all = Vec::new();
+    for given in answers {
+        let wrong = |message: String| Failure::Input(format!("--answer {given}: {message}"));
+        let Some((asked, value)) = given.split_once('=') else {
+            let message = "expected [OF:]KEY=VALUE, such as rides=carriage or Y:at.X=4000";
+            return Err(wrong(message.to_owned()));
+        };
+        let (of, key) = match asked.split_once(':') {
+            Some((of, key)) => (Some(of.trim()), key.trim()),
+            None => (None, asked.trim()),
+        };
+        let found = draft.for_all(of, key, value.trim());
+        if found.is_empty() {
+            let mut keys: Vec<&str> = draft.questions.iter().map(|q| q.key.as_str()).collect();
+            keys.sort_unstable();
+            keys.dedup();
+            return Err(wrong(format!(
+                "no question is open for it, expected one of {}",
+                keys.join(", ")
+            )));
+        }
+        // What an answer before has settled stays: the narrower one comes first.
+        for answer in found {
+            let is_settled = |known: &AnswerOf| known.of == answer.of && known.key == answer.key;
+            if !all.iter().any(is_settled) {
+                all.push(answer);
+            }
+        }
+    }
+    draft
+        .answered(&all)
+        .map_err(|error| Failure::Input(format!("--answer: {error}")))
 }
 
 /// Refuses to write over a file with another text: its questions may have been answered.
@@ -105,5 +152,28 @@ fn text(file: &str, draft: &Draft) -> String {
             "\nwrote {file}: {open} questions are open, each marked \"?\" with a comment"
         ),
     };
+    text + &kinds_of_questions(draft)
+}
+
+/// The keys that are open, how often, and what is asked: most questions are alike.
+fn kinds_of_questions(draft: &Draft) -> String {
+    let mut kinds: Vec<(&str, &str, usize)> = Vec::new();
+    for asked in &draft.questions {
+        match kinds.iter_mut().find(|(key, _, _)| *key == asked.key) {
+            Some((_, _, count)) => *count += 1,
+            None => kinds.push((&asked.key, &asked.question, 1)),
+        }
+    }
+    if kinds.is_empty() {
+        return String::new();
+    }
+    let mut text = String::from("\nWhat is asked, and how often:\n");
+    for (key, question, count) in kinds {
+        text += &folded(&format!("{key} ({count}): {question}"), " ");
+    }
+    text += &folded(
+        "Where many have the same answer, give it once: --answer rides=carriage, for an error or an axis --answer EYX:sign=-1 or --answer Y:at.X=4000; of two the first counts.",
+        "",
+    );
     text
 }

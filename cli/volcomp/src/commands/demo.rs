@@ -16,6 +16,7 @@ use crate::{
     demo::{
         irregular::{IrregularCurve, irregular_curve},
         lines::{LineResult, OUTPUT_STEP_MM, Squareness, compare_lines, squareness},
+        published,
     },
     failure::Failure,
     output::TemporaryFolder,
@@ -24,6 +25,8 @@ use crate::{
 
 const TRUTH: &str = include_str!("../../demo/truth.toml");
 const SHOP: &str = include_str!("../../demo/shop.toml");
+const PUBLISHED_TRUTH: &str = include_str!("../../demo/published-truth.toml");
+const PUBLISHED_SHOP: &str = include_str!("../../demo/published-shop.toml");
 
 /// The whole way on the shipped gantry: laser files, calibration, correction, before and after
 #[derive(clap::Args)]
@@ -34,6 +37,10 @@ pub(crate) struct Arguments {
     /// Seed of the noise; default: the shop's
     #[arg(long)]
     seed: Option<u64>,
+    /// Measure as the paper on such a gantry did, with its sizes, and show its figures beside these: straightness from the
+    /// tilts of a bridge, Y at three heights
+    #[arg(long)]
+    published: bool,
     /// Kind of curve that every line is fitted with: chosen for each line by its leave-one-out error, or one for all:
     /// polynomials of order 6, Chebyshev series of order 6, moving least squares whose order and support are chosen for
     /// each line by its leave-one-out error, smoothing B-splines
@@ -75,9 +82,16 @@ struct Comparison {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
-    let mut shop = Shop::parse(SHOP, "shop.toml", |_| {
-        Ok(Machine::parse(TRUTH, "truth.toml")?)
-    })?;
+    let texts = if arguments.published {
+        [
+            ("published-truth.toml", PUBLISHED_TRUTH),
+            ("published-shop.toml", PUBLISHED_SHOP),
+        ]
+    } else {
+        [("truth.toml", TRUTH), ("shop.toml", SHOP)]
+    };
+    let [(truth_name, truth), (shop_name, shop)] = texts;
+    let mut shop = Shop::parse(shop, shop_name, |_| Ok(Machine::parse(truth, truth_name)?))?;
     shop.seed = arguments.seed.unwrap_or(shop.seed);
     if arguments.curve != CurveKind::Auto {
         for line in &mut shop.lines {
@@ -91,16 +105,26 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         temporary = TemporaryFolder::new()?;
         temporary.path()
     };
-    let machine = measure_and_calibrate(&shop, folder)?;
+    let machine = measure_and_calibrate(&shop, &texts, folder)?;
     let comparison = compare(&shop, &machine, folder)?;
-    let text = text(&shop, &comparison, arguments.output.as_deref());
-    Answer::new(&document(&comparison), text, Vec::new())
+    let mut text = text(&shop, &comparison, arguments.output.as_deref());
+    let mut document = document(&comparison);
+    if arguments.published {
+        let published = published::published(&comparison.lines, folder)?;
+        text = published::text(&published) + "\n" + &text;
+        document.published = Some(published);
+    }
+    Answer::new(&document, text, Vec::new())
 }
 
 /// Laser files of the truth machine, and the machine that their calibration finds.
-fn measure_and_calibrate(shop: &Shop, folder: &Path) -> Result<Machine, Failure> {
+fn measure_and_calibrate(
+    shop: &Shop,
+    texts: &[(&str, &str)],
+    folder: &Path,
+) -> Result<Machine, Failure> {
     simulate::make(folder)?;
-    write_listed(folder, &[("truth.toml", TRUTH), ("shop.toml", SHOP)])?;
+    write_listed(folder, texts)?;
     simulate::write(shop, folder)?;
     let file = CalibrationFile::read(&folder.join("calibration.toml"))?;
     let calibration = calibrate::fit(&file)?;
@@ -242,6 +266,7 @@ fn document(comparison: &Comparison) -> Document {
             bspline_um: irregular.bspline_um,
         },
         curves: comparison.curves.clone(),
+        published: None,
     }
 }
 

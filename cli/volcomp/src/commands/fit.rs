@@ -6,8 +6,8 @@ use clap::ValueEnum;
 use serde_json::Value;
 use volcomp_curve::Curve;
 use volcomp_fit::{
-    Fit, FitError, FitOptions, MLS_ORDERS, MlsTrial, fit_bspline, fit_chebyshev,
-    fit_cubic_table, fit_mls, fit_mls_auto, fit_polynomial, scan_mls,
+    Fit, FitError, FitOptions, MLS_ORDERS, MlsTrial, fit_bspline, fit_chebyshev, fit_cubic_table,
+    fit_mls, fit_mls_auto, fit_polynomial, scan_mls,
 };
 use volcomp_metrology::{DeviationUnit, MetrologyError, read_file};
 use volcomp_model::write_curve;
@@ -45,11 +45,7 @@ pub(crate) struct Arguments {
     #[arg(long, conflicts_with_all = ["order", "support"])]
     auto: bool,
     /// The residual that --auto or --method auto has to meet, µm for displacements and µrad for rotations
-    #[arg(
-        long,
-        alias = "residual-um",
-        value_name = "UM_OR_URAD"
-    )]
+    #[arg(long, alias = "residual-um", value_name = "UM_OR_URAD")]
     residual: Option<f64>,
     /// Show residual and leave-one-out error of every order and support that --auto chooses from (mls)
     #[arg(long)]

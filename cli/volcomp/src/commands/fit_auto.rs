@@ -6,7 +6,10 @@ use volcomp_fit::{
 use volcomp_metrology::{DeviationUnit, Measurement};
 
 use super::{fixed, table, table_text};
-use crate::answers::fit::{Band, BandPoint, Candidate, Choice as Document};
+use crate::{
+    answers::fit::{Band, BandPoint, Candidate, Choice as Document},
+    table::to_the_left,
+};
 
 /// Targets and readings of a run.
 type Run = (Vec<f64>, Vec<f64>);
@@ -35,7 +38,9 @@ pub(super) fn auto(
         ..FitOptions::default()
     };
     let all = |of: fn(&Run) -> &Vec<f64>| -> Vec<f64> {
-        runs.iter().flat_map(|run| of(run).iter().copied()).collect()
+        runs.iter()
+            .flat_map(|run| of(run).iter().copied())
+            .collect()
     };
     let (all_x, all_u) = (all(|run| &run.0), all(|run| &run.1));
     let choice = choose(&[(&all_x, &all_u)], &options)?;
@@ -141,6 +146,7 @@ pub(super) fn text(choice: &Choice, band: Option<&Band>, unit: DeviationUnit) ->
     let error = format!("LOO error, {symbol}");
     let residual = "largest residual";
     let mut rows = table(&["best of each kind", "coefficients", &error, residual, ""]);
+    to_the_left(&mut rows, &[4]);
     let mut best = choice.best_of_kinds();
     if let Some(chosen) = choice.chosen() {
         // The one chosen stands for its kind, also where a more complicated one of it is a little better.

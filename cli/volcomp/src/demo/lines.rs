@@ -3,6 +3,7 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+use volcomp_calibrate::{Method, Setup};
 use volcomp_kinematics::State;
 use volcomp_metrology::{self as metrology, MotionKind, ReferenceLine, squareness_parts};
 use volcomp_model::Temperatures;
@@ -55,10 +56,15 @@ pub(crate) fn compare_lines(
     let mut results = Vec::new();
     for (index, line) in shop.lines.iter().enumerate() {
         progress(index + 1);
-        if line.setup.reads_angles() {
+        if line.setup.error.component.is_angular() {
             continue;
         }
-        let sight = LineOfSight::new(&shop.truth, &line.setup)?;
+        // What a bridge measured is judged by the straightness itself.
+        let setup = Setup {
+            method: Method::Direct,
+            ..line.setup.clone()
+        };
+        let sight = LineOfSight::new(&shop.truth, &setup)?;
         let targets = points(shop, line);
         let profile = |command: &dyn Fn(&State) -> State| -> Vec<(f64, f64)> {
             let reading = |&target: &f64| {
@@ -123,16 +129,33 @@ fn peak_to_peak(profile: &[(f64, f64)], is_straightness: bool) -> f64 {
 /// output.
 fn floor(seed: u64, line: &ShopLine, truth: &[(f64, f64)], is_straightness: bool) -> f64 {
     let instrument = &line.instrument;
-    let noise = instrument.length.noise.0 / f64::from(instrument.runs).sqrt();
+    let runs = f64::from(instrument.runs).sqrt();
+    // The tilts of a bridge add up from target to target.
+    let (noise, targets, adds_up) = match line.setup.method {
+        Method::Direct => (instrument.length.noise.0, instrument.targets, false),
+        Method::Angular { bridge_mm, .. } => {
+            let ends = truth.first().zip(truth.last());
+            let travel = ends.map_or(0.0, |(first, last)| last.0 - first.0);
+            let steps = (travel / bridge_mm + 1e-9).floor() as usize;
+            (instrument.angle.noise.0 * bridge_mm * 1e-3, steps + 1, true)
+        }
+    };
+    let noise = noise / runs;
     let step = OUTPUT_STEP_MM * 1e3;
     let mut sum = 0.0;
     for trial in 0..TRIALS {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         random.set_stream(trial);
-        let at_targets: Vec<f64> = (0..instrument.targets)
+        let mut sum_of_tilts = 0.0;
+        let at_targets: Vec<f64> = (0..targets)
             .map(|_| {
                 let unit: f64 = StandardNormal.sample(&mut random);
-                noise * unit
+                if adds_up {
+                    sum_of_tilts += noise * unit;
+                    sum_of_tilts
+                } else {
+                    noise * unit
+                }
             })
             .collect();
         let left: Vec<(f64, f64)> = truth

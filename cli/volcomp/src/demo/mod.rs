@@ -2,3 +2,4 @@
 
 pub(crate) mod irregular;
 pub(crate) mod lines;
+pub(crate) mod published;

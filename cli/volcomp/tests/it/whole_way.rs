@@ -55,6 +55,77 @@ fn the_demo_reaches_its_goals() {
     }
 }
 
+/// The published sizes before, and better than the paper's figure in every row that it prints.
+#[test]
+fn the_published_gantry_is_passed_in_every_row() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let kept = folder.path().display().to_string();
+    let answer = json(&["demo", "--published", "-o", &kept]);
+    let published = &answer["published"];
+    let lines = published["lines"].as_array().expect("a list");
+    assert_eq!(lines.len(), 9);
+    for line in lines {
+        let (before, printed) = (number(&line["before_um"]), number(&line["paper_before_um"]));
+        assert!((before - printed).abs() < 0.5, "{line}");
+        if !line["paper_after_um"].is_null() {
+            assert!(
+                number(&line["after_um"]) < number(&line["paper_after_um"]),
+                "{line}"
+            );
+        }
+    }
+    let printed = |line: &&Value| !line["paper_after_um"].is_null();
+    assert_eq!(lines.iter().filter(printed).count(), 8);
+    let residuals = published["residuals"].as_array().expect("a list");
+    assert_eq!(residuals.len(), 15, "five methods on X, Y and Z");
+    let mut rows = 0;
+    for row in residuals
+        .iter()
+        .filter(|row| !row["paper_min_um"].is_null())
+    {
+        rows += 1;
+        let size = |min: &str, max: &str| number(&row[max]) - number(&row[min]);
+        assert!(
+            size("min_um", "max_um") < size("paper_min_um", "paper_max_um"),
+            "{row}"
+        );
+    }
+    assert_eq!(rows, 4);
+    let of = |error: &str, method: &str| {
+        let row = |row: &&Value| row["error"] == error && row["method"] == method;
+        let row = residuals.iter().find(row).expect("a row");
+        number(&row["max_um"]).max(-number(&row["min_um"]))
+    };
+    for error in ["EXX", "EYY", "EZZ"] {
+        for order in 6..=8 {
+            let polynomial = of(error, &format!("polynomial of order {order}"));
+            assert!(
+                of(error, "moving least squares") < polynomial,
+                "{error} {order}"
+            );
+        }
+    }
+    // The pitch that two heights of Y show is nearly linear: the tilts as measured against their own line.
+    let pitch = json(&[
+        "fit",
+        &format!("{kept}/eay.rta"),
+        "--method",
+        "poly",
+        "--order",
+        "1",
+    ]);
+    let left = &pitch["residual_urad"];
+    let span = json(&["iso230", &format!("{kept}/eay.rta")]);
+    let left = number(&left["max"]) - number(&left["min"]);
+    assert!(left < 0.1 * number(&span["M_urad"]), "{left} {span}");
+    let text = text(&["demo", "--published"]);
+    assert!(
+        text.lines().all(|line| line.chars().count() <= 80),
+        "{text}"
+    );
+    insta::assert_snapshot!(text);
+}
+
 /// Moving least squares on every line, each with a setting of its own: better than one setting for all, order 4 over a third
 /// of the range, which left 5.6, 10.0 and 4.8 %.
 #[test]

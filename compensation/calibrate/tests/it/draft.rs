@@ -336,3 +336,77 @@ fn columns_of_the_calibration_file_are_those_of_its_tables() {
     let file = shop.read().expect("read");
     assert_eq!(file.measurements[0].readings.readings[1].deviation, -2.0);
 }
+
+/// The file of another machine, whose axis is longer, and one that states this machine.
+#[test]
+fn files_of_another_machine_and_targets_beyond_the_travel_are_named() {
+    let of = |machine: &str, axis: &str, scale: f64| {
+        let text = linear(axis, "", scale);
+        let mut found = volcomp_metrology::parse_renishaw(
+            text.as_bytes(),
+            "x.rtl",
+            volcomp_metrology::RenishawKind::Linear,
+        )
+        .expect("a file");
+        found.metadata.machine = Some(machine.to_owned());
+        for reading in &mut found.readings {
+            reading.target *= scale;
+        }
+        write_renishaw(&found)
+    };
+    let shop = Shop::new(&[
+        ("exx.rtl", of("mill-7", "X", 1.0)),
+        ("eyy.rtl", of("MILL-7 ", "Y", 1.0)),
+        ("ezz.rtl", of("gantry-2", "Z", 1.25)),
+    ]);
+    shop.write("machine.toml", &format!("name = \"mill-7\"\n{MACHINE}"));
+    let found = shop.draft();
+    assert_eq!(found.proposed.len(), 3, "{:?}", found.left_over);
+    let notes = found.notes.join("\n");
+    let other = "ezz.rtl: it states the machine `gantry-2`, and the machine file is of `mill-7`";
+    assert!(notes.contains(other), "{notes}");
+    assert!(
+        notes.contains("ezz.rtl: targets from -375 to") && notes.contains("beyond the travel of Z"),
+        "{notes}"
+    );
+    assert!(
+        !notes.contains("exx.rtl") && !notes.contains("eyy.rtl"),
+        "{notes}"
+    );
+    let conflicts = found.conflicts.join("\n");
+    assert!(
+        conflicts.contains("the measurement files state different machines"),
+        "{conflicts}"
+    );
+    assert!(
+        found.text.contains("# LOOK: it states the machine"),
+        "{}",
+        found.text
+    );
+}
+
+/// Three lines with the same answers: one for all, but for one error another.
+#[test]
+fn one_answer_holds_for_every_question_of_its_key() {
+    let shop = Shop::new(&[
+        ("exx.rtl", linear("X", "", 1.0)),
+        ("eyy.rtl", linear("Y", "", 2.0)),
+        ("ezz.rtl", linear("Z", "", 3.0)),
+    ]);
+    let found = shop.draft();
+    let before = found.questions.len();
+    assert_eq!(found.for_all(None, "rides", "carriage").len(), 3);
+    assert_eq!(found.for_all(Some("Y"), "at.X", "40").len(), 1);
+    assert_eq!(found.for_all(Some("EXX"), "at.Y", "50").len(), 1);
+    assert!(found.for_all(None, "bridge_mm", "100").is_empty());
+    assert!(found.for_all(Some("EZY"), "rides", "other").is_empty());
+    let mut answers = found.for_all(None, "rides", "carriage");
+    answers.extend(found.for_all(Some("Y"), "at.X", "40"));
+    let answered = found.answered(&answers).expect("answers");
+    assert_eq!(answered.questions.len(), before - 4);
+    assert!(
+        answered.text.contains("at = { X = 40.0, Z = \"?\" }"),
+        "{}",
+        answered.text
+    );
+}

@@ -10,6 +10,7 @@ mod located;
 mod messages;
 mod observed;
 mod parallel;
+mod provenance;
 mod squares;
 mod turning;
 mod uncertainty;

@@ -1,5 +1,6 @@
 //! `volcomp check`: a machine file as it is understood.
 
+mod provenance;
 mod sizes;
 mod sketch;
 mod text;
@@ -29,6 +30,10 @@ pub(crate) struct Arguments {
     machine: PathBuf,
     #[command(flatten)]
     spindle: SpindleArguments,
+    /// Folder in which the measurement files that the machine file names are looked for, to compare their hashes [default: that
+    /// of the machine file]
+    #[arg(long, value_name = "DIR")]
+    files: Option<PathBuf>,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
@@ -37,6 +42,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let text = text::text(&document);
     let mut notes = machine_notes(&machine, &temperatures);
     notes.extend(no_point_note(&machine));
+    notes.extend(document.provenance.iter().flat_map(provenance::notes));
     Answer::new(&document, text, notes)
 }
 
@@ -64,8 +70,18 @@ fn document(arguments: &Arguments, machine: &Machine, temperatures: &Temperature
         not_stated: sizes.not_stated,
         assembly: assembly(machine),
         thermal: thermal(machine),
+        provenance: provenance::provenance(machine, &folder(arguments)),
         home: place(&State::default()),
         corners: corners(machine).iter().map(place).collect(),
+    }
+}
+
+/// Where measurement files are looked for.
+fn folder(arguments: &Arguments) -> PathBuf {
+    match (&arguments.files, arguments.machine.parent()) {
+        (Some(folder), _) => folder.clone(),
+        (None, Some(folder)) => folder.to_owned(),
+        (None, None) => PathBuf::new(),
     }
 }
 

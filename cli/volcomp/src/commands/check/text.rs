@@ -23,6 +23,9 @@ pub(super) fn text(check: &Check) -> String {
     text += &axes(check);
     text += &tool(check);
     text += &errors(check);
+    if let Some(provenance) = &check.provenance {
+        text += &super::provenance::text(provenance);
+    }
     text += &places(check);
     text
 }

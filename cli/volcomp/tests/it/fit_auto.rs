@@ -1,0 +1,124 @@
+//! `volcomp fit --method auto`: the curve that the readings ask for, with its candidates and its band.
+
+use std::{f64::consts::TAU, fmt::Write as _, fs};
+
+use crate::{json, refused, text};
+
+/// Three runs both ways over 21 targets: `f`, 2 µm of reversal, and a scatter of so many µm (twelve uniform numbers of a linear
+/// congruential generator make a normal one).
+fn file(scatter: f64, f: impl Fn(f64) -> f64) -> (tempfile::TempDir, String) {
+    let mut text = String::from("target,run,direction,deviation_um\n");
+    let mut state = 20_261_126_u64;
+    let mut uniform = || {
+        state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1_u64 << 53) as f64
+    };
+    for run in 1..=3 {
+        for (sign, half) in [("+", 1.0), ("-", -1.0)] {
+            for step in 0..=20 {
+                let x = 50.0 * f64::from(step);
+                let normal = (0..12).map(|_| uniform()).sum::<f64>() - 6.0;
+                let _ = writeln!(text, "{x},{run},{sign},{}", f(x) + half + scatter * normal);
+            }
+        }
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("x.csv");
+    fs::write(&path, text).expect("written");
+    (folder, path.display().to_string())
+}
+
+/// A parabola with little scatter is one, and its band holds the truth at 19 targets of 21 or more.
+#[test]
+fn a_parabola_is_chosen_with_its_reason_and_its_band() {
+    let truth = |x: f64| 1e-5 * x * x - 0.004 * x;
+    let (_folder, path) = file(0.2, truth);
+    let at: Vec<String> = (0..=20).map(|step| (50 * step).to_string()).collect();
+    let answer = json(&["fit", &path, "--method", "auto", "--at", &at.join(",")]);
+    let choice = &answer["choice"];
+    assert_eq!(choice["method"], "polynomial of order 2", "{choice}");
+    assert_eq!(choice["follows"], true);
+    let candidates = choice["candidates"].as_array().expect("a list");
+    let chosen: Vec<_> = candidates.iter().filter(|c| c["chosen"] == true).collect();
+    assert_eq!(chosen.len(), 1);
+    let error = |of: &serde_json::Value| of["leave_one_out_um"].as_f64().unwrap_or(f64::INFINITY);
+    let best = candidates.iter().map(error).fold(f64::INFINITY, f64::min);
+    assert!(
+        error(chosen[0]) <= 1.1 * best,
+        "{} {best}",
+        error(chosen[0])
+    );
+    let kinds: Vec<&str> = candidates
+        .iter()
+        .filter_map(|c| c["kind"].as_str())
+        .collect();
+    for kind in [
+        "polynomial",
+        "Chebyshev series",
+        "smoothing B-spline",
+        "moving least squares",
+        "monotone table",
+    ] {
+        assert!(kinds.contains(&kind), "{kind}: {kinds:?}");
+    }
+    assert_eq!(answer["band"]["from"], "runs");
+    let halves = answer["band"]["half_widths"].as_array().expect("a list");
+    let values = answer["values"].as_array().expect("a list");
+    assert_eq!((halves.len(), values.len()), (21, 21));
+    let number = |of: &serde_json::Value| of.as_f64().expect("a number");
+    let mut held = 0;
+    for (half, value) in halves.iter().zip(values) {
+        let x = number(&half["at"]);
+        assert_eq!(half["at"], value["at"]);
+        let (half, miss) = (
+            number(&half["half_width_um"]),
+            number(&value["value_um"]) - truth(x),
+        );
+        assert!(half > 0.0 && half < 0.5, "{x}: {half}");
+        held += usize::from(miss.abs() <= half);
+    }
+    // 95 % at each target by itself.
+    assert!(held >= 19, "{held} of 21");
+    // The same file with the kind stated is the same curve.
+    let stated = json(&["fit", &path, "--method", "polynomial", "--order", "2"]);
+    assert_eq!(stated["curve"], answer["curve"]);
+    assert!(stated.get("choice").is_none() && stated.get("band").is_none());
+    let shown = text(&["fit", &path, "--method", "auto"]);
+    assert!(
+        shown.contains("chosen: polynomial of order 2 (") && shown.contains("95 % band: ±"),
+        "{shown}"
+    );
+}
+
+/// What only a table can follow, ten times what the runs scatter, beside a wave that a table misses by far.
+#[test]
+fn a_curve_that_does_not_follow_is_warned_of() {
+    let (_folder, path) = file(0.02, |x| {
+        let zigzag = if (x / 50.0).round() % 2.0 == 0.0 {
+            0.3
+        } else {
+            -0.3
+        };
+        50.0 * (TAU * x / 1000.0).sin() + zigzag
+    });
+    let output = crate::volcomp(&["--json", "fit", &path, "--method", "auto"]);
+    let notes = String::from_utf8_lossy(&output.stderr).replace("\n  ", " ");
+    assert!(notes.contains("does not follow the readings"), "{notes}");
+    let answer: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!(answer["choice"]["follows"], false);
+}
+
+#[test]
+fn options_that_have_no_meaning_are_refused() {
+    let (_folder, path) = file(0.2, |x| x * 0.01);
+    let wrong = |more: &[&str]| refused(&[&["fit", path.as_str()], more].concat());
+    assert!(wrong(&["--method", "auto", "--order", "3"]).contains("--order"));
+    assert!(wrong(&["--method", "table", "--support", "0.3"]).contains("--support"));
+    assert!(wrong(&["--method", "poly", "--residual", "1"]).contains("--residual"));
+    let table = json(&["fit", &path, "--method", "table"]);
+    assert_eq!(table["curve"]["interpolation"], "cubic");
+    let met = json(&["fit", &path, "--method", "auto", "--residual", "5"]);
+    assert_eq!(met["meets_required"], true);
+}

@@ -1,0 +1,95 @@
+//! What the machine file tells of where its errors come from: written by `calibrate`, printed and compared by `check`.
+
+use std::{fs, path::Path};
+
+use crate::{json, refused, root, text, volcomp};
+
+fn copied(folder: &Path) -> String {
+    let from = root().join("examples/calibration");
+    for entry in fs::read_dir(from).expect("a folder") {
+        let path = entry.expect("a file").path();
+        fs::copy(&path, folder.join(path.file_name().expect("a name"))).expect("copied");
+    }
+    folder.join("calibration.toml").display().to_string()
+}
+
+#[test]
+fn the_same_input_gives_the_same_bytes_and_a_changed_file_is_named() {
+    let [one, two] = [0, 1].map(|_| tempfile::tempdir().expect("a folder"));
+    let calibrate = |folder: &Path, more: &[&str]| {
+        let calibration = copied(folder);
+        let output = folder.join("m.toml").display().to_string();
+        json(&[&["calibrate", &calibration, "-o", &output], more].concat());
+        (fs::read(&output).expect("written"), output)
+    };
+    let (bytes, machine) = calibrate(one.path(), &[]);
+    assert_eq!(calibrate(two.path(), &[]).0, bytes);
+    let (dated, _) = calibrate(two.path(), &["--date", "2026-11-26"]);
+    let dated = String::from_utf8(dated).expect("UTF-8");
+    assert!(dated.contains("date = \"2026-11-26\""), "{dated}");
+
+    let states = |call: &[&str]| -> Vec<(String, String)> {
+        let answer = json(call);
+        let errors = answer["provenance"]["errors"]
+            .as_array()
+            .expect("a list")
+            .clone();
+        let files = errors
+            .iter()
+            .flat_map(|of| of["files"].as_array().cloned().unwrap_or_default());
+        let word = |of: &serde_json::Value| of.as_str().expect("a word").to_owned();
+        files
+            .map(|file| (word(&file["file"]), word(&file["state"])))
+            .collect()
+    };
+    let call = ["check", &machine];
+    let found = states(&call);
+    assert!(
+        found.len() >= 5 && found.iter().all(|(_, state)| state == "same"),
+        "{found:?}"
+    );
+    // One byte more, one file less.
+    let changed = one.path().join("exx.csv");
+    let mut more = fs::read(&changed).expect("read");
+    more.push(b'\n');
+    fs::write(&changed, more).expect("written");
+    fs::remove_file(one.path().join("ebx.csv")).expect("removed");
+    for (file, state) in states(&call) {
+        let expected = match file.as_str() {
+            "exx.csv" => "different",
+            "ebx.csv" => "not at hand",
+            _ => "same",
+        };
+        assert_eq!(state, expected, "{file}");
+    }
+    let output = volcomp(&call);
+    let notes = String::from_utf8_lossy(&output.stderr).replace("\n  ", " ");
+    assert!(
+        notes.contains("exx.csv: not the file that EXX was found from"),
+        "{notes}"
+    );
+    assert!(!notes.contains("exy.csv: not"), "{notes}");
+    // Files elsewhere.
+    let elsewhere = two.path().display().to_string();
+    let found = states(&["check", &machine, "--files", &elsewhere]);
+    assert!(found.iter().all(|(_, state)| state == "same"), "{found:?}");
+    let shown = text(&["check", &machine, "--files", &elsewhere]);
+    assert!(shown.contains("Where the errors come from"), "{shown}");
+}
+
+#[test]
+fn a_day_is_one_of_the_calendar() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let calibration = copied(folder.path());
+    let output = folder.path().join("m.toml").display().to_string();
+    let call = [
+        "calibrate",
+        &calibration,
+        "-o",
+        &output,
+        "--date",
+        "2026-02-30",
+    ];
+    assert!(refused(&call).contains("--date: found `2026-02-30`"));
+    assert!(!Path::new(&output).exists());
+}

@@ -1,0 +1,215 @@
+//! Where errors come from, as the calibrated machine tells it.
+
+use std::{fmt::Write as _, fs, path::Path};
+
+use volcomp_calibrate::{Calibration, CalibrationFile, calibrate};
+
+/// Its least-squares line is 0.4 all along: it leaves −0.4 and 0.6 in turn.
+const ZIGZAG: &str = "target,deviation_um\n0,0\n25,1\n50,0\n75,1\n100,0\n";
+/// `sha256sum` of it.
+const HASH: &str = "b9af90ed6d5058fb6b01448ab165fd6962ec85b08a981b326ff5500030b11f7d";
+const MACHINE: &str =
+    "structure = \"w X' b Y t\"\n[axes]\nX.travel = [0, 100]\nY.travel = [0, 100]\n";
+const CALIBRATION: &str = "machine = \"machine.toml\"\nserial = \"GM-17\"\n\
+    [[measurement]]\nerror = \"EXX\"\nfile = \"lasers/x.csv\"\nat = { Y = 40 }\ncurve = { poly = { order = 1 } }\n\
+    [[measurement]]\nerror = \"EYX\"\nfile = \"eyx.csv\"\n\
+    [[measurement]]\nerror = \"EXY\"\nfile = \"exy.csv\"\n\
+    [[squareness]]\nerror = \"EC0Y\"\nfrom = [\"EXY\", \"EYX\"]\nreference_angle_urad = 0\n";
+
+fn calibrated(folder: &Path, machine: &str) -> Calibration {
+    fs::create_dir_all(folder.join("lasers")).expect("made");
+    let write = |name: &str, text: &str| fs::write(folder.join(name), text).expect("written");
+    write("machine.toml", machine);
+    write("lasers/x.csv", ZIGZAG);
+    write(
+        "eyx.csv",
+        "target,deviation_um\n0,0\n25,2\n50,3\n75,2\n100,0\n",
+    );
+    write(
+        "exy.csv",
+        "target,deviation_um\n0,0\n25,1\n50,4\n75,1\n100,0\n",
+    );
+    write("c.toml", CALIBRATION);
+    let file = CalibrationFile::read(&folder.join("c.toml")).expect("read");
+    calibrate(&file, |_, _| {}).expect("calibrated")
+}
+
+/// Residual and leave-one-out error by hand: the leverages of a line through five even targets are 0.6, 0.3, 0.2, 0.3, 0.6.
+#[test]
+fn a_curve_tells_its_file_and_how_well_it_does() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let found = calibrated(folder.path(), MACHINE);
+    let provenance = found.machine.provenance();
+    assert_eq!(provenance.serial.as_deref(), Some("GM-17"));
+    assert_eq!(provenance.date, None);
+    assert_eq!(
+        provenance.version.as_deref(),
+        Some(env!("CARGO_PKG_VERSION"))
+    );
+    let of = |name: &str| {
+        let error = name.parse().expect("a name");
+        provenance.of(error).unwrap_or_else(|| panic!("{name}"))
+    };
+    let exx = of("EXX");
+    assert_eq!(exx.method, "polynomial of order 1");
+    assert_eq!(exx.rule.as_deref(), Some("stated in the calibration file"));
+    let near = |found: Option<f64>, expected: f64| {
+        let found = found.expect("a number");
+        assert!((found - expected).abs() < 1e-6, "{found} {expected}");
+    };
+    near(exx.residual, 0.24_f64.sqrt());
+    let squares = [0.4 / 0.4, 0.6 / 0.7, 0.4 / 0.8, 0.6 / 0.7, 0.4 / 0.4_f64];
+    let squares: f64 = squares.iter().map(|error| error * error).sum();
+    near(exx.leave_one_out, (squares / 5.0).sqrt());
+    let [source] = &exx.sources[..] else {
+        panic!("{:?}", exx.sources)
+    };
+    assert_eq!(
+        (source.file.as_str(), source.sha256.as_str()),
+        ("lasers/x.csv", HASH)
+    );
+    assert_eq!((source.runs, source.targets), (Some(1), Some(5)));
+    let at: Vec<(String, f64)> = source.at.iter().map(|(n, q)| (n.to_string(), *q)).collect();
+    assert_eq!(at, [("Y".to_owned(), 40.0)]);
+    let square = of("EC0Y");
+    assert_eq!(square.method, "slopes of EXY and EYX");
+    let files: Vec<&str> = square.sources.iter().map(|s| s.file.as_str()).collect();
+    assert_eq!(files, ["exy.csv", "eyx.csv"]);
+    assert!(
+        !of("EYX")
+            .rule
+            .as_deref()
+            .unwrap_or_default()
+            .contains("stated")
+    );
+}
+
+/// Wherever the files are and whenever it is done.
+#[test]
+fn the_same_files_give_the_same_bytes() {
+    let [one, two] = [0, 1].map(|_| tempfile::tempdir().expect("a folder"));
+    let text = calibrated(one.path(), MACHINE).machine.to_toml();
+    assert!(
+        text.contains("[provenance]") && text.contains(HASH),
+        "{text}"
+    );
+    assert_eq!(calibrated(two.path(), MACHINE).machine.to_toml(), text);
+    // What the machine file tells of errors that are measured anew goes, what it tells of others stays.
+    let before = calibrated(one.path(), MACHINE).machine.to_toml();
+    let other = before.replace("EXX", "EZY");
+    let other: String = other.lines().filter(|l| !l.starts_with("checksum")).fold(
+        String::new(),
+        |mut text, line| {
+            let _ = writeln!(text, "{line}");
+            text
+        },
+    );
+    let again = calibrated(two.path(), &other).machine;
+    let told: Vec<String> = (again.provenance().errors.iter())
+        .map(|origin| origin.error.to_string())
+        .collect();
+    assert_eq!(
+        told.iter().filter(|name| *name == "EYX").count(),
+        1,
+        "{told:?}"
+    );
+    assert!(
+        told.contains(&"EZY".to_owned()) && told.contains(&"EXX".to_owned()),
+        "{told:?}"
+    );
+}
+
+#[test]
+fn a_file_counts_once_for_an_error() {
+    let folder = tempfile::tempdir().expect("a folder");
+    calibrated(folder.path(), MACHINE);
+    let twice = format!(
+        "{CALIBRATION}[[measurement]]\nerror = \"EYX\"\nfile = \"./lasers/../eyx.csv\"\nat = {{ Y = 50 }}\n"
+    );
+    let path = folder.path().join("c.toml");
+    fs::write(&path, twice).expect("written");
+    let message = CalibrationFile::read(&path).expect_err("twice").to_string();
+    assert!(
+        message.contains("found `./lasers/../eyx.csv`, which")
+            && message.contains("for EYX already"),
+        "{message}"
+    );
+}
+
+/// A wave of 50 µm that a curve of few terms follows, and a zigzag of 0.3 µm that only a table can, ten times what the runs scatter:
+/// a table misses targets left out by more than a micrometre.
+#[test]
+fn a_curve_that_does_not_follow_its_readings_is_warned_of() {
+    let readings = |zigzag: f64| {
+        let mut text = String::from("target,run,direction,deviation_um\n");
+        for run in 1..=4 {
+            for step in 0..=20 {
+                let sign = |odd: i32| if odd % 2 == 0 { 1.0 } else { -1.0 };
+                let wave = 50.0 * (std::f64::consts::TAU * f64::from(step) / 20.0).sin();
+                let scatter = 0.02 * sign(run / 2 + step / 3) * sign(run);
+                let _ = writeln!(
+                    text,
+                    "{},{run},+,{}",
+                    step * 5,
+                    wave + zigzag * sign(step) + scatter
+                );
+            }
+        }
+        text
+    };
+    let folder = tempfile::tempdir().expect("a folder");
+    let told = |zigzag: f64| {
+        let write =
+            |name: &str, text: &str| fs::write(folder.path().join(name), text).expect("written");
+        write("machine.toml", MACHINE);
+        write("x.csv", &readings(zigzag));
+        write(
+            "c.toml",
+            "machine = \"machine.toml\"\n[[measurement]]\nerror = \"EXX\"\nfile = \"x.csv\"\n",
+        );
+        let file = CalibrationFile::read(&folder.path().join("c.toml")).expect("read");
+        let found = calibrate(&file, |_, _| {}).expect("calibrated");
+        let said = found
+            .warnings
+            .iter()
+            .any(|w| w.starts_with("EXX: the curve chosen"));
+        let rule = found.machine.provenance().errors[0].rule.clone();
+        (said, rule.unwrap_or_default().contains("does not follow"))
+    };
+    assert_eq!(told(0.3), (true, true));
+    assert_eq!(told(0.0), (false, false));
+}
+
+/// A straightness a thousand times too large, with the slope of its beam, and the right one.
+#[test]
+fn a_straightness_in_the_wrong_unit_is_told() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let told = |scale: f64| {
+        let mut text = String::from("target,deviation_um\n");
+        for step in 0..=10 {
+            let x = f64::from(step) / 10.0;
+            let _ = writeln!(
+                text,
+                "{},{}",
+                10 * step,
+                900.0 * x + scale * 8.0 * x * (1.0 - x)
+            );
+        }
+        let write =
+            |name: &str, text: &str| fs::write(folder.path().join(name), text).expect("written");
+        write("machine.toml", MACHINE);
+        write("e.csv", &text);
+        write(
+            "c.toml",
+            "machine = \"machine.toml\"\n[[measurement]]\nerror = \"EYX\"\nfile = \"e.csv\"\n",
+        );
+        let file = CalibrationFile::read(&folder.path().join("c.toml")).expect("read");
+        let found = calibrate(&file, |_, _| {}).expect("calibrated");
+        found
+            .warnings
+            .iter()
+            .any(|w| w.contains("a deviation from the straight line of"))
+    };
+    assert!(told(1000.0));
+    assert!(!told(1.0));
+}
