@@ -14,6 +14,7 @@ mod irregular_axis;
 mod judged;
 mod leave_one_out;
 mod logged;
+mod peers;
 mod refusals;
 mod reproduction;
 #[cfg(feature = "serde")]

@@ -1,0 +1,136 @@
+//! From measurement files to a report: how long the steps take that a person waits for. `cargo bench -p volcomp-report`.
+//!
+//! - 10 000 targets × 10 runs (5 in each direction): read from CSV, evaluated by ISO 230-2, fitted by the automatic choice; and the same with a tenth
+//!   of the targets, so that the ratio of both says how the time grows;
+//! - a folder of 200 files, drafted;
+//! - 40 files of 41 targets and 10 runs: read, calibrated, and written as a report.
+
+use std::{fmt::Write as _, fs, hint::black_box, path::Path, time::Duration};
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use volcomp_calibrate::{CalibrationFile, calibrate, draft};
+use volcomp_metrology::{evaluate, parse_csv};
+use volcomp_model::Machine;
+use volcomp_report::{Language, Report, Stated, html};
+
+const MACHINE: &str = "name = \"bench\"\nstructure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 8000]\nY.travel = [0, 4000]\nZ.travel = [0, 2500]\n";
+
+/// A positioning test over so many mm with noise that looks drawn.
+fn table(targets: u32, runs: u32, travel_mm: f64, seed: u32) -> String {
+    let mut text = "target mm,run,direction,deviation um\n".to_owned();
+    for run in 1..=runs {
+        for (direction, side) in [('+', 1.0), ('-', -1.0)] {
+            for k in 0..targets {
+                let noise = f64::from((k * 7919 + run * 104_729 + seed * 15_485_863) % 1000) * 1e-3;
+                let target = travel_mm * f64::from(k) / f64::from(targets - 1);
+                let wave = 5.0 * (target * 1e-3 + f64::from(seed)).sin();
+                // Writing to a String cannot fail.
+                let _ = writeln!(
+                    text,
+                    "{target:.2},{run},{direction},{:.3}",
+                    wave + side + noise
+                );
+            }
+        }
+    }
+    text
+}
+
+fn written(folder: &Path, name: &str, text: &str) {
+    fs::write(folder.join(name), text).expect("written");
+}
+
+/// Every error of the machine on so many files, with a calibration file that reads them.
+fn folder_of(files: usize, targets: u32) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().expect("a folder");
+    written(folder.path(), "machine.toml", MACHINE);
+    let mut calibration = "machine = \"machine.toml\"\n".to_owned();
+    for file in 0..files {
+        let axis = ["X", "Y", "Z"][file % 3];
+        let component = ["EA", "EB", "EC", "EX", "EY", "EZ"][file / 3 % 6];
+        let travel = [8000.0, 4000.0, 2500.0][file % 3];
+        let other = ["Y", "Z", "X"][file % 3];
+        let place = 100 * (file / 18);
+        let name = format!("{component}{axis}-{other}{place}-{file}.csv").to_lowercase();
+        let text = table(targets, 5, travel, u32::try_from(file).unwrap_or_default());
+        let text = if component.ends_with(['A', 'B', 'C']) {
+            text.replace("deviation um", "deviation urad")
+        } else {
+            text
+        };
+        written(folder.path(), &name, &text);
+        let _ = write!(
+            calibration,
+            "[[measurement]]\nerror = \"{component}{axis}\"\nfile = \"{name}\"\nat = {{ {other} = {place} }}\n"
+        );
+    }
+    written(folder.path(), "calibration.toml", &calibration);
+    folder
+}
+
+fn large_test(criterion: &mut Criterion) {
+    for targets in [1_000, 10_000] {
+        let text = table(targets, 5, 8000.0, 1);
+        criterion.bench_function(&format!("read, {targets} targets x 10 runs"), |b| {
+            b.iter(|| parse_csv(black_box(text.as_bytes()), "large.csv"));
+        });
+        let measurement = parse_csv(text.as_bytes(), "large.csv").expect("a test");
+        criterion.bench_function(&format!("evaluate, {targets} targets x 10 runs"), |b| {
+            b.iter(|| evaluate(black_box(&measurement)));
+        });
+        // Reads and fits with all that calibrating does besides.
+        let folder = tempfile::tempdir().expect("a folder");
+        written(folder.path(), "machine.toml", MACHINE);
+        written(folder.path(), "x.csv", &text);
+        written(
+            folder.path(),
+            "calibration.toml",
+            "machine = \"machine.toml\"\n[[measurement]]\nerror = \"EXX\"\nfile = \"x.csv\"\n",
+        );
+        let path = folder.path().join("calibration.toml");
+        criterion.bench_function(
+            &format!("read and calibrate, {targets} targets x 10 runs"),
+            |b| {
+                b.iter(|| {
+                    let file = CalibrationFile::read(black_box(&path)).expect("read");
+                    calibrate(&file, |_, _| {}).expect("calibrated")
+                });
+            },
+        );
+    }
+}
+
+fn folder_drafted(criterion: &mut Criterion) {
+    for files in [20, 200] {
+        let folder = folder_of(files, 41);
+        let machine = Machine::parse(MACHINE, "machine.toml").expect("a machine");
+        let named = |path: &Path| path.file_name().unwrap_or_default().display().to_string();
+        criterion.bench_function(&format!("draft of {files} files"), |b| {
+            b.iter(|| draft(black_box(folder.path()), &machine, "machine.toml", named));
+        });
+    }
+}
+
+fn report_of_files(criterion: &mut Criterion) {
+    let folder = folder_of(40, 41);
+    let path = folder.path().join("calibration.toml");
+    criterion.bench_function("report of 40 files, read and calibrated", |b| {
+        b.iter(|| {
+            let file = CalibrationFile::read(black_box(&path)).expect("read");
+            let found = calibrate(&file, |_, _| {}).expect("calibrated");
+            let report =
+                Report::of_calibration("calibration.toml", &file, &found, &Stated::default());
+            html(&report, Language::En)
+        });
+    });
+}
+
+criterion_group! {
+    name = benches;
+    config = Criterion::default()
+        .sample_size(10)
+        .warm_up_time(Duration::from_secs(1))
+        .measurement_time(Duration::from_secs(5));
+    targets = large_test, folder_drafted, report_of_files
+}
+criterion_main!(benches);
