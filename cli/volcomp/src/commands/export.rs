@@ -7,7 +7,7 @@ use volcomp_tables::axis_table::{
     AxisLoss, AxisNumbers, Content, ErrorTable, ExchangeError, Facts, Format, LineError,
     TableOptions, TextFile, WriteOptions, loss, sampled, write,
 };
-use volcomp_vocabulary::{AxisKind, Direction, Displacement};
+use volcomp_vocabulary::{AxisKind, AxisName, Direction, Displacement};
 
 use super::{Answer, fixed, machine_notes, table, table_text};
 use crate::{
@@ -25,7 +25,7 @@ use crate::{
 ///
 /// A control holds less than the model: tables over one axis, for the line on which the other axes stand as `--at` says. What is lost
 /// is told, for all errors together and for each kind alone. No format was tried on a real control; the head of each file, or the
-/// file volcomp-tables.txt beside it, says what its sign rests on.
+/// file volcomp-tables-FORMAT.txt beside it, says what its sign rests on.
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
     #[command(flatten)]
@@ -53,7 +53,7 @@ pub(crate) struct Arguments {
 /// What is not in a machine file about its control.
 #[derive(clap::Args)]
 pub(crate) struct ControlArguments {
-    /// The numbers of the axes in the control: X=1,Y=2,Z=3,C=4 [default of export: 1, 2, 3 … in the order X Y Z A B C U V W]
+    /// The numbers of the axes in the control: X=1,Y=2,Z=3,C=4 [default of export: 1, 2, 3 … in the order X Y Z A B C U V W; of import: those that the files state]
     #[arg(long, value_name = "NUMBERS")]
     pub(crate) axis_numbers: Option<String>,
     /// The encoder of `$AA_ENC_COMP`: 0 or 1 [default of export: 0]
@@ -105,7 +105,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         at: reference.into_iter().collect(),
         sign: format.sign().to_owned(),
         trust: format.trust().to_owned(),
-        tables: made(&content),
+        tables: made(&content, &written.left_out),
         notes: written.notes,
         loss: lost,
     };
@@ -196,7 +196,8 @@ fn largest<'a>(kind: AxisKind, values: impl Iterator<Item = &'a f64>) -> f64 {
     sizes.fold(0.0, f64::max)
 }
 
-fn made(content: &Content) -> Vec<Made> {
+/// The tables in the files.
+fn made(content: &Content, left_out: &[(AxisName, AxisName)]) -> Vec<Made> {
     let ends = |positions: &[f64]| {
         let first = positions.first().copied().unwrap_or(0.0);
         (first, positions.last().copied().unwrap_or(first))
@@ -204,6 +205,7 @@ fn made(content: &Content) -> Vec<Made> {
     match content {
         Content::Axes(tables) => tables
             .iter()
+            .filter(|table| !left_out.contains(&(table.output, table.input)))
             .map(|table| {
                 let (first, last) = ends(&table.positions);
                 let backward = table.backward.iter().flatten();

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 use volcomp_document::read_text;
 use volcomp_tables::axis_table::{
-    Content, Curves, ExchangeError, FACTS_FILE, Format, ReadOptions, TextFile, curves, read,
+    Content, Curves, ExchangeError, Format, ReadOptions, TextFile, curves, is_facts_file, read,
     to_toml,
 };
 use volcomp_vocabulary::Displacement;
@@ -84,6 +84,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         format: format.to_string(),
         files: paths
             .iter()
+            .filter(|path| !is_facts(path))
             .map(|path| path.display().to_string())
             .collect(),
         warnings: warnings.clone(),
@@ -115,7 +116,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     Answer::new(&document, shown, notes)
 }
 
-/// The files, those of folders in the order of their names, without the one with the facts.
+/// Whether a file says what the tables are, and is none.
+fn is_facts(path: &Path) -> bool {
+    let name = path.file_name().and_then(|name| name.to_str());
+    name.is_some_and(is_facts_file)
+}
+
+/// The files, those of folders in the order of their names.
 fn paths(given: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
     let mut paths = Vec::new();
     for path in given {
@@ -128,11 +135,11 @@ fn paths(given: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
         let mut inside = Vec::new();
         for entry in std::fs::read_dir(path).map_err(unreadable)? {
             let file = entry.map_err(unreadable)?.path();
-            if file.is_file() && file.file_name().is_some_and(|name| name != FACTS_FILE) {
+            if file.is_file() {
                 inside.push(file);
             }
         }
-        if inside.is_empty() {
+        if inside.iter().all(|file| is_facts(file)) {
             return Err(Failure::in_file(
                 path,
                 "found no file in this folder, expected compensation tables",
@@ -157,7 +164,8 @@ fn not_shown(paths: &[PathBuf]) -> Failure {
         )
     };
     let first = paths
-        .first()
+        .iter()
+        .find(|path| !is_facts(path))
         .map_or_else(|| Path::new("").to_owned(), Clone::clone);
     Failure::in_file(
         &first,

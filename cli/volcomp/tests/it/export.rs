@@ -131,6 +131,124 @@ fn every_format_writes_files_that_are_read_again() {
     }
 }
 
+/// The facts of each format are told apart, name what is written, and state the numbers of the axes for the way back.
+#[test]
+fn two_formats_in_one_folder_and_back_without_numbers() {
+    let (_folder, tables) = folder();
+    for format in ["fanuc", "heidenhain-itnc530"] {
+        let answer = json(&[
+            "export",
+            "-m",
+            GANTRY,
+            "--format",
+            format,
+            "--step",
+            "250",
+            "-o",
+            &tables,
+            "--axis-numbers",
+            "X=3,Y=1,Z=2",
+        ]);
+        // A table of one axis over another is in neither format.
+        let made = answer["tables"].as_array().expect("a list");
+        assert!(
+            made.iter().all(|made| made["input"] == made["output"]),
+            "{made:?}"
+        );
+        let facts =
+            fs::read_to_string(format!("{tables}/volcomp-tables-{format}.txt")).expect("the facts");
+        for file in answer["files"].as_array().expect("files") {
+            let name = file
+                .as_str()
+                .expect("a name")
+                .rsplit('/')
+                .next()
+                .expect("a name");
+            assert!(
+                name.starts_with("volcomp-tables-") || facts.contains(name),
+                "{name}: {facts}"
+            );
+        }
+    }
+    let alone = format!("{tables}/alone");
+    let answer = json(&[
+        "export",
+        "-m",
+        GANTRY,
+        "--format",
+        "fanuc",
+        "--step",
+        "250",
+        "-o",
+        &alone,
+        "--axis-numbers",
+        "X=3,Y=1,Z=2",
+    ]);
+    let back = json(&["import", &alone]);
+    assert_eq!(back["format"], "fanuc");
+    assert!(
+        back["warnings"]
+            .to_string()
+            .contains("taken from here: X=3,Y=1,Z=2"),
+        "{}",
+        back["warnings"]
+    );
+    let outputs = |of: &serde_json::Value| -> Vec<String> {
+        let all = of["tables"].as_array().expect("a list").iter();
+        let mut all: Vec<String> = all.map(|made| made["output"].to_string()).collect();
+        all.sort();
+        all
+    };
+    assert_eq!(outputs(&back), outputs(&answer));
+    // The type of a file of LinuxCNC stands nowhere else.
+    let linuxcnc = format!("{tables}/linuxcnc");
+    json(&[
+        "export",
+        "-m",
+        GANTRY,
+        "--format",
+        "linuxcnc-type1",
+        "--step",
+        "250",
+        "-o",
+        &linuxcnc,
+    ]);
+    assert_eq!(json(&["import", &linuxcnc])["format"], "linuxcnc-type1");
+}
+
+/// A head from -110 deg does not fit into 0 to 360 deg: the other axes are written, and what is left out is named.
+#[test]
+fn a_tilting_axis_is_left_out_and_the_others_are_written() {
+    let (_folder, tables) = folder();
+    let answer = json(&[
+        "export",
+        "-m",
+        "examples/five-axis.toml",
+        "--format",
+        "heidenhain",
+        "--step",
+        "100",
+        "-o",
+        &tables,
+    ]);
+    let notes = answer["notes"].to_string();
+    assert!(
+        notes.contains("left out, as a table over a rotary axis holds 0 to 360 deg:")
+            && notes.contains(" over B"),
+        "{notes}"
+    );
+    let made = answer["tables"].as_array().expect("a list");
+    assert!(
+        !made.is_empty() && made.iter().all(|made| made["input"] != "B"),
+        "{made:?}"
+    );
+    let files = answer["files"].to_string();
+    assert!(
+        files.contains("X.COM") && !files.contains("B.COM"),
+        "{files}"
+    );
+}
+
 #[test]
 fn a_file_or_a_folder() {
     let (folder, _) = folder();

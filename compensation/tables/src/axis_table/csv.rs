@@ -48,7 +48,7 @@ pub(crate) fn write(tables: &[AxisTable], options: &WriteOptions) -> Written {
     let name = "tables.csv".to_owned();
     Written {
         files: vec![TextFile { name, text }],
-        notes: Vec::new(),
+        ..Written::default()
     }
 }
 

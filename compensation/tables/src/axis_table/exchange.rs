@@ -1,6 +1,6 @@
 //! Tables into files and back, by format.
 
-use volcomp_vocabulary::Displacement;
+use volcomp_vocabulary::{AxisName, Displacement};
 
 use super::{
     AxisNumbers, AxisTable, ErrorTables, ExchangeError, Facts, Format, GridTable, TextFile, csv,
@@ -70,6 +70,25 @@ pub struct Written {
     pub files: Vec<TextFile>,
     /// What the files do not hold, and what the control has to be told besides.
     pub notes: Vec<String>,
+    /// The tables that were left out, by their outputs and inputs; a note says why.
+    pub left_out: Vec<(AxisName, AxisName)>,
+}
+
+impl Written {
+    /// Leaves tables out, with a note that says why.
+    pub(crate) fn leave_out(&mut self, why: &str, tables: &[&AxisTable]) {
+        if tables.is_empty() {
+            return;
+        }
+        let names = tables
+            .iter()
+            .map(|table| format!("{} over {}", table.output, table.input));
+        let names: Vec<String> = names.collect();
+        self.notes
+            .push(format!("left out, as {why}: {}", names.join(", ")));
+        let pairs = tables.iter().map(|table| (table.output, table.input));
+        self.left_out.extend(pairs);
+    }
 }
 
 /// Something odd in a file that was read.
@@ -177,12 +196,14 @@ pub fn write(
     }
     if !format.has_comments() {
         let notes = written.notes.clone();
-        written.files.push(facts::file(format, options, &notes));
+        let facts = facts::file(format, options, &written.files, &notes);
+        written.files.push(facts);
     }
     Ok(written)
 }
 
-/// Reads the tables of a control. The file with the facts is passed over.
+/// Reads the tables of a control. The file with the facts is no table; the numbers of the axes that it, or the head of a table, states
+/// count where the caller states none.
 ///
 /// # Errors
 /// A line that is not of the format, numbers that contradict each other, no tables.
@@ -191,11 +212,29 @@ pub fn read(
     files: &[TextFile],
     options: &ReadOptions,
 ) -> Result<ReadTables, ExchangeError> {
+    let mut warnings = Vec::new();
+    let mut options = options.clone();
+    // The heads of a SINUMERIK's files are compared by its own reader.
+    if options.axes.iter().next().is_none()
+        && format != Format::Siemens840d
+        && let Some((file, numbers)) = facts::stated_numbers(format, files)
+    {
+        let named = numbers
+            .iter()
+            .map(|(name, number)| format!("{name}={number}"));
+        let named: Vec<String> = named.collect();
+        let text = format!(
+            "the numbers of the axes are taken from here: {}",
+            named.join(",")
+        );
+        warnings.push(Warning::whole(file, text));
+        options.axes = numbers;
+    }
+    let options = &options;
     let files: Vec<&TextFile> = files
         .iter()
-        .filter(|file| file.base() != super::FACTS_FILE)
+        .filter(|file| !super::is_facts_file(file.base()))
         .collect();
-    let mut warnings = Vec::new();
     let content = match format {
         Format::Csv => Content::Axes(csv::read(&files)?),
         Format::Linuxcnc => Content::Axes(linuxcnc::read(
@@ -241,7 +280,7 @@ pub fn read(
             "{}: found no table, expected one of the format {format}{}",
             names.join(", "),
             warnings
-                .first()
+                .last()
                 .map_or_else(String::new, |warning: &Warning| format!(
                     " ({})",
                     warning.text

@@ -6,13 +6,26 @@ use volcomp_model::Machine;
 use volcomp_vocabulary::AxisName;
 
 use super::{
+    AxisNumbers,
     exchange::WriteOptions,
     format::Format,
     text::{TextFile, short},
 };
 
-/// The name of the file with the facts, beside files that hold no comments.
-pub const FACTS_FILE: &str = "volcomp-tables.txt";
+/// The name of the file with the facts, beside files that hold no comments: each format has its own, so that two formats may stand in
+/// one folder.
+pub fn facts_file(format: Format) -> String {
+    format!("{FACTS_STEM}-{format}.txt")
+}
+
+/// Whether a file is one with facts, which no control reads; also by its name before there was one for each format.
+pub fn is_facts_file(name: &str) -> bool {
+    let end = name.strip_prefix(FACTS_STEM);
+    end.is_some_and(|end| end == ".txt" || (end.starts_with('-') && end.ends_with(".txt")))
+}
+
+const FACTS_STEM: &str = "volcomp-tables";
+const NUMBERS: &str = "Axis numbers:";
 
 /// Where tables come from.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -50,7 +63,7 @@ impl Facts {
             stated => stated,
         };
         let mut lines = vec![
-            format!("Compensation tables, format {format}, written by volcomp {}", env!("CARGO_PKG_VERSION")),
+            format!("{}, written by volcomp {}", title(format), env!("CARGO_PKG_VERSION")),
             format!("Machine: {}, {}", one_line(&self.machine), self.checksum),
             "Convention: deviation = actual - commanded of the output axis, over the commanded position of the input axis".to_owned(),
             format!("Reference position (mm, deg), where tables of one axis over another are zero:{at}"),
@@ -65,11 +78,45 @@ impl Facts {
         ) {
             let used = options.axes.iter();
             let used = used.map(|(name, number)| format!(" {name}={number}"));
-            lines.push(format!("Axis numbers:{}", used.collect::<String>()));
+            lines.push(format!("{NUMBERS}{}", used.collect::<String>()));
         }
         lines.push("No real control was tried, and nothing is certified.".to_owned());
         lines
     }
+}
+
+fn title(format: Format) -> String {
+    format!("Compensation tables, format {format}")
+}
+
+/// The numbers of the axes as a head that [`write`](super::write) made for this format states them, and the file with it.
+pub(crate) fn stated_numbers(
+    format: Format,
+    files: &[TextFile],
+) -> Option<(&TextFile, AxisNumbers)> {
+    let title = format!("{},", title(format));
+    let of = |file: &TextFile| {
+        let mut lines = file.text.lines();
+        lines.by_ref().find(|line| line.contains(&title))?;
+        AxisNumbers::stated(lines.find_map(numbers_in)?)
+    };
+    files.iter().find_map(|file| Some((file, of(file)?)))
+}
+
+/// The numbers of the axes in a line of a head; `None` where it is another line.
+pub(crate) fn numbers_in(line: &str) -> Option<Vec<(AxisName, u16)>> {
+    let (_, stated) = line.split_once(NUMBERS)?;
+    let number = |word: &str| {
+        let (name, number) = word.split_once('=')?;
+        Some((name.parse().ok()?, number.parse().ok()?))
+    };
+    Some(stated.split_whitespace().filter_map(number).collect())
+}
+
+/// The format that a file with facts states.
+pub(crate) fn stated_format(file: &TextFile) -> Option<Format> {
+    let is_head = |format: &Format| file.text.contains(&format!("{},", title(*format)));
+    Format::ALL.into_iter().find(is_head)
 }
 
 /// What a format says of the two directions of motion.
@@ -98,14 +145,22 @@ pub(crate) fn one_line(text: &str) -> String {
 }
 
 /// The file with the facts.
-pub(crate) fn file(format: Format, options: &WriteOptions, more: &[String]) -> TextFile {
+pub(crate) fn file(
+    format: Format,
+    options: &WriteOptions,
+    tables: &[TextFile],
+    more: &[String],
+) -> TextFile {
     let mut text = String::new();
-    for line in options.facts.lines(format, options).iter().chain(more) {
+    let names: Vec<&str> = tables.iter().map(|file| file.name.as_str()).collect();
+    let mut lines = options.facts.lines(format, options);
+    lines.push(format!("Files: {}", names.join(", ")));
+    for line in lines.iter().chain(more) {
         text += line;
         text.push('\n');
     }
     TextFile {
-        name: FACTS_FILE.to_owned(),
+        name: facts_file(format),
         text,
     }
 }

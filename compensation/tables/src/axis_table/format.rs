@@ -2,6 +2,8 @@
 
 use core::{fmt, str::FromStr};
 
+use super::facts::{is_facts_file, stated_format};
+
 /// A format of compensation tables.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
@@ -172,7 +174,18 @@ impl Format {
 
     /// The format that files are in, by their names and beginnings; `None` where it is not certain. A file of LinuxCNC does not say its type.
     pub fn of_files(files: &[super::TextFile]) -> Option<Self> {
-        files.iter().find_map(|file| Self::of_file(&file.text))
+        let (facts, tables): (Vec<_>, Vec<_>) =
+            (files.iter()).partition(|file| is_facts_file(file.base()));
+        // The facts say it, where they are of one format.
+        let mut stated: Vec<Self> = facts
+            .iter()
+            .filter_map(|file| stated_format(file))
+            .collect();
+        stated.dedup();
+        match stated[..] {
+            [only] => Some(only),
+            _ => tables.iter().find_map(|file| Self::of_file(&file.text)),
+        }
     }
 
     fn of_file(text: &str) -> Option<Self> {

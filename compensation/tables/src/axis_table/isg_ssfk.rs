@@ -24,7 +24,7 @@ pub(crate) fn write(
     let mut crossed = Vec::new();
     for table in tables {
         if !table.is_own() {
-            crossed.push(format!("{} over {}", table.output, table.input));
+            crossed.push(table);
             continue;
         }
         let unfit = |found: String, expected: String| ExchangeError::Unfit {
@@ -94,12 +94,7 @@ pub(crate) fn write(
             text,
         });
     }
-    if !crossed.is_empty() {
-        written.notes.push(format!(
-            "left out, as the form of kw.crosscomp is not known: {}",
-            crossed.join(", ")
-        ));
-    }
+    written.leave_out("the form of kw.crosscomp is not known", &crossed);
     Ok(written)
 }
 

@@ -54,7 +54,7 @@ pub(crate) fn write(tables: &[AxisTable], kind: Type) -> Result<Written, Exchang
     let mut crossed = Vec::new();
     for table in tables {
         if !table.is_own() {
-            crossed.push(format!("{} over {}", table.output, table.input));
+            crossed.push(table);
             continue;
         }
         let count = table.positions.len();
@@ -97,16 +97,13 @@ pub(crate) fn write(tables: &[AxisTable], kind: Type) -> Result<Written, Exchang
             text,
         });
     }
-    if !crossed.is_empty() {
-        written.notes.push(format!(
-            "left out, as a COMP_FILE corrects its own joint alone: {}",
-            crossed.join(", ")
-        ));
-    }
+    written.leave_out("a COMP_FILE corrects its own joint alone", &crossed);
     if !written.files.is_empty() {
         let number = u8::from(kind == Type::Trims);
+        let names = written.files.iter().map(|file| file.name.as_str());
+        let names = names.collect::<Vec<_>>().join(" or ");
         written.notes.push(format!(
-            "in the section [JOINT_n] of each axis: COMP_FILE = X.comp, COMP_FILE_TYPE = {number}; machine units have to be mm and deg; \
+            "in the section [JOINT_n] of each axis: COMP_FILE = {names}, COMP_FILE_TYPE = {number}; machine units have to be mm and deg; \
              BACKLASH is ignored where there is a COMP_FILE"
         ));
     }

@@ -29,7 +29,7 @@ pub use category::Category;
 pub use curves::{Curves, curves, to_toml};
 pub use error_table::{ErrorTable, ErrorTables};
 pub use exchange::{Content, ReadOptions, ReadTables, Warning, WriteOptions, Written, read, write};
-pub use facts::{FACTS_FILE, Facts};
+pub use facts::{Facts, facts_file, is_facts_file};
 pub use format::{Format, UnknownFormat};
 pub use grid_table::GridTable;
 pub use heidenhain::{spacing_refused_by_tnc407, steps_of_tnc407};

@@ -71,15 +71,13 @@ pub(crate) fn write(
         if table.is_own() {
             made.take(table, options)?;
         } else {
-            crossed.push(format!("{} over {}", table.output, table.input));
+            crossed.push(table);
         }
     }
-    if !crossed.is_empty() {
-        written.notes.push(format!(
-            "left out, as pitch error compensation corrects its own axis alone: {}",
-            crossed.join(", ")
-        ));
-    }
+    written.leave_out(
+        "pitch error compensation corrects its own axis alone",
+        &crossed,
+    );
     if made.axes.is_empty() {
         return Ok(written);
     }

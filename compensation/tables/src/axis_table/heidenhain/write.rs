@@ -27,15 +27,17 @@ fn check(format: Format, table: &AxisTable) -> Result<(), ExchangeError> {
         let expected = format!("{MOST_LINES} at the most: take a larger step");
         return Err(unfit(format, table, format!("{count} positions"), expected));
     }
-    let (first, last) = (
-        edge_of(table).next().unwrap_or(0.0),
-        edge_of(table).last().unwrap_or(0.0),
-    );
-    if table.input.is_rotary() && (first < -1e-6 || last > 360.0 + 1e-6) {
-        let found = format!("positions from {first:.4} to {last:.4} deg");
-        return Err(unfit(format, table, found, "0 to 360 deg".to_owned()));
-    }
     Ok(())
+}
+
+/// Why a table is left out whose positions no control of the maker takes.
+const WITHIN_A_TURN: &str = "a table over a rotary axis holds 0 to 360 deg";
+
+/// Whether a table over a rotary axis, such as a trunnion from -110 deg, goes beyond [`WITHIN_A_TURN`].
+fn is_beyond_a_turn(table: &AxisTable) -> bool {
+    let (first, last) = (edge_of(table).next(), edge_of(table).last());
+    table.input.is_rotary()
+        && (first.is_some_and(|at| at < -1e-6) || last.is_some_and(|at| at > 360.0 + 1e-6))
 }
 
 pub(crate) fn write_tnc640(tables: &[AxisTable]) -> Result<Written, ExchangeError> {
@@ -44,7 +46,16 @@ pub(crate) fn write_tnc640(tables: &[AxisTable]) -> Result<Written, ExchangeErro
     let mut inputs: Vec<AxisName> = tables.iter().map(|table| table.input).collect();
     inputs.sort_unstable_by_key(|axis| axis.index());
     inputs.dedup();
-    let mut averaged = Vec::new();
+    let (mut averaged, mut beyond) = (Vec::new(), Vec::new());
+    inputs.retain(|input| {
+        let of = tables.iter().filter(|table| table.input == *input);
+        let is_beyond = of.clone().any(is_beyond_a_turn);
+        if is_beyond {
+            beyond.extend(of);
+        }
+        !is_beyond
+    });
+    written.leave_out(WITHIN_A_TURN, &beyond);
     for &input in &inputs {
         let mut of: Vec<&AxisTable> = tables.iter().filter(|table| table.input == input).collect();
         of.sort_by_key(|table| table.output.index());
@@ -144,10 +155,14 @@ pub(crate) fn write_itnc530(
     format: Format,
 ) -> Result<Written, ExchangeError> {
     let mut written = Written::default();
-    let (mut crossed, mut averaged) = (Vec::new(), Vec::new());
+    let (mut crossed, mut beyond, mut averaged) = (Vec::new(), Vec::new(), Vec::new());
     for table in tables {
         if !table.is_own() {
-            crossed.push(format!("{} over {}", table.output, table.input));
+            crossed.push(table);
+            continue;
+        }
+        if is_beyond_a_turn(table) {
+            beyond.push(table);
             continue;
         }
         check(format, table)?;
@@ -203,12 +218,11 @@ pub(crate) fn write_itnc530(
             text,
         });
     }
-    if !crossed.is_empty() {
-        written.notes.push(format!(
-            "left out, as the form of a .COM with more columns is not known: {}",
-            crossed.join(", ")
-        ));
-    }
+    written.leave_out(
+        "the form of a .COM with more columns is not known",
+        &crossed,
+    );
+    written.leave_out(WITHIN_A_TURN, &beyond);
     if !averaged.is_empty() {
         written.notes.push(format!(
             "in the mean of both directions: {}",

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use volcomp_vocabulary::AxisName;
 
-use super::super::{ExchangeError, LineError, TextFile, Warning};
+use super::super::{ExchangeError, LineError, TextFile, Warning, facts::numbers_in};
 use super::statement::{Statement, Value, statement};
 
 /// The parameters of one table, whichever kind.
@@ -36,15 +36,9 @@ pub(super) struct Found<'a> {
 impl Found<'_> {
     /// The axis numbers of a comment.
     fn stated_in(&mut self, comment: &str) {
-        if let Some(numbers) = comment.trim().strip_prefix("Axis numbers:") {
-            let pairs = numbers.split_whitespace().filter_map(|pair| {
-                let (name, number) = pair.split_once('=')?;
-                Some((name.parse().ok()?, number.parse().ok()?))
-            });
-            for pair in pairs {
-                if !self.stated.contains(&pair) {
-                    self.stated.push(pair);
-                }
+        for pair in numbers_in(comment).unwrap_or_default() {
+            if !self.stated.contains(&pair) {
+                self.stated.push(pair);
             }
         }
     }
