@@ -44,11 +44,14 @@ const path = (points, x, y) => points.map(([a, b], i) => `${i ? "L" : "M"}${x(a)
 function frame(svg, [low, high], [bottom, top], { from, to, unit, along }) {
   const x = scale(low, high, LEFT, wide - RIGHT);
   const y = scale(bottom, top, to, from);
-  for (const value of ticks([bottom, top], Math.max(3, (to - from) / 42))) {
+  // A low frame has room for its ends and zero; round numbers between them may be zero alone.
+  const isLow = to - from < 100;
+  const marks = isLow ? [...new Set([bottom, 0, top])] : ticks([bottom, top], Math.max(3, (to - from) / 42));
+  for (const value of marks) {
     part("line", { class: Math.abs(value) < 1e-9 ? "zero" : "grid", x1: LEFT, x2: wide - RIGHT, y1: y(value), y2: y(value) }, svg);
     label(minus(+value.toPrecision(3)), { x: LEFT - 6, y: y(value) + 4, "text-anchor": "end" }, svg);
   }
-  label(unit, { x: LEFT + 5, y: from + 14 }, svg);
+  label(unit, { x: LEFT + 5, y: isLow ? from - 5 : from + 14 }, svg);
   if (along) {
     for (const value of ticks([low, high], wide < 400 ? 3 : 5)) label(minus(+value.toPrecision(6)), { x: Math.min(x(value), wide - 22), y: to + 17, "text-anchor": "middle" }, svg);
     label(along, { x: wide - RIGHT, y: to + 34, "text-anchor": "end" }, svg);
@@ -96,18 +99,46 @@ function curveOf(fit) {
   return figure;
 }
 
+/** `NPP` as people name it: the signs in which the axes move. */
+const signsOf = (name) => [...name].map((sign, i) => ({ P: `+${"XYZ"[i]}`, N: `−${"XYZ"[i]}` })[sign]).filter(Boolean).join(" ");
+
+/** The curves of each axis that moves, folded: the errors and their largest residuals stand in the summary. */
+function foldedCurves(fits) {
+  const groups = new Map();
+  for (const fit of fits) groups.set(fit.error[2], [...(groups.get(fit.error[2]) || []), fit]);
+  return [...groups].map(([axis, of]) => {
+    const fold = document.createElement("details");
+    const summary = document.createElement("summary");
+    const strong = document.createElement("strong");
+    strong.textContent = axis;
+    const detail = document.createElement("span");
+    const largest = (unit, sign) => {
+      const sizes = of.filter((fit) => fit.unit === unit).flatMap((fit) => [fit.residual_min, fit.residual_max].map(Math.abs));
+      return sizes.length ? [`${Math.max(...sizes).toFixed(2)} ${sign}`] : [];
+    };
+    const names = [...new Set(of.map((fit) => fit.error))].join(" ");
+    detail.textContent = ` ${names}; largest residual ${[...largest("um", "µm"), ...largest("urad", "µrad")].join(", ")}`;
+    summary.append(strong, detail);
+    const plots = document.createElement("div");
+    plots.className = "plots";
+    plots.append(...of.map(curveOf));
+    fold.append(summary, plots);
+    return fold;
+  });
+}
+
 /** A diagonal by two models, over the same values as its neighbours: `range` is that of all of them. */
 function diagonalOf(diagonal, range) {
   takeWidth();
   const figure = document.createElement("figure");
   const caption = document.createElement("figcaption");
-  caption.textContent = `${diagonal.name} `;
+  caption.textContent = `${signsOf(diagonal.name)} `;
   const last = diagonal.points[diagonal.points.length - 1];
   const detail = document.createElement("span");
   detail.textContent = `${last[0].toFixed(0)} mm long; at its end ${minus(last[1].toFixed(1))} → ${minus(last[2].toFixed(1))} µm`;
   caption.append(detail);
   figure.append(caption);
-  const svg = part("svg", { viewBox: `0 0 ${wide} 220`, role: "img", "aria-label": `diagonal ${diagonal.name}` });
+  const svg = part("svg", { viewBox: `0 0 ${wide} 220`, role: "img", "aria-label": `diagonal ${signsOf(diagonal.name)}` });
   const [x, y] = frame(svg, [0, last[0]], range, { from: 10, to: 180, unit: "µm", along: "along the diagonal, mm" });
   part("path", { class: "before", d: path(diagonal.points.map((p) => [p[0], p[1]]), x, y) }, svg);
   part("path", { class: "after", d: path(diagonal.points.map((p) => [p[0], p[2]]), x, y) }, svg);

@@ -111,6 +111,19 @@ with sync_playwright() as playwright:
     assert "NaN" not in page.inner_html("#curves") + page.inner_html("#diagonals")
     shot(page, "1280-result")
     fits(page)
+    # The curves are folded by the axis that moves; unfolded, every frame has more than a zero on its axis.
+    tall = page.evaluate("document.documentElement.scrollHeight")
+    assert page.locator("#curves details").count() > 0 and page.locator("#curves details[open]").count() == 0
+    for summary in page.locator("#curves summary").all():
+        assert "largest residual" in summary.inner_text()
+        summary.click()
+    assert page.evaluate("document.documentElement.scrollHeight") > tall
+    for of in page.locator("#curves svg").all():
+        at = {label.get_attribute("y"): None for label in of.locator("text[text-anchor=end]").all()}
+        assert len(at) >= 6, at
+    names = page.locator("#diagonals figcaption").all_inner_texts()
+    assert [name[:8] for name in names] == ["+X +Y +Z", "−X +Y +Z", "+X −Y +Z", "+X +Y −Z"], names
+    fits(page)
     page.emulate_media(color_scheme="dark")
     shot(page, "1280-result-dark")
     page.set_viewport_size({"width": 390, "height": 844})
