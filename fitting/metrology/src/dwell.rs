@@ -179,7 +179,7 @@ impl Read {
             let micro = channels.unit.micro();
             read.widest = read.widest.max(spread * micro);
             let zero = if channels.reads_position {
-                target * target_micro(channels.unit)
+                target * channels.unit.micro_of_coordinate()
             } else {
                 0.0
             };
@@ -208,14 +208,6 @@ fn channel_of<'l>(log: &'l ChannelLog, name: &str) -> Result<&'l Channel, Metrol
             expected: format!("one of {}", names.join(", ")),
         }
     })
-}
-
-/// µm of a mm, µrad of a degree, by the kind of the instrument.
-fn target_micro(unit: ReadingUnit) -> f64 {
-    match unit {
-        ReadingUnit::Mm | ReadingUnit::Um | ReadingUnit::Nm => ReadingUnit::Mm.micro(),
-        _ => ReadingUnit::Deg.micro(),
-    }
 }
 
 /// A channel reports only changes: each value holds until the next, the last until the log ends.

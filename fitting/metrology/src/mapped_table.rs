@@ -273,15 +273,15 @@ impl Places {
     }
 }
 
-/// µm of a mm or µrad of a degree.
+/// µm of a mm or µrad of a degree: by the unit of the targets where it is stated, else by that of the readings.
 fn target_micro(columns: &Columns) -> f64 {
-    let is_angle = columns
-        .unit
-        .is_some_and(|unit| unit.held_in() == crate::DeviationUnit::Urad);
     match columns.target_unit {
         Some(TargetUnit::Deg) => ReadingUnit::Deg.micro(),
-        None if is_angle => ReadingUnit::Deg.micro(),
-        _ => ReadingUnit::Mm.micro(),
+        Some(TargetUnit::Mm) => ReadingUnit::Mm.micro(),
+        None => columns
+            .unit
+            .unwrap_or(ReadingUnit::Um)
+            .micro_of_coordinate(),
     }
 }
 

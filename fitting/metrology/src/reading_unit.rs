@@ -52,6 +52,14 @@ impl ReadingUnit {
         }
     }
 
+    /// µm of a mm or µrad of a degree: of a coordinate whose deviations are in this unit.
+    pub(crate) fn micro_of_coordinate(self) -> f64 {
+        match self.held_in() {
+            DeviationUnit::Um => Self::Mm.micro(),
+            DeviationUnit::Urad => Self::Deg.micro(),
+        }
+    }
+
     /// How many µm or µrad it is.
     pub fn micro(self) -> f64 {
         match self {
