@@ -4,9 +4,10 @@ use std::path::Path;
 
 use volcomp_document::Document;
 use volcomp_metrology::{
-    Mapping, Measurement, MetrologyError, RenishawKind, evaluate, parse_camonitor, parse_csv,
-    parse_keysight_report, parse_pos, parse_ren, parse_renishaw, parse_rtx, parse_table_with,
-    readings_at_dwells, write_csv, write_renishaw,
+    Mapping, Measurement, MetrologyError, RenishawKind,
+    circular::{CircularPlane, circular_deviations, circular_signatures, parse_trace},
+    evaluate, parse_camonitor, parse_csv, parse_keysight_report, parse_pos, parse_ren,
+    parse_renishaw, parse_rtx, parse_table_with, readings_at_dwells, write_csv, write_renishaw,
 };
 
 fn replay(target: &str, read: impl Fn(&[u8], &str) -> Result<Measurement, MetrologyError>) {
@@ -67,6 +68,17 @@ fn reports() {
         } else {
             parse_keysight_report(bytes, name)
         }
+    });
+}
+
+/// The points of a circle stand for readings here.
+#[test]
+fn circles() {
+    replay("circle", |bytes, name| {
+        let trace = parse_trace(bytes, name, CircularPlane::Xy, Some(150.0))?;
+        assert!(trace.points.iter().all(|p| p.deviation_um.is_finite()));
+        let _ = (circular_deviations(&trace), circular_signatures(&trace));
+        parse_csv(b"target,deviation\n0,0\n", name)
     });
 }
 
