@@ -26,9 +26,9 @@ impl Report {
         let lines = file.measurements.iter();
         let machine = &calibration.machine;
         let mut report = Self {
-            warnings: of_calibration(file, calibration),
+            warnings: of_calibration(file, calibration, stated.edition),
             curves: curves(file, calibration),
-            positioning: positioning(file),
+            positioning: positioning(file, stated.edition),
             squareness: squares(machine, |pair| is_measured(calibration, pair)),
             locations: other_locations(machine, &calibration.locations),
             not_measured: calibration.not_measured.clone(),

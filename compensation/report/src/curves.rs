@@ -4,10 +4,10 @@ use std::collections::HashMap;
 
 use volcomp_calibrate::{Calibration, CalibrationFile, FittedCurve, FittedLine, Method, Quality};
 use volcomp_metrology::Measurement;
-use volcomp_model::{Machine, student_widening};
+use volcomp_model::Machine;
 use volcomp_vocabulary::{Direction, ErrorName};
 
-use crate::report::{Band, BandKind, Branch, Curve, CurveLine, FitNumbers, Run};
+use crate::report::{Band, Branch, Curve, CurveLine, FitNumbers, Run};
 
 /// Points of a curve over the travel.
 const POINTS: usize = 241;
@@ -59,12 +59,6 @@ fn of_error(
     if lines.is_empty() {
         return Some(curve);
     }
-    let scatter = lines.iter().filter_map(|line| {
-        let line = file.measurements.get(line.line?)?;
-        scatter(&line.readings, line.setup.method)
-    });
-    // Of several lines the widest: none of them is then taken for better than it is.
-    let widest = scatter.reduce(|a, b| if b.0 > a.0 { b } else { a });
     for fit in fits {
         let directions: &[usize] = match fit.direction {
             Some(direction) => &[direction as usize],
@@ -90,25 +84,41 @@ fn of_error(
             .map(|(at, mean)| (*at, mean - value(*at)))
             .collect();
         branch.fit = Some(numbers(fit));
-        if let (Some((sigma, degrees)), Some(first), Some(last)) =
-            (widest, means.first(), means.last())
-        {
-            let half = 1.96 * student_widening(degrees) * sigma;
-            let within = branch
-                .points
-                .iter()
-                .filter(|p| (first.0..=last.0).contains(&p.0));
-            let (x, y): (Vec<f64>, Vec<f64>) = within.copied().unzip();
-            branch.band = Some(Band {
-                low: y.iter().map(|y| y - half).collect(),
-                high: y.iter().map(|y| y + half).collect(),
-                x,
-                kind: BandKind::OfMeanReadings,
-            });
-        }
+        branch.band = fit.band().map(|found| about(&branch.points, &found));
     }
     curve.lines = lines.iter().map(|line| of_line(file, line)).collect();
     Some(curve)
+}
+
+/// A band about the points of a curve between its first and last place, its width straight between the places.
+fn about(points: &[(f64, f64)], found: &volcomp_fit::Band) -> Band {
+    let mut band = Band {
+        x: Vec::new(),
+        low: Vec::new(),
+        high: Vec::new(),
+        source: found.source,
+    };
+    for (x, y) in points {
+        let Some(half) = between(&found.at, &found.half_width, *x) else {
+            continue;
+        };
+        band.x.push(*x);
+        band.low.push(y - half);
+        band.high.push(y + half);
+    }
+    band
+}
+
+/// The value at a place on the line through ascending places; `None` outside of them.
+fn between(places: &[f64], values: &[f64], at: f64) -> Option<f64> {
+    let next = places.iter().position(|place| *place >= at)?;
+    let (place, value) = (places[next], *values.get(next)?);
+    if place == at {
+        return Some(value);
+    }
+    let before = next.checked_sub(1)?;
+    let share = (at - places[before]) / (place - places[before]);
+    Some(values[before] + share * (value - values[before]))
 }
 
 /// The curve alone.
@@ -247,34 +257,4 @@ pub(crate) fn runs_of(
     }
     runs.sort_by_key(|run| (run.direction == Direction::Negative, run.number));
     runs
-}
-
-/// The standard deviation of a mean reading, pooled over the targets, and its degrees of freedom; `None` without repeated runs
-/// and of a bridge, whose readings are summed up.
-fn scatter(readings: &Measurement, method: Method) -> Option<(f64, f64)> {
-    if method != Method::Direct {
-        return None;
-    }
-    let mut groups: HashMap<(Direction, u64), (f64, f64, f64)> = HashMap::new();
-    let mut order = Vec::new();
-    for reading in &readings.readings {
-        let key = (reading.direction, (reading.target + 0.0).to_bits());
-        let group = groups.entry(key).or_insert_with(|| {
-            order.push(key);
-            (0.0, 0.0, 0.0)
-        });
-        // Welford's running mean and sum of squares.
-        group.0 += 1.0;
-        let before = reading.deviation - group.1;
-        group.1 += before / group.0;
-        group.2 += before * (reading.deviation - group.1);
-    }
-    // In the order of the readings, so that the sums are the same each time.
-    let groups: Vec<_> = order.iter().map(|key| groups[key]).collect();
-    let count: f64 = groups.iter().map(|g| g.0).sum();
-    let squares: f64 = groups.iter().map(|g| g.2).sum();
-    let targets = groups.len() as f64;
-    let degrees = count - targets;
-    let of_mean = squares / degrees / (count / targets);
-    (degrees > 0.0 && of_mean.is_finite()).then(|| (of_mean.sqrt(), degrees))
 }

@@ -1,6 +1,5 @@
 #![doc = include_str!("../README.md")]
 
-mod asked_for;
 mod build;
 mod curves;
 mod html;
@@ -17,11 +16,13 @@ mod warnings;
 
 pub use html::html;
 pub use report::{
-    AxisTravel, Band, BandKind, Branch, Check, Curve, CurveLine, Diagonal, Diagonals, FitNumbers,
-    Head, Identified, Location, Outcome, Parameter, Positioning, Report, Run, Size, Slice,
-    SourceFile, Square, State, Uncertainty, Vector, Volume, Warning, WarningKind,
+    AxisTravel, Band, Branch, Check, Curve, CurveLine, Diagonal, Diagonals, FitNumbers, Head,
+    Identified, Location, Parameter, Positioning, Report, Run, Size, Slice, SourceFile, Square,
+    State, Uncertainty, Vector, Volume, Warning, WarningKind,
 };
 pub use stated::Stated;
 pub use texts::Language;
-pub use tolerance::{Figure, SYMBOLS, Tolerance, ToleranceError, VOLUME, checks, tolerances};
+pub use tolerance::{VOLUME, checks, tolerances};
+pub use volcomp_fit::BandSource;
+pub use volcomp_metrology::{Edition, Tolerance, Verdict};
 pub use volume::{ErrorAt, uncertainty, volume};

@@ -1,43 +1,89 @@
 //! Positioning tests by ISO 230-2.
 
-use volcomp_calibrate::{CalibrationFile, Method};
-use volcomp_metrology::{MotionKind, evaluate};
+use volcomp_calibrate::{CalibrationFile, Line, Method};
+use volcomp_metrology::{
+    Edition, MotionKind, UncertaintyInputs, Vdi3441, evaluate, positioning_uncertainty, vdi_3441,
+};
+use volcomp_vocabulary::Direction;
 
 use crate::{curves::runs_of, report::Positioning};
 
 /// Every line of a file that is a positioning test, with its readings as they are.
-pub(crate) fn positioning(file: &CalibrationFile) -> Vec<Positioning> {
+pub(crate) fn positioning(file: &CalibrationFile, edition: Edition) -> Vec<Positioning> {
     let lines = file.measurements.iter();
     let tests = lines.filter(|line| {
         MotionKind::of(line.setup.error) == MotionKind::Positioning
             && line.setup.method == Method::Direct
     });
-    let test = |line: &volcomp_calibrate::Line| {
+    let test = |line: &Line| {
         let error = line.setup.error;
+        // What cannot be evaluated could not be calibrated.
+        let result = evaluate(&line.readings).ok()?;
         Some(Positioning {
             file: line.file.display().to_string(),
             error: error.to_string(),
             x_unit: error.axis.kind().coordinate_unit().to_owned(),
             unit: error.component.symbol().to_owned(),
             runs: runs_of(&line.readings, |_, _, reading| Some(reading)),
-            // What cannot be evaluated could not be calibrated.
-            result: evaluate(&line.readings).ok()?,
+            edition: edition.year(),
+            vdi: vdi_3441(&result),
+            uncertainties: uncertainties(file, line),
+            result,
         })
     };
     tests.filter_map(test).collect()
 }
 
+/// The uncertainties of the figures, of what the calibration file states of the instrument: its scale grows with the length, a reading
+/// has the other part. Both are the same in every reading at one target, and so cancel in B and R.
+fn uncertainties(file: &CalibrationFile, line: &Line) -> Vec<(String, f64)> {
+    let of = &file.uncertainty;
+    let targets = line.readings.targets();
+    let ends = targets.first().zip(targets.last());
+    let travel = ends.map_or(0.0, |(first, last)| last - first);
+    let positive = |standard: f64| (standard > 0.0).then_some(2.0 * standard);
+    let (inputs, length) = if line.setup.error.component.is_angular() {
+        // In µrad, whatever the length.
+        let device_um = positive(of.reading_urad);
+        (
+            UncertaintyInputs {
+                device_um,
+                ..UncertaintyInputs::default()
+            },
+            1.0,
+        )
+    } else {
+        let inputs = UncertaintyInputs {
+            device_um_per_m: positive(of.laser_um_per_m),
+            device_um: positive(of.reading_um),
+            ..UncertaintyInputs::default()
+        };
+        (inputs, 1e-3 * travel)
+    };
+    let runs = Direction::BOTH.map(|direction| line.readings.runs(direction).len());
+    let fewest = runs.into_iter().filter(|runs| *runs > 0).min().unwrap_or(1);
+    // With one target there is no length, and nothing is stated.
+    let Ok(found) = positioning_uncertainty(&inputs, length, fewest) else {
+        return Vec::new();
+    };
+    let symbols = Edition::symbols().into_iter();
+    symbols
+        .filter_map(|symbol| Some((symbol.to_owned(), found.of(symbol)?)))
+        .collect()
+}
+
 impl Positioning {
-    /// A figure by its symbol: A, R, E, M or B; `None` where the runs do not give it.
+    /// A figure by its symbol of ISO 230-2 or VDI/DGQ 3441; `None` where the runs do not give it.
     pub fn figure(&self, symbol: &str) -> Option<f64> {
-        let r = &self.result;
-        match symbol {
-            "A" => r.a,
-            "R" => r.r,
-            "E" => r.e,
-            "M" => r.m,
-            "B" => r.b,
-            _ => None,
-        }
+        let iso = Edition::default().quantities(&self.result);
+        let vdi = Vdi3441::quantities(self.vdi.as_ref());
+        let found = iso.iter().chain(&vdi).find(|q| q.symbol == symbol)?;
+        found.value
+    }
+
+    /// The expanded uncertainty of a figure; `None` where nothing is stated that it is made of.
+    pub fn uncertainty(&self, symbol: &str) -> Option<f64> {
+        let found = self.uncertainties.iter().find(|(of, _)| of == symbol);
+        found.map(|(_, u)| *u)
     }
 }

@@ -2,7 +2,8 @@
 //! µrad.
 
 use serde::{Deserialize, Serialize};
-use volcomp_metrology::Iso230Part2;
+use volcomp_fit::BandSource;
+use volcomp_metrology::{Iso230Part2, Vdi3441, Verdict};
 use volcomp_vocabulary::Direction;
 
 /// A report of a calibration.
@@ -91,18 +92,6 @@ pub struct SourceFile {
     pub date: Option<String>,
 }
 
-/// How a figure stands against its tolerance.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Outcome {
-    /// It is within.
-    Pass,
-    /// It is beyond.
-    Fail,
-    /// The measurements do not give the figure.
-    NotEvaluated,
-}
-
 /// A figure and its tolerance.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Check {
@@ -116,8 +105,10 @@ pub struct Check {
     pub limit: f64,
     /// `µm` or `µrad`.
     pub unit: String,
-    /// How it stands.
-    pub outcome: Outcome,
+    /// Its expanded uncertainty (k = 2) of what is stated; `None` where nothing is.
+    pub uncertainty: Option<f64>,
+    /// How it stands: by ISO 14253-1 where an uncertainty is stated.
+    pub outcome: Verdict,
 }
 
 /// What a warning is about, the gravest first.
@@ -203,7 +194,7 @@ pub struct Branch {
     pub fit: Option<FitNumbers>,
 }
 
-/// A band about a curve.
+/// A band that holds the true curve with a probability of 95 %, at each place by itself.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Band {
     /// Coordinates, ascending.
@@ -212,19 +203,8 @@ pub struct Band {
     pub low: Vec<f64>,
     /// The upper edge.
     pub high: Vec<f64>,
-    /// How it was made.
-    pub kind: BandKind,
-}
-
-/// How a band was made.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum BandKind {
-    /// 95 % of a mean reading, from the scatter of the runs, about the curve. How the curve itself would change with other
-    /// readings is not in it.
-    OfMeanReadings,
-    /// 95 % of the curve.
-    OfCurve,
+    /// What was resampled for it.
+    pub source: BandSource,
 }
 
 /// How a curve was fitted and how well it follows.
@@ -255,8 +235,14 @@ pub struct Positioning {
     pub unit: String,
     /// Every run as it was read.
     pub runs: Vec<Run>,
+    /// The year of the edition of ISO 230-2.
+    pub edition: u16,
     /// The figures.
     pub result: Iso230Part2,
+    /// Those of VDI/DGQ 3441; `None` where it cannot be evaluated.
+    pub vdi: Option<Vdi3441>,
+    /// Expanded uncertainties (k = 2) of figures by their symbols, of the contributions that the calibration file states.
+    pub uncertainties: Vec<(String, f64)>,
 }
 
 /// The angle between two linear axes.
@@ -336,6 +322,8 @@ pub struct Volume {
     pub vectors: Vec<Vector>,
     /// How many nodes the sizes are taken over.
     pub nodes: usize,
+    /// The axes that stand still, and where (deg of a rotary one, else mm): what shows only as they move is in no number here.
+    pub standing: Vec<(String, f64)>,
 }
 
 /// How large the errors of position are.

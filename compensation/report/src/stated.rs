@@ -1,6 +1,6 @@
 //! The head of a report: what files state of themselves, and what a caller states instead.
 
-use volcomp_metrology::{Environment, Measurement, Metadata, StartEnd};
+use volcomp_metrology::{Edition, Environment, Measurement, Metadata, StartEnd};
 use volcomp_model::Machine;
 
 use crate::report::{AxisTravel, Head};
@@ -18,6 +18,8 @@ pub struct Stated {
     pub operator: Option<String>,
     /// The instrument.
     pub instrument: Option<String>,
+    /// The edition of ISO 230-2.
+    pub edition: Edition,
 }
 
 /// The head of a machine and its measurements.

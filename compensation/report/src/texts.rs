@@ -69,14 +69,17 @@ table! {
     pass: "pass", "bestanden";
     fail: "fail", "nicht bestanden";
     not_evaluated: "not evaluated", "nicht auswertbar";
+    undecided: "undecided", "offen";
+    some_undecided: "Not every stated tolerance is decided: a figure is nearer to its limit than its uncertainty.",
+        "Nicht jede angegebene Toleranz ist entschieden: Ein Wert liegt näher an seiner Grenze als seine Unsicherheit.";
     all_pass: "All stated tolerances are met.", "Alle angegebenen Toleranzen sind eingehalten.";
     some_fail: "Not all stated tolerances are met.", "Nicht alle angegebenen Toleranzen sind eingehalten.";
     some_missing: "Not every stated tolerance could be evaluated.", "Nicht jede angegebene Toleranz war auswertbar.";
     no_tolerance: "No tolerance stated.", "Keine Toleranz angegeben.";
     no_tolerance_more: "This report gives figures; it does not say whether they are good enough.",
         "Dieser Bericht nennt Werte; er sagt nicht, ob sie genügen.";
-    rule: "A figure passes where it is at most its tolerance. The uncertainty of the measurement is not taken off the tolerance (ISO 14253-1 is not applied).",
-        "Ein Wert besteht, wenn er höchstens gleich der Toleranz ist. Die Messunsicherheit wird nicht von der Toleranz abgezogen (ISO 14253-1 ist nicht angewendet).";
+    rule: "Where an uncertainty U (k = 2) is stated, by ISO 14253-1: a figure passes where it and U on top are at most the tolerance, fails where it less U is beyond, and is undecided between. Where none is stated the figure alone is compared. U has in it what is stated, and nothing else.",
+        "Wo eine Unsicherheit U (k = 2) angegeben ist, nach ISO 14253-1: Ein Wert besteht, wenn er zuzüglich U höchstens gleich der Toleranz ist, besteht nicht, wenn er abzüglich U darüber liegt, und ist dazwischen offen. Ohne Angabe wird der Wert allein verglichen. U enthält das Angegebene und sonst nichts.";
     figure: "figure", "Kenngröße";
     of: "of", "von";
     value: "value", "Wert";
@@ -113,12 +116,14 @@ table! {
     residual: "residual", "Restabweichung";
     residuals: "residuals: mean reading minus curve", "Restabweichungen: mittlerer Messwert minus Kurve";
     deviation: "deviation", "Abweichung";
-    band_readings: "95 % of a mean reading", "95 % eines mittleren Messwerts";
     band_curve: "95 % of the curve", "95 % der Kurve";
-    band_readings_note: "The band is curve ± 95 % of a mean reading, from the scatter of the runs (Student). How the curve itself would change with other readings is not in it.",
-        "Das Band ist Kurve ± 95 % eines mittleren Messwerts aus der Streuung der Läufe (Student). Wie sich die Kurve selbst mit anderen Messwerten änderte, ist nicht enthalten.";
-    no_band: "No band: with one run in each direction the scatter is not known.",
-        "Kein Band: Mit einem Lauf je Richtung ist die Streuung nicht bekannt.";
+    band_one_run: "95 % of the curve, from one run", "95 % der Kurve, aus einem Lauf";
+    band_note: "The band holds the true curve with a probability of 95 % at each place by itself: the runs are drawn again as a whole (bootstrap), with Student's t for few of them, and what the curve misses of readings that are left out is added.",
+        "Das Band enthält die wahre Kurve an jeder Stelle für sich mit 95 % Wahrscheinlichkeit: Die Läufe werden als Ganze neu gezogen (Bootstrap), bei wenigen mit Students t, und was die Kurve an weggelassenen Messwerten verfehlt, kommt hinzu.";
+    band_one_run_note: "With one run its residuals are drawn again: what differs from run to run is not in the band.",
+        "Bei einem Lauf werden seine Restabweichungen neu gezogen: Was von Lauf zu Lauf verschieden ist, ist im Band nicht enthalten.";
+    no_band: "No band: the readings of this curve are no runs of their own (tilts of a bridge that are summed up, or lines of other errors), or too few to be drawn again.",
+        "Kein Band: Die Messwerte dieser Kurve sind keine eigenen Läufe (aufsummierte Kippungen einer Brücke oder Linien anderer Fehler) oder zu wenige, um sie neu zu ziehen.";
     bridge_note: "Tilts of a bridge, summed up: only means are shown.", "Kippungen einer Brücke, aufsummiert: nur Mittelwerte.";
     parallel_note: "Found from several parallel lines of other errors.", "Aus mehreren parallelen Linien anderer Fehler bestimmt.";
     smallest: "smallest", "kleinste";
@@ -128,7 +133,7 @@ table! {
     reversal: "reversal", "Umkehrspanne";
     numbers_note: "Residual: mean reading minus curve. Leave-one-out: root mean square of what the curve misses of readings that were left out of its fit one at a time.",
         "Restabweichung: mittlerer Messwert minus Kurve. Leave-one-out: quadratisches Mittel dessen, was die Kurve an einzeln weggelassenen Messwerten verfehlt.";
-    positioning: "Positioning by ISO 230-2", "Positionieren nach ISO 230-2";
+    positioning: "Positioning tests (ISO 230-2)", "Positioniergenauigkeit (ISO 230-2)";
     no_positioning: "No positioning test among the measurements.", "Keine Positioniermessung unter den Messungen.";
     positioning_lead: "Readings as they are in the file. A, R, E, M and B are marked where they arise.",
         "Messwerte wie in der Datei. A, R, E, M und B sind dort markiert, wo sie entstehen.";
@@ -136,10 +141,26 @@ table! {
     bidirectional: "bidirectional", "beidseitig";
     a: "A accuracy", "A Genauigkeit";
     r: "R repeatability", "R Wiederholpräzision";
-    e: "E systematic deviation", "E systematische Abweichung";
-    m: "M mean deviation", "M mittlere Abweichung";
-    b: "B reversal value", "B Umkehrspanne";
-    mean_b: "mean reversal value", "mittlere Umkehrspanne";
+    e: "E systematic error", "E systematische Abweichung";
+    m: "M mean error", "M mittlere Abweichung";
+    b: "B reversal error", "B Umkehrspanne";
+    mean_b: "mean reversal error", "mittlere Umkehrspanne";
+    e_before_2014: "E systematic deviation", "E systematische Abweichung";
+    m_before_2014: "M mean deviation", "M mittlere Abweichung";
+    b_before_2014: "B reversal value", "B Umkehrspanne";
+    mean_b_before_2014: "mean reversal value", "mittlere Umkehrspanne";
+    vdi_lacks: "VDI/DGQ 3441 is not evaluated: it needs both directions and at least two runs in each.",
+        "VDI/DGQ 3441 ist nicht auswertbar: Es braucht beide Richtungen und mindestens zwei Läufe je Richtung.";
+    vdi_p: "positional uncertainty P", "Positionsunsicherheit P";
+    vdi_pa: "position deviation Pa", "Positionsabweichung Pa";
+    vdi_u_max: "largest reversal U", "größte Umkehrspanne U";
+    vdi_u_mean: "mean reversal Ū", "mittlere Umkehrspanne Ū";
+    vdi_ps_max: "largest scatter Ps", "größte Positionsstreubreite Ps";
+    vdi_ps_mean: "mean scatter P̄s", "mittlere Positionsstreubreite P̄s";
+    u_expanded: "U (k = 2)", "U (k = 2)";
+    standing: "Stand still here:", "Stehen hier still:";
+    standing_note: "Errors that show only as these axes move, their location errors among them, are in no number of this section; what of them was not measured stands in its own section.",
+        "Abweichungen, die sich nur beim Bewegen dieser Achsen zeigen, darunter ihre Lageabweichungen, sind in keiner Zahl dieses Abschnitts; was davon nicht gemessen wurde, steht in einem eigenen Abschnitt.";
     a_missing: "A and R need at least two runs in a direction.", "A und R brauchen mindestens zwei Läufe je Richtung.";
     table_cut: "targets in all; the table shows those with the extreme values and evenly spaced ones between.",
         "Zielpunkte insgesamt; die Tabelle zeigt die mit den Extremwerten und gleichmäßig verteilte dazwischen.";

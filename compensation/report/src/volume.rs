@@ -73,7 +73,24 @@ pub fn volume(
         travels_mm: [AxisName::X, AxisName::Y, AxisName::Z].map(travel),
         vectors: vectors.collect(),
         nodes: grid.len(),
+        standing: standing(machine, others),
     }))
+}
+
+/// The axes that are not moved over the working space, and where they stand.
+fn standing(machine: &Machine, others: &[(AxisName, f64)]) -> Vec<(String, f64)> {
+    let moved = [AxisName::X, AxisName::Y, AxisName::Z];
+    let stand = machine
+        .axes()
+        .iter()
+        .filter(|axis| !moved.contains(&axis.name));
+    stand
+        .map(|axis| {
+            let stated = others.iter().find(|(name, _)| *name == axis.name);
+            let at = stated.map_or_else(|| axis.nearest_zero(), |(_, at)| *at);
+            (axis.name.to_string(), at)
+        })
+        .collect()
 }
 
 /// What the errors of a machine are beside the best rigid motion of the workpiece: where it lies is no error of the machine.

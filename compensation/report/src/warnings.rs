@@ -1,16 +1,19 @@
 //! What a reader must know before any number, the gravest first.
 
 use volcomp_calibrate::{Calibration, CalibrationFile, Line, Method};
-use volcomp_metrology::{MotionKind, Quantity, environment_notes, outlier_hints};
+use volcomp_metrology::{
+    Edition, MotionKind, Quantity, environment_notes, outlier_hints, shortfalls,
+};
 use volcomp_vocabulary::{AxisKind, AxisName};
 
-use crate::{
-    asked_for::fewer_than_asked_for,
-    report::{Warning, WarningKind},
-};
+use crate::report::{Warning, WarningKind};
 
 /// All warnings of a calibration.
-pub(crate) fn of_calibration(file: &CalibrationFile, calibration: &Calibration) -> Vec<Warning> {
+pub(crate) fn of_calibration(
+    file: &CalibrationFile,
+    calibration: &Calibration,
+    edition: Edition,
+) -> Vec<Warning> {
     let mut all = Vec::new();
     let mut add = |kind: WarningKind, text: String| {
         // The same sentence from two places is said once, where it is gravest.
@@ -26,11 +29,11 @@ pub(crate) fn of_calibration(file: &CalibrationFile, calibration: &Calibration) 
         let error = line.setup.error;
         let is_test =
             MotionKind::of(error) == MotionKind::Positioning && line.setup.method == Method::Direct;
-        if let Some(text) = is_test
-            .then(|| fewer_than_asked_for(&line.readings, error.axis.kind()))
-            .flatten()
-        {
-            add(WarningKind::Few, named(line, text));
+        if is_test {
+            let lacks = shortfalls(&line.readings, error.axis.kind(), edition);
+            if !lacks.is_empty() {
+                add(WarningKind::Few, named(line, lacks.join("; ")));
+            }
         }
     }
     let mut without = 0;

@@ -115,6 +115,11 @@ impl Edition {
         self != Self::Iso1997
     }
 
+    /// The symbols of the quantities, in their order: the same in every edition.
+    pub fn symbols() -> [&'static str; 12] {
+        NAMES.map(|(symbol, _)| symbol)
+    }
+
     /// The quantities of an evaluation, with the names of the edition.
     pub fn quantities(self, result: &Iso230Part2) -> Vec<StandardQuantity> {
         let values = [

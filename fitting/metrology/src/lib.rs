@@ -82,6 +82,6 @@ pub use straightness_error::{
 };
 pub use test_plan::{AskedFor, asked_for, axis_kind, shortfalls};
 pub use three_lines::{ParallelLine, Separated, separate_parallel_lines};
-pub use tolerance::{Tolerance, Verdict, decide, parse_tolerances};
+pub use tolerance::{Tolerance, Verdict, decide, parse_tolerances, parse_tolerances_of};
 pub use vdi_3441::{Vdi3441, Vdi3441Target, vdi_3441};
 pub use volcomp_vocabulary::Direction;

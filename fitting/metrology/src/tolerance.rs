@@ -77,6 +77,25 @@ pub fn decide(value: Option<f64>, limit: f64, u: Option<f64>) -> Verdict {
 /// # Errors
 /// A symbol that is not known or stands twice, a limit that is no finite number of at least 0, no tolerance at all.
 pub fn parse_tolerances(text: &str, known: &[&str]) -> Result<Vec<Tolerance>, MetrologyError> {
+    // `U_max` and `u_MAX` are one; where two differ in case alone the exact one counts.
+    let named = |symbol: &str| {
+        let exact = known.iter().find(|name| **name == symbol);
+        let named = exact.or_else(|| known.iter().find(|name| name.eq_ignore_ascii_case(symbol)));
+        named.map(|name| (*name).to_owned())
+    };
+    parse_tolerances_of(text, named, &format!("one of {}", known.join(", ")))
+}
+
+/// Reads tolerances of symbols that are no short list. `named` gives the symbol as it is spelled, and `None` where there is none of
+/// this name; `expected` says in a message what it may be.
+///
+/// # Errors
+/// As [`parse_tolerances`].
+pub fn parse_tolerances_of(
+    text: &str,
+    named: impl Fn(&str) -> Option<String>,
+    expected: &str,
+) -> Result<Vec<Tolerance>, MetrologyError> {
     let refuse = |what: String, found: &str, expected: String| MetrologyError::Readings {
         name: "tolerance".into(),
         what,
@@ -91,12 +110,8 @@ pub fn parse_tolerances(text: &str, known: &[&str]) -> Result<Vec<Tolerance>, Me
             return Err(refuse("part".into(), part, expected));
         };
         let (symbol, limit) = (symbol.trim(), limit.trim());
-        // `U_max` and `u_MAX` are one; where two differ in case alone the exact one counts.
-        let exact = known.iter().find(|name| **name == symbol);
-        let named = exact.or_else(|| known.iter().find(|name| name.eq_ignore_ascii_case(symbol)));
-        let Some(named) = named else {
-            let expected = format!("one of {}", known.join(", "));
-            return Err(refuse("symbol".into(), symbol, expected));
+        let Some(named) = named(symbol) else {
+            return Err(refuse("symbol".into(), symbol, expected.to_owned()));
         };
         let value: Option<f64> = limit.parse().ok();
         let Some(value) = value.filter(|value| (0.0..=crate::number::LARGEST).contains(value))
@@ -104,12 +119,12 @@ pub fn parse_tolerances(text: &str, known: &[&str]) -> Result<Vec<Tolerance>, Me
             let expected = "a number of at least 0, without its unit".to_owned();
             return Err(refuse(format!("limit of {named}"), limit, expected));
         };
-        if tolerances.iter().any(|other| other.symbol == **named) {
+        if tolerances.iter().any(|other| other.symbol == named) {
             let expected = "each symbol once".to_owned();
             return Err(refuse("symbol".into(), symbol, expected));
         }
         tolerances.push(Tolerance {
-            symbol: (*named).to_owned(),
+            symbol: named,
             limit: value,
         });
     }

@@ -4,7 +4,7 @@ use crate::{Iso230Part2, StandardQuantity};
 
 /// The results of VDI/DGQ 3441 at one target, in the unit of the deviations.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Vdi3441Target {
     /// Target position, mm or deg.
     pub target: f64,
@@ -18,7 +18,7 @@ pub struct Vdi3441Target {
 
 /// The results of VDI/DGQ 3441 for an axis, in the unit of the deviations.
 #[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Vdi3441 {
     /// The targets, ascending.
     pub targets: Vec<Vdi3441Target>,

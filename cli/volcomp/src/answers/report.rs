@@ -2,7 +2,7 @@
 
 use schemars::JsonSchema;
 use serde::Serialize;
-use volcomp_report::{Check as ReportCheck, Outcome};
+use volcomp_report::{Check as ReportCheck, Verdict as Outcome};
 
 /// The document of `volcomp report`.
 #[derive(Debug, Serialize, JsonSchema)]
@@ -33,6 +33,8 @@ pub(crate) enum Verdict {
     Fail,
     /// None is beyond, and one at least is not given by the measurements.
     NotEvaluated,
+    /// None is beyond or missing, and one at least is nearer to its limit than its uncertainty.
+    Undecided,
     /// No tolerance is stated.
     NotStated,
 }
@@ -44,6 +46,7 @@ impl Verdict {
             Self::Pass => "all stated tolerances are met",
             Self::Fail => "not all stated tolerances are met",
             Self::NotEvaluated => "not every stated tolerance could be evaluated",
+            Self::Undecided => "not every stated tolerance is decided",
             Self::NotStated => "no tolerance stated",
         }
     }
@@ -62,7 +65,10 @@ pub(crate) struct Check {
     pub(crate) limit: f64,
     /// `µm` or `µrad`.
     pub(crate) unit: String,
-    /// `pass`, `fail` or `not_evaluated`.
+    /// The expanded uncertainty (k = 2) of the figure, of what is stated; null where nothing is.
+    pub(crate) uncertainty: Option<f64>,
+    /// `pass`, `fail`, `undecided` (nearer to the limit than the uncertainty) or `not_evaluated`: by ISO 14253-1 where an uncertainty is
+    /// stated.
     pub(crate) outcome: &'static str,
 }
 
@@ -88,9 +94,11 @@ impl From<&ReportCheck> for Check {
             value: check.value,
             limit: check.limit,
             unit: check.unit.clone(),
+            uncertainty: check.uncertainty,
             outcome: match check.outcome {
                 Outcome::Pass => "pass",
                 Outcome::Fail => "fail",
+                Outcome::Undecided => "undecided",
                 Outcome::NotEvaluated => "not_evaluated",
             },
         }

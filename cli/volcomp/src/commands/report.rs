@@ -12,13 +12,13 @@ use volcomp_identify::Observations;
 use volcomp_kinematics::{Form, State as Pose, volumetric_error};
 use volcomp_model::{Machine, Temperatures, diagonal_targets, diagonals};
 use volcomp_report::{
-    Diagonal, Diagonals, ErrorAt, Language, Outcome, Report, Size, State, Stated, Tolerance,
-    checks, html, tolerances, uncertainty, volume,
+    Diagonal, Diagonals, Edition, ErrorAt, Language, Report, Size, State, Stated, Tolerance,
+    Verdict as Outcome, checks, html, tolerances, uncertainty, volume,
 };
 use volcomp_vocabulary::AxisName;
 
 use super::{
-    Answer, calibrate::fit, fixed, identify::find, machine_notes, same_file,
+    Answer, calibrate::fit, fixed, identify::find, iso230::parse_edition, machine_notes, same_file,
     uncertainty::UncertaintyArguments,
 };
 use crate::{
@@ -52,10 +52,13 @@ pub(crate) struct Arguments {
     /// Machine file whose errors are taken for the truth: what the correction by FILE leaves of them is shown as the state after
     #[arg(long, value_name = "MACHINE")]
     truth: Option<PathBuf>,
-    /// What is allowed, µm of lengths and µrad of angles: A, R, E, M, B of each positioning test, V for the largest
-    /// volumetric error beside the best rigid motion of the workpiece, or the name of an error: A=10,EC0Y=20
+    /// What is allowed, µm of lengths and µrad of angles: A, R, E, M, B of each positioning test, or a symbol of VDI/DGQ 3441, V for
+    /// the largest volumetric error beside the best rigid motion of the workpiece, or the name of an error: A=10,EC0Y=20
     #[arg(long, value_name = "NAME=LIMIT,…")]
     tolerance: Option<String>,
+    /// Edition of ISO 230-2: 1997, 2006 or 2014, without it 2014
+    #[arg(long, value_parser = parse_edition)]
+    edition: Option<u16>,
     /// Language of heads and labels
     #[arg(long, default_value = "en", value_parser = PossibleValuesParser::new(["en", "de"]))]
     lang: String,
@@ -93,9 +96,7 @@ enum Source {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let limits = match &arguments.tolerance {
-        Some(text) => {
-            tolerances(text).map_err(|error| Failure::Input(format!("--tolerance: {error}")))?
-        }
+        Some(text) => tolerances(text).map_err(|error| Failure::Input(format!("--{error}")))?,
         None => Vec::new(),
     };
     let source = Source::read(&arguments.source)?;
@@ -179,6 +180,8 @@ impl Source {
             date: arguments.date.clone(),
             operator: arguments.operator.clone(),
             instrument: arguments.instrument.clone(),
+            // The parser let no other year through.
+            edition: (arguments.edition.and_then(Edition::of_year)).unwrap_or_default(),
         };
         let name = arguments.source.display().to_string();
         Ok(match self {
@@ -343,15 +346,13 @@ fn answer(
     limits: &[Tolerance],
     notes: Vec<String>,
 ) -> Result<Answer, Failure> {
-    let has = |outcome| report.checks.iter().any(|check| check.outcome == outcome);
-    let verdict = if limits.is_empty() {
-        Verdict::NotStated
-    } else if has(Outcome::Fail) {
-        Verdict::Fail
-    } else if has(Outcome::NotEvaluated) {
-        Verdict::NotEvaluated
-    } else {
-        Verdict::Pass
+    let whole = Outcome::of_all(report.checks.iter().map(|check| check.outcome));
+    let verdict = match whole {
+        _ if limits.is_empty() => Verdict::NotStated,
+        Outcome::Fail => Verdict::Fail,
+        Outcome::NotEvaluated => Verdict::NotEvaluated,
+        Outcome::Undecided => Verdict::Undecided,
+        Outcome::Pass => Verdict::Pass,
     };
     let largest = |size: &Size| Largest {
         max_um: size.max_um,
@@ -388,8 +389,11 @@ fn answer(
         // Writing to a String cannot fail, here and below.
         let _ = writeln!(
             text,
-            "  {}{of}: {value} {}, allowed {}: {}",
+            "  {}{of}: {value}{} {}, allowed {}: {}",
             check.symbol,
+            check
+                .uncertainty
+                .map_or_else(String::new, |u| format!(" ± {}", fixed(u, 2))),
             check.unit,
             fixed(check.limit, 2),
             check.outcome.replace('_', " ")

@@ -77,7 +77,9 @@ fn what_is_wrong_is_named() {
     let output = folder.path().join("report.html").display().to_string();
     let refusal =
         |arguments: &[&str]| refused(&[&["report"], arguments, &["-o", &output]].concat());
-    assert!(refusal(&[CALIBRATION, "--tolerance", "Q=1"]).contains("--tolerance: found `Q`"));
+    assert!(
+        refusal(&[CALIBRATION, "--tolerance", "Q=1"]).contains("--tolerance: symbol: found `Q`")
+    );
     assert!(refusal(&["missing.toml"]).contains("missing.toml"));
     assert!(
         refusal(&["examples/gantry.toml", "--trials", "5"])

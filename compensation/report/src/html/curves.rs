@@ -1,11 +1,12 @@
 //! Each error: readings, curve and band, the residuals below, and numbers.
 
+use volcomp_fit::BandSource;
 use volcomp_vocabulary::Direction;
 
 use super::write::{Cell, Page};
 use crate::{
     plot::{self, Look, Mark, Series, WIDTH, XyPlot, xy},
-    report::{BandKind, Branch, Curve, Report},
+    report::{Branch, Curve, Report},
     texts::{Texts, described},
 };
 
@@ -20,22 +21,20 @@ pub(super) fn curves(page: &mut Page, report: &Report, t: &Texts) {
     if !measured.is_empty() {
         page.paragraph("lead", t.curves_lead);
     }
-    let mut kinds: Vec<BandKind> = Vec::new();
+    let mut sources: Vec<BandSource> = Vec::new();
     for curve in &measured {
         one(page, curve, t);
-        kinds.extend(
-            curve
-                .branches
-                .iter()
-                .filter_map(|b| b.band.as_ref())
-                .map(|b| b.kind),
-        );
+        let bands = curve.branches.iter().filter_map(|b| b.band.as_ref());
+        sources.extend(bands.map(|band| band.source));
     }
     if !measured.is_empty() {
         page.paragraph("note", t.numbers_note);
     }
-    if kinds.contains(&BandKind::OfMeanReadings) {
-        page.paragraph("note", t.band_readings_note);
+    if !sources.is_empty() {
+        page.paragraph("note", t.band_note);
+    }
+    if sources.contains(&BandSource::Residuals) {
+        page.paragraph("note", t.band_one_run_note);
     }
     if !stated.is_empty() {
         page.heading(3, t.of_file, "");
@@ -47,7 +46,7 @@ pub(super) fn curves(page: &mut Page, report: &Report, t: &Texts) {
 }
 
 fn one(page: &mut Page, curve: &Curve, t: &Texts) {
-    page.put("<div class=\"keep\">");
+    page.put("<div class=\"keep curve\">");
     page.heading(3, &curve.error, &described(&curve.error, t));
     let files: Vec<&str> = curve
         .lines
@@ -191,9 +190,9 @@ fn main_plot(curve: &Curve, t: &Texts) -> XyPlot {
             line: true,
         });
         if let Some(band) = &branch.band {
-            band_label = match band.kind {
-                BandKind::OfMeanReadings => t.band_readings,
-                BandKind::OfCurve => t.band_curve,
+            band_label = match band.source {
+                BandSource::Runs => t.band_curve,
+                BandSource::Residuals => t.band_one_run,
             };
             bands.push(plot::Band {
                 x: band.x.clone(),

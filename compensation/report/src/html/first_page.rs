@@ -1,9 +1,11 @@
 //! Head, verdict, warnings, and the list of files at the end.
 
+use volcomp_metrology::Verdict;
+
 use super::write::{Cell, Page};
 use crate::{
     plot::{escaped, short},
-    report::{Outcome, Report, WarningKind},
+    report::{Report, WarningKind},
     texts::{Language, Texts, described},
     tolerance::VOLUME,
 };
@@ -65,15 +67,13 @@ fn plain(value: f64) -> String {
 }
 
 pub(super) fn verdict(page: &mut Page, report: &Report, t: &Texts) {
-    let has = |outcome| report.checks.iter().any(|check| check.outcome == outcome);
-    let (class, sign, sentence) = if report.checks.is_empty() {
-        ("open", "–", t.no_tolerance)
-    } else if has(Outcome::Fail) {
-        ("fail", "✗", t.some_fail)
-    } else if has(Outcome::NotEvaluated) {
-        ("open", "?", t.some_missing)
-    } else {
-        ("pass", "✓", t.all_pass)
+    let whole = Verdict::of_all(report.checks.iter().map(|check| check.outcome));
+    let (class, sign, sentence) = match whole {
+        _ if report.checks.is_empty() => ("open", "–", t.no_tolerance),
+        Verdict::Fail => ("fail", "✗", t.some_fail),
+        Verdict::NotEvaluated => ("open", "?", t.some_missing),
+        Verdict::Undecided => ("open", "?", t.some_undecided),
+        Verdict::Pass => ("pass", "✓", t.all_pass),
     };
     page.put(&format!(
         "<div class=\"verdict {class}\"><span class=\"sign\" aria-hidden=\"true\">{sign}</span><strong>{}</strong></div>",
@@ -87,15 +87,17 @@ pub(super) fn verdict(page: &mut Page, report: &Report, t: &Texts) {
         t.figure,
         t.of,
         &format!(">{}", t.value),
+        &format!(">{}", t.u_expanded),
         &format!(">{}", t.tolerance),
         "",
         t.verdict,
     ];
     let rows = report.checks.iter().map(|check| {
         let (class, sign, word) = match check.outcome {
-            Outcome::Pass => ("pass", "✓", t.pass),
-            Outcome::Fail => ("fail", "✗", t.fail),
-            Outcome::NotEvaluated => ("open", "–", t.not_evaluated),
+            Verdict::Pass => ("pass", "✓", t.pass),
+            Verdict::Fail => ("fail", "✗", t.fail),
+            Verdict::Undecided => ("open", "?", t.undecided),
+            Verdict::NotEvaluated => ("open", "–", t.not_evaluated),
         };
         vec![
             Cell::text(&check.symbol),
@@ -105,6 +107,7 @@ pub(super) fn verdict(page: &mut Page, report: &Report, t: &Texts) {
                 (of, _) => of.to_owned(),
             }),
             Cell::Number(check.value, 2),
+            Cell::Number(check.uncertainty, 2),
             Cell::number(check.limit, 2),
             Cell::Fixed(check.unit.clone()),
             Cell::Markup(format!(

@@ -41,8 +41,18 @@ pub(super) fn positioning(page: &mut Page, report: &Report, t: &Texts) {
 fn figures(page: &mut Page, test: &Positioning, t: &Texts) {
     let r = &test.result;
     let unit = &test.unit;
+    let [e, m, b, mean_b] = if test.edition < 2014 {
+        [
+            t.e_before_2014,
+            t.m_before_2014,
+            t.b_before_2014,
+            t.mean_b_before_2014,
+        ]
+    } else {
+        [t.e, t.m, t.b, t.mean_b]
+    };
     let columns = [
-        format!("{}, {unit}", t.figure),
+        format!("ISO 230-2:{}, {unit}", test.edition),
         format!(">{}", t.bidirectional),
         format!(">{} ↑", t.forward),
         format!(">{} ↓", t.backward),
@@ -51,10 +61,10 @@ fn figures(page: &mut Page, test: &Positioning, t: &Texts) {
     let all = [
         (t.a, [r.a, r.a_forward, r.a_backward]),
         (t.r, [r.r, r.r_forward, r.r_backward]),
-        (t.e, [r.e, r.e_forward, r.e_backward]),
-        (t.m, [r.m, None, None]),
-        (t.b, [r.b, None, None]),
-        (t.mean_b, [r.mean_b, None, None]),
+        (e, [r.e, r.e_forward, r.e_backward]),
+        (m, [r.m, None, None]),
+        (b, [r.b, None, None]),
+        (mean_b, [r.mean_b, None, None]),
     ];
     let rows = all.into_iter().map(|(name, values)| {
         let mut row = vec![Cell::text(name)];
@@ -62,6 +72,24 @@ fn figures(page: &mut Page, test: &Positioning, t: &Texts) {
         row
     });
     page.table(&columns, rows);
+    let Some(vdi) = &test.vdi else {
+        page.paragraph("note", t.vdi_lacks);
+        return;
+    };
+    let all = [
+        (t.vdi_p, vdi.p),
+        (t.vdi_pa, vdi.pa),
+        (t.vdi_u_max, vdi.u_max),
+        (t.vdi_u_mean, vdi.u_mean),
+        (t.vdi_ps_max, vdi.ps_max),
+        (t.vdi_ps_mean, vdi.ps_mean),
+    ];
+    let mut columns = vec!["VDI/DGQ 3441".to_owned()];
+    columns.extend(all.map(|(name, _)| format!(">{name}")));
+    let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
+    let mut row = vec![Cell::text(unit)];
+    row.extend(all.map(|(_, value)| Cell::number(value, 2)));
+    page.table(&columns, [row]);
 }
 
 fn targets(page: &mut Page, test: &Positioning, t: &Texts) {

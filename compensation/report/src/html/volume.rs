@@ -1,5 +1,7 @@
 //! Squareness, diagonals and the map of the working space.
 
+use volcomp_vocabulary::AxisName;
+
 use super::write::{Cell, Page};
 use crate::{
     plot::{
@@ -136,6 +138,9 @@ pub(super) fn diagonals(page: &mut Page, report: &Report, t: &Texts) {
         return;
     };
     page.paragraph("lead", t.diagonals_lead);
+    if let Some(volume) = &report.volume {
+        standing(page, volume, t);
+    }
     states(
         page,
         found.before.0,
@@ -246,8 +251,28 @@ pub(super) fn volume(page: &mut Page, report: &Report, t: &Texts) {
         "note",
         &format!("{} {}. {}", volume.nodes, t.nodes, t.rigid_note),
     );
+    standing(page, volume, t);
     maps(page, volume, t);
     vectors(page, volume, t);
+}
+
+/// The axes that stand still, and what is not seen for it.
+fn standing(page: &mut Page, volume: &Volume, t: &Texts) {
+    if volume.standing.is_empty() {
+        return;
+    }
+    let at = volume.standing.iter();
+    let at: Vec<String> = at
+        .map(|(axis, at)| {
+            let rotary = axis.parse().is_ok_and(AxisName::is_rotary);
+            let unit = if rotary { "°" } else { " mm" };
+            format!("{axis} {}{unit}", short(*at, 3))
+        })
+        .collect();
+    page.paragraph(
+        "note",
+        &format!("{} {}. {}", t.standing, at.join(", "), t.standing_note),
+    );
 }
 
 /// Every slice before, then every one after, in one scale of colours.
@@ -346,7 +371,7 @@ fn vectors(page: &mut Page, volume: &Volume, t: &Texts) {
         arrows: arrows.collect(),
         scale_word: t.arrow_word.to_owned(),
     };
-    page.put("<div class=\"keep\">");
+    page.put("<div class=\"keep whole\">");
     page.heading(3, t.vectors, "");
     page.paragraph("note", t.vectors_hint);
     page.paragraph("note screen", t.vectors_turn);

@@ -23,7 +23,7 @@ with sync_playwright() as playwright:
     page.on("request", lambda request: asked.append(request.url))
     page.goto(url)
     assert asked == [url], asked
-    for width in (1280, 390):
+    for width in (1280, 420, 390):
         page.set_viewport_size({"width": width, "height": 900})
         for scheme in ("light", "dark"):
             page.emulate_media(color_scheme=scheme)

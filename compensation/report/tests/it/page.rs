@@ -52,6 +52,7 @@ fn texts_of_files_are_never_markup() {
         date: text(),
         operator: text(),
         instrument: text(),
+        ..Stated::default()
     };
     let report = Report::of_calibration(hostile, &file, &calibration, &stated);
     for language in [Language::En, Language::De] {

@@ -73,7 +73,7 @@ fn parse_part(text: &str) -> Result<u8, String> {
     }
 }
 
-fn parse_edition(text: &str) -> Result<u16, String> {
+pub(crate) fn parse_edition(text: &str) -> Result<u16, String> {
     let year = text.parse().ok().and_then(Edition::of_year);
     let edition =
         year.ok_or("expected 1997, 2006 or 2014; that of 1988, with 3 s, is not evaluated")?;
