@@ -1,12 +1,34 @@
-//! Tables for people: numbers to the right, heads in bold on a terminal, never wider than 80 columns.
+//! Tables for people: numbers to the right, heads in bold on a terminal, never wider than 80 columns or a narrower terminal.
 
-use std::fmt::Write;
+use std::{fmt::Write, io::IsTerminal as _, sync::OnceLock};
 
 use anstyle::Style;
-use comfy_table::{CellAlignment, ColumnConstraint, Table, presets};
+use comfy_table::{CellAlignment, ColumnConstraint, ContentArrangement, Table, presets};
 
 /// How wide a table may be.
 const WIDTH: usize = 80;
+/// On a terminal that is narrower than this, lines are broken by the terminal.
+const NARROWEST: usize = 30;
+
+/// How wide a line may be: as the terminal is, at most [`WIDTH`]; what goes to a file or a pipe is the same everywhere.
+fn most() -> usize {
+    static MOST: OnceLock<usize> = OnceLock::new();
+    *MOST.get_or_init(|| {
+        if !std::io::stdout().is_terminal() {
+            return WIDTH;
+        }
+        let stated = std::env::var("COLUMNS").ok();
+        let seen = terminal_size::terminal_size().map(|(width, _)| usize::from(width.0));
+        width_of_terminal(stated.as_deref(), seen)
+    })
+}
+
+/// `COLUMNS`, where it is a number, goes before what the terminal says.
+fn width_of_terminal(stated: Option<&str>, seen: Option<usize>) -> usize {
+    let stated = stated.and_then(|columns| columns.trim().parse().ok());
+    let columns = stated.filter(|columns| *columns > 0).or(seen);
+    columns.map_or(WIDTH, |columns| columns.clamp(NARROWEST, WIDTH))
+}
 
 /// Heads of tables and of parts of an answer.
 pub(crate) const HEAD: Style = Style::new().bold();
@@ -31,19 +53,29 @@ pub(crate) fn to_the_left(table: &mut Table, columns: &[usize]) {
     }
 }
 
-/// A table as text, without blanks at the ends of lines. One that is wider than 80 columns is broken into several
-/// below one another, each with the first column in front.
+/// A table as text, without blanks at the ends of lines. One that is too wide is broken into several below one another, each with the
+/// first column in front.
 pub(crate) fn table_text(table: &Table) -> String {
+    table_within(table, most())
+}
+
+fn table_within(table: &Table, most: usize) -> String {
     let columns = table.column_iter().count();
     let mut parts = Vec::new();
     let mut from = 1;
     loop {
         // At least one column each time, however wide it is.
         let mut to = (from + 1).min(columns);
-        while to < columns && width(&showing(table, from..to + 1)) <= WIDTH {
+        while to < columns && width(&showing(table, from..to + 1)) <= most {
             to += 1;
         }
-        parts.push(text_of(&showing(table, from..to)));
+        let mut part = showing(table, from..to);
+        // On a narrow terminal a column that alone is too wide is wrapped; a file or a pipe gets it as it is.
+        if most < WIDTH && width(&part) > most {
+            part.set_content_arrangement(ContentArrangement::Dynamic)
+                .set_width(u16::try_from(most).unwrap_or(u16::MAX));
+        }
+        parts.push(text_of(&part));
         if to >= columns {
             return parts.join("\n");
         }
@@ -98,14 +130,18 @@ pub(crate) fn fixed(value: f64, digits: usize) -> String {
     }
 }
 
-/// A sentence broken at blanks so that no line is wider than 80 columns; `indent` stands in front of the first line,
-/// and two blanks more in front of the others.
+/// A sentence broken at blanks so that no line is too wide; `indent` stands in front of the first line, and two blanks more in front of
+/// the others.
 pub(crate) fn folded(sentence: &str, indent: &str) -> String {
+    folded_within(sentence, indent, most())
+}
+
+fn folded_within(sentence: &str, indent: &str, most: usize) -> String {
     let mut text = indent.to_owned();
     let mut column = indent.chars().count();
     for (index, word) in sentence.split_whitespace().enumerate() {
         let wide = word.chars().count();
-        if index > 0 && column + 1 + wide > WIDTH {
+        if index > 0 && column + 1 + wide > most {
             // Writing to a string never fails.
             let _ = write!(text, "\n{indent}  ");
             column = indent.chars().count() + 2;
@@ -133,10 +169,48 @@ mod tests {
     }
 
     #[test]
-    fn sentences_are_broken_at_eighty_columns() {
-        let text = folded(&"word ".repeat(60), " ");
-        assert!(text.lines().all(|line| line.chars().count() <= WIDTH));
-        assert_eq!(text.split_whitespace().count(), 60);
+    fn a_narrow_terminal_is_heeded() {
+        for (stated, seen, width) in [
+            (None, None, 80),
+            (Some("50"), None, 50),
+            (Some("50"), Some(70), 50),
+            (None, Some(70), 70),
+            (Some("wide"), Some(70), 70),
+            (Some("0"), Some(70), 70),
+            (Some("200"), Some(70), 80),
+            (None, Some(3), 30),
+        ] {
+            assert_eq!(
+                width_of_terminal(stated, seen),
+                width,
+                "{stated:?} {seen:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn sentences_are_broken_at_the_width() {
+        for most in [80, 50] {
+            let text = folded_within(&"word ".repeat(60), " ", most);
+            let widest = text.lines().map(|line| line.chars().count()).max();
+            assert!(
+                widest <= Some(most) && widest > Some(most - 6),
+                "{widest:?}"
+            );
+            assert_eq!(text.split_whitespace().count(), 60);
+        }
+    }
+
+    #[test]
+    fn a_wide_column_is_wrapped_on_a_narrow_terminal() {
+        let mut wide = table(&["", "name"]);
+        wide.add_row(["A", &"word ".repeat(16)]);
+        let text = anstream::adapter::strip_str(&table_within(&wide, 50)).to_string();
+        assert!(
+            text.lines().all(|line| line.chars().count() <= 50),
+            "{text}"
+        );
+        assert_eq!(text.matches("word").count(), 16);
     }
 
     #[test]
@@ -144,8 +218,10 @@ mod tests {
         let names: Vec<String> = (0..20).map(|i| format!("column {i}")).collect();
         let mut wide = table(&names.iter().map(String::as_str).collect::<Vec<_>>());
         wide.add_row((0..20).map(|i| format!("{i}.125")));
-        let text = anstream::adapter::strip_str(&table_text(&wide)).to_string();
-        assert!(text.lines().all(|line| line.chars().count() <= WIDTH));
+        let narrow = anstream::adapter::strip_str(&table_within(&wide, 50)).to_string();
+        assert!(narrow.lines().all(|line| line.chars().count() <= 50));
+        let text = anstream::adapter::strip_str(&table_within(&wide, 80)).to_string();
+        assert!(text.lines().all(|line| line.chars().count() <= 80));
         for i in 0..20 {
             assert!(text.contains(&format!("column {i}")) && text.contains(&format!("{i}.125")));
         }

@@ -278,7 +278,9 @@ impl Readings {
         let pair = |quantity: Option<StartEnd>| quantity.map(|q| [q.start, q.end]);
         let [first, second, third] = surroundings.material_temperature.map(pair);
         let format = measurement.format;
-        let is_laser = measurement.quantity.is_some() && format != Some(FileFormat::ApiPos);
+        // Straightness and angles do not grow with the material.
+        let is_laser = measurement.quantity == Some(Quantity::Positioning)
+            && format != Some(FileFormat::ApiPos);
         Self {
             warnings: oddities(measurement),
             file,

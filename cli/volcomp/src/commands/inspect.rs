@@ -3,8 +3,8 @@
 use std::{collections::BTreeMap, fmt::Write, path::PathBuf};
 
 use serde_json::{Map, Value};
-use volcomp_metrology::{Content, Measurement, MetrologyError, read_content};
-use volcomp_vocabulary::AxisName;
+use volcomp_metrology::{Content, Measurement, MetrologyError, axis_kind, read_content};
+use volcomp_vocabulary::AxisKind;
 
 use super::{Answer, several::some_refused};
 use crate::{
@@ -160,7 +160,7 @@ fn text(document: &Map<String, Value>, measurement: Option<&Measurement>) -> Str
             }
             (_, Value::Object(quantities)) => {
                 for (name, value) in quantities {
-                    line(name, plain(value));
+                    line(name, format!("{}{}", plain(value), surroundings_unit(name)));
                 }
             }
             (_, Value::Null) => line(key, "not stated".to_owned()),
@@ -170,13 +170,25 @@ fn text(document: &Map<String, Value>, measurement: Option<&Measurement>) -> Str
     text
 }
 
-/// mm or deg by the axis that the file names; nothing where it names none.
+/// mm or deg where the file tells the kind of the axis, else both.
 fn target_unit(measurement: &Measurement) -> &'static str {
-    let axis = measurement.metadata.axis.as_deref();
-    match axis.and_then(|axis| axis.trim().parse::<AxisName>().ok()) {
-        Some(axis) if axis.is_rotary() => " deg",
-        Some(_) => " mm",
-        None => "",
+    match axis_kind(measurement) {
+        Some(AxisKind::Rotary) => " deg",
+        Some(AxisKind::Linear) => " mm",
+        None => " (mm, or deg of a rotary axis)",
+    }
+}
+
+/// The unit of a quantity of the surroundings, as the document describes it.
+fn surroundings_unit(name: &str) -> &'static str {
+    match name {
+        "air_temperature" => " °C",
+        "air_pressure" => " kPa",
+        "air_humidity" => " %",
+        "expansion_coefficient" => " µm/(m·K)",
+        "environment_factor" => " µm",
+        name if name.starts_with("material_temperature") => " °C",
+        _ => "",
     }
 }
 
