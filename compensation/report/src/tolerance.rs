@@ -30,11 +30,7 @@ pub fn tolerances(text: &str) -> Result<Vec<Tolerance>, MetrologyError> {
 
 /// The symbols of positioning tests.
 fn symbols() -> Vec<&'static str> {
-    let vdi = Vdi3441::quantities(None);
-    Edition::symbols()
-        .into_iter()
-        .chain(vdi.iter().map(|q| q.symbol))
-        .collect()
+    [&Edition::symbols()[..], &Vdi3441::symbols()].concat()
 }
 
 /// How the figures of a report stand against tolerances, in the order of these. A tolerance whose figure nothing gives is not

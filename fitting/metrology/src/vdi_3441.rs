@@ -69,19 +69,28 @@ pub fn vdi_3441(result: &Iso230Part2) -> Option<Vdi3441> {
     })
 }
 
+/// Symbol, name and value of a quantity.
+type Quantity = (&'static str, &'static str, fn(&Vdi3441) -> f64);
+
+const QUANTITIES: [Quantity; 6] = [
+    ("P", "positional uncertainty", |v| v.p),
+    ("Pa", "position deviation", |v| v.pa),
+    ("U_max", "largest reversal", |v| v.u_max),
+    ("U_mean", "mean reversal", |v| v.u_mean),
+    ("Ps_max", "largest scatter, 6 s", |v| v.ps_max),
+    ("Ps_mean", "mean scatter, 6 s", |v| v.ps_mean),
+];
+
 impl Vdi3441 {
+    /// The symbols of the quantities, in their order.
+    pub fn symbols() -> [&'static str; 6] {
+        QUANTITIES.map(|(symbol, ..)| symbol)
+    }
+
     /// The quantities by symbol and name; each without a value where the guideline could not be evaluated.
     pub fn quantities(evaluated: Option<&Self>) -> Vec<StandardQuantity> {
-        type Value = fn(&Vdi3441) -> f64;
-        let all: [(&str, &str, Value); 6] = [
-            ("P", "positional uncertainty", |v| v.p),
-            ("Pa", "position deviation", |v| v.pa),
-            ("U_max", "largest reversal", |v| v.u_max),
-            ("U_mean", "mean reversal", |v| v.u_mean),
-            ("Ps_max", "largest scatter, 6 s", |v| v.ps_max),
-            ("Ps_mean", "mean scatter, 6 s", |v| v.ps_mean),
-        ];
-        all.map(|(symbol, name, value)| StandardQuantity::new(symbol, name, evaluated.map(value)))
+        QUANTITIES
+            .map(|(symbol, name, value)| StandardQuantity::new(symbol, name, evaluated.map(value)))
             .to_vec()
     }
 }

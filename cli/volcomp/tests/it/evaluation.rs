@@ -418,7 +418,13 @@ fn the_axis_of_a_file_is_not_another_one() {
     let no_sensor = "Mat temp 1 : -10.000000 -10.000000 0\r\n";
     assert!(angles.contains(no_sensor), "{angles}");
     let warm = angles.replacen(no_sensor, "Mat temp 1 : 26.0 26.2 0\r\n", 1);
-    let warm = json(&["iso230", &write(folder.path(), "warm.rta", &warm)]);
+    let warm = write(folder.path(), "warm.rta", &warm);
+    let shown = text(&["inspect", &warm]);
+    assert!(
+        shown.contains("26 to 26.2 °C") || shown.contains("26.0 to 26.2 °C"),
+        "{shown}"
+    );
+    let warm = json(&["iso230", &warm]);
     assert!(
         !warm["notes"].to_string().contains("20 °C"),
         "{}",

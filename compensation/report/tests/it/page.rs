@@ -90,6 +90,23 @@ fn many_targets_are_thinned() {
     );
 }
 
+/// B is the size of the largest reversal value, in the plot as in the figures, whichever direction lies higher.
+#[test]
+fn b_beside_the_plot_has_no_sign() {
+    let shop = Shop::new();
+    shop.write(
+        "exx.csv",
+        &csv(9, 100.0, 5, |_, back| if back { 6.0 } else { 2.0 }),
+    );
+    let report = shop.report();
+    let result = &report.positioning[0].result;
+    assert!(result.mean_b.is_some_and(|mean| mean < -3.0), "{result:?}");
+    let page = html(&report, Language::En);
+    let b = result.b.expect("both directions");
+    assert!(page.contains(&format!("B {b:.1}")), "B {b:.1}");
+    assert!(!page.contains("B −"));
+}
+
 #[test]
 fn nothing_infinite_stands_in_the_page() {
     let page = html(&Shop::new().report(), Language::En);

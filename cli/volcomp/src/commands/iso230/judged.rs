@@ -10,23 +10,6 @@ use crate::{
     table::{fixed, folded, table, table_text, to_the_left},
 };
 
-/// The symbols of ISO 230-2.
-pub(crate) const POSITIONING: [&str; 12] = [
-    "A",
-    "A_forward",
-    "A_backward",
-    "R",
-    "R_forward",
-    "R_backward",
-    "E",
-    "E_forward",
-    "E_backward",
-    "M",
-    "B",
-    "mean_B",
-];
-/// The symbols of VDI/DGQ 3441.
-pub(crate) const VDI: [&str; 6] = ["P", "Pa", "U_max", "U_mean", "Ps_max", "Ps_mean"];
 /// The symbols of ISO 230-4.
 pub(crate) const CIRCULAR: [&str; 6] = ["G_ccw", "G_cw", "G_b", "F_max", "F_min", "D"];
 /// The symbols of ISO 230-6.

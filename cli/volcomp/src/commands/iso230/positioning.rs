@@ -10,9 +10,7 @@ use volcomp_metrology::{
 };
 use volcomp_vocabulary::{AxisKind, AxisName};
 
-use super::judged::{
-    POSITIONING, VDI, decision, decision_text, judged, quantities_text, tolerances,
-};
+use super::judged::{decision, decision_text, judged, quantities_text, tolerances};
 use super::{Arguments, Standard};
 use crate::{
     answers::iso230::{Contribution, Iso230, Stated, Uncertainty},
@@ -31,14 +29,13 @@ const IS_ANGLE: &str = "the readings are angles of a linear axis: the statistics
      positioning (of a rotary axis state --axis)";
 
 pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+    let iso = Edition::symbols();
     let known: Vec<&str> = match arguments.standard {
-        Standard::Vdi => VDI.to_vec(),
-        Standard::All => [&POSITIONING[..], &VDI].concat(),
-        Standard::Iso => POSITIONING.to_vec(),
+        Standard::Vdi => Vdi3441::symbols().to_vec(),
+        Standard::All => [&iso[..], &Vdi3441::symbols()].concat(),
+        Standard::Iso => iso.to_vec(),
         // It has no mean deviation.
-        Standard::Asme => (POSITIONING.into_iter())
-            .filter(|symbol| *symbol != "M")
-            .collect(),
+        Standard::Asme => (iso.into_iter()).filter(|symbol| *symbol != "M").collect(),
     };
     let tolerances = tolerances(arguments.tolerance.as_deref(), &known)?;
     let documents = Documents {
