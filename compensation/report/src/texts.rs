@@ -151,12 +151,8 @@ table! {
     mean_b_before_2014: "mean reversal value", "mittlere Umkehrspanne";
     vdi_lacks: "VDI/DGQ 3441 is not evaluated: it needs both directions and at least two runs in each.",
         "VDI/DGQ 3441 ist nicht auswertbar: Es braucht beide Richtungen und mindestens zwei Läufe je Richtung.";
-    vdi_p: "positional uncertainty P", "Positionsunsicherheit P";
-    vdi_pa: "position deviation Pa", "Positionsabweichung Pa";
-    vdi_u_max: "largest reversal U", "größte Umkehrspanne U";
-    vdi_u_mean: "mean reversal Ū", "mittlere Umkehrspanne Ū";
-    vdi_ps_max: "largest scatter Ps", "größte Positionsstreubreite Ps";
-    vdi_ps_mean: "mean scatter P̄s", "mittlere Positionsstreubreite P̄s";
+    vdi_words: "P positional uncertainty, Pa position deviation, U reversal, Ps scatter (6 s); a bar is the mean over the targets.",
+        "P Positionsunsicherheit, Pa Positionsabweichung, U Umkehrspanne, Ps Positionsstreubreite (6 s); ein Strich ist das Mittel über die Zielpunkte.";
     u_expanded: "U (k = 2)", "U (k = 2)";
     standing: "Stand still here:", "Stehen hier still:";
     standing_note: "Errors that show only as these axes move, their location errors among them, are in no number of this section; what of them was not measured stands in its own section.",

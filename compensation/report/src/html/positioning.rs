@@ -76,20 +76,27 @@ fn figures(page: &mut Page, test: &Positioning, t: &Texts) {
         page.paragraph("note", t.vdi_lacks);
         return;
     };
-    let all = [
-        (t.vdi_p, vdi.p),
-        (t.vdi_pa, vdi.pa),
-        (t.vdi_u_max, vdi.u_max),
-        (t.vdi_u_mean, vdi.u_mean),
-        (t.vdi_ps_max, vdi.ps_max),
-        (t.vdi_ps_mean, vdi.ps_mean),
+    let values = [
+        vdi.p,
+        vdi.pa,
+        vdi.u_max,
+        vdi.u_mean,
+        vdi.ps_max,
+        vdi.ps_mean,
     ];
-    let mut columns = vec!["VDI/DGQ 3441".to_owned()];
-    columns.extend(all.map(|(name, _)| format!(">{name}")));
-    let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
+    let columns = [
+        "VDI/DGQ 3441",
+        ">P",
+        ">Pa",
+        ">U max",
+        ">Ū",
+        ">Ps max",
+        ">P̄s",
+    ];
     let mut row = vec![Cell::text(unit)];
-    row.extend(all.map(|(_, value)| Cell::number(value, 2)));
+    row.extend(values.map(|value| Cell::number(value, 2)));
     page.table(&columns, [row]);
+    page.paragraph("note", t.vdi_words);
 }
 
 fn targets(page: &mut Page, test: &Positioning, t: &Texts) {

@@ -144,7 +144,7 @@ fn editions_and_vdi_stand_in_the_report() {
     assert!(old.contains("ISO 230-2:1997") && old.contains("B reversal value"));
     assert!(new.contains("ISO 230-2:2014") && new.contains("B reversal error"));
     assert!(
-        new.contains("positional uncertainty P")
+        new.contains("P positional uncertainty")
             && new.contains("Not all stated tolerances are met")
     );
 }
