@@ -99,7 +99,7 @@ function curveOf(fit) {
   return figure;
 }
 
-/** `NPP` as people name it: the signs in which the axes move. */
+/** The signs in which the axes move on a diagonal of a name such as `NPP`; nothing of other names. */
 const signsOf = (name) => [...name].map((sign, i) => ({ P: `+${"XYZ"[i]}`, N: `−${"XYZ"[i]}` })[sign]).filter(Boolean).join(" ");
 
 /** The curves of each axis that moves, folded: the errors and their largest residuals stand in the summary. */
@@ -132,13 +132,14 @@ function diagonalOf(diagonal, range) {
   takeWidth();
   const figure = document.createElement("figure");
   const caption = document.createElement("figcaption");
-  caption.textContent = `${signsOf(diagonal.name)} `;
+  caption.textContent = `${diagonal.name} `;
   const last = diagonal.points[diagonal.points.length - 1];
   const detail = document.createElement("span");
-  detail.textContent = `${last[0].toFixed(0)} mm long; at its end ${minus(last[1].toFixed(1))} → ${minus(last[2].toFixed(1))} µm`;
+  const signs = signsOf(diagonal.name);
+  detail.textContent = `${signs ? `${signs}; ` : ""}${last[0].toFixed(0)} mm long; at its end ${minus(last[1].toFixed(1))} → ${minus(last[2].toFixed(1))} µm`;
   caption.append(detail);
   figure.append(caption);
-  const svg = part("svg", { viewBox: `0 0 ${wide} 220`, role: "img", "aria-label": `diagonal ${signsOf(diagonal.name)}` });
+  const svg = part("svg", { viewBox: `0 0 ${wide} 220`, role: "img", "aria-label": `diagonal ${diagonal.name}` });
   const [x, y] = frame(svg, [0, last[0]], range, { from: 10, to: 180, unit: "µm", along: "along the diagonal, mm" });
   part("path", { class: "before", d: path(diagonal.points.map((p) => [p[0], p[1]]), x, y) }, svg);
   part("path", { class: "after", d: path(diagonal.points.map((p) => [p[0], p[2]]), x, y) }, svg);

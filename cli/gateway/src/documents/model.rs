@@ -287,7 +287,7 @@ pub struct ModelFit {
 /// The displacement error along a diagonal of the work space.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ModelDiagonal {
-    /// Its direction: `+X +Y −Z`.
+    /// The signs in which X, Y and Z move, as ISO 230-6 names it: `PPN`; `0` of an axis that stands.
     pub name: String,
     /// Distance from its beginning, error by the model in force and by the new one: mm, µm, µm.
     pub points: Vec<[f64; 3]>,

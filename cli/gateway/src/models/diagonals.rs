@@ -30,20 +30,38 @@ pub(crate) fn diagonals(
     if linear.len() < 2 {
         return Ok(Vec::new());
     }
-    // The first axis goes forward on each of them.
-    (0..1_usize << (linear.len() - 1))
-        .map(|ways| {
-            let backward = |place: usize| place > 0 && ways >> (place - 1) & 1 == 1;
-            diagonal(after, &models, &linear, backward)
-        })
+    // As ISO 230-6 names them: one axis at the most goes backward, of two axes the first.
+    let backward = (0..linear.len()).take(if linear.len() == 2 { 1 } else { 3 });
+    core::iter::once(None)
+        .chain(backward.map(Some))
+        .map(|backward| diagonal(after, &models, &linear, backward))
         .collect()
+}
+
+/// `NPP` of X backward, Y and Z forward, `NP0` where Z is not moved; of axes by other letters their signs, `−U +V`.
+fn name(linear: &[AxisName], backward: Option<usize>) -> String {
+    let of_cube = [AxisName::X, AxisName::Y, AxisName::Z];
+    let goes_back = |place: usize| backward == Some(place);
+    if linear.iter().all(|axis| of_cube.contains(axis)) {
+        let sign = |axis: &AxisName| match linear.iter().position(|name| name == axis) {
+            None => '0',
+            Some(place) if goes_back(place) => 'N',
+            Some(_) => 'P',
+        };
+        return of_cube.iter().map(sign).collect();
+    }
+    let signs = linear.iter().enumerate().map(|(place, name)| {
+        let sign = if goes_back(place) { '−' } else { '+' };
+        format!("{sign}{name}")
+    });
+    signs.collect::<Vec<_>>().join(" ")
 }
 
 fn diagonal(
     machine: &Machine,
     models: &[Model; 2],
     linear: &[AxisName],
-    backward: impl Fn(usize) -> bool,
+    backward: Option<usize>,
 ) -> Result<ModelDiagonal, ModelError> {
     let state_at = |share: f64| {
         let coordinates: Vec<(AxisName, f64)> = (machine.axes().iter())
@@ -52,7 +70,11 @@ fn diagonal(
                     return (axis.name, axis.nearest_zero());
                 };
                 let [low, high] = axis.travel;
-                let share = if backward(place) { 1.0 - share } else { share };
+                let share = if backward == Some(place) {
+                    1.0 - share
+                } else {
+                    share
+                };
                 (axis.name, low + share * (high - low))
             })
             .collect();
@@ -73,12 +95,8 @@ fn diagonal(
         let [before, after] = [error_um(&models[0], share)?, error_um(&models[1], share)?];
         Ok([share * length, before - first[0], after - first[1]])
     });
-    let signs = linear.iter().enumerate().map(|(place, name)| {
-        let sign = if backward(place) { '−' } else { '+' };
-        format!("{sign}{name}")
-    });
     Ok(ModelDiagonal {
-        name: signs.collect::<Vec<_>>().join(" "),
+        name: name(linear, backward),
         points: points.collect::<Result<_, ModelError>>()?,
     })
 }
@@ -86,6 +104,15 @@ fn diagonal(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn names_are_those_of_the_standard() {
+        use AxisName::{U, V, X, Y, Z};
+        let all = [None, Some(0), Some(1), Some(2)].map(|backward| name(&[X, Y, Z], backward));
+        assert_eq!(all, volcomp_model::BODY_DIAGONALS);
+        assert_eq!(name(&[X, Z], Some(0)), "N0P");
+        assert_eq!(name(&[U, V], Some(0)), "−U +V");
+    }
 
     /// A scale that is 50 µm/m long on X of a machine of 300 × 400 mm: along the diagonal of 500 mm the displacement errs by
     /// 50e-6 · 300 · 300/500 mm = 9 µm at its end.
@@ -102,7 +129,7 @@ mod tests {
             .iter()
             .map(|diagonal| diagonal.name.as_str())
             .collect();
-        assert_eq!(names, ["+X +Y", "+X −Y"]);
+        assert_eq!(names, ["PP0", "NP0"]);
         for diagonal in found {
             let [length, before, after] = diagonal.points[STEPS];
             assert!(

@@ -122,7 +122,7 @@ with sync_playwright() as playwright:
         at = {label.get_attribute("y"): None for label in of.locator("text[text-anchor=end]").all()}
         assert len(at) >= 6, at
     names = page.locator("#diagonals figcaption").all_inner_texts()
-    assert [name[:8] for name in names] == ["+X +Y +Z", "−X +Y +Z", "+X −Y +Z", "+X +Y −Z"], names
+    assert [name.split(";")[0] for name in names] == ["PPP +X +Y +Z", "NPP −X +Y +Z", "PNP +X −Y +Z", "PPN +X +Y −Z"], names
     fits(page)
     page.emulate_media(color_scheme="dark")
     shot(page, "1280-result-dark")
