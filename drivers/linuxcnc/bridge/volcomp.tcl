@@ -18,6 +18,14 @@ foreach letter [split $letters ""] {
     lappend convert volcomp.whole-$letter
 }
 
+# How fast the factor may change, 1/s: no axis goes faster than its rate from its limit.
+set fastest 5.0
+foreach {limit rate} {LIMIT_UM RATE_UM_PER_S LIMIT_MDEG RATE_MDEG_PER_S} {
+    if {[info exists ::VOLCOMP($limit)] && [info exists ::VOLCOMP($rate)]} {
+        set fastest [expr {min($fastest, double([lindex $::VOLCOMP($rate) 0]) / [lindex $::VOLCOMP($limit) 0])}]
+    }
+}
+
 loadrt sum2 names=volcomp.begin,volcomp.end
 loadrt oneshot names=volcomp.heard
 loadrt mux2 names=volcomp.chosen
@@ -49,7 +57,7 @@ net volcomp-heard volcomp.heard.out => volcomp.chosen.sel
 setp volcomp.chosen.in0 0
 setp volcomp.chosen.in1 1
 net volcomp-chosen volcomp.chosen.out => volcomp.ramp.in
-setp volcomp.ramp.maxv 5
+setp volcomp.ramp.maxv $fastest
 net volcomp-factor volcomp.ramp.out
 
 newsig volcomp-enable bit

@@ -13,6 +13,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 
 import hal
@@ -32,6 +33,8 @@ LOST_FOR = 1000
 LISTENS_FOR_S = 1.0
 SENDERS = 4
 PROBING = 5
+# Epochs that the one in the file may be behind: as many starts and time-outs as can come while a disk hangs.
+EPOCHS_AHEAD = 16
 # Parts of a unit (mm or degree) in the unit of steps and offsets, and scale of the control's counts.
 NANO = 1e6
 
@@ -91,64 +94,94 @@ class Configuration:
 
 
 class KeptEpoch:
-    """The epoch in a file. A start or time-out that is not written down could let an old frame pass after the next one."""
+    """The epoch in a file. A start or time-out that is not written down could let an old frame pass after the next one: so a
+    start goes on further than by one, and no frame is taken while the file is further behind than that. A thread writes: a
+    disk may hang for seconds, and the servo thread takes the offsets away from a bridge that waits for it."""
 
     def __init__(self, path):
         self.path = path
         try:
             with open(path, encoding="ascii") as file:
-                self.epoch = int(file.read()) & 0xFFFF
+                kept = int(file.read())
         except FileNotFoundError:
-            self.epoch = 0
+            kept = 0
+        self.epoch = self.kept = (kept + EPOCHS_AHEAD) & 0xFFFF
+        self.store(self.epoch)
+        self.moved = threading.Event()
+        threading.Thread(target=self.write, daemon=True).start()
 
     def keep(self, epoch):
-        if epoch == self.epoch:
-            return
+        if epoch != self.epoch:
+            self.epoch = epoch
+            self.moved.set()
+
+    def is_behind(self):
+        return (self.epoch - self.kept) & 0xFFFF >= EPOCHS_AHEAD
+
+    def store(self, epoch):
         beside = self.path + ".new"
         with open(beside, "w", encoding="ascii") as file:
             file.write(f"{epoch}\n")
             file.flush()
             os.fsync(file.fileno())
         os.replace(beside, self.path)
-        self.epoch = epoch
+        self.kept = epoch
+
+    def write(self):
+        while True:
+            self.moved.wait()
+            self.moved.clear()
+            epoch = self.epoch
+            try:
+                self.store(epoch)
+            except OSError as error:
+                tell(f"{self.path}: {error}")
+                time.sleep(1.0)
+                self.moved.set()
 
 
 class Control:
-    """What the bridge reads of LinuxCNC, and what it writes."""
+    """What the bridge reads of LinuxCNC, and what it writes: pins of its own alone, which are memory. To read others by their
+    names takes HAL's lock, for longer the more pins there are; killed meanwhile, it would leave all of HAL locked for ever, and
+    whoever waits for that lock spins, so that a thread in real time keeps from the processor the one that has it."""
 
     def __init__(self, component, configuration):
         self.component, self.configuration = component, configuration
         self.letters = [letter.lower() for letter in configuration.axes]
         self.counts = [f"counts-{letter}" for letter in self.letters]
-        self.joints = [f"joint.{joint}.homed" for joint in range(configuration.joints)]
-        self.positions = [f"axis.{letter.lower()}.pos-cmd" for letter in configuration.axes + configuration.reads]
+        self.joints = [f"homed-{joint}" for joint in range(configuration.joints)]
+        self.positions = [f"pos-cmd-{letter.lower()}" for letter in configuration.axes + configuration.reads]
+        self.offsets = [f"eoffset-{letter}" for letter in self.letters]
+        self.requests = [f"request-{letter}" for letter in self.letters]
 
     def cycle(self):
         """The number of cycles that the servo thread has finished."""
-        return int(hal.get_value("volcomp-end"))
+        return int(self.component["end"])
 
     def read(self):
         """Everything of one cycle: read again where the servo thread went on meanwhile."""
+        pins = self.component
         for _ in range(10):
             cycle = self.cycle()
-            position = [hal.get_value(pin) for pin in self.positions]
-            offset = [hal.get_value(f"axis.{letter}.eoffset") for letter in self.letters]
-            request = [hal.get_value(f"axis.{letter}.eoffset-request") for letter in self.letters]
-            if int(hal.get_value("volcomp-begin")) == cycle:
+            position = [pins[pin] for pin in self.positions]
+            offset = [pins[pin] for pin in self.offsets]
+            request = [pins[pin] for pin in self.requests]
+            if int(pins["begin"]) == cycle:
                 break
         return cycle, time.monotonic_ns(), position, offset, request
 
     def flags(self):
+        pins = self.component
         flags = 0
-        if not (hal.get_value("iocontrol.0.emc-enable-in") and hal.get_value("iocontrol.0.user-enable-out")):
+        if not (pins["estop-ok"] and pins["user-ok"]):
             flags |= datagram.EMERGENCY_STOP
-        if hal.get_value("motion.motion-enabled"):
+        if pins["enabled"]:
             flags |= datagram.ENABLED
-        if all(hal.get_value(joint) for joint in self.joints):
+        if all(pins[joint] for joint in self.joints):
             flags |= datagram.HOMED
-        if hal.get_value("motion.eoffset-limited"):
+        if pins["limited"]:
             flags |= datagram.LIMITED
-        if hal.get_value("motion.motion-type") == PROBING:
+        if pins["motion-type"] == PROBING:
             flags |= datagram.PROBING
         return flags
 
@@ -209,7 +242,7 @@ class Bridge:
         self.kept.keep(self.barrier.epoch)
         self.base = self.based(applied)
         self.written = [applied]
-        self.strange = self.settle = self.lost = 0
+        self.strange = self.settle = self.lost = self.recovers = 0
         self.was_enabled = False
         self.was_probing = False
 
@@ -258,7 +291,7 @@ class Bridge:
     def probe(self, flags, offset):
         """The offset at the instant of the contact: probed positions contain it."""
         is_probing = bool(flags & datagram.PROBING)
-        touches = bool(hal.get_value("motion.probe-input"))
+        touches = bool(self.component["probe-input"])
         if is_probing and not self.was_probing:
             self.latched = False
         if is_probing and touches and not self.latched:
@@ -275,14 +308,17 @@ class Bridge:
         self.settle = max(self.settle - passed, 0) if is_on and self.was_enabled else SETTLES
         self.was_enabled = is_on
         self.lost = max(self.lost - passed, 0)
-        self.watch(request, flags)
-        if self.lost:
+        # Where the bridge came too late, the servo thread has begun to take the offsets out, and gives them back as it did.
+        self.recovers = LANDS_WITHIN if self.component["factor"] != 1.0 else max(self.recovers - passed, 0)
+        if not self.recovers:
+            self.watch(request, flags)
+        if self.lost or self.recovers:
             flags |= datagram.LOST
         self.probe(flags, offset)
         stops = datagram.EMERGENCY_STOP | datagram.LIMITED | datagram.LOST
-        whole = self.component["factor"] == 1.0
-        holds = bool(flags & stops) or not is_on or self.settle > 0 or self.strange > 0 or not whole
-        report = self.barrier.scan(self.senders.mailboxes(), holds, min(passed, 32767))
+        holds = bool(flags & stops) or not is_on or self.settle > 0 or self.strange > 0
+        mailboxes = self.senders.mailboxes()
+        report = self.barrier.scan([] if self.kept.is_behind() else mailboxes, holds, min(passed, 32767))
         self.kept.keep(self.barrier.epoch)
         if self.barrier.applied != self.written[-1] or len(self.written) > 1:
             self.write(self.barrier.applied)
@@ -332,20 +368,58 @@ def component(configuration):
         made.newpin(f"probed-offset-{letter}", hal.HAL_FLOAT, hal.HAL_OUT)
     made.newpin("alive", hal.HAL_BIT, hal.HAL_OUT)
     made.newpin("enable", hal.HAL_BIT, hal.HAL_OUT)
-    made.newpin("factor", hal.HAL_FLOAT, hal.HAL_IN)
     made.newpin("holds", hal.HAL_BIT, hal.HAL_OUT)
     made.newpin("owner", hal.HAL_U32, hal.HAL_OUT)
     made.newpin("epoch", hal.HAL_U32, hal.HAL_OUT)
+    for pin, kind in [("factor", hal.HAL_FLOAT), ("begin", hal.HAL_FLOAT), ("end", hal.HAL_FLOAT)]:
+        made.newpin(pin, kind, hal.HAL_IN)
+    for pin, _, _, kind in read_pins(configuration):
+        made.newpin(pin, kind, hal.HAL_IN)
     return made, name
+
+
+def read_pins(configuration):
+    """What is read: pin of the bridge, pin of LinuxCNC, signal between them where there is none, kind."""
+    axes = [letter.lower() for letter in configuration.axes]
+    pins = [(f"pos-cmd-{letter}", f"axis.{letter}.pos-cmd", f"volcomp-cmd-{letter}", hal.HAL_FLOAT)
+            for letter in axes + [letter.lower() for letter in configuration.reads]]
+    for letter in axes:
+        pins += [(f"eoffset-{letter}", f"axis.{letter}.eoffset", f"volcomp-eoffset-{letter}", hal.HAL_FLOAT),
+                 (f"request-{letter}", f"axis.{letter}.eoffset-request", f"volcomp-request-{letter}", hal.HAL_FLOAT)]
+    pins += [(f"homed-{joint}", f"joint.{joint}.homed", f"volcomp-homed-{joint}", hal.HAL_BIT)
+             for joint in range(configuration.joints)]
+    return pins + [
+        ("enabled", "motion.motion-enabled", "volcomp-enabled", hal.HAL_BIT),
+        ("estop-ok", "iocontrol.0.emc-enable-in", "volcomp-estop", hal.HAL_BIT),
+        ("user-ok", "iocontrol.0.user-enable-out", "volcomp-user", hal.HAL_BIT),
+        ("limited", "motion.eoffset-limited", "volcomp-limited", hal.HAL_BIT),
+        ("motion-type", "motion.motion-type", "volcomp-type", hal.HAL_S32),
+        ("probe-input", "motion.probe-input", "volcomp-probe", hal.HAL_BIT)]
+
+
+def signals():
+    """The signal of each pin that has one."""
+    shown = subprocess.run(["halcmd", "-s", "show", "pin"], check=True, capture_output=True, text=True).stdout
+    rows = [line.split() for line in shown.splitlines()]
+    # Owner, type, direction, value, name, arrow, signal.
+    return {row[4]: row[6] for row in rows if len(row) == 7}
 
 
 def connect(made, configuration, component_name):
     """Connects to the signals of volcomp.tcl without moving anything: with the values that they have, where the watchdog
     still lets them through, else with zero once it does not."""
-    factor = hal.get_value("volcomp-factor")
-    while 0.0 < factor < 1.0:
+    of_pins = signals()
+    for pin, source, signal_name, kind in read_pins(configuration):
+        # A pin that the machine's own files have connected keeps its signal.
+        if source not in of_pins:
+            hal.new_sig(signal_name, kind)
+            hal.connect(source, signal_name)
+        hal.connect(f"{component_name}.{pin}", of_pins.get(source, signal_name))
+    for pin, signal_name in [("factor", "volcomp-factor"), ("begin", "volcomp-begin"), ("end", "volcomp-end")]:
+        hal.connect(f"{component_name}.{pin}", signal_name)
+    while 0.0 < made["factor"] < 1.0:
         time.sleep(0.01)
-        factor = hal.get_value("volcomp-factor")
+    factor = made["factor"]
     for letter in configuration.axes:
         pin, signal_name = f"counts-{letter.lower()}", f"volcomp-counts-{letter.lower()}"
         value = hal.get_value(signal_name) if factor else 0.0
@@ -357,7 +431,6 @@ def connect(made, configuration, component_name):
     made["enable"] = True
     hal.connect(f"{component_name}.enable", "volcomp-enable")
     made["enable"] = True
-    hal.connect(f"{component_name}.factor", "volcomp-factor")
 
 
 def main():
