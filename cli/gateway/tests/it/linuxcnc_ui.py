@@ -11,11 +11,15 @@ import socket
 import subprocess
 import time
 
+import hal
 import linuxcnc
 
 stat, command = linuxcnc.stat(), linuxcnc.command()
 errors = linuxcnc.error_channel()
 said = []
+# Values of HAL are read only from within a component.
+component = hal.component("volcomp-test")
+component.ready()
 
 
 def halcmd(*arguments):
@@ -30,6 +34,13 @@ def listen():
             said.append(message[1])
     except linuxcnc.error:
         errors = linuxcnc.error_channel()
+
+
+def shown():
+    """What LinuxCNC tells of itself, for a test that fails."""
+    return (f"state {stat.task_state} mode {stat.task_mode} homed {stat.homed[:stat.joints]} interpreter {stat.interp_state} "
+            f"in position {stat.inpos} queue {stat.queue} execution {stat.state} heard {stat.echo_serial_number} of {command.serial} "
+            f"motion {stat.motion_mode} paused {stat.paused} line {stat.motion_line} to go {stat.distance_to_go}; {said}")
 
 
 def until(send, done, patience=3.0, tries=8):
@@ -47,7 +58,7 @@ def until(send, done, patience=3.0, tries=8):
                 return tried
             time.sleep(0.002)
         listen()
-    raise RuntimeError(f"no effect; state {stat.task_state} mode {stat.task_mode} homed {stat.homed[:stat.joints]}; {said}")
+    raise RuntimeError(f"no effect; {shown()}")
 
 
 def state(wanted):
@@ -81,13 +92,29 @@ def idle(patience=120):
                    and stat.state != linuxcnc.RCS_EXEC and stat.echo_serial_number >= command.serial)
         quiet = quiet + 1 if is_idle else 0
         if time.monotonic() > end:
-            raise RuntimeError(f"it is not idle; {said}")
+            raise RuntimeError(f"it is not idle; {shown()}")
     listen()
 
 
-def mdi(text):
+def begin_mdi(text):
+    """A command whose effect is a motion, which may be over before anybody looks: it was taken when its number is told."""
+    global command
     mode(linuxcnc.MODE_MDI)
-    command.mdi(text)
+    for _ in range(8):
+        before = command.serial
+        command.mdi(text)
+        end = time.monotonic() + 3
+        while command.serial != before and time.monotonic() < end:
+            stat.poll()
+            if stat.echo_serial_number >= command.serial:
+                return
+            time.sleep(0.002)
+        command = linuxcnc.command()
+    raise RuntimeError(f"{text} is not taken; {shown()}")
+
+
+def mdi(text):
+    begin_mdi(text)
     idle()
 
 
@@ -164,8 +191,7 @@ def answer(asked):
     elif do == "mdi":
         mdi(asked["text"])
     elif do == "begin_mdi":
-        mode(linuxcnc.MODE_MDI)
-        command.mdi(asked["text"])
+        begin_mdi(asked["text"])
     elif do == "begin":
         begin(asked["path"])
     elif do in ("idle", "pause", "resume", "home"):
@@ -177,8 +203,7 @@ def answer(asked):
     elif do == "hal":
         return halcmd(*asked["arguments"])
     elif do == "get":
-        return [float({"TRUE": 1, "FALSE": 0}.get(text, text))
-                for text in (halcmd("getp", pin) for pin in asked["pins"])]
+        return [float(hal.get_value(pin)) for pin in asked["pins"]]
     elif do == "signal":
         return float(halcmd("gets", asked["name"]))
     elif do == "probed":

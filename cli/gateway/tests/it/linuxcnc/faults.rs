@@ -2,6 +2,7 @@
 
 use std::{
     net::UdpSocket,
+    process::Command,
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering},
@@ -34,6 +35,10 @@ fn a_gateway_that_dies_leaves_nothing(kind: Bridge) {
     control.mdi("G21 G90 G0 X50 Y40 Z-20");
     wait_corrected(&mut control, &program);
     let epoch = control.pin("volcomp.epoch");
+    // The disk hangs: whoever writes the epoch waits, and nobody waits for that one.
+    let hangs = dir.path().join("volcomp.epoch.new");
+    let made = Command::new("mkfifo").arg(&hangs).status();
+    assert!(made.expect("a program of the system").success());
 
     // The gateway is killed: after its time-out the barrier goes to zero, and its epoch moves on.
     let cycles = control.record(|control| {
@@ -49,6 +54,15 @@ fn a_gateway_that_dies_leaves_nothing(kind: Bridge) {
     let program = gateway(dir.path(), PORT);
     let cycles = control.record(|control| wait_corrected(control, &program));
     no_jump(&cycles, MOST);
+    // The disk goes on.
+    let both = std::fs::File::options().read(true).write(true).open(&hangs);
+    std::fs::remove_file(&hangs).expect("ours");
+    drop(both.expect("a pipe"));
+    let epoch = control.pin("volcomp.epoch");
+    let kept = || std::fs::read_to_string(dir.path().join("volcomp.epoch")).unwrap_or_default();
+    control.wait("volcomp.epoch", |now| {
+        now == epoch && kept().trim() == epoch.to_string()
+    });
 
     // A second gateway with folders of its own does nothing to an axis.
     let other = tempfile::tempdir().expect("writable");
@@ -67,11 +81,10 @@ fn a_gateway_that_dies_leaves_nothing(kind: Bridge) {
 }
 
 #[test]
-#[ignore = "needs a quiet computer: a running LinuxCNC in real time; run with `-- --ignored linuxcnc`"]
 fn a_bridge_in_user_space_that_dies_leaves_nothing() {
-    if !alone("faults::a_bridge_in_user_space_that_dies_leaves_nothing") {
+    let Some(_alone) = alone("faults::a_bridge_in_user_space_that_dies_leaves_nothing") else {
         return;
-    }
+    };
     let dir = tempfile::tempdir().expect("writable");
     let mut control = LinuxCnc::start(dir.path(), Bridge::User, |ini| ini);
     let program = gateway(dir.path(), PORT);
@@ -102,6 +115,35 @@ fn a_bridge_in_user_space_that_dies_leaves_nothing() {
     assert!(control.pin("volcomp-2.epoch") > epoch, "the epoch was kept");
     control.mdi("G0 X40");
     wait_corrected(&mut control, &program);
+}
+
+/// A program that is stopped while it has HAL's lock keeps everybody from it: LinuxCNC's own commands as well.
+#[test]
+fn a_bridge_in_user_space_can_be_stopped_at_any_moment() {
+    let Some(_alone) = alone("faults::a_bridge_in_user_space_can_be_stopped_at_any_moment") else {
+        return;
+    };
+    let dir = tempfile::tempdir().expect("writable");
+    let mut control = LinuxCnc::start(dir.path(), Bridge::User, |ini| ini);
+    let program = gateway(dir.path(), PORT);
+    control.do_it("up");
+    control.mdi("G21 G90 G0 X50 Y40 Z-20");
+    wait_corrected(&mut control, &program);
+    let cycles = control.record(|control| {
+        for _ in 0..50 {
+            control.signal_bridge("STOP");
+            control.pin("volcomp.epoch");
+            control.signal_bridge("CONT");
+        }
+        // Longer than the servo thread waits for it: the offsets are on their way to zero, and come back.
+        control.signal_bridge("STOP");
+        control.wait("volcomp-factor", |factor| factor == 0.0);
+        control.signal_bridge("CONT");
+        control.wait("volcomp-factor", |factor| factor == 1.0);
+        wait_corrected(control, &program);
+    });
+    no_jump(&cycles, MOST);
+    assert_eq!(control.pin("volcomp.absorbed-x"), 0.0);
 }
 
 /// Datagrams between a gateway and the bridge, some of them lost, doubled, late or in another order.

@@ -8,6 +8,7 @@ use std::{
     },
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
+    sync::{Mutex, MutexGuard, PoisonError},
     time::{Duration, Instant},
 };
 
@@ -16,6 +17,9 @@ use volcomp_test_support::{peers, root};
 
 /// How long LinuxCNC may take to start on a computer that is busy.
 const STARTS_WITHIN: Duration = Duration::from_secs(120);
+
+/// What takes longer hangs.
+const ANSWERS_WITHIN: Duration = Duration::from_secs(300);
 
 /// What tells the processes of a test from those of another one.
 const HERE: &str = "VOLCOMP_HERE";
@@ -43,20 +47,20 @@ macro_rules! with_both {
     ($module:ident: $($name:ident),* $(,)?) => {
         mod user {
             $(#[test]
-            #[ignore = "needs a quiet computer: a running LinuxCNC in real time; run with `-- --ignored linuxcnc`"]
             fn $name() {
                 let name = concat!(stringify!($module), "::user::", stringify!($name));
-                if crate::linuxcnc::peer::alone(name) {
+                if let Some(_alone) = crate::linuxcnc::peer::alone(name) {
                     super::$name(crate::linuxcnc::peer::Bridge::User);
                 }
             })*
         }
         mod servo {
             $(#[test]
-            #[ignore = "needs a quiet computer: a running LinuxCNC in real time; run with `-- --ignored linuxcnc`"]
             fn $name() {
                 let name = concat!(stringify!($module), "::servo::", stringify!($name));
-                if crate::linuxcnc::peer::can_build() && crate::linuxcnc::peer::alone(name) {
+                if crate::linuxcnc::peer::can_build()
+                    && let Some(_alone) = crate::linuxcnc::peer::alone(name)
+                {
                     super::$name(crate::linuxcnc::peer::Bridge::Servo);
                 }
             })*
@@ -99,36 +103,43 @@ fn build(dir: &Path) {
         .arg(MODULES));
 }
 
-/// Whether the test of this name goes on: two LinuxCNC on one computer share their memory, so, as root, a test is started
-/// once more in namespaces of its own, and its end is that of the one here.
-pub(crate) fn alone(name: &str) -> bool {
+/// One LinuxCNC at a time: its servo thread has what there is of real time.
+static ONE: Mutex<()> = Mutex::new(());
+
+/// For as long as a test has the computer's only LinuxCNC, or one in namespaces of its own.
+pub(crate) struct Alone {
+    _one: Option<MutexGuard<'static, ()>>,
+}
+
+/// Whether the test of this name goes on. Two LinuxCNC on one computer share their memory, and the one that ends first kills
+/// the programs of the other, which it knows by their names: so, as root, a test is started once more in namespaces of its
+/// own, which end with it, and its end is that of the one here.
+pub(crate) fn alone(name: &str) -> Option<Alone> {
     if !is_there() {
-        return false;
+        return None;
     }
     if std::env::var_os("VOLCOMP_ALONE").is_some() {
-        return true;
+        return Some(Alone { _one: None });
     }
+    // What a test that failed had is free again.
+    let one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
     if !rustix::process::geteuid().is_root() {
         // Nobody else may have one then.
-        return true;
+        return Some(Alone { _one: Some(one) });
     }
     let inside = std::env::current_exe().expect("this program");
     let status = Command::new("unshare")
-        .args(["--ipc", "--net", "--mount", "sh", "-c"])
+        .args(["--ipc", "--net", "--pid", "--fork", "--kill-child"])
+        .args(["--mount-proc", "sh", "-c"])
         .arg("ip link set lo up && exec \"$@\"")
         .arg("sh")
         .arg(inside)
-        .args([
-            "--exact",
-            &format!("linuxcnc::{name}"),
-            "--nocapture",
-            "--include-ignored",
-        ])
+        .args(["--exact", &format!("linuxcnc::{name}"), "--nocapture"])
         .env("VOLCOMP_ALONE", "1")
         .status()
         .expect("unshare of util-linux");
     assert!(status.success(), "in namespaces of its own it fails");
-    false
+    None
 }
 
 pub(crate) struct LinuxCnc {
@@ -154,7 +165,6 @@ impl LinuxCnc {
         let examples = root().join("examples/linuxcnc");
         std::fs::copy(examples.join("mill.hal"), dir.join("mill.hal")).expect("shipped");
         std::fs::write(dir.join("mill.tbl"), "").expect("writable");
-        std::fs::write(dir.join("record.hal"), record(kind)).expect("writable");
         let ui = root().join("cli/gateway/tests/it/linuxcnc_ui.py");
         let file = match kind {
             Bridge::User => "volcomp.tcl",
@@ -172,6 +182,8 @@ impl LinuxCnc {
                 &format!("{}\nHALFILE = record.hal", bridge.display()),
             );
         let ini = edit(ini);
+        let has_bridge = ini.contains(file);
+        std::fs::write(dir.join("record.hal"), record(has_bridge)).expect("writable");
         let path = dir.join("mill.ini");
         std::fs::write(&path, ini).expect("writable");
         let socket = dir.join("ui");
@@ -207,6 +219,8 @@ impl LinuxCnc {
             std::thread::sleep(Duration::from_millis(20));
         };
         asks.set_nonblocking(false).expect("a socket");
+        asks.set_read_timeout(Some(ANSWERS_WITHIN))
+            .expect("a socket");
         let hears = BufReader::new(asks.try_clone().expect("a socket"));
         let mut control = Self {
             dir: dir.to_owned(),
@@ -268,11 +282,7 @@ impl LinuxCnc {
 
     /// Whether the probe touches.
     pub(crate) fn touch(&mut self, touches: bool) {
-        let signal = match self.bridge {
-            Bridge::User => "probe",
-            Bridge::Servo => "volcomp-probe",
-        };
-        self.hal(&["sets", signal, if touches { "1" } else { "0" }]);
+        self.hal(&["sets", "volcomp-probe", if touches { "1" } else { "0" }]);
     }
 
     pub(crate) fn hal(&mut self, arguments: &[&str]) {
@@ -339,8 +349,13 @@ impl LinuxCnc {
 
     /// Ends the bridge in user space at once.
     pub(crate) fn kill_bridge(&self) {
+        self.signal_bridge("KILL");
+    }
+
+    /// Sends a signal to the bridge in user space.
+    pub(crate) fn signal_bridge(&self, name: &str) {
         for pid in self.processes("volcomp_bridge.py") {
-            signal("KILL", pid);
+            signal(name, pid);
         }
     }
 
@@ -380,35 +395,32 @@ impl Drop for LinuxCnc {
     }
 }
 
-/// A record of every cycle of the servo thread. The bridge in the servo thread has connected some of the pins already.
-fn record(kind: Bridge) -> String {
+/// A record of every cycle of the servo thread. The bridge has connected the pins already; without one they have no signals.
+fn record(has_bridge: bool) -> String {
     let mut text = String::from(
         "loadrt sampler cfg=fffffffff depth=60000\naddf sampler.0 servo-thread\nsetp sampler.0.enable 0\n",
     );
     for (at, (small, large)) in [("x", "X"), ("y", "Y"), ("z", "Z")].iter().enumerate() {
-        let (nominal, offset) = match kind {
-            Bridge::User => (
-                format!("rec-cmd-{small} axis.{small}.pos-cmd"),
-                format!("rec-offset-{small} axis.{small}.eoffset"),
-            ),
-            Bridge::Servo => (
-                format!("volcomp-cmd-{small}"),
-                format!("volcomp-eoffset-{small}"),
-            ),
+        let (nominal, offset) = if has_bridge {
+            (String::new(), String::new())
+        } else {
+            (
+                format!(" axis.{small}.pos-cmd"),
+                format!(" axis.{small}.eoffset"),
+            )
         };
         let (motor, last) = (at + 3, at + 6);
         let lines = [
-            (nominal, at),
+            (format!("volcomp-cmd-{small}{nominal}"), at),
             (format!("{large}pos"), motor),
-            (offset, last),
+            (format!("volcomp-eoffset-{small}{offset}"), last),
         ];
         for (signal, pin) in lines {
             let _ = writeln!(text, "net {signal} => sampler.0.pin.{pin}");
         }
     }
-    let probe = match kind {
-        Bridge::User => "net probe => motion.probe-input\nsets probe 0\n",
-        Bridge::Servo => "sets volcomp-probe 0\n",
-    };
-    text + probe
+    if has_bridge {
+        text += "sets volcomp-probe 0\n";
+    }
+    text
 }

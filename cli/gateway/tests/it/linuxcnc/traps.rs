@@ -107,11 +107,10 @@ fn an_offset_that_is_frozen_cleared_or_cut(kind: Bridge) {
 /// Traps 6, 7 and 9 stand in the tests of the whole day (the offset at the contact of a probe), of what dies (zero by the
 /// watchdog), and in every test (namespaces). Here: two bridges for one port.
 #[test]
-#[ignore = "needs a quiet computer: a running LinuxCNC in real time; run with `-- --ignored linuxcnc`"]
 fn a_second_bridge_for_one_port_is_refused_by_name() {
-    if !alone("traps::a_second_bridge_for_one_port_is_refused_by_name") {
+    let Some(_alone) = alone("traps::a_second_bridge_for_one_port_is_refused_by_name") else {
         return;
-    }
+    };
     let _taken = std::net::UdpSocket::bind(("127.0.0.1", PORT)).expect("free");
     let dir = tempfile::tempdir().expect("writable");
     let started = std::panic::catch_unwind(|| LinuxCnc::start(dir.path(), Bridge::User, |ini| ini));
