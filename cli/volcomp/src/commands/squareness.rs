@@ -120,22 +120,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         .map_err(|_| Failure::Work("two files make two parts".to_owned()))?;
     let value = squareness(arguments.error, Urad(angle), [first, second])?.0;
     let whole = uncertainty(arguments, kind, &lines)?;
-    match &whole {
-        Some(whole) if !whole.left_out.is_empty() => notes.push(format!(
-            "left out of the measurement uncertainty, not stated: {}",
-            whole.left_out.join(", ")
-        )),
-        None if arguments.inputs() != SquarenessInputs::default() => notes.push(
-            "no measurement uncertainty is stated: that of the slopes is known with three targets and the line of least squares alone"
-                .to_owned(),
-        ),
-        _ => {}
-    }
-    if value.abs() > ODD_ABOVE {
-        notes.push(format!(
-            "a squareness of {value:.0} µrad is large for a machine tool: are the files in another unit?"
-        ));
-    }
+    notes.extend(notes_on(arguments, value, whole.as_ref()));
     let uncertainty = whole.as_ref().map(|whole| whole.whole_urad);
     let quantity = StandardQuantity {
         symbol: SYMBOL,
@@ -166,6 +151,32 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     };
     let text = text(&document);
     Answer::new(&document, text, notes)
+}
+
+/// What is not in the uncertainty, and a squareness that no machine tool has.
+fn notes_on(
+    arguments: &Arguments,
+    value: f64,
+    whole: Option<&volcomp_metrology::SquarenessUncertainty>,
+) -> Vec<String> {
+    let mut notes = Vec::new();
+    match whole {
+        Some(whole) if !whole.left_out.is_empty() => notes.push(format!(
+            "left out of the measurement uncertainty, not stated: {}",
+            whole.left_out.join(", ")
+        )),
+        None if arguments.inputs() != SquarenessInputs::default() => notes.push(
+            "no measurement uncertainty is stated: that of the slopes is known with three targets and the line of least squares alone"
+                .to_owned(),
+        ),
+        _ => {}
+    }
+    if value.abs() > ODD_ABOVE {
+        notes.push(format!(
+            "a squareness of {value:.0} µrad is large for a machine tool: are the files in another unit?"
+        ));
+    }
+    notes
 }
 
 impl Arguments {

@@ -20,8 +20,10 @@ pub fn facts_file(format: Format) -> String {
 
 /// Whether a file is one with facts, which no control reads; also by its name before there was one for each format.
 pub fn is_facts_file(name: &str) -> bool {
-    let end = name.strip_prefix(FACTS_STEM);
-    end.is_some_and(|end| end == ".txt" || (end.starts_with('-') && end.ends_with(".txt")))
+    let format = name
+        .strip_prefix(FACTS_STEM)
+        .and_then(|end| end.strip_suffix(".txt"));
+    format.is_some_and(|format| format.is_empty() || format.starts_with('-'))
 }
 
 const FACTS_STEM: &str = "volcomp-tables";
