@@ -124,6 +124,8 @@ function showCandidate() {
   if (now === drawn) return;
   drawn = now;
   if (draft) showDraft(draft);
+  // Answered, they are out of the way of the result.
+  element("questions-fold").open = !result;
   if (result) showResult(result);
   if (result && wantsResult) element("result-panel").scrollIntoView();
   wantsResult = wantsResult && !result;

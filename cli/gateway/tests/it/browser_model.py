@@ -111,6 +111,7 @@ with sync_playwright() as playwright:
     assert "NaN" not in page.inner_html("#curves") + page.inner_html("#diagonals")
     shot(page, "1280-result")
     fits(page)
+    assert not page.is_visible("#questions fieldset"), "the answered questions are folded"
     # The curves are folded by the axis that moves; unfolded, every frame has more than a zero on its axis.
     tall = page.evaluate("document.documentElement.scrollHeight")
     assert page.locator("#curves details").count() > 0 and page.locator("#curves details[open]").count() == 0
