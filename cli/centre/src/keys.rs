@@ -11,8 +11,8 @@ use std::{
 };
 
 use base64::{Engine, engine::general_purpose::STANDARD as BASE64};
+use volcomp_document::{PrivateError, private};
 use volcomp_fleet::SigningKey;
-use volcomp_web::{PrivateError, private};
 
 /// The end of the names of key files.
 const END: &str = "key";

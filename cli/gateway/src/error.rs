@@ -6,12 +6,12 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use volcomp_document::{InputError, ReadError};
+use volcomp_document::{InputError, PrivateError, ReadError};
 use volcomp_model::ModelError;
 use volcomp_port::DeviceError;
 use volcomp_runtime::{PlanError, StartError};
 use volcomp_vocabulary::AxisName;
-use volcomp_web::{PrivateError, TlsError};
+use volcomp_web::TlsError;
 
 use crate::{plan_keys::by_keys, together::Common};
 

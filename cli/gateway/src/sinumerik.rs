@@ -74,7 +74,7 @@ pub(crate) fn server(address: &Address, config: &ServerConfig) -> Result<Server,
 
 /// The first line of a file that nobody but its owner may read.
 fn password(address: &Address, file: &Path) -> Result<String, DeviceError> {
-    let text = volcomp_web::private::read(file).map_err(|error| {
+    let text = volcomp_document::private::read(file).map_err(|error| {
         let expected = "expected a file with the password in its first line";
         address
             .wrong(format!("password_file: {error}"), expected)

@@ -1,5 +1,7 @@
 //! Addresses of servers as a configuration has them.
 
+use std::net::IpAddr;
+
 /// What an address must be, for messages.
 pub const ADDRESSES: &str =
     "nats://HOST:PORT or tls://HOST:PORT, several of them separated by commas";
@@ -13,6 +15,25 @@ pub fn addresses(text: &str) -> impl Iterator<Item = &str> {
 /// their nkeys.
 pub fn wrong_address(text: &str) -> Option<&str> {
     addresses(text).find(|one| !is_address(one))
+}
+
+/// Those that are reached without TLS over a network: others on the way can read what is said. A connection that stays on this
+/// computer is none of them.
+pub fn in_the_clear(text: &str) -> impl Iterator<Item = &str> {
+    addresses(text).filter(|one| one.strip_prefix("nats://").is_some_and(|at| !is_here(at)))
+}
+
+/// Whether a host with its port is this computer.
+fn is_here(place: &str) -> bool {
+    let host = match place.strip_prefix('[') {
+        Some(rest) => rest.split(']').next(),
+        None => place.split(':').next(),
+    };
+    let host = host.unwrap_or_default();
+    host == "localhost"
+        || host
+            .parse()
+            .is_ok_and(|address: IpAddr| address.is_loopback())
 }
 
 fn is_address(text: &str) -> bool {
@@ -44,4 +65,28 @@ fn is_address(text: &str) -> bool {
 
 fn is_port(text: &str) -> bool {
     text.bytes().all(|byte| byte.is_ascii_digit()) && text.parse::<u16>().is_ok_and(|port| port > 0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_stays_on_this_computer_or_has_tls_is_not_in_the_clear() {
+        let none = "nats://127.0.0.1:4222, nats://localhost, nats://[::1]:4222, nats://127.8.0.1, tls://nats.shop.lan";
+        assert_eq!(in_the_clear(none).count(), 0);
+        // One of several without TLS, and names that only begin like this computer.
+        for (text, found) in [
+            ("tls://a:4222,nats://b:4222", "nats://b:4222"),
+            (
+                "nats://localhost.shop.lan:4222",
+                "nats://localhost.shop.lan:4222",
+            ),
+            ("nats://127.shop.lan", "nats://127.shop.lan"),
+            ("nats://[2001:db8::1]:4222", "nats://[2001:db8::1]:4222"),
+            ("nats://192.0.2.1:4222", "nats://192.0.2.1:4222"),
+        ] {
+            assert_eq!(in_the_clear(text).collect::<Vec<_>>(), [found], "{text}");
+        }
+    }
 }

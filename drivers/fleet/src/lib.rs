@@ -22,7 +22,7 @@ mod streams;
 mod subjects;
 
 pub use accept::{Accepted, NotAccepted, Trust};
-pub use address::{ADDRESSES, addresses, wrong_address};
+pub use address::{ADDRESSES, addresses, in_the_clear, wrong_address};
 pub use cluster::{Cluster, RoutePassword};
 #[cfg(feature = "nats")]
 pub use collect::{Batch, Collection, Received};

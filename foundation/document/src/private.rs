@@ -31,27 +31,76 @@ pub enum PrivateError {
     },
 }
 
-/// Reads a file that nobody but its owner may read, or that the service manager has put among the credentials of this service.
+/// Whether a mode lets others than its owner read a file, or write it.
+#[must_use]
+pub fn is_open_to_others(mode: u32) -> bool {
+    mode & 0o077 != 0
+}
+
+/// Opens a file that nobody but its owner may read, or that the service manager has put among the credentials of this service.
 ///
 /// # Errors
-/// It cannot be read, is no text, or others may read it.
-pub fn read(path: &Path) -> Result<String, PrivateError> {
+/// It cannot be opened, or others may read it.
+pub fn open(path: &Path) -> Result<File, PrivateError> {
     let failed = |source| PrivateError::Read {
         file: path.to_owned(),
         source,
     };
-    let mut file = File::open(path).map_err(failed)?;
+    let file = File::open(path).map_err(failed)?;
     let mode = file.metadata().map_err(failed)?.permissions().mode() & 0o777;
     // The service manager keeps the folder of its credentials private; their modes may show an access list.
     let is_credential =
         std::env::var_os("CREDENTIALS_DIRECTORY").is_some_and(|folder| path.starts_with(folder));
-    if mode & 0o077 != 0 && !is_credential {
+    if is_open_to_others(mode) && !is_credential {
         return Err(PrivateError::Mode {
             file: path.to_owned(),
             mode,
         });
     }
+    Ok(file)
+}
+
+/// Reads a text from such a file.
+///
+/// # Errors
+/// It cannot be read, is no text, or others may read it.
+pub fn read(path: &Path) -> Result<String, PrivateError> {
     let mut text = String::new();
-    file.read_to_string(&mut text).map_err(failed)?;
+    open(path)?
+        .read_to_string(&mut text)
+        .map_err(|source| PrivateError::Read {
+            file: path.to_owned(),
+            source,
+        })?;
     Ok(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    #[test]
+    fn a_secret_that_others_can_read_is_none() {
+        let dir = tempfile::tempdir().expect("writable");
+        let file = dir.path().join("seed");
+        fs::write(&file, "secret").expect("writable");
+        for (mode, is_taken) in [
+            (0o600, true),
+            (0o400, true),
+            (0o640, false),
+            (0o604, false),
+            (0o620, false),
+        ] {
+            fs::set_permissions(&file, fs::Permissions::from_mode(mode)).expect("ours");
+            match read(&file) {
+                Ok(text) => assert!(is_taken && text == "secret", "{mode:o}"),
+                Err(PrivateError::Mode { mode: found, .. }) => {
+                    assert!(!is_taken && found == mode, "{mode:o}");
+                }
+                Err(other) => panic!("{other}"),
+            }
+        }
+    }
 }

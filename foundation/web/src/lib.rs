@@ -2,11 +2,9 @@
 
 pub mod headers;
 pub mod hosts;
-pub mod private;
 mod server;
 pub mod tls;
 
-pub use private::PrivateError;
 pub use server::serve;
 pub use tls::{CertificateError, Tls, TlsError};
 

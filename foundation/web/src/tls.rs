@@ -17,7 +17,7 @@ use tokio_rustls::{
     },
 };
 
-use crate::private::{self, PrivateError};
+use volcomp_document::{PrivateError, private};
 
 /// Why there is no TLS.
 #[derive(Debug, thiserror::Error)]

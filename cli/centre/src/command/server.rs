@@ -7,10 +7,10 @@ use std::{
 };
 
 use nkeys::KeyPair;
+use volcomp_document::private;
 use volcomp_fleet::{
     Cluster, LinkSettings, MachineUser, RoutePassword, ServerSettings, server::write_private,
 };
-use volcomp_web::private;
 
 use super::{CommandError, open, print, print_json, text};
 use crate::{
@@ -126,7 +126,7 @@ fn printed_for_others() -> Result<Option<u32>, CommandError> {
     let printed = std::io::stdout().as_fd().try_clone_to_owned()?;
     let printed = std::fs::File::from(printed).metadata()?;
     let mode = printed.permissions().mode() & 0o777;
-    Ok((printed.is_file() && mode & 0o077 != 0).then_some(mode))
+    Ok((printed.is_file() && private::is_open_to_others(mode)).then_some(mode))
 }
 
 pub(super) fn audit(config: &Config, count: u32, json: bool) -> Result<(), CommandError> {

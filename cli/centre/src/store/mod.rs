@@ -70,7 +70,7 @@ pub enum StoreError {
     },
     /// The password of the database.
     #[error(transparent)]
-    Password(#[from] volcomp_web::PrivateError),
+    Password(#[from] volcomp_document::PrivateError),
     /// A document in the database is none of ours.
     #[error("a document in the database: {0}")]
     Document(#[from] serde_json::Error),

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use volcomp_document::{InputError, Section, Value};
-use volcomp_fleet::{ADDRESSES, Identity, VerifyingKey, addresses, trusted_key, wrong_address};
+use volcomp_fleet::{ADDRESSES, Identity, VerifyingKey, trusted_key, wrong_address};
 
 use super::is_blank;
 
@@ -24,13 +24,6 @@ pub struct FleetConfig {
     pub dir: PathBuf,
     /// Certificates that are trusted besides those of the system, PEM.
     pub ca: Option<PathBuf>,
-}
-
-impl FleetConfig {
-    /// The addresses of the servers, one by one.
-    pub fn servers(&self) -> impl Iterator<Item = &str> {
-        addresses(&self.url)
-    }
 }
 
 pub(super) fn fleet(section: &Section<'_>, folder: &Path) -> Result<FleetConfig, InputError> {

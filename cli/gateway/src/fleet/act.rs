@@ -45,6 +45,18 @@ pub(super) fn in_words(outcome: &Outcome) -> String {
 /// Something that is tried again later, in words.
 struct Later(String);
 
+/// What the side that acts is made of.
+pub(super) struct Parts {
+    pub(super) store: Store,
+    /// What the folder holds of earlier runs.
+    pub(super) kept: Kept,
+    pub(super) asks: Asks,
+    pub(super) switch: DisarmSwitch,
+    pub(super) shared: Arc<Shared>,
+    /// Where answers to the centre go.
+    pub(super) acknowledge: UnboundedSender<Acknowledgement>,
+}
+
 /// The side that acts. State: what stands in the folder, and the manifest at hand.
 pub(super) struct Actor {
     store: Store,
@@ -67,14 +79,15 @@ pub(super) struct Actor {
 }
 
 impl Actor {
-    pub(super) fn new(
-        store: Store,
-        kept: Kept,
-        asks: Asks,
-        switch: DisarmSwitch,
-        shared: Arc<Shared>,
-        acknowledge: UnboundedSender<Acknowledgement>,
-    ) -> Self {
+    pub(super) fn new(parts: Parts) -> Self {
+        let Parts {
+            store,
+            kept,
+            asks,
+            switch,
+            shared,
+            acknowledge,
+        } = parts;
         if let Some(newest) = &kept.newest {
             let manifest = &newest.manifest;
             shared.set_pace(manifest.condition_s, manifest.telemetry_s);

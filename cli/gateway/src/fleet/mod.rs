@@ -166,14 +166,14 @@ pub fn start(
     let (acknowledge, acknowledged) = mpsc::unbounded_channel::<Acknowledgement>();
     let (link_told, link) = watch::channel(None);
     let model = published.model();
-    let actor = Actor::new(
-        store.clone(),
-        kept.clone(),
-        asks.clone(),
-        switch.clone(),
-        Arc::clone(&shared),
+    let actor = Actor::new(act::Parts {
+        store: store.clone(),
+        kept: kept.clone(),
+        asks: asks.clone(),
+        switch: switch.clone(),
+        shared: Arc::clone(&shared),
         acknowledge,
-    );
+    });
     let hearer = Hearer::new(
         fleet,
         model.axes.clone(),
@@ -215,7 +215,7 @@ pub fn start(
 /// A file that others may read, or that holds no seed.
 pub(crate) fn settings(config: &FleetConfig) -> Result<LinkSettings, GatewayError> {
     let file = &config.nkey_file;
-    let seed = volcomp_web::private::read(file)?;
+    let seed = volcomp_document::private::read(file)?;
     let settings = LinkSettings {
         url: config.url.clone(),
         seed: seed.trim().to_owned(),

@@ -91,7 +91,7 @@ impl Tokens {
     }
 
     fn read(path: &Path) -> Result<Self, GatewayError> {
-        let text = volcomp_web::private::read(path)?;
+        let text = volcomp_document::private::read(path)?;
         Self::parse(&text).map_err(|(line, source)| GatewayError::Token {
             file: path.to_owned(),
             line,

@@ -9,8 +9,9 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// So long it may take until the service is asked.
-pub(crate) const WITHIN: Duration = Duration::from_secs(10);
+/// So long it may take until the service is asked: whoever asked hears that it is given up before the request is too old to be
+/// answered.
+const WITHIN: Duration = Duration::from_secs(5);
 
 /// The patience for one request: either it goes to the service, or whoever asked gives it up. Never both.
 #[derive(Clone, Debug)]

@@ -83,23 +83,13 @@ impl Checked {
         })
     }
 
-    /// What should be read before the first start.
+    /// What a person should know before the gateway is started for the first time.
     pub(super) fn notes(&self, config: &Config) -> Vec<String> {
         let Some(fleet) = &config.fleet else {
             return Vec::new();
         };
         let mut notes = Vec::new();
-        let is_here = |host: &str| {
-            ["127.", "localhost", "[::1]"]
-                .iter()
-                .any(|own| host.starts_with(own))
-        };
-        let mut in_the_clear = fleet.servers().filter(|server| {
-            server
-                .strip_prefix("nats://")
-                .is_some_and(|host| !is_here(host))
-        });
-        if let Some(server) = in_the_clear.next() {
+        if let Some(server) = volcomp_fleet::in_the_clear(&fleet.url).next() {
             notes.push(format!(
                 "[fleet] url: {server} is reached in the clear: others on the way can read machine files and states, though they cannot change what is taken; tls:// closes that"
             ));

@@ -3,7 +3,6 @@
 
 use std::{
     fs, io,
-    os::unix::fs::PermissionsExt as _,
     path::{Path, PathBuf},
     time::SystemTime,
 };
@@ -12,6 +11,8 @@ use opcua::{
     crypto::{CertificateStore, KeySize as _, SecurityPolicy, X509},
     types::{EndpointDescription, MessageSecurityMode},
 };
+
+use volcomp_document::{PrivateError, private};
 
 use crate::error::SinumerikError;
 
@@ -44,19 +45,16 @@ fn unread(file: &Path, error: &io::Error, expected: &str) -> SinumerikError {
 /// One of them is missing, wrong, too old, or can be read by others.
 pub(super) fn check_own(folder: &Path) -> Result<(), SinumerikError> {
     let key = folder.join(OWN_KEY);
-    let expected = "the client's private key, PEM, mode 0600";
-    let mode = fs::metadata(&key)
-        .map_err(|e| unread(&key, &e, expected))?
-        .permissions()
-        .mode()
-        & 0o777;
-    if mode & 0o077 > 0 {
-        return Err(wrong(
+    let expected = "the client's private key, PEM, mode 600";
+    private::open(&key).map_err(|error| match error {
+        PrivateError::Mode { mode, .. } => wrong(
             &key,
-            format!("mode {mode:04o}"),
-            "0600: whoever reads the key can take the client's place",
-        ));
-    }
+            format!("mode {mode:03o}"),
+            "600: whoever reads the key can take the client's place",
+        ),
+        PrivateError::Read { source, .. } => unread(&key, &source, expected),
+        other => wrong(&key, other.to_string(), expected),
+    })?;
     let read = CertificateStore::read_pkey(&key);
     let read = read.map_err(|_| wrong(&key, "no private key in PEM", expected))?;
     let file = folder.join(OWN_CERTIFICATE);

@@ -209,7 +209,7 @@ fn the_own_certificate_and_key_are_looked_at_first() {
     let nobody = "opc.tcp://127.0.0.1:1";
     let key = client.pki().join("private/private.pem");
     fs::set_permissions(&key, fs::Permissions::from_mode(0o640)).unwrap();
-    client.refused(nobody, &["private.pem: found mode 0640, expected 0600"]);
+    client.refused(nobody, &["private.pem: found mode 640, expected 600"]);
     fs::set_permissions(&key, fs::Permissions::from_mode(0o600)).unwrap();
     client.refused(nobody, &["no connection"]);
     let kept = fs::read(&key).unwrap();

@@ -15,7 +15,8 @@ use tokio_rustls::{
         pki_types::{CertificateDer, pem::PemObject},
     },
 };
-use volcomp_web::{PrivateError, TlsError, tls};
+use volcomp_document::PrivateError;
+use volcomp_web::{TlsError, tls};
 
 async fn from(Extension(from): Extension<std::net::SocketAddr>) -> String {
     from.ip().to_string()

@@ -36,7 +36,7 @@ impl Link {
     pub(super) fn open(runtime: &Runtime, place: &PostgresPlace) -> Result<Self, StoreError> {
         let mut config = place.config.clone();
         if let Some(file) = &place.password_file {
-            config.password(volcomp_web::private::read(file)?.trim_end_matches(['\r', '\n']));
+            config.password(volcomp_document::private::read(file)?.trim_end_matches(['\r', '\n']));
         }
         let tls = MakeRustlsConnect::new(tls(place)?);
         let gone = |why: String| StoreError::NotReached {

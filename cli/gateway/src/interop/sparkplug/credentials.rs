@@ -35,7 +35,7 @@ impl Credentials {
     pub fn read(config: &SparkplugConfig) -> Result<Self, GatewayError> {
         let login = match (&config.user, &config.password_file) {
             (Some(user), Some(file)) => {
-                let password = volcomp_web::private::read(file)?;
+                let password = volcomp_document::private::read(file)?;
                 let password = password.lines().next().unwrap_or_default();
                 Some((user.clone(), password.to_owned()))
             }
