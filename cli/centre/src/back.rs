@@ -9,7 +9,7 @@ use crate::{
     drift::in_force,
     models::{NoModel, fits},
     records::{Live, Model, Version},
-    rollout::{Rollout, Rules},
+    rollout::{NewRollout, Rollout, Rules},
     store::{Store, StoreError},
 };
 
@@ -106,7 +106,16 @@ pub fn start(
     let machines = [(machine.clone(), true)];
     let rollout = store.start_rollout(|id| {
         let (model, by) = (model.sha256.clone(), by.to_owned());
-        Rollout::new(id, model, &machines, rules, by, now_s())
+        Rollout::new(
+            id,
+            NewRollout {
+                model,
+                machines: &machines,
+                rules,
+                by,
+                since_s: now_s(),
+            },
+        )
     })?;
     Ok((rollout, model))
 }

@@ -21,11 +21,11 @@ use self::machine::Simulated;
 use crate::{
     clock::now_s,
     engine::{Engine, EngineError, Running, Settings},
-    http::{Face, FaceSettings, router},
+    http::{PageSettings, PageState, router},
     keys::Key,
     models::{NewModel, NoModel},
     records::{Machine, Origin},
-    rollout::{Rollout, Rules},
+    rollout::{NewRollout, Rollout, Rules},
     store::{Keep, Store, StoreError},
     users::{Password, Role, Token, hash},
 };
@@ -164,19 +164,19 @@ impl Demo {
             let simulated = Simulated::new(machine, model, trusted)?;
             tasks.push(tokio::spawn(simulated.run(link(seed(user)?))));
         }
-        let face = Face::new(
+        let page = PageState::new(
             Arc::clone(&store),
-            FaceSettings {
+            PageSettings {
                 notice: notice(),
-                ..FaceSettings::default()
+                ..PageSettings::default()
             },
         );
         tasks.push(tokio::spawn(confirm::confirm(Arc::clone(&store))));
-        tasks.push(tokio::spawn(Arc::clone(&face).refresh()));
+        tasks.push(tokio::spawn(Arc::clone(&page).refresh()));
         tasks.push(tokio::spawn(volcomp_web::serve(
             listener,
             None,
-            router(&face),
+            router(&page),
         )));
         Ok(Self {
             address,
@@ -282,7 +282,16 @@ fn prepared(
         };
         store.start_rollout(|number| {
             let (model, by) = (new.model.sha256.clone(), ADMIN.to_owned());
-            Rollout::new(number, model, &chosen, rules, by, now_s())
+            Rollout::new(
+                number,
+                NewRollout {
+                    model,
+                    machines: &chosen,
+                    rules,
+                    by,
+                    since_s: now_s(),
+                },
+            )
         })?;
     }
     Ok((Arc::new(store), password))

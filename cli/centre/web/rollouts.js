@@ -25,26 +25,29 @@ const HOLDS = [
   ["were sent the new model, and are out; whether they have it in force shows the page of each", (turn) => turn.step === "out" && turn.version !== null],
   ["wait for a confirmation, and keep what they had before", (turn) => turn.step === "needs-confirmation"],
   ["were sent the new model, and have not answered yet", (turn) => turn.step === "sent"],
-  ["were sent nothing, and keep what they had before", (turn) => turn.step === "waiting" || (turn.step === "out" && turn.version === null)],
+  ["were sent nothing, or what was sent was taken back, and keep what they had before", (turn) => turn.step === "waiting" || (turn.step === "out" && turn.version === null)],
 ];
 
 /** Where a roll-out has stopped by itself: what that means, which machine has what, and the ways on. */
 function leadOn(rollout, wish) {
   const links = (turns) => turns.slice(0, 30).flatMap((turn, index) => [index ? ", " : "", make("a", { href: `#machine/${encodeURIComponent(turn.machine)}`, textContent: turn.machine })]);
-  const groups = HOLDS.map(([words, belongs]) => [words, rollout.turns.filter(belongs)]).filter(([, turns]) => turns.length);
+  const late = (turn) => rollout.in_force_on.includes(turn.machine) && !["soaking", "done"].includes(turn.step);
+  const groups = HOLDS.map(([words, belongs]) => [words, rollout.turns.filter((turn) => belongs(turn) && !late(turn))]);
+  groups.splice(1, 0, ["tell that they have the new model in force although they did not answer in time, and keep it until somebody decides", rollout.turns.filter(late)]);
   const ways = may("engineer") ? [
     [wish("Go on in spite of it", { wish: "resume" }), "What has stopped it is let go for the machines that are out, and the next ones get the model. Choose this where you know the cause, and it is not the model."],
     [wish("Stop for good", { wish: "abort" }, "stop"), "Nothing more is sent. Then each machine that has the new model in force can be given back the one before, or keep this one: the buttons stand in the list of its machines."],
   ] : [];
   return make("div", { class: "lead" },
     make("p", { textContent: "It has stopped by itself, and nothing more is sent. What was sent and is not in force yet is taken back; what is in force stays, and its machines are told as suspect until somebody decides." }),
-    make("ul", {}, ...groups.map(([words, turns]) => make("li", {}, make("strong", { textContent: `${turns.length} of ${rollout.turns.length} ` }), `${words}: `, ...links(turns), turns.length > 30 ? " …" : ""))),
+    make("ul", {}, ...groups.filter(([, turns]) => turns.length).map(([words, turns]) => make("li", {}, make("strong", { textContent: `${turns.length} of ${rollout.turns.length} ` }), `${words}: `, ...links(turns), turns.length > 30 ? " …" : ""))),
     ways.length ? make("div", { class: "ways" }, ...ways.flatMap(([button, words]) => [button, make("p", { textContent: words })])) : make("p", { class: "soft", textContent: "An engineer decides how it goes on." }));
 }
 
 /** What an engineer can decide for a machine that has the model of a roll-out that was broken off. */
 function decide(rollout, turn, said) {
-  const has = turn.step === "done" || turn.step === "soaking" || (turn.step === "out" && turn.version !== null);
+  // A machine may have taken the model although its answer came too late, or was taken back: what it tells counts.
+  const has = rollout.in_force_on.includes(turn.machine) || turn.step === "done" || turn.step === "soaking" || (turn.step === "out" && turn.version !== null);
   if (turn.kept_by) return make("span", { class: "soft", textContent: `kept by ${turn.kept_by}` });
   if (!has || !may("engineer") || !["aborted", "stopped"].includes(rollout.phase.is)) return "";
   const keep = make("button", { textContent: "Keep this model", onclick: () => act(keep, said, () => post(`/api/rollouts/${rollout.id}/keep`, { machine: turn.machine }), "taken up within a second") });

@@ -8,7 +8,7 @@ use volcomp_web::tls;
 use super::CommandError;
 use crate::{
     config_page::PageConfig,
-    http::{Face, FaceSettings, router},
+    http::{PageSettings, PageState, router},
     rollout::Rules,
     store::Store,
 };
@@ -53,18 +53,18 @@ pub(super) async fn serve(
     if users.map_err(std::io::Error::other)??.is_empty() {
         tracing::warn!("nobody can log in: volcomp-centre user add NAME --role admin");
     }
-    let face = Face::new(
+    let page = PageState::new(
         Arc::clone(store),
-        FaceSettings {
+        PageSettings {
             hosts: config.hosts.clone(),
             secure: acceptor.is_some(),
             rules,
-            ..FaceSettings::default()
+            ..PageSettings::default()
         },
     );
     Ok([
-        tokio::spawn(Arc::clone(&face).refresh()),
-        tokio::spawn(volcomp_web::serve(listener, acceptor, router(&face))),
+        tokio::spawn(Arc::clone(&page).refresh()),
+        tokio::spawn(volcomp_web::serve(listener, acceptor, router(&page))),
     ])
 }
 

@@ -15,7 +15,7 @@ use crate::{
     config::Config,
     models::fits,
     records::Machine,
-    rollout::{Rollout, Rules, Wish},
+    rollout::{NewRollout, Rollout, Rules, Wish},
     store::StoreError,
 };
 
@@ -73,10 +73,19 @@ pub(super) fn start(config: &Config, start: &StartRollout, by: &str) -> Result<(
         .map_err(|error| CommandError::Wrong(error.to_string()))?;
     let rollout = store.start_rollout(|id| {
         let by = by.to_owned();
-        Rollout::new(id, model.sha256.clone(), &machines, rules, by, now_s())
+        Rollout::new(
+            id,
+            NewRollout {
+                model: model.sha256.clone(),
+                machines: &machines,
+                rules,
+                by,
+                since_s: now_s(),
+            },
+        )
     })?;
     let mut said = text::started(&rollout, &model);
-    if rollout.turns.len() > 1 {
+    if rollout.targets.len() > 1 {
         said.push_str(
             "note: they get one model: it is true for the machine on which it was measured\n",
         );

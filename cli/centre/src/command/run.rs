@@ -111,9 +111,10 @@ pub(super) fn check(config: &Config) -> Result<(), CommandError> {
             "note: {name} has no nkey: it has no access to the server"
         );
     }
-    if !config.nats.url.contains("tls://") {
-        said.push_str(
-            "note: the connection is in the clear: everybody on the network can read it\n",
+    if let Some(server) = volcomp_fleet::in_the_clear(&config.nats.url).next() {
+        let _ = writeln!(
+            said,
+            "note: {server} is reached in the clear: everybody on the network can read what is said"
         );
     }
     print(&said)?;

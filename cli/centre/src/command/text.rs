@@ -8,7 +8,7 @@ use super::machines::{Named, Shown};
 use crate::{
     drift::{Stage, date},
     records::{Alarm, AuditRecord, Model, Origin},
-    rollout::{Phase, Rollout, Step, Turn},
+    rollout::{Phase, Rollout, Step, Target},
 };
 
 /// Columns, each as wide as its widest cell; the last as wide as it is.
@@ -60,7 +60,7 @@ pub(super) fn started(rollout: &Rollout, model: &Model) -> String {
         rollout.id,
         short(&model.sha256),
         model.name,
-        counted(rollout.turns.len())
+        counted(rollout.targets.len())
     )
 }
 
@@ -96,13 +96,18 @@ pub(super) fn machines(shown: &[Shown]) -> String {
         } else {
             of_machine(&one.wanted)
         };
+        // Version 0: nothing of the centre is in force.
+        let corrects_by = match (&one.in_force, &one.live) {
+            (None, Some(live)) if live.version == 0 => "its own file".to_owned(),
+            (in_force, _) => of_machine(in_force),
+        };
         rows.push(row(&[
             one.machine.identity.machine.as_str(),
             one.machine.identity.site.as_str(),
             &state,
             &one.age_s.map_or("-".to_owned(), age),
             &residual.map_or("-".to_owned(), |um| format!("{um:.1} µm")),
-            &of_machine(&one.in_force),
+            &corrects_by,
             &shall_have,
         ]));
     }
@@ -222,8 +227,8 @@ fn step(step: &Step) -> String {
     }
 }
 
-fn kept(turn: &Turn, step: String) -> String {
-    match &turn.kept_by {
+fn kept(target: &Target, step: String) -> String {
+    match &target.kept_by {
         Some(by) => format!("{step}; kept by {by}"),
         None => step,
     }
@@ -232,8 +237,8 @@ fn kept(turn: &Turn, step: String) -> String {
 pub(super) fn rollouts(rollouts: &[Rollout], whole: bool) -> String {
     let mut text = String::new();
     for rollout in rollouts {
-        let done = (rollout.turns.iter())
-            .filter(|turn| matches!(turn.step, Step::Done { .. }))
+        let done = (rollout.targets.iter())
+            .filter(|target| matches!(target.step, Step::Done { .. }))
             .count();
         let _ = writeln!(
             text,
@@ -241,19 +246,23 @@ pub(super) fn rollouts(rollouts: &[Rollout], whole: bool) -> String {
             rollout.id,
             short(&rollout.model),
             rollout.by,
-            counted(rollout.turns.len()),
+            counted(rollout.targets.len()),
             phase(&rollout.phase)
         );
-        let rows = rollout.turns.iter().filter(|turn| {
-            whole || matches!(turn.step, Step::NeedsConfirmation { .. } | Step::Out { .. })
+        let rows = rollout.targets.iter().filter(|target| {
+            whole
+                || matches!(
+                    target.step,
+                    Step::NeedsConfirmation { .. } | Step::Out { .. }
+                )
         });
         let rows: Vec<Vec<String>> = rows
-            .map(|turn| {
+            .map(|target| {
                 row(&[
                     "",
-                    turn.machine.as_str(),
-                    &format!("wave {}", turn.wave),
-                    &kept(turn, step(&turn.step)),
+                    target.machine.as_str(),
+                    &format!("wave {}", target.wave),
+                    &kept(target, step(&target.step)),
                 ])
             })
             .collect();
@@ -279,4 +288,72 @@ pub(super) fn drift(stages: &[Stage]) -> String {
         rows.push(cells);
     }
     columns(&rows)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::records::{Live, Machine};
+
+    /// The model in force and the one that is wanted are two, and each stands beside its own version.
+    #[test]
+    fn a_machine_is_listed_with_the_model_that_it_has_and_the_one_that_it_shall_have() {
+        let identity = volcomp_fleet::Identity {
+            site: "berlin".parse().expect("a name"),
+            machine: "mill-1".parse().expect("a name"),
+        };
+        let machine = Machine::new(identity.clone(), "1".into(), "w X' b t".into(), Vec::new());
+        let named = |version: u64, model: &str, name: &str| {
+            Some(Named {
+                version,
+                model: model.repeat(64),
+                name: name.to_owned(),
+            })
+        };
+        let mut shown = Shown {
+            live: Some(Live {
+                machine: identity.machine,
+                heard_s: 0.0,
+                instance: String::new(),
+                version: 3,
+                model: String::new(),
+                condition: None,
+                lost: 0,
+                made: None,
+            }),
+            age_s: None,
+            version: None,
+            wanted: named(4, "b", "of autumn"),
+            in_force: named(3, "a", "of spring"),
+            machine,
+        };
+        let line = |shown: &Shown| {
+            let text = machines(std::slice::from_ref(shown));
+            text.lines().last().unwrap_or_default().to_owned()
+        };
+        let both = line(&shown);
+        assert!(
+            both.ends_with("3: aaaaaaaaaaaa of spring  4: bbbbbbbbbbbb of autumn"),
+            "{both}"
+        );
+        shown.wanted.clone_from(&shown.in_force);
+        let same = line(&shown);
+        assert!(
+            same.ends_with("3: aaaaaaaaaaaa of spring  the same"),
+            "{same}"
+        );
+        shown.in_force = None;
+        if let Some(live) = &mut shown.live {
+            live.version = 0;
+        }
+        let own = line(&shown);
+        assert!(
+            own.ends_with("its own file  3: aaaaaaaaaaaa of spring"),
+            "{own}"
+        );
+        shown.live = None;
+        let never = line(&shown);
+        assert!(!never.contains("its own file"), "{never}");
+        assert!(never.ends_with(" 3: aaaaaaaaaaaa of spring"), "{never}");
+    }
 }

@@ -54,9 +54,9 @@ fn look(store: &Store, since: &mut HashMap<Waiting, Instant>) -> Result<(), Stor
         let Some(rollout) = store.rollout(id)? else {
             continue;
         };
-        for turn in rollout.turns {
-            if let Step::NeedsConfirmation { hash, .. } = turn.step {
-                waiting.push((id, turn.machine, hash));
+        for target in rollout.targets {
+            if let Step::NeedsConfirmation { hash, .. } = target.step {
+                waiting.push((id, target.machine, hash));
             }
         }
     }

@@ -261,7 +261,7 @@ fn suspects(
         };
         let what = match &rollout.phase {
             Phase::Stopped { why } => format!("has stopped ({why})"),
-            Phase::Aborted { by } => format!("{by} has ended before it was done"),
+            Phase::Aborted { by } => format!("was ended by {by} before it was done"),
             Phase::Done => {
                 state.done.insert(id);
                 continue;
@@ -367,15 +367,15 @@ fn of_centre(
 
 /// A change that a person must confirm, although other settings were sent with the model of before meanwhile.
 fn waiting(rollout: &Rollout, causes: &mut BTreeMap<Key, String>) {
-    for turn in &rollout.turns {
+    for target in &rollout.targets {
         if let Step::NeedsConfirmation {
             version,
             worst_um,
             worst_urad,
             ..
-        } = &turn.step
+        } = &target.step
         {
-            let key = (Some(turn.machine.clone()), AlarmKind::NeedsConfirmation);
+            let key = (Some(target.machine.clone()), AlarmKind::NeedsConfirmation);
             let text = || causes::needs_confirmation(*version, worst_um, worst_urad);
             causes.entry(key).or_insert_with(text);
         }

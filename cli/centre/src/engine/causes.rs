@@ -221,13 +221,13 @@ mod tests {
         let name = "mill-1".parse().expect("a name");
         let mut suspect = Suspect {
             rollout: 3,
-            what: "anna has ended before it was done".to_owned(),
+            what: "was ended by anna before it was done".to_owned(),
             may_go_on: false,
             has_way_back: true,
         };
         assert_eq!(
             suspect.in_words(&name),
-            "It corrects with the model of roll-out 3, which anna has ended before it was done: `model back mill-1` brings back the one before; `rollout keep 3 mill-1` says that the model shall stay."
+            "It corrects with the model of roll-out 3, which was ended by anna before it was done: `model back mill-1` brings back the one before; `rollout keep 3 mill-1` says that the model shall stay."
         );
         suspect.may_go_on = true;
         assert!(

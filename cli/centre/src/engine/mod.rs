@@ -7,6 +7,8 @@ mod alarms;
 mod causes;
 mod desired;
 mod look;
+mod moving;
+mod settings;
 mod writer;
 
 use std::{

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     answer::{Answer, Refused, document, done, facts, read},
-    face::Shared,
+    state::Shared,
 };
 use crate::{
     discover::{Device, FASTEST_PER_SECOND, NotSearched, PER_SECOND, Search, Subnet},
@@ -38,8 +38,8 @@ impl Searches {
     }
 }
 
-pub(super) async fn latest(State(face): Shared) -> Answer {
-    document(&face.searches.with(|latest| latest.clone()))
+pub(super) async fn latest(State(page): Shared) -> Answer {
+    document(&page.searches.with(|latest| latest.clone()))
 }
 
 #[derive(Deserialize)]
@@ -62,7 +62,7 @@ struct Searched<'a> {
 }
 
 pub(super) async fn search(
-    State(face): Shared,
+    State(page): Shared,
     Extension(user): Extension<User>,
     body: Bytes,
 ) -> Answer {
@@ -94,7 +94,7 @@ pub(super) async fn search(
     }
     let mut search = Search::new(subnets);
     search.per_second = per_second;
-    if let Some(ports) = &face.settings.ports {
+    if let Some(ports) = &page.settings.ports {
         search.ports.clone_from(ports);
     }
     let of = search.addresses();
@@ -103,7 +103,7 @@ pub(super) async fn search(
         per_second,
         mine: ask.mine,
     })?;
-    let begun = face.searches.with(|latest| {
+    let begun = page.searches.with(|latest| {
         if latest.running {
             return false;
         }
@@ -119,7 +119,7 @@ pub(super) async fn search(
     if !begun {
         return Err(Refused::conflict("a search is running already"));
     }
-    let shared = Arc::clone(&face);
+    let shared = Arc::clone(&page);
     tokio::spawn(async move {
         let telling = Arc::clone(&shared);
         let devices = search
@@ -130,7 +130,7 @@ pub(super) async fn search(
             latest.running = false;
         });
     });
-    face.ask(move |store| store.audit(user.name.as_str(), "discover", "network", details))
+    page.ask(move |store| store.audit(user.name.as_str(), "discover", "network", details))
         .await?;
     done()
 }

@@ -9,7 +9,7 @@ use volcomp_fleet::MachineId;
 
 use super::{
     answer::{Answer, Refused, document, json_bytes},
-    face::Shared,
+    state::Shared,
 };
 use crate::{
     clock::now_s,
@@ -25,8 +25,8 @@ const READ: u32 = 20_000;
 /// So many alarms and records of one machine are told.
 const RECORDS: u32 = 50;
 
-pub(super) async fn overview(State(face): Shared) -> Answer {
-    let overview = face.overview();
+pub(super) async fn overview(State(page): Shared) -> Answer {
+    let overview = page.overview();
     if let Some(age) = overview.too_old() {
         let why = format!(
             "the centre could not look at its machines for {} s: what they do now is not known, and its log says why",
@@ -81,10 +81,10 @@ struct Record {
     record: serde_json::Value,
 }
 
-pub(super) async fn machine(State(face): Shared, Path(name): Path<String>) -> Answer {
+pub(super) async fn machine(State(page): Shared, Path(name): Path<String>) -> Answer {
     let id = named(&name)?;
-    let age_s = face.overview().age_s(&id);
-    let found = face
+    let age_s = page.overview().age_s(&id);
+    let found = page
         .ask(move |store| {
             let Some(machine) = store.machine(&id)? else {
                 return Ok(None);
@@ -142,7 +142,7 @@ struct History {
 }
 
 pub(super) async fn history(
-    State(face): Shared,
+    State(page): Shared,
     Path(name): Path<String>,
     Query(range): Query<Range>,
 ) -> Answer {
@@ -150,7 +150,7 @@ pub(super) async fn history(
     if !(0.001..=1e6).contains(&range.hours) {
         return Err(Refused::wrong("hours: expected a number above 0"));
     }
-    let points = face
+    let points = page
         .ask(move |store| {
             let to_s = now_s();
             let from_s = to_s - range.hours * 3600.0;

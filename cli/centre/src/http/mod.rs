@@ -2,18 +2,19 @@
 //! written into it; the running centre acts on what stands there.
 
 mod ages;
+mod alarms;
 mod answer;
-mod calls;
 mod change;
 mod discovery;
-mod face;
 mod machines;
 mod models;
 mod overview;
 mod people;
+mod rollouts;
 mod routes;
+mod state;
 mod tables;
 mod who;
 
-pub use face::{Face, FaceSettings};
 pub use routes::{Need, ROUTES, Route, router};
+pub use state::{PageSettings, PageState};

@@ -12,7 +12,7 @@ use volcomp_model::Machine;
 
 use super::{
     answer::{Answer, Refused, document, json_bytes, read},
-    face::{Face, Shared},
+    state::{PageState, Shared},
 };
 use crate::{
     drift::date_s,
@@ -24,13 +24,16 @@ use crate::{
     users::User,
 };
 
-pub(super) async fn models(State(face): Shared) -> Answer {
-    document(&face.ask(Store::models).await?)
+pub(super) async fn models(State(page): Shared) -> Answer {
+    document(&page.ask(Store::models).await?)
 }
 
 /// A model by its checksum, or the beginning of it, with its text.
-pub(super) async fn found(face: &Arc<Face>, checksum: String) -> Result<(Model, String), Refused> {
-    let found = face.ask(move |store| {
+pub(super) async fn found(
+    page: &Arc<PageState>,
+    checksum: String,
+) -> Result<(Model, String), Refused> {
+    let found = page.ask(move |store| {
         let Some(model) = store.model(&checksum)? else {
             return Ok(None);
         };
@@ -49,32 +52,32 @@ struct Shown {
     described: Described,
 }
 
-pub(super) async fn model(State(face): Shared, Path(checksum): Path<String>) -> Answer {
-    let (model, text) = found(&face, checksum).await?;
-    let described = face
+pub(super) async fn model(State(page): Shared, Path(checksum): Path<String>) -> Answer {
+    let (model, text) = found(&page, checksum).await?;
+    let described = page
         .work(move || Machine::parse(&text, "the model").map(|machine| described(&machine, &text)))
         .await?
         .map_err(Refused::inside)?;
     document(&Shown { model, described })
 }
 
-pub(super) async fn map(State(face): Shared, Path(checksum): Path<String>) -> Answer {
-    let (model, text) = found(&face, checksum).await?;
-    if let Some(kept) = face.kept_map(&model.sha256) {
+pub(super) async fn map(State(page): Shared, Path(checksum): Path<String>) -> Answer {
+    let (model, text) = found(&page, checksum).await?;
+    if let Some(kept) = page.kept_map(&model.sha256) {
         return Ok(json_bytes(kept));
     }
-    let map = face
+    let map = page
         .work(move || Machine::parse(&text, "the model").and_then(|machine| error_map(&machine)))
         .await?
         .map_err(Refused::inside)?;
     let bytes: Bytes = serde_json::to_vec(&map).map_err(Refused::inside)?.into();
-    face.keep_map(&model.sha256, bytes.clone());
+    page.keep_map(&model.sha256, bytes.clone());
     Ok(json_bytes(bytes))
 }
 
-pub(super) async fn form(State(face): Shared, body: Bytes) -> Answer {
+pub(super) async fn form(State(page): Shared, body: Bytes) -> Answer {
     let form: Form = read(&body)?;
-    let built = face
+    let built = page
         .work(move || build(&form))
         .await?
         .map_err(|error| Refused::wrong(error.to_string()))?;
@@ -106,7 +109,7 @@ struct Added {
 }
 
 pub(super) async fn add(
-    State(face): Shared,
+    State(page): Shared,
     Extension(user): Extension<User>,
     body: Bytes,
 ) -> Answer {
@@ -130,7 +133,7 @@ pub(super) async fn add(
     } = add;
     let origin = file.map_or(Origin::Form, |name| Origin::File { name });
     let by = user.name.to_string();
-    let made = face
+    let made = page
         .work(move || NewModel::of_text(text, "the machine file", origin, &by))
         .await?;
     let NewModel { mut model, text } = made.map_err(|error| Refused::wrong(error.to_string()))?;
@@ -141,7 +144,7 @@ pub(super) async fn add(
         }
     }
     let answer = model.clone();
-    let added = face
+    let added = page
         .ask(move |store| store.add_model(&model, &text))
         .await?;
     document(&Added {

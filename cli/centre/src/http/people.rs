@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     answer::{Answer, Refused, document, done, facts, read},
-    face::{Face, Shared},
+    state::{PageState, Shared},
     who,
 };
 use crate::{
@@ -47,7 +47,7 @@ struct Me<'a> {
 
 /// Whether the password is that of a user who may log in: then the user. Wrong ones are slowed down and written down.
 async fn proven(
-    face: &Arc<Face>,
+    page: &Arc<PageState>,
     from: SocketAddr,
     name: &str,
     password: String,
@@ -55,13 +55,13 @@ async fn proven(
     let tried: String = name.chars().take(64).collect();
     let known: Option<UserName> = name.parse().ok();
     let user = match known {
-        Some(known) => face.ask(move |store| store.user(&known)).await?,
+        Some(known) => page.ask(move |store| store.user(&known)).await?,
         None => None,
     };
     let stored = user.as_ref().map(|(_, stored)| stored.clone());
-    let place = face.passwords.acquire().await;
+    let place = page.passwords.acquire().await;
     // Asked with the place in hand: many requests at one time are no way around it.
-    if !face.throttle.admits(from.ip(), &tried) {
+    if !page.throttle.admits(from.ip(), &tried) {
         let why = "too many wrong passwords: wait a minute";
         return Err(Refused::new(StatusCode::TOO_MANY_REQUESTS, why));
     }
@@ -76,10 +76,10 @@ async fn proven(
     match user {
         Some((user, _)) if right && !user.disabled => Ok(user),
         _ => {
-            face.throttle.wrong(from.ip(), &tried);
+            page.throttle.wrong(from.ip(), &tried);
             drop(place);
             let details = facts(&TriedFrom { from: from.ip() })?;
-            face.ask(move |store| store.audit("centre", "login.refused", &tried, details))
+            page.ask(move |store| store.audit("centre", "login.refused", &tried, details))
                 .await?;
             let why = "the name or the password is wrong";
             Err(Refused::new(StatusCode::UNAUTHORIZED, why))
@@ -88,12 +88,12 @@ async fn proven(
 }
 
 pub(super) async fn login(
-    State(face): Shared,
+    State(page): Shared,
     Extension(from): Extension<SocketAddr>,
     body: Bytes,
 ) -> Answer {
     let Login { name, password } = read(&body)?;
-    let user = proven(&face, from, &name, password).await?;
+    let user = proven(&page, from, &name, password).await?;
     let token = Token::draw().map_err(Refused::inside)?;
     let now = Moment::now();
     let session = Session {
@@ -102,44 +102,44 @@ pub(super) async fn login(
         used: now,
         from: from.ip().to_string(),
     };
-    let shown = cookie(&face, token.text())?;
-    face.ask(move |store| store.begin_session(&token, &session))
+    let shown = cookie(&page, token.text())?;
+    page.ask(move |store| store.begin_session(&token, &session))
         .await?;
     let mut response = document(&Me {
         name: &user.name,
         role: user.role,
-        notice: &face.settings.notice,
+        notice: &page.settings.notice,
     })?;
     response.headers_mut().insert(header::SET_COOKIE, shown);
     Ok(response)
 }
 
-fn cookie(face: &Face, token: &str) -> Result<HeaderValue, Refused> {
-    let text = who::cookie(face.settings.secure, token);
+fn cookie(page: &PageState, token: &str) -> Result<HeaderValue, Refused> {
+    let text = who::cookie(page.settings.secure, token);
     HeaderValue::from_str(&text).map_err(Refused::inside)
 }
 
-pub(super) async fn me(State(face): Shared, Extension(user): Extension<User>) -> Answer {
+pub(super) async fn me(State(page): Shared, Extension(user): Extension<User>) -> Answer {
     document(&Me {
         name: &user.name,
         role: user.role,
-        notice: &face.settings.notice,
+        notice: &page.settings.notice,
     })
 }
 
 pub(super) async fn logout(
-    State(face): Shared,
+    State(page): Shared,
     Extension(user): Extension<User>,
     headers: HeaderMap,
 ) -> Answer {
-    if let Some(token) = who::token(&headers, face.settings.secure) {
-        face.ask(move |store| store.end_session(&token, &user.name))
+    if let Some(token) = who::token(&headers, page.settings.secure) {
+        page.ask(move |store| store.end_session(&token, &user.name))
             .await?;
     }
     let mut response = done()?;
     response
         .headers_mut()
-        .insert(header::SET_COOKIE, cookie(&face, "")?);
+        .insert(header::SET_COOKIE, cookie(&page, "")?);
     Ok(response)
 }
 
@@ -151,9 +151,9 @@ struct NewPassword {
 }
 
 /// The hash of a password that somebody chooses.
-async fn hashed(face: &Arc<Face>, password: String) -> Result<String, Refused> {
+async fn hashed(page: &Arc<PageState>, password: String) -> Result<String, Refused> {
     let password = Password::chosen(password).map_err(|e| Refused::wrong(e.to_string()))?;
-    let place = face.passwords.acquire().await;
+    let place = page.passwords.acquire().await;
     let made = tokio::task::spawn_blocking(move || hash(&password)).await;
     drop(place);
     made.map_err(|_| Refused::inside("hashing a password ended before its time"))?
@@ -161,23 +161,23 @@ async fn hashed(face: &Arc<Face>, password: String) -> Result<String, Refused> {
 }
 
 pub(super) async fn password(
-    State(face): Shared,
+    State(page): Shared,
     Extension(from): Extension<SocketAddr>,
     Extension(user): Extension<User>,
     body: Bytes,
 ) -> Answer {
     let NewPassword { old, new } = read(&body)?;
-    proven(&face, from, user.name.as_str(), old).await?;
-    let hash = hashed(&face, new).await?;
+    proven(&page, from, user.name.as_str(), old).await?;
+    let hash = hashed(&page, new).await?;
     let from = from.ip().to_string();
-    let changed = face
+    let changed = page
         .ask(move |store| store.set_password(&user.name, &hash, user.name.as_str(), &from))
         .await?;
     outcome(changed)
 }
 
-pub(super) async fn users(State(face): Shared) -> Answer {
-    document(&face.ask(crate::store::Store::users).await?)
+pub(super) async fn users(State(page): Shared) -> Answer {
+    document(&page.ask(crate::store::Store::users).await?)
 }
 
 #[derive(Deserialize)]
@@ -189,7 +189,7 @@ struct NewUser {
 }
 
 pub(super) async fn add_user(
-    State(face): Shared,
+    State(page): Shared,
     Extension(from): Extension<SocketAddr>,
     Extension(admin): Extension<User>,
     body: Bytes,
@@ -199,9 +199,9 @@ pub(super) async fn add_user(
         role,
         password,
     } = read(&body)?;
-    let hash = hashed(&face, password).await?;
+    let hash = hashed(&page, password).await?;
     let from = from.ip().to_string();
-    let added = face
+    let added = page
         .ask(move |store| store.add_user(&name, role, &hash, admin.name.as_str(), &from))
         .await?;
     match added {
@@ -226,7 +226,7 @@ fn named(name: &str) -> Result<UserName, Refused> {
 }
 
 pub(super) async fn change_user(
-    State(face): Shared,
+    State(page): Shared,
     Extension(from): Extension<SocketAddr>,
     Extension(admin): Extension<User>,
     Path(name): Path<String>,
@@ -239,11 +239,11 @@ pub(super) async fn change_user(
         password,
     } = read(&body)?;
     let hash = match password {
-        Some(password) => Some(hashed(&face, password).await?),
+        Some(password) => Some(hashed(&page, password).await?),
         None => None,
     };
     let from = from.ip().to_string();
-    let changed = face
+    let changed = page
         .ask(move |store| {
             let by = admin.name.as_str();
             let changed = store.change_user(&name, role, disabled, by, &from)?;
@@ -259,14 +259,14 @@ pub(super) async fn change_user(
 }
 
 pub(super) async fn remove_user(
-    State(face): Shared,
+    State(page): Shared,
     Extension(from): Extension<SocketAddr>,
     Extension(admin): Extension<User>,
     Path(name): Path<String>,
 ) -> Answer {
     let name = named(&name)?;
     let from = from.ip().to_string();
-    let removed = face
+    let removed = page
         .ask(move |store| store.remove_user(&name, admin.name.as_str(), &from))
         .await?;
     outcome(removed)

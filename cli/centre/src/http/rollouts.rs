@@ -1,34 +1,89 @@
-//! Roll-outs, alarms and the audit log.
+//! Roll-outs: how they stand, what a person wishes of them, and the way back.
+
+use std::collections::{BTreeMap, BTreeSet};
 
 use axum::{
     Extension,
     body::Bytes,
-    extract::{Path, Query, State},
+    extract::{Path, State},
 };
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use volcomp_fleet::MachineId;
 
 use super::{
     answer::{Answer, Refused, document, done, read},
-    face::Shared,
     machines::named,
+    state::Shared,
 };
 use crate::{
     back::{self, NoWayBack},
     clock::now_s,
+    drift::version_in_force,
     models::fits,
-    rollout::{Rollout, Rules, Wish},
-    store::Store,
+    records::{Live, Version},
+    rollout::{NewRollout, Rollout, Rules, Wish},
+    store::{Store, StoreError},
     users::User,
 };
 
-/// So many roll-outs, alarms and records are told.
+/// So many roll-outs are told.
 const ROLLOUTS: u32 = 20;
-const ALARMS: u32 = 500;
-const RECORDS: u32 = 200;
 
-pub(super) async fn rollouts(State(face): Shared) -> Answer {
-    document(&face.ask(|store| store.rollouts(ROLLOUTS)).await?)
+/// A roll-out as the page has it.
+#[derive(Serialize)]
+struct Shown {
+    #[serde(flatten)]
+    rollout: Rollout,
+    /// The machines that correct with its model now, of one that was broken off: for these somebody must decide.
+    in_force_on: Vec<MachineId>,
+}
+
+pub(super) async fn rollouts(State(page): Shared) -> Answer {
+    document(&page.ask(shown).await?)
+}
+
+fn shown(store: &Store) -> Result<Vec<Shown>, StoreError> {
+    let rollouts = store.rollouts(ROLLOUTS)?;
+    let has_broken_off = (rollouts.iter()).any(|rollout| rollout.phase.is_broken_off());
+    let in_force = if has_broken_off {
+        rollouts_in_force(store, &rollouts)?
+    } else {
+        BTreeMap::new()
+    };
+    let shown = rollouts.into_iter().map(|rollout| {
+        let targets = rollout.targets.iter().map(|target| &target.machine);
+        let in_force_on = targets.filter(|name| in_force.get(name) == Some(&rollout.id));
+        Shown {
+            in_force_on: in_force_on.cloned().collect(),
+            rollout,
+        }
+    });
+    Ok(shown.collect())
+}
+
+/// The roll-out whose model is in force, of each machine of a roll-out that was broken off.
+fn rollouts_in_force(
+    store: &Store,
+    rollouts: &[Rollout],
+) -> Result<BTreeMap<MachineId, u64>, StoreError> {
+    let newest: BTreeMap<MachineId, Version> = (store.newest_versions()?.into_iter())
+        .map(|version| (version.machine.clone(), version))
+        .collect();
+    let lives: BTreeMap<MachineId, Live> = (store.live()?.into_iter())
+        .map(|live| (live.machine.clone(), live))
+        .collect();
+    let broken_off = (rollouts.iter()).filter(|rollout| rollout.phase.is_broken_off());
+    let machines: BTreeSet<&MachineId> = broken_off
+        .flat_map(|rollout| rollout.targets.iter().map(|target| &target.machine))
+        .collect();
+    let mut found = BTreeMap::new();
+    for name in machines {
+        let version = version_in_force(store, name, newest.get(name), lives.get(name))?;
+        if let Some(rollout) = version.and_then(|version| version.rollout) {
+            found.insert(name.clone(), rollout);
+        }
+    }
+    Ok(found)
 }
 
 #[derive(Deserialize)]
@@ -47,21 +102,21 @@ struct Start {
 }
 
 /// The rules of roll-outs that state none.
-pub(super) async fn rules(State(face): Shared) -> Answer {
-    document(&face.settings.rules)
+pub(super) async fn rules(State(page): Shared) -> Answer {
+    document(&page.settings.rules)
 }
 
 pub(super) async fn start_rollout(
-    State(face): Shared,
+    State(page): Shared,
     Extension(user): Extension<User>,
     body: Bytes,
 ) -> Answer {
     let start: Start = read(&body)?;
     let rules = start.rules.clone();
-    let rules = rules.unwrap_or_else(|| face.settings.rules.clone());
+    let rules = rules.unwrap_or_else(|| page.settings.rules.clone());
     let checked = rules.check();
     checked.map_err(|error| Refused::wrong(format!("rules.{error}")))?;
-    let started = face
+    let started = page
         .ask(move |store| Ok(begin(store, &start, rules, &user)))
         .await??;
     document(&started)
@@ -86,18 +141,27 @@ fn begin(store: &Store, start: &Start, rules: Rules, user: &User) -> Result<Roll
     }
     let by = user.name.to_string();
     Ok(store.start_rollout(|number| {
-        Rollout::new(number, model.sha256.clone(), &chosen, rules, by, now_s())
+        Rollout::new(
+            number,
+            NewRollout {
+                model: model.sha256.clone(),
+                machines: &chosen,
+                rules,
+                by,
+                since_s: now_s(),
+            },
+        )
     })?)
 }
 
 pub(super) async fn wish(
-    State(face): Shared,
+    State(page): Shared,
     Extension(user): Extension<User>,
     Path(id): Path<u64>,
     body: Bytes,
 ) -> Answer {
     let wish: Wish = read(&body)?;
-    face.ask(move |store| store.wish(id, &wish, user.name.as_str()))
+    page.ask(move |store| store.wish(id, &wish, user.name.as_str()))
         .await?;
     done()
 }
@@ -110,25 +174,25 @@ struct Keep {
 }
 
 pub(super) async fn keep(
-    State(face): Shared,
+    State(page): Shared,
     Extension(user): Extension<User>,
     Path(id): Path<u64>,
     body: Bytes,
 ) -> Answer {
     let Keep { machine } = read(&body)?;
-    face.ask(move |store| store.keep_model(id, &machine, user.name.as_str()))
+    page.ask(move |store| store.keep_model(id, &machine, user.name.as_str()))
         .await?;
     done()
 }
 
 pub(super) async fn back(
-    State(face): Shared,
+    State(page): Shared,
     Extension(user): Extension<User>,
     Path(name): Path<String>,
 ) -> Answer {
     let machine = named(&name)?;
-    let rules = face.settings.rules.clone();
-    let started = face
+    let rules = page.settings.rules.clone();
+    let started = page
         .ask(move |store| Ok(back::start(store, &machine, rules, user.name.as_str())))
         .await?;
     let (rollout, _) = started.map_err(|error| match error {
@@ -138,49 +202,78 @@ pub(super) async fn back(
     document(&rollout)
 }
 
-#[derive(Deserialize)]
-pub(super) struct Which {
-    /// Those that are over, too.
-    #[serde(default)]
-    all: bool,
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        issue::{Order, issue},
+        keys::Key,
+        models::NewModel,
+        records::{Machine, Origin},
+        rollout::{Phase, Step},
+    };
 
-pub(super) async fn alarms(State(face): Shared, Query(which): Query<Which>) -> Answer {
-    let alarms = face.ask(move |store| {
-        if which.all {
-            store.alarms(None, ALARMS)
-        } else {
-            store.open_alarms()
-        }
-    });
-    document(&alarms.await?)
-}
-
-pub(super) async fn see_alarm(
-    State(face): Shared,
-    Extension(user): Extension<User>,
-    Path(id): Path<u64>,
-) -> Answer {
-    let seen = face
-        .ask(move |store| store.see_alarm(id, user.name.as_str()))
-        .await?;
-    if seen {
-        done()
-    } else {
-        Err(Refused::missing("there is no such alarm"))
+    /// A machine took the model of a roll-out, and its answer was lost: the roll-out has it as one that was sent nothing. What the
+    /// machine tells counts, so that somebody can decide.
+    #[test]
+    fn a_machine_that_tells_the_model_is_among_those_that_have_it() {
+        let folder = tempfile::tempdir().expect("writable");
+        let store = Store::open(&folder.path().join("centre.db")).expect("a store");
+        let identity = volcomp_fleet::Identity {
+            site: "berlin".parse().expect("a name"),
+            machine: "mill-1".parse().expect("a name"),
+        };
+        let name = identity.machine.clone();
+        let text = "structure = \"w X' b t\"\n[axes.X]\ntravel = [0.0, 500.0]\n[errors]\n";
+        let new = NewModel::of_text(text.to_owned(), "m.toml", Origin::Form, "anna");
+        let new = new.expect("a model");
+        store.add_model(&new.model, &new.text).expect("stored");
+        let structure = new.model.structure.clone();
+        let machine = Machine::new(identity, "1".into(), structure, new.model.axes.clone());
+        store.put_machine(&machine, "anna").expect("stored");
+        let machines = [(name.clone(), true)];
+        let started = store.start_rollout(|id| {
+            let begun = NewRollout {
+                model: new.model.sha256.clone(),
+                machines: &machines,
+                rules: Rules::default(),
+                by: "anna".into(),
+                since_s: 0.0,
+            };
+            let mut rollout = Rollout::new(id, begun);
+            rollout.phase = Phase::Aborted { by: "anna".into() };
+            rollout
+        });
+        let id = started.expect("stored").id;
+        let key = Key {
+            name: "main".to_owned(),
+            key: ed25519_dalek::SigningKey::from_bytes(&[7; 32]),
+        };
+        let order = Order {
+            machine: &machine,
+            model: &new.model,
+            text: &new.text,
+            confirm: None,
+            rollout: Some(id),
+            by: "anna",
+        };
+        let issued = store.write_or(|database| issue(database, &key, &order));
+        let version = issued.expect("issued").version;
+        let in_force_on = || shown(&store).expect("a store").remove(0).in_force_on;
+        assert!(in_force_on().is_empty(), "it was not heard");
+        let live = Live {
+            machine: name.clone(),
+            heard_s: 1.0,
+            instance: String::new(),
+            version,
+            model: String::new(),
+            condition: None,
+            lost: 0,
+            made: None,
+        };
+        store.put_live(&[live]).expect("stored");
+        assert_eq!(in_force_on(), [name]);
+        let rollout = store.rollout(id).expect("a store").expect("there");
+        assert_eq!(rollout.targets[0].step, Step::Waiting);
     }
-}
-
-#[derive(Deserialize)]
-pub(super) struct Before {
-    /// Records with smaller numbers.
-    before: Option<u64>,
-}
-
-pub(super) async fn audit(State(face): Shared, Query(range): Query<Before>) -> Answer {
-    document(
-        &face
-            .ask(move |store| store.audit_records(range.before, RECORDS))
-            .await?,
-    )
 }

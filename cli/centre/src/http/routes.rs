@@ -13,7 +13,8 @@ use axum::{
 use volcomp_web::{headers, hosts};
 
 use super::{
-    answer::Refused, calls, change, discovery, face::Face, machines, models, people, tables, who,
+    alarms, answer::Refused, change, discovery, machines, models, people, rollouts,
+    state::PageState, tables, who,
 };
 use crate::users::Role;
 
@@ -43,7 +44,7 @@ pub struct Route {
     pub need: Need,
 }
 
-type Handler = fn() -> MethodRouter<Arc<Face>>;
+type Handler = fn() -> MethodRouter<Arc<PageState>>;
 
 macro_rules! routes {
     ($($method:literal $path:literal $need:expr => $handler:expr;)*) => {
@@ -73,21 +74,21 @@ routes! {
     "GET" "/api/models/{model}/tables" VIEWER => get(tables::tables);
     "GET" "/api/models/{model}/tables/{file}" VIEWER => get(tables::table);
     "GET" "/api/formats" VIEWER => get(tables::formats);
-    "GET" "/api/rollouts" VIEWER => get(calls::rollouts);
-    "GET" "/api/rules" VIEWER => get(calls::rules);
-    "GET" "/api/alarms" VIEWER => get(calls::alarms);
+    "GET" "/api/rollouts" VIEWER => get(rollouts::rollouts);
+    "GET" "/api/rules" VIEWER => get(rollouts::rules);
+    "GET" "/api/alarms" VIEWER => get(alarms::alarms);
     "POST" "/api/machines" ENGINEER => post(change::machine);
     "POST" "/api/machines/{machine}/remove" ENGINEER => post(change::remove_machine);
     "POST" "/api/models" ENGINEER => post(models::add);
     "POST" "/api/form" ENGINEER => post(models::form).layer(DefaultBodyLimit::max(MAX_FORM));
-    "POST" "/api/rollouts" ENGINEER => post(calls::start_rollout);
-    "POST" "/api/rollouts/{rollout}" ENGINEER => post(calls::wish);
-    "POST" "/api/rollouts/{rollout}/keep" ENGINEER => post(calls::keep);
-    "POST" "/api/machines/{machine}/back" ENGINEER => post(calls::back);
-    "POST" "/api/alarms/{alarm}/seen" ENGINEER => post(calls::see_alarm);
+    "POST" "/api/rollouts" ENGINEER => post(rollouts::start_rollout);
+    "POST" "/api/rollouts/{rollout}" ENGINEER => post(rollouts::wish);
+    "POST" "/api/rollouts/{rollout}/keep" ENGINEER => post(rollouts::keep);
+    "POST" "/api/machines/{machine}/back" ENGINEER => post(rollouts::back);
+    "POST" "/api/alarms/{alarm}/seen" ENGINEER => post(alarms::see_alarm);
     "GET" "/api/discovery" ENGINEER => get(discovery::latest);
     "POST" "/api/discovery" ENGINEER => post(discovery::search);
-    "GET" "/api/audit" ADMIN => get(calls::audit);
+    "GET" "/api/audit" ADMIN => get(alarms::audit);
     "GET" "/api/users" ADMIN => get(people::users);
     "POST" "/api/users" ADMIN => post(people::add_user);
     "POST" "/api/users/{user}" ADMIN => post(people::change_user);
@@ -133,25 +134,25 @@ const CSS: &str = "text/css; charset=utf-8";
 const JAVASCRIPT: &str = "text/javascript; charset=utf-8";
 
 /// The routes of the page and of the interface.
-pub fn router(face: &Arc<Face>) -> Router {
+pub fn router(page: &Arc<PageState>) -> Router {
     let mut router = Router::new();
     for (route, handler) in ROUTES.iter().zip(HANDLERS) {
-        let state = (Arc::clone(face), route.need);
+        let state = (Arc::clone(page), route.need);
         let handler = handler().route_layer(from_fn_with_state(state, who::admit));
         router = router.route(route.path, handler);
     }
     for &(path, kind, text) in &PAGES {
-        router = router.route(path, get(move || page(kind, text)));
+        router = router.route(path, get(move || file(kind, text)));
     }
     router
         .fallback(nothing)
         .layer(DefaultBodyLimit::max(MAX_BODY))
-        .layer(from_fn_with_state(Arc::clone(face), every_request))
-        .with_state(Arc::clone(face))
+        .layer(from_fn_with_state(Arc::clone(page), every_request))
+        .with_state(Arc::clone(page))
 }
 
 #[expect(clippy::unused_async, reason = "handlers are asynchronous")]
-async fn page(kind: &'static str, text: &'static str) -> Response {
+async fn file(kind: &'static str, text: &'static str) -> Response {
     ([(header::CONTENT_TYPE, kind)], text).into_response()
 }
 
@@ -160,13 +161,17 @@ async fn nothing() -> Refused {
 }
 
 /// Host, time, and the headers of every answer.
-async fn every_request(State(face): State<Arc<Face>>, request: Request, next: Next) -> Response {
+async fn every_request(
+    State(page): State<Arc<PageState>>,
+    request: Request,
+    next: Next,
+) -> Response {
     let host = request
         .headers()
         .get(header::HOST)
         .and_then(|host| host.to_str().ok());
     let mut response = match host {
-        Some(host) if hosts::is_known(host, &face.settings.hosts) => {
+        Some(host) if hosts::is_known(host, &page.settings.hosts) => {
             match tokio::time::timeout(AT_MOST, next.run(request)).await {
                 Ok(response) => response,
                 Err(_) => Refused::new(StatusCode::REQUEST_TIMEOUT, "the request took too long")

@@ -26,7 +26,7 @@ const MAPS: usize = 64;
 
 /// How the page is served.
 #[derive(Clone, Debug, Default)]
-pub struct FaceSettings {
+pub struct PageSettings {
     /// Host names, besides addresses, under which browsers may ask.
     pub hosts: Vec<String>,
     /// Whether connections have TLS: then cookies are sent over TLS alone.
@@ -40,12 +40,12 @@ pub struct FaceSettings {
 }
 
 /// What a route takes to reach the state.
-pub(super) type Shared = State<Arc<Face>>;
+pub(super) type Shared = State<Arc<PageState>>;
 
 /// The state that the routes share.
-pub struct Face {
+pub struct PageState {
     pub(super) store: Arc<Store>,
-    pub(super) settings: FaceSettings,
+    pub(super) settings: PageSettings,
     pub(super) throttle: Throttle,
     /// Hashing a password takes memory and time: two at a time.
     pub(super) passwords: Semaphore,
@@ -56,9 +56,9 @@ pub struct Face {
     maps: Mutex<HashMap<String, Bytes>>,
 }
 
-impl Face {
-    /// The face of a store.
-    pub fn new(store: Arc<Store>, settings: FaceSettings) -> Arc<Self> {
+impl PageState {
+    /// The page of a store.
+    pub fn new(store: Arc<Store>, settings: PageSettings) -> Arc<Self> {
         Arc::new(Self {
             store,
             settings,
@@ -78,9 +78,9 @@ impl Face {
         ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         loop {
             ticks.tick().await;
-            let face = Arc::clone(&self);
+            let page = Arc::clone(&self);
             let made = tokio::task::spawn_blocking(move || {
-                let overview = Overview::of(&face.store, &mut ages, &face.settings.notice);
+                let overview = Overview::of(&page.store, &mut ages, &page.settings.notice);
                 (overview, ages)
             });
             match made.await {

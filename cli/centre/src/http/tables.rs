@@ -18,8 +18,8 @@ use volcomp_vocabulary::AxisName;
 
 use super::{
     answer::{Answer, Refused, document},
-    face::{Face, Shared},
     models::found,
+    state::{PageState, Shared},
 };
 use crate::records::Model;
 
@@ -71,26 +71,26 @@ pub(super) async fn formats() -> Answer {
 }
 
 /// The machine file, as it is signed and sent.
-pub(super) async fn file(State(face): Shared, Path(checksum): Path<String>) -> Answer {
-    let (model, text) = found(&face, checksum).await?;
+pub(super) async fn file(State(page): Shared, Path(checksum): Path<String>) -> Answer {
+    let (model, text) = found(&page, checksum).await?;
     attachment(&file_name(&model), "application/toml", text)
 }
 
 pub(super) async fn tables(
-    State(face): Shared,
+    State(page): Shared,
     Path(checksum): Path<String>,
     Query(asked): Query<Asked>,
 ) -> Answer {
-    let (told, _) = made(&face, checksum, asked).await?;
+    let (told, _) = made(&page, checksum, asked).await?;
     document(&told)
 }
 
 pub(super) async fn table(
-    State(face): Shared,
+    State(page): Shared,
     Path((checksum, name)): Path<(String, String)>,
     Query(asked): Query<Asked>,
 ) -> Answer {
-    let (_, written) = made(&face, checksum, asked).await?;
+    let (_, written) = made(&page, checksum, asked).await?;
     let mut files = written.files.into_iter();
     let file = files
         .find(|file| file.name == name)
@@ -99,14 +99,14 @@ pub(super) async fn table(
 }
 
 async fn made(
-    face: &Arc<Face>,
+    page: &Arc<PageState>,
     checksum: String,
     asked: Asked,
 ) -> Result<(Told, Written), Refused> {
     let format: Format = (asked.format.parse())
         .map_err(|error: UnknownFormat| Refused::wrong(format!("format: {error}")))?;
-    let (_, text) = found(face, checksum).await?;
-    face.work(move || {
+    let (_, text) = found(page, checksum).await?;
+    page.work(move || {
         let machine = Machine::parse(&text, "the model").map_err(Refused::inside)?;
         let usual = TableOptions::default();
         let options = TableOptions {

@@ -16,8 +16,8 @@ use serde::Serialize;
 
 use super::{
     answer::{Refused, facts},
-    face::Face,
     routes::Need,
+    state::PageState,
 };
 use crate::users::{Moment, Token, User};
 
@@ -88,7 +88,7 @@ struct Asked<'a> {
 /// Lets a request through to its route, or not; what somebody changes is written into the audit log, with the address from which
 /// the request came.
 pub(super) async fn admit(
-    State((face, need)): State<(Arc<Face>, Need)>,
+    State((page, need)): State<(Arc<PageState>, Need)>,
     Extension(from): Extension<SocketAddr>,
     mut request: Request,
     next: Next,
@@ -100,7 +100,7 @@ pub(super) async fn admit(
     let Need::Role(role) = need else {
         return next.run(request).await;
     };
-    let user = match user(&face, request.headers()).await {
+    let user = match user(&page, request.headers()).await {
         Ok(Some(user)) => user,
         Ok(None) => {
             return Refused::new(StatusCode::UNAUTHORIZED, "log in first").into_response();
@@ -124,7 +124,7 @@ pub(super) async fn admit(
         });
         let written = match details {
             Ok(details) => {
-                face.ask(move |store| store.audit(name.as_str(), "request", &path, details))
+                page.ask(move |store| store.audit(name.as_str(), "request", &path, details))
                     .await
             }
             Err(refused) => Err(refused),
@@ -139,10 +139,10 @@ pub(super) async fn admit(
     response
 }
 
-async fn user(face: &Arc<Face>, headers: &HeaderMap) -> Result<Option<User>, Refused> {
-    let Some(token) = token(headers, face.settings.secure) else {
+async fn user(page: &Arc<PageState>, headers: &HeaderMap) -> Result<Option<User>, Refused> {
+    let Some(token) = token(headers, page.settings.secure) else {
         return Ok(None);
     };
-    face.ask(move |store| store.session(&token, &Moment::now()))
+    page.ask(move |store| store.session(&token, &Moment::now()))
         .await
 }

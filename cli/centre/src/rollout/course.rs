@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use volcomp_fleet::{MachineId, Outcome};
 
-use super::{Action, Event, Phase, Rollout, Rules, Seen, Step, Turn, Wish};
+use super::{Action, Event, NewRollout, Phase, Rollout, Rules, Seen, Step, Target, Wish};
 
 /// One look counts for no more than this, s: after a gap nothing is known of the time between.
 const LONGEST_LOOK_S: f64 = 10.0;
@@ -12,21 +12,21 @@ const LONGEST_LOOK_S: f64 = 10.0;
 const RESIDUAL_AFTER_S: f64 = 10.0;
 
 impl Rollout {
-    /// A roll-out that begins: machines with whether each is a canary. Where none is, the first is one.
-    pub fn new(
-        id: u64,
-        model: String,
-        machines: &[(MachineId, bool)],
-        rules: Rules,
-        by: String,
-        since_s: f64,
-    ) -> Self {
+    /// A roll-out that begins, with its number. Where no machine is a canary, the first is one.
+    pub fn new(id: u64, new: NewRollout<'_>) -> Self {
+        let NewRollout {
+            model,
+            machines,
+            rules,
+            by,
+            since_s,
+        } = new;
         let any = machines.iter().any(|(_, canary)| *canary);
         let is_canary = |place: usize| machines[place].1 || (!any && place == 0);
         let others = (0..machines.len())
             .filter(|place| !is_canary(*place))
             .count() as u64;
-        let mut turns = Vec::new();
+        let mut targets = Vec::new();
         let mut rank = 0;
         for (place, (machine, _)) in machines.iter().enumerate() {
             let wave = if is_canary(place) {
@@ -35,7 +35,7 @@ impl Rollout {
                 rank += 1;
                 wave_of(&rules.waves, rank, others)
             };
-            turns.push(Turn {
+            targets.push(Target {
                 machine: machine.clone(),
                 wave,
                 before_um: None,
@@ -43,8 +43,8 @@ impl Rollout {
                 kept_by: None,
             });
         }
-        turns.sort_by_key(|turn| turn.wave);
-        let phase = if turns.is_empty() {
+        targets.sort_by_key(|target| target.wave);
+        let phase = if targets.is_empty() {
             Phase::Done
         } else {
             Phase::Running
@@ -56,7 +56,7 @@ impl Rollout {
             since_s,
             rules,
             phase,
-            turns,
+            targets,
         }
     }
 
@@ -80,12 +80,12 @@ impl Rollout {
                 version,
                 before_um,
             } => {
-                if let Some(turn) = self.turn(&machine) {
+                if let Some(target) = self.target(&machine) {
                     // A second manifest of the same turn (confirmed) is compared with what was before the first.
-                    if turn.step == Step::Waiting {
-                        turn.before_um = before_um;
+                    if target.step == Step::Waiting {
+                        target.before_um = before_um;
                     }
-                    turn.step = Step::Sent {
+                    target.step = Step::Sent {
                         version,
                         waited_s: 0.0,
                     };
@@ -93,8 +93,8 @@ impl Rollout {
                 return Vec::new();
             }
             Event::NotIssued { machine, why } => {
-                if let Some(turn) = self.turn(&machine) {
-                    turn.step = out(None, why, true);
+                if let Some(target) = self.target(&machine) {
+                    target.step = out(None, why, true);
                 }
             }
             Event::Answered {
@@ -114,12 +114,14 @@ impl Rollout {
 
     /// Whether a machine has been sent nothing yet.
     pub fn is_waiting(&self, machine: &MachineId) -> bool {
-        let mut turns = self.turns.iter();
-        turns.any(|turn| turn.machine == *machine && turn.step == Step::Waiting)
+        let mut targets = self.targets.iter();
+        targets.any(|target| target.machine == *machine && target.step == Step::Waiting)
     }
 
-    fn turn(&mut self, machine: &MachineId) -> Option<&mut Turn> {
-        self.turns.iter_mut().find(|turn| turn.machine == *machine)
+    fn target(&mut self, machine: &MachineId) -> Option<&mut Target> {
+        self.targets
+            .iter_mut()
+            .find(|target| target.machine == *machine)
     }
 
     fn look(&mut self, elapsed_s: f64, seen: &BTreeMap<MachineId, Seen>) {
@@ -130,9 +132,9 @@ impl Rollout {
             0.0
         };
         let rules = &self.rules;
-        for turn in &mut self.turns {
-            let seen = seen.get(&turn.machine).filter(|seen| seen.heard);
-            turn.step = match (std::mem::replace(&mut turn.step, Step::Waiting), seen) {
+        for target in &mut self.targets {
+            let seen = seen.get(&target.machine).filter(|seen| seen.heard);
+            target.step = match (std::mem::replace(&mut target.step, Step::Waiting), seen) {
                 (Step::Sent { version, .. }, Some(seen)) if seen.version >= version => {
                     soaking(version)
                 }
@@ -154,7 +156,7 @@ impl Rollout {
                     Some(seen),
                 ) if seen.version >= version => soaking(version),
                 (step @ Step::Soaking { .. }, Some(seen)) => {
-                    watched(step, seen, elapsed_s, rules, turn.before_um)
+                    watched(step, seen, elapsed_s, rules, target.before_um)
                 }
                 // Its soak is over, and it has the model as long as the roll-out goes on.
                 (
@@ -172,7 +174,7 @@ impl Rollout {
 
     fn answered(&mut self, machine: &MachineId, answered: u64, outcome: Outcome) {
         let soak = self.rules.soak_s;
-        let Some(turn) = self.turn(machine) else {
+        let Some(target) = self.target(machine) else {
             return;
         };
         // What is in force or was never sent is not undone by an answer that comes twice.
@@ -182,14 +184,14 @@ impl Rollout {
             version: Some(sent),
             against: false,
             ..
-        }) = turn.step
+        }) = target.step
         else {
             return;
         };
         if answered < sent {
             return;
         }
-        turn.step = match outcome {
+        target.step = match outcome {
             Outcome::Activated if soak <= 0.0 => Step::Done { version: answered },
             Outcome::Activated => soaking(answered),
             Outcome::NeedsConfirmation {
@@ -213,10 +215,10 @@ impl Rollout {
             Wish::Pause => self.phase = Phase::Paused { by },
             Wish::Abort => self.phase = Phase::Aborted { by },
             Wish::Resume => {
-                for turn in &mut self.turns {
+                for target in &mut self.targets {
                     // That was decided of what had stopped: where it stops once more it is to be decided anew.
-                    turn.kept_by = None;
-                    if let Step::Out { excused, .. } = &mut turn.step {
+                    target.kept_by = None;
+                    if let Step::Out { excused, .. } = &mut target.step {
                         *excused = true;
                     }
                 }
@@ -227,8 +229,8 @@ impl Rollout {
                 if !self.phase.takes_confirmations() {
                     return None;
                 }
-                let turn = self.turn(&machine)?;
-                if matches!(&turn.step, Step::NeedsConfirmation { hash: shown, .. } if *shown == hash)
+                let target = self.target(&machine)?;
+                if matches!(&target.step, Step::NeedsConfirmation { hash: shown, .. } if *shown == hash)
                 {
                     return Some(Action::Issue {
                         machine,
@@ -248,10 +250,10 @@ impl Rollout {
         if self.phase == Phase::Done {
             return actions;
         }
-        for turn in &mut self.turns {
-            match &mut turn.step {
-                Step::Sent { .. } => turn.step = Step::Waiting,
-                Step::NeedsConfirmation { .. } if ended => turn.step = Step::Waiting,
+        for target in &mut self.targets {
+            match &mut target.step {
+                Step::Sent { .. } => target.step = Step::Waiting,
+                Step::NeedsConfirmation { .. } if ended => target.step = Step::Waiting,
                 Step::Out {
                     version: version @ Some(_),
                     against: false,
@@ -263,7 +265,7 @@ impl Rollout {
                 _ => continue,
             }
             actions.push(Action::Withdraw {
-                machine: turn.machine.clone(),
+                machine: target.machine.clone(),
             });
         }
         actions
@@ -275,25 +277,25 @@ impl Rollout {
             return;
         }
         let mut stayed_out = 0;
-        for turn in &self.turns {
+        for target in &self.targets {
             let Step::Out {
                 why,
                 against,
                 excused: false,
                 ..
-            } = &turn.step
+            } = &target.step
             else {
                 continue;
             };
             stayed_out += 1;
-            if *against || turn.wave == 0 || stayed_out > self.rules.tolerate {
+            if *against || target.wave == 0 || stayed_out > self.rules.tolerate {
                 self.phase = Phase::Stopped {
-                    why: format!("{}: {why}", turn.machine),
+                    why: format!("{}: {why}", target.machine),
                 };
                 return;
             }
         }
-        if self.turns.iter().all(|turn| turn.step.is_over()) {
+        if self.targets.iter().all(|target| target.step.is_over()) {
             self.phase = Phase::Done;
         }
     }
@@ -303,15 +305,15 @@ impl Rollout {
         if self.phase != Phase::Running {
             return Vec::new();
         }
-        let unfinished = self.turns.iter().filter(|turn| !turn.step.is_over());
-        let Some(wave) = unfinished.map(|turn| turn.wave).min() else {
+        let unfinished = self.targets.iter().filter(|target| !target.step.is_over());
+        let Some(wave) = unfinished.map(|target| target.wave).min() else {
             return Vec::new();
         };
-        let waiting = self.turns.iter();
+        let waiting = self.targets.iter();
         waiting
-            .filter(|turn| turn.wave == wave && turn.step == Step::Waiting)
-            .map(|turn| Action::Issue {
-                machine: turn.machine.clone(),
+            .filter(|target| target.wave == wave && target.step == Step::Waiting)
+            .map(|target| Action::Issue {
+                machine: target.machine.clone(),
                 confirm: None,
             })
             .collect()

@@ -115,7 +115,7 @@ fn within<N: PartialOrd + Display>(
     })
 }
 
-/// Where the turn of one machine stands.
+/// Where a target stands.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "step", rename_all = "kebab-case")]
 pub enum Step {
@@ -196,9 +196,9 @@ impl Step {
     }
 }
 
-/// The turn of one machine.
+/// A target of a roll-out: one machine that shall get the model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Turn {
+pub struct Target {
     /// The machine.
     pub machine: MachineId,
     /// Its wave; 0: the canaries.
@@ -256,6 +256,21 @@ impl Phase {
     }
 }
 
+/// What a roll-out begins with.
+#[derive(Clone, Debug)]
+pub struct NewRollout<'a> {
+    /// The checksum of the model.
+    pub model: String,
+    /// The machines that shall get it, each with whether it is a canary.
+    pub machines: &'a [(MachineId, bool)],
+    /// The rules by which it goes on and stops.
+    pub rules: Rules,
+    /// The name of the user who starts it.
+    pub by: String,
+    /// When it is started, s since 1970, for people.
+    pub since_s: f64,
+}
+
 /// A roll-out of one model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Rollout {
@@ -271,15 +286,16 @@ pub struct Rollout {
     pub rules: Rules,
     /// How it stands.
     pub phase: Phase,
-    /// The turns, by wave.
-    pub turns: Vec<Turn>,
+    /// The machines that shall get it, by wave.
+    #[serde(rename = "turns")]
+    pub targets: Vec<Target>,
 }
 
 impl Rollout {
     /// Whether its model was not found good, and nobody has decided that this machine keeps it.
     pub fn is_suspect_on(&self, machine: &MachineId) -> bool {
-        let mut turns = self.turns.iter();
-        let is_kept = turns.any(|turn| turn.machine == *machine && turn.kept_by.is_some());
+        let mut targets = self.targets.iter();
+        let is_kept = targets.any(|target| target.machine == *machine && target.kept_by.is_some());
         self.phase.is_broken_off() && !is_kept
     }
 
@@ -303,9 +319,9 @@ impl Rollout {
                 "roll-out {id} has stopped, and sends nothing: `rollout resume {id}` lets it go on in spite of what it stopped for, and the change can be confirmed then"
             ));
         }
-        let mut turns = self.turns.iter();
-        let turn = turns.find(|turn| turn.machine == *machine);
-        match turn.map(|turn| &turn.step) {
+        let mut targets = self.targets.iter();
+        let target = targets.find(|target| target.machine == *machine);
+        match target.map(|target| &target.step) {
             None => Err(format!("{machine} has no turn in roll-out {id}")),
             Some(Step::NeedsConfirmation { hash: shown, .. }) if shown == hash => Ok(()),
             Some(Step::NeedsConfirmation { hash: shown, .. }) => Err(format!(

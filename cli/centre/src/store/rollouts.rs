@@ -25,11 +25,11 @@ impl Store {
             let id = row.map_or(Ok(1), |row| row.count(0))?;
             let rollout = make(id);
             for other in open(database)? {
-                let shared = (rollout.turns.iter())
-                    .find(|turn| other.turns.iter().any(|one| one.machine == turn.machine));
-                if let Some(turn) = shared {
+                let shared = (rollout.targets.iter())
+                    .find(|target| other.targets.iter().any(|one| one.machine == target.machine));
+                if let Some(target) = shared {
                     return Err(StoreError::Rollout {
-                        machine: turn.machine.to_string(),
+                        machine: target.machine.to_string(),
                         rollout: other.id,
                     });
                 }
@@ -47,7 +47,7 @@ impl Store {
                 &rollout.by,
                 "rollout.start",
                 &id.to_string(),
-                json!({ "model": rollout.model, "machines": rollout.turns.len(), "rules": rollout.rules }),
+                json!({ "model": rollout.model, "machines": rollout.targets.len(), "rules": rollout.rules }),
             )?;
             Ok(rollout)
         })
@@ -141,23 +141,23 @@ impl Store {
             if !rollout.phase.is_broken_off() {
                 return Err(StoreError::NotBrokenOff { rollout: id });
             }
-            let mut turns = rollout.turns.iter_mut();
-            let turn = turns.find(|turn| turn.machine == *machine);
-            let turn = turn.ok_or_else(|| StoreError::Missing {
+            let mut targets = rollout.targets.iter_mut();
+            let target = targets.find(|target| target.machine == *machine);
+            let target = target.ok_or_else(|| StoreError::Missing {
                 what: "machine of that roll-out",
                 name: machine.to_string(),
             })?;
             let versions = versions_of(database, machine)?;
             let has = in_force(&versions, live_of(database, machine)?.as_ref());
             // Where nothing else is known, what the roll-out has seen of it counts.
-            let seen = matches!(turn.step, Step::Done { .. } | Step::Soaking { .. });
+            let seen = matches!(target.step, Step::Done { .. } | Step::Soaking { .. });
             if !has.map_or(seen, |version| version.rollout == Some(id)) {
                 return Err(StoreError::NotInForce {
                     machine: machine.to_string(),
                     rollout: id,
                 });
             }
-            turn.kept_by = Some(by.to_owned());
+            target.kept_by = Some(by.to_owned());
             let phase = rollout.phase.clone();
             save(database, &rollout, &phase)?;
             audit::append(

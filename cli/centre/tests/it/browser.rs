@@ -15,7 +15,7 @@ use volcomp_centre::{
     clock::now_s,
     models::NewModel,
     records::{Live, Machine, Origin},
-    rollout::{Phase, Rollout, Rules, Step},
+    rollout::{NewRollout, Phase, Rollout, Rules, Step},
 };
 use volcomp_fleet::Condition;
 use volcomp_test_support::peers;
@@ -143,16 +143,25 @@ fn a_roll_out_that_has_stopped_leads_on() {
     let started = page.store.start_rollout(|number| {
         let rules = Rules::default();
         let by = "anna".to_owned();
-        let mut rollout = Rollout::new(number, model.sha256, &machines, rules, by, now_s());
-        rollout.turns[0].step = Step::Done { version: 1 };
+        let mut rollout = Rollout::new(
+            number,
+            NewRollout {
+                model: model.sha256,
+                machines: &machines,
+                rules,
+                by,
+                since_s: now_s(),
+            },
+        );
+        rollout.targets[0].step = Step::Done { version: 1 };
         let why = "its residual has risen from 1.0 µm to 9.0 µm".to_owned();
-        rollout.turns[1].step = Step::Out {
+        rollout.targets[1].step = Step::Out {
             version: Some(1),
             why: why.clone(),
             against: true,
             excused: false,
         };
-        let why = format!("{}: {why}", rollout.turns[1].machine);
+        let why = format!("{}: {why}", rollout.targets[1].machine);
         rollout.phase = Phase::Stopped { why };
         rollout
     });

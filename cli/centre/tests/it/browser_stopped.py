@@ -7,22 +7,41 @@ from browser_shots import SIZES, shot
 
 url, password, folder = sys.argv[1:4]
 
+
+def late(route):
+    """The answer where a machine has taken the model that was taken back: nothing but what it tells says so."""
+    response = route.fetch()
+    rollouts = response.json()
+    rollouts[0]["in_force_on"] = ["mill-2"]
+    route.fulfill(response=response, json=rollouts)
+
+
+def at_rollouts(page, name):
+    page.set_default_timeout(90_000)
+    page.goto(url)
+    page.fill("input[name=name]", name)
+    page.fill("input[name=password]", password)
+    page.click("#login button")
+    page.click("#tabs a[href='#rollouts']")
+    page.wait_for_selector("section[data-rollout='1'] .lead")
+    return page.inner_text("section[data-rollout='1'] .lead")
+
+
 with sync_playwright() as playwright:
     browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"])
+    page = browser.new_page(viewport=SIZES[0])
+    page.route("**/api/rollouts", late)
+    lead = at_rollouts(page, "engineer")
+    assert "1 of 4 tell that they have the new model in force although they did not answer in time, and keep it until somebody decides: mill-2" in lead, lead
+    assert page.locator("section[data-rollout='1'] tr:has(a:text-is('mill-2')) >> text=Keep this model").count() == 1
+    page.close()
     for name in ("viewer", "engineer"):
         page = browser.new_page(viewport=SIZES[0])
-        page.set_default_timeout(90_000)
-        page.goto(url)
-        page.fill("input[name=name]", name)
-        page.fill("input[name=password]", password)
-        page.click("#login button")
-        page.click("#tabs a[href='#rollouts']")
-        page.wait_for_selector("section[data-rollout='1'] .lead")
-        lead = page.inner_text("section[data-rollout='1'] .lead")
+        lead = at_rollouts(page, name)
         for part in (
             "1 of 4 have the new model in force, and keep it until somebody decides: mill-0",
             "1 of 4 were sent the new model, and are out; whether they have it in force shows the page of each: mill-1",
-            "2 of 4 were sent nothing, and keep what they had before: mill-2, mill-3",
+            "2 of 4 were sent nothing, or what was sent was taken back, and keep what they had before: mill-2, mill-3",
         ):
             assert part in lead, lead
         # A viewer is offered nothing that is refused.

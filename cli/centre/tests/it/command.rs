@@ -9,6 +9,11 @@ use std::{
     time::Duration,
 };
 
+use volcomp_centre::{
+    rollout::{NewRollout, Phase, Rollout, Rules, Step},
+    store::Store,
+};
+
 pub(crate) struct Called {
     pub(crate) status: i32,
     pub(crate) out: String,
@@ -176,6 +181,77 @@ fn models_and_roll_outs(folder: &Path, gantry: &str) {
 }
 
 /// What there is nothing of, what was there before, and one of something.
+/// A roll-out that has stopped, or is over, sends no confirmed change: before, the call said that it was taken up, and nothing
+/// came of it.
+#[test]
+fn a_confirmation_that_would_come_to_nothing_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(
+        folder.join("centre.toml"),
+        "[nats]\nurl = \"nats://127.0.0.1:4222\"\n",
+    )
+    .unwrap();
+    done(folder, "key new main");
+    done(folder, "key nkey centre.nkey");
+    let store = Store::open(&folder.join("centre.db")).unwrap();
+    let begin = |machine: &str, phase: Phase| {
+        let machines = [(machine.parse().unwrap(), true)];
+        let started = store.start_rollout(|id| {
+            let new = NewRollout {
+                model: "ab".into(),
+                machines: &machines,
+                rules: Rules::default(),
+                by: "anna".into(),
+                since_s: 0.0,
+            };
+            let mut rollout = Rollout::new(id, new);
+            rollout.targets[0].step = Step::NeedsConfirmation {
+                version: 1,
+                hash: "abcd".into(),
+                worst_um: "80.0".into(),
+                worst_urad: String::new(),
+            };
+            rollout.phase = phase;
+            rollout
+        });
+        started.unwrap().id
+    };
+    let why = "its residual has risen".to_owned();
+    let stopped = begin("mill-1", Phase::Stopped { why });
+    let ended = begin("mill-2", Phase::Aborted { by: "bert".into() });
+    let running = begin("mill-3", Phase::Running);
+    let refused = |id: u64, machine: &str, hash: &str, words: &str| {
+        let called = call(folder, &format!("rollout confirm {id} {machine} {hash}"));
+        assert_eq!(called.status, 1, "{}{}", called.out, called.err);
+        assert!(called.err.contains(words), "{}", called.err);
+    };
+    refused(stopped, "mill-1", "abcd", "`rollout resume 1`");
+    refused(ended, "mill-2", "abcd", "is over, and nothing more is sent");
+    refused(
+        running,
+        "mill-1",
+        "abcd",
+        "mill-1 has no turn in roll-out 3",
+    );
+    refused(
+        running,
+        "mill-3",
+        "abce",
+        "found the hash abce, expected abcd",
+    );
+    assert!(
+        done(folder, &format!("rollout confirm {running} mill-3 abcd")).contains("takes it up")
+    );
+    done(folder, &format!("rollout stop {running}"));
+    refused(
+        running,
+        "mill-3",
+        "abcd",
+        "is over, and nothing more is sent",
+    );
+}
+
 #[test]
 fn what_is_empty_or_there_already_is_told_in_a_sentence() {
     let folder = tempfile::tempdir().unwrap();

@@ -32,7 +32,7 @@ fn a_refusal_that_was_acknowledged_outlives_the_centre() {
         let id = shop.roll_out(7, rules);
         let rollout = || shop.store.rollout(id).unwrap().unwrap();
         until("the second is sent", || {
-            matches!(rollout().turns[1].step, Step::Sent { .. })
+            matches!(rollout().targets[1].step, Step::Sent { .. })
         })
         .await;
         centre.end().await;

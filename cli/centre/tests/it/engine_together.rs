@@ -6,7 +6,7 @@ use volcomp_centre::{
     ingest::Ingest,
     issue::reissue,
     records::{AlarmKind, Machine},
-    rollout::{Phase, Rollout, Rules, Step, Wish},
+    rollout::{NewRollout, Phase, Rollout, Rules, Step, Wish},
     store::{Store, StoreError},
 };
 use volcomp_fleet::{Acknowledgement, Desired, Kind, LinkSettings, MachineLink, Outcome};
@@ -40,7 +40,7 @@ fn a_roll_out_does_not_enable_a_machine_that_was_just_disabled() {
             let store = Store::open(&path).unwrap();
             let machines = [(machine.identity.machine.clone(), false)];
             store
-                .start_rollout(|id| Rollout::new(id, sha256, &machines, rules, "anna".into(), 0.0))
+                .start_rollout(|id| Rollout::new(id, NewRollout { model: sha256, machines: &machines, rules, by: "anna".into(), since_s: 0.0 }))
                 .unwrap();
             let raw = rusqlite::Connection::open(&path).unwrap();
             raw.busy_timeout(Duration::from_secs(30)).unwrap();
@@ -247,7 +247,7 @@ fn settings_do_not_send_a_model_that_waits_for_a_person() {
         let centre = shop.centre(&shop.url()).await;
         let waits = || {
             matches!(
-                rollout(second).turns[0].step,
+                rollout(second).targets[0].step,
                 Step::NeedsConfirmation { .. }
             )
         };
@@ -311,7 +311,7 @@ fn a_fault_is_not_dropped_by_a_look_that_fails() {
         let id = shop.roll_out(7, rules);
         let soaks = || {
             let rollout = shop.store.rollout(id).unwrap().unwrap();
-            matches!(rollout.turns[0].step, Step::Soaking { .. })
+            matches!(rollout.targets[0].step, Step::Soaking { .. })
         };
         until("it is watched", soaks).await;
         let raw = rusqlite::Connection::open(shop.folder.path().join("centre.db")).unwrap();

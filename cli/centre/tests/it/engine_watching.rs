@@ -4,7 +4,7 @@ use std::{sync::atomic::Ordering, time::Duration};
 
 use volcomp_centre::{
     records::AlarmKind,
-    rollout::{Phase, Rollout, Rules},
+    rollout::{NewRollout, Phase, Rollout, Rules},
 };
 use volcomp_fleet::{Acknowledgement, Kind, LinkSettings, MachineLink, ModelRef, Outcome};
 
@@ -46,7 +46,7 @@ fn a_rise_of_the_residual_is_seen_where_conditions_are_rare() {
             matches!(rollout().phase, Phase::Stopped { .. }),
             "the residual has risen from 4 to 40 µm: {:?}, before {:?}",
             rollout().phase,
-            rollout().turns[0].before_um
+            rollout().targets[0].before_um
         );
     });
 }
@@ -72,7 +72,7 @@ fn a_refused_model_does_not_end_a_due_date() {
         let begin = |sha256: &str| {
             let machines = [(name.clone(), false)];
             let (sha256, rules) = (sha256.to_owned(), Rules { soak_s: 0.0, ..Rules::default() });
-            let start = |id| Rollout::new(id, sha256, &machines, rules, "anna".into(), 0.0);
+            let start = |id| Rollout::new(id, NewRollout { model: sha256, machines: &machines, rules, by: "anna".into(), since_s: 0.0 });
             shop.store.start_rollout(start).unwrap().id
         };
         let centre = shop.centre(&shop.url()).await;

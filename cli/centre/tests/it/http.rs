@@ -430,7 +430,7 @@ fn a_model_is_made_by_form_saved_and_rolled_out() {
 /// A roll-out that a person holds or ends is stored with who did it, and can be read again.
 #[test]
 fn a_roll_out_that_is_held_can_be_read_again() {
-    use volcomp_centre::rollout::{Phase, Rollout, Rules};
+    use volcomp_centre::rollout::{NewRollout, Phase, Rollout, Rules};
     for phase in [
         Phase::Paused {
             by: "otto".to_owned(),
@@ -445,11 +445,13 @@ fn a_roll_out_that_is_held_can_be_read_again() {
         let machines = [("mill-1".parse().unwrap(), true)];
         let mut rollout = Rollout::new(
             1,
-            "ab".to_owned(),
-            &machines,
-            Rules::default(),
-            "anna".to_owned(),
-            0.0,
+            NewRollout {
+                model: "ab".to_owned(),
+                machines: &machines,
+                rules: Rules::default(),
+                by: "anna".to_owned(),
+                since_s: 0.0,
+            },
         );
         rollout.phase = phase;
         let text = serde_json::to_string(&rollout).unwrap();

@@ -8,7 +8,7 @@ use std::{
 };
 
 use volcomp_centre::{
-    http::{Face, FaceSettings, router},
+    http::{PageSettings, PageState, router},
     store::Store,
     users::{Moment, Password, Role, Session, Token, hash},
 };
@@ -51,10 +51,10 @@ impl Answer {
 impl Page {
     /// A page with a viewer, an engineer and an admin of these names.
     pub(crate) fn start() -> Self {
-        Self::start_with(FaceSettings::default())
+        Self::start_with(PageSettings::default())
     }
 
-    pub(crate) fn start_with(settings: FaceSettings) -> Self {
+    pub(crate) fn start_with(settings: PageSettings) -> Self {
         let folder = tempfile::tempdir().expect("writable");
         let store = Arc::new(Store::open(&folder.path().join("centre.db")).expect("a store"));
         let password = Password::chosen(PASSWORD.to_owned()).expect("long enough");
@@ -70,13 +70,13 @@ impl Page {
             .enable_all()
             .build()
             .expect("threads");
-        let face = Face::new(Arc::clone(&store), settings);
+        let page = PageState::new(Arc::clone(&store), settings);
         let listener = runtime
             .block_on(tokio::net::TcpListener::bind("127.0.0.1:0"))
             .expect("a port");
         let address = listener.local_addr().expect("bound");
-        runtime.spawn(Arc::clone(&face).refresh());
-        runtime.spawn(volcomp_web::serve(listener, None, router(&face)));
+        runtime.spawn(Arc::clone(&page).refresh());
+        runtime.spawn(volcomp_web::serve(listener, None, router(&page)));
         Self {
             store,
             address,

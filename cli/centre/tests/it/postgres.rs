@@ -14,7 +14,7 @@ use std::{
 use volcomp_centre::{
     ingest::Ingest,
     records::{AlarmKind, Resolution},
-    rollout::{Phase, Rollout, Rules},
+    rollout::{NewRollout, Phase, Rollout, Rules},
     store::{PostgresPlace, Store, StoreError},
 };
 use volcomp_fleet::{Kind, Received};
@@ -114,7 +114,16 @@ fn a_change_that_is_lost_in_the_middle_is_lost_whole() {
         store.start_rollout(|id| {
             in_the_middle();
             let by = "anna".to_owned();
-            Rollout::new(id, "model".to_owned(), &[], Rules::default(), by, 0.0)
+            Rollout::new(
+                id,
+                NewRollout {
+                    model: "model".to_owned(),
+                    machines: &[],
+                    rules: Rules::default(),
+                    by,
+                    since_s: 0.0,
+                },
+            )
         })
     };
     start(&|| {}).unwrap();

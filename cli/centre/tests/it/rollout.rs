@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use proptest::prelude::*;
-use volcomp_centre::rollout::{Action, Event, Phase, Rollout, Rules, Seen, Step, Wish};
+use volcomp_centre::rollout::{Action, Event, NewRollout, Phase, Rollout, Rules, Seen, Step, Wish};
 use volcomp_fleet::{MachineId, Outcome};
 
 fn name(place: usize) -> MachineId {
@@ -27,11 +27,13 @@ fn rollout(machines: usize, canaries: &[usize], rules: Rules) -> Rollout {
         .collect();
     Rollout::new(
         1,
-        "model".to_owned(),
-        &machines,
-        rules,
-        "anna".to_owned(),
-        0.0,
+        NewRollout {
+            model: "model".to_owned(),
+            machines: &machines,
+            rules,
+            by: "anna".to_owned(),
+            since_s: 0.0,
+        },
     )
 }
 
@@ -92,9 +94,9 @@ fn issue(rollout: &mut Rollout, actions: &[Action]) -> Vec<MachineId> {
 }
 
 fn step_of(rollout: &Rollout, place: usize) -> Step {
-    let mut turns = rollout.turns.iter();
-    turns
-        .find(|turn| turn.machine == name(place))
+    let mut targets = rollout.targets.iter();
+    targets
+        .find(|target| target.machine == name(place))
         .unwrap()
         .step
         .clone()
@@ -241,7 +243,7 @@ fn a_person_confirms_holds_and_lets_go_on() {
         version: 2,
         before_um: Some(99.0),
     });
-    assert_eq!(rollout.turns[0].before_um, Some(4.0));
+    assert_eq!(rollout.targets[0].before_um, Some(4.0));
     // The answer to the first version comes again, late.
     let why = "its version".to_owned();
     rollout.step(answered(0, 1, Outcome::Refused { why: why.clone() }));
@@ -370,7 +372,7 @@ proptest! {
             let text = serde_json::to_string(&rollout).unwrap();
             rollout = serde_json::from_str(&text).unwrap();
             prop_assert_eq!(&rollout.phase, &before.phase);
-            for (one, other) in rollout.turns.iter().zip(&before.turns) {
+            for (one, other) in rollout.targets.iter().zip(&before.targets) {
                 let same = std::mem::discriminant(&one.step) == std::mem::discriminant(&other.step);
                 prop_assert!(same && one.machine == other.machine && one.wave == other.wave);
             }
@@ -383,33 +385,33 @@ proptest! {
                         prop_assert!(rollout.phase.is_broken_off());
                         prop_assert!(rollout.phase.is_over() || !before.phase.is_broken_off());
                         prop_assert!(sent.contains(&machine));
-                        let mut turns = rollout.turns.iter();
-                        let turn = turns.find(|turn| turn.machine == machine).unwrap();
-                        let has_it = matches!(turn.step, Step::Sent { .. } | Step::Done { .. });
-                        prop_assert!(!has_it, "{:?}", turn);
-                        if turn.step == Step::Waiting {
+                        let mut targets = rollout.targets.iter();
+                        let target = targets.find(|target| target.machine == machine).unwrap();
+                        let has_it = matches!(target.step, Step::Sent { .. } | Step::Done { .. });
+                        prop_assert!(!has_it, "{:?}", target);
+                        if target.step == Step::Waiting {
                             sent.remove(&machine);
                         }
                         continue;
                     }
                 };
                 prop_assert!(!rollout.phase.is_over());
-                let turn = rollout.turns.iter().find(|turn| turn.machine == machine).unwrap();
+                let target = rollout.targets.iter().find(|target| target.machine == machine).unwrap();
                 if confirm.is_none() {
                     // Never while it is held or has stopped, and never twice.
                     prop_assert_eq!(&rollout.phase, &Phase::Running);
                     prop_assert!(sent.insert(machine.clone()), "{} twice", machine);
                     // Never before everything of the waves before is over.
-                    for other in rollout.turns.iter().filter(|other| other.wave < turn.wave) {
+                    for other in rollout.targets.iter().filter(|other| other.wave < target.wave) {
                         let over = matches!(other.step, Step::Done { .. } | Step::Out { .. });
-                        prop_assert!(over, "{:?} before {:?}", turn, other);
+                        prop_assert!(over, "{:?} before {:?}", target, other);
                         // A canary that is out was let go by a person.
                         if let Step::Out { excused, .. } = other.step {
                             prop_assert!(excused || other.wave > 0);
                         }
                     }
                     // Nothing that speaks against the model is passed over, nor more silent ones than may be.
-                    let out: Vec<bool> = rollout.turns.iter().filter_map(|turn| match turn.step {
+                    let out: Vec<bool> = rollout.targets.iter().filter_map(|target| match target.step {
                         Step::Out { against, excused: false, .. } => Some(against),
                         _ => None,
                     }).collect();
@@ -425,14 +427,14 @@ proptest! {
                 prop_assert_eq!(&rollout.phase, &before.phase, "what is over stays as it is");
             }
             if rollout.phase == Phase::Done {
-                let all = rollout.turns.iter().all(|turn| matches!(turn.step, Step::Done { .. } | Step::Out { .. }));
+                let all = rollout.targets.iter().all(|target| matches!(target.step, Step::Done { .. } | Step::Out { .. }));
                 prop_assert!(all);
             }
         }
         // Every machine is in it once.
-        let names: BTreeSet<&MachineId> = rollout.turns.iter().map(|turn| &turn.machine).collect();
+        let names: BTreeSet<&MachineId> = rollout.targets.iter().map(|target| &target.machine).collect();
         prop_assert_eq!(names.len(), machines);
-        prop_assert!(rollout.turns.iter().any(|turn| turn.wave == 0));
+        prop_assert!(rollout.targets.iter().any(|target| target.wave == 0));
     }
 }
 
@@ -583,8 +585,8 @@ fn a_stopped_roll_out_takes_no_confirmation() {
     rollout.step(answered(1, 1, Outcome::Refused { why }));
     assert!(matches!(rollout.phase, Phase::Stopped { .. }));
     assert!(rollout.step(confirm()).is_empty());
-    rollout.turns[0].kept_by = Some("anna".to_owned());
+    rollout.targets[0].kept_by = Some("anna".to_owned());
     rollout.step(wished(Wish::Resume));
-    assert_eq!(rollout.turns[0].kept_by, None);
+    assert_eq!(rollout.targets[0].kept_by, None);
     assert_eq!(rollout.step(confirm()), sent);
 }

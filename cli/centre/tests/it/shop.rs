@@ -16,7 +16,7 @@ use volcomp_centre::{
     engine::{Engine, Running, Settings},
     keys::Key,
     records::Machine,
-    rollout::{Rollout, Rules},
+    rollout::{NewRollout, Rollout, Rules},
     store::{Keep, Store},
 };
 use volcomp_fleet::{
@@ -223,7 +223,16 @@ impl Shop {
             .collect();
         let start = |id| {
             let by = "anna".to_owned();
-            Rollout::new(id, new.model.sha256.clone(), &machines, rules, by, 0.0)
+            Rollout::new(
+                id,
+                NewRollout {
+                    model: new.model.sha256.clone(),
+                    machines: &machines,
+                    rules,
+                    by,
+                    since_s: 0.0,
+                },
+            )
         };
         self.store.start_rollout(start).unwrap().id
     }

@@ -6,7 +6,7 @@ use volcomp_centre::store::PostgresPlace;
 use volcomp_centre::{
     ingest::Ingest,
     records::Resolution,
-    rollout::{Rollout, Rules, Wish},
+    rollout::{NewRollout, Rollout, Rules, Wish},
     store::{Changed, Keep, Store, StoreError},
     users::{Moment, Role, Session, Token, UserName},
 };
@@ -322,7 +322,16 @@ fn a_machine_has_its_turn_in_one_roll_out_at_a_time(place: &Place) {
             .collect();
         store.start_rollout(|id| {
             let by = "anna".to_owned();
-            Rollout::new(id, "model".to_owned(), &machines, Rules::default(), by, 0.0)
+            Rollout::new(
+                id,
+                NewRollout {
+                    model: "model".to_owned(),
+                    machines: &machines,
+                    rules: Rules::default(),
+                    by,
+                    since_s: 0.0,
+                },
+            )
         })
     };
     assert_eq!(start(&["a", "b"]).unwrap().id, 1);
@@ -482,11 +491,13 @@ fn a_database_of_an_older_program_is_brought_up(place: &Place) {
         let machines = [(mill(), false)];
         Rollout::new(
             id,
-            String::new(),
-            &machines,
-            Rules::default(),
-            "anna".to_owned(),
-            0.0,
+            NewRollout {
+                model: String::new(),
+                machines: &machines,
+                rules: Rules::default(),
+                by: "anna".to_owned(),
+                since_s: 0.0,
+            },
         )
     };
     let store = place.open().unwrap();

@@ -5,7 +5,7 @@ use std::path::Path;
 use volcomp_centre::{
     ingest::Ingest,
     records::Resolution,
-    rollout::{Rollout, Rules},
+    rollout::{NewRollout, Rollout, Rules},
     store::Store,
 };
 use volcomp_fleet::{Acknowledgement, Kind, Outcome};
@@ -37,7 +37,16 @@ fn filled() -> tempfile::TempDir {
     store
         .start_rollout(|id| {
             let by = "anna".to_owned();
-            Rollout::new(id, "model".to_owned(), &[], Rules::default(), by, 0.0)
+            Rollout::new(
+                id,
+                NewRollout {
+                    model: "model".to_owned(),
+                    machines: &[],
+                    rules: Rules::default(),
+                    by,
+                    since_s: 0.0,
+                },
+            )
         })
         .unwrap();
     let mut ingest = Ingest::of(&store).unwrap();
@@ -71,6 +80,34 @@ fn filled() -> tempfile::TempDir {
 fn configure(folder: &Path, name: &str, store: &str) {
     let text = format!("[nats]\nurl = \"nats://127.0.0.1:4222\"\n[store]\n{store}\n");
     std::fs::write(folder.join(name), text).unwrap();
+}
+
+/// A file that an older program has written is named, and not a byte of it is changed: before, copying brought it up.
+#[test]
+fn a_file_of_an_older_program_is_refused_and_stays_as_it_is() {
+    let folder = filled();
+    let at = folder.path();
+    let file = at.join("centre.db");
+    {
+        let old = rusqlite::Connection::open(&file).unwrap();
+        old.execute_batch(
+            "PRAGMA journal_mode = DELETE; DROP INDEX records_once; ALTER TABLE records DROP COLUMN record; UPDATE schema SET steps = 3;",
+        )
+        .unwrap();
+    }
+    let before = std::fs::read(&file).unwrap();
+    configure(at, "new.toml", "file = \"new.db\"");
+    let refused = call(at, "store copy --to new.toml");
+    assert_eq!(refused.status, 1, "{}{}", refused.out, refused.err);
+    assert!(
+        refused.err.contains("its schema has 3 steps, expected 4"),
+        "{}",
+        refused.err
+    );
+    assert!(std::fs::read(&file).unwrap() == before, "it was changed");
+    // Whatever is done with it brings it up.
+    assert_eq!(call(at, "machine list").status, 0);
+    assert_eq!(call(at, "store copy --to new.toml").status, 0);
 }
 
 /// Everything that a store tells.

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use serde_json::json;
 use volcomp_centre::{
-    clock::now_s, http::FaceSettings, ingest::Ingest, rollout::Rules, users::Role,
+    clock::now_s, http::PageSettings, ingest::Ingest, rollout::Rules, users::Role,
 };
 use volcomp_fleet::Kind;
 
@@ -53,9 +53,9 @@ fn a_roll_out_from_the_page_goes_by_the_rules_of_the_configuration() {
         waves: vec![10, 100],
         ..Rules::default()
     };
-    let page = Page::start_with(FaceSettings {
+    let page = Page::start_with(PageSettings {
         rules: rules.clone(),
-        ..FaceSettings::default()
+        ..PageSettings::default()
     });
     let new = model(1);
     page.store.add_model(&new.model, &new.text).expect("stored");

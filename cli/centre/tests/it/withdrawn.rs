@@ -5,7 +5,7 @@ use std::sync::{Arc, atomic::Ordering};
 use volcomp_centre::{
     back,
     records::AlarmKind,
-    rollout::{Phase, Rollout, Rules, Wish},
+    rollout::{NewRollout, Phase, Rollout, Rules, Wish},
 };
 use volcomp_fleet::{Desired, MachineId, Manifest};
 
@@ -62,11 +62,13 @@ fn a_machine_that_was_away_does_not_take_what_has_stopped() {
         let start = |id| {
             Rollout::new(
                 id,
-                new.model.sha256.clone(),
-                &all,
-                rules,
-                "anna".into(),
-                0.0,
+                NewRollout {
+                    model: new.model.sha256.clone(),
+                    machines: &all,
+                    rules,
+                    by: "anna".into(),
+                    since_s: 0.0,
+                },
             )
         };
         let second = shop.store.start_rollout(start).unwrap().id;
