@@ -272,12 +272,11 @@ fn suspects(
         for (machine, _) in of_it.filter(|(machine, _)| rollout.is_suspect_on(machine)) {
             let known = ways_back.remove(machine);
             let known = known.filter(|(at, _)| at.elapsed().as_secs_f64() < READ_EVERY_S);
-            let (at, has_way_back) = match known {
-                Some(known) => known,
-                None => {
-                    let way = back::way(&engine.store, machine, lives.get(machine))?;
-                    (Instant::now(), way.is_some())
-                }
+            let (at, has_way_back) = if let Some(known) = known {
+                known
+            } else {
+                let way = back::way(&engine.store, machine, lives.get(machine))?;
+                (Instant::now(), way.is_some())
             };
             state.ways_back.insert(machine.clone(), (at, has_way_back));
             let suspect = Suspect {

@@ -172,7 +172,12 @@ fn a_machine_may_keep_the_model() {
         let alarms = shop.store.open_alarms().unwrap();
         let text = alarms.iter().find(|alarm| alarm.kind == AlarmKind::Suspect);
         let text = &text.unwrap().text;
-        assert!(text.contains("anna has ended before it was done"), "{text}");
+        assert!(
+            text.contains("was ended by anna before it was done"),
+            "{text}"
+        );
+        // It has had no other model: what cannot be done is not proposed.
+        assert!(!text.contains("model back"), "{text}");
         assert!(text.contains("`rollout keep 1 mill-0`"), "{text}");
         assert!(back::start(&shop.store, &name, Rules::default(), "bert").is_err());
         // Other settings make nothing good.
