@@ -4,9 +4,11 @@
 mod bridge;
 mod codec;
 mod controller;
+mod frames;
 mod fuzz_corpus;
 mod ini;
 mod python_barrier;
+mod servo_barrier;
 
 /// Ends the run on an allocation where one is forbidden.
 #[global_allocator]

@@ -9,11 +9,11 @@ use std::{
 };
 
 use proptest::prelude::*;
-use volcomp_guard::barrier::{
-    Barrier, Counts, FRAME_WORDS, Frame, Layout, REPORT_WORDS, Report, Settings,
-};
+use volcomp_guard::barrier::{Barrier, Counts, Layout, REPORT_WORDS, Settings};
 use volcomp_test_support::peers;
 use volcomp_vocabulary::{AxisName, PerChannel};
+
+use crate::frames::{Post, posts, words_of};
 
 /// Reads the settings, then one line for each scan: whether the axes hold, and the words of each mailbox. Prints the report.
 const PROGRAM: &str = r#"
@@ -34,69 +34,6 @@ for line in sys.stdin:
         mailboxes = [[int(w) for w in box.split(",") if w] for box in rest]
         print(*barrier.scan(mailboxes, kind == "hold"))
 "#;
-
-#[derive(Clone, Copy, Debug)]
-enum Post {
-    Nothing,
-    /// As a gateway makes it: of this owner, so many ticks old, so far ahead, in the epoch or the one before.
-    Made {
-        owner: u16,
-        old: u16,
-        ahead: u16,
-        before: bool,
-        values: [i16; 2],
-        torn: Option<(usize, u16)>,
-    },
-    Random([u16; 8]),
-}
-
-fn posts() -> impl Strategy<Value = Post> {
-    let value = prop_oneof![4 => -50_i16..50, 1 => any::<i16>()];
-    let made = (
-        prop_oneof![5 => Just(5_u16), 1 => 0_u16..8],
-        prop_oneof![8 => 0_u16..3, 1 => any::<u16>()],
-        prop_oneof![8 => Just(1_u16), 1 => any::<u16>()],
-        prop::bool::weighted(0.05),
-        [value.clone(), value],
-        prop::option::weighted(0.1, (0..8_usize, 1_u16..)),
-    );
-    prop_oneof![
-        3 => Just(Post::Nothing),
-        8 => made.prop_map(|(owner, old, ahead, before, values, torn)| Post::Made { owner, old, ahead, before, values, torn }),
-        1 => any::<[u16; 8]>().prop_map(Post::Random),
-    ]
-}
-
-fn words_of(post: Post, last: &Report) -> Vec<u16> {
-    match post {
-        Post::Nothing => Vec::new(),
-        Post::Random(words) => words.to_vec(),
-        Post::Made {
-            owner,
-            old,
-            ahead,
-            before,
-            values,
-            torn,
-        } => {
-            let mut all = [0; 9];
-            all[..2].copy_from_slice(&values);
-            let frame = Frame {
-                epoch: last.epoch.wrapping_sub(before.into()),
-                tick: last.tick.wrapping_sub(old),
-                sequence: last.sequence.wrapping_add(ahead),
-                owner,
-                values: all,
-            };
-            let mut words = [0; FRAME_WORDS];
-            let length = frame.encode(&last.settings, &mut words);
-            if let Some((at, by)) = torn {
-                words[at] ^= by;
-            }
-            words[..length].to_vec()
-        }
-    }
-}
 
 proptest! {
     #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]

@@ -1,0 +1,51 @@
+/* SPDX-License-Identifier: GPL-2.0-or-later */
+/* The component of the servo thread without LinuxCNC, scan by scan. It includes the component, so it is under its licence.
+   Beside it lie what the test makes of volcomp.comp: pins.h, its pins and includes, and body.c, its program. */
+#include "pins.h"
+
+#define RTAPI_MP_STRING(name, what)
+#define RTAPI_MP_INT(name, what)
+#define RTAPI_MSG_ERR 1
+#define rtapi_print_msg(level, ...) fprintf(stderr, __VA_ARGS__)
+#define EXTRA_SETUP() static int setup(void *__comp_inst, const char *prefix, long extra_arg)
+#define EXTRA_CLEANUP() static void cleanup(void)
+#define FUNCTION(name) static void name(long period)
+
+#include "body.c"
+
+static int number(void) {
+    int value;
+    if (scanf("%d", &value) != 1) exit(3);
+    return value;
+}
+
+/* Reads the settings, prints the port; then, for each line, one scan: 1 where the axes shall hold. Prints whether they did. */
+int main(int count, char **arguments) {
+    static char letters[16];
+    struct sockaddr_in own;
+    socklen_t size = sizeof own;
+    int at_start[MOST] = {0}, shall_hold;
+    if (count != 2 || scanf("%15s", letters) != 1) return 3;
+    axes = letters; epoch_file = arguments[1]; port = 0; joints = 1;
+    machine = number(); step_scans = number(); hold_scans = number(); time_out_scans = number();
+    if (setup(NULL, "", 0)) return 4;
+    b.tick = number();
+    for (int i = 0; i < n; i++) limit(i) = number();
+    for (int i = 0; i < n; i++) rate(i) = number();
+    for (int i = 0; i < n; i++) at_start[i] = number();
+    if (getsockname(fd, (struct sockaddr *)&own, &size)) return 5;
+    printf("%d\n", ntohs(own.sin_port));
+    fflush(stdout);
+    enabled = estop_ok = user_ok = homed(0) = 1;
+    while (scanf("%d", &shall_hold) == 1) {
+        limited = shall_hold;
+        /* The control goes by the counts of the scan before. */
+        for (int i = 0; i < n; i++) request(i) = (at_start[i] + counts(i)) * 1e-6;
+        take(1000000);
+        tell(1000000);
+        printf("%d\n", holds);
+        fflush(stdout);
+    }
+    cleanup();
+    return 0;
+}

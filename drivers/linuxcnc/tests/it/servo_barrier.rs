@@ -1,0 +1,273 @@
+//! The barrier of the bridge in the servo thread against the reference, scan by scan and datagram by datagram: the component
+//! itself, compiled with what checks its memory and arithmetic, without LinuxCNC.
+
+use std::{
+    fmt::Write as _,
+    io::{BufRead as _, BufReader, Write as _},
+    net::UdpSocket,
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+    time::Duration,
+};
+
+use proptest::{prelude::*, test_runner::TestRunner};
+use volcomp_guard::barrier::{Barrier, Counts, Layout, REPORT_WORDS, Settings};
+use volcomp_linuxcnc::{self as linuxcnc, COMMAND_BYTES, Content, Flags, STATE_BYTES, State};
+use volcomp_port::Words;
+use volcomp_test_support::peers;
+use volcomp_vocabulary::{AxisName, PerChannel};
+
+use crate::frames::{Post, posts, words_of};
+
+/// The scans after the start in which nothing moves: the machine was just switched on.
+const SETTLES: usize = 20;
+/// How much further than the epoch that was kept a start is.
+const EPOCHS_AHEAD: u16 = 16;
+
+/// The pins, parameters and includes of a component in C, as halcompile declares them.
+fn pins(head: &str) -> String {
+    let (mut includes, mut pins) = (String::new(), String::new());
+    for line in head.lines() {
+        let words: Vec<&str> = line.trim_end_matches(';').split_whitespace().collect();
+        match words[..] {
+            ["include", file] => writeln!(includes, "#include {file}").unwrap(),
+            ["pin" | "param", _, kind, name, ref rest @ ..] => {
+                let kind = match kind {
+                    "float" => "double",
+                    "u32" => "unsigned",
+                    _ => "int",
+                };
+                let first = match rest {
+                    ["=", value, ..] => *value,
+                    _ => "0",
+                };
+                let name = name.replace('-', "_");
+                if let Some((name, many)) = name.split_once("_#[") {
+                    let many = many.trim_end_matches(']');
+                    writeln!(pins, "static {kind} {name}_of[{many}] = {{[0 ... {many} - 1] = {first}}};\n#define {name}(i) {name}_of[i]").unwrap();
+                } else {
+                    writeln!(pins, "static {kind} {name} = {first};").unwrap();
+                }
+            }
+            _ => {}
+        }
+    }
+    includes + &pins
+}
+
+/// The component as a program.
+fn built(dir: &Path) -> Option<PathBuf> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let text = std::fs::read_to_string(root.join("bridge/volcomp.comp")).unwrap();
+    let (head, body) = text.split_once("\n;;\n").unwrap();
+    std::fs::write(dir.join("pins.h"), pins(head)).unwrap();
+    std::fs::write(dir.join("body.c"), body).unwrap();
+    let program = dir.join("component");
+    let sanitize = "-fsanitize=address,undefined";
+    let cc = Command::new("cc")
+        .args(["-std=gnu11", "-O1", sanitize, "-fno-sanitize-recover=all"])
+        .args(["-Wall", "-Wno-unused", "-I"])
+        .arg(dir)
+        .arg(root.join("tests/it/component.c"))
+        .arg("-o")
+        .arg(&program)
+        .args(["-lm", "-pthread"])
+        .output();
+    let Ok(cc) = cc else {
+        peers::not_run("gcc");
+        return None;
+    };
+    assert!(
+        cc.status.success(),
+        "{}",
+        String::from_utf8_lossy(&cc.stderr)
+    );
+    Some(program)
+}
+
+#[derive(Clone, Debug)]
+struct Case {
+    settings: Settings,
+    kept: u16,
+    tick: u16,
+    applied: [i16; 2],
+    scans: Vec<(bool, Post, Post, usize)>,
+}
+
+fn cases() -> impl Strategy<Value = Case> {
+    (
+        0_u16..=65_534,
+        prop_oneof![Just(0_u16), Just(u16::MAX - 15), any::<u16>()],
+        any::<u16>(),
+        [1_i16..200, 1_i16..i16::MAX],
+        [1_i16..20, 1_i16..300],
+        (1_u16..4, 1_u16..20),
+        (any::<i16>(), -30_i16..30),
+        prop::collection::vec(
+            (prop::bool::weighted(0.1), posts(), posts(), 1_usize..30),
+            1..150,
+        ),
+    )
+        .prop_map(
+            |(machine, kept, tick, limit, rate, (step, hold), applied, scans)| Case {
+                settings: Settings {
+                    axes: Layout::of([AxisName::X, AxisName::C]).unwrap(),
+                    machine,
+                    limit: PerChannel::leading(limit),
+                    rate: PerChannel::leading(rate),
+                    step_scans: step,
+                    hold_scans: hold,
+                    time_out_scans: 2 * hold + 3,
+                },
+                kept,
+                tick,
+                applied: applied.into(),
+                scans,
+            },
+        )
+}
+
+/// A gateway's socket: sends, and hears the states.
+struct Sender {
+    socket: UdpSocket,
+    sequence: u32,
+}
+
+impl Sender {
+    fn new(port: u16) -> Self {
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        socket.connect(("127.0.0.1", port)).unwrap();
+        socket
+            .set_read_timeout(Some(Duration::from_secs(60)))
+            .unwrap();
+        Self {
+            socket,
+            sequence: 0,
+        }
+    }
+
+    fn send(&mut self, machine: u16, words: Option<&Vec<u16>>) {
+        self.sequence += 1;
+        let content = words.map_or(Content::Listen, |words| {
+            Content::Frame(Words::new(words).unwrap())
+        });
+        let command = linuxcnc::Command {
+            machine,
+            sequence: self.sequence,
+            content,
+        };
+        let mut bytes = [0; COMMAND_BYTES];
+        let length = command.encode(&mut bytes);
+        self.socket.send(&bytes[..length]).unwrap();
+    }
+
+    fn hear(&self) -> State {
+        let mut bytes = [0; STATE_BYTES + 1];
+        let length = self.socket.recv(&mut bytes).unwrap();
+        State::decode(&bytes[..length]).unwrap()
+    }
+}
+
+fn same(program: &Path, dir: &Path, case: &Case) -> Result<[usize; 2], TestCaseError> {
+    let s = &case.settings;
+    let epoch_file = dir.join("epoch");
+    std::fs::write(&epoch_file, case.kept.to_string()).unwrap();
+    let before = case.kept.wrapping_add(EPOCHS_AHEAD - 1);
+    let applied: Counts = PerChannel::leading(case.applied);
+    let mut barrier = Barrier::start(*s, before, case.tick, &applied).unwrap();
+    let mut child = Command::new(program)
+        .arg(&epoch_file)
+        // It is not the component's memory that the system's libraries keep to the end.
+        .env("ASAN_OPTIONS", "detect_leaks=0")
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut asks = child.stdin.take().unwrap();
+    let mut answers = BufReader::new(child.stdout.take().unwrap()).lines();
+    writeln!(
+        asks,
+        "XC {} {} {} {} {} {} {} {} {} {} {}",
+        s.machine,
+        s.step_scans,
+        s.hold_scans,
+        s.time_out_scans,
+        case.tick,
+        s.limit[0],
+        s.limit[1],
+        s.rate[0],
+        s.rate[1],
+        case.applied[0],
+        case.applied[1]
+    )
+    .unwrap();
+    let port: u16 = answers.next().unwrap().unwrap().parse().unwrap();
+    let mut senders = [Sender::new(port), Sender::new(port)];
+    let (mut scan, mut counts) = (0, [0; 2]);
+    for (shall_hold, first, second, times) in &case.scans {
+        for repeat in 0..*times {
+            let last = barrier.report();
+            let mut boxes = Vec::new();
+            for post in [*first, *second] {
+                let words = words_of(if repeat > 3 { Post::Nothing } else { post }, &last);
+                if !words.is_empty() {
+                    boxes.push(words);
+                }
+            }
+            for (at, sender) in senders.iter_mut().enumerate() {
+                sender.send(s.machine, boxes.get(at));
+            }
+            writeln!(asks, "{}", u8::from(*shall_hold)).unwrap();
+            let held = answers.next().unwrap().unwrap() == "1";
+            prop_assert_eq!(held, *shall_hold || scan < SETTLES, "scan {}", scan);
+            let state = senders[0].hear();
+            prop_assert_eq!(senders[1].hear(), state);
+            let boxes: Vec<&[u16]> = boxes.iter().map(Vec::as_slice).collect();
+            let mut report = [0; REPORT_WORDS];
+            let told = barrier.scan(&boxes, held);
+            let length = told.encode(&mut report);
+            prop_assert_eq!(state.report.as_slice(), &report[..length], "scan {}", scan);
+            prop_assert_eq!(state.machine, s.machine);
+            prop_assert_eq!(usize::try_from(state.sequence), Ok(scan + 1));
+            prop_assert_eq!(state.flags.has(Flags::LIMITED), *shall_hold);
+            prop_assert!(!state.flags.has(Flags::LOST));
+            scan += 1;
+            counts[0] += usize::from(told.owner != 0 && told.sequence != last.sequence);
+            counts[1] += usize::from(told.applied != last.applied);
+        }
+    }
+    drop(asks);
+    let status = child.wait().unwrap();
+    prop_assert!(status.success(), "{status}");
+    // At its end it has written down the epoch that it had.
+    let kept = std::fs::read_to_string(&epoch_file).unwrap();
+    prop_assert_eq!(kept.trim().parse(), Ok(barrier.report().epoch));
+    Ok(counts)
+}
+
+#[test]
+fn the_component_says_the_same_as_the_reference_at_every_scan() {
+    let dir = Path::new(env!("CARGO_TARGET_TMPDIR")).join("linuxcnc-component");
+    std::fs::create_dir_all(&dir).unwrap();
+    let Some(program) = built(&dir) else {
+        return;
+    };
+    let mut runner = TestRunner::new(ProptestConfig {
+        cases: 24,
+        ..ProptestConfig::default()
+    });
+    let seen = std::cell::Cell::new([0; 2]);
+    let ran = runner.run(&cases(), |case| {
+        let counts = same(&program, &dir, &case)?;
+        let before = seen.get();
+        seen.set([before[0] + counts[0], before[1] + counts[1]]);
+        Ok(())
+    });
+    ran.unwrap_or_else(|error| panic!("{error}"));
+    // Frames were taken, and axes moved.
+    assert!(
+        seen.get().iter().all(|count| *count > 100),
+        "{:?}",
+        seen.get()
+    );
+}
