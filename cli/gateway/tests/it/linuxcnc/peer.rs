@@ -190,9 +190,11 @@ impl LinuxCnc {
         let listener = UnixListener::bind(&socket).expect("writable");
         listener.set_nonblocking(true).expect("a socket");
         let log = std::fs::File::create(dir.join("linuxcnc.log")).expect("writable");
-        let mut command = Command::new("linuxcnc");
+        // Before it has real time, and where the computer is busy, its parts would wait for one another in vain: while it starts,
+        // it loses commands to its own servo thread. Who may not do this starts it as it is.
+        let mut command = Command::new("nice");
         command
-            .arg("-r")
+            .args(["-n", "-15", "linuxcnc", "-r"])
             .arg(&path)
             .current_dir(dir)
             .env_remove("DISPLAY")
