@@ -38,7 +38,7 @@ use volcomp_centre::{
     keys::{Key, write_secret},
     models::NewModel,
     records::{Machine, Origin},
-    rollout::{Phase, Rollout, Rules},
+    rollout::{NewRollout, Phase, Rollout, Rules},
     store::Store,
 };
 use volcomp_fleet::{
@@ -494,7 +494,16 @@ fn roll_out(bench: &Bench, told: &[gateway::Told], number: u32) -> f64 {
     let start = Instant::now();
     let begin = |id| {
         let by = "load".to_owned();
-        Rollout::new(id, new.model.sha256.clone(), &machines, rules, by, 0.0)
+        Rollout::new(
+            id,
+            NewRollout {
+                model: new.model.sha256.clone(),
+                machines: &machines,
+                rules,
+                by,
+                since_s: 0.0,
+            },
+        )
     };
     let id = bench.store.start_rollout(begin).unwrap().id;
     loop {

@@ -10,6 +10,7 @@ use volcomp_tables::{Map, Transfer, axes_of};
 
 use crate::{config::MapSender, error::GatewayError};
 
+mod log;
 mod replace;
 mod sending;
 mod words;

@@ -1,11 +1,10 @@
 //! Sends a map and keeps it valid until a signal ends it.
 //!
-//! Nothing here waits for a disk while a map is in use: its validity would run out. Records go to the [`Clerk`], and a log that
+//! Nothing here waits for a disk while a map is in use: its validity would run out. Records go to the [`Log`], and one that
 //! does not answer keeps only another map from being taken.
 
 use std::{
-    collections::BTreeMap,
-    io::{self, Write as _},
+    io::Write as _,
     sync::mpsc::Receiver,
     time::{Duration, Instant},
 };
@@ -14,15 +13,12 @@ use volcomp_tables::{Exchange, SendError, Sender, Step};
 
 use super::{
     Checked,
+    log::{Log, RECORD},
     replace::{Another, fits, watch},
     words::{Place, Words},
 };
 use crate::{
-    audit::{
-        AuditLog, Entry,
-        clerk::{Clerk, Receipt},
-    },
-    documents::{Details, Event},
+    audit::clerk::Receipt,
     error::GatewayError,
     lock,
     signals::{Heard, Signal},
@@ -34,14 +30,6 @@ const AGAIN: Duration = Duration::from_secs(1);
 const SOON: Duration = Duration::from_millis(5);
 /// So much longer than the control's time-out something is waited for that its end should bring, s.
 const PATIENCE_S: f64 = 2.0;
-/// A map waits for its record for so long; later nobody would expect it any more.
-const RECORD: Duration = Duration::from_secs(5);
-/// How often it is looked whether a record is written, before anything is sent.
-const LOOK: Duration = Duration::from_millis(10);
-/// How long until a log that could not be written is tried again.
-const RETRY: Duration = Duration::from_millis(100);
-/// The last records get onto the disk within this, or are lost.
-const END: Duration = Duration::from_secs(1);
 
 /// What is known of another sender.
 struct Other {
@@ -68,10 +56,7 @@ struct Sending {
     /// The map in use while another one is brought in its place.
     before: Option<(Checked, Sender)>,
     words: Option<Words>,
-    clerk: Clerk,
-    /// Why records may be missing, as it was told.
-    trouble: Option<&'static str>,
-    tried_again: Instant,
+    log: Log,
     /// The number of the map in use; that of the map before while another one is brought.
     in_use: Option<u16>,
     other: Option<Other>,
@@ -90,8 +75,7 @@ pub fn run(checked: &Checked) -> Result<(), GatewayError> {
     let place = Place::of(config)?;
     let _locks = lock::lock_sender(&config.url, &config.audit_dir)?;
     let in_folder = |e| GatewayError::system(config.audit_dir.display().to_string(), e);
-    let (audit, _) = AuditLog::open(&config.audit_dir).map_err(in_folder)?;
-    let clerk = Clerk::start(audit).map_err(|e| GatewayError::system("audit log", e))?;
+    let log = Log::begin(&config.audit_dir).map_err(in_folder)?;
     let mut number = [0; 2];
     rustix::rand::getrandom(&mut number, rustix::rand::GetRandomFlags::empty())
         .map_err(|e| GatewayError::system("random numbers", e.into()))?;
@@ -108,22 +92,19 @@ pub fn run(checked: &Checked) -> Result<(), GatewayError> {
         recording: None,
         before: None,
         words: None,
-        clerk,
-        trouble: None,
-        tried_again: Instant::now(),
+        log,
         in_use: None,
         other: None,
         told: String::new(),
     };
     let heard = Heard::new(|| ())?;
-    if !sending.begin(&heard).map_err(in_folder)? {
+    let begun = sending.log.wait_for_first(checked, &heard);
+    if !begun.map_err(in_folder)? {
         return Ok(());
     }
     let outcome = sending.keep(&heard);
     let silent = sending.fall_silent(&heard);
-    if !sending.clerk.settle(END) {
-        tracing::error!("the disk of the audit log does not answer: the last records are lost");
-    }
+    sending.log.end();
     match (outcome, silent) {
         // The cause is what ends the program; what came of it is told beside it.
         (Err(cause), Err(error)) => {
@@ -149,43 +130,9 @@ fn ended(checked: &Checked, what: String) -> GatewayError {
 }
 
 impl Sending {
-    /// Hands over a record about this map.
-    fn record_of(&self, checked: &Checked, what: &str) -> Receipt {
-        self.clerk.record(entry(checked, what))
-    }
-
     /// Hands over a record about the map that is sent.
     fn record(&self, what: &str) {
-        let _ = self.record_of(&self.checked, what);
-    }
-
-    /// Waits until the beginning is on record: nothing is sent before. Whether it is; a signal ends it.
-    fn begin(&mut self, heard: &Heard) -> io::Result<bool> {
-        let receipt = self.record_of(&self.checked, "a map is going to be sent");
-        let until = Instant::now() + RECORD;
-        loop {
-            match receipt.written() {
-                Some(true) => return Ok(true),
-                Some(false) => {
-                    return Err(io::Error::other(
-                        "the audit log cannot be written, and nothing was sent",
-                    ));
-                }
-                None if Instant::now() > until => {
-                    return Err(io::Error::new(
-                        io::ErrorKind::TimedOut,
-                        format!(
-                            "the disk of the audit log has not answered for {} s, and nothing was sent",
-                            RECORD.as_secs()
-                        ),
-                    ));
-                }
-                None => {}
-            }
-            if heard.next(LOOK) == Some(Signal::Stop) {
-                return Ok(false);
-            }
-        }
+        let _ = self.log.record(&self.checked, what);
     }
 
     /// Until a signal comes, or something is wrong that does not pass.
@@ -195,30 +142,11 @@ impl Sending {
                 self.take(another);
             }
             self.go_over();
-            self.look_after_log();
+            self.log.look_after(&self.checked);
             let wait = self.step()?;
             if heard.next(wait) == Some(Signal::Stop) {
                 return Ok(());
             }
-        }
-    }
-
-    /// Whether the log is written as it should; where it was not, it is tried again.
-    fn look_after_log(&mut self) {
-        let trouble = self.clerk.trouble();
-        if trouble != self.trouble {
-            match trouble {
-                Some(trouble) => tracing::error!(
-                    "{trouble}: the map stays in use, and no other one is taken until it is written again"
-                ),
-                None => tracing::info!("the audit log is written again"),
-            }
-            self.trouble = trouble;
-        }
-        if self.clerk.wants_another_try() && self.tried_again.elapsed() > RETRY {
-            self.tried_again = Instant::now();
-            let what = "audit log can be written again";
-            self.clerk.try_again(entry(&self.checked, what));
         }
     }
 
@@ -235,7 +163,7 @@ impl Sending {
         });
         match made {
             Ok((checked, sender)) => {
-                let receipt = self.record_of(&checked, "another map is going to be sent");
+                let receipt = self.log.record(&checked, "another map is going to be sent");
                 self.recording = Some(Recording {
                     checked,
                     sender,
@@ -416,17 +344,6 @@ impl Sending {
         self.record("the corrections are zero");
         say("the corrections are zero")
     }
-}
-
-/// A record about a map, of now.
-fn entry(checked: &Checked, what: &str) -> Entry {
-    let details = Details {
-        model: format!("map {}", checked.hash),
-        output_um: BTreeMap::new(),
-        output_urad: BTreeMap::new(),
-        what: Event::Nothing,
-    };
-    Entry::new("send-map", what, details)
 }
 
 /// Whether a map that was in use is not any more; it may have given way to the one that is sent.
