@@ -87,7 +87,7 @@ fn calibrated(
         identified = Some(found);
     }
     let mut warnings = file.machine.notes();
-    warnings.extend(different_machines(files_of(&file.measurements)));
+    warnings.extend(different_machines(&files_of(&file.measurements)));
     warnings.extend(same_readings(&file.measurements));
     let lines = file.measurements.iter();
     warnings.extend(lines.flat_map(|line| odd(line, &file.machine)));

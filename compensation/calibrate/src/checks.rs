@@ -374,13 +374,11 @@ pub(crate) fn without_point(lines: &[Line], tilted: &Machine) -> Option<String> 
 }
 
 /// Notes where measurement files state different machines or serial numbers. Each file by its name.
-pub(crate) fn different_machines<'f>(
-    files: impl Iterator<Item = (String, &'f Metadata)> + Clone,
-) -> Vec<String> {
+pub(crate) fn different_machines(files: &[(String, &Metadata)]) -> Vec<String> {
     let mut notes = Vec::new();
     for (what, is_serial) in [("machines", false), ("serial numbers", true)] {
-        let mut found: Vec<(&str, String)> = Vec::new();
-        for (file, metadata) in files.clone() {
+        let mut found: Vec<(&str, &str)> = Vec::new();
+        for (file, metadata) in files {
             let text = if is_serial {
                 &metadata.serial
             } else {
@@ -406,11 +404,12 @@ pub(crate) fn different_machines<'f>(
 }
 
 /// The files of lines with what they say of themselves.
-pub(crate) fn files_of(lines: &[Line]) -> impl Iterator<Item = (String, &Metadata)> + Clone {
-    let file = |line: &'_ Line| line.file.display().to_string();
+pub(crate) fn files_of(lines: &[Line]) -> Vec<(String, &Metadata)> {
+    let file = |line: &Line| line.file.display().to_string();
+    let lines = lines.iter();
     lines
-        .iter()
-        .map(move |line| (file(line), &line.readings.metadata))
+        .map(|line| (file(line), &line.readings.metadata))
+        .collect()
 }
 
 /// Refuses a file that states another serial number than the calibration file. `file` is the value that names the file.
@@ -444,7 +443,7 @@ mod tests {
                 line.readings.metadata.machine = Some(name.to_owned());
                 line.readings.metadata.serial = Some(name.to_owned());
             }
-            different_machines(files_of(&lines))
+            different_machines(&files_of(&lines))
         };
         assert_eq!(told(["VMC-5 ", "vmc-5"]), [""; 0]);
         assert_eq!(told(["VMC-5", "VMC-6"]).len(), 2);

@@ -139,8 +139,10 @@ pub fn draft(
             }
         }
     }
-    let files = used.iter().map(|(name, metadata)| (name.clone(), metadata));
-    conflicts.extend(different_machines(files));
+    let files: Vec<(String, &Metadata)> = (used.iter())
+        .map(|(name, metadata)| (name.clone(), metadata))
+        .collect();
+    conflicts.extend(different_machines(&files));
     join_same_places(&mut proposed, &mut conflicts);
     let squares = draft_text::squares(&proposed);
     let mut questions = Vec::new();

@@ -337,13 +337,11 @@ impl Machine {
                 self.error(name).is_some()
             }
         };
-        match provenance.refusal(stated) {
-            Some(refusal) => Err(refusal),
-            None => {
-                self.provenance = provenance;
-                Ok(())
-            }
+        if let Some(refusal) = provenance.refusal(stated) {
+            return Err(refusal);
         }
+        self.provenance = provenance;
+        Ok(())
     }
 
     /// Takes every error motion, location and assembly error away; thermal terms stay.

@@ -53,6 +53,10 @@ pub(crate) struct Choice {
 
 /// A candidate of the choice.
 #[derive(Debug, Serialize, JsonSchema)]
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "each is a key of the document"
+)]
 pub(crate) struct Candidate {
     /// The method with its settings.
     pub(crate) method: String,

@@ -47,7 +47,7 @@ pub(super) fn run(
             format_args!("found no measurement file for this machine: {reasons}"),
         ));
     }
-    let found = answered(found, wanted.answers)?;
+    let found = answered(&found, wanted.answers)?;
     refuse_overwriting(&found.looked_at, output, "draft")?;
     if !wanted.replace {
         refuse_another(output, &found.text)?;
@@ -60,7 +60,7 @@ pub(super) fn run(
 }
 
 /// The draft with answers that hold for many questions.
-fn answered(draft: Draft, answers: &[String]) -> Result<Draft, Failure> {
+fn answered(draft: &Draft, answers: &[String]) -> Result<Draft, Failure> {
     let mut all = Vec::new();
     for given in answers {
         let wrong = |message: String| Failure::Input(format!("--answer {given}: {message}"));

@@ -150,7 +150,7 @@ pub(super) fn text(choice: &Choice, band: Option<&Band>, unit: DeviationUnit) ->
     let mut best = choice.best_of_kinds();
     if let Some(chosen) = choice.chosen() {
         // The one chosen stands for its kind, also where a more complicated one of it is a little better.
-        for score in best.iter_mut() {
+        for score in &mut best {
             if score.method.kind() == chosen.method.kind() {
                 *score = *chosen;
             }

@@ -16,6 +16,8 @@ use crate::failure::Failure;
 pub(crate) const OUTPUT_STEP_MM: f64 = 1e-3;
 const POINTS: usize = 61;
 const TRIALS: u64 = 100;
+/// More steps of a bridge than any line has.
+const MAX_STEPS: usize = 100_000;
 
 /// One measured line before and after.
 pub(crate) struct LineResult {
@@ -136,7 +138,9 @@ fn floor(seed: u64, line: &ShopLine, truth: &[(f64, f64)], is_straightness: bool
         Method::Angular { bridge_mm, .. } => {
             let ends = truth.first().zip(truth.last());
             let travel = ends.map_or(0.0, |(first, last)| last.0 - first.0);
-            let steps = (travel / bridge_mm + 1e-9).floor() as usize;
+            let places = (0..=MAX_STEPS).map(|step| bridge_mm * step as f64);
+            let steps = places.skip(1).take_while(|place| *place <= travel + 1e-9);
+            let steps = steps.count();
             (instrument.angle.noise.0 * bridge_mm * 1e-3, steps + 1, true)
         }
     };

@@ -85,7 +85,7 @@ fn tables_hold_the_mean_of_each_target() {
         );
         assert_eq!(fit.residuals, [-0.5, -1.0, 1.0, -1.0, 1.0, 0.5]);
         // The inner target is predicted half-way between 0.5 and 4, its readings are 1 and 3.
-        let expected = ((1.25_f64.powi(2) + 0.75_f64.powi(2)) / 2.0).sqrt();
+        let expected = f64::midpoint(1.25_f64.powi(2), 0.75_f64.powi(2)).sqrt();
         assert!((fit.leave_one_out_rms - expected).abs() < 1e-12);
     }
 }
