@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, path::PathBuf};
 
 use volcomp_fit::Noise;
 use volcomp_kinematics::Joint;
-use volcomp_metrology::{MetrologyError, ReferenceLine, TiltReading, angular_method_um};
+use volcomp_metrology::{MetrologyError, Reading, ReferenceLine, TiltReading, angular_method_um};
 use volcomp_model::Axis;
 use volcomp_vocabulary::{COORDINATE_ROUNDING, Direction, Urad, brought_into};
 
@@ -97,18 +97,19 @@ impl<'a> Profile<'a> {
         if self.line.setup.method != Method::Direct {
             return None;
         }
-        let readings = &self.line.readings;
+        // Sorted once: looking for the readings of each target through all of them takes seconds with ten thousand targets.
+        let mut sorted: Vec<&Reading> = self.line.readings.readings.iter().collect();
+        let place = |of: &Reading| of.direction as usize;
+        sorted.sort_by(|a, b| (a.target.total_cmp(&b.target)).then(place(a).cmp(&place(b))));
         let (mut squares, mut freedom, mut count, mut groups) = (0.0, 0.0, 0.0, 0.0_f64);
-        for target in readings.targets() {
-            for direction in Direction::BOTH {
-                let deviations = readings.deviations_at(target, direction);
-                let n = deviations.len() as f64;
-                let mean = deviations.iter().sum::<f64>() / n.max(1.0);
-                squares += deviations.iter().map(|d| (d - mean).powi(2)).sum::<f64>();
-                freedom += (n - 1.0).max(0.0);
-                count += n;
-                groups += f64::from(u8::from(n > 0.0));
-            }
+        for here in sorted.chunk_by(|a, b| a.target == b.target && a.direction == b.direction) {
+            let n = here.len() as f64;
+            let mean = here.iter().map(|r| r.deviation).sum::<f64>() / n;
+            let squared = here.iter().map(|r| (r.deviation - mean).powi(2));
+            squares += squared.sum::<f64>();
+            freedom += n - 1.0;
+            count += n;
+            groups += 1.0;
         }
         let variance = squares / freedom / (count / groups);
         (variance > 0.0 && variance.is_finite()).then(|| Noise {
