@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-2.0-or-later
-# The HAL part of the bridge in the servo thread: a HALFILE of its own, in place of volcomp.tcl, after the one that loads the
-# motion controller. Built and installed once by `halcompile --install volcomp.comp`.
+# The HAL part of the bridge in the servo thread: a HALFILE of its own, in place of volcomp.tcl, the last one: it takes the
+# signals that the machine's own files have connected, and a pin that it has connected itself takes no other signal any more.
+# Built and installed once by `halcompile --install volcomp.comp`.
 
 proc setting {key {default ""}} {
     if {[info exists ::VOLCOMP($key)]} {
@@ -12,55 +13,92 @@ proc setting {key {default ""}} {
     return $default
 }
 
+proc number {key {default ""}} {
+    set value [setting $key $default]
+    if {![string is double -strict $value] || $value != $value || abs($value) > 1e9} {
+        error "\[VOLCOMP\]$key: found $value, expected a number and nothing behind it"
+    }
+    return $value
+}
+
+proc whole {key {default ""}} {
+    set value [number $key $default]
+    if {$value != floor($value)} {
+        error "\[VOLCOMP\]$key: found $value, expected a whole number"
+    }
+    return [expr {int($value)}]
+}
+
+# An offset is in the unit of the machine, and a count is one of these: a machine in inches would get 25.4 times as much.
+foreach {key known} {LINEAR_UNITS {mm metric} ANGULAR_UNITS {degree deg}} {
+    set expected [lindex $known 0]
+    if {![info exists ::TRAJ($key)]} {
+        error "volcomp: \[TRAJ\]$key is missing, expected $expected: the bridge counts in these"
+    }
+    set found [lindex $::TRAJ($key) 0]
+    if {$found ni $known} {
+        error "volcomp: \[TRAJ\]$key: found $found, expected $expected: the bridge counts in these"
+    }
+}
+
 set letters [split [string toupper [string map {" " ""} [setting AXES XYZ]]] ""]
 set reads {}
 if {[info exists ::VOLCOMP(READS)]} {
     set reads [split [string toupper [string map {" " ""} [lindex $::VOLCOMP(READS) 0]]] ""]
 }
-set joints $::KINS(JOINTS)
-set period_s [expr {[info exists ::EMCMOT(SERVO_PERIOD)] ? $::EMCMOT(SERVO_PERIOD) * 1e-9 : 1e-3}]
+foreach letter [concat $letters $reads] {
+    if {$letter ni {X Y Z A B C U V W}} {
+        error "\[VOLCOMP\]AXES or READS: found $letter, expected letters of axes and nothing behind them"
+    }
+}
+set joints [lindex $::KINS(JOINTS) 0]
+set period_s [expr {[info exists ::EMCMOT(SERVO_PERIOD)] ? [lindex $::EMCMOT(SERVO_PERIOD) 0] * 1e-9 : 1e-3}]
 set folder [file dirname [file normalize $::env(INI_FILE_NAME)]]
-set arguments [list axes=[join $letters ""] machine=[setting MACHINE] port=[setting PORT 47001] \
-    listen_on=[setting LISTEN 127.0.0.1] joints=$joints epoch_file=$folder/[setting EPOCH_FILE volcomp.epoch]]
+
+# The largest rate, and the smallest number of cycles from step to step with which it is a count or more. What a word cannot
+# hold is refused by the component.
+set step_scans 1
+set steps {}
+set limits {}
+set per_scan {}
+foreach letter $letters {
+    set turns [expr {$letter in {A B C}}]
+    set step [expr {$turns ? [whole STEP_UDEG 1] : [whole STEP_NM 1]}]
+    set limit [number [expr {$turns ? "LIMIT_MDEG" : "LIMIT_UM"}]]
+    set key [expr {$turns ? "RATE_MDEG_PER_S" : "RATE_UM_PER_S"}]
+    set rate [number $key]
+    if {$step < 1} {
+        error "\[VOLCOMP\]STEP_NM or STEP_UDEG: found $step, expected 1 or more"
+    }
+    if {$rate <= 0} {
+        error "\[VOLCOMP\]$key: found $rate, expected more than 0"
+    }
+    set rate [expr {1000.0 * $rate * $period_s / $step}]
+    lappend steps $step
+    lappend limits [expr {int(1000.0 * $limit / $step + 1e-6)}]
+    lappend per_scan $rate
+    set step_scans [expr {max($step_scans, int(min(ceil(1.0 / $rate - 1e-9), 1e9)))}]
+}
+set rates {}
+foreach rate $per_scan {
+    lappend rates [expr {int($rate * $step_scans + 1e-9)}]
+}
+proc scans {key default} {
+    return [expr {int(round([number $key $default] * 1e-3 / $::period_s))}]
+}
+
+set arguments [list axes=[join $letters ""] machine=[whole MACHINE] port=[whole PORT 47001] \
+    listen_on=[setting LISTEN 127.0.0.1] joints=$joints epoch_file=[file join $folder [setting EPOCH_FILE volcomp.epoch]] \
+    step=[join $steps ,] limit=[join $limits ,] rate=[join $rates ,] step_scans=$step_scans \
+    hold_scans=[scans HOLD_MS 100] time_out_scans=[scans TIME_OUT_MS 300]]
 if {[llength $reads]} {
     lappend arguments reads=[join $reads ""]
 }
 eval loadrt volcomp $arguments
 
-# The largest rate, and the smallest number of cycles from step to step with which it is a count or more.
-set step_scans 1
-set at 0
-foreach letter $letters {
-    set turns [expr {$letter in {A B C}}]
-    set step($at) [expr {int($turns ? [setting STEP_UDEG 1] : [setting STEP_NM 1])}]
-    set limit($at) [expr {int(1000.0 * [setting [expr {$turns ? "LIMIT_MDEG" : "LIMIT_UM"}]] / $step($at))}]
-    set rate($at) [expr {1000.0 * [setting [expr {$turns ? "RATE_MDEG_PER_S" : "RATE_UM_PER_S"}]] * $period_s / $step($at)}]
-    set step_scans [expr {max($step_scans, int(ceil(1.0 / $rate($at) - 1e-9)))}]
-    incr at
-}
-setp volcomp.step-scans $step_scans
-setp volcomp.hold-scans [expr {round([setting HOLD_MS 100] * 1e-3 / $period_s)}]
-setp volcomp.time-out-scans [expr {round([setting TIME_OUT_MS 300] * 1e-3 / $period_s)}]
-
 addf volcomp.take servo-thread 1
 addf volcomp.tell servo-thread
 
-set at 0
-foreach letter [concat $letters $reads] {
-    set small [string tolower $letter]
-    net volcomp-cmd-$small axis.$small.pos-cmd => volcomp.pos-cmd-$at
-    if {$at < [llength $letters]} {
-        setp volcomp.step-$at $step($at)
-        setp volcomp.limit-$at $limit($at)
-        setp volcomp.rate-$at [expr {int($rate($at) * $step_scans + 1e-9)}]
-        net volcomp-eoffset-$small axis.$small.eoffset => volcomp.eoffset-$at
-        net volcomp-request-$small axis.$small.eoffset-request => volcomp.request-$at
-        net volcomp-counts-$small volcomp.counts-$at => axis.$small.eoffset-counts
-        net volcomp-enable volcomp.enable => axis.$small.eoffset-enable
-        setp axis.$small.eoffset-scale 1e-6
-    }
-    incr at
-}
 # A pin that the machine's own files have connected keeps its signal.
 proc read_pin {signal from to} {
     if {[catch {net $signal $from => $to}]} {
@@ -68,10 +106,26 @@ proc read_pin {signal from to} {
         net $owner => $to
     }
 }
+
+set at 0
+foreach letter [concat $letters $reads] {
+    set small [string tolower $letter]
+    read_pin volcomp-cmd-$small axis.$small.pos-cmd volcomp.pos-cmd-$at
+    if {$at < [llength $letters]} {
+        read_pin volcomp-eoffset-$small axis.$small.eoffset volcomp.eoffset-$at
+        read_pin volcomp-request-$small axis.$small.eoffset-request volcomp.request-$at
+        net volcomp-counts-$small volcomp.counts-$at => axis.$small.eoffset-counts
+        net volcomp-enable volcomp.enable => axis.$small.eoffset-enable
+        setp axis.$small.eoffset-scale 1e-6
+    }
+    incr at
+}
 read_pin volcomp-enabled motion.motion-enabled volcomp.enabled
 read_pin volcomp-estop iocontrol.0.emc-enable-in volcomp.estop-ok
 read_pin volcomp-user iocontrol.0.user-enable-out volcomp.user-ok
 read_pin volcomp-limited motion.eoffset-limited volcomp.limited
+read_pin volcomp-coord motion.coord-mode volcomp.coord-mode
+read_pin volcomp-teleop motion.teleop-mode volcomp.teleop-mode
 read_pin volcomp-type motion.motion-type volcomp.motion-type
 read_pin volcomp-probe motion.probe-input volcomp.probe-input
 for {set joint 0} {$joint < $joints} {incr joint} {

@@ -1,8 +1,8 @@
 component volcomp "Bridge to a volcomp gateway in the servo thread: external offsets behind a barrier.";
 description """
 \\fBtake\\fR goes before motion-controller: it takes the frames that came, lets the barrier decide, and writes the counts.
-\\fBtell\\fR goes after it: it sends the state of this cycle to those who listen. Settings are parameters, set before the
-threads start; volcomp-servo.tcl does all of it from the section [VOLCOMP] of the INI file.
+\\fBtell\\fR goes after it: it sends the state of this cycle to those who listen. Settings are given when it is loaded, and
+refused then; volcomp-servo.tcl does all of it from the section [VOLCOMP] of the INI file.
 """;
 pin in float pos_cmd-#[9] "axis.L.pos-cmd, those of the barrier first";
 pin in float eoffset-#[9] "axis.L.eoffset";
@@ -12,23 +12,19 @@ pin in bit enabled "motion.motion-enabled";
 pin in bit estop_ok "iocontrol.0.emc-enable-in";
 pin in bit user_ok "iocontrol.0.user-enable-out";
 pin in bit limited "motion.eoffset-limited";
+pin in bit coord_mode "motion.coord-mode";
+pin in bit teleop_mode "motion.teleop-mode";
 pin in s32 motion_type "motion.motion-type";
 pin in bit probe_input "motion.probe-input";
 pin out s32 counts-#[9] "to axis.L.eoffset-counts";
 pin out bit enable = 1 "to axis.L.eoffset-enable";
 pin out float absorbed-#[9] "what the control has taken into its position or lost so far, mm or deg";
-pin out float probed_offset-#[9] "the offset at the last contact of a probe, mm or deg";
+pin out float probed_offset-#[9] "the offset at the last contact of a probe (G38.4, G38.5: at its loss), mm or deg";
 pin out bit holds "nothing moves";
 pin out u32 owner "the gateway whose frames are taken";
 pin out u32 epoch "moves on at each start and time-out";
 pin out u32 refused "why the last frame was not taken";
 pin out u32 taken "frames that were taken";
-param rw s32 step-#[9] = 1 "size of a count, nm or millionths of a degree";
-param rw s32 limit-#[9] = 1 "largest correction, counts";
-param rw s32 rate-#[9] = 1 "largest movement in a step, counts";
-param rw s32 step_scans = 1 "cycles from step to step";
-param rw s32 hold_scans = 100 "largest age of a frame, cycles";
-param rw s32 time_out_scans = 300 "cycles without a frame after which the correction goes to zero";
 function take fp "before motion-controller";
 function tell fp "after motion-controller";
 option singleton yes;
@@ -57,14 +53,26 @@ static char *epoch_file = "";         RTAPI_MP_STRING(epoch_file, "file that kee
 static int port = 47001;              RTAPI_MP_INT(port, "UDP port");
 static int machine = 0;               RTAPI_MP_INT(machine, "number of the machine");
 static int joints = 3;                RTAPI_MP_INT(joints, "number of joints");
-
 #define MOST 9
+static int step[MOST];                RTAPI_MP_ARRAY_INT(step, 9, "size of a count, nm or millionths of a degree");
+static int limit[MOST];               RTAPI_MP_ARRAY_INT(limit, 9, "largest correction, counts");
+static int rate[MOST];                RTAPI_MP_ARRAY_INT(rate, 9, "largest movement in a step, counts");
+static int step_scans = 1;            RTAPI_MP_INT(step_scans, "cycles from step to step");
+static int hold_scans = 100;          RTAPI_MP_INT(hold_scans, "largest age of a frame, cycles");
+static int time_out_scans = 300;      RTAPI_MP_INT(time_out_scans, "cycles without a frame after which the correction goes to zero");
+
 #define SENDERS 4
 #define FRAME_HEAD 4
 #define REPORT_HEAD 8
 #define LANDS_WITHIN 5
 #define SETTLES 20
-#define LOST_FOR 1000
+#define WORD 32767
+/* How long nothing moves after an offset was lost. */
+#define LOST_NS 1000000000LL
+/* How far an offset may be off besides what its value moved in the time of the way, and for how long: nm or millionths of a degree. */
+#define OFF_BY 2000.0
+#define WAY_NS 250000000.0
+#define OFF_NS 500000000LL
 #define LISTENS_NS 1000000000LL
 enum { ESTOP = 1, ENABLED = 2, HOMED = 4, LIMITED = 8, PROBING = 16, LOST = 32 };
 enum { R_NONE, R_CHECKSUM, R_EPOCH, R_TICK, R_OWNER, R_SEQUENCE, R_VALUE };
@@ -82,8 +90,9 @@ static uint32_t layout;
 static struct sender { struct sockaddr_in at; long long heard; int is_there, has_frame, words; uint16_t frame[40]; } senders[SENDERS];
 static int fd = -1;
 static uint32_t run, sequence, crc_table[256];
-static int written[LANDS_WITHIN][MOST], writes, strange, settle, lost, was_on, was_probing, latched, flags;
-static double base[MOST], position[MOST];
+static int written[LANDS_WITHIN][MOST], writes, strange, settle, was_on, was_probing, touched, flags, beyond;
+static long long lost_ns, off_ns;
+static double base[MOST], position[MOST], moved[MOST];
 
 static volatile int kept_epoch, stop;
 static pthread_t keeper;
@@ -125,10 +134,48 @@ static void *keep(void *unused) {
     return NULL;
 }
 
+/* As `Settings` of the bridge in user space has it. What is published are words of 16 bits, and has to be what counts. */
+static int settings_fit(void) {
+    for (int i = 0; i < n; i++) {
+        const int found[] = {step[i], limit[i], rate[i]}, most[] = {1000000, WORD, WORD};
+        static const char *const names[] = {"a count of", "a limit of", "a rate of"}, *const units[] = {"nm or 1e-6 deg", "counts", "counts in a step"};
+        for (int k = 0; k < 3; k++)
+            if (found[k] < 1 || found[k] > most[k]) {
+                rtapi_print_msg(RTAPI_MSG_ERR, "volcomp: axis %c: found %s %d %s, expected 1 to %d\n", axes[i], names[k], found[k], units[k], most[k]);
+                return 0;
+            }
+    }
+    if (step_scans < 1 || step_scans > WORD) {
+        rtapi_print_msg(RTAPI_MSG_ERR, "volcomp: found %d cycles from step to step, expected 1 to %d: RATE_UM_PER_S or RATE_MDEG_PER_S is too small for the size of a count\n", step_scans, WORD);
+        return 0;
+    }
+    if (hold_scans < 1 || hold_scans > WORD || time_out_scans < 2 * hold_scans || time_out_scans > WORD) {
+        rtapi_print_msg(RTAPI_MSG_ERR, "volcomp: found a time-out of %d cycles (TIME_OUT_MS), expected at least twice the age of a frame (HOLD_MS), which is %d cycles, and less than 32768\n", time_out_scans, hold_scans);
+        return 0;
+    }
+    return 1;
+}
+
+/* The epoch that was kept, 0 where none was: -1 where the file is there and holds none. */
+static int kept_before(void) {
+    long old;
+    char more;
+    FILE *file = fopen(epoch_file, "r");
+    if (!file) {
+        if (errno == ENOENT) return 0;
+        rtapi_print_msg(RTAPI_MSG_ERR, "volcomp: %s cannot be read: %s\n", epoch_file, strerror(errno));
+        return -1;
+    }
+    int found = fscanf(file, "%ld %c", &old, &more);
+    fclose(file);
+    if (found == 1 && old >= 0 && old <= 65535) return old;
+    rtapi_print_msg(RTAPI_MSG_ERR, "volcomp: %s holds no epoch, expected a number from 0 to 65535: write there a number that the bridge has not had for long, such as the epoch that the gateway showed last and 1000\n", epoch_file);
+    return -1;
+}
+
 EXTRA_SETUP() {
     static const char letters[] = "XYZABCUVW";
     struct sockaddr_in at;
-    int old = 0;
     (void)__comp_inst; (void)prefix; (void)extra_arg;
     for (uint32_t i = 0; i < 256; i++) {
         uint32_t c = i;
@@ -148,8 +195,9 @@ EXTRA_SETUP() {
         }
         layout = 10 * layout + (uint32_t)(found - letters) + 1;
     }
-    FILE *file = fopen(epoch_file, "r");
-    if (file) { if (fscanf(file, "%d", &old) != 1) old = 0; fclose(file); }
+    if (!settings_fit()) return -EINVAL;
+    int old = kept_before();
+    if (old < 0) return -EINVAL;
     /* Further than one: of a run that ended between a time-out and its writing down. */
     kept_epoch = (old + 16) & 0xffff;
     if (store(kept_epoch)) {
@@ -187,12 +235,12 @@ static void stand(const int *at) {
 
 static void next_epoch(void) { b.age++; kept_epoch = b.age; }
 
-static void aim(const int *goal, const int *rates) {
+static void aim(const int *goal) {
     if (!memcmp(goal, b.goal, n * sizeof *goal)) return;
     memcpy(b.from, b.applied, sizeof b.from); memcpy(b.goal, goal, sizeof b.goal);
     b.done = b.steps = 0;
     for (int i = 0; i < n; i++) {
-        unsigned steps = ((unsigned)abs(goal[i] - b.applied[i]) + rates[i] - 1) / rates[i];
+        unsigned steps = ((unsigned)abs(goal[i] - b.applied[i]) + rate[i] - 1) / rate[i];
         if (steps > b.steps) b.steps = steps;
     }
 }
@@ -208,7 +256,7 @@ static void move_on(void) {
 }
 
 /* Whether the frame is taken: 1, judged before: 0, refused: minus the reason. */
-static int judge(int mailbox, const uint16_t *words, int count, const int *limits, int hold, int *goal) {
+static int judge(int mailbox, const uint16_t *words, int count, int *goal) {
     uint16_t check[2];
     int body = FRAME_HEAD + n;
     if (count < body + 2) return -R_CHECKSUM;
@@ -220,11 +268,11 @@ static int judge(int mailbox, const uint16_t *words, int count, const int *limit
     if (words[0] != b.age) return -R_EPOCH;
     if (!words[3] || (b.holder && words[3] != b.holder)) return -R_OWNER;
     if (b.holder && words[2] == b.sequence) return 0;
-    if ((uint16_t)(b.tick - words[1]) > hold) return -R_TICK;
+    if ((uint16_t)(b.tick - words[1]) > hold_scans) return -R_TICK;
     if (b.holder && (uint16_t)(words[2] - b.sequence) >= 32768) return -R_SEQUENCE;
     for (int i = 0; i < n; i++) {
         goal[i] = (int16_t)words[FRAME_HEAD + i];
-        if (abs(goal[i]) > limits[i]) return -R_VALUE;
+        if (abs(goal[i]) > limit[i]) return -R_VALUE;
     }
     b.holder = words[3]; b.sequence = words[2]; b.refusal = R_NONE;
     return 1;
@@ -261,20 +309,20 @@ static void receive(void) {
         if (senders[i].is_there && now - senders[i].heard > LISTENS_NS) senders[i].is_there = 0;
 }
 
+/* Whether an axis has for long not had what is told of it: farther off than what moved on the way explains. */
+static int is_off(int is_far, long period) {
+    off_ns = is_far ? off_ns + (off_ns < OFF_NS ? period : 0) : 0;
+    return off_ns >= OFF_NS;
+}
+
 FUNCTION(take) {
-    int limits[MOST], rates[MOST], steps[MOST], whole[MOST] = {0}, goal[MOST] = {0}, taken_goal[MOST] = {0};
+    int whole[MOST] = {0}, goal[MOST] = {0}, taken_goal[MOST] = {0};
     int has_goal = 0, all_homed = 1, same = 0;
-    (void)period;
-    for (int i = 0; i < n; i++) {
-        limits[i] = limit(i) < 1 ? 1 : limit(i) > 32767 ? 32767 : limit(i);
-        rates[i] = rate(i) < 1 ? 1 : rate(i) > 32767 ? 32767 : rate(i);
-        steps[i] = step(i) < 1 ? 1 : step(i);
-        whole[i] = (int)lround(request(i) * 1e6 / steps[i]);
-    }
+    for (int i = 0; i < n; i++) whole[i] = (int)lround(request(i) * 1e6 / step[i]);
     if (!began) {
         b.age = kept_epoch;
         stand(whole);
-        for (int i = 0; i < n; i++) base[i] = counts(i) - (double)whole[i] * steps[i];
+        for (int i = 0; i < n; i++) base[i] = counts(i) - (double)whole[i] * step[i];
         memcpy(written[0], whole, sizeof whole); writes = 1;
         began = 1;
     }
@@ -284,7 +332,7 @@ FUNCTION(take) {
     int is_on = enabled && all_homed;
     settle = is_on && was_on ? (settle > 0 ? settle - 1 : 0) : SETTLES;
     was_on = is_on;
-    if (lost > 0) lost--;
+    lost_ns = lost_ns > period ? lost_ns - period : 0;
 
     /* The control's request tells whether the counts are what it goes by: it swallows, clears and takes over offsets. */
     for (int k = 0; k < writes; k++) same |= !memcmp(whole, written[k], n * sizeof *whole);
@@ -292,29 +340,41 @@ FUNCTION(take) {
     strange = same ? 0 : strange + 1;
     if (strange > LANDS_WITHIN && is_on) {
         for (int i = 0; i < n; i++) {
-            absorbed(i) += (b.applied[i] - whole[i]) * (double)steps[i] * 1e-6;
-            base[i] = counts(i) - (double)whole[i] * steps[i];
+            absorbed(i) += (b.applied[i] - whole[i]) * (double)step[i] * 1e-6;
+            base[i] = counts(i) - (double)whole[i] * step[i];
         }
         rtapi_print_msg(RTAPI_MSG_ERR, "volcomp bridge: the control has lost an offset, or taken it into its position; nothing moves for a second, then the correction is ramped in anew\n");
         next_epoch();
         b.holder = b.sequence = b.silent = b.waited = 0; b.refusal = R_NONE;
         stand(whole);
         memcpy(written[0], whole, sizeof whole); writes = 1;
-        strange = 0; lost = LOST_FOR;
+        strange = 0; lost_ns = LOST_NS;
     }
-    if (lost) flags |= LOST;
-    int is_probing = motion_type == 5;
-    if (is_probing && !was_probing) latched = 0;
-    if (is_probing && probe_input && !latched) { latched = 1; for (int i = 0; i < n; i++) probed_offset(i) = eoffset(i); }
-    was_probing = is_probing;
+    /* Offsets are moved in these modes alone: elsewhere they stand, and jump when one of these comes back. */
+    int stands = is_on && !coord_mode && !teleop_mode;
+    int is_far = 0;
+    for (int i = 0; i < n; i++) is_far |= !(fabs(eoffset(i) * 1e6 - (double)b.applied[i] * step[i]) <= OFF_BY + moved[i]);
+    if (is_off(is_on && is_far, period) || lost_ns || stands) flags |= LOST;
     holds = (flags & (ESTOP | LIMITED | LOST)) || !is_on || settle > 0 || strange > 0;
+    /* What no word can tell is not told, and goes towards zero: that is the one movement while an offset counts as lost. */
+    beyond = 0;
+    for (int i = 0; i < n; i++) beyond |= abs(b.applied[i]) > WORD;
+    if (beyond) {
+        holds = (flags & (ESTOP | LIMITED)) || !is_on || stands || settle > 0 || strange > 0;
+        flags |= LOST;
+    }
+    /* G38.2 and G38.3 wait for a contact, G38.4 and G38.5 for its loss: the first change is what the control notes. */
+    int is_probing = motion_type == 5;
+    if (is_probing && was_probing && !!probe_input != touched)
+        for (int i = 0; i < n; i++) probed_offset(i) = eoffset(i);
+    was_probing = is_probing; touched = !!probe_input;
 
     receive();
     b.tick++;
     for (int i = 0; i < SENDERS; i++) {
         if (!senders[i].has_frame) continue;
         senders[i].has_frame = 0;
-        int judged = judge(i, senders[i].frame, senders[i].words, limits, hold_scans, goal);
+        int judged = judge(i, senders[i].frame, senders[i].words, goal);
         if (judged == 1) { has_goal = 1; taken++; memcpy(taken_goal, goal, sizeof goal); }
         else if (judged < 0) b.refusal = -judged;
     }
@@ -322,12 +382,18 @@ FUNCTION(take) {
     else if (b.silent < time_out_scans && ++b.silent == time_out_scans) {
         next_epoch(); b.holder = 0; has_goal = 1; memset(taken_goal, 0, sizeof taken_goal);
     }
-    if (has_goal) aim(taken_goal, rates);
+    if (beyond) { has_goal = 1; memset(taken_goal, 0, sizeof taken_goal); }
+    if (has_goal) aim(taken_goal);
+    int before[MOST];
+    memcpy(before, b.applied, sizeof before);
     if (!holds) {
         if (b.waited < 65535) b.waited++;
         if (b.waited >= step_scans) { b.waited = 0; move_on(); }
     }
-    for (int i = 0; i < n; i++) counts(i) = (int)lround(base[i] + (double)b.applied[i] * steps[i]);
+    for (int i = 0; i < n; i++) {
+        moved[i] += fabs((double)b.applied[i] - before[i]) * step[i] - moved[i] * (period < WAY_NS ? period / WAY_NS : 1.0);
+        counts(i) = (int)lround(base[i] + (double)b.applied[i] * step[i]);
+    }
     for (int k = LANDS_WITHIN - 1; k > 0; k--) memcpy(written[k], written[k - 1], sizeof written[k]);
     memcpy(written[0], b.applied, sizeof written[0]);
     if (writes < LANDS_WITHIN) writes++;
@@ -344,11 +410,15 @@ FUNCTION(tell) {
     uint16_t words[REPORT_HEAD + 3 * MOST + 2];
     int count = 0;
     if (!began) return;
-    words[count++] = b.age; words[count++] = b.tick; words[count++] = b.holder; words[count++] = b.sequence;
-    words[count++] = b.refusal; words[count++] = step_scans; words[count++] = hold_scans; words[count++] = time_out_scans;
-    for (int i = 0; i < n; i++) { words[count++] = b.applied[i]; words[count++] = limit(i); words[count++] = rate(i); }
-    checksum(words, count, words + count);
-    count += 2;
+    int fits = 1;
+    for (int i = 0; i < n; i++) fits &= abs(b.applied[i]) <= WORD;
+    if (fits) {
+        words[count++] = b.age; words[count++] = b.tick; words[count++] = b.holder; words[count++] = b.sequence;
+        words[count++] = b.refusal; words[count++] = step_scans; words[count++] = hold_scans; words[count++] = time_out_scans;
+        for (int i = 0; i < n; i++) { words[count++] = b.applied[i]; words[count++] = limit[i]; words[count++] = rate[i]; }
+        checksum(words, count, words + count);
+        count += 2;
+    }
     sequence++;
     p = put(p, "VCLS\1", 5); *p++ = n_all;
     p = put16(p, machine); p = put32(p, run); p = put32(p, sequence);
@@ -360,7 +430,7 @@ FUNCTION(tell) {
         int64_t offset = i < n ? llround(eoffset(i) * 1e6) : 0;
         position[i] = at;
         p = put32(p, (uint8_t)(i < n ? axes[i] : reads[i - n]));
-        p = put32(p, i < n ? step(i) : 1);
+        p = put32(p, i < n ? step[i] : 1);
         p = put(p, &at, 8); p = put(p, &velocity, 8); p = put(p, &offset, 8);
     }
     p = put(p, words, 2 * count);

@@ -2,6 +2,7 @@
 #![expect(clippy::unwrap_used, reason = "tests")]
 
 mod bridge;
+mod c_bridge;
 mod codec;
 mod controller;
 mod frames;

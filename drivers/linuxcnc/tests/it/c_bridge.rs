@@ -1,0 +1,577 @@
+//! The bridge in the servo thread, compiled alone and driven scan by scan: its barrier against the reference, and what it
+//! tells of a control that does not do what it is asked for.
+
+use std::{
+    fmt::Write as _,
+    io::{BufRead as _, BufReader, Write as _},
+    path::Path,
+    process::{Child, ChildStdin, ChildStdout, Command, Stdio},
+    sync::OnceLock,
+};
+
+use proptest::prelude::*;
+use volcomp_guard::barrier::{
+    Barrier, Counts, FRAME_WORDS, Frame, Layout, REPORT_WORDS, Report, Settings,
+};
+use volcomp_linuxcnc::{Flags, State};
+use volcomp_vocabulary::{AxisName, PerChannel};
+
+/// What `halcompile` puts before the C code of a component, and a datagram that is caught where it would be sent.
+const BEFORE: &str = r#"
+#define _GNU_SOURCE
+#include <sys/socket.h>
+#include <netinet/in.h>
+#include <arpa/inet.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <pthread.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+#include <math.h>
+#define RTAPI_MP_STRING(a, b)
+#define RTAPI_MP_INT(a, b)
+#define RTAPI_MP_ARRAY_INT(a, b, c)
+#define RTAPI_MSG_ERR 1
+#define rtapi_print_msg(level, ...) fprintf(stderr, __VA_ARGS__)
+#define FUNCTION(x) static void x(void *__comp_inst, long period)
+#define EXTRA_SETUP() static int setup(void *__comp_inst, char *prefix, long extra_arg)
+#define EXTRA_CLEANUP() static void cleanup(void)
+static double p_pos[9], p_offset[9], p_request[9], p_absorbed[9], p_probed[9];
+static int p_homed[16], p_counts[9];
+static int enabled, estop_ok, user_ok, limited, coord_mode, teleop_mode, motion_type, probe_input, holds;
+static unsigned owner, epoch, refused, taken;
+#define pos_cmd(i) p_pos[i]
+#define eoffset(i) p_offset[i]
+#define request(i) p_request[i]
+#define homed(i) p_homed[i]
+#define counts(i) p_counts[i]
+#define absorbed(i) p_absorbed[i]
+#define probed_offset(i) p_probed[i]
+static long caught(const uint8_t *bytes, long length) {
+    for (long i = 0; i < length; i++) printf("%02x", bytes[i]);
+    return length;
+}
+#define sendto(socket, bytes, length, flags, to, size) caught(bytes, length)
+"#;
+
+/// Lines on standard input: `epoch PATH`, `set ...`, `at ...` (the requests, in counts), `scan ...`; an answer to each.
+const BEHIND: &str = r#"
+int main(void) {
+    static char line[8192], letters[16], file[4096];
+    int old[9] = {0}, was = 0, size = 1;
+    for (uint32_t i = 0; i < 256; i++) { uint32_t c = i; for (int k = 0; k < 8; k++) c = c & 1 ? 0xedb88320u ^ (c >> 1) : c >> 1; crc_table[i] = c; }
+    while (fgets(line, sizeof line, stdin)) {
+        if (line[0] == 'e') {
+            sscanf(line, "epoch %4095s", file); epoch_file = file;
+            printf("%d\n", kept_before());
+        } else if (line[0] == 's' && line[1] == 'e') {
+            int kept;
+            sscanf(line, "set %15s %d %d %d %d %d %d %d %d %d %d", letters, &machine, &step_scans, &hold_scans, &time_out_scans, &kept, &size, &limit[0], &limit[1], &rate[0], &rate[1]);
+            axes = letters; n = n_all = strlen(axes); joints = 1; layout = 0; kept_epoch = kept; step[0] = step[1] = size;
+            for (int i = 0; i < n; i++) layout = 10 * layout + (strchr("XYZABCUVW", axes[i]) - "XYZABCUVW") + 1;
+            printf("%d\n", settings_fit());
+        } else if (line[0] == 'a') {
+            double at[2];
+            sscanf(line, "at %lf %lf", at, at + 1);
+            for (int i = 0; i < n; i++) p_request[i] = p_offset[i] = at[i] * size * 1e-6;
+            printf("0\n");
+        } else {
+            /* on, cut at a limit, a mode in which offsets move, what the control does (1 clears, 2 does not move), ns, probing, touching, frames */
+            int on, cut, mode, does, length; long period; char *p = line;
+            sscanf(p, "scan %d %d %d %d %ld %d %d%n", &on, &cut, &mode, &does, &period, &motion_type, &probe_input, &length); p += length;
+            enabled = p_homed[0] = on; estop_ok = user_ok = 1; limited = cut; coord_mode = 0; teleop_mode = mode;
+            for (int m = 0; *p == ' ' && m < SENDERS; m++) {
+                int words = 0;
+                for (p++;; p++) { senders[m].frame[words++] = strtol(p, &p, 10); if (*p != ',') break; }
+                senders[m].words = words; senders[m].has_frame = 1;
+            }
+            senders[0].is_there = 1; senders[0].heard = now_ns();
+            take(NULL, period);
+            printf("%d %d ", holds, p_counts[0]);
+            tell(NULL, period);
+            for (int i = 0; i < n; i++) printf(" %.9f %.9f", p_request[i], p_probed[i]);
+            printf("\n");
+            /* LinuxCNC: changes of the counts while it is on are its request; clearing takes it away. */
+            for (int i = 0; i < n; i++) {
+                int changed = p_counts[i] - old[i]; old[i] = p_counts[i];
+                if (was || on) p_request[i] += (on ? changed : 0) * 1e-6;
+                if (does == 1) p_request[i] = p_offset[i] = 0;
+                if (does != 2 && mode) p_offset[i] = p_request[i];
+            }
+            was = on;
+        }
+        fflush(stdout);
+    }
+    (void)setup; (void)cleanup;
+    return 0;
+}
+"#;
+
+fn bridge() -> &'static Path {
+    static BUILT: OnceLock<tempfile::TempDir> = OnceLock::new();
+    let dir = BUILT.get_or_init(|| {
+        let dir = tempfile::tempdir().unwrap();
+        let component = Path::new(env!("CARGO_MANIFEST_DIR")).join("bridge/volcomp.comp");
+        let component = std::fs::read_to_string(component).unwrap();
+        let (_, code) = component
+            .split_once("\n;;\n")
+            .expect("declarations, then code");
+        let source = dir.path().join("bridge.c");
+        std::fs::write(&source, [BEFORE, code, BEHIND].concat()).unwrap();
+        let output = Command::new("cc")
+            .args(["-O1", "-Wall", "-Werror", "-fsanitize=address,undefined"])
+            .args(["-fno-sanitize-recover=all", "-o"])
+            .args([&dir.path().join("bridge"), &source])
+            .args(["-lm", "-lpthread"])
+            .output()
+            .expect("the compiler that links this test, too");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{said}");
+        dir
+    });
+    dir.path()
+}
+
+struct Run {
+    child: Child,
+    asks: ChildStdin,
+    hears: BufReader<ChildStdout>,
+}
+
+/// What a scan is given besides frames.
+#[derive(Clone, Copy)]
+struct Given {
+    on: bool,
+    cut: bool,
+    /// Whether offsets move in the mode of the control.
+    mode: bool,
+    /// 1: the control clears its offsets; 2: its planner does not move them.
+    does: u8,
+    period_ns: u32,
+    probing: bool,
+    touching: bool,
+}
+
+const GOOD: Given = Given {
+    on: true,
+    cut: false,
+    mode: true,
+    does: 0,
+    period_ns: 1_000_000,
+    probing: false,
+    touching: false,
+};
+
+struct Said {
+    holds: bool,
+    /// The counts of the first axis.
+    counts: i64,
+    state: State,
+    /// Of the first axis, mm.
+    probed: f64,
+}
+
+impl Said {
+    fn lost(&self) -> bool {
+        self.state.flags.has(Flags::LOST)
+    }
+
+    fn applied(&self) -> i16 {
+        self.state.report.as_slice()[8].cast_signed()
+    }
+}
+
+impl Run {
+    fn new() -> Self {
+        let mut child = Command::new(bridge().join("bridge"))
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let asks = child.stdin.take().unwrap();
+        let hears = BufReader::new(child.stdout.take().unwrap());
+        Self { child, asks, hears }
+    }
+
+    /// One that is set: counts of 1 nm, limits of 30 um and rates of 2 um in a scan.
+    fn set() -> Self {
+        let mut run = Self::new();
+        assert_eq!(run.ask("set XY 7 1 100 300 5 1 30000 30000 2000 2000"), "1");
+        run
+    }
+
+    fn ask(&mut self, line: &str) -> String {
+        writeln!(self.asks, "{line}").unwrap();
+        let mut answer = String::new();
+        self.hears.read_line(&mut answer).unwrap();
+        answer.trim_end().to_owned()
+    }
+
+    fn scan(&mut self, given: Given, frames: &[Vec<u16>]) -> Said {
+        let flag = u8::from;
+        let mut line = format!(
+            "scan {} {} {} {} {} {} {}",
+            flag(given.on),
+            flag(given.cut),
+            flag(given.mode),
+            given.does,
+            given.period_ns,
+            if given.probing { 5 } else { 1 },
+            flag(given.touching)
+        );
+        for words in frames {
+            let words: Vec<String> = words.iter().map(u16::to_string).collect();
+            write!(line, " {}", words.join(",")).unwrap();
+        }
+        let answer = self.ask(&line);
+        let parts: Vec<&str> = answer.split_whitespace().collect();
+        let [holds, counts, hex, _, probed, ..] = parts[..] else {
+            panic!("{answer}");
+        };
+        let bytes: Vec<u8> = (0..hex.len())
+            .step_by(2)
+            .map(|at| u8::from_str_radix(&hex[at..at + 2], 16).unwrap())
+            .collect();
+        Said {
+            holds: holds == "1",
+            counts: counts.parse().unwrap(),
+            state: State::decode(&bytes).unwrap(),
+            probed: probed.parse().unwrap(),
+        }
+    }
+
+    /// Scans with a gateway that asks for this on X, counts. The last answer.
+    fn correct(&mut self, given: Given, counts: i16, scans: u32) -> Said {
+        let axes = Layout::of([AxisName::X, AxisName::Y]).unwrap();
+        let mut said = self.scan(given, &[]);
+        for _ in 0..scans {
+            let Some(report) = Report::decode(7, axes, said.state.report.as_slice()) else {
+                said = self.scan(given, &[]);
+                continue;
+            };
+            let frame = Frame {
+                epoch: report.epoch,
+                tick: report.tick,
+                sequence: report.sequence.wrapping_add(1),
+                owner: 9,
+                values: *PerChannel::leading([counts, 0]),
+            };
+            let mut words = [0; FRAME_WORDS];
+            let length = frame.encode(&report.settings, &mut words);
+            said = self.scan(given, &[words[..length].to_vec()]);
+        }
+        said
+    }
+}
+
+impl Drop for Run {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Post {
+    owner: u16,
+    old: u16,
+    ahead: u16,
+    before: bool,
+    values: [i16; 2],
+    torn: Option<(usize, u16)>,
+}
+
+fn posts() -> impl Strategy<Value = Option<Post>> {
+    let value = prop_oneof![4 => -50_i16..50, 1 => any::<i16>()];
+    let made = (
+        prop_oneof![5 => Just(5_u16), 1 => 0_u16..8],
+        prop_oneof![8 => 0_u16..3, 1 => any::<u16>()],
+        prop_oneof![8 => Just(1_u16), 1 => any::<u16>()],
+        prop::bool::weighted(0.05),
+        [value.clone(), value],
+        prop::option::weighted(0.05, (0_usize..8, 1_u16..)),
+    );
+    let made = made.prop_map(|(owner, old, ahead, before, values, torn)| Post {
+        owner,
+        old,
+        ahead,
+        before,
+        values,
+        torn,
+    });
+    prop::option::weighted(0.8, made)
+}
+
+fn words_of(post: Post, last: &Report) -> Vec<u16> {
+    let frame = Frame {
+        epoch: last.epoch.wrapping_sub(post.before.into()),
+        tick: last.tick.wrapping_sub(post.old),
+        sequence: last.sequence.wrapping_add(post.ahead),
+        owner: post.owner,
+        values: *PerChannel::leading(post.values),
+    };
+    let mut words = [0; FRAME_WORDS];
+    let length = frame.encode(&last.settings, &mut words);
+    if let Some((at, by)) = post.torn {
+        words[at] ^= by;
+    }
+    words[..length].to_vec()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
+
+    #[test]
+    fn its_barrier_is_the_reference_at_every_scan(
+        machine in 0_u16..=65_534,
+        epoch in prop_oneof![Just(0_u16), Just(u16::MAX), any::<u16>()],
+        limit in [1_i16..200, 1_i16..i16::MAX],
+        rate in [1_i16..20, 1_i16..300],
+        (step, hold) in (1_u16..4, 1_u16..20),
+        applied in [any::<i16>().boxed(), (-30_i16..30).boxed()].prop_map(|values| values.map(|value| value.max(-i16::MAX))),
+        scans in prop::collection::vec((prop::bool::weighted(0.1), posts(), posts(), 1_usize..30), 1..60),
+    ) {
+        let settings = Settings {
+            axes: Layout::of([AxisName::X, AxisName::C]).unwrap(),
+            machine,
+            limit: PerChannel::leading(limit),
+            rate: PerChannel::leading(rate),
+            step_scans: step,
+            hold_scans: hold,
+            time_out_scans: 2 * hold + 3,
+        };
+        let start: Counts = PerChannel::leading(applied);
+        let mut barrier = Barrier::start(settings, epoch.wrapping_sub(1), 0, &start).unwrap();
+        let mut run = Run::new();
+        let set = format!(
+            "set XC {machine} {step} {hold} {} {epoch} 1 {} {} {} {}",
+            2 * hold + 3, limit[0], limit[1], rate[0], rate[1]
+        );
+        prop_assert_eq!(run.ask(&set), "1");
+        run.ask(&format!("at {} {}", applied[0], applied[1]));
+        for (cut, first, second, times) in scans {
+            for repeat in 0..times {
+                let last = barrier.report();
+                let posts = [first, second].into_iter().flatten().filter(|_| repeat <= 3);
+                let boxes: Vec<Vec<u16>> = posts.map(|post| words_of(post, &last)).collect();
+                let said = run.scan(Given { cut, ..GOOD }, &boxes);
+                prop_assert!(said.holds || !cut);
+                prop_assert!(!said.lost());
+                let boxes: Vec<&[u16]> = boxes.iter().map(Vec::as_slice).collect();
+                let mut report = [0; REPORT_WORDS];
+                let length = barrier.scan(&boxes, said.holds).encode(&mut report);
+                prop_assert_eq!(said.state.report.as_slice(), &report[..length]);
+            }
+        }
+    }
+}
+
+/// What is published are words of 16 bits: a setting that none holds would be published as another one.
+#[test]
+fn settings_that_no_word_holds_are_refused() {
+    for (line, fits) in [
+        ("set XY 7 1 100 300 5 1 30000 30000 2000 2000", "1"),
+        ("set XY 7 1 100 300 5 1 32767 1 32767 1", "1"),
+        // Published as a time-out of 300 scans, which never came.
+        ("set XY 7 1 65636 65836 5 1 30000 30000 2000 2000", "0"),
+        ("set XY 7 1 100 32768 5 1 30000 30000 2000 2000", "0"),
+        ("set XY 7 1 100 199 5 1 30000 30000 2000 2000", "0"),
+        ("set XY 7 1 0 300 5 1 30000 30000 2000 2000", "0"),
+        ("set XY 7 0 100 300 5 1 30000 30000 2000 2000", "0"),
+        ("set XY 7 40000 100 300 5 1 30000 30000 2000 2000", "0"),
+        ("set XY 7 1 100 300 5 1 40000 30000 2000 2000", "0"),
+        ("set XY 7 1 100 300 5 1 30000 0 2000 2000", "0"),
+        ("set XY 7 1 100 300 5 1 30000 30000 2000 40000", "0"),
+        ("set XY 7 1 100 300 5 1 30000 30000 0 2000", "0"),
+        ("set XY 7 1 100 300 5 0 30000 30000 2000 2000", "0"),
+    ] {
+        assert_eq!(Run::new().ask(line), fits, "{line}");
+    }
+}
+
+#[test]
+fn a_file_without_an_epoch_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("epoch");
+    let ask = || Run::new().ask(&format!("epoch {}", file.display()));
+    assert_eq!(ask(), "0", "none was kept");
+    for (text, expected) in [
+        ("17\n", "17"),
+        ("65535", "65535"),
+        ("", "-1"),
+        ("\n", "-1"),
+        ("seventeen\n", "-1"),
+        ("1 7\n", "-1"),
+        ("17x", "-1"),
+        ("-1\n", "-1"),
+        ("65536\n", "-1"),
+    ] {
+        std::fs::write(&file, text).unwrap();
+        assert_eq!(ask(), expected, "{text:?}");
+    }
+}
+
+/// In joint mode LinuxCNC moves no offset: what is asked for there comes as a jump when another mode comes back.
+#[test]
+fn in_joint_mode_nothing_is_asked_for() {
+    let mut run = Run::set();
+    let said = run.correct(GOOD, 20_000, 100);
+    assert_eq!((said.applied(), said.lost()), (20_000, false));
+    let joint = Given {
+        mode: false,
+        ..GOOD
+    };
+    // The gateway ramps out, and is gone for longer than the time-out.
+    let said = run.correct(joint, 0, 100);
+    assert!(said.lost() && said.holds);
+    assert_eq!((said.applied(), said.counts), (20_000, 20_000));
+    for _ in 0..1000 {
+        let said = run.scan(joint, &[]);
+        assert_eq!((said.applied(), said.counts), (20_000, 20_000));
+    }
+    // Back in another mode: to zero at the rate of the barrier.
+    let (mut last, mut zero) = (20_000, false);
+    for _ in 0..20 {
+        let said = run.scan(GOOD, &[]);
+        assert!(!said.lost() && last - said.counts <= 2000);
+        last = said.counts;
+        zero |= last == 0;
+    }
+    assert!(zero);
+}
+
+/// Half a second after the planner did not follow, whatever the period of the servo thread is.
+#[test]
+fn an_offset_that_does_not_come_is_lost() {
+    for period_ns in [250_000, 1_000_000] {
+        let still = Given {
+            does: 2,
+            period_ns,
+            ..GOOD
+        };
+        let mut run = Run::set();
+        run.correct(Given { does: 0, ..still }, 0, 30);
+        // As much as it may be off for ever.
+        let said = run.correct(still, 2000, 3 * 1_000_000_000 / period_ns);
+        assert!(!said.lost());
+        assert_eq!(said.applied(), 2000);
+        let mut run = Run::set();
+        run.correct(Given { does: 0, ..still }, 0, 30);
+        let mut lost_after = 0;
+        for scan in 0..8000 {
+            if run.correct(still, 3500, 0).lost() {
+                lost_after = scan;
+                break;
+            }
+            run.correct(still, 3500, 1);
+        }
+        // Three scans in each pass.
+        let ms = f64::from(3 * lost_after) * f64::from(period_ns) * 1e-6;
+        // What moved is forgotten within some times of the way.
+        assert!((500.0..1200.0).contains(&ms), "{ms} ms");
+        // Once it comes, it is over.
+        assert!(run.scan(GOOD, &[]).lost());
+        for _ in 0..10 {
+            run.scan(GOOD, &[]);
+        }
+        assert!(!run.scan(GOOD, &[]).lost());
+    }
+}
+
+/// A planner that is slower than the barrier, in every cycle a little behind, is no loss while it follows within the way.
+#[test]
+fn an_offset_that_follows_late_is_not_lost() {
+    let mut run = Run::set();
+    for round in 0..400_u32 {
+        let goal = if (round / 10) % 2 == 0 {
+            25_000
+        } else {
+            -25_000
+        };
+        // Each pass of ten scans moves 20 um; the control follows in the last of them.
+        run.correct(Given { does: 2, ..GOOD }, goal, 8);
+        let said = run.correct(GOOD, goal, 0);
+        assert!(!said.lost(), "{round}");
+    }
+}
+
+/// The alarm of an offset that was lost lasts a second, whatever the period of the servo thread is.
+#[test]
+fn a_lost_offset_is_told_for_a_second() {
+    for period_ns in [250_000, 1_000_000] {
+        let given = Given { period_ns, ..GOOD };
+        let mut run = Run::set();
+        let said = run.correct(given, 20_000, 100);
+        assert_eq!(said.applied(), 20_000);
+        run.scan(Given { does: 1, ..given }, &[]);
+        let lost = (0..10_000).filter(|_| run.scan(given, &[]).lost()).count();
+        let scans = 1_000_000_000 / usize::try_from(period_ns).unwrap();
+        assert!(lost.abs_diff(scans) <= 2, "{lost} scans of {scans}");
+    }
+}
+
+/// An offset that no word holds is not told as another one: nothing is told, and it goes towards zero.
+#[test]
+fn an_offset_that_no_word_holds_is_not_told() {
+    let mut run = Run::set();
+    run.ask("at 60000 0");
+    let mut told = None;
+    let mut counts = Vec::new();
+    for scan in 0..100 {
+        let said = run.scan(GOOD, &[]);
+        counts.push(said.counts);
+        if said.state.report.as_slice().is_empty() {
+            assert_eq!(told, None);
+            assert!(said.lost());
+        } else {
+            told = told.or(Some((scan, said.applied())));
+        }
+    }
+    let (scan, applied) = told.expect("at last it is told");
+    assert!(
+        scan > 20 && (30_000..=32_767).contains(&applied),
+        "{scan} {applied}"
+    );
+    // LinuxCNC counts changes: from 60 um to zero.
+    assert_eq!(counts.last().unwrap() - counts[0], -60_000);
+    assert!(counts.windows(2).all(|pair| pair[0] - pair[1] <= 2000));
+}
+
+/// G38.2 waits for the contact, G38.4 for its loss; before and after, contacts change nothing.
+#[test]
+fn the_offset_at_the_contact_or_at_its_loss_is_kept() {
+    let probe = |touching| Given {
+        probing: true,
+        touching,
+        ..GOOD
+    };
+    let touching = Given {
+        touching: true,
+        ..GOOD
+    };
+    for toward in [true, false] {
+        let mut run = Run::set();
+        let before = if toward { GOOD } else { touching };
+        run.correct(before, 5000, 100);
+        run.correct(probe(!toward), 5000, 10);
+        let said = run.correct(probe(!toward), 8000, 20);
+        assert_eq!(said.probed, 0.0, "nothing has happened yet");
+        let said = run.scan(probe(toward), &[]);
+        assert_eq!(said.probed, 0.008);
+        run.correct(
+            Given {
+                probing: false,
+                ..probe(toward)
+            },
+            1000,
+            20,
+        );
+        let said = run.correct(GOOD, 1000, 20);
+        assert_eq!(said.probed, 0.008);
+    }
+}
