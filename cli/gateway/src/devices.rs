@@ -147,9 +147,29 @@ impl ControllerDevice {
             fastest_per_min: None,
             shift_in_use,
             shift_words,
+            protocol: None,
+            state: None,
             barrier: barrier.transpose()?,
             notes: found.notes,
         }))
+    }
+
+    /// Looks through the file of the control that the configuration names (LinuxCNC: its INI file), for the limits of its
+    /// guard (`None`: it is only read).
+    ///
+    /// # Errors
+    /// A file that cannot be read, or in which something is wrong or missing.
+    pub fn look_through(
+        &self,
+        own: &ControllerConfig,
+        limits: Option<&Limits>,
+    ) -> Result<(), DeviceError> {
+        match (&self.kind, &own.ini) {
+            (Kind::LinuxCnc(config), Some(file)) => {
+                linuxcnc::check(&self.address, own, config, file, limits)
+            }
+            _ => Ok(()),
+        }
     }
 
     /// The addresses in the PMC that are written and read; `None`: no FANUC control.

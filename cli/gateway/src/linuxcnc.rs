@@ -6,8 +6,8 @@ use std::{
 };
 
 use volcomp_devices::{Address, remote};
-use volcomp_guard::Limits;
-use volcomp_linuxcnc::{Expected, Ini, LinuxCncConfig, PORT, look};
+use volcomp_guard::{AxisLimits, Limits};
+use volcomp_linuxcnc::{Expected, Flags, Ini, Least, LinuxCncConfig, PORT, State, VERSION, look};
 use volcomp_port::{Controller as _, DeviceError};
 use volcomp_vocabulary::{AxisKind, Displacement};
 
@@ -51,32 +51,34 @@ pub(crate) fn controller(
         step_rotary: step(AxisKind::Rotary, LinuxCncConfig::step_rotary()),
     };
     control.describe()?;
-    if let Some(file) = &config.ini {
-        check(address, config, &control, file)?;
-    }
     Ok(control)
 }
 
 /// Looks through the INI file of the control, and names everything that is wrong or missing.
-fn check(
+///
+/// # Errors
+/// A file that cannot be read, or something that is wrong in it.
+pub(crate) fn check(
     address: &Address,
     config: &ControllerConfig,
     control: &LinuxCncConfig,
     file: &Path,
+    limits: Option<&Limits>,
 ) -> Result<(), DeviceError> {
     let shown = file.display();
-    let text = std::fs::read(file).map_err(|e| {
+    let ini = Ini::read(file).map_err(|e| {
         let found = format!("{shown}: {e}");
         address.wrong(found, "check linuxcnc.ini").caused_by(e)
     })?;
     let step = |step: Displacement| step.mm_or_rad();
-    let problems = Ini::parse(&String::from_utf8_lossy(&text)).problems(&Expected {
+    let problems = ini.problems(&Expected {
         machine: control.machine,
         port: control.port,
         axes: control.axes.clone(),
         step_nm: step(control.step_linear) * 1e6,
         step_udeg: step(control.step_rotary).to_degrees() * 1e6,
         scan_ms: (config.barrier).map_or(1.0, |barrier| barrier.scan.as_secs_f64() * 1e3),
+        least: limits.map(least),
     });
     if problems.is_empty() {
         return Ok(());
@@ -84,6 +86,48 @@ fn check(
     let problems: Vec<String> = problems.iter().map(ToString::to_string).collect();
     let found = format!("{shown}: {}", problems.join("; "));
     Err(address.wrong(found, "correct the INI file, and start LinuxCNC anew"))
+}
+
+/// What the guard needs of the bridge, by the rule by which it arms.
+fn least(limits: &Limits) -> Least {
+    const RATE_OVER_SLEW: f64 = 2.0;
+    let of = |kind: AxisKind, value: fn(&AxisLimits) -> f64| {
+        let axes = limits.axes.iter().take(limits.count);
+        let values = axes.filter(|axis| axis.kind == kind).map(value);
+        let largest = values.fold(0.0, f64::max);
+        match kind {
+            AxisKind::Linear => largest * 1e3,
+            AxisKind::Rotary => largest.to_degrees() * 1e3,
+        }
+    };
+    let both = |value| [of(AxisKind::Linear, value), of(AxisKind::Rotary, value)];
+    Least {
+        limit: both(AxisLimits::reachable),
+        rate: both(|axis| RATE_OVER_SLEW * axis.slew_per_s),
+        zero_after_ms: limits.zero_after.as_secs_f64() * 1e3,
+    }
+}
+
+/// The state of a control in words.
+fn words_of(state: &State) -> String {
+    let flags = state.flags;
+    let either = |flag, yes: &'static str, no: &'static str| {
+        Some(if flags.has(flag) { yes } else { no }).filter(|word| !word.is_empty())
+    };
+    let words = [
+        either(Flags::EMERGENCY_STOP, "emergency stop", ""),
+        either(Flags::ENABLED, "on", "off"),
+        either(Flags::HOMED, "homed", "not homed"),
+        either(Flags::LIMITED, "offset cut at a soft limit", ""),
+        either(Flags::PROBING, "probing", ""),
+        either(
+            Flags::LOST,
+            "offset lost, or of a mode in which none moves",
+            "",
+        ),
+    ];
+    let words: Vec<&str> = words.into_iter().flatten().collect();
+    words.join(", ")
 }
 
 /// What the bridge tells now, held against the configuration.
@@ -122,6 +166,9 @@ pub(crate) fn online(
         fastest_per_min: None,
         shift_in_use: None,
         shift_words: None,
+        // Another one is an error of the answer.
+        protocol: Some(VERSION),
+        state: Some(words_of(&state)),
         barrier,
         notes: Vec::new(),
     })

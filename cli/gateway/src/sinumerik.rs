@@ -214,6 +214,8 @@ mod opened {
             fastest_per_min: Some(fastest),
             shift_in_use: None,
             shift_words: None,
+            protocol: None,
+            state: None,
             barrier: None,
             notes,
         })

@@ -18,6 +18,7 @@ use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement, Mm, PerChannel};
 
 use crate::{
     COMMAND_BYTES, Command, Content, Flags, STATE_BYTES, State,
+    adrift::Adrift,
     age::Clocks,
     look::{device, open},
     state::AxisState,
@@ -165,6 +166,7 @@ pub struct LinuxCncController {
     heard: Option<Instant>,
     misfit: Option<&'static str>,
     clocks: Clocks,
+    adrift: Adrift,
     health: Health,
 }
 
@@ -186,6 +188,7 @@ impl LinuxCncController {
             heard: None,
             misfit: None,
             clocks: Clocks::default(),
+            adrift: Adrift::default(),
             health: Health::default(),
         })
     }
@@ -268,12 +271,14 @@ impl LinuxCncController {
                 if state.time <= last.time {
                     self.clocks.forget();
                 }
+                self.adrift = Adrift::default();
                 self.health.restarts += 1;
             }
         }
         self.misfit = None;
         self.heard = Some(arrived);
         let held = self.clocks.held(state.time, arrived);
+        self.adrift.hear(&state, self.description.axes.len());
         self.last = Some((state, held));
     }
 
@@ -359,7 +364,8 @@ impl Controller for LinuxCncController {
                 referenced: flags.has(Flags::HOMED),
                 alarm: !flags.has(Flags::ENABLED)
                     || flags.has(Flags::LIMITED)
-                    || flags.has(Flags::LOST),
+                    || flags.has(Flags::LOST)
+                    || self.adrift.is_lost(),
                 emergency_stop: flags.has(Flags::EMERGENCY_STOP),
             },
             state_taken: *taken,

@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+mod adrift;
 mod age;
 mod command;
 mod controller;
@@ -9,7 +10,7 @@ mod state;
 
 pub use command::{COMMAND_BYTES, Command, Content};
 pub use controller::{Health, LinuxCncConfig, LinuxCncController};
-pub use ini::{Expected, Ini, Problem};
+pub use ini::{Expected, Ini, Least, Problem};
 pub use look::look;
 pub use state::{AxisState, Broken, Flags, STATE_BYTES, State};
 

@@ -131,6 +131,12 @@ pub struct OnlinePlan {
     /// The first R address of the words from which the control takes the shifts of its axes (parameter 1280); null: the
     /// control does not tell.
     pub shift_words: Option<u32>,
+    /// LinuxCNC: the version of the protocol that the bridge speaks; missing for others.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub protocol: Option<u8>,
+    /// LinuxCNC: what the control is doing, in words; missing for others.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub state: Option<String>,
     /// The barrier as its report tells it; missing where the configuration has none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub barrier: Option<OnlineBarrier>,

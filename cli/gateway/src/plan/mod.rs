@@ -120,6 +120,7 @@ impl Plan {
                 },
             });
         }
+        devices.look_through(&config, &paths)?;
         let (tokens, tls) = dashboard(&config.dashboard)?;
         audit_folder::check(&config.audit_dir)?;
         let fleet = fleet::check(&config)?;
@@ -271,6 +272,23 @@ impl Devices {
                 simulation.thermometer.names().to_vec()
             }
         }
+    }
+
+    /// Looks through what the configuration names of the controls' own files.
+    fn look_through(&self, config: &Config, paths: &[PathPlan]) -> Result<(), GatewayError> {
+        let Self::Configured { controllers, .. } = self else {
+            return Ok(());
+        };
+        let limits = paths.iter().map(|path| Some(&path.limits));
+        let limits = limits.chain(std::iter::repeat(None));
+        for ((device, own), limits) in controllers.iter().zip(&config.controllers).zip(limits) {
+            let looked = device.look_through(own, limits);
+            looked.map_err(|source| GatewayError::DeviceConfig {
+                file: config.file.clone(),
+                source,
+            })?;
+        }
+        Ok(())
     }
 
     #[expect(clippy::type_complexity, reason = "three parts of one answer")]

@@ -76,6 +76,9 @@ pub(super) fn text(plan: &PlanDocument, config: &Config) -> String {
                 let per_min = format!("{per_min} mm/min or rev/min at the most");
                 lines.plain(&format!("    axis {axis}"), &per_min);
             }
+        } else if let Some(version) = control.protocol {
+            lines.plain("  protocol", &format!("version {version}"));
+            lines.plain("  state", control.state.as_deref().unwrap_or("not told"));
         } else {
             let words = match (control.shift_in_use, control.shift_words) {
                 (Some(true), Some(first)) => format!("from R{first} on (parameter 1280)"),

@@ -40,6 +40,8 @@ pub(crate) struct Told {
     pub(crate) flags: u16,
     pub(crate) at: [f64; 2],
     pub(crate) silent: bool,
+    /// Whether the planner of the control does not move.
+    pub(crate) stuck: bool,
 }
 
 pub(crate) struct Bridge {
@@ -51,14 +53,17 @@ pub(crate) struct Bridge {
 }
 
 pub(crate) fn state(told: &Told, sequence: u32, time: Duration, report: Words) -> State {
-    let axis = |name, position| AxisState {
-        name,
+    let axis = |index: usize| AxisState {
+        name: AXES[index],
         step: 1,
-        position,
+        position: told.at[index],
         velocity: 0.0,
-        offset: 0,
+        // What the barrier applies, as its report has it.
+        offset: (report.as_slice().get(8 + 3 * index))
+            .filter(|_| !told.stuck)
+            .map_or(0, |word| word.cast_signed().into()),
     };
-    let axes = [axis(AXES[0], told.at[0]), axis(AXES[1], told.at[1])];
+    let axes = [axis(0), axis(1)];
     let mut state = State::of(&axes).unwrap();
     state.machine = told.machine;
     (state.run, state.sequence) = (told.run, sequence);
@@ -80,6 +85,7 @@ impl Bridge {
             flags: Flags::ENABLED | Flags::HOMED,
             at: [100.0, 90.0],
             silent: false,
+            stuck: false,
         }));
         let barrier = Barrier::start(settings(), 0, 0, &Counts::default()).unwrap();
         let barrier = Arc::new(Mutex::new(barrier));

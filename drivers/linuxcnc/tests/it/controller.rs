@@ -6,7 +6,7 @@ use std::{
 };
 
 use assert_no_alloc::assert_no_alloc;
-use volcomp_guard::barrier::{Counts, FRAME_WORDS, Report, Session};
+use volcomp_guard::barrier::{Barrier, Counts, FRAME_WORDS, Report, Session};
 use volcomp_linuxcnc::{Flags, LinuxCncConfig, LinuxCncController, STATE_BYTES};
 use volcomp_port::{Controller, DeviceError, Fault, Snapshot, Words, contract};
 use volcomp_vocabulary::{AxisName, Displacement, Mm, PerChannel};
@@ -70,6 +70,24 @@ fn a_correction_arrives_at_the_barrier() {
     }
     assert_eq!(bridge.barrier.lock().unwrap().memory().owner, 77);
     assert_eq!(controller.health().broken, 0);
+}
+
+/// A bridge that tells a correction which the control does not have, and no flag.
+#[test]
+fn an_offset_that_does_not_come_is_an_alarm() {
+    let bridge = Bridge::start();
+    let mut controller = LinuxCncController::new(&bridge.config()).unwrap();
+    assert!(!controller.read(soon()).unwrap().state.alarm);
+    let all: Counts = PerChannel::leading([3500, 0]);
+    *bridge.barrier.lock().unwrap() = Barrier::start(settings(), 0, 0, &all).unwrap();
+    bridge.told.lock().unwrap().stuck = true;
+    until(&mut controller, |read| {
+        read.is_ok_and(|read| read.state.alarm)
+    });
+    bridge.told.lock().unwrap().stuck = false;
+    until(&mut controller, |read| {
+        read.is_ok_and(|read| !read.state.alarm)
+    });
 }
 
 #[test]
@@ -185,6 +203,7 @@ fn late_doubled_and_waiting_states_are_told_apart() {
             flags: Flags::ENABLED | Flags::HOMED,
             at: [at, 0.0],
             silent: false,
+            stuck: false,
         };
         let mut bytes = [0; STATE_BYTES];
         let length = state(&told, sequence, time, Words::EMPTY).encode(&mut bytes);

@@ -1,6 +1,6 @@
 //! INI files: the shipped ones are right, and each line that is missing or wrong is named.
 
-use volcomp_linuxcnc::{Expected, Ini, PORT};
+use volcomp_linuxcnc::{Expected, Ini, Least, PORT};
 use volcomp_vocabulary::AxisName;
 
 fn expected() -> Expected {
@@ -11,6 +11,11 @@ fn expected() -> Expected {
         step_nm: 1.0,
         step_udeg: 1.0,
         scan_ms: 1.0,
+        least: Some(Least {
+            limit: [30.0, 0.0],
+            rate: [1000.0, 0.0],
+            zero_after_ms: 1000.0,
+        }),
     }
 }
 
@@ -45,7 +50,7 @@ fn each_line_that_is_missing_or_wrong_is_named() {
         ("MACHINE = 1\n", "", "[VOLCOMP]MACHINE is missing"),
         (
             "AXES = XYZ",
-            "AXES = X Z Y # turned",
+            "AXES = X Z Y",
             "[VOLCOMP]AXES: found XZY, expected XYZ",
         ),
         (
@@ -54,6 +59,67 @@ fn each_line_that_is_missing_or_wrong_is_named() {
             "[VOLCOMP]STEP_NM: found 10, expected 1",
         ),
         ("LIMIT_UM = 30", "", "[VOLCOMP]LIMIT_UM is missing"),
+        // LinuxCNC takes what stands behind a value for a part of it.
+        (
+            "LIMIT_UM = 30",
+            "LIMIT_UM = 30 # um",
+            "[VOLCOMP]LIMIT_UM: found 30 # um, expected a number and nothing behind it",
+        ),
+        (
+            "LIMIT_UM = 30",
+            "LIMIT_UM = 5",
+            "[VOLCOMP]LIMIT_UM: found 5, expected 30 or more: the limit of [guard]",
+        ),
+        (
+            "LIMIT_UM = 30",
+            "LIMIT_UM = 40",
+            "[VOLCOMP]LIMIT_UM: found 40, expected 32.767 or less: a word",
+        ),
+        (
+            "RATE_UM_PER_S = 2000",
+            "RATE_UM_PER_S = 10",
+            "[VOLCOMP]RATE_UM_PER_S: found 10, expected 1000 or more: twice the slew",
+        ),
+        (
+            "LIMIT_UM = 30",
+            "LIMIT_UM = 30\nHOLD_MS = 65636\nTIME_OUT_MS = 65836",
+            "[VOLCOMP]HOLD_MS: found 65636, expected 32767 or less",
+        ),
+        (
+            "LIMIT_UM = 30",
+            "LIMIT_UM = 30\nTIME_OUT_MS = 65836",
+            "[VOLCOMP]TIME_OUT_MS: found 65836, expected 1000 or less: guard.zero_after_ms",
+        ),
+        (
+            "LIMIT_UM = 30",
+            "LIMIT_UM = 30\nHOLD_MS = 200",
+            "[VOLCOMP]TIME_OUT_MS: found 300, expected 400 or more: twice HOLD_MS",
+        ),
+        (
+            "LIMIT_UM = 30",
+            "LIMIT_UM = 30\nSTEP_NM = 1.5",
+            "[VOLCOMP]STEP_NM: found 1.5, expected a whole number",
+        ),
+        (
+            "[AXIS_Y]\nOFFSET_AV_RATIO = 0.02\nMAX_VELOCITY = 200",
+            "[AXIS_Y]\nOFFSET_AV_RATIO = 0.001\nMAX_VELOCITY = 5",
+            "[AXIS_Y]OFFSET_AV_RATIO: found 0.001, expected 0.4 or more: of MAX_VELOCITY = 5",
+        ),
+        (
+            "HALFILE = ../../drivers/linuxcnc/bridge/volcomp.tcl\n",
+            "HALFILE = PATH/volcomp-servo.tcl\nHALFILE = probe.hal\n",
+            "[HAL]HALFILE: found probe.hal behind volcomp-servo.tcl",
+        ),
+        (
+            "LINEAR_UNITS = mm\n",
+            "",
+            "[TRAJ]LINEAR_UNITS is missing, expected mm",
+        ),
+        (
+            "ANGULAR_UNITS = degree\n",
+            "ANGULAR_UNITS = rad\n",
+            "[TRAJ]ANGULAR_UNITS: found rad, expected degree",
+        ),
         (
             "[AXIS_Y]\nOFFSET_AV_RATIO = 0.02",
             "[AXIS_Y]",
@@ -100,6 +166,33 @@ fn each_line_that_is_missing_or_wrong_is_named() {
         "[JOINT_2]\nBACKLASH = 0.0\n# COMP_FILE = z.tbl\n",
     );
     assert_eq!(told(&right), [""; 0]);
+}
+
+/// What is included stands where LinuxCNC puts it; what cannot be read is named.
+#[test]
+fn files_that_are_included_are_looked_through() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("mill.ini");
+    let told = |text: &str| {
+        std::fs::write(&file, text).unwrap();
+        let problems = Ini::read(&file).unwrap().problems(&expected());
+        problems.iter().map(ToString::to_string).collect::<Vec<_>>()
+    };
+    assert_eq!(told(&mill()), [""; 0]);
+    std::fs::write(
+        dir.path().join("y.inc"),
+        "COMP_FILE = y.tbl\n#INCLUDE none\n",
+    )
+    .unwrap();
+    let includes = mill().replace("[JOINT_1]\n", "[JOINT_1]\n#INCLUDE y.inc\n");
+    let found = told(&includes).join("\n");
+    assert!(
+        found.starts_with("[JOINT_1]COMP_FILE: found y.tbl"),
+        "{found}"
+    );
+    let found = told(&includes.replace("y.inc", "x.inc")).join("\n");
+    assert!(found.starts_with("#INCLUDE x.inc: "), "{found}");
+    assert!(Ini::read(&dir.path().join("other.ini")).is_err());
 }
 
 proptest::proptest! {

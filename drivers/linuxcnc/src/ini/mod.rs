@@ -1,12 +1,24 @@
 //! The INI file of a LinuxCNC: what of it stands in the way of a correction.
 
+mod numbers;
+mod problem;
+
+pub use numbers::Least;
+pub use problem::Problem;
+
+use std::path::Path;
+
 use volcomp_vocabulary::{AxisKind, AxisName};
 
 use crate::PORT;
 
 /// An INI file of LinuxCNC: sections, keys and values as they are written.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Ini(Vec<(String, String, String)>);
+pub struct Ini {
+    entries: Vec<(String, String, String)>,
+    /// Files that are included and cannot be read, and why.
+    unread: Vec<(String, String)>,
+}
 
 /// What is expected of an INI file.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,103 +35,13 @@ pub struct Expected {
     pub step_udeg: f64,
     /// The period of the servo thread, ms.
     pub scan_ms: f64,
-}
-
-/// What is wrong or missing in an INI file.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum Problem {
-    /// The bridge is not loaded.
-    #[error(
-        "[HAL]HALFILE: volcomp.tcl or volcomp-servo.tcl is missing, expected one of them behind the file that loads the motion controller"
-    )]
-    NoHalFile,
-    /// A key of the bridge is missing.
-    #[error("[VOLCOMP]{key} is missing")]
-    Missing {
-        /// The key.
-        key: &'static str,
-    },
-    /// A key of the bridge is not as the gateway is configured.
-    #[error("[VOLCOMP]{key}: found {found}, expected {expected} as in the gateway's configuration")]
-    Other {
-        /// The key.
-        key: &'static str,
-        /// The value of this key in the INI file.
-        found: String,
-        /// What the gateway is configured for.
-        expected: String,
-    },
-    /// An axis has no share of velocity for its offset.
-    #[error(
-        "[AXIS_{axis}]OFFSET_AV_RATIO is missing, expected a number such as 0.02: without it LinuxCNC takes no offset"
-    )]
-    NoRatio {
-        /// The axis.
-        axis: AxisName,
-    },
-    /// The share of an axis makes no sense.
-    #[error(
-        "[AXIS_{axis}]OFFSET_AV_RATIO: found {found}, expected more than 0 and at most 0.2: it is taken from the velocity of programs"
-    )]
-    Ratio {
-        /// The axis.
-        axis: AxisName,
-        /// The value of this key in the INI file.
-        found: String,
-    },
-    /// A joint has a compensation table of LinuxCNC, which would be added to ours.
-    #[error(
-        "[JOINT_{joint}]COMP_FILE: found {found}, expected none: its correction and that of the gateway would add up"
-    )]
-    CompFile {
-        /// The joint.
-        joint: String,
-        /// The name of the table's file in the INI file.
-        found: String,
-    },
-    /// A joint has a backlash of LinuxCNC, which would be added to ours.
-    #[error(
-        "[JOINT_{joint}]BACKLASH: found {found}, expected none or 0: the model of the machine has the reversal errors, and both would add up"
-    )]
-    Backlash {
-        /// The joint.
-        joint: String,
-        /// The backlash in the INI file.
-        found: String,
-    },
-    /// Lengths are not mm.
-    #[error("[TRAJ]{key}: found {found}, expected {expected}: the bridge counts in these")]
-    Units {
-        /// The key.
-        key: &'static str,
-        /// The unit in the INI file.
-        found: String,
-        /// The unit that is expected.
-        expected: &'static str,
-    },
-    /// The kinematics are not those of machine axes.
-    #[error(
-        "[KINS]KINEMATICS: found {found}, expected trivkins: with other kinematics LinuxCNC adds offsets to coordinates of the workpiece, not of the machine"
-    )]
-    Kinematics {
-        /// The kinematics module in the INI file.
-        found: String,
-    },
-    /// The servo thread has another period than the gateway is configured for.
-    #[error(
-        "[EMCMOT]SERVO_PERIOD: found {found} ns, expected {expected} ns, barrier.scan_ms of the gateway's configuration"
-    )]
-    Period {
-        /// The period in the INI file, ns.
-        found: String,
-        /// The period of the configuration, ns.
-        expected: f64,
-    },
+    /// What the guard needs of the bridge; `None` where nothing is corrected.
+    pub least: Option<Least>,
 }
 
 impl Ini {
-    /// Reads a file as LinuxCNC does: keys before any section, and lines that are none, are passed over.
+    /// Reads a file as LinuxCNC does: keys before any section, and lines that are none, are passed over. A comment is a
+    /// line of its own; behind a value it is a part of the value.
     #[must_use]
     pub fn parse(text: &str) -> Self {
         let (mut entries, mut section) = (Vec::new(), String::new());
@@ -130,16 +52,49 @@ impl Ini {
             if let Some(name) = line.strip_prefix('[').and_then(|rest| rest.split_once(']')) {
                 name.0.trim().clone_into(&mut section);
             } else if let Some((key, value)) = line.split_once('=') {
-                // A comment behind a value begins with a blank.
-                let end = [" #", "\t#", " ;", "\t;"]
-                    .iter()
-                    .filter_map(|mark| value.find(mark))
-                    .min();
-                let value = value[..end.unwrap_or(value.len())].trim();
-                entries.push((section.clone(), key.trim().to_owned(), value.to_owned()));
+                let (key, value) = (key.trim().to_owned(), value.trim().to_owned());
+                entries.push((section.clone(), key, value));
             }
         }
-        Self(entries)
+        Self {
+            entries,
+            unread: Vec::new(),
+        }
+    }
+
+    /// Reads a file and the files that it includes, as LinuxCNC does: where `#INCLUDE FILE` stands, relative to the file. Lines
+    /// of that form in files that are included are comments.
+    ///
+    /// # Errors
+    /// A file that cannot be read. One that is included and cannot be read is a [`Problem`].
+    pub fn read(file: &Path) -> std::io::Result<Self> {
+        let folder = file.parent().unwrap_or(Path::new(""));
+        let (mut text, mut unread) = (String::new(), Vec::new());
+        for line in String::from_utf8_lossy(&std::fs::read(file)?).lines() {
+            let words = line.trim().split_once(char::is_whitespace);
+            let Some(("#INCLUDE", named)) = words else {
+                text += line;
+                text.push('\n');
+                continue;
+            };
+            let named = named.trim();
+            let home = std::env::home_dir().filter(|_| named.starts_with("~/"));
+            let path = match home {
+                Some(home) => home.join(&named[2..]),
+                None => folder.join(named),
+            };
+            match std::fs::read(path) {
+                Ok(bytes) => {
+                    text += &String::from_utf8_lossy(&bytes);
+                    text.push('\n');
+                }
+                Err(e) => unread.push((named.to_owned(), e.to_string())),
+            }
+        }
+        Ok(Self {
+            unread,
+            ..Self::parse(&text)
+        })
     }
 
     /// The values of a key, in their order.
@@ -147,7 +102,10 @@ impl Ini {
         let of = move |(in_section, name, _): &&(String, String, String)| {
             in_section == section && name == key
         };
-        self.0.iter().filter(of).map(|(_, _, value)| value.as_str())
+        self.entries
+            .iter()
+            .filter(of)
+            .map(|(_, _, value)| value.as_str())
     }
 
     /// The first value of a key, which is the one that counts.
@@ -156,7 +114,10 @@ impl Ini {
         let of = |(in_section, name, _): &&(String, String, String)| {
             in_section == section && name == key
         };
-        self.0.iter().find(of).map(|(_, _, value)| value.as_str())
+        self.entries
+            .iter()
+            .find(of)
+            .map(|(_, _, value)| value.as_str())
     }
 
     /// Everything that is wrong or missing.
@@ -168,8 +129,17 @@ impl Ini {
             let name = name.rsplit('/').next();
             matches!(name, Some("volcomp.tcl" | "volcomp-servo.tcl"))
         };
-        if !self.all("HAL", "HALFILE").any(is_ours) {
-            problems.push(Problem::NoHalFile);
+        for (file, reason) in &self.unread {
+            let (file, reason) = (file.clone(), reason.clone());
+            problems.push(Problem::Include { file, reason });
+        }
+        let mut files = self.all("HAL", "HALFILE");
+        match files.find(|file| is_ours(file)) {
+            None => problems.push(Problem::NoHalFile),
+            Some(ours) => problems.extend(files.next().map(|found| Problem::Behind {
+                found: found.to_owned(),
+                ours: ours.rsplit('/').next().unwrap_or(ours).to_owned(),
+            })),
         }
         self.bridge(expected, &mut problems);
         for axis in &expected.axes {
@@ -184,7 +154,7 @@ impl Ini {
                 }
             }
         }
-        for (section, key, value) in &self.0 {
+        for (section, key, value) in &self.entries {
             let Some(joint) = section.strip_prefix("JOINT_") else {
                 continue;
             };
@@ -200,12 +170,15 @@ impl Ini {
             ("ANGULAR_UNITS", ["degree", "deg"]),
         ];
         for (key, known) in units {
-            if let Some(found) = self.get("TRAJ", key).filter(|unit| !known.contains(unit)) {
-                problems.push(Problem::Units {
+            let expected = known[0];
+            match self.get("TRAJ", key) {
+                None => problems.push(Problem::NoUnits { key, expected }),
+                Some(found) if !known.contains(&found) => problems.push(Problem::Units {
                     key,
                     found: found.to_owned(),
-                    expected: known[0],
-                });
+                    expected,
+                }),
+                Some(_) => {}
             }
         }
         let kinematics = self.get("KINS", "KINEMATICS").unwrap_or("trivkins");
@@ -263,16 +236,6 @@ impl Ini {
         if has(AxisKind::Rotary) {
             compare("STEP_UDEG", one(), expected.step_udeg.to_string());
         }
-        let of_kind = [
-            (AxisKind::Linear, ["LIMIT_UM", "RATE_UM_PER_S"]),
-            (AxisKind::Rotary, ["LIMIT_MDEG", "RATE_MDEG_PER_S"]),
-        ];
-        for (kind, keys) in of_kind {
-            for key in keys {
-                if has(kind) && self.get("VOLCOMP", key).is_none() {
-                    problems.push(Problem::Missing { key });
-                }
-            }
-        }
+        self.numbers(expected, problems);
     }
 }

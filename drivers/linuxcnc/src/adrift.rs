@@ -1,0 +1,158 @@
+//! Whether the axes have what the bridge tells of them.
+//!
+//! The bridge looks for this itself, and holds. A bridge that is wrong, or does not, is seen here, by the same rule: the
+//! state carries both the value that the barrier applies and the offset that the control's planner has reached.
+
+use std::time::Duration;
+
+use volcomp_vocabulary::MAX_AXES;
+
+use crate::{Flags, State};
+
+/// How far an offset may be off besides what its value moved in the time of the way, nm or millionths of a degree.
+const OFF_BY: f64 = 2000.0;
+/// How long the control's planner may take.
+const WAY: Duration = Duration::from_millis(250);
+/// For how long an offset has to be off.
+const FOR: Duration = Duration::from_millis(500);
+/// The words of a report before those of the axes, and the words of each axis.
+const HEAD: usize = 8;
+const OF_AXIS: usize = 3;
+
+/// What was applied last, and how much it moved lately.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Adrift {
+    last: Option<Duration>,
+    applied: [f64; MAX_AXES],
+    /// What moved, forgotten with the time of the way.
+    moved: [f64; MAX_AXES],
+    /// Since when an axis is off.
+    since: Option<Duration>,
+    is_lost: bool,
+}
+
+impl Adrift {
+    /// Whether an axis has for long been farther off than what moved on the way explains.
+    pub(crate) fn is_lost(&self) -> bool {
+        self.is_lost
+    }
+
+    /// Takes a state of the same run as the one before, with so many axes that are corrected.
+    pub(crate) fn hear(&mut self, state: &State, axes: usize) {
+        let words = state.report.as_slice();
+        let applies = state.flags.has(Flags::ENABLED) && state.flags.has(Flags::HOMED);
+        if words.len() < HEAD + OF_AXIS * axes || !applies {
+            // Nothing is told, or nothing moves.
+            *self = Self::default();
+            return;
+        }
+        let passed = self
+            .last
+            .map(|last| state.time.saturating_sub(last).as_secs_f64());
+        let kept = passed.map_or(0.0, |passed| (-passed / WAY.as_secs_f64()).exp());
+        let mut far = false;
+        for (index, axis) in state.axes().take(axes).enumerate() {
+            let counts = words[HEAD + OF_AXIS * index].cast_signed();
+            let applied = f64::from(counts) * f64::from(axis.step);
+            let step = if passed.is_some() {
+                (applied - self.applied[index]).abs()
+            } else {
+                0.0
+            };
+            self.moved[index] = self.moved[index] * kept + step;
+            self.applied[index] = applied;
+            #[expect(
+                clippy::cast_precision_loss,
+                reason = "9e15 nm are far beyond any limit"
+            )]
+            let offset = axis.offset as f64;
+            far |= (offset - applied).abs() > OFF_BY + self.moved[index];
+        }
+        self.last = Some(state.time);
+        self.since = far.then(|| self.since.unwrap_or(state.time));
+        let off_for = |since| state.time.saturating_sub(since);
+        self.is_lost = self.since.is_some_and(|since| off_for(since) >= FOR);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use volcomp_port::Words;
+    use volcomp_vocabulary::AxisName;
+
+    use super::*;
+    use crate::AxisState;
+
+    const MS: Duration = Duration::from_millis(1);
+
+    fn state(ms: u32, step: u32, applied: i16, offset: i64) -> State {
+        let axis = AxisState {
+            name: AxisName::X,
+            step,
+            position: 0.0,
+            velocity: 0.0,
+            offset,
+        };
+        let mut state = State::of(&[axis]).expect("one");
+        let mut words = [0; 13];
+        words[HEAD] = applied.cast_unsigned();
+        state.report = Words::new(&words).expect("room");
+        state.flags = Flags(Flags::ENABLED | Flags::HOMED);
+        state.time = MS * ms;
+        state
+    }
+
+    /// When it is lost, ms.
+    fn lost(of: impl Fn(u32) -> (i16, i64)) -> Option<u32> {
+        let mut adrift = Adrift::default();
+        (1..20_000).find(|ms| {
+            let (applied, offset) = of(*ms);
+            adrift.hear(&state(*ms, 1, applied, offset), 1);
+            adrift.is_lost()
+        })
+    }
+
+    #[test]
+    fn what_stands_away_is_lost_after_half_a_second() {
+        assert_eq!(lost(|_| (2000, 0)), None);
+        assert_eq!(lost(|_| (-2001, 0)), Some(501));
+        assert_eq!(lost(|_| (10_000, 20_000)), Some(501));
+        // Of counts of 10 nm, 300 are 3 um.
+        let mut adrift = Adrift::default();
+        for ms in 1..=501 {
+            assert!(!adrift.is_lost());
+            adrift.hear(&state(ms, 10, 300, 0), 1);
+        }
+        assert!(adrift.is_lost());
+        adrift.hear(&state(502, 10, 300, 1000), 1);
+        assert!(!adrift.is_lost(), "it has come");
+    }
+
+    /// A correction that goes up and down by 500 um/s, and offsets that come late, or not.
+    #[test]
+    fn what_follows_in_time_is_not_lost() {
+        #[expect(clippy::cast_possible_truncation, reason = "30 um in nm")]
+        let at = |ms: u32| {
+            let phase = f64::from(ms % 240) / 240.0;
+            (60_000.0 * ((2.0 * phase - 1.0).abs() - 0.5)) as i16
+        };
+        assert_eq!(lost(|ms| (at(ms), at(ms.saturating_sub(100)).into())), None);
+        // A planner of 5 um/s behind a ramp of 500 um/s to 30 um.
+        #[expect(clippy::cast_possible_truncation, reason = "30 um in nm")]
+        let ramp = |ms: u32| (ms.min(60) * 500) as i16;
+        let found = lost(|ms| (ramp(ms), i64::from(ms) * 5)).expect("lost");
+        assert!((501..1500).contains(&found), "{found} ms");
+    }
+
+    /// While the machine is off its offsets are what they like.
+    #[test]
+    fn a_machine_that_is_off_has_none() {
+        let mut adrift = Adrift::default();
+        for ms in 1..2000 {
+            let mut state = state(ms, 1, 10_000, 0);
+            state.flags = Flags(Flags::HOMED);
+            adrift.hear(&state, 1);
+            assert!(!adrift.is_lost());
+        }
+    }
+}

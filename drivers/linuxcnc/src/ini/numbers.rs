@@ -1,0 +1,208 @@
+//! The numbers of the bridge in an INI file: whether the bridge takes them, and the gateway arms with them.
+
+use volcomp_vocabulary::{AxisKind, AxisName};
+
+use super::{Expected, Ini, Problem};
+
+/// The largest number of counts, and of scans, that a word of the protocol holds.
+const WORD: f64 = i16::MAX as f64;
+
+/// The velocity of an axis for which the INI file has none, mm/s or deg/s, as LinuxCNC has it.
+const MAX_VELOCITY: f64 = 1.0;
+
+/// What the guard of the gateway needs of a bridge: the largest of all axes of a kind.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Least {
+    /// The largest correction of linear axes, um, and of rotary ones, millidegrees.
+    pub limit: [f64; 2],
+    /// The smallest rate of a barrier, twice the slew: um/s, and millidegrees a second.
+    pub rate: [f64; 2],
+    /// After so long the guard ramps out, ms.
+    pub zero_after_ms: f64,
+}
+
+struct Kind {
+    kind: AxisKind,
+    step: &'static str,
+    limit: &'static str,
+    rate: &'static str,
+}
+
+const KINDS: [Kind; 2] = [
+    Kind {
+        kind: AxisKind::Linear,
+        step: "STEP_NM",
+        limit: "LIMIT_UM",
+        rate: "RATE_UM_PER_S",
+    },
+    Kind {
+        kind: AxisKind::Rotary,
+        step: "STEP_UDEG",
+        limit: "LIMIT_MDEG",
+        rate: "RATE_MDEG_PER_S",
+    },
+];
+
+impl Ini {
+    /// A number of the bridge; what is missing without a default, or is none, is told.
+    fn number(
+        &self,
+        key: &'static str,
+        default: Option<f64>,
+        problems: &mut Vec<Problem>,
+    ) -> Option<f64> {
+        let Some(text) = self.get("VOLCOMP", key) else {
+            if default.is_none() {
+                problems.push(Problem::Missing { key });
+            }
+            return default;
+        };
+        let found = text.parse().ok().filter(|found: &f64| found.is_finite());
+        if found.is_none() {
+            let (found, expected) = (text.to_owned(), "a number");
+            problems.push(Problem::Number {
+                key,
+                found,
+                expected,
+            });
+        }
+        found
+    }
+
+    /// Limits, rates and times, as the bridges check them and the guard compares them.
+    pub(super) fn numbers(&self, expected: &Expected, problems: &mut Vec<Problem>) {
+        let scan_s = expected.scan_ms * 1e-3;
+        let kinds = KINDS.iter().enumerate();
+        for (at, kind) in kinds {
+            let corrected = |axis: &&AxisName| axis.kind() == kind.kind;
+            if !expected.axes.iter().any(|axis| corrected(&axis)) {
+                continue;
+            }
+            let step = self.number(kind.step, Some(1.0), problems);
+            if let Some(found) = step.filter(|step| step.fract() != 0.0 || *step < 1.0) {
+                problems.push(Problem::Number {
+                    key: kind.step,
+                    found: found.to_string(),
+                    expected: "a whole number, 1 or more,",
+                });
+            }
+            let step = step.filter(|step| *step >= 1.0).unwrap_or(1.0);
+            let least = expected.least.as_ref();
+            if let Some(found) = self.number(kind.limit, None, problems) {
+                let guard = least.map_or(0.0, |least| least.limit[at]);
+                between(
+                    kind.limit,
+                    found,
+                    [
+                        (guard, "the limit of [guard] in the gateway's configuration"),
+                        (step * 1e-3, "a count"),
+                    ],
+                    (
+                        WORD * step * 1e-3,
+                        "a word of the protocol holds 32767 counts",
+                    ),
+                    problems,
+                );
+            }
+            let Some(rate) = self.number(kind.rate, None, problems) else {
+                continue;
+            };
+            let guard = least.map_or(0.0, |least| least.rate[at]);
+            between(
+                kind.rate,
+                rate,
+                [
+                    (
+                        guard,
+                        "twice the slew of [guard] in the gateway's configuration",
+                    ),
+                    (step * 1e-3 / scan_s / WORD, "a count in 32767 scans"),
+                ],
+                (
+                    WORD * step * 1e-3 / scan_s,
+                    "a word of the protocol holds 32767 counts",
+                ),
+                problems,
+            );
+            for axis in expected.axes.iter().filter(corrected) {
+                self.follows(*axis, kind.rate, rate, problems);
+            }
+        }
+        if expected.axes.is_empty() {
+            return;
+        }
+        let hold = self.number("HOLD_MS", Some(100.0), problems);
+        let time_out = self.number("TIME_OUT_MS", Some(300.0), problems);
+        if let Some(found) = hold {
+            let least = (expected.scan_ms, "a period of the servo thread");
+            let most = (
+                WORD * expected.scan_ms,
+                "a word of the protocol holds 32767 scans",
+            );
+            between("HOLD_MS", found, [least, least], most, problems);
+        }
+        if let Some(found) = time_out {
+            let twice = (2.0 * hold.unwrap_or(0.0), "twice HOLD_MS");
+            let word = (
+                WORD * expected.scan_ms,
+                "a word of the protocol holds 32767 scans",
+            );
+            let guard = expected.least.as_ref().map(|least| least.zero_after_ms);
+            let guard = guard.map_or(word, |ms| {
+                (ms, "guard.zero_after_ms in the gateway's configuration")
+            });
+            let most = if guard.0 < word.0 { guard } else { word };
+            between("TIME_OUT_MS", found, [twice, twice], most, problems);
+        }
+    }
+
+    /// Whether the offset of an axis is as fast as the bridge, mm/s or deg/s. A share that is missing or makes no sense is
+    /// told elsewhere.
+    fn follows(&self, axis: AxisName, key: &'static str, rate: f64, problems: &mut Vec<Problem>) {
+        let section = format!("AXIS_{axis}");
+        let number = |key| self.get(&section, key)?.parse::<f64>().ok();
+        let Some(found) = number("OFFSET_AV_RATIO").filter(|ratio| *ratio > 0.0) else {
+            return;
+        };
+        let velocity = number("MAX_VELOCITY").unwrap_or(MAX_VELOCITY);
+        if !(found * velocity * (1.0 + 1e-9) >= rate * 1e-3) {
+            problems.push(Problem::Slow {
+                axis,
+                found,
+                expected: rate * 1e-3 / velocity,
+                velocity,
+                key,
+            });
+        }
+    }
+}
+
+/// Tells a number that is too small for one of two reasons, or too large.
+fn between(
+    key: &'static str,
+    found: f64,
+    least: [(f64, &'static str); 2],
+    most: (f64, &'static str),
+    problems: &mut Vec<Problem>,
+) {
+    let small = least
+        .into_iter()
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .filter(|(least, _)| found < least * (1.0 - 1e-9));
+    if let Some((expected, why)) = small {
+        problems.push(Problem::TooSmall {
+            key,
+            found,
+            expected,
+            why,
+        });
+    } else if found > most.0 * (1.0 + 1e-9) {
+        let (expected, why) = most;
+        problems.push(Problem::TooLarge {
+            key,
+            found,
+            expected,
+            why,
+        });
+    }
+}

@@ -1,0 +1,172 @@
+//! What can be wrong with an INI file.
+
+use volcomp_vocabulary::AxisName;
+
+/// What is wrong or missing in an INI file.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Problem {
+    /// The bridge is not loaded.
+    #[error(
+        "[HAL]HALFILE: volcomp.tcl or volcomp-servo.tcl is missing, expected one of them behind the file that loads the motion controller"
+    )]
+    NoHalFile,
+    /// A key of the bridge is missing.
+    #[error("[VOLCOMP]{key} is missing")]
+    Missing {
+        /// The key.
+        key: &'static str,
+    },
+    /// A key of the bridge is not as the gateway is configured.
+    #[error("[VOLCOMP]{key}: found {found}, expected {expected} as in the gateway's configuration")]
+    Other {
+        /// The key.
+        key: &'static str,
+        /// The value of this key in the INI file.
+        found: String,
+        /// What the gateway is configured for.
+        expected: String,
+    },
+    /// A value of the bridge is no number. LinuxCNC takes what stands behind a value for a part of it.
+    #[error("[VOLCOMP]{key}: found {found}, expected {expected} and nothing behind it")]
+    Number {
+        /// The key.
+        key: &'static str,
+        /// The value of this key in the INI file.
+        found: String,
+        /// What is expected there, in words.
+        expected: &'static str,
+    },
+    /// A value of the bridge is smaller than the gateway needs, or than a count or a scan.
+    #[error("[VOLCOMP]{key}: found {found}, expected {expected} or more: {why}")]
+    TooSmall {
+        /// The key.
+        key: &'static str,
+        /// The value of this key in the INI file, or its default.
+        found: f64,
+        /// The smallest that fits.
+        expected: f64,
+        /// Why, in words.
+        why: &'static str,
+    },
+    /// A value of the bridge is larger than the gateway allows, or than a word holds.
+    #[error("[VOLCOMP]{key}: found {found}, expected {expected} or less: {why}")]
+    TooLarge {
+        /// The key.
+        key: &'static str,
+        /// The value of this key in the INI file, or its default.
+        found: f64,
+        /// The largest that fits.
+        expected: f64,
+        /// Why, in words.
+        why: &'static str,
+    },
+    /// A HAL file comes behind that of the bridge.
+    #[error(
+        "[HAL]HALFILE: found {found} behind {ours}, expected {ours} as the last one: pins that it has connected, such as motion.probe-input, take no signal of a later file"
+    )]
+    Behind {
+        /// The later file.
+        found: String,
+        /// The file of the bridge.
+        ours: String,
+    },
+    /// A file that is included cannot be read.
+    #[error("#INCLUDE {file}: {reason}; expected a file that can be looked through")]
+    Include {
+        /// The file as the line names it.
+        file: String,
+        /// Why it cannot be read.
+        reason: String,
+    },
+    /// An axis whose offset is slower than the correction.
+    #[error(
+        "[AXIS_{axis}]OFFSET_AV_RATIO: found {found}, expected {expected} or more: of MAX_VELOCITY = {velocity} that is the rate of the bridge, [VOLCOMP]{key}, which the offset has to follow"
+    )]
+    Slow {
+        /// The axis.
+        axis: AxisName,
+        /// The value of this key in the INI file.
+        found: f64,
+        /// The smallest that fits.
+        expected: f64,
+        /// The velocity of the axis, mm/s or deg/s.
+        velocity: f64,
+        /// The key of the rate.
+        key: &'static str,
+    },
+    /// An axis has no share of velocity for its offset.
+    #[error(
+        "[AXIS_{axis}]OFFSET_AV_RATIO is missing, expected a number such as 0.02: without it LinuxCNC takes no offset"
+    )]
+    NoRatio {
+        /// The axis.
+        axis: AxisName,
+    },
+    /// The share of an axis makes no sense.
+    #[error(
+        "[AXIS_{axis}]OFFSET_AV_RATIO: found {found}, expected more than 0 and at most 0.2: it is taken from the velocity of programs"
+    )]
+    Ratio {
+        /// The axis.
+        axis: AxisName,
+        /// The value of this key in the INI file.
+        found: String,
+    },
+    /// A joint has a compensation table of LinuxCNC, which would be added to ours.
+    #[error(
+        "[JOINT_{joint}]COMP_FILE: found {found}, expected none: its correction and that of the gateway would add up"
+    )]
+    CompFile {
+        /// The joint.
+        joint: String,
+        /// The name of the table's file in the INI file.
+        found: String,
+    },
+    /// A joint has a backlash of LinuxCNC, which would be added to ours.
+    #[error(
+        "[JOINT_{joint}]BACKLASH: found {found}, expected none or 0: the model of the machine has the reversal errors, and both would add up"
+    )]
+    Backlash {
+        /// The joint.
+        joint: String,
+        /// The backlash in the INI file.
+        found: String,
+    },
+    /// A unit is missing, and LinuxCNC takes one of its own.
+    #[error("[TRAJ]{key} is missing, expected {expected}: the bridge counts in these")]
+    NoUnits {
+        /// The key.
+        key: &'static str,
+        /// The unit that is expected.
+        expected: &'static str,
+    },
+    /// Lengths are not mm, or angles not degrees.
+    #[error("[TRAJ]{key}: found {found}, expected {expected}: the bridge counts in these")]
+    Units {
+        /// The key.
+        key: &'static str,
+        /// The unit in the INI file.
+        found: String,
+        /// The unit that is expected.
+        expected: &'static str,
+    },
+    /// The kinematics are not those of machine axes.
+    #[error(
+        "[KINS]KINEMATICS: found {found}, expected trivkins: with other kinematics LinuxCNC adds offsets to coordinates of the workpiece, not of the machine"
+    )]
+    Kinematics {
+        /// The kinematics module in the INI file.
+        found: String,
+    },
+    /// The servo thread has another period than the gateway is configured for.
+    #[error(
+        "[EMCMOT]SERVO_PERIOD: found {found} ns, expected {expected} ns, barrier.scan_ms of the gateway's configuration"
+    )]
+    Period {
+        /// The period in the INI file, ns.
+        found: String,
+        /// The period of the configuration, ns.
+        expected: f64,
+    },
+}
