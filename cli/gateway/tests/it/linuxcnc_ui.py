@@ -200,6 +200,9 @@ def answer(asked):
         mode(linuxcnc.MODE_MANUAL)
         until(lambda: command.teleop_enable(0), lambda: stat.motion_mode == linuxcnc.TRAJ_MODE_FREE)
         until(lambda: command.unhome(-1), lambda: not any(stat.homed[:stat.joints]))
+    elif do == "joint_mode":
+        mode(linuxcnc.MODE_MANUAL)
+        until(lambda: command.teleop_enable(0), lambda: stat.motion_mode == linuxcnc.TRAJ_MODE_FREE)
     elif do == "hal":
         return halcmd(*asked["arguments"])
     elif do == "get":

@@ -50,6 +50,26 @@ fn check_names_what_is_missing_in_the_file() {
             "[AXIS_Z]",
             "[AXIS_Z]OFFSET_AV_RATIO is missing",
         ),
+        (
+            "LIMIT_UM = 30",
+            "LIMIT_UM = 5",
+            "[VOLCOMP]LIMIT_UM: found 5, expected 30 or more",
+        ),
+        (
+            "RATE_UM_PER_S = 2000",
+            "RATE_UM_PER_S = 10",
+            "[VOLCOMP]RATE_UM_PER_S: found 10, expected 1000 or more",
+        ),
+        (
+            "RATE_UM_PER_S = 2000",
+            "RATE_UM_PER_S = 2000\nTIME_OUT_MS = 1100",
+            "[VOLCOMP]TIME_OUT_MS: found 1100, expected 1000 or less",
+        ),
+        (
+            "[JOINT_1]\n",
+            "[JOINT_1]\n#INCLUDE comp.inc\n",
+            "#INCLUDE comp.inc",
+        ),
     ] {
         let (status, said) = check(from, to);
         assert_eq!(status, Some(2), "{said}");

@@ -1,5 +1,6 @@
 //! The gateway on a real LinuxCNC, moved without a display: what its motors do against what the errors ask for.
 
+mod adrift;
 mod faults;
 mod ini;
 mod peer;
