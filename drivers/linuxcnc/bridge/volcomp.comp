@@ -358,7 +358,7 @@ FUNCTION(take) {
     holds = (flags & (ESTOP | LIMITED | LOST)) || !is_on || settle > 0 || strange > 0;
     /* What no word can tell is not told, and goes towards zero: that is the one movement while an offset counts as lost. */
     beyond = 0;
-    for (int i = 0; i < n; i++) beyond |= abs(b.applied[i]) > WORD;
+    for (int i = 0; i < n; i++) beyond |= b.applied[i] != (int16_t)b.applied[i];
     if (beyond) {
         holds = (flags & (ESTOP | LIMITED)) || !is_on || stands || settle > 0 || strange > 0;
         flags |= LOST;
@@ -411,7 +411,7 @@ FUNCTION(tell) {
     int count = 0;
     if (!began) return;
     int fits = 1;
-    for (int i = 0; i < n; i++) fits &= abs(b.applied[i]) <= WORD;
+    for (int i = 0; i < n; i++) fits &= b.applied[i] == (int16_t)b.applied[i];
     if (fits) {
         words[count++] = b.age; words[count++] = b.tick; words[count++] = b.holder; words[count++] = b.sequence;
         words[count++] = b.refusal; words[count++] = step_scans; words[count++] = hold_scans; words[count++] = time_out_scans;

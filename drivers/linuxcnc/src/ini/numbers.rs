@@ -21,22 +21,22 @@ pub struct Least {
     pub zero_after_ms: f64,
 }
 
-struct Kind {
-    kind: AxisKind,
+struct Keys {
+    of: AxisKind,
     step: &'static str,
     limit: &'static str,
     rate: &'static str,
 }
 
-const KINDS: [Kind; 2] = [
-    Kind {
-        kind: AxisKind::Linear,
+const KEYS: [Keys; 2] = [
+    Keys {
+        of: AxisKind::Linear,
         step: "STEP_NM",
         limit: "LIMIT_UM",
         rate: "RATE_UM_PER_S",
     },
-    Kind {
-        kind: AxisKind::Rotary,
+    Keys {
+        of: AxisKind::Rotary,
         step: "STEP_UDEG",
         limit: "LIMIT_MDEG",
         rate: "RATE_MDEG_PER_S",
@@ -72,26 +72,25 @@ impl Ini {
     /// Limits, rates and times, as the bridges check them and the guard compares them.
     pub(super) fn numbers(&self, expected: &Expected, problems: &mut Vec<Problem>) {
         let scan_s = expected.scan_ms * 1e-3;
-        let kinds = KINDS.iter().enumerate();
-        for (at, kind) in kinds {
-            let corrected = |axis: &&AxisName| axis.kind() == kind.kind;
+        for (at, keys) in KEYS.iter().enumerate() {
+            let corrected = |axis: &&AxisName| axis.kind() == keys.of;
             if !expected.axes.iter().any(|axis| corrected(&axis)) {
                 continue;
             }
-            let step = self.number(kind.step, Some(1.0), problems);
+            let step = self.number(keys.step, Some(1.0), problems);
             if let Some(found) = step.filter(|step| step.fract() != 0.0 || *step < 1.0) {
                 problems.push(Problem::Number {
-                    key: kind.step,
+                    key: keys.step,
                     found: found.to_string(),
                     expected: "a whole number, 1 or more,",
                 });
             }
             let step = step.filter(|step| *step >= 1.0).unwrap_or(1.0);
             let least = expected.least.as_ref();
-            if let Some(found) = self.number(kind.limit, None, problems) {
+            if let Some(found) = self.number(keys.limit, None, problems) {
                 let guard = least.map_or(0.0, |least| least.limit[at]);
                 between(
-                    kind.limit,
+                    keys.limit,
                     found,
                     [
                         (guard, "the limit of [guard] in the gateway's configuration"),
@@ -104,12 +103,12 @@ impl Ini {
                     problems,
                 );
             }
-            let Some(rate) = self.number(kind.rate, None, problems) else {
+            let Some(rate) = self.number(keys.rate, None, problems) else {
                 continue;
             };
             let guard = least.map_or(0.0, |least| least.rate[at]);
             between(
-                kind.rate,
+                keys.rate,
                 rate,
                 [
                     (
@@ -125,7 +124,7 @@ impl Ini {
                 problems,
             );
             for axis in expected.axes.iter().filter(corrected) {
-                self.follows(*axis, kind.rate, rate, problems);
+                self.follows(*axis, keys.rate, rate, problems);
             }
         }
         if expected.axes.is_empty() {
@@ -165,7 +164,8 @@ impl Ini {
             return;
         };
         let velocity = number("MAX_VELOCITY").unwrap_or(MAX_VELOCITY);
-        if !(found * velocity * (1.0 + 1e-9) >= rate * 1e-3) {
+        let share = found * velocity * (1.0 + 1e-9);
+        if share.is_nan() || share < rate * 1e-3 {
             problems.push(Problem::Slow {
                 axis,
                 found,
