@@ -83,14 +83,12 @@ set rates {}
 foreach rate $per_scan {
     lappend rates [expr {int($rate * $step_scans + 1e-9)}]
 }
-proc scans {key default} {
-    return [expr {int(round([number $key $default] * 1e-3 / $::period_s))}]
-}
 
 set arguments [list axes=[join $letters ""] machine=[whole MACHINE] port=[whole PORT 47001] \
     listen_on=[setting LISTEN 127.0.0.1] joints=$joints epoch_file=[file join $folder [setting EPOCH_FILE volcomp.epoch]] \
     step=[join $steps ,] limit=[join $limits ,] rate=[join $rates ,] step_scans=$step_scans \
-    hold_scans=[scans HOLD_MS 100] time_out_scans=[scans TIME_OUT_MS 300]]
+    hold_scans=[expr {int(round([number HOLD_MS 100] * 1e-3 / $period_s))}] \
+    time_out_scans=[expr {int(round([number TIME_OUT_MS 300] * 1e-3 / $period_s))}]]
 if {[llength $reads]} {
     lappend arguments reads=[join $reads ""]
 }

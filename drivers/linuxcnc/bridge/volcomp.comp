@@ -95,6 +95,7 @@ static long long lost_ns, off_ns;
 static double base[MOST], position[MOST], moved[MOST];
 
 static volatile int kept_epoch, stop;
+static int stored_epoch;
 static pthread_t keeper;
 static int has_keeper;
 
@@ -122,9 +123,9 @@ static int store(int number) {
 }
 
 /* Keeps the epoch on a thread of its own: files have no place in the servo thread. */
-static void *keep(void *unused) {
-    int kept = kept_epoch;
-    (void)unused;
+static void *keep(void *at_start) {
+    /* Not the one of now: it may have moved on before this thread came. */
+    int kept = *(int *)at_start;
     while (!stop) {
         int now = kept_epoch;
         if (now != kept && store(now) == 0) kept = now;
@@ -204,6 +205,7 @@ EXTRA_SETUP() {
         rtapi_print_msg(RTAPI_MSG_ERR, "volcomp: %s cannot be written: %s\n", epoch_file, strerror(errno));
         return -EIO;
     }
+    stored_epoch = kept_epoch;
     memset(&at, 0, sizeof at);
     at.sin_family = AF_INET; at.sin_port = htons(port); at.sin_addr.s_addr = inet_addr(listen_on);
     fd = socket(AF_INET, SOCK_DGRAM, 0);
@@ -213,7 +215,7 @@ EXTRA_SETUP() {
     }
     struct timespec now; clock_gettime(CLOCK_REALTIME, &now);
     run = (uint32_t)now.tv_nsec ^ (uint32_t)now.tv_sec * 2654435761u;
-    has_keeper = pthread_create(&keeper, NULL, keep, NULL) == 0;
+    has_keeper = pthread_create(&keeper, NULL, keep, &stored_epoch) == 0;
     return has_keeper ? 0 : -EAGAIN;
 }
 
