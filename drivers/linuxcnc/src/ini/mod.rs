@@ -141,6 +141,14 @@ impl Ini {
                 ours: ours.rsplit('/').next().unwrap_or(ours).to_owned(),
             })),
         }
+        if let Some(found) = self.get("HAL", "TWOPASS")
+            && self
+                .all("HAL", "HALFILE")
+                .any(|file| is_ours(file) && file.contains("volcomp.tcl"))
+        {
+            let found = found.to_owned();
+            problems.push(Problem::TwoPass { found });
+        }
         self.bridge(expected, &mut problems);
         for axis in &expected.axes {
             match self.get(&format!("AXIS_{axis}"), "OFFSET_AV_RATIO") {

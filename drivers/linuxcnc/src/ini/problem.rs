@@ -71,6 +71,14 @@ pub enum Problem {
         /// The file of the bridge.
         ours: String,
     },
+    /// HAL files are read twice, which the bridge in user space cannot stand.
+    #[error(
+        "[HAL]TWOPASS: found {found}, expected none with volcomp.tcl, which starts a program that needs what is loaded; volcomp-servo.tcl goes with it"
+    )]
+    TwoPass {
+        /// The value of this key in the INI file.
+        found: String,
+    },
     /// A file that is included cannot be read.
     #[error("#INCLUDE {file}: {reason}; expected a file that can be looked through")]
     Include {

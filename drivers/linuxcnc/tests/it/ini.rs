@@ -99,6 +99,11 @@ fn numbers_units_and_files_that_do_not_fit_are_named() {
             "[HAL]HALFILE: found probe.hal behind volcomp-servo.tcl",
         ),
         (
+            "[HAL]\n",
+            "[HAL]\nTWOPASS = ON\n",
+            "[HAL]TWOPASS: found ON, expected none with volcomp.tcl",
+        ),
+        (
             "LINEAR_UNITS = mm\n",
             "",
             "[TRAJ]LINEAR_UNITS is missing, expected mm",
@@ -172,6 +177,9 @@ fn each_line_that_is_missing_or_wrong_is_named() {
             "[EMCMOT]SERVO_PERIOD: found 500000 ns",
         ),
     ]);
+    let servo = mill().replace("volcomp.tcl", "volcomp-servo.tcl");
+    let right = servo.replace("[HAL]\n", "[HAL]\nTWOPASS = ON\n");
+    assert_eq!(told(&right), [""; 0]);
     let right = mill().replace(
         "[JOINT_2]\n",
         "[JOINT_2]\nBACKLASH = 0.0\n# COMP_FILE = z.tbl\n",
