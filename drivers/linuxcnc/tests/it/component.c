@@ -5,6 +5,7 @@
 
 #define RTAPI_MP_STRING(name, what)
 #define RTAPI_MP_INT(name, what)
+#define RTAPI_MP_ARRAY_INT(name, count, what)
 #define RTAPI_MSG_ERR 1
 #define rtapi_print_msg(level, ...) fprintf(stderr, __VA_ARGS__)
 #define EXTRA_SETUP() static int setup(void *__comp_inst, const char *prefix, long extra_arg)
@@ -24,23 +25,24 @@ int main(int count, char **arguments) {
     static char letters[16];
     struct sockaddr_in own;
     socklen_t size = sizeof own;
-    int at_start[MOST] = {0}, shall_hold;
+    int at_start[MOST] = {0}, shall_hold, tick, many;
     if (count != 2 || scanf("%15s", letters) != 1) return 3;
     axes = letters; epoch_file = arguments[1]; port = 0; joints = 1;
-    machine = number(); step_scans = number(); hold_scans = number(); time_out_scans = number();
+    many = strlen(letters);
+    machine = number(); step_scans = number(); hold_scans = number(); time_out_scans = number(); tick = number();
+    for (int i = 0; i < many; i++) { limit[i] = number(); step[i] = 1; }
+    for (int i = 0; i < many; i++) rate[i] = number();
+    for (int i = 0; i < many; i++) at_start[i] = number();
     if (setup(NULL, "", 0)) return 4;
-    b.tick = number();
-    for (int i = 0; i < n; i++) limit(i) = number();
-    for (int i = 0; i < n; i++) rate(i) = number();
-    for (int i = 0; i < n; i++) at_start[i] = number();
+    b.tick = tick;
     if (getsockname(fd, (struct sockaddr *)&own, &size)) return 5;
     printf("%d\n", ntohs(own.sin_port));
     fflush(stdout);
-    enabled = estop_ok = user_ok = homed(0) = 1;
+    enabled = estop_ok = user_ok = teleop_mode = homed(0) = 1;
     while (scanf("%d", &shall_hold) == 1) {
         limited = shall_hold;
         /* The control goes by the counts of the scan before. */
-        for (int i = 0; i < n; i++) request(i) = (at_start[i] + counts(i)) * 1e-6;
+        for (int i = 0; i < n; i++) request(i) = eoffset(i) = (at_start[i] + counts(i)) * 1e-6;
         take(1000000);
         tell(1000000);
         printf("%d\n", holds);
