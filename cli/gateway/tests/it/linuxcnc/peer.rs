@@ -25,7 +25,7 @@ const ANSWERS_WITHIN: Duration = Duration::from_secs(300);
 const HERE: &str = "VOLCOMP_HERE";
 
 /// Whether a LinuxCNC can be started here at all.
-fn is_there() -> bool {
+pub(crate) fn is_there() -> bool {
     let there = Path::new("/usr/bin/linuxcnc").exists();
     if !there {
         peers::not_run("linuxcnc-uspace");
@@ -384,16 +384,26 @@ impl Drop for LinuxCnc {
         // The user interface ends with the socket, and LinuxCNC with the user interface.
         let _ = self.asks.shutdown(std::net::Shutdown::Both);
         let end = Instant::now() + Duration::from_secs(30);
-        while Instant::now() < end {
-            if matches!(self.child.try_wait(), Ok(Some(_)) | Err(_)) {
-                return;
+        while Instant::now() < end && matches!(self.child.try_wait(), Ok(None)) {
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        // Some of its programs outlive its start script for a while, and would answer, or take, what is asked of the next one.
+        let end = Instant::now() + Duration::from_secs(30);
+        loop {
+            let left = self.processes("");
+            if left.is_empty() || Instant::now() > end {
+                break;
+            }
+            for pid in left {
+                signal("KILL", pid);
             }
             std::thread::sleep(Duration::from_millis(50));
         }
-        for pid in self.processes("") {
-            signal("KILL", pid);
-        }
         let _ = self.child.wait();
+        if std::env::var_os("VOLCOMP_ALONE").is_some() {
+            // What it shared goes with it, in the namespace that is ours alone: the next one finds no old state there.
+            let _ = Command::new("ipcrm").arg("--all").status();
+        }
     }
 }
 
