@@ -38,6 +38,9 @@ class Settings:
         self.axes, self.machine = axes, machine
         self.limit, self.rate = list(limit), list(rate)
         self.step_scans, self.hold_scans, self.time_out_scans = step_scans, hold_scans, time_out_scans
+        for letter in axes:
+            if letter not in DIGITS:
+                raise ValueError(f"axis {letter}: expected one of {', '.join(DIGITS)}")
         self.layout = layout(axes)
         if not 1 <= len(axes) <= 9 or len(set(axes)) != len(axes):
             raise ValueError(f"found the axes {''.join(axes)}, expected 1 to 9, each once")
@@ -99,6 +102,8 @@ class Barrier:
                 self.epoch = (self.epoch + 1) & 0xFFFF
                 self.owner = 0
                 goal = [0] * len(s.axes)
+        if self.is_beyond():
+            goal = [0] * len(s.axes)
         if goal is not None:
             self.aim(goal)
         if not holds:
@@ -152,8 +157,14 @@ class Barrier:
             moved = (way * self.done + self.steps // 2) // self.steps
             self.applied[axis] = start + (moved if goal >= start else -moved)
 
+    def is_beyond(self):
+        """Whether an axis stands where no word of 16 bits can tell it."""
+        return any(not -32768 <= applied <= 32767 for applied in self.applied)
+
     def report(self):
-        """The words that are published."""
+        """The words that are published; none while an axis stands where no word can tell it."""
+        if self.is_beyond():
+            return []
         s = self.settings
         words = [self.epoch, self.tick, self.owner, self.sequence, self.refusal,
                  s.step_scans, s.hold_scans, s.time_out_scans]
