@@ -5,44 +5,75 @@
 #   HALFILE = machine.hal
 #   HALFILE = PATH/volcomp.tcl
 #
-# The bridge may die; the last counts that it wrote must not stay for ever. So they go through a factor, the same for all
-# axes, that falls from 1 to 0 in the servo thread when the bridge has not been alive for 0.2 s.
+# The bridge may die; the last counts that it wrote must not stay for ever. So what LinuxCNC shows as requested by them is taken
+# out of them by the servo thread when the bridge has not been alive for 0.2 s: by one factor for all axes, that falls from 1 to 0.
+# LinuxCNC goes by changes of the counts, so that their zero is anywhere once it has lost an offset: that zero, the origin, is
+# worked out here, in every cycle while the factor is 1 and nothing depends on it, and outlives the bridge.
+#
+#   counts to LinuxCNC = (counts of the bridge - origin) * factor + origin
+#
+# The factor does not rise by itself when the bridge is heard again: only when the bridge says so, after it has asked for nothing.
+
+if {[info exists ::HAL(TWOPASS)]} {
+    error "\[HAL\]TWOPASS: volcomp.tcl does not start with it, since it starts a program that needs what is loaded; leave it out, or use volcomp-servo.tcl"
+}
+
+proc setting {key {default ""}} {
+    if {[info exists ::VOLCOMP($key)]} {
+        return [lindex $::VOLCOMP($key) 0]
+    }
+    if {$default eq ""} {
+        error "\[VOLCOMP\]$key is missing"
+    }
+    return $default
+}
 
 set here [file dirname [file normalize [info script]]]
-set letters [string tolower [string map {" " ""} $::VOLCOMP(AXES)]]
-set thread servo-thread
-set multiply {}
-set convert {}
-foreach letter [split $letters ""] {
-    lappend multiply volcomp.scaled-$letter
-    lappend convert volcomp.whole-$letter
+set letters [split [string tolower [string map {" " ""} [setting AXES XYZ]]] ""]
+foreach letter $letters {
+    if {$letter ni {x y z a b c u v w}} {
+        error "\[VOLCOMP\]AXES: found [string toupper $letter], expected axes of X Y Z A B C U V W"
+    }
 }
+set thread servo-thread
 
 # How fast the factor may change, 1/s: no axis goes faster than its rate from its limit.
 set fastest 5.0
 foreach {limit rate} {LIMIT_UM RATE_UM_PER_S LIMIT_MDEG RATE_MDEG_PER_S} {
     if {[info exists ::VOLCOMP($limit)] && [info exists ::VOLCOMP($rate)]} {
-        set fastest [expr {min($fastest, double([lindex $::VOLCOMP($rate) 0]) / [lindex $::VOLCOMP($limit) 0])}]
+        set fastest [expr {min($fastest, double([setting $rate]) / [setting $limit])}]
     }
 }
 
-loadrt sum2 names=volcomp.begin,volcomp.end
+proc of_axes {what} {
+    return [lmap letter $::letters {string cat volcomp. $what - $letter}]
+}
+set sums {}
+foreach what {origin way asked rounded} {
+    lappend sums {*}[of_axes $what]
+}
+loadrt sum2 names=[join [concat volcomp.begin volcomp.end $sums] ,]
 loadrt oneshot names=volcomp.heard
-loadrt mux2 names=volcomp.chosen
+loadrt flipflop names=volcomp.trusted
+loadrt mux2 names=[join [concat volcomp.chosen [of_axes kept]] ,]
 loadrt limit2 names=volcomp.ramp
-loadrt mult2 names=[join $multiply ,]
-loadrt conv_float_s32 names=[join $convert ,]
+loadrt comp names=volcomp.full
+loadrt mult2 names=[join [of_axes scaled] ,]
+loadrt limit1 names=[join [of_axes half] ,]
+loadrt conv_float_s32 names=[join [of_axes whole] ,]
 
 # Cycles of the servo thread, counted at its begin and at its end: what is read between two equal numbers is of one cycle.
 addf volcomp.begin $thread 1
 setp volcomp.begin.in1 1
 net volcomp-begin volcomp.begin.out => volcomp.begin.in0
 
-addf volcomp.heard $thread
-addf volcomp.chosen $thread
-addf volcomp.ramp $thread
-foreach name [concat $multiply $convert] {
+foreach name {volcomp.heard volcomp.trusted volcomp.chosen volcomp.ramp volcomp.full} {
     addf $name $thread
+}
+foreach what {origin kept way scaled asked half rounded whole} {
+    foreach name [of_axes $what] {
+        addf $name $thread
+    }
 }
 addf volcomp.end $thread
 setp volcomp.end.in1 1
@@ -53,21 +84,51 @@ setp volcomp.heard.rising 1
 setp volcomp.heard.falling 1
 setp volcomp.heard.retriggerable 1
 net volcomp-alive => volcomp.heard.in
-net volcomp-heard volcomp.heard.out => volcomp.chosen.sel
+net volcomp-silent volcomp.heard.out-not => volcomp.trusted.reset
+setp volcomp.trusted.data 1
+net volcomp-trust => volcomp.trusted.clk
+net volcomp-trusted volcomp.trusted.out => volcomp.chosen.sel
 setp volcomp.chosen.in0 0
 setp volcomp.chosen.in1 1
 net volcomp-chosen volcomp.chosen.out => volcomp.ramp.in
 setp volcomp.ramp.maxv $fastest
-net volcomp-factor volcomp.ramp.out
+net volcomp-factor volcomp.ramp.out => volcomp.full.in1
+setp volcomp.full.in0 0.999999999
+net volcomp-full volcomp.full.out
+
+# A pin that the machine's own files have connected keeps its signal.
+proc read_pin {signal from to} {
+    if {[catch {net $signal $from => $to}]} {
+        set owner [lindex [hal show pin $from] end]
+        net $owner => $to
+    }
+}
 
 newsig volcomp-enable bit
-foreach letter [split $letters ""] {
+foreach letter $letters {
+    net volcomp-counts-$letter => volcomp.origin-$letter.in0 volcomp.way-$letter.in0
+    # Where the counts would be with nothing asked for: kept from the moment when the factor begins to fall.
+    setp volcomp.origin-$letter.gain1 -1e6
+    read_pin volcomp-request-$letter axis.$letter.eoffset-request volcomp.origin-$letter.in1
+    net volcomp-zero-$letter volcomp.origin-$letter.out => volcomp.kept-$letter.in1
+    net volcomp-full => volcomp.kept-$letter.sel
+    net volcomp-origin-$letter volcomp.kept-$letter.out => volcomp.kept-$letter.in0
+    setp volcomp.way-$letter.gain1 -1
+    net volcomp-origin-$letter => volcomp.way-$letter.in1 volcomp.asked-$letter.in1
+    net volcomp-way-$letter volcomp.way-$letter.out => volcomp.scaled-$letter.in0
     net volcomp-factor => volcomp.scaled-$letter.in1
-    net volcomp-counts-$letter => volcomp.scaled-$letter.in0
-    net volcomp-scaled-$letter volcomp.scaled-$letter.out => volcomp.whole-$letter.in
+    net volcomp-scaled-$letter volcomp.scaled-$letter.out => volcomp.asked-$letter.in0
+    # The conversion cuts towards zero: with half a count more on the same side it rounds.
+    setp volcomp.half-$letter.min -0.5
+    setp volcomp.half-$letter.max 0.5
+    net volcomp-asked-$letter volcomp.asked-$letter.out => volcomp.half-$letter.in volcomp.rounded-$letter.in0
+    net volcomp-half-$letter volcomp.half-$letter.out => volcomp.rounded-$letter.in1
+    net volcomp-rounded-$letter volcomp.rounded-$letter.out => volcomp.whole-$letter.in
     net volcomp-whole-$letter volcomp.whole-$letter.out => axis.$letter.eoffset-counts
     net volcomp-enable => axis.$letter.eoffset-enable
     setp axis.$letter.eoffset-scale 1e-6
+    # The offset at the last contact of a probe, under one name for every bridge that is started.
+    newsig volcomp-probed-offset-$letter float
 }
 
 loadusr -Wn volcomp $here/volcomp_bridge.py $::env(INI_FILE_NAME)

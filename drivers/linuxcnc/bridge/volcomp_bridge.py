@@ -29,12 +29,17 @@ LANDS_WITHIN = 5
 SETTLES = 20
 # Cycles for which nothing moves after an offset was lost.
 LOST_FOR = 1000
+# How far an offset may be off besides what its value moved in the time of the way, and for how long: nm or millionths of a degree.
+OFF_BY = 2000.0
+WAY_S = 0.25
+OFF_FOR_S = 0.5
 # Cycles for which a sender that says nothing hears states.
 LISTENS_FOR_S = 1.0
 SENDERS = 4
 PROBING = 5
 # Epochs that the one in the file may be behind: as many starts and time-outs as can come while a disk hangs.
 EPOCHS_AHEAD = 16
+AXES = "XYZABCUVW"
 # Parts of a unit (mm or degree) in the unit of steps and offsets, and scale of the control's counts.
 NANO = 1e6
 
@@ -49,8 +54,12 @@ class Configuration:
     def __init__(self, path):
         self.path = path
         self.ini = linuxcnc.ini(path)
-        self.axes = list(self.text("AXES", "XYZ").upper().replace(" ", ""))
-        self.reads = list(self.text("READS", "").upper().replace(" ", ""))
+        self.units()
+        self.axes = self.letters("AXES", "XYZ")
+        self.reads = self.letters("READS", "")
+        twice = set(self.axes) & set(self.reads)
+        if twice or len(set(self.reads)) != len(self.reads):
+            raise ValueError(f"[VOLCOMP]READS: found {''.join(self.reads)}, expected each axis once, and none of AXES")
         self.machine = int(self.number("MACHINE"))
         self.port = int(self.number("PORT", 47001))
         self.listen = self.text("LISTEN", "127.0.0.1")
@@ -75,10 +84,29 @@ class Configuration:
 
         self.settings = Settings(
             self.axes, self.machine,
-            [int(value * milli / step) for value, step in zip(limit, self.steps)],
+            # No more than was said, but for what a decimal number cannot hold.
+            [int(value * milli / step + 1e-6) for value, step in zip(limit, self.steps)],
             [int(value * step_scans + 1e-9) for value in per_scan],
             step_scans, scans("HOLD_MS", 100), scans("TIME_OUT_MS", 300))
         self.period_ns = int(round(self.period_s * 1e9))
+
+    def units(self):
+        """Counts are nm and millionths of a degree: with other units every correction would be another one."""
+        for key, names in (("LINEAR_UNITS", ("mm", "metric")), ("ANGULAR_UNITS", ("degree", "deg"))):
+            sections = ["TRAJ"] + [f"AXIS_{letter}" for letter in AXES] + [f"JOINT_{joint}" for joint in range(16)]
+            for section in sections:
+                found = self.ini.find(section, key)
+                if found is None and section == "TRAJ":
+                    raise ValueError(f"[TRAJ]{key} is missing, expected {names[0]}")
+                if found is not None and found.strip().lower() not in names:
+                    raise ValueError(f"[{section}]{key}: found {found.strip()}, expected {names[0]}")
+
+    def letters(self, key, default):
+        found = list(self.text(key, default).upper().replace(" ", ""))
+        for letter in found:
+            if letter not in AXES:
+                raise ValueError(f"[VOLCOMP]{key}: found {letter}, expected axes of {' '.join(AXES)}")
+        return found
 
     def text(self, key, default):
         return self.ini.find("VOLCOMP", key) or default
@@ -153,6 +181,7 @@ class Control:
         self.positions = [f"pos-cmd-{letter.lower()}" for letter in configuration.axes + configuration.reads]
         self.offsets = [f"eoffset-{letter}" for letter in self.letters]
         self.requests = [f"request-{letter}" for letter in self.letters]
+        self.origins = [f"origin-{letter}" for letter in self.letters]
 
     def cycle(self):
         """The number of cycles that the servo thread has finished."""
@@ -184,6 +213,15 @@ class Control:
         if pins["motion-type"] == PROBING:
             flags |= datagram.PROBING
         return flags
+
+
+    def moves_offsets(self):
+        """Whether LinuxCNC's planner moves offsets: elsewhere they stand, and come all at once when one of these returns."""
+        return bool(self.component["coord-mode"] or self.component["teleop-mode"])
+
+    def is_trusted(self):
+        """Whether the servo thread lets everything through that the bridge writes."""
+        return bool(self.component["trusted"]) and self.component["factor"] == 1.0
 
 
 class Senders:
@@ -242,9 +280,12 @@ class Bridge:
         self.kept.keep(self.barrier.epoch)
         self.base = self.based(applied)
         self.written = [applied]
-        self.strange = self.settle = self.lost = self.recovers = 0
-        self.was_enabled = False
-        self.was_probing = False
+        self.strange = self.settle = self.lost = self.asks_nothing = 0
+        self.off_s = 0.0
+        # What was applied in the time of the way, in nm or millionths of a degree.
+        self.moved = [0.0] * len(applied)
+        self.was_enabled = self.was_probing = self.touched = False
+        self.was_trusted = self.control.is_trusted()
 
     def whole(self, request):
         """What the control is asked for, in counts of the barrier."""
@@ -282,19 +323,52 @@ class Bridge:
                           for letter, value, step in zip(self.control.letters, gone, self.configuration.steps))
         tell(f"the control has lost an offset, or taken it into its position: {shown} um or mdeg; "
              "nothing moves for a second, then the correction is ramped in anew")
+        self.begin_anew(found)
+        self.lost = LOST_FOR
+
+    def begin_anew(self, found):
+        """Goes on from what the control is asked for: no frame of before is taken any more."""
         self.barrier.begin_anew(found)
         self.kept.keep(self.barrier.epoch)
         self.base = self.based(found)
         self.written = [found]
-        self.strange, self.lost = 0, LOST_FOR
+        self.strange = 0
+
+    def recover(self, request, passed):
+        """While the servo thread takes away what the bridge had written, or has taken it: nothing of it is given back. At zero
+        the counts are put where nothing is asked for, and only then the bridge asks to be trusted again."""
+        if self.was_trusted:
+            tell("the bridge came too late, and the offsets are taken out; then the correction is ramped in anew")
+            self.begin_anew(self.whole(request))
+        self.was_trusted = False
+        self.barrier.stand(self.whole(request))
+        if self.component["trusted"] or self.component["factor"] != 0.0:
+            self.asks_nothing = 0
+        else:
+            for counts, origin in zip(self.control.counts, self.control.origins):
+                self.component[counts] = round(self.component[origin])
+            self.asks_nothing += passed
+        # It is the rising edge that counts, and one may come while the servo thread has not heard the bridge yet: again and again.
+        self.component["trust"] = self.asks_nothing % (4 * LANDS_WITHIN) > LANDS_WITHIN
+
+    def is_off(self, offset, passed):
+        """Whether an axis has for long not had what is told of it: further off than what moved on the way explains."""
+        steps = self.configuration.steps
+        passed_s = passed * self.configuration.period_s
+        is_far = any(not abs(has * NANO - value * step) <= OFF_BY + moved
+                     for has, value, step, moved in zip(offset, self.barrier.applied, steps, self.moved))
+        # A look that comes late is one look, not a long time.
+        self.off_s = self.off_s + min(passed_s, 0.01) if is_far else 0.0
+        return self.off_s >= OFF_FOR_S
 
     def probe(self, flags, offset):
         """The offset at the instant of the contact: probed positions contain it."""
         is_probing = bool(flags & datagram.PROBING)
         touches = bool(self.component["probe-input"])
         if is_probing and not self.was_probing:
-            self.latched = False
-        if is_probing and touches and not self.latched:
+            self.latched, self.touched = False, touches
+        # G38.2 and G38.3 wait for a contact, G38.4 and G38.5 for its loss: the first change is what the control notes.
+        if is_probing and touches != self.touched and not self.latched:
             self.latched = True
             for letter, value in zip(self.control.letters, offset):
                 self.component[f"probed-offset-{letter}"] = value
@@ -308,21 +382,37 @@ class Bridge:
         self.settle = max(self.settle - passed, 0) if is_on and self.was_enabled else SETTLES
         self.was_enabled = is_on
         self.lost = max(self.lost - passed, 0)
-        # Where the bridge came too late, the servo thread has begun to take the offsets out, and gives them back as it did.
-        self.recovers = LANDS_WITHIN if self.component["factor"] != 1.0 else max(self.recovers - passed, 0)
-        if not self.recovers:
+        trusted = self.control.is_trusted()
+        if not trusted:
+            self.recover(request, passed)
+        elif not self.was_trusted:
+            # Nothing is asked for, but by what LinuxCNC had swallowed meanwhile: the barrier begins there.
+            self.was_trusted = True
+            self.component["trust"] = False
+            self.begin_anew(self.whole(request))
+        else:
             self.watch(request, flags)
-        if self.lost or self.recovers:
-            flags |= datagram.LOST
+        stands = is_on and not self.control.moves_offsets()
+        is_off = self.is_off(offset, passed) if is_on else False
         self.probe(flags, offset)
-        stops = datagram.EMERGENCY_STOP | datagram.LIMITED | datagram.LOST
-        holds = bool(flags & stops) or not is_on or self.settle > 0 or self.strange > 0
+        waits = bool(flags & (datagram.EMERGENCY_STOP | datagram.LIMITED)) or not is_on or not trusted or stands \
+            or self.settle > 0 or self.strange > 0
+        if stands or is_off or not trusted or self.lost:
+            flags |= datagram.LOST
+        # What no word can tell goes towards zero: that is the one movement while an offset counts as lost.
+        holds = waits or bool(flags & datagram.LOST) and not self.barrier.is_beyond()
+        if self.barrier.is_beyond():
+            flags |= datagram.LOST
         mailboxes = self.senders.mailboxes()
-        report = self.barrier.scan([] if self.kept.is_behind() else mailboxes, holds, min(passed, 32767))
+        before = list(self.barrier.applied)
+        report = self.barrier.scan(mailboxes if trusted and not self.kept.is_behind() else [], holds, min(passed, 32767))
         self.kept.keep(self.barrier.epoch)
-        if self.barrier.applied != self.written[-1] or len(self.written) > 1:
+        if trusted and (self.barrier.applied != self.written[-1] or len(self.written) > 1):
             self.write(self.barrier.applied)
-        self.velocity = [(at - was) / (passed * self.configuration.period_s) for at, was in zip(position, self.position)]
+        passed_s = passed * self.configuration.period_s
+        self.moved = [moved * max(0.0, 1.0 - passed_s / WAY_S) + abs(now - was) * step for moved, now, was, step in zip(
+            self.moved, self.barrier.applied, before, self.configuration.steps)]
+        self.velocity = [(at - was) / passed_s for at, was in zip(position, self.position)]
         self.position, self.cycle = position, cycle
         self.sequence += 1
         c = self.configuration
@@ -357,7 +447,7 @@ def component(configuration):
             made = hal.component(name)
             break
         except (hal.error, RuntimeError):
-            for pin in [f"counts-{letter.lower()}" for letter in configuration.axes] + ["alive", "enable", "factor"]:
+            for pin in [f"counts-{letter.lower()}" for letter in configuration.axes] + [f"probed-offset-{letter.lower()}" for letter in configuration.axes] + ["alive", "trust", "enable"]:
                 subprocess.run(["halcmd", "unlinkp", f"{name}.{pin}"], check=False, capture_output=True)
     if made is None:
         raise RuntimeError("too many bridges have died: start LinuxCNC anew")
@@ -367,15 +457,22 @@ def component(configuration):
         made.newpin(f"absorbed-{letter}", hal.HAL_FLOAT, hal.HAL_OUT)
         made.newpin(f"probed-offset-{letter}", hal.HAL_FLOAT, hal.HAL_OUT)
     made.newpin("alive", hal.HAL_BIT, hal.HAL_OUT)
+    made.newpin("trust", hal.HAL_BIT, hal.HAL_OUT)
     made.newpin("enable", hal.HAL_BIT, hal.HAL_OUT)
     made.newpin("holds", hal.HAL_BIT, hal.HAL_OUT)
     made.newpin("owner", hal.HAL_U32, hal.HAL_OUT)
     made.newpin("epoch", hal.HAL_U32, hal.HAL_OUT)
-    for pin, kind in [("factor", hal.HAL_FLOAT), ("begin", hal.HAL_FLOAT), ("end", hal.HAL_FLOAT)]:
+    for pin, kind in servo_pins(configuration):
         made.newpin(pin, kind, hal.HAL_IN)
     for pin, _, _, kind in read_pins(configuration):
         made.newpin(pin, kind, hal.HAL_IN)
     return made, name
+
+
+def servo_pins(configuration):
+    """What is read of volcomp.tcl, each from the signal of the same name, and its kind."""
+    origins = [(f"origin-{letter.lower()}", hal.HAL_FLOAT) for letter in configuration.axes]
+    return origins + [("factor", hal.HAL_FLOAT), ("trusted", hal.HAL_BIT), ("begin", hal.HAL_FLOAT), ("end", hal.HAL_FLOAT)]
 
 
 def read_pins(configuration):
@@ -392,6 +489,8 @@ def read_pins(configuration):
         ("enabled", "motion.motion-enabled", "volcomp-enabled", hal.HAL_BIT),
         ("estop-ok", "iocontrol.0.emc-enable-in", "volcomp-estop", hal.HAL_BIT),
         ("user-ok", "iocontrol.0.user-enable-out", "volcomp-user", hal.HAL_BIT),
+        ("coord-mode", "motion.coord-mode", "volcomp-coord-mode", hal.HAL_BIT),
+        ("teleop-mode", "motion.teleop-mode", "volcomp-teleop-mode", hal.HAL_BIT),
         ("limited", "motion.eoffset-limited", "volcomp-limited", hal.HAL_BIT),
         ("motion-type", "motion.motion-type", "volcomp-type", hal.HAL_S32),
         ("probe-input", "motion.probe-input", "volcomp-probe", hal.HAL_BIT)]
@@ -406,8 +505,7 @@ def signals():
 
 
 def connect(made, configuration, component_name):
-    """Connects to the signals of volcomp.tcl without moving anything: with the values that they have, where the watchdog
-    still lets them through, else with zero once it does not."""
+    """Connects to the signals of volcomp.tcl without moving anything: with the values that they have."""
     of_pins = signals()
     for pin, source, signal_name, kind in read_pins(configuration):
         # A pin that the machine's own files have connected keeps its signal.
@@ -415,22 +513,21 @@ def connect(made, configuration, component_name):
             hal.new_sig(signal_name, kind)
             hal.connect(source, signal_name)
         hal.connect(f"{component_name}.{pin}", of_pins.get(source, signal_name))
-    for pin, signal_name in [("factor", "volcomp-factor"), ("begin", "volcomp-begin"), ("end", "volcomp-end")]:
-        hal.connect(f"{component_name}.{pin}", signal_name)
-    while 0.0 < made["factor"] < 1.0:
-        time.sleep(0.01)
-    factor = made["factor"]
+    for pin, _ in servo_pins(configuration):
+        hal.connect(f"{component_name}.{pin}", f"volcomp-{pin}")
+
+    def write(pin, value):
+        made[pin] = value
+        hal.connect(f"{component_name}.{pin}", f"volcomp-{pin}")
+        made[pin] = value
+
     for letter in configuration.axes:
-        pin, signal_name = f"counts-{letter.lower()}", f"volcomp-counts-{letter.lower()}"
-        value = hal.get_value(signal_name) if factor else 0.0
-        made[pin] = value
-        hal.connect(f"{component_name}.{pin}", signal_name)
-        made[pin] = value
-    made["alive"] = bool(hal.get_value("volcomp-alive"))
-    hal.connect(f"{component_name}.alive", "volcomp-alive")
-    made["enable"] = True
-    hal.connect(f"{component_name}.enable", "volcomp-enable")
-    made["enable"] = True
+        counts = f"counts-{letter.lower()}"
+        write(counts, hal.get_value(f"volcomp-{counts}"))
+        write(f"probed-offset-{letter.lower()}", 0.0)
+    write("trust", False)
+    write("alive", bool(hal.get_value("volcomp-alive")))
+    write("enable", True)
 
 
 def main():
@@ -440,7 +537,7 @@ def main():
         return 2
     try:
         configuration = Configuration(path)
-    except (ValueError, linuxcnc.error) as error:
+    except (ValueError, OverflowError, ZeroDivisionError, linuxcnc.error) as error:
         tell(f"{path}: {error}")
         return 2
     try:

@@ -86,17 +86,30 @@ fn a_bridge_in_user_space_that_dies_leaves_nothing() {
         return;
     };
     let dir = tempfile::tempdir().expect("writable");
-    let mut control = LinuxCnc::start(dir.path(), Bridge::User, |ini| ini);
+    // The axes are those of the default.
+    let mut control = LinuxCnc::start(dir.path(), Bridge::User, |ini| {
+        assert!(ini.contains("AXES = XYZ\n"));
+        ini.replace("AXES = XYZ\n", "")
+    });
     let program = gateway(dir.path(), PORT);
     control.do_it("up");
-    control.mdi("G21 G90 G0 X50 Y40 Z-20");
+    control.mdi("G21 G90 G0 X300 Y40 Z-20");
     wait_corrected(&mut control, &program);
+    // Each time the machine is switched on, LinuxCNC takes the offset into its position, and the counts are ahead by it.
+    for _ in 0..3 {
+        let lost = control.pin("volcomp.absorbed-x");
+        control.do_it("off");
+        control.do_it("on");
+        control.wait("volcomp.absorbed-x", |now| now != lost);
+        wait_corrected(&mut control, &program);
+    }
     // The bridge is killed: the servo thread goes to zero by itself, on one line.
     let epoch = control.pin("volcomp.epoch");
     let before = super::offsets(&mut control);
     let cycles = control.record(|control| {
         control.kill_bridge();
         wait_zero(control);
+        std::thread::sleep(Duration::from_millis(500));
     });
     no_jump(&cycles, MOST);
     for cycle in &cycles {
@@ -104,6 +117,16 @@ fn a_bridge_in_user_space_that_dies_leaves_nothing() {
         let parts = [0, 1, 2].map(|axis| cycle.offset[axis] / before[axis]);
         let spread = (parts[0] - parts[1]).abs().max((parts[0] - parts[2]).abs());
         assert!(spread < 0.3, "{parts:?}");
+        assert!(
+            parts.iter().all(|part| (-0.3..1.01).contains(part)),
+            "{parts:?}"
+        );
+    }
+    wait_zero(&mut control);
+    for joint in 0..3 {
+        let motor = control.pin(&format!("joint.{joint}.motor-pos-cmd"));
+        let nominal = control.pin(["axis.x.pos-cmd", "axis.y.pos-cmd", "axis.z.pos-cmd"][joint]);
+        assert!((motor - nominal).abs() < 2e-6, "{motor} mm, {nominal} mm");
     }
     // It is started again while LinuxCNC runs: a new epoch, and the gateway goes on.
     let cycles = control.record(|control| {
@@ -124,10 +147,12 @@ fn a_bridge_in_user_space_can_be_stopped_at_any_moment() {
         return;
     };
     let dir = tempfile::tempdir().expect("writable");
-    let mut control = LinuxCnc::start(dir.path(), Bridge::User, |ini| ini);
-    let program = gateway(dir.path(), PORT);
+    let mut control = LinuxCnc::start(dir.path(), Bridge::User, |ini| {
+        ini.replace("AXES = XYZ", "AXES = X Y Z")
+    });
+    let mut program = gateway(dir.path(), PORT);
     control.do_it("up");
-    control.mdi("G21 G90 G0 X50 Y40 Z-20");
+    control.mdi("G21 G90 G0 X300 Y40 Z-20");
     wait_corrected(&mut control, &program);
     let cycles = control.record(|control| {
         for _ in 0..50 {
@@ -135,7 +160,34 @@ fn a_bridge_in_user_space_can_be_stopped_at_any_moment() {
             control.pin("volcomp.epoch");
             control.signal_bridge("CONT");
         }
-        // Longer than the servo thread waits for it: the offsets are on their way to zero, and come back.
+        // Longer than the servo thread waits for it: the offsets go to zero.
+        control.signal_bridge("STOP");
+        control.wait("volcomp-factor", |factor| factor == 0.0);
+        wait_zero(control);
+    });
+    no_jump(&cycles, MOST);
+    // Elsewhere, and with nobody who asks for anything, what it had is wrong: nothing of it comes back.
+    control.mdi("G0 X50");
+    program.running.kill();
+    let cycles = control.record(|control| {
+        control.signal_bridge("CONT");
+        control.wait("volcomp-factor", |factor| factor == 1.0);
+        std::thread::sleep(Duration::from_secs(1));
+    });
+    for cycle in &cycles {
+        assert!(
+            cycle.offset.iter().all(|has| has.abs() < 2e-6),
+            "{:?}",
+            cycle.offset
+        );
+    }
+    assert_eq!(control.pin("volcomp.absorbed-x"), 0.0);
+    drop(program);
+    let program = gateway(dir.path(), PORT);
+    let cycles = control.record(|control| wait_corrected(control, &program));
+    no_jump(&cycles, MOST);
+    // The same with a gateway: what comes is what it asks for here.
+    let cycles = control.record(|control| {
         control.signal_bridge("STOP");
         control.wait("volcomp-factor", |factor| factor == 0.0);
         control.signal_bridge("CONT");

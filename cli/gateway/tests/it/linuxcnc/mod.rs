@@ -2,6 +2,7 @@
 
 mod adrift;
 mod faults;
+mod in_user_space;
 mod ini;
 mod peer;
 mod tables;

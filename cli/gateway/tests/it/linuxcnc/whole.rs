@@ -78,10 +78,26 @@ fn what_the_motors_do_is_the_program_and_the_correction(kind: Bridge) {
     let probed = control.ask("probed", &json!({}));
     assert_eq!(probed[0], true);
     let probed = probed[1].as_f64().expect("a number");
-    let shown = control.of_x("probed-offset");
+    let shown = match kind {
+        Bridge::User => "volcomp-probed-offset-x".to_owned(),
+        Bridge::Servo => control.of_x("probed-offset"),
+    };
     let offset = control.pin(&shown);
     let wanted = oracle([probed, 30.0, -10.0])[0];
     // At 5 mm/s, and in a bridge that looks at the contact once in a while.
+    assert!((offset - wanted).abs() < 2e-5, "{offset} mm, {wanted} mm");
+
+    // Away from a contact: what counts is where it is lost.
+    control.touch(true);
+    control.ask("begin_mdi", &json!({ "text": "G38.5 X10 F300" }));
+    control.wait("axis.x.pos-cmd", |x| x < 45.0);
+    control.touch(false);
+    control.do_it("idle");
+    let probed = control.ask("probed", &json!({}));
+    assert_eq!(probed[0], true);
+    let probed = probed[1].as_f64().expect("a number");
+    let offset = control.pin(&shown);
+    let wanted = oracle([probed, 30.0, -10.0])[0];
     assert!((offset - wanted).abs() < 2e-5, "{offset} mm, {wanted} mm");
     let said = control.ask("said", &json!({}));
     assert_eq!(said, json!([]), "LinuxCNC complains");
