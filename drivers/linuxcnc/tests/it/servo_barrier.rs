@@ -6,7 +6,7 @@ use std::{
     io::{BufRead as _, BufReader, Write as _},
     net::UdpSocket,
     path::{Path, PathBuf},
-    process::{Command, Stdio},
+    process::{Child, Command, Stdio},
     time::Duration,
 };
 
@@ -168,6 +168,17 @@ impl Sender {
     }
 }
 
+/// A program that ends with the test, however that ends.
+struct Ended(Child);
+
+impl Drop for Ended {
+    fn drop(&mut self) {
+        // It may have ended by itself.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
 fn same(program: &Path, dir: &Path, case: &Case) -> Result<[usize; 2], TestCaseError> {
     let s = &case.settings;
     let epoch_file = dir.join("epoch");
@@ -175,16 +186,18 @@ fn same(program: &Path, dir: &Path, case: &Case) -> Result<[usize; 2], TestCaseE
     let before = case.kept.wrapping_add(EPOCHS_AHEAD - 1);
     let applied: Counts = PerChannel::leading(case.applied);
     let mut barrier = Barrier::start(*s, before, case.tick, &applied).unwrap();
-    let mut child = Command::new(program)
-        .arg(&epoch_file)
-        // It is not the component's memory that the system's libraries keep to the end.
-        .env("ASAN_OPTIONS", "detect_leaks=0")
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut asks = child.stdin.take().unwrap();
-    let mut answers = BufReader::new(child.stdout.take().unwrap()).lines();
+    let mut child = Ended(
+        Command::new(program)
+            .arg(&epoch_file)
+            // It is not the component's memory that the system's libraries keep to the end.
+            .env("ASAN_OPTIONS", "detect_leaks=0")
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap(),
+    );
+    let mut asks = child.0.stdin.take().unwrap();
+    let mut answers = BufReader::new(child.0.stdout.take().unwrap()).lines();
     writeln!(
         asks,
         "XC {} {} {} {} {} {} {} {} {} {} {}",
@@ -237,7 +250,7 @@ fn same(program: &Path, dir: &Path, case: &Case) -> Result<[usize; 2], TestCaseE
         }
     }
     drop(asks);
-    let status = child.wait().unwrap();
+    let status = child.0.wait().unwrap();
     prop_assert!(status.success(), "{status}");
     // At its end it has written down the epoch that it had.
     let kept = std::fs::read_to_string(&epoch_file).unwrap();
