@@ -58,6 +58,12 @@ fn an_offset_that_does_not_come_is_an_alarm() {
     control.mdi("G21 G90 G0 X300 Y40 Z-20");
     let seen = program.wait(|state| state["reasons"].to_string().contains("alarm"));
     seen.unwrap_or_else(|state| panic!("nobody sees that no offset comes: {state}"));
+    // Something was asked for, and it stays told that it did not come.
+    control.wait("axis.x.eoffset-request", |asked| asked.abs() > 2e-3);
+    std::thread::sleep(Duration::from_secs(2));
+    let state = program.state();
+    assert!(state["reasons"].to_string().contains("alarm"), "{state}");
+    assert_eq!(control.pin("volcomp.holds"), 1.0);
     assert_eq!(offsets(&mut control), [0.0; 3]);
 }
 
