@@ -47,9 +47,8 @@ def until(send, done, patience=3.0, tries=8):
     """Commands can get lost where the computer is busy: sent again until the effect is seen. How often it was sent."""
     global command
     for tried in range(1, tries + 1):
-        if tried % 3 == 0:
-            # A channel on which nothing arrives is opened anew; not each time: on a busy computer the first command of each new
-            # one was seen to be heard without an effect, eight times, and the second one of the last to have it.
+        if tried > 1:
+            # A channel on which nothing arrives is opened anew.
             command = linuxcnc.command()
         send()
         end = time.monotonic() + patience
@@ -71,9 +70,11 @@ def mode(wanted):
 
 
 def on():
+    # What is told first may be from before LinuxCNC has looked at its emergency stop: so each time what is told now counts.
     if stat.task_state == linuxcnc.STATE_ESTOP:
         state(linuxcnc.STATE_ESTOP_RESET)
-    state(linuxcnc.STATE_ON)
+    until(lambda: command.state(linuxcnc.STATE_ESTOP_RESET if stat.task_state == linuxcnc.STATE_ESTOP else linuxcnc.STATE_ON),
+          lambda: stat.task_state == linuxcnc.STATE_ON, patience=1.0, tries=24)
 
 
 def home():
