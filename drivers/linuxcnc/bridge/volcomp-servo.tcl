@@ -115,6 +115,8 @@ foreach letter [concat $letters $reads] {
         net volcomp-counts-$small volcomp.counts-$at => axis.$small.eoffset-counts
         net volcomp-enable volcomp.enable => axis.$small.eoffset-enable
         setp axis.$small.eoffset-scale 1e-6
+        # Under the same name with both bridges.
+        net volcomp-probed-offset-$small volcomp.probed-offset-$at
     }
     incr at
 }

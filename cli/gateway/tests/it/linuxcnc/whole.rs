@@ -78,11 +78,8 @@ fn what_the_motors_do_is_the_program_and_the_correction(kind: Bridge) {
     let probed = control.ask("probed", &json!({}));
     assert_eq!(probed[0], true);
     let probed = probed[1].as_f64().expect("a number");
-    let shown = match kind {
-        Bridge::User => "volcomp-probed-offset-x".to_owned(),
-        Bridge::Servo => control.of_x("probed-offset"),
-    };
-    let offset = control.pin(&shown);
+    let shown = "volcomp-probed-offset-x";
+    let offset = control.pin(shown);
     let wanted = oracle([probed, 30.0, -10.0])[0];
     // At 5 mm/s, and in a bridge that looks at the contact once in a while.
     assert!((offset - wanted).abs() < 2e-5, "{offset} mm, {wanted} mm");
@@ -96,7 +93,7 @@ fn what_the_motors_do_is_the_program_and_the_correction(kind: Bridge) {
     let probed = control.ask("probed", &json!({}));
     assert_eq!(probed[0], true);
     let probed = probed[1].as_f64().expect("a number");
-    let offset = control.pin(&shown);
+    let offset = control.pin(shown);
     let wanted = oracle([probed, 30.0, -10.0])[0];
     assert!((offset - wanted).abs() < 2e-5, "{offset} mm, {wanted} mm");
     let said = control.ask("said", &json!({}));
