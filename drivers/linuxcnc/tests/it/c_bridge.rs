@@ -4,141 +4,38 @@
 use std::{
     fmt::Write as _,
     io::{BufRead as _, BufReader, Write as _},
-    path::Path,
-    process::{Child, ChildStdin, ChildStdout, Command, Stdio},
+    path::{Path, PathBuf},
+    process::{ChildStdin, ChildStdout, Command, Stdio},
     sync::OnceLock,
 };
 
 use proptest::prelude::*;
-use volcomp_guard::barrier::{
-    Barrier, Counts, FRAME_WORDS, Frame, Layout, REPORT_WORDS, Report, Settings,
-};
+use tempfile::TempDir;
+use volcomp_guard::barrier::{Barrier, Counts, FRAME_WORDS, Frame, Layout, REPORT_WORDS, Report};
 use volcomp_linuxcnc::{Flags, State};
 use volcomp_vocabulary::{AxisName, PerChannel};
 
-/// What `halcompile` puts before the C code of a component, and a datagram that is caught where it would be sent.
-const BEFORE: &str = r#"
-#define _GNU_SOURCE
-#include <sys/socket.h>
-#include <netinet/in.h>
-#include <arpa/inet.h>
-#include <errno.h>
-#include <fcntl.h>
-#include <pthread.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-#include <time.h>
-#include <unistd.h>
-#include <math.h>
-#define RTAPI_MP_STRING(a, b)
-#define RTAPI_MP_INT(a, b)
-#define RTAPI_MP_ARRAY_INT(a, b, c)
-#define RTAPI_MSG_ERR 1
-#define rtapi_print_msg(level, ...) fprintf(stderr, __VA_ARGS__)
-#define FUNCTION(x) static void x(void *__comp_inst, long period)
-#define EXTRA_SETUP() static int setup(void *__comp_inst, char *prefix, long extra_arg)
-#define EXTRA_CLEANUP() static void cleanup(void)
-static double p_pos[9], p_offset[9], p_request[9], p_absorbed[9], p_probed[9];
-static int p_homed[16], p_counts[9];
-static int enabled, estop_ok, user_ok, limited, coord_mode, teleop_mode, motion_type, probe_input, holds;
-static unsigned owner, epoch, refused, taken;
-#define pos_cmd(i) p_pos[i]
-#define eoffset(i) p_offset[i]
-#define request(i) p_request[i]
-#define homed(i) p_homed[i]
-#define counts(i) p_counts[i]
-#define absorbed(i) p_absorbed[i]
-#define probed_offset(i) p_probed[i]
-static long caught(const uint8_t *bytes, long length) {
-    for (long i = 0; i < length; i++) printf("%02x", bytes[i]);
-    return length;
-}
-#define sendto(socket, bytes, length, flags, to, size) caught(bytes, length)
-"#;
+use crate::{
+    component::{Ended, built},
+    frames::{boxes_of, posts, settings},
+};
 
-/// Lines on standard input: `epoch PATH`, `set ...`, `at ...` (the requests, in counts), `scan ...`; an answer to each.
-const BEHIND: &str = r#"
-int main(void) {
-    static char line[8192], letters[16], file[4096];
-    int old[9] = {0}, was = 0, size = 1;
-    for (uint32_t i = 0; i < 256; i++) { uint32_t c = i; for (int k = 0; k < 8; k++) c = c & 1 ? 0xedb88320u ^ (c >> 1) : c >> 1; crc_table[i] = c; }
-    while (fgets(line, sizeof line, stdin)) {
-        if (line[0] == 'e') {
-            sscanf(line, "epoch %4095s", file); epoch_file = file;
-            printf("%d\n", kept_before());
-        } else if (line[0] == 's' && line[1] == 'e') {
-            int kept;
-            sscanf(line, "set %15s %d %d %d %d %d %d %d %d %d %d", letters, &machine, &step_scans, &hold_scans, &time_out_scans, &kept, &size, &limit[0], &limit[1], &rate[0], &rate[1]);
-            axes = letters; n = n_all = strlen(axes); joints = 1; layout = 0; kept_epoch = kept; step[0] = step[1] = size;
-            for (int i = 0; i < n; i++) layout = 10 * layout + (strchr("XYZABCUVW", axes[i]) - "XYZABCUVW") + 1;
-            printf("%d\n", settings_fit());
-        } else if (line[0] == 'a') {
-            double at[2];
-            sscanf(line, "at %lf %lf", at, at + 1);
-            for (int i = 0; i < n; i++) p_request[i] = p_offset[i] = at[i] * size * 1e-6;
-            printf("0\n");
-        } else {
-            /* on, cut at a limit, a mode in which offsets move, what the control does (1 clears, 2 does not move, 3 is 0.1 s late), ns, probing, touching, frames */
-            int on, cut, mode, does, length; long period; char *p = line;
-            sscanf(p, "scan %d %d %d %d %ld %d %d%n", &on, &cut, &mode, &does, &period, &motion_type, &probe_input, &length); p += length;
-            enabled = p_homed[0] = on; estop_ok = user_ok = 1; limited = cut; coord_mode = 0; teleop_mode = mode;
-            for (int m = 0; *p == ' ' && m < SENDERS; m++) {
-                int words = 0;
-                for (p++;; p++) { senders[m].frame[words++] = strtol(p, &p, 10); if (*p != ',') break; }
-                senders[m].words = words; senders[m].has_frame = 1;
-            }
-            senders[0].is_there = 1; senders[0].heard = now_ns();
-            take(NULL, period);
-            printf("%d %d ", holds, p_counts[0]);
-            tell(NULL, period);
-            for (int i = 0; i < n; i++) printf(" %.9f %.9f", p_request[i], p_probed[i]);
-            printf("\n");
-            /* LinuxCNC: changes of the counts while it is on are its request; clearing takes it away. */
-            for (int i = 0; i < n; i++) {
-                int changed = p_counts[i] - old[i]; old[i] = p_counts[i];
-                if (was || on) p_request[i] += (on ? changed : 0) * 1e-6;
-                if (does == 1) p_request[i] = p_offset[i] = 0;
-                if (does == 3) p_offset[i] += (p_request[i] - p_offset[i]) * 0.01;
-                else if (does != 2 && mode) p_offset[i] = p_request[i];
-            }
-            was = on;
-        }
-        fflush(stdout);
-    }
-    (void)setup; (void)cleanup;
-    return 0;
-}
-"#;
-
+/// The program of `scans.c`.
 fn bridge() -> &'static Path {
-    static BUILT: OnceLock<tempfile::TempDir> = OnceLock::new();
-    let dir = BUILT.get_or_init(|| {
+    static BUILT: OnceLock<(TempDir, PathBuf)> = OnceLock::new();
+    let (_, program) = BUILT.get_or_init(|| {
         let dir = tempfile::tempdir().unwrap();
-        let component = Path::new(env!("CARGO_MANIFEST_DIR")).join("bridge/volcomp.comp");
-        let component = std::fs::read_to_string(component).unwrap();
-        let (_, code) = component
-            .split_once("\n;;\n")
-            .expect("declarations, then code");
-        let source = dir.path().join("bridge.c");
-        std::fs::write(&source, [BEFORE, code, BEHIND].concat()).unwrap();
-        let output = Command::new("cc")
-            .args(["-O1", "-Wall", "-Werror", "-fsanitize=address,undefined"])
-            .args(["-fno-sanitize-recover=all", "-o"])
-            .args([&dir.path().join("bridge"), &source])
-            .args(["-lm", "-lpthread"])
-            .output()
-            .expect("the compiler that links this test, too");
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.success(), "{said}");
-        dir
+        let program = built(dir.path(), "scans.c");
+        (
+            dir,
+            program.expect("the compiler that links this test, too"),
+        )
     });
-    dir.path()
+    program
 }
 
 struct Run {
-    child: Child,
+    _child: Ended,
     asks: ChildStdin,
     hears: BufReader<ChildStdout>,
 }
@@ -189,15 +86,21 @@ impl Said {
 
 impl Run {
     fn new() -> Self {
-        let mut child = Command::new(bridge().join("bridge"))
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
-        let asks = child.stdin.take().unwrap();
-        let hears = BufReader::new(child.stdout.take().unwrap());
-        Self { child, asks, hears }
+        let mut child = Ended(
+            Command::new(bridge())
+                .stdin(Stdio::piped())
+                .stdout(Stdio::piped())
+                .stderr(Stdio::null())
+                .spawn()
+                .unwrap(),
+        );
+        let asks = child.0.stdin.take().unwrap();
+        let hears = BufReader::new(child.0.stdout.take().unwrap());
+        Self {
+            _child: child,
+            asks,
+            hears,
+        }
     }
 
     /// One that is set: counts of 1 nm, limits of 30 um and rates of 2 um in a scan.
@@ -271,60 +174,6 @@ impl Run {
     }
 }
 
-impl Drop for Run {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-#[derive(Clone, Copy, Debug)]
-struct Post {
-    owner: u16,
-    old: u16,
-    ahead: u16,
-    before: bool,
-    values: [i16; 2],
-    torn: Option<(usize, u16)>,
-}
-
-fn posts() -> impl Strategy<Value = Option<Post>> {
-    let value = prop_oneof![4 => -50_i16..50, 1 => any::<i16>()];
-    let made = (
-        prop_oneof![5 => Just(5_u16), 1 => 0_u16..8],
-        prop_oneof![8 => 0_u16..3, 1 => any::<u16>()],
-        prop_oneof![8 => Just(1_u16), 1 => any::<u16>()],
-        prop::bool::weighted(0.05),
-        [value.clone(), value],
-        prop::option::weighted(0.05, (0_usize..8, 1_u16..)),
-    );
-    let made = made.prop_map(|(owner, old, ahead, before, values, torn)| Post {
-        owner,
-        old,
-        ahead,
-        before,
-        values,
-        torn,
-    });
-    prop::option::weighted(0.8, made)
-}
-
-fn words_of(post: Post, last: &Report) -> Vec<u16> {
-    let frame = Frame {
-        epoch: last.epoch.wrapping_sub(post.before.into()),
-        tick: last.tick.wrapping_sub(post.old),
-        sequence: last.sequence.wrapping_add(post.ahead),
-        owner: post.owner,
-        values: *PerChannel::leading(post.values),
-    };
-    let mut words = [0; FRAME_WORDS];
-    let length = frame.encode(&last.settings, &mut words);
-    if let Some((at, by)) = post.torn {
-        words[at] ^= by;
-    }
-    words[..length].to_vec()
-}
-
 proptest! {
     #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
 
@@ -338,15 +187,7 @@ proptest! {
         applied in [any::<i16>().boxed(), (-30_i16..30).boxed()],
         scans in prop::collection::vec((prop::bool::weighted(0.1), posts(), posts(), 1_usize..30), 1..60),
     ) {
-        let settings = Settings {
-            axes: Layout::of([AxisName::X, AxisName::C]).unwrap(),
-            machine,
-            limit: PerChannel::leading(limit),
-            rate: PerChannel::leading(rate),
-            step_scans: step,
-            hold_scans: hold,
-            time_out_scans: 2 * hold + 3,
-        };
+        let settings = settings(machine, limit, rate, [step, hold]);
         let start: Counts = PerChannel::leading(applied);
         let mut barrier = Barrier::start(settings, epoch.wrapping_sub(1), 0, &start).unwrap();
         let mut run = Run::new();
@@ -359,8 +200,7 @@ proptest! {
         for (cut, first, second, times) in scans {
             for repeat in 0..times {
                 let last = barrier.report();
-                let posts = [first, second].into_iter().flatten().filter(|_| repeat <= 3);
-                let boxes: Vec<Vec<u16>> = posts.map(|post| words_of(post, &last)).collect();
+                let boxes = boxes_of([first, second], repeat, &last);
                 let said = run.scan(Given { cut, ..GOOD }, &boxes);
                 prop_assert!(said.holds || !cut);
                 prop_assert!(!said.lost());

@@ -1,7 +1,26 @@
 //! What lies in the mailboxes of a barrier: frames that are right, old, foreign, torn and random.
 
 use proptest::prelude::*;
-use volcomp_guard::barrier::{FRAME_WORDS, Frame, Report};
+use volcomp_guard::barrier::{FRAME_WORDS, Frame, Layout, Report, Settings};
+use volcomp_vocabulary::{AxisName, PerChannel};
+
+/// The settings of a barrier for a linear and a rotary axis, by the scans of a step and the largest age of a frame.
+pub(crate) fn settings(
+    machine: u16,
+    limit: [i16; 2],
+    rate: [i16; 2],
+    [step, hold]: [u16; 2],
+) -> Settings {
+    Settings {
+        axes: Layout::of([AxisName::X, AxisName::C]).unwrap(),
+        machine,
+        limit: PerChannel::leading(limit),
+        rate: PerChannel::leading(rate),
+        step_scans: step,
+        hold_scans: hold,
+        time_out_scans: 2 * hold + 3,
+    }
+}
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Post {
@@ -35,7 +54,7 @@ pub(crate) fn posts() -> impl Strategy<Value = Post> {
     ]
 }
 
-pub(crate) fn words_of(post: Post, last: &Report) -> Vec<u16> {
+fn words_of(post: Post, last: &Report) -> Vec<u16> {
     match post {
         Post::Nothing => Vec::new(),
         Post::Random(words) => words.to_vec(),
@@ -47,14 +66,12 @@ pub(crate) fn words_of(post: Post, last: &Report) -> Vec<u16> {
             values,
             torn,
         } => {
-            let mut all = [0; 9];
-            all[..2].copy_from_slice(&values);
             let frame = Frame {
                 epoch: last.epoch.wrapping_sub(before.into()),
                 tick: last.tick.wrapping_sub(old),
                 sequence: last.sequence.wrapping_add(ahead),
                 owner,
-                values: all,
+                values: *PerChannel::leading(values),
             };
             let mut words = [0; FRAME_WORDS];
             let length = frame.encode(&last.settings, &mut words);
@@ -64,4 +81,12 @@ pub(crate) fn words_of(post: Post, last: &Report) -> Vec<u16> {
             words[..length].to_vec()
         }
     }
+}
+
+/// What lies in two mailboxes at a scan. The same words again and again only where they are random, and not for long; a gateway
+/// answers each report.
+pub(crate) fn boxes_of(posts: [Post; 2], repeat: usize, last: &Report) -> Vec<Vec<u16>> {
+    let posts = posts.into_iter().filter(|_| repeat <= 3);
+    let boxes = posts.map(|post| words_of(post, last));
+    boxes.filter(|words| !words.is_empty()).collect()
 }

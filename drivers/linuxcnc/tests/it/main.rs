@@ -4,6 +4,7 @@
 mod bridge;
 mod c_bridge;
 mod codec;
+mod component;
 mod controller;
 mod frames;
 mod fuzz_corpus;

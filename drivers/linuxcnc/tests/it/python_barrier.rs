@@ -9,11 +9,11 @@ use std::{
 };
 
 use proptest::prelude::*;
-use volcomp_guard::barrier::{Barrier, Counts, Layout, REPORT_WORDS, Settings};
+use volcomp_guard::barrier::{Barrier, Counts, REPORT_WORDS};
 use volcomp_test_support::peers;
-use volcomp_vocabulary::{AxisName, PerChannel};
+use volcomp_vocabulary::PerChannel;
 
-use crate::frames::{Post, posts, words_of};
+use crate::frames::{boxes_of, posts, settings};
 
 /// Reads the settings, then one line for each scan: whether the axes hold, and the words of each mailbox. Prints the report.
 const PROGRAM: &str = r#"
@@ -49,15 +49,7 @@ proptest! {
         applied in [any::<i16>().boxed(), (-30_i16..30).boxed()],
         scans in prop::collection::vec((prop::bool::weighted(0.1), posts(), posts(), 1_usize..30), 1..150),
     ) {
-        let settings = Settings {
-            axes: Layout::of([AxisName::X, AxisName::C]).unwrap(),
-            machine,
-            limit: PerChannel::leading(limit),
-            rate: PerChannel::leading(rate),
-            step_scans: step,
-            hold_scans: hold,
-            time_out_scans: 2 * hold + 3,
-        };
+        let settings = settings(machine, limit, rate, [step, hold]);
         let applied: Counts = PerChannel::leading(applied);
         let mut barrier = Barrier::start(settings, epoch, tick, &applied).unwrap();
         let mut input = format!(
@@ -68,14 +60,7 @@ proptest! {
         for (holds, first, second, times) in scans {
             for repeat in 0..times {
                 let last = barrier.report();
-                let mut boxes = Vec::new();
-                for post in [first, second] {
-                    // The same words again and again only where they are random; a gateway answers each report.
-                    let words = words_of(if repeat > 3 { Post::Nothing } else { post }, &last);
-                    if !words.is_empty() {
-                        boxes.push(words);
-                    }
-                }
+                let boxes = boxes_of([first, second], repeat, &last);
                 input += if holds { "hold" } else { "go" };
                 for words in &boxes {
                     let words: Vec<String> = words.iter().map(u16::to_string).collect();

@@ -2,88 +2,28 @@
 //! itself, compiled with what checks its memory and arithmetic, without LinuxCNC.
 
 use std::{
-    fmt::Write as _,
     io::{BufRead as _, BufReader, Write as _},
     net::UdpSocket,
-    path::{Path, PathBuf},
-    process::{Child, Command, Stdio},
+    path::Path,
+    process::{Command, Stdio},
     time::Duration,
 };
 
 use proptest::{prelude::*, test_runner::TestRunner};
-use volcomp_guard::barrier::{Barrier, Counts, Layout, REPORT_WORDS, Settings};
+use volcomp_guard::barrier::{Barrier, Counts, REPORT_WORDS, Settings};
 use volcomp_linuxcnc::{self as linuxcnc, COMMAND_BYTES, Content, Flags, STATE_BYTES, State};
 use volcomp_port::Words;
-use volcomp_test_support::peers;
-use volcomp_vocabulary::{AxisName, PerChannel};
+use volcomp_vocabulary::PerChannel;
 
-use crate::frames::{Post, posts, words_of};
+use crate::{
+    component::{Ended, built},
+    frames::{Post, boxes_of, posts, settings},
+};
 
 /// The scans after the start in which nothing moves: the machine was just switched on.
 const SETTLES: usize = 20;
 /// How much further than the epoch that was kept a start is.
 const EPOCHS_AHEAD: u16 = 16;
-
-/// The pins, parameters and includes of a component in C, as halcompile declares them.
-fn pins(head: &str) -> String {
-    let (mut includes, mut pins) = (String::new(), String::new());
-    for line in head.lines() {
-        let words: Vec<&str> = line.trim_end_matches(';').split_whitespace().collect();
-        match words[..] {
-            ["include", file] => writeln!(includes, "#include {file}").unwrap(),
-            ["pin" | "param", _, kind, name, ref rest @ ..] => {
-                let kind = match kind {
-                    "float" => "double",
-                    "u32" => "unsigned",
-                    _ => "int",
-                };
-                let first = match rest {
-                    ["=", value, ..] => *value,
-                    _ => "0",
-                };
-                let name = name.replace('-', "_");
-                if let Some((name, many)) = name.split_once("_#[") {
-                    let many = many.trim_end_matches(']');
-                    writeln!(pins, "static {kind} {name}_of[{many}] = {{[0 ... {many} - 1] = {first}}};\n#define {name}(i) {name}_of[i]").unwrap();
-                } else {
-                    writeln!(pins, "static {kind} {name} = {first};").unwrap();
-                }
-            }
-            _ => {}
-        }
-    }
-    includes + &pins
-}
-
-/// The component as a program.
-fn built(dir: &Path) -> Option<PathBuf> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let text = std::fs::read_to_string(root.join("bridge/volcomp.comp")).unwrap();
-    let (head, body) = text.split_once("\n;;\n").unwrap();
-    std::fs::write(dir.join("pins.h"), pins(head)).unwrap();
-    std::fs::write(dir.join("body.c"), body).unwrap();
-    let program = dir.join("component");
-    let sanitize = "-fsanitize=address,undefined";
-    let cc = Command::new("cc")
-        .args(["-std=gnu11", "-O1", sanitize, "-fno-sanitize-recover=all"])
-        .args(["-Wall", "-Wno-unused", "-I"])
-        .arg(dir)
-        .arg(root.join("tests/it/component.c"))
-        .arg("-o")
-        .arg(&program)
-        .args(["-lm", "-pthread"])
-        .output();
-    let Ok(cc) = cc else {
-        peers::not_run("gcc");
-        return None;
-    };
-    assert!(
-        cc.status.success(),
-        "{}",
-        String::from_utf8_lossy(&cc.stderr)
-    );
-    Some(program)
-}
 
 #[derive(Clone, Debug)]
 struct Case {
@@ -110,15 +50,7 @@ fn cases() -> impl Strategy<Value = Case> {
     )
         .prop_map(
             |(machine, kept, tick, limit, rate, (step, hold), applied, scans)| Case {
-                settings: Settings {
-                    axes: Layout::of([AxisName::X, AxisName::C]).unwrap(),
-                    machine,
-                    limit: PerChannel::leading(limit),
-                    rate: PerChannel::leading(rate),
-                    step_scans: step,
-                    hold_scans: hold,
-                    time_out_scans: 2 * hold + 3,
-                },
+                settings: settings(machine, limit, rate, [step, hold]),
                 kept,
                 tick,
                 applied: applied.into(),
@@ -168,17 +100,6 @@ impl Sender {
     }
 }
 
-/// A program that ends with the test, however that ends.
-struct Ended(Child);
-
-impl Drop for Ended {
-    fn drop(&mut self) {
-        // It may have ended by itself.
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
-
 fn same(program: &Path, dir: &Path, case: &Case) -> Result<[usize; 2], TestCaseError> {
     let s = &case.settings;
     let epoch_file = dir.join("epoch");
@@ -220,13 +141,7 @@ fn same(program: &Path, dir: &Path, case: &Case) -> Result<[usize; 2], TestCaseE
     for (shall_hold, first, second, times) in &case.scans {
         for repeat in 0..*times {
             let last = barrier.report();
-            let mut boxes = Vec::new();
-            for post in [*first, *second] {
-                let words = words_of(if repeat > 3 { Post::Nothing } else { post }, &last);
-                if !words.is_empty() {
-                    boxes.push(words);
-                }
-            }
+            let boxes = boxes_of([*first, *second], repeat, &last);
             for (at, sender) in senders.iter_mut().enumerate() {
                 sender.send(s.machine, boxes.get(at));
             }
@@ -262,7 +177,7 @@ fn same(program: &Path, dir: &Path, case: &Case) -> Result<[usize; 2], TestCaseE
 fn the_component_says_the_same_as_the_reference_at_every_scan() {
     let dir = Path::new(env!("CARGO_TARGET_TMPDIR")).join("linuxcnc-component");
     std::fs::create_dir_all(&dir).unwrap();
-    let Some(program) = built(&dir) else {
+    let Some(program) = built(&dir, "datagrams.c") else {
         return;
     };
     let mut runner = TestRunner::new(ProptestConfig {

@@ -1,17 +1,6 @@
 /* SPDX-License-Identifier: GPL-2.0-or-later */
-/* The component of the servo thread without LinuxCNC, scan by scan. It includes the component, so it is under its licence.
-   Beside it lie what the test makes of volcomp.comp: pins.h, its pins and includes, and body.c, its program. */
-#include "pins.h"
-
-#define RTAPI_MP_STRING(name, what)
-#define RTAPI_MP_INT(name, what)
-#define RTAPI_MP_ARRAY_INT(name, count, what)
-#define RTAPI_MSG_ERR 1
-#define rtapi_print_msg(level, ...) fprintf(stderr, __VA_ARGS__)
-#define EXTRA_SETUP() static int setup(void *__comp_inst, const char *prefix, long extra_arg)
-#define EXTRA_CLEANUP() static void cleanup(void)
-#define FUNCTION(name) static void name(long period)
-
+/* The component with its socket, scan by scan. */
+#include "component.h"
 #include "body.c"
 
 static int number(void) {

@@ -1,0 +1,82 @@
+//! The component of the servo thread without LinuxCNC: as a program that a test drives.
+
+use std::{
+    fmt::Write as _,
+    path::{Path, PathBuf},
+    process::{Child, Command},
+};
+
+use volcomp_test_support::peers;
+
+/// The pins, parameters and includes of a component in C, as halcompile declares them.
+fn pins(head: &str) -> String {
+    let (mut includes, mut pins) = (String::new(), String::new());
+    for line in head.lines() {
+        let words: Vec<&str> = line.trim_end_matches(';').split_whitespace().collect();
+        match words[..] {
+            ["include", file] => writeln!(includes, "#include {file}").unwrap(),
+            ["pin" | "param", _, kind, name, ref rest @ ..] => {
+                let kind = match kind {
+                    "float" => "double",
+                    "u32" => "unsigned",
+                    _ => "int",
+                };
+                let first = match rest {
+                    ["=", value, ..] => *value,
+                    _ => "0",
+                };
+                let name = name.replace('-', "_");
+                if let Some((name, many)) = name.split_once("_#[") {
+                    let many = many.trim_end_matches(']');
+                    writeln!(pins, "static {kind} {name}_of[{many}] = {{[0 ... {many} - 1] = {first}}};\n#define {name}(i) {name}_of[i]").unwrap();
+                } else {
+                    writeln!(pins, "static {kind} {name} = {first};").unwrap();
+                }
+            }
+            _ => {}
+        }
+    }
+    includes + &pins
+}
+
+/// The component as a program of this C file of the tests, compiled with what checks its memory and arithmetic; `None` where there
+/// is no compiler.
+pub(crate) fn built(dir: &Path, driver: &str) -> Option<PathBuf> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let text = std::fs::read_to_string(root.join("bridge/volcomp.comp")).unwrap();
+    let (head, body) = text.split_once("\n;;\n").unwrap();
+    std::fs::write(dir.join("pins.h"), pins(head)).unwrap();
+    std::fs::write(dir.join("body.c"), body).unwrap();
+    let program = dir.join("component");
+    let sanitize = "-fsanitize=address,undefined";
+    let cc = Command::new("cc")
+        .args(["-std=gnu11", "-O1", sanitize, "-fno-sanitize-recover=all"])
+        .args(["-Wall", "-Wno-unused", "-Werror", "-I"])
+        .arg(dir)
+        .arg(root.join("tests/it").join(driver))
+        .arg("-o")
+        .arg(&program)
+        .args(["-lm", "-pthread"])
+        .output();
+    let Ok(cc) = cc else {
+        peers::not_run("gcc");
+        return None;
+    };
+    assert!(
+        cc.status.success(),
+        "{}",
+        String::from_utf8_lossy(&cc.stderr)
+    );
+    Some(program)
+}
+
+/// A program that ends with the test, however that ends.
+pub(crate) struct Ended(pub(crate) Child);
+
+impl Drop for Ended {
+    fn drop(&mut self) {
+        // It may have ended by itself.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}

@@ -1,0 +1,63 @@
+/* SPDX-License-Identifier: GPL-2.0-or-later */
+/* The component without its socket, beside a LinuxCNC that does what the test says. A datagram is caught where it would be sent.
+   Lines on standard input: `epoch PATH`, `set ...`, `at ...` (the requests, in counts), `scan ...`; an answer to each. */
+#include "component.h"
+
+static long caught(const uint8_t *bytes, long length) {
+    for (long i = 0; i < length; i++) printf("%02x", bytes[i]);
+    return length;
+}
+#define sendto(socket, bytes, length, flags, to, size) caught(bytes, length)
+
+#include "body.c"
+
+int main(void) {
+    static char line[8192], letters[16], file[4096];
+    int old[9] = {0}, was = 0, size = 1;
+    for (uint32_t i = 0; i < 256; i++) { uint32_t c = i; for (int k = 0; k < 8; k++) c = c & 1 ? 0xedb88320u ^ (c >> 1) : c >> 1; crc_table[i] = c; }
+    while (fgets(line, sizeof line, stdin)) {
+        if (line[0] == 'e') {
+            sscanf(line, "epoch %4095s", file); epoch_file = file;
+            printf("%d\n", kept_before());
+        } else if (line[0] == 's' && line[1] == 'e') {
+            int kept;
+            sscanf(line, "set %15s %d %d %d %d %d %d %d %d %d %d", letters, &machine, &step_scans, &hold_scans, &time_out_scans, &kept, &size, &limit[0], &limit[1], &rate[0], &rate[1]);
+            axes = letters; n = n_all = strlen(axes); joints = 1; layout = 0; kept_epoch = kept; step[0] = step[1] = size;
+            for (int i = 0; i < n; i++) layout = 10 * layout + (strchr("XYZABCUVW", axes[i]) - "XYZABCUVW") + 1;
+            printf("%d\n", settings_fit());
+        } else if (line[0] == 'a') {
+            double at[2];
+            sscanf(line, "at %lf %lf", at, at + 1);
+            for (int i = 0; i < n; i++) request(i) = eoffset(i) = at[i] * size * 1e-6;
+            printf("0\n");
+        } else {
+            /* on, cut at a limit, a mode in which offsets move, what the control does (1 clears, 2 does not move, 3 is 0.1 s late), ns, probing, touching, frames */
+            int on, cut, mode, does, length; long period; char *p = line;
+            sscanf(p, "scan %d %d %d %d %ld %d %d%n", &on, &cut, &mode, &does, &period, &motion_type, &probe_input, &length); p += length;
+            enabled = homed(0) = on; estop_ok = user_ok = 1; limited = cut; coord_mode = 0; teleop_mode = mode;
+            for (int m = 0; *p == ' ' && m < SENDERS; m++) {
+                int words = 0;
+                for (p++;; p++) { senders[m].frame[words++] = strtol(p, &p, 10); if (*p != ',') break; }
+                senders[m].words = words; senders[m].has_frame = 1;
+            }
+            senders[0].is_there = 1; senders[0].heard = now_ns();
+            take(period);
+            printf("%d %d ", holds, counts(0));
+            tell(period);
+            for (int i = 0; i < n; i++) printf(" %.9f %.9f", request(i), probed_offset(i));
+            printf("\n");
+            /* LinuxCNC: changes of the counts while it is on are its request; clearing takes it away. */
+            for (int i = 0; i < n; i++) {
+                int changed = counts(i) - old[i]; old[i] = counts(i);
+                if (was || on) request(i) += (on ? changed : 0) * 1e-6;
+                if (does == 1) request(i) = eoffset(i) = 0;
+                if (does == 3) eoffset(i) += (request(i) - eoffset(i)) * 0.01;
+                else if (does != 2 && mode) eoffset(i) = request(i);
+            }
+            was = on;
+        }
+        fflush(stdout);
+    }
+    (void)setup; (void)cleanup;
+    return 0;
+}
