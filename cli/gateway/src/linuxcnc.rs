@@ -6,7 +6,7 @@ use std::{
 };
 
 use volcomp_devices::{Address, remote};
-use volcomp_guard::{AxisLimits, Limits};
+use volcomp_guard::{AxisLimits, Limits, RATE_OVER_SLEW};
 use volcomp_linuxcnc::{Expected, Flags, Ini, Least, LinuxCncConfig, PORT, State, VERSION, look};
 use volcomp_port::{Controller as _, DeviceError};
 use volcomp_vocabulary::{AxisKind, Displacement};
@@ -90,7 +90,6 @@ pub(crate) fn check(
 
 /// What the guard needs of the bridge, by the rule by which it arms.
 fn least(limits: &Limits) -> Least {
-    const RATE_OVER_SLEW: f64 = 2.0;
     let of = |kind: AxisKind, value: fn(&AxisLimits) -> f64| {
         let axes = limits.axes.iter().take(limits.count);
         let values = axes.filter(|axis| axis.kind == kind).map(value);

@@ -30,8 +30,8 @@ pub use limits::{
 };
 pub use proof::{Moves, Proof, Proven, Verdict};
 pub use read_back::{
-    BarrierLink, BarrierMisfit, Confirmed, ControlTimeOut, Known, ReadBack, Scheme, Told,
-    barrier_misfits, scans_fit,
+    BarrierLink, BarrierMisfit, Confirmed, ControlTimeOut, Known, RATE_OVER_SLEW, ReadBack, Scheme,
+    Told, barrier_misfits, scans_fit,
 };
 pub use reasons::Reasons;
 pub use state::{Cause, End, Hold, Phase, Request, State};

@@ -8,7 +8,10 @@ use std::{
     time::{Duration, Instant},
 };
 
-use volcomp_guard::barrier::{Counts, Layout, Program, Settings, SettingsError};
+use volcomp_guard::{
+    RATE_OVER_SLEW,
+    barrier::{Counts, Layout, Program, Settings, SettingsError},
+};
 use volcomp_port::{
     Axis, Clock, ControlProgram, Controller, Description, Fault, Snapshot, Words,
     inject::{Faults, Faulty},
@@ -23,8 +26,6 @@ use crate::error::GatewayError;
 const MOVE_S: f64 = 4.0;
 /// The time from standstill to feed.
 const ACCELERATING_S: f64 = 0.4;
-/// The barrier goes twice as fast as the guard may.
-const RATE_OVER_SLEW: f64 = 2.0;
 
 /// The way to a simulated machine, shared by the runs of a gateway and the rehearsal.
 pub(super) type Way = Arc<Mutex<Faulty<Wire>>>;

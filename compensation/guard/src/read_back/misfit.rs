@@ -7,7 +7,7 @@ use crate::{Limits, barrier::Settings, step::ROUNDING};
 /// How far the time of a scan may be from the configured one.
 const SCAN_WITHIN: RangeInclusive<f64> = 0.8..=1.25;
 /// The barrier moves at least so many times as fast as the guard, so that it follows.
-const RATE_OVER_SLEW: f64 = 2.0;
+pub const RATE_OVER_SLEW: f64 = 2.0;
 
 /// A setting of a barrier that does not fit the limits of the guard. Axes are counted from 0, as the channel has them.
 #[derive(Clone, Copy, Debug, PartialEq)]

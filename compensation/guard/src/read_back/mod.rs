@@ -17,7 +17,7 @@ use volcomp_vocabulary::PerChannel;
 use crate::{Limits, Reasons, barrier::FRAME_WORDS, step::is_same_step};
 
 pub use barrier::BarrierLink;
-pub use misfit::{BarrierMisfit, barrier_misfits, scans_fit};
+pub use misfit::{BarrierMisfit, RATE_OVER_SLEW, barrier_misfits, scans_fit};
 pub use no_read_back::ControlTimeOut;
 
 use echo::Echo;
