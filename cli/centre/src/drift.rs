@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, fmt};
 
 use time::{Date, Month, OffsetDateTime};
 use volcomp_fleet::{MachineId, Outcome};
-use volcomp_model::Machine as ModelMachine;
+use volcomp_model::{Machine as ModelMachine, is_date};
 use volcomp_vocabulary::ErrorName;
 
 use crate::{
@@ -167,19 +167,17 @@ pub fn model_in_force(
 
 /// The beginning of a day such as `2026-11-25`, s since 1970; `None`: it is no date.
 pub fn date_s(text: &str) -> Option<f64> {
-    let mut parts = text.splitn(3, '-');
-    let mut next = |digits: usize| {
-        let part = parts.next()?;
-        let fits = part.len() == digits && part.bytes().all(|byte| byte.is_ascii_digit());
-        fits.then(|| part.parse::<i64>().ok()).flatten()
-    };
-    let (year, month, day) = (next(4)?, next(2)?, next(2)?);
-    if !(1970..=9999).contains(&year) {
+    if !is_date(text) {
+        return None;
+    }
+    let mut parts = text.split('-').map(str::parse::<u16>);
+    let mut next = || parts.next()?.ok();
+    let (year, month, day) = (next()?, next()?, next()?);
+    if year < 1970 {
         return None;
     }
     let month = Month::try_from(u8::try_from(month).ok()?).ok()?;
-    let year = i32::try_from(year).ok()?;
-    let date = Date::from_calendar_date(year, month, u8::try_from(day).ok()?).ok()?;
+    let date = Date::from_calendar_date(year.into(), month, u8::try_from(day).ok()?).ok()?;
     Some(date.midnight().assume_utc().unix_timestamp() as f64)
 }
 

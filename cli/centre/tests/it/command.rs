@@ -41,6 +41,12 @@ pub(crate) fn done(folder: &Path, arguments: &str) -> String {
     called.out
 }
 
+/// A configuration of a centre, whose server nobody asks.
+fn configured(folder: &Path) {
+    let text = "[nats]\nurl = \"nats://127.0.0.1:4222\"\n";
+    std::fs::write(folder.join("centre.toml"), text).unwrap();
+}
+
 /// Has a call refused as a wrong one, with these words.
 fn wrong(folder: &Path, arguments: &str, told: &str) {
     let called = call(folder, arguments);
@@ -59,11 +65,7 @@ fn from_nothing_to_a_roll_out() {
     let done = |arguments: &str| done(folder, arguments);
     let wrong = |arguments: &str, told: &str| wrong(folder, arguments, told);
     wrong("check", "centre.toml");
-    std::fs::write(
-        folder.join("centre.toml"),
-        "[nats]\nurl = \"nats://127.0.0.1:4222\"\n",
-    )
-    .unwrap();
+    configured(folder);
     wrong("check", "main.key");
     let public = done("key new main");
     assert!(done("key list").starts_with(public.trim_end()));
@@ -180,18 +182,13 @@ fn models_and_roll_outs(folder: &Path, gantry: &str) {
     wrong("check", "expected 600");
 }
 
-/// What there is nothing of, what was there before, and one of something.
 /// A roll-out that has stopped, or is over, sends no confirmed change: before, the call said that it was taken up, and nothing
 /// came of it.
 #[test]
 fn a_confirmation_that_would_come_to_nothing_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    std::fs::write(
-        folder.join("centre.toml"),
-        "[nats]\nurl = \"nats://127.0.0.1:4222\"\n",
-    )
-    .unwrap();
+    configured(folder);
     done(folder, "key new main");
     done(folder, "key nkey centre.nkey");
     let store = Store::open(&folder.join("centre.db")).unwrap();
@@ -252,6 +249,7 @@ fn a_confirmation_that_would_come_to_nothing_is_refused() {
     );
 }
 
+/// What there is nothing of, what was there before, and one of something.
 #[test]
 fn what_is_empty_or_there_already_is_told_in_a_sentence() {
     let folder = tempfile::tempdir().unwrap();
@@ -292,11 +290,7 @@ fn a_machine_that_is_added_again_keeps_what_is_not_named() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let done = |arguments: &str| done(folder, arguments);
-    std::fs::write(
-        folder.join("centre.toml"),
-        "[nats]\nurl = \"nats://127.0.0.1:4222\"\n",
-    )
-    .unwrap();
+    configured(folder);
     done("key new main");
     let gantry = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/gantry.toml");
     let add = format!("machine add mill-1 --site berlin --serial 4711 --like {gantry}");
@@ -325,11 +319,7 @@ fn a_machine_that_is_added_again_keeps_what_is_not_named() {
 fn a_machine_that_makes_no_sense_is_not_registered() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    std::fs::write(
-        folder.join("centre.toml"),
-        "[nats]\nurl = \"nats://127.0.0.1:4222\"\n",
-    )
-    .unwrap();
+    configured(folder);
     assert_eq!(call(folder, "key nkey centre.nkey").status, 0);
     let gantry = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/gantry.toml");
     let add = format!("--site berlin --serial 4711 --like {gantry}");
@@ -426,11 +416,7 @@ fn two_models_are_compared() {
 fn a_model_is_shown_and_downloaded() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
-    std::fs::write(
-        path.join("centre.toml"),
-        "[nats]\nurl = \"nats://127.0.0.1:4222\"\n",
-    )
-    .unwrap();
+    configured(path);
     let text = format!("# as measured\n{}", crate::support::model_text(20));
     std::fs::write(path.join("m.toml"), &text).unwrap();
     let added = done(path, "model add m.toml --measured 2026-11-25");
@@ -468,11 +454,7 @@ fn the_first_hour_names_the_model_of_the_example() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
     let root = volcomp_test_support::root();
-    std::fs::write(
-        path.join("centre.toml"),
-        "[nats]\nurl = \"nats://127.0.0.1:4222\"\n",
-    )
-    .unwrap();
+    configured(path);
     let calibration = root.join("examples/calibration");
     let added = done(
         path,

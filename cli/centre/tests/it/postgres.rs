@@ -14,7 +14,7 @@ use std::{
 use volcomp_centre::{
     ingest::Ingest,
     records::{AlarmKind, Resolution},
-    rollout::{NewRollout, Phase, Rollout, Rules},
+    rollout::{Phase, Rules},
     store::{PostgresPlace, Store, StoreError},
 };
 use volcomp_fleet::{Kind, Received};
@@ -25,7 +25,7 @@ use crate::{
     command::call,
     gateway::{self, Told},
     shop::{LONG, Shop, runtime},
-    support::{condition, envelope, identity, machine, received},
+    support::{condition, envelope, identity, machine, received, rollout},
 };
 
 /// A cluster of its own; `None` where PostgreSQL is not installed, which fails under CI.
@@ -113,17 +113,7 @@ fn a_change_that_is_lost_in_the_middle_is_lost_whole() {
     let start = |in_the_middle: &dyn Fn()| {
         store.start_rollout(|id| {
             in_the_middle();
-            let by = "anna".to_owned();
-            Rollout::new(
-                id,
-                NewRollout {
-                    model: "model".to_owned(),
-                    machines: &[],
-                    rules: Rules::default(),
-                    by,
-                    since_s: 0.0,
-                },
-            )
+            rollout(id)
         })
     };
     start(&|| {}).unwrap();

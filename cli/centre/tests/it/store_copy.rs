@@ -2,17 +2,12 @@
 
 use std::path::Path;
 
-use volcomp_centre::{
-    ingest::Ingest,
-    records::Resolution,
-    rollout::{NewRollout, Rollout, Rules},
-    store::Store,
-};
+use volcomp_centre::{ingest::Ingest, records::Resolution, store::Store};
 use volcomp_fleet::{Acknowledgement, Kind, Outcome};
 
 use crate::{
     command::{Called, call},
-    support::{condition, envelope, identity, machine, model_text, received},
+    support::{condition, envelope, identity, machine, model_text, received, rollout},
 };
 
 /// A folder with a centre whose SQLite file holds something in every table that a centre fills.
@@ -34,21 +29,7 @@ fn filled() -> tempfile::TempDir {
         machine.note = "ä, 2 µm, \"quoted\"; \u{1f527}".into();
         store.put_machine(&machine, "anna").unwrap();
     }
-    store
-        .start_rollout(|id| {
-            let by = "anna".to_owned();
-            Rollout::new(
-                id,
-                NewRollout {
-                    model: "model".to_owned(),
-                    machines: &[],
-                    rules: Rules::default(),
-                    by,
-                    since_s: 0.0,
-                },
-            )
-        })
-        .unwrap();
+    store.start_rollout(rollout).unwrap();
     let mut ingest = Ingest::of(&store).unwrap();
     // More rows than are fetched, or wait to be sent, at one time.
     for part in 0..4_u64 {
