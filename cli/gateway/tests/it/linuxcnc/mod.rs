@@ -7,6 +7,7 @@ mod ini;
 mod peer;
 mod tables;
 mod traps;
+mod trunnion;
 mod whole;
 
 use std::path::{Path, PathBuf};
@@ -48,6 +49,11 @@ fn configuration(dir: &Path, port: u16) -> PathBuf {
 }
 
 fn configuration_of(dir: &Path, port: u16, machine: &str) -> PathBuf {
+    write_configuration(dir, port, machine, "")
+}
+
+/// One with further lines for its controller.
+fn write_configuration(dir: &Path, port: u16, machine: &str, more: &str) -> PathBuf {
     std::fs::write(dir.join("machine.toml"), machine).expect("writable");
     token_file(dir);
     let text = format!(
@@ -67,7 +73,7 @@ test_shift_um = 0
 [[controller]]
 url = "linuxcnc://127.0.0.1:{port}"
 axes = ["X", "Y", "Z"]
-[controller.barrier]
+{more}[controller.barrier]
 machine = 1
 scan_ms = 1.0
 [dashboard]
@@ -96,11 +102,15 @@ fn start(dir: &Path, config: &Path) -> Program {
 /// The distances of what the motors did from what they should, nm, sorted: the correction in each cycle is that of the
 /// nominal position as many cycles before as a command needs to the motor.
 fn residuals(cycles: &[Cycle]) -> Vec<f64> {
+    residuals_of(cycles, |at| oracle(at.nominal))
+}
+
+fn residuals_of(cycles: &[Cycle], oracle: impl Fn(&Cycle) -> [f64; 3]) -> Vec<f64> {
     let of = |shift: usize| {
         let pairs = cycles.iter().skip(shift).zip(cycles);
         let mut found: Vec<f64> = pairs
             .map(|(now, then)| {
-                let wanted = oracle(then.nominal);
+                let wanted = oracle(then);
                 let square =
                     |axis: usize| (now.motor[axis] - then.nominal[axis] - wanted[axis]).powi(2);
                 (0..3).map(square).sum::<f64>().sqrt() * 1e6
@@ -142,7 +152,11 @@ fn part(sorted: &[f64], per_cent: usize) -> f64 {
 
 /// The figures that count: median and 99 %.
 fn corrected(what: &str, cycles: &[Cycle]) {
-    let found = residuals(cycles);
+    corrected_by(what, cycles, |at| oracle(at.nominal));
+}
+
+fn corrected_by(what: &str, cycles: &[Cycle], oracle: impl Fn(&Cycle) -> [f64; 3]) {
+    let found = residuals_of(cycles, oracle);
     let [median, most] = [50, 99].map(|of| part(&found, of));
     println!(
         "{what}: {} cycles, residual {median:.2} nm median, {most:.1} nm p99",

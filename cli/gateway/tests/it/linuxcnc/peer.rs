@@ -166,37 +166,50 @@ fn inside(name: &str) -> (bool, String) {
 
 pub(crate) struct LinuxCnc {
     pub(crate) dir: PathBuf,
+    ini: PathBuf,
     bridge: Bridge,
     child: Child,
     asks: UnixStream,
     hears: BufReader<UnixStream>,
 }
 
-/// The cycles of a record: nominal positions, motor positions, offsets.
+/// The cycles of a record: nominal positions, motor positions, offsets, and where there are A and C, deg, their nominal positions.
 pub(crate) struct Cycle {
     pub(crate) nominal: [f64; 3],
     pub(crate) motor: [f64; 3],
     pub(crate) offset: [f64; 3],
+    pub(crate) rotary: [f64; 2],
 }
 
 impl LinuxCnc {
     /// Starts the mill of the examples with other lines in its INI file.
     pub(crate) fn start(dir: &Path, kind: Bridge, edit: impl Fn(String) -> String) -> Self {
+        Self::start_example("mill", dir, kind, edit)
+    }
+
+    /// Starts a machine of the examples with other lines in its INI file.
+    pub(crate) fn start_example(
+        name: &str,
+        dir: &Path,
+        kind: Bridge,
+        edit: impl Fn(String) -> String,
+    ) -> Self {
         let open = std::fs::Permissions::from_mode(0o1777);
         std::fs::set_permissions(dir, open).expect("ours");
         let examples = root().join("examples/linuxcnc");
-        std::fs::copy(examples.join("mill.hal"), dir.join("mill.hal")).expect("shipped");
-        std::fs::write(dir.join("mill.tbl"), "").expect("writable");
+        let [hal, tools, file] = ["hal", "tbl", "ini"].map(|end| format!("{name}.{end}"));
+        std::fs::copy(examples.join(&hal), dir.join(&hal)).expect("shipped");
+        std::fs::write(dir.join(tools), "").expect("writable");
         let ui = root().join("cli/gateway/tests/it/linuxcnc_ui.py");
-        let file = match kind {
+        let bridge = match kind {
             Bridge::User => "volcomp.tcl",
             Bridge::Servo => {
                 build(dir);
                 "volcomp-servo.tcl"
             }
         };
-        let bridge = root().join("drivers/linuxcnc/bridge").join(file);
-        let ini = std::fs::read_to_string(examples.join("mill.ini")).expect("shipped");
+        let bridge = root().join("drivers/linuxcnc/bridge").join(bridge);
+        let ini = std::fs::read_to_string(examples.join(&file)).expect("shipped");
         let ini = ini
             .replace("DISPLAY = axis", &format!("DISPLAY = {}", ui.display()))
             .replace(
@@ -204,9 +217,10 @@ impl LinuxCnc {
                 &format!("{}\nHALFILE = record.hal", bridge.display()),
             );
         let ini = edit(ini);
-        let has_bridge = ini.contains(file);
-        std::fs::write(dir.join("record.hal"), record(has_bridge)).expect("writable");
-        let path = dir.join("mill.ini");
+        let has_bridge = ini.contains(&*bridge.to_string_lossy());
+        let rotary = name == "trunnion";
+        std::fs::write(dir.join("record.hal"), record(has_bridge, rotary)).expect("writable");
+        let path = dir.join(file);
         std::fs::write(&path, ini).expect("writable");
         let socket = dir.join("ui");
         let listener = UnixListener::bind(&socket).expect("writable");
@@ -248,6 +262,7 @@ impl LinuxCnc {
         let hears = BufReader::new(asks.try_clone().expect("a socket"));
         let mut control = Self {
             dir: dir.to_owned(),
+            ini: path,
             bridge: kind,
             child,
             asks,
@@ -346,6 +361,7 @@ impl LinuxCnc {
                 nominal: three(0)?,
                 motor: three(3)?,
                 offset: three(6)?,
+                rotary: (values.get(9..11)).map_or([0.0; 2], |pair| [pair[0], pair[1]]),
             })
         });
         cycles.collect()
@@ -386,8 +402,7 @@ impl LinuxCnc {
     /// Starts the bridge in user space again, as the book says.
     pub(crate) fn start_bridge(&mut self) {
         let bridge = root().join("drivers/linuxcnc/bridge/volcomp_bridge.py");
-        let ini = self.dir.join("mill.ini");
-        let arguments = [bridge, ini].map(|path| path.display().to_string());
+        let arguments = [bridge, self.ini.clone()].map(|path| path.display().to_string());
         self.ask("spawn", &json!({ "arguments": arguments }));
         self.wait("volcomp-2.alive", |_| true);
         self.ask("realtime", &json!({}));
@@ -430,10 +445,14 @@ impl Drop for LinuxCnc {
 }
 
 /// A record of every cycle of the servo thread. The bridge has connected the pins already; without one they have no signals.
-fn record(has_bridge: bool) -> String {
-    let mut text = String::from(
-        "loadrt sampler cfg=fffffffff depth=60000\naddf sampler.0 servo-thread\nsetp sampler.0.enable 0\n",
+fn record(has_bridge: bool, rotary: bool) -> String {
+    let more = if rotary { "ff" } else { "" };
+    let mut text = format!(
+        "loadrt sampler cfg=fffffffff{more} depth=60000\naddf sampler.0 servo-thread\nsetp sampler.0.enable 0\n",
     );
+    if rotary {
+        text += "net volcomp-cmd-a => sampler.0.pin.9\nnet volcomp-cmd-c => sampler.0.pin.10\n";
+    }
     for (at, (small, large)) in [("x", "X"), ("y", "Y"), ("z", "Z")].iter().enumerate() {
         let (nominal, offset) = if has_bridge {
             (String::new(), String::new())
