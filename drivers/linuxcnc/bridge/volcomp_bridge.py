@@ -25,6 +25,9 @@ from barrier import Barrier, Settings  # noqa: E402
 
 # Cycles of the servo thread after which a change of the counts must be seen in the control's request.
 LANDS_WITHIN = 5
+# How often the pins are read until all are of one cycle, and how long that may take at the start.
+READ_TRIES = 10
+STARTS_WITHIN_S = 10.0
 # Cycles for which nothing moves after the machine was switched on.
 SETTLES = 20
 # Cycles for which nothing moves after an offset was lost.
@@ -188,16 +191,28 @@ class Control:
         return int(self.component["end"])
 
     def read(self):
-        """Everything of one cycle: read again where the servo thread went on meanwhile."""
+        """Everything of one cycle: read again where the servo thread went on meanwhile. `None` where it did so each time: a
+        mixture of two cycles is no reading."""
         pins = self.component
-        for _ in range(10):
+        for _ in range(READ_TRIES):
             cycle = self.cycle()
             position = [pins[pin] for pin in self.positions]
             offset = [pins[pin] for pin in self.offsets]
             request = [pins[pin] for pin in self.requests]
+            flags = self.flags()
             if int(pins["begin"]) == cycle:
-                break
-        return cycle, time.monotonic_ns(), position, offset, request
+                return cycle, time.monotonic_ns(), position, offset, request, flags
+        return None
+
+    def first(self):
+        """The reading with which the bridge starts."""
+        end = time.monotonic() + STARTS_WITHIN_S
+        while time.monotonic() < end:
+            read = self.read()
+            if read is not None:
+                return read
+            time.sleep(0.0003)
+        raise RuntimeError(f"found no whole cycle of the servo thread in {STARTS_WITHIN_S:.0f} s, expected one: it may stand in the middle of one")
 
     def flags(self):
         pins = self.component
@@ -213,7 +228,6 @@ class Control:
         if pins["motion-type"] == PROBING:
             flags |= datagram.PROBING
         return flags
-
 
     def moves_offsets(self):
         """Whether LinuxCNC's planner moves offsets: elsewhere they stand, and come all at once when one of these returns."""
@@ -273,7 +287,8 @@ class Bridge:
         self.kept = KeptEpoch(configuration.epoch_file)
         self.run = random.SystemRandom().getrandbits(32)
         self.sequence = 0
-        self.cycle, _, self.position, _, request = self.control.read()
+        self.cycle, _, self.position, _, request, _ = self.control.first()
+        self.unread = None
         self.velocity = [0.0] * len(self.position)
         applied = self.whole(request)
         self.barrier = Barrier(configuration.settings, self.kept.epoch, self.cycle & 0xFFFF, applied)
@@ -374,10 +389,24 @@ class Bridge:
                 self.component[f"probed-offset-{letter}"] = value
         self.was_probing = is_probing
 
+    def miss(self):
+        """No reading: no state is sent, whose number is left out, so that the gateway sees one missing; and the servo thread
+        does not hear that the bridge lives, and takes the offsets away where that goes on."""
+        self.component["unread"] += 1
+        cycle = self.control.cycle()
+        if self.unread is None:
+            tell("the servo thread goes on while its pins are read: no state is sent for such a cycle; volcomp.unread counts them")
+        if cycle != self.unread:
+            self.unread = cycle
+            self.sequence += 1
+
     def scan(self):
-        cycle, now, position, offset, request = self.control.read()
+        read = self.control.read()
+        if read is None:
+            self.miss()
+            return
+        cycle, now, position, offset, request, flags = read
         passed = cycle - self.cycle
-        flags = self.control.flags()
         is_on = bool(flags & datagram.ENABLED and flags & datagram.HOMED)
         self.settle = max(self.settle - passed, 0) if is_on and self.was_enabled else SETTLES
         self.was_enabled = is_on
@@ -460,6 +489,7 @@ def component(configuration):
     made.newpin("trust", hal.HAL_BIT, hal.HAL_OUT)
     made.newpin("enable", hal.HAL_BIT, hal.HAL_OUT)
     made.newpin("holds", hal.HAL_BIT, hal.HAL_OUT)
+    made.newpin("unread", hal.HAL_U32, hal.HAL_OUT)
     made.newpin("owner", hal.HAL_U32, hal.HAL_OUT)
     made.newpin("epoch", hal.HAL_U32, hal.HAL_OUT)
     for pin, kind in servo_pins(configuration):

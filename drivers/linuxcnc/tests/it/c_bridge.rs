@@ -13,6 +13,7 @@ use proptest::prelude::*;
 use tempfile::TempDir;
 use volcomp_guard::barrier::{Barrier, Counts, FRAME_WORDS, Frame, Layout, REPORT_WORDS, Report};
 use volcomp_linuxcnc::{Flags, State};
+use volcomp_test_support::peers;
 use volcomp_vocabulary::{AxisName, PerChannel};
 
 use crate::{
@@ -34,7 +35,7 @@ fn bridge() -> &'static Path {
     program
 }
 
-struct Run {
+pub(crate) struct Run {
     _child: Ended,
     asks: ChildStdin,
     hears: BufReader<ChildStdout>,
@@ -43,19 +44,19 @@ struct Run {
 /// What a scan is given besides frames.
 #[derive(Clone, Copy)]
 #[expect(clippy::struct_excessive_bools, reason = "pins of the control")]
-struct Given {
+pub(crate) struct Given {
     on: bool,
     cut: bool,
     /// Whether offsets move in the mode of the control.
     mode: bool,
     /// 1: the control clears its offsets; 2: its planner does not move them; 3: its planner is 0.1 s late.
-    does: u8,
-    period_ns: u32,
+    pub(crate) does: u8,
+    pub(crate) period_ns: u32,
     probing: bool,
     touching: bool,
 }
 
-const GOOD: Given = Given {
+pub(crate) const GOOD: Given = Given {
     on: true,
     cut: false,
     mode: true,
@@ -65,29 +66,43 @@ const GOOD: Given = Given {
     touching: false,
 };
 
-struct Said {
-    holds: bool,
+pub(crate) struct Said {
+    pub(crate) holds: bool,
     /// The counts of the first axis.
     counts: i64,
-    state: State,
+    pub(crate) state: State,
     /// Of the first axis, mm.
     probed: f64,
 }
 
 impl Said {
-    fn lost(&self) -> bool {
+    pub(crate) fn lost(&self) -> bool {
         self.state.flags.has(Flags::LOST)
     }
 
-    fn applied(&self) -> i16 {
+    pub(crate) fn applied(&self) -> i16 {
         self.state.report.as_slice()[8].cast_signed()
     }
 }
 
 impl Run {
     fn new() -> Self {
+        Self::of(&mut Command::new(bridge()))
+    }
+
+    /// The bridge in user space beside a LinuxCNC of the test's; `None` where there is no Python.
+    pub(crate) fn user() -> Option<Self> {
+        let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+        let mut command = Command::new(peers::python()?);
+        command
+            .arg(here.join("tests/it/stand_in.py"))
+            .arg(here.join("bridge"));
+        Some(Self::of(&mut command).ready())
+    }
+
+    fn of(command: &mut Command) -> Self {
         let mut child = Ended(
-            Command::new(bridge())
+            command
                 .stdin(Stdio::piped())
                 .stdout(Stdio::piped())
                 .stderr(Stdio::null())
@@ -105,19 +120,30 @@ impl Run {
 
     /// One that is set: counts of 1 nm, limits of 30 um and rates of 2 um in a scan.
     fn set() -> Self {
-        let mut run = Self::new();
-        assert_eq!(run.ask("set XY 7 1 100 300 5 1 30000 30000 2000 2000"), "1");
-        run
+        Self::new().ready()
     }
 
-    fn ask(&mut self, line: &str) -> String {
+    fn ready(mut self) -> Self {
+        assert_eq!(
+            self.ask("set XY 7 1 100 300 5 1 30000 30000 2000 2000"),
+            "1"
+        );
+        self
+    }
+
+    pub(crate) fn ask(&mut self, line: &str) -> String {
         writeln!(self.asks, "{line}").unwrap();
         let mut answer = String::new();
         self.hears.read_line(&mut answer).unwrap();
         answer.trim_end().to_owned()
     }
 
-    fn scan(&mut self, given: Given, frames: &[Vec<u16>]) -> Said {
+    pub(crate) fn scan(&mut self, given: Given, frames: &[Vec<u16>]) -> Said {
+        self.look(given, frames).0.expect("a state")
+    }
+
+    /// A scan that may tell no state, and what is told behind it.
+    pub(crate) fn look(&mut self, given: Given, frames: &[Vec<u16>]) -> (Option<Said>, String) {
         let flag = u8::from;
         let mut line = format!(
             "scan {} {} {} {} {} {} {}",
@@ -138,20 +164,25 @@ impl Run {
         let [holds, counts, hex, _, probed, ..] = parts[..] else {
             panic!("{answer}");
         };
+        let more = parts[7..].join(" ");
+        if hex == "-" {
+            return (None, more);
+        }
         let bytes: Vec<u8> = (0..hex.len())
             .step_by(2)
             .map(|at| u8::from_str_radix(&hex[at..at + 2], 16).unwrap())
             .collect();
-        Said {
+        let said = Said {
             holds: holds == "1",
             counts: counts.parse().unwrap(),
             state: State::decode(&bytes).unwrap(),
             probed: probed.parse().unwrap(),
-        }
+        };
+        (Some(said), more)
     }
 
     /// Scans with a gateway that asks for this on X, counts. The last answer.
-    fn correct(&mut self, given: Given, counts: i16, scans: u32) -> Said {
+    pub(crate) fn correct(&mut self, given: Given, counts: i16, scans: u32) -> Said {
         let axes = Layout::of([AxisName::X, AxisName::Y]).unwrap();
         let mut said = self.scan(given, &[]);
         for _ in 0..scans {

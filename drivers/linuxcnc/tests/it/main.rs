@@ -1,6 +1,7 @@
 //! The protocol, and the driver against a bridge in this process.
 #![expect(clippy::unwrap_used, reason = "tests")]
 
+mod both_bridges;
 mod bridge;
 mod c_bridge;
 mod codec;
