@@ -94,8 +94,11 @@ static int written[LANDS_WITHIN][MOST], writes, strange, settle, was_on, was_pro
 static long long lost_ns, off_ns;
 static double base[MOST], position[MOST], moved[MOST];
 
-static volatile int kept_epoch, stop;
-static int stored_epoch;
+/* The epoch that counts, and the one that is in the file. A start goes on further than by one, and no frame is taken while the
+   file is further behind than that: otherwise an old frame could pass after the next start. */
+#define EPOCHS_AHEAD 16
+static volatile int kept_epoch, stored_epoch, stop;
+static int was_behind;
 static pthread_t keeper;
 static int has_keeper;
 
@@ -123,16 +126,14 @@ static int store(int number) {
 }
 
 /* Keeps the epoch on a thread of its own: files have no place in the servo thread. */
-static void *keep(void *at_start) {
-    /* Not the one of now: it may have moved on before this thread came. */
-    int kept = *(int *)at_start;
+static void *keep(void *unused) {
     while (!stop) {
         int now = kept_epoch;
-        if (now != kept && store(now) == 0) kept = now;
+        if (now != stored_epoch && store(now) == 0) stored_epoch = now;
         usleep(2000);
     }
-    if (kept_epoch != kept) store(kept_epoch);
-    return NULL;
+    if (kept_epoch != stored_epoch) store(kept_epoch);
+    return unused;
 }
 
 /* As `Settings` of the bridge in user space has it. What is published are words of 16 bits, and has to be what counts. */
@@ -200,7 +201,7 @@ EXTRA_SETUP() {
     int old = kept_before();
     if (old < 0) return -EINVAL;
     /* Further than one: of a run that ended between a time-out and its writing down. */
-    kept_epoch = (old + 16) & 0xffff;
+    kept_epoch = (old + EPOCHS_AHEAD) & 0xffff;
     if (store(kept_epoch)) {
         rtapi_print_msg(RTAPI_MSG_ERR, "volcomp: %s cannot be written: %s\n", epoch_file, strerror(errno));
         return -EIO;
@@ -215,7 +216,7 @@ EXTRA_SETUP() {
     }
     struct timespec now; clock_gettime(CLOCK_REALTIME, &now);
     run = (uint32_t)now.tv_nsec ^ (uint32_t)now.tv_sec * 2654435761u;
-    has_keeper = pthread_create(&keeper, NULL, keep, &stored_epoch) == 0;
+    has_keeper = pthread_create(&keeper, NULL, keep, NULL) == 0;
     return has_keeper ? 0 : -EAGAIN;
 }
 
@@ -373,9 +374,14 @@ FUNCTION(take) {
 
     receive();
     b.tick++;
+    int is_behind = (uint16_t)(b.age - stored_epoch) >= EPOCHS_AHEAD;
+    if (is_behind && !was_behind)
+        rtapi_print_msg(RTAPI_MSG_ERR, "volcomp bridge: %s: the epoch in it is %d or more behind, and cannot be written; frames are refused until it is\n", epoch_file, EPOCHS_AHEAD);
+    was_behind = is_behind;
     for (int i = 0; i < SENDERS; i++) {
         if (!senders[i].has_frame) continue;
         senders[i].has_frame = 0;
+        if (is_behind) { b.refusal = R_EPOCH; continue; }
         int judged = judge(i, senders[i].frame, senders[i].words, goal);
         if (judged == 1) { has_goal = 1; taken++; memcpy(taken_goal, goal, sizeof goal); }
         else if (judged < 0) b.refusal = -judged;

@@ -21,7 +21,7 @@ import linuxcnc
 
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
 import datagram  # noqa: E402
-from barrier import Barrier, Settings  # noqa: E402
+from barrier import EPOCH, Barrier, Settings  # noqa: E402
 
 # Cycles of the servo thread after which a change of the counts must be seen in the control's request.
 LANDS_WITHIN = 5
@@ -301,6 +301,7 @@ class Bridge:
         self.moved = [0.0] * len(applied)
         self.was_enabled = self.was_probing = self.touched = False
         self.was_trusted = self.control.is_trusted()
+        self.was_behind = False
 
     def whole(self, request):
         """What the control is asked for, in counts of the barrier."""
@@ -400,6 +401,18 @@ class Bridge:
             self.unread = cycle
             self.sequence += 1
 
+    def frames(self, trusted):
+        """The frames that the barrier judges: none while the bridge is not trusted. While the file of the epoch is too far behind
+        all are refused as such of an epoch that does not count."""
+        mailboxes = self.senders.mailboxes()
+        is_behind = self.kept.is_behind()
+        if is_behind and not self.was_behind:
+            tell(f"{self.kept.path}: the epoch in it is {EPOCHS_AHEAD} or more behind, and cannot be written; frames are refused until it is")
+        self.was_behind = is_behind
+        if is_behind and mailboxes:
+            self.barrier.refusal = EPOCH
+        return mailboxes if trusted and not is_behind else []
+
     def scan(self):
         read = self.control.read()
         if read is None:
@@ -432,9 +445,8 @@ class Bridge:
         holds = waits or bool(flags & datagram.LOST) and not self.barrier.is_beyond()
         if self.barrier.is_beyond():
             flags |= datagram.LOST
-        mailboxes = self.senders.mailboxes()
         before = list(self.barrier.applied)
-        report = self.barrier.scan(mailboxes if trusted and not self.kept.is_behind() else [], holds, min(passed, 32767))
+        report = self.barrier.scan(self.frames(trusted), holds, min(passed, 32767))
         self.kept.keep(self.barrier.epoch)
         if trusted and (self.barrier.applied != self.written[-1] or len(self.written) > 1):
             self.write(self.barrier.applied)

@@ -2,6 +2,48 @@
 
 use crate::c_bridge::{GOOD, Run};
 
+/// Each bridge; that in user space where there is Python.
+fn both() -> impl Iterator<Item = Run> {
+    [Some(Run::set()), Run::user()].into_iter().flatten()
+}
+
+/// A disk that hangs: after as many time-outs as a start goes on by, no frame is taken, and that is told. Otherwise one of
+/// before could pass after a restart.
+#[test]
+fn frames_are_refused_while_the_epoch_cannot_be_written() {
+    for mut run in both() {
+        let mut said = run.correct(GOOD, 100, 30);
+        let (epoch, refusal) = (0, 4);
+        let begun = said.state.report.as_slice()[epoch];
+        assert_eq!(said.applied(), 100);
+        run.ask("disk 0");
+        let mut taken = 0;
+        for _ in 0..20 {
+            // The gateway is gone for longer than the time-out, and comes back.
+            for _ in 0..310 {
+                said = run.scan(GOOD, &[]);
+            }
+            assert_eq!(said.applied(), 0);
+            said = run.correct(GOOD, 100, 5);
+            if said.applied() == 0 {
+                break;
+            }
+            assert_eq!(said.state.report.as_slice()[refusal], 0);
+            taken += 1;
+        }
+        assert_eq!(taken, 15);
+        let words = said.state.report.as_slice();
+        assert_eq!(words[epoch].wrapping_sub(begun), 16);
+        assert_eq!(words[refusal], 2, "it is told");
+        run.ask("disk 1");
+        let said = run.correct(GOOD, 100, 5);
+        assert_eq!(
+            (said.applied(), said.state.report.as_slice()[refusal]),
+            (100, 0)
+        );
+    }
+}
+
 /// A mixture of two cycles is no reading: nothing is told, so that the gateway sees a state missing, and whoever watches the
 /// bridge does not hear that it lives.
 #[test]

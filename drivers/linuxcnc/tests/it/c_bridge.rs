@@ -119,7 +119,7 @@ impl Run {
     }
 
     /// One that is set: counts of 1 nm, limits of 30 um and rates of 2 um in a scan.
-    fn set() -> Self {
+    pub(crate) fn set() -> Self {
         Self::new().ready()
     }
 

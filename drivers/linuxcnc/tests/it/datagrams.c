@@ -30,6 +30,8 @@ int main(int count, char **arguments) {
     enabled = estop_ok = user_ok = teleop_mode = homed(0) = 1;
     while (scanf("%d", &shall_hold) == 1) {
         limited = shall_hold;
+        /* Here scans take no time, and a disk does. */
+        while ((uint16_t)(kept_epoch - stored_epoch) > EPOCHS_AHEAD / 2) usleep(100);
         /* The control goes by the counts of the scan before. */
         for (int i = 0; i < n; i++) request(i) = eoffset(i) = (at_start[i] + counts(i)) * 1e-6;
         take(1000000);

@@ -1,7 +1,10 @@
 /* SPDX-License-Identifier: GPL-2.0-or-later */
 /* The component without its socket, beside a LinuxCNC that does what the test says. A datagram is caught where it would be sent.
-   Lines on standard input: `epoch PATH`, `set ...`, `at ...` (the requests, in counts), `scan ...`; an answer to each. */
+   Lines on standard input: `epoch PATH`, `set ...`, `at ...` (the requests, in counts), `disk 0|1` (whether the epoch can be written
+   down), `scan ...`; an answer to each. */
 #include "component.h"
+
+static int disk = 1;
 
 static long caught(const uint8_t *bytes, long length) {
     for (long i = 0; i < length; i++) printf("%02x", bytes[i]);
@@ -22,9 +25,12 @@ int main(void) {
         } else if (line[0] == 's' && line[1] == 'e') {
             int kept;
             sscanf(line, "set %15s %d %d %d %d %d %d %d %d %d %d", letters, &machine, &step_scans, &hold_scans, &time_out_scans, &kept, &size, &limit[0], &limit[1], &rate[0], &rate[1]);
-            axes = letters; n = n_all = strlen(axes); joints = 1; layout = 0; kept_epoch = kept; step[0] = step[1] = size;
+            axes = letters; n = n_all = strlen(axes); joints = 1; layout = 0; kept_epoch = stored_epoch = kept; step[0] = step[1] = size;
             for (int i = 0; i < n; i++) layout = 10 * layout + (strchr("XYZABCUVW", axes[i]) - "XYZABCUVW") + 1;
             printf("%d\n", settings_fit());
+        } else if (line[0] == 'd') {
+            sscanf(line, "disk %d", &disk);
+            printf("0\n");
         } else if (line[0] == 'a') {
             double at[2];
             sscanf(line, "at %lf %lf", at, at + 1);
@@ -40,6 +46,7 @@ int main(void) {
                 for (p++;; p++) { senders[m].frame[words++] = strtol(p, &p, 10); if (*p != ',') break; }
                 senders[m].words = words; senders[m].has_frame = 1;
             }
+            if (disk) stored_epoch = kept_epoch;
             senders[0].is_there = 1; senders[0].heard = now_ns();
             take(period);
             printf("%d %d ", holds, counts(0));
