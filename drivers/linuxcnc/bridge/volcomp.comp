@@ -69,8 +69,10 @@ static int time_out_scans = 300;      RTAPI_MP_INT(time_out_scans, "cycles witho
 #define WORD 32767
 /* How long nothing moves after an offset was lost. */
 #define LOST_NS 1000000000LL
-/* How far an offset may be off besides what its value moved in the time of the way, and for how long: nm or millionths of a degree. */
-#define OFF_BY 2000.0
+/* How far an offset may be off besides what its value moved in the time of the way, and for how long: some counts, and what the
+   planner leaves where it stops (nm or millionths of a degree). */
+#define OFF_BY_COUNTS 3
+#define OFF_BY 10.0
 #define WAY_NS 250000000.0
 #define OFF_NS 500000000LL
 #define LISTENS_NS 1000000000LL
@@ -356,7 +358,7 @@ FUNCTION(take) {
     /* Offsets are moved in these modes alone: elsewhere they stand, and jump when one of these comes back. */
     int stands = is_on && !coord_mode && !teleop_mode;
     int is_far = 0;
-    for (int i = 0; i < n; i++) is_far |= !(fabs(eoffset(i) * 1e6 - (double)b.applied[i] * step[i]) <= OFF_BY + moved[i]);
+    for (int i = 0; i < n; i++) is_far |= !(fabs(eoffset(i) * 1e6 - (double)b.applied[i] * step[i]) <= OFF_BY + OFF_BY_COUNTS * (double)step[i] + moved[i]);
     if (is_off(is_on && is_far, period) || lost_ns || stands) flags |= LOST;
     holds = (flags & (ESTOP | LIMITED | LOST)) || !is_on || settle > 0 || strange > 0;
     /* What no word can tell is not told, and goes towards zero: that is the one movement while an offset counts as lost. */

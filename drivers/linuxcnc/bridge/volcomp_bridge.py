@@ -32,8 +32,10 @@ STARTS_WITHIN_S = 10.0
 SETTLES = 20
 # Cycles for which nothing moves after an offset was lost.
 LOST_FOR = 1000
-# How far an offset may be off besides what its value moved in the time of the way, and for how long: nm or millionths of a degree.
-OFF_BY = 2000.0
+# How far an offset may be off besides what its value moved in the time of the way, and for how long: some counts, and what the
+# planner leaves where it stops (nm or millionths of a degree).
+OFF_BY_COUNTS = 3
+OFF_BY = 10.0
 WAY_S = 0.25
 OFF_FOR_S = 0.5
 # Cycles for which a sender that says nothing hears states.
@@ -371,7 +373,7 @@ class Bridge:
         """Whether an axis has for long not had what is told of it: further off than what moved on the way explains."""
         steps = self.configuration.steps
         passed_s = passed * self.configuration.period_s
-        is_far = any(not abs(has * NANO - value * step) <= OFF_BY + moved
+        is_far = any(not abs(has * NANO - value * step) <= OFF_BY + OFF_BY_COUNTS * step + moved
                      for has, value, step, moved in zip(offset, self.barrier.applied, steps, self.moved))
         # A look that comes late is one look, not a long time.
         self.off_s = self.off_s + min(passed_s, 0.01) if is_far else 0.0

@@ -9,8 +9,10 @@ use volcomp_vocabulary::MAX_AXES;
 
 use crate::{Flags, State};
 
-/// How far an offset may be off besides what its value moved in the time of the way, nm or millionths of a degree.
-const OFF_BY: f64 = 2000.0;
+/// How far an offset may be off besides what its value moved in the time of the way: some counts, and what the planner
+/// leaves where it stops (nm or millionths of a degree). So a small correction that never comes is seen as well as a large one.
+const OFF_BY_COUNTS: f64 = 3.0;
+const OFF_BY: f64 = 10.0;
 /// How long the control's planner may take.
 const WAY: Duration = Duration::from_millis(250);
 /// For how long an offset has to be off.
@@ -66,7 +68,8 @@ impl Adrift {
                 reason = "9e15 nm are far beyond any limit"
             )]
             let offset = axis.offset as f64;
-            far |= (offset - applied).abs() > OFF_BY + self.moved[index];
+            let most = OFF_BY + OFF_BY_COUNTS * f64::from(axis.step) + self.moved[index];
+            far |= (offset - applied).abs() > most;
         }
         self.last = Some(state.time);
         self.since = far.then(|| self.since.unwrap_or(state.time));
@@ -114,17 +117,22 @@ mod tests {
 
     #[test]
     fn what_stands_away_is_lost_after_half_a_second() {
-        assert_eq!(lost(|_| (2000, 0)), None);
-        assert_eq!(lost(|_| (-2001, 0)), Some(501));
+        assert_eq!(lost(|_| (13, 0)), None);
+        assert_eq!(lost(|_| (-14, 0)), Some(501));
         assert_eq!(lost(|_| (10_000, 20_000)), Some(501));
-        // Of counts of 10 nm, 300 are 3 um.
+        // Of counts of 10 nm, four are as many as may be off.
+        let mut adrift = Adrift::default();
+        for ms in 1..2000 {
+            adrift.hear(&state(ms, 10, 4, 0), 1);
+            assert!(!adrift.is_lost());
+        }
         let mut adrift = Adrift::default();
         for ms in 1..=501 {
             assert!(!adrift.is_lost());
-            adrift.hear(&state(ms, 10, 300, 0), 1);
+            adrift.hear(&state(ms, 10, 5, 0), 1);
         }
         assert!(adrift.is_lost());
-        adrift.hear(&state(502, 10, 300, 1000), 1);
+        adrift.hear(&state(502, 10, 5, 30), 1);
         assert!(!adrift.is_lost(), "it has come");
     }
 
@@ -142,6 +150,19 @@ mod tests {
         let ramp = |ms: u32| (ms.min(60) * 500) as i16;
         let found = lost(|ms| (ramp(ms), i64::from(ms) * 5)).expect("lost");
         assert!((501..1500).contains(&found), "{found} ms");
+    }
+
+    /// One that creeps away, slower than a count in a cycle, from a planner that stands.
+    #[test]
+    fn what_creeps_away_is_lost() {
+        #[expect(clippy::cast_possible_truncation, reason = "2 um in nm")]
+        let creeps = |ms: u32| (ms / 100) as i16;
+        let found = lost(|ms| (creeps(ms), 0)).expect("lost");
+        assert!((1800..2500).contains(&found), "{found} ms");
+        assert_eq!(
+            lost(|ms| (creeps(ms), creeps(ms.saturating_sub(200)).into())),
+            None
+        );
     }
 
     /// While the machine is off its offsets are what they like.

@@ -1,10 +1,27 @@
 //! What both bridges do by one rule, each beside a LinuxCNC of the test's: `scans.c` and `stand_in.py`.
 
-use crate::c_bridge::{GOOD, Run};
+use crate::c_bridge::{GOOD, Given, Run};
 
 /// Each bridge; that in user space where there is Python.
 fn both() -> impl Iterator<Item = Run> {
     [Some(Run::set()), Run::user()].into_iter().flatten()
+}
+
+/// A small correction that never comes is seen as well as a large one, once what moved is forgotten; one that came is not lost.
+#[test]
+fn a_small_correction_that_does_not_come_is_lost() {
+    for mut run in both() {
+        assert!(!run.correct(GOOD, 0, 30).lost());
+        let still = Given { does: 2, ..GOOD };
+        let lost_after = (0..4000)
+            .find(|_| run.correct(still, 300, 0).lost() || run.correct(still, 300, 1).lost());
+        // Three scans in each pass; what moved is forgotten by 23 to 1 in some times of the way.
+        let ms = 3 * lost_after.expect("lost");
+        assert!((500..2000).contains(&ms), "{ms} ms");
+        let said = run.correct(GOOD, 300, 20);
+        assert!(!said.lost());
+        assert_eq!(said.applied(), 300);
+    }
 }
 
 /// A disk that hangs: after as many time-outs as a start goes on by, no frame is taken, and that is told. Otherwise one of
