@@ -1,12 +1,13 @@
 //! The INI file of a LinuxCNC: what of it stands in the way of a correction.
 
+mod hal;
 mod numbers;
 mod problem;
 
 pub use numbers::Least;
 pub use problem::Problem;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use volcomp_vocabulary::{AxisKind, AxisName};
 
@@ -18,6 +19,15 @@ pub struct Ini {
     entries: Vec<(String, String, String)>,
     /// Files that are included and cannot be read, and why.
     unread: Vec<(String, String)>,
+    /// Where the files that it names lie; `None` for a text alone.
+    folder: Option<PathBuf>,
+}
+
+/// Whether this `HALFILE` is that of a bridge.
+fn is_ours(file: &str) -> bool {
+    let name = file.split_whitespace().next().unwrap_or_default();
+    let name = name.rsplit('/').next();
+    matches!(name, Some("volcomp.tcl" | "volcomp-servo.tcl"))
 }
 
 /// What is expected of an INI file.
@@ -59,6 +69,7 @@ impl Ini {
         Self {
             entries,
             unread: Vec::new(),
+            folder: None,
         }
     }
 
@@ -93,6 +104,7 @@ impl Ini {
         }
         Ok(Self {
             unread,
+            folder: Some(folder.to_owned()),
             ..Self::parse(&text)
         })
     }
@@ -124,11 +136,6 @@ impl Ini {
     #[must_use]
     pub fn problems(&self, expected: &Expected) -> Vec<Problem> {
         let mut problems = Vec::new();
-        let is_ours = |file: &str| {
-            let name = file.split_whitespace().next().unwrap_or_default();
-            let name = name.rsplit('/').next();
-            matches!(name, Some("volcomp.tcl" | "volcomp-servo.tcl"))
-        };
         for (file, reason) in &self.unread {
             let (file, reason) = (file.clone(), reason.clone());
             problems.push(Problem::Include { file, reason });
@@ -149,6 +156,7 @@ impl Ini {
             let found = found.to_owned();
             problems.push(Problem::TwoPass { found });
         }
+        self.behind_the_display(&mut problems);
         self.bridge(expected, &mut problems);
         for axis in &expected.axes {
             match self.get(&format!("AXIS_{axis}"), "OFFSET_AV_RATIO") {

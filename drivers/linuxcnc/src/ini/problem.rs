@@ -71,6 +71,30 @@ pub enum Problem {
         /// The file of the bridge.
         ours: String,
     },
+    /// A HAL file of the display cannot be read.
+    #[error("[HAL]POSTGUI_HALFILE: {file}: {reason}; expected a file that can be looked through")]
+    PostGui {
+        /// The file as the line names it.
+        file: String,
+        /// Why it cannot be read.
+        reason: String,
+    },
+    /// A HAL file of the display connects a pin that the bridge has connected.
+    #[error(
+        "[HAL]POSTGUI_HALFILE: {file}, line {line}: found {pin} connected to {found}, expected {expected}: it has this signal already, and takes no other one"
+    )]
+    Connected {
+        /// The file as the line of the INI file names it.
+        file: String,
+        /// The number of the line in it, from 1.
+        line: usize,
+        /// The pin of LinuxCNC.
+        pin: String,
+        /// The signal that the file connects.
+        found: String,
+        /// The signal that the pin has.
+        expected: String,
+    },
     /// HAL files are read twice, which the bridge in user space cannot stand.
     #[error(
         "[HAL]TWOPASS: found {found}, expected none with volcomp.tcl, which starts a program that needs what is loaded; volcomp-servo.tcl goes with it"

@@ -214,6 +214,64 @@ fn files_that_are_included_are_looked_through() {
     assert!(Ini::read(&dir.path().join("other.ini")).is_err());
 }
 
+/// A display loads files of its own last: what they connect to a pin of the bridge is named with its line.
+#[test]
+fn files_of_the_display_are_looked_through() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("mill.ini");
+    let told = |text: &str, display: &str| {
+        std::fs::write(dir.path().join("display.hal"), display).unwrap();
+        std::fs::write(&file, text).unwrap();
+        let problems = Ini::read(&file).unwrap().problems(&expected());
+        problems.iter().map(ToString::to_string).collect::<Vec<_>>()
+    };
+    std::fs::write(
+        dir.path().join("mill.hal"),
+        "net all-homed <= joint.0.homed\n# net x joint.1.homed\n",
+    )
+    .unwrap();
+    let mill = mill().replace("[HAL]\n", "[HAL]\nPOSTGUI_HALFILE = display.hal\n");
+    let right = "# net other motion.probe-input\nnet volcomp-probe parport.0.pin-10-in\nnet spindle spindle.0.on => pyvcp.on\n\
+        net all-homed => pyvcp.homed joint.0.homed\nnet a-cmd axis.a.pos-cmd\nnet pos joint.0.pos-fb => pyvcp.x\n";
+    assert_eq!(told(&mill, right), [""; 0]);
+    for (line, says) in [
+        (
+            "net probe-in parport.0.pin-10-in => motion.probe-input",
+            "[HAL]POSTGUI_HALFILE: display.hal, line 2: found motion.probe-input connected to probe-in, expected volcomp-probe",
+        ),
+        (
+            "linkps joint.1.homed y-homed",
+            "found joint.1.homed connected to y-homed, expected volcomp-homed-1",
+        ),
+        (
+            "linksp x-homed joint.0.homed",
+            "found joint.0.homed connected to x-homed, expected all-homed",
+        ),
+        (
+            "net off axis.z.eoffset-counts",
+            "found axis.z.eoffset-counts connected to off, expected volcomp-whole-z",
+        ),
+    ] {
+        let found = told(&mill, &format!("# of the display\n{line}\n")).join("\n");
+        assert!(found.contains(says), "{says}: {found}");
+    }
+    let servo = mill.replace("volcomp.tcl", "volcomp-servo.tcl");
+    let found = told(&servo, "net on motion.teleop-mode\n").join("\n");
+    assert!(
+        found.ends_with(
+            "expected volcomp-teleop: it has this signal already, and takes no other one"
+        ),
+        "{found}"
+    );
+    std::fs::remove_file(dir.path().join("display.hal")).unwrap();
+    let problems = Ini::read(&file).unwrap().problems(&expected());
+    let found = problems[0].to_string();
+    assert!(
+        found.starts_with("[HAL]POSTGUI_HALFILE: display.hal: "),
+        "{found}"
+    );
+}
+
 proptest::proptest! {
     #[test]
     fn any_text_is_read(text in "(?s).{0,300}") {

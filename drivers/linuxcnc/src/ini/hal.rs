@@ -1,0 +1,128 @@
+//! HAL files that are loaded behind that of the bridge, by a display: `[HAL]POSTGUI_HALFILE`.
+
+use std::{collections::HashMap, path::Path};
+
+use super::{Ini, Problem};
+
+/// The pin and the signal of each connection in a HAL file, with the number of its line.
+fn connections(text: &str) -> impl Iterator<Item = (usize, &str, &str)> {
+    text.lines().enumerate().flat_map(|(number, line)| {
+        let line = line.split('#').next().unwrap_or_default();
+        let is_arrow = |word: &&str| matches!(*word, "=>" | "<=" | "<=>");
+        let words: Vec<&str> = line
+            .split_whitespace()
+            .filter(|word| !is_arrow(word))
+            .collect();
+        let found: Vec<(&str, &str)> = match words[..] {
+            ["net", signal, ref pins @ ..] => pins.iter().map(|pin| (*pin, signal)).collect(),
+            ["linksp", signal, pin] => vec![(pin, signal)],
+            ["linkps", pin, signal] => vec![(pin, signal)],
+            _ => Vec::new(),
+        };
+        found
+            .into_iter()
+            .map(move |(pin, signal)| (number + 1, pin, signal))
+    })
+}
+
+/// The signal that the file of the bridge gives to a pin of LinuxCNC that has none; both bridges call them alike where they read
+/// them, but for the mode.
+fn of_bridge(pin: &str, is_servo: bool) -> Option<String> {
+    let of_axis = pin
+        .strip_prefix("axis.")
+        .and_then(|rest| rest.split_once('.'));
+    let of_joint = pin
+        .strip_prefix("joint.")
+        .and_then(|rest| rest.split_once('.'));
+    let signal = match (pin, of_axis, of_joint) {
+        ("motion.probe-input", ..) => "probe".to_owned(),
+        ("motion.motion-enabled", ..) => "enabled".to_owned(),
+        ("iocontrol.0.emc-enable-in", ..) => "estop".to_owned(),
+        ("iocontrol.0.user-enable-out", ..) => "user".to_owned(),
+        ("motion.eoffset-limited", ..) => "limited".to_owned(),
+        ("motion.motion-type", ..) => "type".to_owned(),
+        ("motion.coord-mode", ..) => if is_servo { "coord" } else { "coord-mode" }.to_owned(),
+        ("motion.teleop-mode", ..) => if is_servo { "teleop" } else { "teleop-mode" }.to_owned(),
+        (_, Some((axis, "pos-cmd")), _) => format!("cmd-{axis}"),
+        (_, Some((axis, "eoffset")), _) => format!("eoffset-{axis}"),
+        (_, Some((axis, "eoffset-request")), _) => format!("request-{axis}"),
+        (_, Some((axis, "eoffset-counts")), _) => {
+            format!("{}-{axis}", if is_servo { "counts" } else { "whole" })
+        }
+        (_, Some((_, "eoffset-enable")), _) => "enable".to_owned(),
+        (_, _, Some((joint, "homed"))) => format!("homed-{joint}"),
+        _ => return None,
+    };
+    Some(format!("volcomp-{signal}"))
+}
+
+impl Ini {
+    /// Pins that the bridge has connected, and that a later file connects to another signal: LinuxCNC stops there.
+    pub(super) fn behind_the_display(&self, problems: &mut Vec<Problem>) {
+        let Some(folder) = &self.folder else {
+            return;
+        };
+        let read = |file: &str| -> std::io::Result<String> {
+            let name = file.split_whitespace().next().unwrap_or_default();
+            let bytes = std::fs::read(folder.join(Path::new(name)))?;
+            Ok(String::from_utf8_lossy(&bytes).into_owned())
+        };
+        // What the files before the bridge have connected keeps its signal. Others may lie in LinuxCNC's library.
+        let before: Vec<String> = self
+            .all("HAL", "HALFILE")
+            .take_while(|file| !super::is_ours(file))
+            .filter_map(|file| read(file).ok())
+            .collect();
+        let known: HashMap<&str, &str> = before
+            .iter()
+            .flat_map(|text| connections(text))
+            .map(|(_, pin, signal)| (pin, signal))
+            .collect();
+        let is_servo = self
+            .all("HAL", "HALFILE")
+            .any(|file| super::is_ours(file) && file.contains("volcomp-servo.tcl"));
+        let letters = |key, default| {
+            let letters = self.get("VOLCOMP", key).unwrap_or(default);
+            letters.to_lowercase().replace(' ', "")
+        };
+        let (corrected, read_only) = (letters("AXES", "XYZ"), letters("READS", ""));
+        // Of an axis that is only read the bridge connects the position alone.
+        let is_told = |pin: &str| match pin
+            .strip_prefix("axis.")
+            .and_then(|rest| rest.split_once('.'))
+        {
+            Some((axis, name)) => {
+                corrected.contains(axis) || name == "pos-cmd" && read_only.contains(axis)
+            }
+            None => true,
+        };
+        for file in self.all("HAL", "POSTGUI_HALFILE") {
+            let text = match read(file) {
+                Ok(text) => text,
+                Err(e) => {
+                    let (file, reason) = (file.to_owned(), e.to_string());
+                    problems.push(Problem::PostGui { file, reason });
+                    continue;
+                }
+            };
+            for (line, pin, found) in connections(&text) {
+                let known = known.get(pin).map(|signal| (*signal).to_owned());
+                let Some(expected) = of_bridge(pin, is_servo)
+                    .filter(|_| is_told(pin))
+                    .map(|signal| known.unwrap_or(signal))
+                else {
+                    continue;
+                };
+                if found != expected {
+                    problems.push(Problem::Connected {
+                        file: file.to_owned(),
+                        line,
+                        pin: pin.to_owned(),
+                        found: found.to_owned(),
+                        expected,
+                    });
+                }
+            }
+        }
+    }
+}
