@@ -102,6 +102,38 @@ fn an_offset_that_is_frozen_cleared_or_cut(kind: Bridge) {
     state.unwrap_or_else(|state| panic!("it is not told: {state}"));
     control.mdi("G0 X50 Y40");
     wait_corrected(&mut control, &program);
+
+    // An arc whose ends are within the limits, and that leaves them by 0.2 mm between: LinuxCNC takes it, and eats the excess by
+    // the offset. Told while it lasts, and nothing is left of it.
+    control.mdi("G0 X-9.9");
+    wait_corrected(&mut control, &program);
+    let shown = control.of_x("absorbed");
+    let lost = control.pin(&shown);
+    let cycles = control.record(|control| {
+        control.ask(
+            "begin_mdi",
+            &json!({ "text": "G17 G2 X-9.9 Y60 R250 F240" }),
+        );
+        let state = program.wait(|state| state["reasons"].to_string().contains("alarm"));
+        state.unwrap_or_else(|state| panic!("it is not told: {state}"));
+        control.do_it("idle");
+        control.mdi("G0 X50 Y40");
+    });
+    let least = |of: fn(&super::Cycle) -> f64| cycles.iter().map(of).fold(f64::MAX, f64::min);
+    let (nominal, motor) = (
+        least(|cycle| cycle.nominal[0]),
+        least(|cycle| cycle.motor[0]),
+    );
+    assert!(
+        nominal < -10.05,
+        "the arc stays within the limits: {nominal} mm"
+    );
+    assert!(
+        motor > -10.0 - 1e-3,
+        "the motor left the limits: {motor} mm"
+    );
+    wait_corrected(&mut control, &program);
+    assert_eq!(control.pin(&shown), lost, "nothing is taken for lost");
 }
 
 /// Traps 6, 7 and 9 stand in the tests of the whole day (the offset at the contact of a probe), of what dies (zero by the
