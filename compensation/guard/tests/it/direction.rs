@@ -211,6 +211,49 @@ fn a_flickering_count_turns_nothing() {
     assert_eq!(turns, 0);
 }
 
+/// At 0.1 mm/min an axis goes 7 nm in a cycle of 4 ms, about what its position flickers by: whatever it does within the threshold from
+/// where it was last, standing included, turns nothing, and what goes beyond it turns it once.
+#[test]
+fn an_axis_that_creeps_turns_once_and_only_beyond_the_threshold() {
+    let per_cycle = 0.1 / 60.0 * PERIOD.as_secs_f64();
+    let threshold = reversal_threshold(&axis(false), 1e-6, Duration::ZERO);
+    let mut random = ChaCha8Rng::seed_from_u64(11);
+    let (mut memory, mut position) = (Memory::default(), 100.0);
+    let mut turns: Vec<(Direction, f64)> = Vec::new();
+    // Extremes 100.009 and 99.996: what lies between them and 5 um from them turns nothing.
+    for target in [
+        100.009, 100.0045, 100.0085, 99.996, 99.996, 100.0, 99.9965, 100.004,
+    ] {
+        let begun = position;
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "some thousands"
+        )]
+        let cycles = ((target - begun) / per_cycle).abs().ceil().max(300.0) as u32;
+        for cycle in 1..=cycles {
+            position = begun + (target - begun) * f64::from(cycle) / f64::from(cycles);
+            let flicker = random.random_range(-3e-6..3e-6);
+            if let Some(direction) = memory.at(position + flicker, threshold, None)
+                && turns.last().is_none_or(|(last, _)| *last != direction)
+            {
+                turns.push((direction, position));
+            }
+        }
+    }
+    let expected = [
+        (Direction::Positive, 100.0 + threshold),
+        (Direction::Negative, 100.009 - threshold),
+        (Direction::Positive, 99.996 + threshold),
+    ];
+    assert_eq!(turns.len(), expected.len(), "{turns:?}");
+    for ((direction, at), (expected, beyond)) in turns.iter().zip(expected) {
+        assert_eq!(*direction, expected);
+        // Flicker, and the readings that must agree.
+        assert!((at - beyond).abs() < 2e-5, "{at} mm, {beyond} mm");
+    }
+}
+
 /// An axis that has rolled over thousands of times in one direction turns as one that has not: whole turns are left out on the way,
 /// and nothing of that may show.
 #[test]

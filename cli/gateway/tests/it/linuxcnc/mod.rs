@@ -1,6 +1,7 @@
 //! The gateway on a real LinuxCNC, moved without a display: what its motors do against what the errors ask for.
 
 mod adrift;
+mod creep;
 mod faults;
 mod in_user_space;
 mod ini;

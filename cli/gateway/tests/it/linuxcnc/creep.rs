@@ -1,0 +1,87 @@
+//! A reversal error where the axis creeps, stands, and goes back and forth by less than counts as a reversal.
+
+use super::{
+    configuration_of,
+    peer::{Bridge, LinuxCnc, with_both},
+    start,
+};
+
+with_both!(creep: the_side_of_a_reversal_changes_once_and_only_after_its_way);
+
+const PORT: u16 = 47_001;
+
+const MACHINE: &str = r#"
+name = "mill"
+structure = "w X' b Y Z t"
+[axes.X]
+travel = [-10.0, 500.0]
+[axes.Y]
+travel = [-10.0, 400.0]
+[axes.Z]
+travel = [-300.0, 10.0]
+[errors]
+EXX = { mean = { poly = [0.0] }, reversal = 3.0 }
+"#;
+
+/// Half of the reversal error, mm, and how much of it counts as this side.
+const SIDE: f64 = 1.5e-3;
+const NEARLY: f64 = 1.4e-3;
+
+/// The nominal positions of X at which another side begins to be left, and the sides: 1 is that of a way to larger positions, -1 the
+/// other one.
+fn sides(cycles: &[super::Cycle]) -> Vec<(i32, f64)> {
+    let mut found: Vec<(i32, f64)> = Vec::new();
+    for cycle in cycles {
+        let offset = cycle.offset[0];
+        let side = i32::from(offset < -NEARLY) - i32::from(offset > NEARLY);
+        if side != 0 && found.last().is_none_or(|(last, _)| *last != side) {
+            found.push((side, cycle.nominal[0]));
+        }
+    }
+    found
+}
+
+fn the_side_of_a_reversal_changes_once_and_only_after_its_way(kind: Bridge) {
+    let dir = tempfile::tempdir().expect("writable");
+    let mut control = LinuxCnc::start(dir.path(), kind, |ini| ini);
+    let config = configuration_of(dir.path(), PORT, MACHINE);
+    let program = start(dir.path(), &config);
+    control.do_it("up");
+    program.wait_for("compensating");
+    control.mdi("G21 G90 G1 F600 X40");
+    control.mdi("X50");
+    control.wait("axis.x.eoffset", |has| (has + SIDE).abs() < 3e-6);
+
+    // 0.1 mm/min are 1.7 nm a cycle. A reversal counts after 5 um from where the axis was last: 50.003, and then 49.996.
+    let cycles = control.record(|control| {
+        for line in [
+            "G1 F0.1 X50.003",
+            "G4 P1",
+            "X49.999",
+            "G4 P1",
+            "X50.002",
+            "X49.996",
+            "G4 P1",
+            "X50",
+            "X49.998",
+            "X50.003",
+            "G4 P1",
+        ] {
+            control.mdi(line);
+        }
+    });
+    let found = sides(&cycles);
+    let order: Vec<i32> = found.iter().map(|(side, _)| *side).collect();
+    assert_eq!(order, [1, -1, 1], "{found:?}");
+    // Some readings must agree, and the offset goes by its own rate.
+    for ((_, at), expected) in found[1..].iter().zip([49.998, 50.001]) {
+        assert!((at - expected).abs() < 1e-4, "{at} mm, {expected} mm");
+    }
+    // On the way from side to side it goes one way: nothing comes and goes.
+    let offsets = || cycles.iter().map(|cycle| cycle.offset[0]);
+    let moved: f64 = offsets()
+        .zip(offsets().skip(1))
+        .map(|(a, b)| (b - a).abs())
+        .sum();
+    assert!((moved - 4.0 * SIDE).abs() < 2e-5, "{moved} mm");
+}
