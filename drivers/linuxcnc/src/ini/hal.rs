@@ -15,8 +15,7 @@ fn connections(text: &str) -> impl Iterator<Item = (usize, &str, &str)> {
             .collect();
         let found: Vec<(&str, &str)> = match words[..] {
             ["net", signal, ref pins @ ..] => pins.iter().map(|pin| (*pin, signal)).collect(),
-            ["linksp", signal, pin] => vec![(pin, signal)],
-            ["linkps", pin, signal] => vec![(pin, signal)],
+            ["linksp", signal, pin] | ["linkps", pin, signal] => vec![(pin, signal)],
             _ => Vec::new(),
         };
         found
