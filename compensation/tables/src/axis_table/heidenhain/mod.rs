@@ -2,6 +2,7 @@
 
 mod itnc530;
 mod tnc640;
+mod turn;
 mod write;
 
 use volcomp_vocabulary::AxisName;

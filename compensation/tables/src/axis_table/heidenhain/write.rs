@@ -9,7 +9,7 @@ use super::super::{
     exchange::{edge_of, even},
     text::signed,
 };
-use super::{DECIMALS, MOST_LINES, spacing_refused_by_tnc407};
+use super::{DECIMALS, MOST_LINES, spacing_refused_by_tnc407, turn::Held};
 
 fn unfit(format: Format, table: &AxisTable, found: String, expected: String) -> ExchangeError {
     ExchangeError::Unfit {
@@ -30,34 +30,22 @@ fn check(format: Format, table: &AxisTable) -> Result<(), ExchangeError> {
     Ok(())
 }
 
-/// Why a table is left out whose positions no control of the maker takes.
-const WITHIN_A_TURN: &str = "a table over a rotary axis holds 0 to 360 deg";
-
-/// Whether a table over a rotary axis, such as a trunnion from -110 deg, goes beyond [`WITHIN_A_TURN`].
-fn is_beyond_a_turn(table: &AxisTable) -> bool {
-    let (first, last) = (edge_of(table).next(), edge_of(table).last());
-    table.input.is_rotary()
-        && (first.is_some_and(|at| at < -1e-6) || last.is_some_and(|at| at > 360.0 + 1e-6))
-}
-
 pub(crate) fn write_tnc640(tables: &[AxisTable]) -> Result<Written, ExchangeError> {
     const FORMAT: Format = Format::HeidenhainTnc640;
     let mut written = Written::default();
+    let held = Held::of(tables);
+    held.tell(&mut written);
+    let tables = &held.tables;
     let mut inputs: Vec<AxisName> = tables.iter().map(|table| table.input).collect();
     inputs.sort_unstable_by_key(|axis| axis.index());
     inputs.dedup();
-    let (mut averaged, mut beyond) = (Vec::new(), Vec::new());
-    inputs.retain(|input| {
-        let of = tables.iter().filter(|table| table.input == *input);
-        let is_beyond = of.clone().any(is_beyond_a_turn);
-        if is_beyond {
-            beyond.extend(of);
-        }
-        !is_beyond
-    });
-    written.leave_out(WITHIN_A_TURN, &beyond);
+    let mut averaged = Vec::new();
     for &input in &inputs {
-        let mut of: Vec<&AxisTable> = tables.iter().filter(|table| table.input == input).collect();
+        let mut of: Vec<&AxisTable> = tables
+            .iter()
+            .map(AsRef::as_ref)
+            .filter(|table: &&AxisTable| table.input == input)
+            .collect();
         of.sort_by_key(|table| table.output.index());
         for table in &of {
             check(FORMAT, table)?;
@@ -155,16 +143,11 @@ pub(crate) fn write_itnc530(
     format: Format,
 ) -> Result<Written, ExchangeError> {
     let mut written = Written::default();
-    let (mut crossed, mut beyond, mut averaged) = (Vec::new(), Vec::new(), Vec::new());
-    for table in tables {
-        if !table.is_own() {
-            crossed.push(table);
-            continue;
-        }
-        if is_beyond_a_turn(table) {
-            beyond.push(table);
-            continue;
-        }
+    let (own, crossed): (Vec<&AxisTable>, Vec<&AxisTable>) =
+        tables.iter().partition(|table| table.is_own());
+    let held = Held::of(own);
+    let mut averaged = Vec::new();
+    for table in held.tables.iter().map(AsRef::as_ref) {
         check(format, table)?;
         let (first, spacing) = even(format, table)?;
         let values: Vec<f64> = table
@@ -222,7 +205,7 @@ pub(crate) fn write_itnc530(
         "the form of a .COM with more columns is not known",
         &crossed,
     );
-    written.leave_out(WITHIN_A_TURN, &beyond);
+    held.tell(&mut written);
     if !averaged.is_empty() {
         written.notes.push(format!(
             "in the mean of both directions: {}",

@@ -1,9 +1,10 @@
 //! HEIDENHAIN: the forms that are known, and what a TNC 407 refuses.
 
 use volcomp_tables::axis_table::{
-    AxisTable, Content, Format, WriteOptions, read, spacing_refused_by_tnc407, steps_of_tnc407,
-    write,
+    AxisNumbers, AxisTable, Content, Format, TableOptions, WriteOptions, loss, read, sampled,
+    spacing_refused_by_tnc407, steps_of_tnc407, write,
 };
+use volcomp_tables::model::{Machine, Temperatures};
 use volcomp_tables::vocabulary::{AxisName, Direction};
 
 use super::{close, edges, file, options, refused, tables};
@@ -183,4 +184,156 @@ fn refusals_name_line_found_and_expected() {
         warnings[0].contains("BACKLASH is 0 everywhere"),
         "{warnings:?}"
     );
+}
+
+/// A rotary table with 25 µrad in its first harmonic and 4 µrad of reversal.
+fn turning(modulo: &str, travel: &str) -> Machine {
+    Machine::parse(
+        &format!(
+            "structure = \"w C' A' b X Y Z t\"\ncorrect = [\"X\", \"Y\", \"Z\", \"C\", \"A\"]\n[axes]\nC.travel = {travel}\n{modulo}X.travel = [0.0, 500.0]\nY.travel = [0.0, 500.0]\nZ.travel = [0.0, 500.0]\nA.travel = [20.0, 90.0]\n[errors]\n\
+             ECC = {{ mean = {{ fourier = [3.0, 10.0, 25.0], period = 360.0 }}, reversal = 4.0 }}\n"
+        ),
+        "m.toml",
+    )
+    .expect("a machine")
+}
+
+#[test]
+fn a_turn_from_minus_180_deg_is_held_from_0_to_360() {
+    use AxisName::{A, C};
+    // Where A stands at 0, C turns about the tool, and corrects nothing: A does not go there.
+    let tilted = TableOptions {
+        at: vec![(A, 30.0)],
+        ..TableOptions::default()
+    };
+    for (modulo, travel) in [
+        ("C.modulo = 360.0\n", "[-180.0, 180.0]"),
+        ("", "[-180.0, 180.0]"),
+        ("C.modulo = 360.0\n", "[-90.0, 270.0]"),
+    ] {
+        let machine = turning(modulo, travel);
+        for format in [Format::HeidenhainTnc640, Format::HeidenhainItnc530] {
+            let content = sampled(&machine, &Temperatures::new(), &tilted, format).expect("tables");
+            let made = write(format, &content, &WriteOptions::default()).expect("written");
+            assert_eq!(made.left_out, [], "{format} {:?}", made.notes);
+            let told = |note: &String| note.contains("written from 0 to 360 deg");
+            assert!(made.notes.iter().any(told), "{format} {travel} {content:?}");
+            let back = read(format, &made.files, &options()).expect("read");
+            let (Content::Axes(back), Content::Axes(given)) = (back.content, content) else {
+                panic!("tables")
+            };
+            let back = back
+                .iter()
+                .find(|table| (table.input, table.output) == (C, C))
+                .expect("it is there");
+            let edges = edges(back);
+            assert_eq!(
+                edges.first().zip(edges.last()).map(|(a, b)| (a.0, b.0)),
+                Some((0.0, 360.0))
+            );
+            assert_eq!(edges.len(), 25);
+            let given = given
+                .iter()
+                .find(|table| (table.input, table.output) == (C, C))
+                .expect("it is there");
+            // Half a digit of the file, in rad.
+            let resolution = 0.51e-4_f64.to_radians();
+            for (node, at) in given.positions.iter().enumerate() {
+                let angle = *at;
+                let mean = (3.0 + 10.0 * angle.cos() + 25.0 * angle.sin()) * 1e-6;
+                close(back.deviation(*at, None), mean, 2.0 * resolution);
+                close(
+                    back.deviation(*at, None),
+                    given.mean()[node],
+                    2.0 * resolution,
+                );
+                if format == Format::HeidenhainTnc640 {
+                    for (direction, half) in
+                        [(Direction::Positive, 2e-6), (Direction::Negative, -2e-6)]
+                    {
+                        close(
+                            back.deviation(*at, Some(direction)),
+                            mean + half,
+                            resolution,
+                        );
+                    }
+                }
+            }
+            // What the report of losses compares with the model is the file that was read back: half a digit, and the bend between nodes.
+            let write = WriteOptions {
+                axes: AxisNumbers::of_machine(&machine),
+                ..WriteOptions::default()
+            };
+            let lost = loss(&machine, &Temperatures::new(), &tilted, format, &write).expect("told");
+            let of_c = lost
+                .axes
+                .iter()
+                .find(|found| found.axis == C)
+                .expect("it is there");
+            assert!(of_c.correction > 25e-6, "{of_c:?}");
+            assert!(of_c.largest < 4e-6, "{of_c:?}");
+        }
+    }
+}
+
+#[test]
+fn steps_that_miss_0_begin_there() {
+    let at = |deg: f64| (2.0 * deg.to_radians().sin(), deg.to_radians());
+    let (forward, positions) = (0..=8).map(|n| at(-170.0 + 45.0 * f64::from(n))).unzip();
+    let table = AxisTable {
+        input: AxisName::C,
+        output: AxisName::X,
+        positions,
+        forward,
+        backward: None,
+        modulo: true,
+    };
+    let format = Format::HeidenhainTnc640;
+    let content = Content::Axes(vec![table.clone()]);
+    let made = write(format, &content, &WriteOptions::default()).expect("written");
+    let back = read(format, &made.files, &options()).expect("read");
+    let Content::Axes(back) = back.content else {
+        panic!("tables")
+    };
+    let wanted: Vec<f64> = (0..=8).map(|n| 45.0 * f64::from(n)).collect();
+    let found: Vec<f64> = edges(&back[0]).iter().map(|(at, _)| *at).collect();
+    assert_eq!(found, wanted);
+    for (at, value) in edges(&back[0]) {
+        close(value, table.deviation(at.to_radians(), None), 0.51e-4);
+    }
+}
+
+#[test]
+fn what_is_no_turn_or_does_not_close_is_left_out_and_told() {
+    let given = |from: f64, last: f64| AxisTable {
+        positions: (0..25)
+            .map(|n| (from + 15.0 * f64::from(n)).to_radians())
+            .collect(),
+        forward: (0..25).map(|n| if n == 24 { last } else { 1e-5 }).collect(),
+        ..table(15.0, 25, AxisName::C, 0.0)
+    };
+    let x = table(15.0, 25, AxisName::X, 1e-5);
+    let short = |mut table: AxisTable| {
+        table.positions.pop();
+        table.forward.pop();
+        table
+    };
+    for (rotary, why) in [
+        (
+            given(-180.0, 1e-5 + 2e-6),
+            "its two ends, which are one position there, deviate differently: C over C",
+        ),
+        (short(given(-180.0, 1e-5)), "holds 0 to 360 deg: C over C"),
+    ] {
+        for format in [Format::HeidenhainTnc640, Format::HeidenhainItnc530] {
+            let content = Content::Axes(vec![rotary.clone(), x.clone()]);
+            let made = write(format, &content, &WriteOptions::default()).expect("written");
+            assert_eq!(made.left_out, [(AxisName::C, AxisName::C)]);
+            assert!(
+                made.notes.iter().any(|note| note.contains(why)),
+                "{:?}",
+                made.notes
+            );
+        }
+    }
 }
