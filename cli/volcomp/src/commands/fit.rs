@@ -29,7 +29,7 @@ pub(crate) struct Arguments {
     #[arg(long)]
     unit: Option<Unit>,
     /// Kind of curve: polynomial, Chebyshev series, moving least squares, smoothing B-spline, monotone table; auto chooses among
-    /// them and prints the candidates and a band of 95 %
+    /// them, or for a whole turn of a rotary axis a Fourier series, and prints the candidates and a band of 95 %
     #[arg(long)]
     method: Method,
     /// Order of the polynomials (poly, chebyshev, mls) [default: 4]

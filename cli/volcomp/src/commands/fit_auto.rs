@@ -3,7 +3,8 @@
 use volcomp_fit::{
     BandOptions, BandSource, Choice, Fit, FitError, FitOptions, Score, band, choose,
 };
-use volcomp_metrology::{DeviationUnit, Measurement};
+use volcomp_metrology::{DeviationUnit, Measurement, axis_kind};
+use volcomp_vocabulary::AxisKind;
 
 use super::{fixed, table, table_text};
 use crate::{
@@ -35,6 +36,7 @@ pub(super) fn auto(
     }
     let options = FitOptions {
         required_residual: required,
+        period: period(measurement),
         ..FitOptions::default()
     };
     let all = |of: fn(&Run) -> &Vec<f64>| -> Vec<f64> {
@@ -66,6 +68,21 @@ pub(super) fn auto(
     });
     Ok(Auto { fit, choice, band })
 }
+
+/// The period of the targets, deg: that of a rotary axis which was read all the way round. `calibrate` goes by the travel of the axis, which
+/// a file of readings does not state.
+fn period(measurement: &Measurement) -> Option<f64> {
+    if axis_kind(measurement) != Some(AxisKind::Rotary) {
+        return None;
+    }
+    let targets = measurement.targets();
+    let range = targets.last()? - targets.first()?;
+    // The step from the last target to the first of the next turn is one as between the others.
+    let gap = range / targets.len().checked_sub(1).filter(|gaps| *gaps > 0)? as f64;
+    (range + gap >= FULL_TURN_DEG * (1.0 - 1e-9)).then_some(FULL_TURN_DEG)
+}
+
+const FULL_TURN_DEG: f64 = 360.0;
 
 /// Each run with the mean of its directions at each target that it read in all of them: what differs between directions is no
 /// scatter.

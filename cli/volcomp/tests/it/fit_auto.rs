@@ -7,7 +7,17 @@ use crate::{json, refused, text};
 /// Three runs both ways over 21 targets: `f`, 2 µm of reversal, and a scatter of so many µm (twelve uniform numbers of a linear
 /// congruential generator make a normal one).
 fn file(scatter: f64, f: impl Fn(f64) -> f64) -> (tempfile::TempDir, String) {
-    let mut text = String::from("target,run,direction,deviation_um\n");
+    headed("target,run,direction,deviation_um", 50.0, scatter, f)
+}
+
+/// The same with another head, from target to target so far.
+fn headed(
+    head: &str,
+    distance: f64,
+    scatter: f64,
+    f: impl Fn(f64) -> f64,
+) -> (tempfile::TempDir, String) {
+    let mut text = format!("{head}\n");
     let mut state = 20_261_126_u64;
     let mut uniform = || {
         state = state
@@ -18,7 +28,7 @@ fn file(scatter: f64, f: impl Fn(f64) -> f64) -> (tempfile::TempDir, String) {
     for run in 1..=3 {
         for (sign, half) in [("+", 1.0), ("-", -1.0)] {
             for step in 0..=20 {
-                let x = 50.0 * f64::from(step);
+                let x = distance * f64::from(step);
                 let normal = (0..12).map(|_| uniform()).sum::<f64>() - 6.0;
                 let _ = writeln!(text, "{x},{run},{sign},{}", f(x) + half + scatter * normal);
             }
@@ -108,6 +118,65 @@ fn a_curve_that_does_not_follow_is_warned_of() {
     assert!(notes.contains("does not follow the readings"), "{notes}");
     let answer: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
     assert_eq!(answer["choice"]["follows"], false);
+}
+
+/// Two harmonics, read from 0 to 360 deg or up to one step before: they are found with their coefficients, and the curve closes. The same readings
+/// over mm, or over half a turn, have no harmonics among their candidates.
+#[test]
+fn a_turn_is_a_fourier_series_and_nothing_else_is() {
+    let truth = |deg: f64| {
+        let angle = deg.to_radians();
+        30.0 * angle.sin() + 12.0 * (2.0 * angle).cos()
+    };
+    let of = |head: &str, distance: f64| {
+        let (folder, path) = headed(head, distance, 0.3, truth);
+        let answer = json(&["fit", &path, "--method", "auto", "--at", "0,90,200,360"]);
+        drop(folder);
+        answer
+    };
+    let kinds = |answer: &serde_json::Value| -> Vec<String> {
+        let candidates = answer["choice"]["candidates"].as_array().expect("a list");
+        let kinds = candidates.iter().filter_map(|c| c["kind"].as_str());
+        kinds.map(str::to_owned).collect()
+    };
+    const DEG: &str = "target_deg,run,direction,deviation_urad";
+    for distance in [18.0, 360.0 / 21.0] {
+        let answer = of(DEG, distance);
+        let choice = &answer["choice"];
+        let method = choice["method"].as_str().expect("a text");
+        assert!(method.starts_with("Fourier series of "), "{choice}");
+        assert_eq!(choice["follows"], true, "{choice}");
+        let found = answer["curve"]["fourier"].as_array().expect("coefficients");
+        assert!(found.len() >= 5, "{found:?}");
+        let wanted = [0.0, 0.0, 30.0, 12.0, 0.0].into_iter();
+        // What is beyond two harmonics is scatter.
+        for (found, wanted) in found.iter().zip(wanted.chain(std::iter::repeat(0.0))) {
+            let found = found.as_f64().expect("a number");
+            assert!((found - wanted).abs() < 0.3, "{found} {wanted}");
+        }
+        assert_eq!(answer["curve"]["period"], 360.0);
+        // Of others there is the constant alone: nothing else closes.
+        for candidate in choice["candidates"].as_array().expect("a list") {
+            let coefficients = candidate["coefficients"].as_f64().expect("a number");
+            assert!(
+                candidate["kind"] == "Fourier series" || coefficients < 1.5,
+                "{candidate}"
+            );
+        }
+        assert_eq!(answer["band"]["from"], "runs");
+    }
+    for (head, distance) in [
+        ("target_mm,run,direction,deviation_um", 18.0),
+        (DEG, 9.0),
+        (DEG, 16.0),
+    ] {
+        let answer = of(head, distance);
+        assert!(
+            !kinds(&answer).contains(&"Fourier series".to_owned()),
+            "{head} {distance}: {:?}",
+            kinds(&answer)
+        );
+    }
 }
 
 #[test]
