@@ -154,6 +154,7 @@ table! {
     vdi_words: "P positional uncertainty, Pa position deviation, U reversal, Ps scatter (6 s); a bar is the mean over the targets.",
         "P Positionsunsicherheit, Pa Positionsabweichung, U Umkehrspanne, Ps Positionsstreubreite (6 s); ein Strich ist das Mittel über die Zielpunkte.";
     u_expanded: "U (k = 2)", "U (k = 2)";
+    no_u: "no uncertainty given", "keine Unsicherheit angegeben";
     standing: "Stand still here:", "Stehen hier still:";
     standing_note: "Errors that show only as these axes move, their location errors among them, are in no number of this section; what of them was not measured stands in its own section.",
         "Abweichungen, die sich nur beim Bewegen dieser Achsen zeigen, darunter ihre Lageabweichungen, sind in keiner Zahl dieses Abschnitts; was davon nicht gemessen wurde, steht in einem eigenen Abschnitt.";

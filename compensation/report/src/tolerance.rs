@@ -1,9 +1,11 @@
 //! Tolerances and how figures stand against them.
 
-use volcomp_metrology::{Edition, MetrologyError, Tolerance, Vdi3441, decide, parse_tolerances_of};
+use volcomp_metrology::{
+    Edition, MetrologyError, MotionKind, Tolerance, Vdi3441, decide, parse_tolerances_of,
+};
 use volcomp_vocabulary::ErrorName;
 
-use crate::report::{Check, Report, State};
+use crate::report::{Check, Curve, Report, Square, State};
 
 /// The largest error of position over the working space, beside the best rigid motion of the workpiece.
 pub const VOLUME: &str = "V";
@@ -84,38 +86,102 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
     all
 }
 
-/// The size of an error, and its expanded uncertainty where it is stated.
+/// The size of an error, and its expanded uncertainty (k = 2) where what it is made of is stated.
 fn of_error(report: &Report, name: &str) -> (Option<f64>, Option<f64>) {
-    let location = report
-        .locations
-        .iter()
-        .find(|location| location.error == name);
-    let u = location.and_then(|location| location.uncertainty);
-    (size_of_error(report, name), u.map(|u| 2.0 * u))
-}
-
-fn size_of_error(report: &Report, name: &str) -> Option<f64> {
     if let Some(curve) = report.curves.iter().find(|curve| curve.error == name) {
-        let means = curve
-            .lines
-            .iter()
-            .flat_map(|line| line.means.iter().flatten());
-        let mut values: Vec<f64> = means.map(|point| point.1).collect();
-        if values.is_empty() {
-            let points = curve.branches.iter().flat_map(|branch| &branch.points);
-            values = points.map(|point| point.1).collect();
-        }
-        let largest = values.iter().copied().reduce(f64::max)?;
-        return Some(largest - values.iter().copied().reduce(f64::min)?);
+        return match extremes(curve) {
+            Some([low, high]) => {
+                let u = of_range(report, curve, high.0 - low.0);
+                (Some(high.1 - low.1), u.map(|u| 2.0 * u))
+            }
+            None => (None, None),
+        };
     }
-    let mut squares = report.squareness.iter().flat_map(|square| &square.from);
-    if let Some((_, value)) = squares.find(|(from, _)| from == name) {
-        return Some(value.abs());
+    let mut squares = report.squareness.iter();
+    let square = squares.find_map(|square| {
+        let of = square.from.iter().find(|(from, _)| from == name);
+        of.map(|(_, value)| (square, value.abs()))
+    });
+    if let Some((square, value)) = square {
+        return (
+            Some(value),
+            of_square(report, square, name).map(|u| 2.0 * u),
+        );
     }
     let mut locations = report.locations.iter();
-    locations
-        .find(|location| location.error == name)
-        .map(|location| location.value.abs())
+    let location = locations.find(|location| location.error == name);
+    let u = location.and_then(|location| location.uncertainty);
+    let u = u.or_else(|| identified(report, name));
+    let value = location.map(|location| location.value.abs());
+    (value, u.filter(|_| value.is_some()).map(|u| 2.0 * u))
+}
+
+/// The smallest and the largest mean reading, or where there are none value of the curve, each with its place.
+fn extremes(curve: &Curve) -> Option<[(f64, f64); 2]> {
+    let means = curve
+        .lines
+        .iter()
+        .flat_map(|line| line.means.iter().flatten());
+    let mut points: Vec<(f64, f64)> = means.copied().collect();
+    if points.is_empty() {
+        let of_curve = curve.branches.iter().flat_map(|branch| &branch.points);
+        points = of_curve.copied().collect();
+    }
+    let by_value = |a: &&(f64, f64), b: &&(f64, f64)| a.1.total_cmp(&b.1);
+    let (low, high) = (
+        points.iter().min_by(by_value)?,
+        points.iter().max_by(by_value)?,
+    );
+    Some([*low, *high])
+}
+
+/// What the calibration file states of readings, as a standard uncertainty (k = 1) under its key.
+fn stated(report: &Report, key: &str) -> Option<f64> {
+    let of = report.uncertainty.as_ref()?;
+    let mut stated = of.stated.iter();
+    stated.find(|(name, _, _)| name == key).map(|of| of.1)
+}
+
+/// The standard uncertainty of the range of mean readings: two of them, each with its own, and of a length the scale from one to the other.
+/// `None` where nothing is stated that it is made of, and of curves from readings of another kind: tilts that are summed up, other errors.
+fn of_range(report: &Report, curve: &Curve, apart: f64) -> Option<f64> {
+    let direct = |line: &crate::report::CurveLine| !line.runs.is_empty();
+    if curve.lines.is_empty() || !curve.lines.iter().all(direct) {
+        return None;
+    }
+    let name = curve.error.parse::<ErrorName>().ok()?;
+    let is_angular = name.component.is_angular();
+    let key = if is_angular {
+        "reading_urad"
+    } else {
+        "reading_um"
+    };
+    let reading = stated(report, key);
+    let is_length = !is_angular && MotionKind::of(name) == MotionKind::Positioning;
+    let scale = stated(report, "laser_um_per_m").filter(|_| is_length);
+    if reading.is_none() && scale.is_none() {
+        return None;
+    }
+    let of_readings = core::f64::consts::SQRT_2 * reading.unwrap_or_default();
+    let of_scale = scale.unwrap_or_default() * 1e-3 * apart.abs();
+    Some(of_readings.hypot(of_scale))
+}
+
+/// The standard uncertainty of a squareness: that of its unknown, where it was found as one, else that of the reference angle that is stated, where
+/// it was measured. Where several location errors make the angle, no single one of them has that of the reference.
+fn of_square(report: &Report, square: &Square, name: &str) -> Option<f64> {
+    let of_reference = || {
+        let is_alone = square.measured && square.from.len() == 1;
+        stated(report, "square_urad").filter(|_| is_alone)
+    };
+    identified(report, name).or_else(of_reference)
+}
+
+/// The standard uncertainty of an unknown that observations determined.
+fn identified(report: &Report, name: &str) -> Option<f64> {
+    let found = report.identified.as_ref()?;
+    let mut parameters = found.parameters.iter();
+    parameters.find(|of| of.name == name)?.uncertainty
 }
 
 #[cfg(test)]

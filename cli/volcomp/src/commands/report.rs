@@ -389,14 +389,18 @@ fn answer(
         // Writing to a String cannot fail, here and below.
         let _ = writeln!(
             text,
-            "  {}{of}: {value}{} {}, allowed {}: {}",
+            "  {}{of}: {value}{} {}, allowed {}: {}{}",
             check.symbol,
             check
                 .uncertainty
                 .map_or_else(String::new, |u| format!(" ± {}", fixed(u, 2))),
             check.unit,
             fixed(check.limit, 2),
-            check.outcome.replace('_', " ")
+            check.outcome.replace('_', " "),
+            match (check.value, check.uncertainty) {
+                (Some(_), None) => " (no uncertainty given)",
+                _ => "",
+            }
         );
     }
     if let Some(before) = &document.before {

@@ -107,7 +107,10 @@ pub(super) fn verdict(page: &mut Page, report: &Report, t: &Texts) {
                 (of, _) => of.to_owned(),
             }),
             Cell::Number(check.value, 2),
-            Cell::Number(check.uncertainty, 2),
+            match (check.value, check.uncertainty) {
+                (Some(_), None) => Cell::text(t.no_u),
+                (_, u) => Cell::Number(u, 2),
+            },
             Cell::number(check.limit, 2),
             Cell::Fixed(check.unit.clone()),
             Cell::Markup(format!(

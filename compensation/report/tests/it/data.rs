@@ -126,6 +126,61 @@ fn a_figure_near_its_limit_is_undecided() {
     assert!(page.contains("undecided") && page.contains("Not every stated tolerance is decided"));
 }
 
+/// The reference angle, 2 µrad (k = 1), is U = 4 µrad of the squareness; two mean readings of 0.3 µm make U = 2 √2 · 0.3 µm of a
+/// straightness, of 0.5 µrad 2 √2 · 0.5 µrad of a tilt; the scale of 0.5 µm/m comes to the positioning, by its share in quadrature.
+#[test]
+fn squareness_and_error_motions_are_judged_with_their_uncertainty() {
+    let shop = Shop::new();
+    let text = std::fs::read_to_string(shop.folder.path().join("calibration.toml")).expect("read");
+    let judged = |uncertainty: &str| {
+        shop.write(
+            "calibration.toml",
+            &text.replacen(
+                "[[measurement]]",
+                &format!("{uncertainty}[[measurement]]"),
+                1,
+            ),
+        );
+        let limits = tolerances("EC0Y=15,EYX=100,EBX=100,EXX=100,V=20").expect("five");
+        let mut report = shop.report();
+        report.checks = checks(&report, &limits);
+        report
+    };
+    let report = judged(
+        "[uncertainty]\nlaser_um_per_m = 0.5\nsquare_urad = 2.0\nreading_um = 0.3\nreading_urad = 0.5\n",
+    );
+    let of = |symbol: &str| {
+        let mut all = report.checks.iter();
+        all.find(|check| check.symbol == symbol).expect("a check")
+    };
+    let u = |symbol: &str| of(symbol).uncertainty.expect(symbol);
+    assert_eq!(u("EC0Y"), 4.0);
+    // 12 + 4 is beyond 15, 12 is not.
+    assert_eq!(of("EC0Y").outcome, Verdict::Undecided);
+    assert!((u("EYX") - 0.848_528).abs() < 1e-6, "{}", u("EYX"));
+    assert!((u("EBX") - 1.414_214).abs() < 1e-6, "{}", u("EBX"));
+    // 0.02 µm/mm over 800 mm with a wave: the extremes are the two ends or near them.
+    let (least, most) = (
+        (0.848_528_f64.powi(2) + 0.7_f64.powi(2)).sqrt(),
+        (0.848_528_f64.powi(2) + 0.8_f64.powi(2)).sqrt(),
+    );
+    assert!((least..most + 1e-6).contains(&u("EXX")), "{}", u("EXX"));
+    // Without a machine drawn the map has none; a figure that is not there needs none.
+    assert_eq!(of("V").uncertainty, None);
+
+    let report = judged("");
+    let [en, de] = [volcomp_report::Language::En, volcomp_report::Language::De]
+        .map(|language| volcomp_report::html(&report, language));
+    assert!(
+        report
+            .checks
+            .iter()
+            .all(|check| check.uncertainty.is_none())
+    );
+    assert_eq!(en.matches("no uncertainty given").count(), 4);
+    assert_eq!(de.matches("keine Unsicherheit angegeben").count(), 4);
+}
+
 /// The names are those of the edition; VDI/DGQ 3441 stands beside it, and its limits are judged.
 #[test]
 fn editions_and_vdi_stand_in_the_report() {
