@@ -29,6 +29,18 @@ with sync_playwright() as playwright:
             page.emulate_media(color_scheme=scheme)
             wide = page.evaluate("document.documentElement.scrollWidth")
             assert wide <= width, f"{wide} px do not fit {width}"
+            # Tables may be pushed sideways in their boxes; pictures are drawn as wide as the screen is.
+            pushed = page.evaluate("""[...document.querySelectorAll('svg')].filter((e) => e.getBoundingClientRect().right > innerWidth
+                || e.parentElement.scrollWidth > e.parentElement.clientWidth + 1).length""")
+            assert pushed == 0, f"{pushed} pictures have to be pushed sideways at {width} px"
+            # The words of a legend and the letters beside a plot stand clear of each other.
+            over = page.evaluate("""[...document.querySelectorAll('svg.xy')].flatMap((plot) => ['.key', '.letter'].map((kind) => {
+                const boxes = [...plot.querySelectorAll(kind)].map((e) => e.getBoundingClientRect());
+                return boxes.filter((a, i) => kind == '.key' && boxes.slice(i + 1).some((b) =>
+                    a.left < b.right && b.left < a.right && a.top + 3 < b.bottom && b.top + 3 < a.bottom)
+                    || a.right > innerWidth).length;
+            })).reduce((a, b) => a + b, 0)""")
+            assert over == 0, f"{over} words in plots stand over others or beyond the edge at {width} px"
             page.screenshot(path=folder / f"{name}-{width}-{scheme}.png", full_page=True)
     page.set_viewport_size({"width": 1280, "height": 900})
     page.emulate_media(color_scheme="light")
