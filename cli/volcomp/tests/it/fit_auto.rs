@@ -124,6 +124,7 @@ fn a_curve_that_does_not_follow_is_warned_of() {
 /// over mm, or over half a turn, have no harmonics among their candidates.
 #[test]
 fn a_turn_is_a_fourier_series_and_nothing_else_is() {
+    const DEG: &str = "target_deg,run,direction,deviation_urad";
     let truth = |deg: f64| {
         let angle = deg.to_radians();
         30.0 * angle.sin() + 12.0 * (2.0 * angle).cos()
@@ -139,7 +140,6 @@ fn a_turn_is_a_fourier_series_and_nothing_else_is() {
         let kinds = candidates.iter().filter_map(|c| c["kind"].as_str());
         kinds.map(str::to_owned).collect()
     };
-    const DEG: &str = "target_deg,run,direction,deviation_urad";
     for distance in [18.0, 360.0 / 21.0] {
         let answer = of(DEG, distance);
         let choice = &answer["choice"];

@@ -12,10 +12,8 @@ pub const WIDTH: f64 = 680.0;
 const LEFT: f64 = 58.0;
 /// Between two brackets beside the plot.
 const SLOT: f64 = 44.0;
-/// The width of an average sign of a label.
-const SIGN: f64 = 6.3;
-/// The same in the legend: its words are larger on a narrow screen, where the picture is drawn smaller.
-const KEY_SIGN: f64 = 8.6;
+/// The width of an average sign of the legend, whose words are larger on a narrow screen, where the picture is drawn smaller.
+const SIGN: f64 = 8.6;
 const ROW: f64 = 17.0;
 /// Signs are drawn for so many points of a series at the most: more would cover each other.
 const MOST_MARKS: usize = 250;
@@ -224,7 +222,7 @@ fn legend_places(plot: &XyPlot) -> (Vec<Entry>, usize) {
     let mut placed = Vec::new();
     let (mut at, mut row) = (LEFT, 0_u32);
     for (look, mark, text) in entries.chain(band) {
-        let width = 34.0 + KEY_SIGN * text.chars().count() as f64 + 8.0;
+        let width = 34.0 + SIGN * text.chars().count() as f64 + 8.0;
         if at > LEFT && at + width > plot.width {
             at = LEFT;
             row += 1;
