@@ -261,12 +261,33 @@ impl MovingLeastSquares {
     }
 
     fn triangle(&self, x: f64) -> Triangle {
-        let mut triangle = Triangle::new(self.order + 1);
+        match self.order {
+            0 => self.triangle_of::<1>(x),
+            1 => self.triangle_of::<2>(x),
+            2 => self.triangle_of::<3>(x),
+            3 => self.triangle_of::<4>(x),
+            4 => self.triangle_of::<5>(x),
+            5 => self.triangle_of::<6>(x),
+            6 => self.triangle_of::<7>(x),
+            7 => self.triangle_of::<8>(x),
+            _ => self.triangle_of::<SIZE>(x),
+        }
+    }
+
+    /// Of so many coefficients, one more than the order: with a number that the compiler knows, the rotations take a fraction of the time.
+    fn triangle_of<const N: usize>(&self, x: f64) -> Triangle {
+        let mut rotated = Rotated::<N>::new();
         for node in self.active(x).filter(|n| n.weight > 0.0) {
             let root = libm::sqrt(node.weight);
-            triangle.add(self.powers(node.t).map(|p| p * root), node.u * root);
+            let mut power = 1.0;
+            let row = core::array::from_fn(|_| {
+                let number = power * root;
+                power *= node.t;
+                number
+            });
+            rotated.add(row, node.u * root);
         }
-        triangle
+        rotated.into()
     }
 
     /// Every value times `scale` plus `c`: the fit is linear in its nodes and keeps constants.
@@ -306,40 +327,60 @@ fn sparsest(nodes: &[[f64; 2]], order: usize) -> (f64, f64) {
         })
 }
 
-/// The upper triangle R of a QR factorisation and Qᵀ times the right-hand side, built row by row
-/// with Givens rotations.
+/// The upper triangle R of a QR factorisation and Qᵀ times the right-hand side, while it is built row by row with Givens
+/// rotations.
+struct Rotated<const N: usize> {
+    r: [[f64; N]; N],
+    y: [f64; N],
+}
+
+impl<const N: usize> Rotated<N> {
+    fn new() -> Self {
+        Self {
+            r: [[0.0; N]; N],
+            y: [0.0; N],
+        }
+    }
+
+    fn add(&mut self, mut row: [f64; N], mut right: f64) {
+        for i in 0..N {
+            if row[i] == 0.0 {
+                continue;
+            }
+            let length = libm::sqrt(self.r[i][i] * self.r[i][i] + row[i] * row[i]);
+            let (c, s) = (self.r[i][i] / length, row[i] / length);
+            // All columns, since a length that is known is faster; before the diagonal both are zero or no longer looked at.
+            for (mine, other) in self.r[i].iter_mut().zip(&mut row) {
+                (*mine, *other) = (c * *mine + s * *other, c * *other - s * *mine);
+            }
+            (self.y[i], right) = (c * self.y[i] + s * right, c * right - s * self.y[i]);
+        }
+    }
+}
+
+/// The triangle when all rows are in it.
 struct Triangle {
     size: usize,
     r: [[f64; SIZE]; SIZE],
     y: [f64; SIZE],
 }
 
-impl Triangle {
-    fn new(size: usize) -> Self {
-        Self {
-            size,
+impl<const N: usize> From<Rotated<N>> for Triangle {
+    fn from(rotated: Rotated<N>) -> Self {
+        let mut all = Self {
+            size: N,
             r: [[0.0; SIZE]; SIZE],
             y: [0.0; SIZE],
+        };
+        for (mine, row) in all.r.iter_mut().zip(&rotated.r) {
+            mine[..N].copy_from_slice(row);
         }
+        all.y[..N].copy_from_slice(&rotated.y);
+        all
     }
+}
 
-    fn add(&mut self, mut row: [f64; SIZE], mut right: f64) {
-        for i in 0..self.size {
-            if row[i] == 0.0 {
-                continue;
-            }
-            let length = libm::sqrt(self.r[i][i] * self.r[i][i] + row[i] * row[i]);
-            let (c, s) = (self.r[i][i] / length, row[i] / length);
-            for (mine, other) in self.r[i][i..self.size]
-                .iter_mut()
-                .zip(&mut row[i..self.size])
-            {
-                (*mine, *other) = (c * *mine + s * *other, c * *other - s * *mine);
-            }
-            (self.y[i], right) = (c * self.y[i] + s * right, c * right - s * self.y[i]);
-        }
-    }
-
+impl Triangle {
     /// Solves R a = b.
     fn back(&self, b: &[f64; SIZE]) -> [f64; SIZE] {
         let mut a = [0.0; SIZE];
