@@ -232,10 +232,15 @@ impl Measurement {
 
     /// Targets and means of one direction, ascending; empty when the direction was not run.
     pub fn mean_curve_in(&self, direction: Direction) -> Vec<(f64, f64)> {
-        let at = |readings: &TargetReadings| {
-            Some((readings.target, mean(&readings.deviations(direction))?))
+        let in_direction = self.readings.iter().filter(|r| r.direction == direction);
+        let mut sorted: Vec<&Reading> = in_direction.collect();
+        sorted.sort_by(|a, b| a.target.total_cmp(&b.target).then(a.run.cmp(&b.run)));
+        let at = |readings: &[&Reading]| {
+            let sum: f64 = readings.iter().map(|r| r.deviation).sum();
+            (readings[0].target, sum / readings.len() as f64)
         };
-        self.by_target().iter().filter_map(at).collect()
+        let groups = sorted.chunk_by(|a, b| a.target == b.target);
+        groups.map(at).collect()
     }
 
     /// The readings sorted by target, within it by run.
