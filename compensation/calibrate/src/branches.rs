@@ -68,7 +68,9 @@ impl Branches {
     ) -> Result<(Self, Vec<Profile<'_>>), CalibrateError> {
         let mut branches = Self::fit_once(error, choice, period, &profiles)?;
         for _ in 1..ROUNDS {
-            let Some((first, others)) = profiles.split_first() else {
+            // A single line agrees with itself.
+            let Some((first, others)) = profiles.split_first().filter(|(_, o)| !o.is_empty())
+            else {
                 break;
             };
             let stays = branches.offset_of(first)?;
@@ -124,12 +126,17 @@ impl Branches {
         }
         let options = options(period, profiles);
         let settled = choice.settled(&read, required, &options);
-        let (method, choice) = settled.map_err(failed)?;
+        let (method, chosen) = settled.map_err(failed)?;
+        let (choice, made) = chosen.unzip();
+        let mut made = made.into_iter().flatten();
         for (direction, (x, u)) in Direction::BOTH.into_iter().zip(both) {
             if x.is_empty() {
                 continue;
             }
-            let fit = method.fit(&x, &u).map_err(failed)?;
+            let fit = match made.next() {
+                Some(fit) => fit,
+                None => method.fit(&x, &u).map_err(failed)?,
+            };
             tracing::debug!(
                 "{error} {}: residual of {} is {:.3} rms, leave-one-out error {:.3}",
                 direction.name(),
@@ -242,8 +249,8 @@ impl Branches {
                     targets: self.targets.clone(),
                     factor: self.factor,
                 }),
-                points: (points.iter())
-                    .map(|(x, u)| [*x, *u, fit.curve.value(*x)])
+                points: (points.iter().zip(&fit.residuals))
+                    .map(|((x, u), residual)| [*x, *u, u - residual])
                     .collect(),
                 sampled: sampled(fit, points),
             };
@@ -251,14 +258,28 @@ impl Branches {
     }
 
     fn reversal(&self) -> Option<f64> {
-        let [(_, forward), (_, backward)] = &self.fits[..] else {
+        let [forward, backward] = &self.values_at_targets()[..] else {
             return None;
         };
-        let difference = |&target: &f64| forward.curve.value(target) - backward.curve.value(target);
-        self.targets
-            .iter()
-            .map(difference)
-            .max_by(|a, b| a.abs().total_cmp(&b.abs()))
+        let differences = forward.iter().zip(backward).map(|(f, b)| f - b);
+        differences.max_by(|a, b| a.abs().total_cmp(&b.abs()))
+    }
+
+    /// The values of each curve at the targets. Where it was read they follow from what it leaves there: moving least squares are slow to
+    /// answer once more.
+    fn values_at_targets(&self) -> Vec<Vec<f64>> {
+        let of = |((_, fit), points): (&(Direction, Fit), &Points)| {
+            let read = points.iter().zip(&fit.residuals);
+            let mut known: Points = read.map(|((x, u), left)| (*x, u - left)).collect();
+            known.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let at = |&target: &f64| {
+                let place = known.binary_search_by(|(x, _)| x.total_cmp(&target)).ok();
+                let value = place.and_then(|place| known.get(place));
+                value.map_or_else(|| fit.curve.value(target), |(_, value)| *value)
+            };
+            self.targets.iter().map(at).collect()
+        };
+        self.fits.iter().zip(&self.points).map(of).collect()
     }
 
     /// One curve for both directions, or a pair.

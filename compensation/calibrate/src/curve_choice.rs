@@ -1,7 +1,7 @@
 //! The kind of curve that an error is fitted with.
 
 use volcomp_document::{InputError, Section, Value};
-use volcomp_fit::{Choice, FitError, FitOptions, Method, choose, choose_mls};
+use volcomp_fit::{Choice, Fit, FitError, FitOptions, Method, choose_and_fit, choose_mls};
 use volcomp_vocabulary::{AxisKind, AxisName};
 
 /// The highest order of a polynomial, a series or harmonics that a file may ask for.
@@ -10,7 +10,7 @@ const HIGHEST_ORDER: usize = 40;
 /// The kind of curve that a measurement is fitted with.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum CurveChoice {
-    /// The kind that [`choose`] takes for both directions of the error together.
+    /// The kind that [`choose`](volcomp_fit::choose) takes for both directions of the error together.
     #[default]
     Auto,
     /// A polynomial by least squares.
@@ -52,6 +52,9 @@ pub enum CurveChoice {
         period: f64,
     },
 }
+
+/// How a method was chosen, with the fits that the choice made.
+type Chosen = (Choice, Vec<Fit>);
 
 impl CurveChoice {
     /// The choice that the key `curve` of a `[[measurement]]` states, for an error of `axis`.
@@ -170,18 +173,19 @@ impl CurveChoice {
         }
     }
 
-    /// The method that all directions of an error are fitted with, and how it was chosen where it was chosen from the readings.
+    /// The method that all directions of an error are fitted with, and where it was chosen from the readings how it was, with the fits
+    /// of the directions that the choice made.
     /// Automatic moving least squares prefer settings that leave no more than `required` of any reading.
     pub(crate) fn settled(
         self,
         directions: &[(&[f64], &[f64])],
         required: Option<f64>,
         options: &FitOptions,
-    ) -> Result<(Method, Option<Choice>), FitError> {
+    ) -> Result<(Method, Option<Chosen>), FitError> {
         let stated = match self {
             Self::Auto => {
-                let choice = choose(directions, options)?;
-                return Ok((choice.method, Some(choice)));
+                let (choice, fits) = choose_and_fit(directions, options)?;
+                return Ok((choice.method, Some((choice, fits))));
             }
             Self::AutoMovingLeastSquares { shape } => {
                 let (order, support) = choose_mls(directions, shape, required)?;

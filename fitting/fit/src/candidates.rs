@@ -6,7 +6,7 @@ use crate::bspline::{self, Problem};
 use crate::fit::{left_out, rms};
 use crate::least_squares::Solution;
 use crate::readings::Target;
-use crate::{FitError, FitOptions, Method, fourier, polynomial, readings, table};
+use crate::{FitError, FitOptions, Method, fourier, mls, polynomial, readings, table};
 
 const SHAPE: f64 = 3.0;
 const MLS_TARGETS: usize = 7;
@@ -39,6 +39,8 @@ pub(crate) struct Candidate {
     pub(crate) freedom: f64,
     /// Diagonal of the hat matrix, of each target of the first set.
     pub(crate) leverages: Vec<f64>,
+    /// The curves of moving least squares, of each set: their values take long, and the fit needs them again. Empty for other methods.
+    pub(crate) moving: Vec<mls::Candidate>,
 }
 
 impl Candidate {
@@ -58,6 +60,7 @@ impl Candidate {
         self.largest_residual = self.largest_residual.max(same.largest_residual);
         self.squares += same.squares;
         self.freedom += same.freedom;
+        self.moving.extend(same.moving.iter().cloned());
         Some(self)
     }
 
@@ -78,6 +81,7 @@ impl Candidate {
             leverages: leverages.to_vec(),
             errors: inner(&errors),
             largest_residual: readings::magnitude(residuals.iter().copied()),
+            moving: Vec::new(),
         }
     }
 
@@ -111,6 +115,7 @@ pub(crate) fn candidates(
         squares: 0.0,
         freedom: 0.0,
         leverages: vec![1.0],
+        moving: Vec::new(),
     };
     if targets.len() == 1 {
         return Ok(vec![constant(1.0)]);
@@ -194,6 +199,7 @@ fn through_means(method: Method, means: &[[f64; 2]]) -> Result<Candidate, FitErr
         squares: 0.0,
         freedom: 0.0,
         leverages: vec![1.0; means.len()],
+        moving: Vec::new(),
     })
 }
 
@@ -226,7 +232,7 @@ pub(crate) fn of_method(method: Method, targets: &[Target]) -> Result<Candidate,
             shape,
         } => {
             let curve = MovingLeastSquares::new(means, order, support, shape)?;
-            return Ok(moved(method, targets, &curve));
+            return Ok(moved(method, targets, curve));
         }
         Method::CubicTable | Method::LinearTable => return through_means(method, &means),
     };
@@ -235,13 +241,12 @@ pub(crate) fn of_method(method: Method, targets: &[Target]) -> Result<Candidate,
 }
 
 /// Of moving least squares.
-fn moved(method: Method, targets: &[Target], curve: &MovingLeastSquares) -> Candidate {
-    let found = curve.nodes().iter().enumerate().map(|(i, &[x, u])| {
-        let (value, influence) = curve.value_and_influence(x, i);
-        (u - value, influence)
-    });
-    let (residuals, influences): (Vec<f64>, Vec<f64>) = found.unzip();
-    Candidate::linear(method, targets, &residuals, &influences)
+fn moved(method: Method, targets: &[Target], curve: MovingLeastSquares) -> Candidate {
+    let moving = mls::Candidate::of(curve);
+    Candidate {
+        moving: vec![moving.clone()],
+        ..Candidate::linear(method, targets, &moving.residuals, &moving.influences)
+    }
 }
 
 /// Polynomials up to the order, then Chebyshev series: the same functions, which keep their digits where powers lose them.
@@ -303,6 +308,6 @@ fn moving(targets: &[Target], means: &[[f64; 2]], all: &mut Vec<Candidate>) {
             support,
             shape: SHAPE,
         };
-        all.push(moved(method, targets, &curve));
+        all.push(moved(method, targets, curve));
     }
 }

@@ -190,7 +190,7 @@ const MANY_TARGETS: usize = 1000;
 /// # Errors
 /// Those of [`choose`].
 pub fn fit_auto(x: &[f64], u: &[f64], options: &FitOptions) -> Result<AutoFit, FitError> {
-    let (choice, mut fits) = chosen(&[(x, u)], options)?;
+    let (choice, mut fits) = choose_and_fit(&[(x, u)], options)?;
     // One set, one fit.
     let fit = fits
         .pop()
@@ -224,10 +224,17 @@ pub fn fit_auto(x: &[f64], u: &[f64], options: &FitOptions) -> Result<AutoFit, F
 /// # Errors
 /// Unequal lengths, numbers that are not finite, no set, a set without a reading, a required residual or a period that is not positive.
 pub fn choose(sets: &[(&[f64], &[f64])], options: &FitOptions) -> Result<Choice, FitError> {
-    chosen(sets, options).map(|(choice, _)| choice)
+    choose_and_fit(sets, options).map(|(choice, _)| choice)
 }
 
-fn chosen(sets: &[(&[f64], &[f64])], options: &FitOptions) -> Result<(Choice, Vec<Fit>), FitError> {
+/// Chooses one method for several sets of readings by [`choose`], with the fit of each set: the choice has made them already.
+///
+/// # Errors
+/// Those of [`choose`].
+pub fn choose_and_fit(
+    sets: &[(&[f64], &[f64])],
+    options: &FitOptions,
+) -> Result<(Choice, Vec<Fit>), FitError> {
     readings::check_required(options.required_residual)?;
     if let Some(value) = options.period.filter(|p| !(*p > 0.0 && p.is_finite())) {
         return Err(FitError::Parameter {
@@ -285,7 +292,12 @@ fn chosen(sets: &[(&[f64], &[f64])], options: &FitOptions) -> Result<(Choice, Ve
         };
         let method = taken.method;
         let place = candidates.iter().position(|c| c.method == method);
-        let fits: Result<Vec<Fit>, FitError> = sets.iter().map(|(x, u)| method.fit(x, u)).collect();
+        let mut made = taken.moving.iter();
+        let fit = |(x, u): &(&[f64], &[f64])| match made.next() {
+            Some(moving) => Ok(moving.clone().fit(x, u)),
+            None => method.fit(x, u),
+        };
+        let fits: Result<Vec<Fit>, FitError> = sets.iter().map(fit).collect();
         let stays = match fits {
             Ok(mut fits) => {
                 let holds = fits.iter().zip(&bands).all(|(fit, band)| band.holds(fit));

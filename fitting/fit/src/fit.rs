@@ -33,19 +33,29 @@ impl Fit {
         missed: impl Iterator<Item = (usize, f64)>,
     ) -> Self {
         // Several runs ask for the same places, and moving least squares are slow to answer.
-        let mut places = x.to_vec();
-        places.sort_by(f64::total_cmp);
-        places.dedup();
-        let values: Vec<f64> = places.iter().map(|&x| curve.value(x)).collect();
+        let values: Vec<f64> = places(x).iter().map(|&x| curve.value(x)).collect();
+        Self::of_values(curve, &values, x, u, missed)
+    }
+
+    /// As [`new`](Self::new), of a curve whose values at the places of the targets, ascending, are known.
+    pub(crate) fn of_values(
+        curve: Curve,
+        values: &[f64],
+        x: &[f64],
+        u: &[f64],
+        missed: impl Iterator<Item = (usize, f64)>,
+    ) -> Self {
+        let places = places(x);
         let at = |x: f64| match places.binary_search_by(|place| place.total_cmp(&x)) {
-            Ok(place) => values[place],
+            Ok(place) => values.get(place).copied(),
             // 0 and −0 are one place.
-            Err(_) => curve.value(x),
+            Err(_) => None,
         };
-        let residuals = x.iter().zip(u).map(|(&x, &u)| u - at(x)).collect();
+        let residuals = x.iter().zip(u);
+        let residuals = residuals.map(|(&x, &u)| u - at(x).unwrap_or_else(|| curve.value(x)));
         Self {
+            residuals: residuals.collect(),
             curve,
-            residuals,
             leave_one_out_rms: over_readings(x, u, missed),
             meets_required: None,
         }
@@ -80,6 +90,14 @@ impl Fit {
     pub fn rms(&self) -> f64 {
         rms(self.residuals.iter().copied())
     }
+}
+
+/// The places of targets, ascending.
+fn places(x: &[f64]) -> Vec<f64> {
+    let mut places = x.to_vec();
+    places.sort_by(f64::total_cmp);
+    places.dedup();
+    places
 }
 
 /// Root mean square over the readings of targets, from what is missed of their means; infinite where nothing can be left out.

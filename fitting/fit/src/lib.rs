@@ -21,7 +21,9 @@ mod triangle;
 
 pub use band::{Band, BandOptions, BandSource, band};
 pub use bspline::fit_bspline;
-pub use choice::{AutoFit, Choice, FitOptions, Noise, Reason, Score, choose, fit_auto};
+pub use choice::{
+    AutoFit, Choice, FitOptions, Noise, Reason, Score, choose, choose_and_fit, fit_auto,
+};
 pub use error::FitError;
 pub use fit::Fit;
 pub use fourier::fit_fourier;

@@ -242,11 +242,15 @@ fn candidates(targets: &[[f64; 2]], shape: f64) -> impl Iterator<Item = Candidat
     })
 }
 
-struct Candidate {
+/// A curve and what it does with its targets.
+#[derive(Clone)]
+pub(crate) struct Candidate {
     curve: MovingLeastSquares,
+    /// The curve at each target.
+    values: Vec<f64>,
     /// What the curve leaves of each target, and how much of its own reading the curve takes there.
-    residuals: Vec<f64>,
-    influences: Vec<f64>,
+    pub(crate) residuals: Vec<f64>,
+    pub(crate) influences: Vec<f64>,
     leave_one_out_rms: f64,
     /// Largest deviation of a target's mean reading from the curve.
     max_residual: f64,
@@ -263,18 +267,18 @@ impl Candidate {
         Ok(Self::of(curve))
     }
 
-    fn of(curve: MovingLeastSquares) -> Self {
+    pub(crate) fn of(curve: MovingLeastSquares) -> Self {
         let nodes = curve.nodes().iter().enumerate();
-        let found = nodes.map(|(i, &[x, u])| {
-            let (value, influence) = curve.value_and_influence(x, i);
-            (u - value, influence)
-        });
-        let (residuals, influences): (Vec<f64>, Vec<f64>) = found.unzip();
+        let found = nodes.map(|(i, &[x, _])| curve.value_and_influence(x, i));
+        let (values, influences): (Vec<f64>, Vec<f64>) = found.unzip();
+        let read = curve.nodes().iter().zip(&values);
+        let residuals: Vec<f64> = read.map(|([_, u], value)| u - value).collect();
         let errors = residuals.iter().zip(&influences);
         let leave_one_out_rms = rms(errors.map(|(&e, &influence)| left_out(e, influence)));
         let max_residual = readings::magnitude(residuals.iter().copied());
         Self {
             curve,
+            values,
             residuals,
             influences,
             leave_one_out_rms,
@@ -282,10 +286,11 @@ impl Candidate {
         }
     }
 
-    fn fit(self, x: &[f64], u: &[f64]) -> Fit {
+    /// The fit to the readings that the targets are from.
+    pub(crate) fn fit(self, x: &[f64], u: &[f64]) -> Fit {
         let errors = self.residuals.iter().zip(&self.influences);
         let missed = errors.map(|(&e, &influence)| left_out(e, influence));
-        Fit::new(self.curve.into(), x, u, missed.enumerate())
+        Fit::of_values(self.curve.into(), &self.values, x, u, missed.enumerate())
     }
 }
 
