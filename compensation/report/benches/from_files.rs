@@ -2,16 +2,26 @@
 //!
 //! - 10 000 targets × 10 runs (5 in each direction): read from CSV, evaluated by ISO 230-2, fitted by the automatic choice; and the same with a tenth
 //!   of the targets, so that the ratio of both says how the time grows;
+//! - the same steps in turn, reading first as the control: on a computer that others use as well, only what was measured in the same moment
+//!   compares, and the least of many rounds is nearest to a quiet one;
 //! - a folder of 200 files, drafted;
 //! - 40 files of 41 targets and 10 runs: read, calibrated, and written as a report.
 
-use std::{fmt::Write as _, fs, hint::black_box, path::Path, time::Duration};
+use std::{
+    fmt::Write as _,
+    fs,
+    hint::black_box,
+    path::Path,
+    time::{Duration, Instant},
+};
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use volcomp_calibrate::{CalibrationFile, calibrate, draft};
+use volcomp_fit::{FitOptions, choose_and_fit};
 use volcomp_metrology::{evaluate, parse_csv};
 use volcomp_model::Machine;
 use volcomp_report::{Language, Report, Stated, html};
+use volcomp_vocabulary::Direction;
 
 const MACHINE: &str = "name = \"bench\"\nstructure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 8000]\nY.travel = [0, 4000]\nZ.travel = [0, 2500]\n";
 
@@ -100,6 +110,68 @@ fn large_test(criterion: &mut Criterion) {
     }
 }
 
+/// How often the steps are taken in turn.
+const ROUNDS: usize = 15;
+
+/// Reads, evaluates, fits both directions, and reads and calibrates, in turn: prints for each the least and the middle time and its
+/// ratio to reading, the middle of the ratios within each round.
+fn in_turn(_: &mut Criterion) {
+    let text = table(10_000, 5, 8000.0, 1);
+    let folder = tempfile::tempdir().expect("a folder");
+    written(folder.path(), "machine.toml", MACHINE);
+    written(folder.path(), "x.csv", &text);
+    written(
+        folder.path(),
+        "calibration.toml",
+        "machine = \"machine.toml\"\n[[measurement]]\nerror = \"EXX\"\nfile = \"x.csv\"\n",
+    );
+    let path = folder.path().join("calibration.toml");
+    let mut times: [Vec<f64>; 5] = Default::default();
+    for _ in 0..ROUNDS {
+        let start = Instant::now();
+        let measurement = parse_csv(black_box(text.as_bytes()), "x.csv").expect("a test");
+        let read = start.elapsed();
+        let _ = black_box(evaluate(&measurement));
+        let evaluated = start.elapsed();
+        let curves = Direction::BOTH.map(|direction| measurement.mean_curve_in(direction));
+        let curves = curves.map(|curve| curve.into_iter().unzip::<f64, f64, Vec<_>, Vec<_>>());
+        let sets = curves.each_ref().map(|(x, u)| (&x[..], &u[..]));
+        black_box(choose_and_fit(&sets, &FitOptions::default()).expect("fitted"));
+        let all_three = start.elapsed();
+        let again = Instant::now();
+        let file = CalibrationFile::read(&path).expect("read");
+        black_box(calibrate(&file, |_, _| {}).expect("calibrated"));
+        let steps = [
+            read,
+            evaluated - read,
+            all_three - evaluated,
+            all_three,
+            again.elapsed(),
+        ];
+        for (times, step) in times.iter_mut().zip(steps) {
+            times.push(step.as_secs_f64() * 1e3);
+        }
+    }
+    let middle = |mut values: Vec<f64>| {
+        values.sort_by(f64::total_cmp);
+        values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+    };
+    let names = [
+        "read (control)",
+        "evaluate",
+        "fit both directions",
+        "read, evaluate, fit",
+        "read and calibrate",
+    ];
+    println!("10000 targets x 10 runs, {ROUNDS} rounds in turn: least and middle, ms; by reading");
+    for (name, own) in names.iter().zip(&times) {
+        let least = own.iter().copied().fold(f64::INFINITY, f64::min);
+        let ratios = own.iter().zip(&times[0]).map(|(own, read)| own / read);
+        let (ratio, own) = (middle(ratios.collect()), middle(own.clone()));
+        println!("{name:<22} {least:>8.1} {own:>8.1} {ratio:>6.2}");
+    }
+}
+
 fn folder_drafted(criterion: &mut Criterion) {
     for files in [20, 200] {
         let folder = folder_of(files, 41);
@@ -131,6 +203,6 @@ criterion_group! {
         .sample_size(10)
         .warm_up_time(Duration::from_secs(1))
         .measurement_time(Duration::from_secs(5));
-    targets = large_test, folder_drafted, report_of_files
+    targets = large_test, in_turn, folder_drafted, report_of_files
 }
 criterion_main!(benches);
