@@ -2,7 +2,7 @@
 //! Datagrams and INI files of LinuxCNC: no panic on any bytes, and what is read is written as it was.
 
 use libfuzzer_sys::fuzz_target;
-use volcomp_linuxcnc::{COMMAND_BYTES, Command, Expected, Ini, STATE_BYTES, State};
+use volcomp_linuxcnc::{COMMAND_BYTES, Command, Expected, Ini, Least, STATE_BYTES, State};
 use volcomp_vocabulary::AxisName;
 
 fuzz_target!(|bytes: &[u8]| {
@@ -23,6 +23,11 @@ fuzz_target!(|bytes: &[u8]| {
         step_nm: 1.0,
         step_udeg: 1.0,
         scan_ms: 1.0,
+        least: Some(Least {
+            limit: [30.0, 5.0],
+            rate: [1000.0, 100.0],
+            zero_after_ms: 1000.0,
+        }),
     };
     let _ = Ini::parse(&String::from_utf8_lossy(bytes)).problems(&expected);
 });
