@@ -132,12 +132,12 @@ impl Format {
         }
     }
 
-    /// What the sign rests on. No format was tried on a control.
+    /// What the sign rests on. No format was tried on a machine; those of LinuxCNC were on its control with simulated drives.
     pub fn trust(self) -> &'static str {
         match self {
             Self::Csv => "Sign proven by definition: this is the format of volcomp itself.",
             Self::Linuxcnc | Self::LinuxcncType1 => {
-                "Sign proven by the source text of LinuxCNC (usrmotintf.cc, control.c), not on a machine."
+                "Sign proven on a running LinuxCNC 2.9 with simulated drives and by its source text (usrmotintf.cc, control.c), not on a machine."
             }
             Self::Siemens840d => {
                 "$AA_ENC_COMP: sign proven by an independent public program that writes it; a manual says the same; not on a machine. \
