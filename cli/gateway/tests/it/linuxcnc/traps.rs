@@ -1,4 +1,4 @@
-//! The nine traps of LinuxCNC's external offsets, each on the running control.
+//! Where LinuxCNC's external offsets are not what one expects: each on the running control.
 
 use std::time::Duration;
 
@@ -15,8 +15,7 @@ with_both!(traps: off_and_on_and_an_emergency_stop, an_offset_that_is_frozen_cle
 const PORT: u16 = 47_001;
 const MOST: f64 = 0.005;
 
-/// Traps 1, 2, 3 and 8: counts that change while the machine is off are swallowed; positions that contain the offset; the
-/// offset that off and on take into the nominal position; commands that get lost.
+/// Counts that change while the machine is off are swallowed, and switching off and on takes the offset into the nominal position.
 fn off_and_on_and_an_emergency_stop(kind: Bridge) {
     let dir = tempfile::tempdir().expect("writable");
     let mut control = LinuxCnc::start(dir.path(), kind, |ini| ini);
@@ -30,7 +29,7 @@ fn off_and_on_and_an_emergency_stop(kind: Bridge) {
         let counts = control.of_x("counts");
         let counted = control.pin(&counts);
         let motor = control.pin("joint.0.motor-pos-cmd");
-        // Trap 1: nothing is written while the machine is off, for longer than any time-out.
+        // Nothing is written while the machine is off, for longer than any time-out.
         let cycles = control.record(|control| {
             control.do_it(stop);
             std::thread::sleep(Duration::from_secs(2));
@@ -39,7 +38,7 @@ fn off_and_on_and_an_emergency_stop(kind: Bridge) {
         assert_eq!(control.pin(&counts), counted);
         let state = program.state();
         assert_ne!(state["state"], "compensating", "{state}");
-        // Trap 8: the command is sent until its effect is seen. Trap 3: the motor stands, and its offset has become position.
+        // The motor stands, and its offset has become position.
         let shown = control.of_x("absorbed");
         let lost = control.pin(&shown);
         control.do_it("on");
@@ -58,7 +57,7 @@ fn off_and_on_and_an_emergency_stop(kind: Bridge) {
         let now = control.pin("joint.0.motor-pos-cmd");
         let moved = now - motor;
         assert!((moved - held[0]).abs() < 1e-3, "{moved} mm");
-        // Trap 2: the nominal position moved, and positions are read where they have no offset.
+        // The nominal position moved, and positions are read where they have no offset.
         let nominal = control.pin("axis.x.pos-cmd");
         let expected = nominal + oracle([nominal, 0.0, 0.0])[0];
         assert!((now - expected).abs() < 3e-6, "{now} mm, {expected} mm");
@@ -68,7 +67,7 @@ fn off_and_on_and_an_emergency_stop(kind: Bridge) {
     }
 }
 
-/// Traps 4 and 5: an offset that somebody freezes or clears, and one that is cut at a soft limit.
+/// An offset that somebody freezes or clears, and one that is cut at a soft limit.
 fn an_offset_that_is_frozen_cleared_or_cut(kind: Bridge) {
     let dir = tempfile::tempdir().expect("writable");
     let mut control = LinuxCnc::start(dir.path(), kind, |ini| ini);
@@ -136,8 +135,7 @@ fn an_offset_that_is_frozen_cleared_or_cut(kind: Bridge) {
     assert_eq!(control.pin(&shown), lost, "nothing is taken for lost");
 }
 
-/// Traps 6, 7 and 9 stand in the tests of the whole day (the offset at the contact of a probe), of what dies (zero by the
-/// watchdog), and in every test (namespaces). Here: two bridges for one port.
+/// Two bridges for one port.
 #[test]
 fn a_second_bridge_for_one_port_is_refused_by_name() {
     let Some(_alone) = alone("traps::a_second_bridge_for_one_port_is_refused_by_name") else {
@@ -154,7 +152,7 @@ fn a_second_bridge_for_one_port_is_refused_by_name() {
     );
 }
 
-/// Trap 1, from the other side: a machine that is switched on and not homed gets nothing, and after homing everything.
+/// A machine that is switched on and not homed gets nothing, and after homing everything.
 fn nothing_is_written_before_the_axes_are_homed(kind: Bridge) {
     let dir = tempfile::tempdir().expect("writable");
     let mut control = LinuxCnc::start(dir.path(), kind, |ini| ini);
