@@ -2,15 +2,18 @@
 
 use volcomp_port::{MOST_WORDS, Words};
 
-use crate::{Broken, Reader, VERSION, Writer, whole};
+use crate::{
+    Broken, VERSION,
+    datagram::{CHECK, Reader, Writer, opened},
+};
 
 /// The first bytes: `VCLF`.
-const MAGIC: u32 = u32::from_le_bytes(*b"VCLF");
+const MAGIC: &[u8; 4] = b"VCLF";
 /// The bytes before the words.
 const HEAD: usize = 16;
 
 /// The room of the largest command.
-pub const COMMAND_BYTES: usize = HEAD + 2 * MOST_WORDS + 4;
+pub const COMMAND_BYTES: usize = HEAD + 2 * MOST_WORDS + CHECK;
 
 /// What a gateway says to a bridge. Each makes the bridge send its states to the sender's address for a second.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,29 +41,18 @@ impl Command {
     /// # Errors
     /// A datagram that is none of a gateway, torn, or of another version.
     pub fn decode(bytes: &[u8]) -> Result<Self, Broken> {
-        if bytes.get(..4) != Some(&MAGIC.to_le_bytes()) {
-            return Err(Broken::Magic);
-        }
-        if let Some(&found) = bytes.get(4).filter(|version| **version != VERSION) {
-            return Err(Broken::Version { found });
-        }
-        let body = whole(bytes)?;
-        let short = |expected| Broken::Length {
-            found: bytes.len(),
-            expected,
-        };
-        if body.len() < HEAD {
-            return Err(short(HEAD + 4));
-        }
+        let body = opened(bytes, MAGIC, HEAD)?;
         let mut reader = Reader(&body[6..]);
         let machine = reader.u16();
         let sequence = reader.u32();
         let (kind, count) = (reader.u16(), usize::from(reader.u16()));
         if count > MOST_WORDS {
-            return Err(Broken::Count { found: count });
+            return Err(Broken::Words { found: count });
         }
-        if body.len() != HEAD + 2 * count {
-            return Err(short(HEAD + 2 * count + 4));
+        let found = bytes.len();
+        let expected = HEAD + 2 * count + CHECK;
+        if found != expected {
+            return Err(Broken::Length { found, expected });
         }
         let mut words = [0; MOST_WORDS];
         for word in &mut words[..count] {
@@ -68,6 +60,10 @@ impl Command {
         }
         let content = match kind {
             0 if count == 0 => Content::Listen,
+            0 => {
+                let expected = HEAD + CHECK;
+                return Err(Broken::Length { found, expected });
+            }
             // Not more than there is room for.
             1 => Content::Frame(Words::new(&words[..count]).unwrap_or_default()),
             found => return Err(Broken::Kind { found }),
@@ -87,7 +83,7 @@ impl Command {
         };
         let count = u16::try_from(words.len()).unwrap_or(0);
         let mut writer = Writer::new(bytes);
-        writer.put(&MAGIC.to_le_bytes());
+        writer.put(MAGIC);
         writer.put(&[VERSION, 0]);
         writer.put(&self.machine.to_le_bytes());
         writer.put(&self.sequence.to_le_bytes());

@@ -5,17 +5,20 @@ use std::time::Duration;
 use volcomp_port::{MOST_WORDS, Words};
 use volcomp_vocabulary::{AxisName, MAX_AXES};
 
-use crate::{Reader, VERSION, Writer, whole};
+use crate::{
+    Broken, VERSION,
+    datagram::{CHECK, Reader, Writer, opened},
+};
 
 /// The first bytes: `VCLS`.
-const MAGIC: u32 = u32::from_le_bytes(*b"VCLS");
+const MAGIC: &[u8; 4] = b"VCLS";
 /// The bytes before the axes.
 const HEAD: usize = 36;
 /// The bytes of each axis.
 const OF_AXIS: usize = 32;
 
 /// The room of the largest state.
-pub const STATE_BYTES: usize = HEAD + MAX_AXES * OF_AXIS + 2 * MOST_WORDS + 4;
+pub const STATE_BYTES: usize = HEAD + MAX_AXES * OF_AXIS + 2 * MOST_WORDS + CHECK;
 
 /// What the control is doing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -79,53 +82,6 @@ pub struct State {
     pub report: Words,
 }
 
-/// Why a datagram cannot be read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum Broken {
-    /// There are too few or too many bytes.
-    #[error("found {found} bytes, expected {expected}")]
-    Length {
-        /// The number of bytes that were found.
-        found: usize,
-        /// The number that was expected.
-        expected: usize,
-    },
-    /// The datagram begins with other bytes.
-    #[error("this is no datagram of this protocol")]
-    Magic,
-    /// The other side speaks another version of the protocol.
-    #[error("found version {found} of the protocol, expected {VERSION}")]
-    Version {
-        /// The version that was found.
-        found: u8,
-    },
-    /// The checksum does not fit.
-    #[error("the checksum does not fit")]
-    Checksum,
-    /// The number of axes or words is beyond the largest.
-    #[error("found {found} axes or words, which is too many")]
-    Count {
-        /// The number that was found.
-        found: usize,
-    },
-    /// A letter is no axis.
-    #[error("found the letter {found}, expected an axis, each once")]
-    Letter {
-        /// The byte that was found.
-        found: u8,
-    },
-    /// A number is not finite, or a step is zero.
-    #[error("a number makes no sense")]
-    Number,
-    /// The content is of a kind that there is not.
-    #[error("found the kind {found} of content")]
-    Kind {
-        /// The number that was found.
-        found: u16,
-    },
-}
-
 impl State {
     /// A state of these axes, with everything else zero; `None` when they are more than there can be.
     #[must_use]
@@ -156,20 +112,7 @@ impl State {
     /// # Errors
     /// A datagram that is none of a bridge, torn, or of another version.
     pub fn decode(bytes: &[u8]) -> Result<Self, Broken> {
-        if bytes.get(..4) != Some(&MAGIC.to_le_bytes()) {
-            return Err(Broken::Magic);
-        }
-        if let Some(&found) = bytes.get(4).filter(|version| **version != VERSION) {
-            return Err(Broken::Version { found });
-        }
-        let body = whole(bytes)?;
-        let short = |expected| Broken::Length {
-            found: bytes.len(),
-            expected,
-        };
-        if body.len() < HEAD {
-            return Err(short(HEAD + 4));
-        }
+        let body = opened(bytes, MAGIC, HEAD)?;
         let mut reader = Reader(&body[5..]);
         let count = usize::from(reader.u8());
         let machine = reader.u16();
@@ -180,14 +123,16 @@ impl State {
         let scan = Duration::from_nanos(reader.u32().into());
         // Room for what a later version of the protocol may say.
         reader.take::<4>();
-        if count > MAX_AXES || words > MOST_WORDS {
-            return Err(Broken::Count {
-                found: count.max(words),
-            });
+        if count > MAX_AXES {
+            return Err(Broken::Axes { found: count });
         }
-        let expected = HEAD + count * OF_AXIS + 2 * words;
-        if body.len() != expected {
-            return Err(short(expected + 4));
+        if words > MOST_WORDS {
+            return Err(Broken::Words { found: words });
+        }
+        let expected = HEAD + count * OF_AXIS + 2 * words + CHECK;
+        if bytes.len() != expected {
+            let found = bytes.len();
+            return Err(Broken::Length { found, expected });
         }
         let mut axes = [None; MAX_AXES];
         for index in 0..count {
@@ -226,7 +171,7 @@ impl State {
         let count = u8::try_from(self.axes().count()).unwrap_or(0);
         let length = u16::try_from(words.len()).unwrap_or(0);
         let mut writer = Writer::new(bytes);
-        writer.put(&MAGIC.to_le_bytes());
+        writer.put(MAGIC);
         writer.put(&[VERSION, count]);
         writer.put(&self.machine.to_le_bytes());
         writer.put(&self.run.to_le_bytes());
@@ -265,5 +210,7 @@ fn axis(reader: &mut Reader<'_>) -> Result<AxisState, Broken> {
         offset: i64::from_le_bytes(reader.take()),
     };
     let sensible = axis.step > 0 && axis.position.is_finite() && axis.velocity.is_finite();
-    sensible.then_some(axis).ok_or(Broken::Number)
+    sensible
+        .then_some(axis)
+        .ok_or(Broken::Number { axis: name })
 }

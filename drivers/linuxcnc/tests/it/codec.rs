@@ -113,9 +113,12 @@ fn what_is_wrong_is_said() {
         ..axis
     };
     let nothing = AxisState { step: 0, ..axis };
-    assert_eq!(state(&[nan]), Err(Broken::Number));
-    assert_eq!(state(&[nothing]), Err(Broken::Number));
-    assert_eq!(state(&[axis, axis]), Err(Broken::Letter { found: b'X' }));
+    let number = Broken::Number { axis: AxisName::X };
+    assert_eq!(state(&[nan]), Err(number));
+    assert_eq!(state(&[nothing]), Err(number));
+    let twice = Broken::Letter { found: b'X' };
+    assert_eq!(state(&[axis, axis]), Err(twice));
+    assert!(twice.to_string().contains("'X'"), "{twice}");
     assert_eq!(State::of(&[axis; 10]), None);
     let mut bytes = told(&State::of(&[axis]).unwrap());
     assert_eq!(Command::decode(&bytes), Err(Broken::Magic));
