@@ -2,7 +2,7 @@
 
 use std::{collections::HashMap, path::Path};
 
-use super::{Ini, Problem};
+use super::{Ini, Problem, SERVO_THREAD, bridge_of};
 
 /// The pin and the signal of each connection in a HAL file, with the number of its line.
 fn connections(text: &str) -> impl Iterator<Item = (usize, &str, &str)> {
@@ -69,7 +69,7 @@ impl Ini {
         // What the files before the bridge have connected keeps its signal. Others may lie in LinuxCNC's library.
         let before: Vec<String> = self
             .all("HAL", "HALFILE")
-            .take_while(|file| !super::is_ours(file))
+            .take_while(|file| bridge_of(file).is_none())
             .filter_map(|file| read(file).ok())
             .collect();
         let known: HashMap<&str, &str> = before
@@ -79,7 +79,7 @@ impl Ini {
             .collect();
         let is_servo = self
             .all("HAL", "HALFILE")
-            .any(|file| super::is_ours(file) && file.contains("volcomp-servo.tcl"));
+            .any(|file| bridge_of(file) == Some(SERVO_THREAD));
         let letters = |key, default| {
             let letters = self.get("VOLCOMP", key).unwrap_or(default);
             letters.to_lowercase().replace(' ', "")

@@ -23,13 +23,6 @@ pub struct Ini {
     folder: Option<PathBuf>,
 }
 
-/// Whether this `HALFILE` is that of a bridge.
-fn is_ours(file: &str) -> bool {
-    let name = file.split_whitespace().next().unwrap_or_default();
-    let name = name.rsplit('/').next();
-    matches!(name, Some("volcomp.tcl" | "volcomp-servo.tcl"))
-}
-
 /// What is expected of an INI file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Expected {
@@ -47,6 +40,19 @@ pub struct Expected {
     pub scan_ms: f64,
     /// What the guard needs of the bridge; `None` where nothing is corrected.
     pub least: Option<Least>,
+}
+
+/// The HAL files of the bridges: in user space, and in the servo thread.
+const USER_SPACE: &str = "volcomp.tcl";
+const SERVO_THREAD: &str = "volcomp-servo.tcl";
+
+/// The name of the bridge's file, where the value of a `HALFILE` is one; arguments may stand behind it.
+fn bridge_of(value: &str) -> Option<&'static str> {
+    let file = value.split_whitespace().next()?;
+    let name = file.rsplit('/').next()?;
+    [USER_SPACE, SERVO_THREAD]
+        .into_iter()
+        .find(|ours| *ours == name)
 }
 
 impl Ini {
@@ -110,7 +116,7 @@ impl Ini {
     }
 
     /// The values of a key, in their order.
-    pub fn all<'a>(&'a self, section: &'a str, key: &'a str) -> impl Iterator<Item = &'a str> {
+    pub fn all<'a>(&'a self, section: &str, key: &str) -> impl Iterator<Item = &'a str> {
         let of = move |(in_section, name, _): &&(String, String, String)| {
             in_section == section && name == key
         };
@@ -123,13 +129,7 @@ impl Ini {
     /// The first value of a key, which is the one that counts.
     #[must_use]
     pub fn get(&self, section: &str, key: &str) -> Option<&str> {
-        let of = |(in_section, name, _): &&(String, String, String)| {
-            in_section == section && name == key
-        };
-        self.entries
-            .iter()
-            .find(of)
-            .map(|(_, _, value)| value.as_str())
+        self.all(section, key).next()
     }
 
     /// Everything that is wrong or missing.
@@ -140,24 +140,36 @@ impl Ini {
             let (file, reason) = (file.clone(), reason.clone());
             problems.push(Problem::Include { file, reason });
         }
+        self.hal_files(&mut problems);
+        self.behind_the_display(&mut problems);
+        self.bridge(expected, &mut problems);
+        self.shares(expected, &mut problems);
+        self.joints(&mut problems);
+        self.control(expected, &mut problems);
+        problems
+    }
+
+    /// The section of HAL: the file of the bridge is there, and the last one.
+    fn hal_files(&self, problems: &mut Vec<Problem>) {
         let mut files = self.all("HAL", "HALFILE");
-        match files.find(|file| is_ours(file)) {
-            None => problems.push(Problem::NoHalFile),
-            Some(ours) => problems.extend(files.next().map(|found| Problem::Behind {
-                found: found.to_owned(),
-                ours: ours.rsplit('/').next().unwrap_or(ours).to_owned(),
-            })),
+        let Some(ours) = files.find_map(bridge_of) else {
+            problems.push(Problem::NoHalFile);
+            return;
+        };
+        if let Some(found) = files.next() {
+            let (found, ours) = (found.to_owned(), ours.to_owned());
+            problems.push(Problem::Behind { found, ours });
         }
         if let Some(found) = self.get("HAL", "TWOPASS")
-            && self
-                .all("HAL", "HALFILE")
-                .any(|file| is_ours(file) && file.contains("volcomp.tcl"))
+            && ours == USER_SPACE
         {
             let found = found.to_owned();
             problems.push(Problem::TwoPass { found });
         }
-        self.behind_the_display(&mut problems);
-        self.bridge(expected, &mut problems);
+    }
+
+    /// The sections of the axes: each that is corrected has a share of velocity for its offset.
+    fn shares(&self, expected: &Expected, problems: &mut Vec<Problem>) {
         for axis in &expected.axes {
             match self.get(&format!("AXIS_{axis}"), "OFFSET_AV_RATIO") {
                 None => problems.push(Problem::NoRatio { axis: *axis }),
@@ -170,6 +182,10 @@ impl Ini {
                 }
             }
         }
+    }
+
+    /// The sections of the joints: nothing there corrects the same errors again.
+    fn joints(&self, problems: &mut Vec<Problem>) {
         for (section, key, value) in &self.entries {
             let Some(joint) = section.strip_prefix("JOINT_") else {
                 continue;
@@ -181,6 +197,10 @@ impl Ini {
                 problems.push(Problem::Backlash { joint, found });
             }
         }
+    }
+
+    /// Units, kinematics and period of the control.
+    fn control(&self, expected: &Expected, problems: &mut Vec<Problem>) {
         let units = [
             ("LINEAR_UNITS", ["mm", "metric"]),
             ("ANGULAR_UNITS", ["degree", "deg"]),
@@ -213,7 +233,6 @@ impl Ini {
                 expected,
             });
         }
-        problems
     }
 
     /// The section of the bridge.

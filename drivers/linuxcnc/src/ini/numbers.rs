@@ -92,7 +92,7 @@ impl Ini {
                 between(
                     keys.limit,
                     found,
-                    [
+                    &[
                         (guard, "the limit of [guard] in the gateway's configuration"),
                         (step * 1e-3, "a count"),
                     ],
@@ -110,7 +110,7 @@ impl Ini {
             between(
                 keys.rate,
                 rate,
-                [
+                &[
                     (
                         guard,
                         "twice the slew of [guard] in the gateway's configuration",
@@ -138,7 +138,7 @@ impl Ini {
                 WORD * expected.scan_ms,
                 "a word of the protocol holds 32767 scans",
             );
-            between("HOLD_MS", found, [least, least], most, problems);
+            between("HOLD_MS", found, &[least], most, problems);
         }
         if let Some(found) = time_out {
             let twice = (2.0 * hold.unwrap_or(0.0), "twice HOLD_MS");
@@ -151,7 +151,7 @@ impl Ini {
                 (ms, "guard.zero_after_ms in the gateway's configuration")
             });
             let most = if guard.0 < word.0 { guard } else { word };
-            between("TIME_OUT_MS", found, [twice, twice], most, problems);
+            between("TIME_OUT_MS", found, &[twice], most, problems);
         }
     }
 
@@ -177,16 +177,15 @@ impl Ini {
     }
 }
 
-/// Tells a number that is too small for one of two reasons, or too large.
+/// Tells a number that is smaller than one of several bounds, or too large; each bound with its reason.
 fn between(
     key: &'static str,
     found: f64,
-    least: [(f64, &'static str); 2],
+    least: &[(f64, &'static str)],
     most: (f64, &'static str),
     problems: &mut Vec<Problem>,
 ) {
-    let small = least
-        .into_iter()
+    let small = (least.iter().copied())
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .filter(|(least, _)| found < least * (1.0 - 1e-9));
     if let Some((expected, why)) = small {
