@@ -3,23 +3,8 @@
 # signals that the machine's own files have connected, and a pin that it has connected itself takes no other signal any more.
 # Built and installed once by `halcompile --install volcomp.comp`.
 
-proc setting {key {default ""}} {
-    if {[info exists ::VOLCOMP($key)]} {
-        return [lindex $::VOLCOMP($key) 0]
-    }
-    if {$default eq ""} {
-        error "\[VOLCOMP\]$key is missing"
-    }
-    return $default
-}
-
-proc number {key {default ""}} {
-    set value [setting $key $default]
-    if {![string is double -strict $value] || $value != $value || abs($value) > 1e9} {
-        error "\[VOLCOMP\]$key: found $value, expected a number and nothing behind it"
-    }
-    return $value
-}
+# No line of this file may end in a backslash: with TWOPASS LinuxCNC would run a copy of it elsewhere, where the other is not.
+source [file join [file dirname [file normalize [info script]]] volcomp-common.tcl]
 
 proc whole {key {default ""}} {
     set value [number $key $default]
@@ -41,15 +26,11 @@ foreach {key known} {LINEAR_UNITS {mm metric} ANGULAR_UNITS {degree deg}} {
     }
 }
 
-set letters [split [string toupper [string map {" " ""} [setting AXES XYZ]]] ""]
-set reads {}
-if {[info exists ::VOLCOMP(READS)]} {
-    set reads [split [string toupper [string map {" " ""} [lindex $::VOLCOMP(READS) 0]]] ""]
-}
-foreach letter [concat $letters $reads] {
-    if {$letter ni {X Y Z A B C U V W}} {
-        error "\[VOLCOMP\]AXES or READS: found $letter, expected letters of axes and nothing behind them"
-    }
+set letters [letters AXES XYZ]
+set reads [letters READS ""]
+set both [concat $letters $reads]
+if {[llength [lsort -unique $both]] != [llength $both]} {
+    error "\[VOLCOMP\]AXES and READS: found [join $letters ""] and [join $reads ""], expected each axis once"
 }
 set joints [lindex $::KINS(JOINTS) 0]
 set period_s [expr {[info exists ::EMCMOT(SERVO_PERIOD)] ? [lindex $::EMCMOT(SERVO_PERIOD) 0] * 1e-9 : 1e-3}]
@@ -84,11 +65,12 @@ foreach rate $per_scan {
     lappend rates [expr {int($rate * $step_scans + 1e-9)}]
 }
 
-set arguments [list axes=[join $letters ""] machine=[whole MACHINE] port=[whole PORT 47001] \
-    listen_on=[setting LISTEN 127.0.0.1] joints=$joints epoch_file=[file join $folder [setting EPOCH_FILE volcomp.epoch]] \
-    step=[join $steps ,] limit=[join $limits ,] rate=[join $rates ,] step_scans=$step_scans \
-    hold_scans=[expr {int(round([number HOLD_MS 100] * 1e-3 / $period_s))}] \
-    time_out_scans=[expr {int(round([number TIME_OUT_MS 300] * 1e-3 / $period_s))}]]
+set arguments [list axes=[join $letters ""] machine=[whole MACHINE] port=[whole PORT 47001]]
+lappend arguments listen_on=[setting LISTEN 127.0.0.1] joints=$joints
+lappend arguments epoch_file=[file join $folder [setting EPOCH_FILE volcomp.epoch]]
+lappend arguments step=[join $steps ,] limit=[join $limits ,] rate=[join $rates ,] step_scans=$step_scans
+lappend arguments hold_scans=[expr {int(round([number HOLD_MS 100] * 1e-3 / $period_s))}]
+lappend arguments time_out_scans=[expr {int(round([number TIME_OUT_MS 300] * 1e-3 / $period_s))}]
 if {[llength $reads]} {
     lappend arguments reads=[join $reads ""]
 }
@@ -96,14 +78,6 @@ eval loadrt volcomp $arguments
 
 addf volcomp.take servo-thread 1
 addf volcomp.tell servo-thread
-
-# A pin that the machine's own files have connected keeps its signal.
-proc read_pin {signal from to} {
-    if {[catch {net $signal $from => $to}]} {
-        set owner [lindex [hal show pin $from] end]
-        net $owner => $to
-    }
-}
 
 set at 0
 foreach letter [concat $letters $reads] {
@@ -124,8 +98,8 @@ read_pin volcomp-enabled motion.motion-enabled volcomp.enabled
 read_pin volcomp-estop iocontrol.0.emc-enable-in volcomp.estop-ok
 read_pin volcomp-user iocontrol.0.user-enable-out volcomp.user-ok
 read_pin volcomp-limited motion.eoffset-limited volcomp.limited
-read_pin volcomp-coord motion.coord-mode volcomp.coord-mode
-read_pin volcomp-teleop motion.teleop-mode volcomp.teleop-mode
+read_pin volcomp-coord-mode motion.coord-mode volcomp.coord-mode
+read_pin volcomp-teleop-mode motion.teleop-mode volcomp.teleop-mode
 read_pin volcomp-type motion.motion-type volcomp.motion-type
 read_pin volcomp-probe motion.probe-input volcomp.probe-input
 for {set joint 0} {$joint < $joints} {incr joint} {

@@ -18,30 +18,16 @@ if {[info exists ::HAL(TWOPASS)]} {
     error "\[HAL\]TWOPASS: volcomp.tcl does not start with it, since it starts a program that needs what is loaded; leave it out, or use volcomp-servo.tcl"
 }
 
-proc setting {key {default ""}} {
-    if {[info exists ::VOLCOMP($key)]} {
-        return [lindex $::VOLCOMP($key) 0]
-    }
-    if {$default eq ""} {
-        error "\[VOLCOMP\]$key is missing"
-    }
-    return $default
-}
-
 set here [file dirname [file normalize [info script]]]
-set letters [split [string tolower [string map {" " ""} [setting AXES XYZ]]] ""]
-foreach letter $letters {
-    if {$letter ni {x y z a b c u v w}} {
-        error "\[VOLCOMP\]AXES: found [string toupper $letter], expected axes of X Y Z A B C U V W"
-    }
-}
+source [file join $here volcomp-common.tcl]
+set letters [string tolower [letters AXES XYZ]]
 set thread servo-thread
 
 # How fast the factor may change, 1/s: no axis goes faster than its rate from its limit.
 set fastest 5.0
 foreach {limit rate} {LIMIT_UM RATE_UM_PER_S LIMIT_MDEG RATE_MDEG_PER_S} {
     if {[info exists ::VOLCOMP($limit)] && [info exists ::VOLCOMP($rate)]} {
-        set fastest [expr {min($fastest, double([setting $rate]) / [setting $limit])}]
+        set fastest [expr {min($fastest, double([number $rate]) / [number $limit])}]
     }
 }
 
@@ -95,14 +81,6 @@ setp volcomp.ramp.maxv $fastest
 net volcomp-factor volcomp.ramp.out => volcomp.full.in1
 setp volcomp.full.in0 0.999999999
 net volcomp-full volcomp.full.out
-
-# A pin that the machine's own files have connected keeps its signal.
-proc read_pin {signal from to} {
-    if {[catch {net $signal $from => $to}]} {
-        set owner [lindex [hal show pin $from] end]
-        net $owner => $to
-    }
-}
 
 newsig volcomp-enable bit
 foreach letter $letters {
