@@ -75,6 +75,7 @@ pub(crate) fn check(
         machine: control.machine,
         port: control.port,
         axes: control.axes.clone(),
+        reads: control.reads.clone(),
         step_nm: step(control.step_linear) * 1e6,
         step_udeg: step(control.step_rotary).to_degrees() * 1e6,
         scan_ms: (config.barrier).map_or(1.0, |barrier| barrier.scan.as_secs_f64() * 1e3),

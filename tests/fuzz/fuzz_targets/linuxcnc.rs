@@ -20,6 +20,7 @@ fuzz_target!(|bytes: &[u8]| {
         machine: 1,
         port: 47_001,
         axes: vec![AxisName::X, AxisName::C],
+        reads: vec![AxisName::A],
         step_nm: 1.0,
         step_udeg: 1.0,
         scan_ms: 1.0,

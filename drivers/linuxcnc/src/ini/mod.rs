@@ -32,6 +32,8 @@ pub struct Expected {
     pub port: u16,
     /// The axes that are corrected, in the order of the configuration.
     pub axes: Vec<AxisName>,
+    /// Axes of which only the positions are read.
+    pub reads: Vec<AxisName>,
     /// The size of a count of linear axes, nm.
     pub step_nm: f64,
     /// The size of a count of rotary axes, millionths of a degree.
@@ -143,6 +145,7 @@ impl Ini {
         self.hal_files(&mut problems);
         self.behind_the_display(&mut problems);
         self.bridge(expected, &mut problems);
+        self.reads(expected, &mut problems);
         self.shares(expected, &mut problems);
         self.joints(&mut problems);
         self.control(expected, &mut problems);
@@ -165,6 +168,18 @@ impl Ini {
         {
             let found = found.to_owned();
             problems.push(Problem::TwoPass { found });
+        }
+    }
+
+    /// Axes whose positions the gateway reads: the bridge tells those of `AXES` and `READS`.
+    fn reads(&self, expected: &Expected, problems: &mut Vec<Problem>) {
+        let told = |key, default| self.get("VOLCOMP", key).unwrap_or(default).to_uppercase();
+        let (axes, reads) = (told("AXES", "XYZ"), told("READS", ""));
+        for axis in &expected.reads {
+            if !axes.contains(axis.letter()) && !reads.contains(axis.letter()) {
+                let (axis, found) = (*axis, reads.clone());
+                problems.push(Problem::NotRead { axis, found });
+            }
         }
     }
 

@@ -27,6 +27,17 @@ pub enum Problem {
         /// What the gateway is configured for.
         expected: String,
     },
+    /// The bridge does not tell the position of an axis that the gateway reads.
+    #[error(
+        "[VOLCOMP]READS: found {}, expected {axis} among them, which the gateway's configuration reads",
+        if found.is_empty() { "none" } else { found }
+    )]
+    NotRead {
+        /// The axis.
+        axis: AxisName,
+        /// The value of this key in the INI file; empty where it is missing.
+        found: String,
+    },
     /// A value of the bridge is no number. LinuxCNC takes what stands behind a value for a part of it.
     #[error("[VOLCOMP]{key}: found {found}, expected {expected} and nothing behind it")]
     Number {

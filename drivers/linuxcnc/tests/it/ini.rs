@@ -8,6 +8,7 @@ fn expected() -> Expected {
         machine: 1,
         port: PORT,
         axes: vec![AxisName::X, AxisName::Y, AxisName::Z],
+        reads: Vec::new(),
         step_nm: 1.0,
         step_udeg: 1.0,
         scan_ms: 1.0,
@@ -185,6 +186,26 @@ fn each_line_that_is_missing_or_wrong_is_named() {
         "[JOINT_2]\nBACKLASH = 0.0\n# COMP_FILE = z.tbl\n",
     );
     assert_eq!(told(&right), [""; 0]);
+}
+
+/// An axis whose position the gateway reads is told by the bridge, corrected or not.
+#[test]
+fn axes_that_are_read_are_told() {
+    let mut expected = expected();
+    expected.reads = vec![AxisName::A, AxisName::C];
+    let told = |text: &str| {
+        let problems = Ini::parse(text).problems(&expected);
+        problems.iter().map(ToString::to_string).collect::<Vec<_>>()
+    };
+    let with = |reads: &str| mill().replace("AXES = XYZ\n", &format!("AXES = XYZ\n{reads}\n"));
+    assert_eq!(told(&with("READS = c A")), [""; 0]);
+    let missing = |found: &str, axis: &str| {
+        format!(
+            "[VOLCOMP]READS: found {found}, expected {axis} among them, which the gateway's configuration reads"
+        )
+    };
+    assert_eq!(told(&with("READS = A")), [missing("A", "C")]);
+    assert_eq!(told(&mill()), [missing("none", "A"), missing("none", "C")]);
 }
 
 /// What is included stands where LinuxCNC puts it; what cannot be read is named.
