@@ -65,7 +65,11 @@ foreach rate $per_scan {
     lappend rates [expr {int($rate * $step_scans + 1e-9)}]
 }
 
-set arguments [list axes=[join $letters ""] machine=[whole MACHINE] port=[whole PORT 47001]]
+set port [whole PORT 47001]
+if {$port < 0 || $port > 65535} {
+    error "\[VOLCOMP\]PORT: found $port, expected 0 to 65535"
+}
+set arguments [list axes=[join $letters ""] machine=[whole MACHINE] port=$port]
 lappend arguments listen_on=[setting LISTEN 127.0.0.1] joints=$joints
 lappend arguments epoch_file=[file join $folder [setting EPOCH_FILE volcomp.epoch]]
 lappend arguments step=[join $steps ,] limit=[join $limits ,] rate=[join $rates ,] step_scans=$step_scans

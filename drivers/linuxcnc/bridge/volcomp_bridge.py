@@ -6,6 +6,7 @@ Started by volcomp.tcl, or again while LinuxCNC runs by its own name. It takes i
 from the section [VOLCOMP] of the INI file, which it is given as its argument or finds in INI_FILE_NAME.
 """
 
+import math
 import os
 import random
 import select
@@ -30,15 +31,15 @@ READ_TRIES = 10
 STARTS_WITHIN_S = 10.0
 # Cycles for which nothing moves after the machine was switched on.
 SETTLES = 20
-# Cycles for which nothing moves after an offset was lost.
-LOST_FOR = 1000
+# For how long nothing moves after an offset was lost.
+LOST_FOR_S = 1.0
 # How far an offset may be off besides what its value moved in the time of the way, and for how long: some counts, and what the
 # planner leaves where it stops (nm or millionths of a degree).
 OFF_BY_COUNTS = 3
 OFF_BY = 10.0
 WAY_S = 0.25
 OFF_FOR_S = 0.5
-# Cycles for which a sender that says nothing hears states.
+# For how long a sender that says nothing hears states.
 LISTENS_FOR_S = 1.0
 SENDERS = 4
 PROBING = 5
@@ -65,18 +66,21 @@ class Configuration:
         twice = set(self.axes) & set(self.reads)
         if twice or len(set(self.reads)) != len(self.reads):
             raise ValueError(f"[VOLCOMP]READS: found {''.join(self.reads)}, expected each axis once, and none of AXES")
-        self.machine = int(self.number("MACHINE"))
-        self.port = int(self.number("PORT", 47001))
+        self.machine = self.whole("MACHINE")
+        self.port = self.whole("PORT", 47001)
+        if not 0 <= self.port <= 65535:
+            raise ValueError(f"[VOLCOMP]PORT: found {self.port}, expected 0 to 65535")
         self.listen = self.text("LISTEN", "127.0.0.1")
         self.joints = int(self.ini.find("KINS", "JOINTS") or len(self.axes))
         self.period_s = float(self.ini.find("EMCMOT", "SERVO_PERIOD") or 1000000) * 1e-9
         folder = os.path.dirname(os.path.abspath(path))
         self.epoch_file = os.path.join(folder, self.text("EPOCH_FILE", "volcomp.epoch"))
         rotary = [letter in "ABC" for letter in self.axes]
-        steps = [self.number("STEP_UDEG", 1) if turns else self.number("STEP_NM", 1) for turns in rotary]
-        self.steps = [int(step) for step in steps]
-        if self.steps != steps or min(self.steps) < 1:
-            raise ValueError("[VOLCOMP]STEP_NM and STEP_UDEG: expected whole numbers, 1 or more")
+        keys = ["STEP_UDEG" if turns else "STEP_NM" for turns in rotary]
+        self.steps = [self.whole(key, 1) for key in keys]
+        for key, step in zip(keys, self.steps):
+            if step < 1:
+                raise ValueError(f"[VOLCOMP]{key}: found {step}, expected 1 or more")
         milli = 1000.0  # nm of a um, millionths of a degree of a millidegree
         limit = [self.number("LIMIT_MDEG") if turns else self.number("LIMIT_UM") for turns in rotary]
         rate = [self.number("RATE_MDEG_PER_S") if turns else self.number("RATE_UM_PER_S") for turns in rotary]
@@ -121,9 +125,18 @@ class Configuration:
         if text is None and default is None:
             raise ValueError(f"[VOLCOMP]{key} is missing")
         try:
-            return float(text) if text is not None else default
+            found = float(text) if text is not None else default
         except ValueError:
-            raise ValueError(f"[VOLCOMP]{key}: found {text!r}, expected a number") from None
+            found = math.nan
+        if not math.isfinite(found):
+            raise ValueError(f"[VOLCOMP]{key}: found {text!r}, expected a number")
+        return found
+
+    def whole(self, key, default=None):
+        found = self.number(key, default)
+        if found != int(found):
+            raise ValueError(f"[VOLCOMP]{key}: found {found}, expected a whole number")
+        return int(found)
 
 
 class KeptEpoch:
@@ -342,7 +355,7 @@ class Bridge:
         tell(f"the control has lost an offset, or taken it into its position: {shown} um or mdeg; "
              "nothing moves for a second, then the correction is ramped in anew")
         self.begin_anew(found)
-        self.lost = LOST_FOR
+        self.lost = round(LOST_FOR_S / self.configuration.period_s)
 
     def begin_anew(self, found):
         """Goes on from what the control is asked for: no frame of before is taken any more."""

@@ -24,8 +24,7 @@ fn connections(text: &str) -> impl Iterator<Item = (usize, &str, &str)> {
     })
 }
 
-/// The signal that the file of the bridge gives to a pin of LinuxCNC that has none; both bridges call them alike where they read
-/// them, but for the mode.
+/// The signal that the file of the bridge gives to a pin of LinuxCNC that has none; both bridges call those alike that they read.
 fn of_bridge(pin: &str, is_servo: bool) -> Option<String> {
     let of_axis = pin
         .strip_prefix("axis.")
@@ -40,8 +39,8 @@ fn of_bridge(pin: &str, is_servo: bool) -> Option<String> {
         ("iocontrol.0.user-enable-out", ..) => "user".to_owned(),
         ("motion.eoffset-limited", ..) => "limited".to_owned(),
         ("motion.motion-type", ..) => "type".to_owned(),
-        ("motion.coord-mode", ..) => if is_servo { "coord" } else { "coord-mode" }.to_owned(),
-        ("motion.teleop-mode", ..) => if is_servo { "teleop" } else { "teleop-mode" }.to_owned(),
+        ("motion.coord-mode", ..) => "coord-mode".to_owned(),
+        ("motion.teleop-mode", ..) => "teleop-mode".to_owned(),
         (_, Some((axis, "pos-cmd")), _) => format!("cmd-{axis}"),
         (_, Some((axis, "eoffset")), _) => format!("eoffset-{axis}"),
         (_, Some((axis, "eoffset-request")), _) => format!("request-{axis}"),

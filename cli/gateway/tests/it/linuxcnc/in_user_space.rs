@@ -128,6 +128,21 @@ fn settings_that_do_not_fit_are_refused_by_name() {
         ),
         (
             "LIMIT_UM = 30",
+            "LIMIT_UM = nan",
+            "[VOLCOMP]LIMIT_UM: found 'nan', expected a number",
+        ),
+        (
+            "MACHINE = 1\n",
+            "MACHINE = 1.5\n",
+            "[VOLCOMP]MACHINE: found 1.5, expected a whole number",
+        ),
+        (
+            "LIMIT_UM = 30",
+            "LIMIT_UM = 30\nPORT = 70000",
+            "[VOLCOMP]PORT: found 70000, expected 0 to 65535",
+        ),
+        (
+            "LIMIT_UM = 30",
             "LIMIT_UM = 40",
             "axis X: found a limit of 40000 counts, expected 1 to 32767",
         ),
