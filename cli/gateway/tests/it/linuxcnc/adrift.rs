@@ -4,24 +4,26 @@ use std::time::Duration;
 
 use super::{
     gateway, no_jump, offsets,
-    peer::{Bridge, LinuxCnc, with_both},
+    peer::{Bridge, LinuxCnc, alone, can_build},
     wait_corrected, wait_zero,
 };
 use crate::online::{check, said};
-
-with_both!(adrift: joint_mode_and_a_planner_that_does_not_move, settings_that_do_not_fit_start_nothing);
 
 const PORT: u16 = 47_001;
 const MOST: f64 = 0.005;
 
 /// LinuxCNC moves offsets by its own planner: not in joint mode, where what was asked for would come as a jump later, and not
 /// without its share of velocity.
-fn joint_mode_and_a_planner_that_does_not_move(kind: Bridge) {
-    if kind == Bridge::User {
+#[test]
+fn joint_mode_and_a_planner_that_does_not_move() {
+    if !can_build() {
         return;
     }
+    let Some(_alone) = alone("adrift::joint_mode_and_a_planner_that_does_not_move") else {
+        return;
+    };
     let dir = tempfile::tempdir().expect("writable");
-    let mut control = LinuxCnc::start(dir.path(), kind, |ini| ini);
+    let mut control = LinuxCnc::start(dir.path(), Bridge::Servo, |ini| ini);
     let mut program = gateway(dir.path(), PORT);
     control.do_it("up");
     control.mdi("G21 G90 G0 X50 Y40 Z-20");
@@ -49,7 +51,7 @@ fn joint_mode_and_a_planner_that_does_not_move(kind: Bridge) {
     seen.unwrap_or_else(|state| panic!("nobody sees the mode: {state}"));
     let (text, _, _) = said(&check(&config, &["--online"]));
     assert!(
-        text.contains("on, homed, offset lost, or of a mode"),
+        text.contains("on, homed, an offset is lost, not reached, or does not move in this mode"),
         "{text}"
     );
     program.running.kill();
@@ -67,7 +69,7 @@ fn joint_mode_and_a_planner_that_does_not_move(kind: Bridge) {
     drop(control);
 
     let dir = tempfile::tempdir().expect("writable");
-    let mut control = LinuxCnc::start(dir.path(), kind, |ini| {
+    let mut control = LinuxCnc::start(dir.path(), Bridge::Servo, |ini| {
         // HAL files that are read twice do not matter.
         let ini = ini.replace("[HAL]\n", "[HAL]\nTWOPASS = ON\n");
         ini.replace("OFFSET_AV_RATIO = 0.02\n", "")
@@ -81,10 +83,14 @@ fn joint_mode_and_a_planner_that_does_not_move(kind: Bridge) {
 }
 
 /// Each is named in the log of LinuxCNC, which does not start.
-fn settings_that_do_not_fit_start_nothing(kind: Bridge) {
-    if kind == Bridge::User {
+#[test]
+fn settings_that_do_not_fit_start_nothing() {
+    if !can_build() {
         return;
     }
+    let Some(_alone) = alone("adrift::settings_that_do_not_fit_start_nothing") else {
+        return;
+    };
     // The component that was built lies in the folder of a start, and is that of the next one, too.
     let mut folders = Vec::new();
     for (from, to, says) in [
@@ -116,7 +122,7 @@ fn settings_that_do_not_fit_start_nothing(kind: Bridge) {
     ] {
         let dir = tempfile::tempdir().expect("writable");
         let started = std::panic::catch_unwind(|| {
-            LinuxCnc::start(dir.path(), kind, |ini| {
+            LinuxCnc::start(dir.path(), Bridge::Servo, |ini| {
                 assert!(ini.contains(from), "{from}");
                 ini.replace(from, to)
             })
