@@ -122,7 +122,7 @@ fn words_of(state: &State) -> String {
         either(Flags::PROBING, "probing", ""),
         either(
             Flags::LOST,
-            "offset lost, or of a mode in which none moves",
+            "an offset is lost, not reached, or does not move in this mode",
             "",
         ),
     ];
