@@ -1,5 +1,5 @@
 //! From a state that came to the frame that answers it, against a bare echo of as many bytes in the same run: each in turn, for
-//! thousands of datagrams, in one process. `cargo bench -p volcomp-linuxcnc -- 20000`.
+//! thousands of datagrams, in one process. `cargo bench -p volcomp-linuxcnc --bench reply -- 20000`.
 #![allow(missing_docs, reason = "a program")]
 
 use std::{
@@ -17,16 +17,9 @@ use volcomp_vocabulary::{AxisName, PerChannel};
 const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
 const EVERY: Duration = Duration::from_millis(1);
 
-fn main() {
+fn main() -> Result<(), Box<dyn std::error::Error>> {
     let wanted = std::env::args().find_map(|text| text.parse().ok());
     let rounds: usize = wanted.unwrap_or(5000);
-    match run(rounds) {
-        Ok(()) => {}
-        Err(error) => eprintln!("{error}"),
-    }
-}
-
-fn run(rounds: usize) -> Result<(), Box<dyn std::error::Error>> {
     let settings = Settings {
         axes: Layout::of(AXES)?,
         machine: 1,
