@@ -8,7 +8,7 @@ use crate::{
 };
 
 /// The first bytes: `VCLF`.
-const MAGIC: &[u8; 4] = b"VCLF";
+const MAGIC: [u8; 4] = *b"VCLF";
 /// The bytes before the words.
 const HEAD: usize = 16;
 
@@ -83,7 +83,7 @@ impl Command {
         };
         let count = u16::try_from(words.len()).unwrap_or(0);
         let mut writer = Writer::new(bytes);
-        writer.put(MAGIC);
+        writer.put(&MAGIC);
         writer.put(&[VERSION, 0]);
         writer.put(&self.machine.to_le_bytes());
         writer.put(&self.sequence.to_le_bytes());

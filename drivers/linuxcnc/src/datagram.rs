@@ -72,12 +72,8 @@ pub enum Broken {
 
 /// The datagram without its checksum, where it begins with these four bytes, is of our version and whole, and has at least its
 /// head.
-pub(crate) fn opened<'a>(
-    bytes: &'a [u8],
-    magic: &[u8; 4],
-    head: usize,
-) -> Result<&'a [u8], Broken> {
-    if !bytes.starts_with(magic) {
+pub(crate) fn opened<'a>(bytes: &'a [u8], magic: [u8; 4], head: usize) -> Result<&'a [u8], Broken> {
+    if !bytes.starts_with(&magic) {
         return Err(Broken::Magic);
     }
     if let Some(&found) = bytes.get(4).filter(|version| **version != VERSION) {

@@ -11,7 +11,7 @@ use crate::{
 };
 
 /// The first bytes: `VCLS`.
-const MAGIC: &[u8; 4] = b"VCLS";
+const MAGIC: [u8; 4] = *b"VCLS";
 /// The bytes before the axes.
 const HEAD: usize = 36;
 /// The bytes of each axis.
@@ -171,7 +171,7 @@ impl State {
         let count = u8::try_from(self.axes().count()).unwrap_or(0);
         let length = u16::try_from(words.len()).unwrap_or(0);
         let mut writer = Writer::new(bytes);
-        writer.put(MAGIC);
+        writer.put(&MAGIC);
         writer.put(&[VERSION, count]);
         writer.put(&self.machine.to_le_bytes());
         writer.put(&self.run.to_le_bytes());
