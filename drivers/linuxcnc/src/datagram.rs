@@ -72,7 +72,7 @@ pub enum Broken {
 
 /// The datagram without its checksum, where it begins with these four bytes, is of our version and whole, and has at least its
 /// head.
-pub(crate) fn opened<'a>(bytes: &'a [u8], magic: [u8; 4], head: usize) -> Result<&'a [u8], Broken> {
+pub(crate) fn opened(bytes: &[u8], magic: [u8; 4], head: usize) -> Result<&[u8], Broken> {
     if !bytes.starts_with(&magic) {
         return Err(Broken::Magic);
     }
