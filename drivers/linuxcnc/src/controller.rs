@@ -45,7 +45,7 @@ pub struct LinuxCncConfig {
     pub remote: bool,
     /// The name of the channel by which corrections get in.
     pub channel: String,
-    /// The number of the machine, as the bridge has it.
+    /// The number of the machine, as the bridge has it; of no account where positions are only read.
     pub machine: u16,
     /// The axes in channel order, as the bridge has them; none where positions are only read.
     pub axes: Vec<AxisName>,
@@ -284,7 +284,8 @@ impl LinuxCncController {
 
     /// Why a state is none of this machine.
     fn misfit_of(&self, state: &State) -> Option<&'static str> {
-        if state.machine != self.machine {
+        // Where positions are only read, the configuration has no number of the machine.
+        if self.description.barrier && state.machine != self.machine {
             return Some("the bridge belongs to a machine of another number");
         }
         let expected = &self.description.axes;

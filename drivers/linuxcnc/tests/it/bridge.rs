@@ -100,11 +100,14 @@ impl Bridge {
                 let mut frame = None;
                 if let Ok((length, from)) = socket.recv_from(&mut bytes)
                     && let Ok(command) = Command::decode(&bytes[..length])
-                    && command.machine == MACHINE
                 {
-                    peer = Some(from);
-                    if let Content::Frame(words) = command.content {
-                        frame = Some(words);
+                    // States are told to everybody, and frames of another machine are not taken.
+                    match command.content {
+                        Content::Listen => peer = Some(from),
+                        Content::Frame(words) if command.machine == MACHINE => {
+                            (peer, frame) = (Some(from), Some(words));
+                        }
+                        Content::Frame(_) => {}
                     }
                 }
                 let mailbox = frame.as_ref().map(Words::as_slice);
