@@ -1,12 +1,11 @@
 //! A first calibration file from a folder of measurement files: what their headers, endings and names say is proposed, the
 //! rest is asked.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use volcomp_metrology::{
-    Content, FileFormat, Measurement, Metadata, MotionKind, Quantity, axis_named, oddities,
-    read_content,
+    Content, FileFormat, Measurement, Metadata, MotionKind, Quantity, SeenReadings, axis_named,
+    oddities, read_content,
 };
 use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisName, Component, ErrorName};
@@ -93,7 +92,7 @@ pub fn draft(
     let (mut proposed, mut left_over, mut notes) = (Vec::new(), Vec::new(), Vec::new());
     let mut conflicts = Vec::new();
     let mut used: Vec<(String, Metadata)> = Vec::new();
-    let mut seen: BTreeMap<Vec<[u64; 4]>, String> = BTreeMap::new();
+    let mut seen = SeenReadings::default();
     for path in paths {
         let name = named(&path);
         match read_content(&path, None) {
@@ -114,7 +113,7 @@ pub fn draft(
                 proposed.push(of_log(name, &path, machine, &names));
             }
             Ok(Content::Measurement(measurement)) => {
-                if let Some(other) = same_readings(&measurement, &name, &mut seen) {
+                if let Some(other) = seen.before(&measurement, name.clone()) {
                     conflicts.push(format!(
                         "{name} has the same readings as {other}: is it one test under two names?"
                     ));
@@ -234,35 +233,6 @@ fn list(folder: &Path, depth: usize, paths: &mut Vec<PathBuf>) -> std::io::Resul
         }
     }
     Ok(())
-}
-
-/// The file before with the same readings, sign apart; few or equal numbers say nothing.
-fn same_readings(
-    measurement: &Measurement,
-    name: &str,
-    seen: &mut BTreeMap<Vec<[u64; 4]>, String>,
-) -> Option<String> {
-    let readings = measurement.readings.iter();
-    let sized: Vec<[u64; 4]> = readings
-        .map(|r| {
-            let way = u64::from(r.direction == volcomp_metrology::Direction::Positive);
-            [
-                r.target.to_bits(),
-                u64::from(r.run),
-                way,
-                r.deviation.abs().to_bits(),
-            ]
-        })
-        .collect();
-    let differing: std::collections::BTreeSet<u64> = sized.iter().map(|of| of[3]).collect();
-    if differing.len() < 3 {
-        return None;
-    }
-    if let Some(other) = seen.get(&sized) {
-        return Some(other.clone());
-    }
-    seen.insert(sized, name.to_owned());
-    None
 }
 
 /// A log of which nobody said which channel is what.

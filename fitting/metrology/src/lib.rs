@@ -30,6 +30,7 @@ mod positioning_uncertainty;
 mod read;
 mod reading_unit;
 mod renishaw;
+mod seen_readings;
 mod squareness;
 mod squareness_uncertainty;
 mod standard_quantity;
@@ -73,6 +74,7 @@ pub use positioning_uncertainty::{
 pub use read::{Content, READ_EXTENSIONS, read_content, read_file, read_file_with};
 pub use reading_unit::ReadingUnit;
 pub use renishaw::{Capture, RenishawKind, parse_ren, parse_renishaw, parse_rtx, write_renishaw};
+pub use seen_readings::SeenReadings;
 pub use squareness::{squareness, squareness_parts};
 pub use squareness_uncertainty::{SquarenessInputs, SquarenessUncertainty, squareness_uncertainty};
 pub use standard_quantity::StandardQuantity;

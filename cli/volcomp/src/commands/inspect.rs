@@ -1,9 +1,11 @@
 //! `volcomp inspect`: what measurement files hold.
 
-use std::{collections::BTreeMap, fmt::Write, path::PathBuf};
+use std::{fmt::Write, path::PathBuf};
 
 use serde_json::{Map, Value};
-use volcomp_metrology::{Content, Measurement, MetrologyError, axis_kind, read_content};
+use volcomp_metrology::{
+    Content, Measurement, MetrologyError, SeenReadings, axis_kind, read_content,
+};
 use volcomp_vocabulary::AxisKind;
 
 use super::{Answer, several::some_refused};
@@ -61,7 +63,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
 /// What the files before said.
 #[derive(Default)]
 struct Others {
-    readings: BTreeMap<Vec<[u64; 2]>, String>,
+    readings: SeenReadings<String>,
     serial: Option<(String, String)>,
 }
 
@@ -69,18 +71,10 @@ impl Others {
     /// Warnings about a file that only the others show.
     fn compare(&mut self, file: &str, measurement: &Measurement) -> Vec<String> {
         let mut warnings = Vec::new();
-        let key: Vec<[u64; 2]> = measurement
-            .readings
-            .iter()
-            .map(|reading| [reading.target.to_bits(), reading.deviation.abs().to_bits()])
-            .collect();
-        match self.readings.get(&key) {
-            Some(other) => warnings.push(format!(
+        if let Some(other) = self.readings.before(measurement, file.to_owned()) {
+            warnings.push(format!(
                 "it has the same readings as {other}: is it one test under two names?"
-            )),
-            None => {
-                self.readings.insert(key, file.to_owned());
-            }
+            ));
         }
         if let Some(serial) = &measurement.metadata.serial {
             match &self.serial {
