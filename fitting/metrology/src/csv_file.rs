@@ -6,6 +6,7 @@ use std::fmt::Write as _;
 use volcomp_document::{Column, CsvRow, CsvTable, quoted, unit_named};
 use volcomp_vocabulary::{AxisKind, AxisName};
 
+use crate::counted::counted;
 use crate::csv_head::{is_target_unit, unit_of};
 use crate::encoding::{decode, first_line, refuse_empty, wrong_kind};
 use crate::number::{Place, decimals};
@@ -277,10 +278,6 @@ fn direction_of(place: Place<'_>, text: &str) -> Result<Direction, MetrologyErro
             "`+` or `-`",
         ))),
     }
-}
-
-fn counted(n: usize, noun: &str) -> String {
-    format!("{n} {noun}{}", if n == 1 { "" } else { "s" })
 }
 
 pub(crate) fn incomplete_runs(readings: &[Reading]) -> Vec<String> {

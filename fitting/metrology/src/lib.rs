@@ -6,6 +6,7 @@ mod api_pos_write;
 mod asme_b5_54;
 mod camonitor;
 pub mod circular;
+mod counted;
 mod csv_file;
 mod csv_head;
 mod dwell;

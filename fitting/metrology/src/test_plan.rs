@@ -2,7 +2,7 @@
 
 use volcomp_vocabulary::{AxisKind, AxisName, Direction};
 
-use crate::{Edition, Measurement, axis_named};
+use crate::{Edition, Measurement, axis_named, counted::counted};
 
 /// The smallest test that the standard accepts for an axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -122,8 +122,4 @@ pub fn shortfalls(measurement: &Measurement, kind: AxisKind, edition: Edition) -
         ));
     }
     said
-}
-
-fn counted(n: usize, noun: &str) -> String {
-    format!("{n} {noun}{}", if n == 1 { "" } else { "s" })
 }

@@ -37,12 +37,12 @@ fn directions(targets: &[f64]) -> Vec<(Direction, bool)> {
     let mut found: Vec<(Direction, bool)> = (0..=moved)
         .map(|index| match (moved - index) % 2 {
             0 => (first, false),
-            _ => (opposite(first), false),
+            _ => (-first, false),
         })
         .collect();
     for index in moved + 1..targets.len() {
         let direction = if targets[index] == targets[index - 1] {
-            opposite(found[index - 1].0)
+            -found[index - 1].0
         } else {
             toward(targets[index - 1], targets[index])
         };
@@ -60,13 +60,6 @@ fn directions(targets: &[f64]) -> Vec<(Direction, bool)> {
         }
     }
     found
-}
-
-fn opposite(direction: Direction) -> Direction {
-    match direction {
-        Direction::Positive => Direction::Negative,
-        Direction::Negative => Direction::Positive,
-    }
 }
 
 #[cfg(test)]
