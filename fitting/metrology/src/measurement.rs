@@ -212,13 +212,8 @@ impl Measurement {
         mean(&self.deviations_at(target, direction))
     }
 
-    /// Mean at one target over what was run: x̄_i of ISO 230-2 with both directions, else the one there is.
-    pub fn mean_of_directions_at(&self, target: f64) -> Option<f64> {
-        let means = Direction::BOTH.map(|direction| self.mean_at(target, direction));
-        mean(&means.into_iter().flatten().collect::<Vec<_>>())
-    }
-
-    /// Targets and their means over what was run, ascending: each target counts once, however often it was measured.
+    /// Targets and their means over what was run, ascending: x̄_i of ISO 230-2 with both directions, else the mean of the one there is. Each
+    /// target counts once, however often it was measured.
     pub fn mean_curve(&self) -> Vec<(f64, f64)> {
         let at = |readings: &TargetReadings| {
             let means = Direction::BOTH.map(|direction| mean(&readings.deviations(direction)));

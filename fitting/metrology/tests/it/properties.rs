@@ -240,7 +240,7 @@ proptest! {
     fn odd_measurements_built_in_code_do_not_panic(readings in odd_readings(), at in any::<f64>()) {
         let m = Measurement { readings, ..Measurement::default() };
         let _ = (evaluate(&m), outlier_hints(&m), write_csv(&m), write_renishaw(&m));
-        let _ = (m.targets(), m.mean_curve(), m.mean_of_directions_at(at));
+        let _ = (m.targets(), m.mean_curve(), m.mean_at(at, Direction::Positive));
         let points = m.mean_curve_in(Direction::Positive);
         let line = ReferenceLine::least_squares(&points).or_else(|_| ReferenceLine::end_points(&points));
         let _ = line.map(|line| line.removed_from(&points));
