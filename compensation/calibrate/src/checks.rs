@@ -3,9 +3,11 @@
 
 use volcomp_document::{InputError, Value};
 use volcomp_kinematics::MotionFrame;
-use volcomp_metrology::{Measurement, Metadata, MotionKind, ODD_ABOVE, ReferenceLine, SMALL_BELOW};
+use volcomp_metrology::{
+    Measurement, Metadata, MotionKind, ODD_ABOVE, ReferenceLine, SMALL_BELOW, axis_named,
+};
 use volcomp_model::{Axis, Machine};
-use volcomp_vocabulary::{AxisKind, AxisName, Component, Displacement, ErrorName, Um, Urad};
+use volcomp_vocabulary::{AxisKind, Component, Displacement, ErrorName, Um, Urad};
 
 use crate::{
     calibration_file::{CalibrationFile, Line, SquarenessSource},
@@ -98,8 +100,7 @@ pub(crate) fn refuse(
     machine: &Machine,
 ) -> Result<(), InputError> {
     let error = setup.error;
-    let stated = readings.metadata.axis.as_deref().map(str::trim);
-    let stated = stated.and_then(|text| text.to_uppercase().parse::<AxisName>().ok());
+    let stated = readings.metadata.axis.as_deref().and_then(axis_named);
     if let Some(other) = stated.filter(|axis| *axis != error.axis && machine.axis(*axis).is_some())
     {
         return Err(file.error(format!(

@@ -344,11 +344,19 @@ fn a_file_that_does_not_fit_its_line_is_refused_or_told() {
     };
     write("good.rtl", &laser("X", "Gantry", 100.0, 1.0));
     write("other-axis.rtl", &laser("Y", "Gantry", 100.0, 1.0));
+    write(
+        "other-axis-in-words.rtl",
+        &laser("y-axis", "Gantry", 100.0, 1.0),
+    );
     write("far.csv", "target,deviation\n5000,1\n6000,2\n7000,4\n");
     write("metres.csv", "target,deviation\n0,0\n500,1e6\n1000,2e6\n");
     for (file, expected) in [
         (
             "other-axis.rtl",
+            "states that axis Y was measured, expected X, the axis of EXX",
+        ),
+        (
+            "other-axis-in-words.rtl",
             "states that axis Y was measured, expected X, the axis of EXX",
         ),
         (
