@@ -2,9 +2,9 @@
 
 use volcomp_curve::Field;
 use volcomp_model::{Machine, Thermal};
-use volcomp_vocabulary::{AxisKind, AxisName, Component};
+use volcomp_vocabulary::AxisKind;
 
-use super::ExchangeError;
+use super::{ExchangeError, curves::own_component};
 
 /// A kind of error whose share of the loss is told alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -98,13 +98,4 @@ pub(crate) fn alone(
         }
     }
     Ok((!is_empty).then_some(found))
-}
-
-/// The component along the direction that the letter of a linear axis stands for.
-fn own_component(axis: AxisName) -> Component {
-    match axis.mcs_index() {
-        0 => Component::EX,
-        1 => Component::EY,
-        _ => Component::EZ,
-    }
 }

@@ -17,17 +17,21 @@ pub struct Curves {
     pub locations: Vec<(ErrorName, f64)>,
 }
 
-/// The error motion that a table is: its own axis is positioning, another one straightness, by the directions that the letters stand for.
-fn name_of(table: &AxisTable) -> ErrorName {
-    let component = match (table.output.is_rotary(), table.output.mcs_index()) {
+/// The component along a linear axis or about a rotary one, by the direction that its letter stands for.
+pub(crate) fn own_component(axis: AxisName) -> Component {
+    match (axis.is_rotary(), axis.mcs_index()) {
         (false, 0) => Component::EX,
         (false, 1) => Component::EY,
         (false, _) => Component::EZ,
         (true, 0) => Component::EA,
         (true, 1) => Component::EB,
         (true, _) => Component::EC,
-    };
-    ErrorName::motion(component, table.input)
+    }
+}
+
+/// The error motion that a table is: its own axis is positioning, another one straightness.
+fn name_of(table: &AxisTable) -> ErrorName {
+    ErrorName::motion(own_component(table.output), table.input)
 }
 
 /// Tables as curves of a machine file.
