@@ -206,9 +206,8 @@ impl Source {
 
 /// The name that a machine file gives; `None` where it gives none.
 fn name_of(machine: &Machine) -> Option<String> {
-    let text = machine.to_toml().parse::<toml::Table>().ok()?;
-    let name = text.get("name")?.as_str()?;
-    (!name.is_empty()).then(|| name.to_owned())
+    let name = &machine.name;
+    (!name.is_empty()).then(|| name.clone())
 }
 
 /// Diagonals and map, before and after where two states are known.
