@@ -11,6 +11,20 @@ pub(crate) fn bar(count: usize, what: &str) -> ProgressBar {
     styled(bar, &template)
 }
 
+/// Does work that tells how many steps are done of how many, with a bar over these.
+pub(crate) fn with_bar<T, E>(
+    what: &str,
+    work: impl FnOnce(&mut dyn FnMut(usize, usize)) -> Result<T, E>,
+) -> Result<T, E> {
+    let bar = bar(0, what);
+    let done = work(&mut |done, of| {
+        bar.set_length(of as u64);
+        bar.set_position(done as u64);
+    });
+    bar.finish_and_clear();
+    done
+}
+
 /// A bar over so many bytes.
 pub(crate) fn byte_bar(bytes: u64) -> ProgressBar {
     let bar = ProgressBar::new(bytes);

@@ -67,7 +67,7 @@ pub use observations::{
     Kind, NumberKind, Observation, Observations, Quantity, Row, SecondAxis, Seen, SetUp, Stand,
     Unknown,
 };
-pub use parameters::Parameter;
+pub use parameters::{Parameter, unit_symbol};
 pub use read::ReadFile;
 pub use response::{Response, Wanted};
 pub use timeline::Approach;

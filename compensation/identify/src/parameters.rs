@@ -1,7 +1,7 @@
 //! What was found of each unknown, in its unit, and the covariance of all.
 
 use volcomp_kinematics::nalgebra::{DMatrix, Vector3};
-use volcomp_vocabulary::ErrorName;
+use volcomp_vocabulary::{ErrorName, Um, Urad};
 
 use crate::{
     identify::Fitted,
@@ -27,6 +27,16 @@ pub struct Parameter {
     pub determined: bool,
     /// The unknowns left at zero with which it is mixed up: its value holds if these are zero.
     pub given_zero: Vec<String>,
+}
+
+/// The unit of a key as people read it: `µm/m` of `um_per_m`.
+pub fn unit_symbol(unit: &str) -> &str {
+    match unit {
+        "um" => Um::SYMBOL,
+        "urad" => Urad::SYMBOL,
+        "um_per_m" => "µm/m",
+        other => other,
+    }
 }
 
 /// The derivatives of the parameters as they are told by those of the search: diagonal but for frames, whose search

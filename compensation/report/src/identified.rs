@@ -1,6 +1,6 @@
 //! What was found from observations of the whole machine.
 
-use volcomp_identify::{Identification, Observations};
+use volcomp_identify::{Identification, Observations, unit_symbol};
 
 use crate::report::{Identified, Parameter, SourceFile};
 
@@ -10,7 +10,7 @@ pub(crate) fn identified(found: &Identification) -> Identified {
         name: parameter.name.clone(),
         value: parameter.value,
         uncertainty: parameter.uncertainty,
-        unit: symbol(parameter.unit).to_owned(),
+        unit: unit_symbol(parameter.unit).to_owned(),
         given_zero: parameter.given_zero.clone(),
     });
     let figures = |of: volcomp_identify::Figures| (of.rms_um, of.max_um, of.rows);
@@ -47,13 +47,4 @@ pub(crate) fn files(observations: &Observations) -> impl Iterator<Item = SourceF
         runs: None,
         date: None,
     })
-}
-
-fn symbol(unit: &str) -> &str {
-    match unit {
-        "um" => "µm",
-        "urad" => "µrad",
-        "um_per_m" => "µm/m",
-        other => other,
-    }
 }

@@ -5,8 +5,9 @@ use std::path::PathBuf;
 
 use volcomp_calibrate::{Calibration, CalibrationFile, calibrate};
 use volcomp_document::quoted;
+use volcomp_identify::unit_symbol;
 use volcomp_model::{Provenance, is_date};
-use volcomp_vocabulary::{Um, Urad};
+use volcomp_vocabulary::Urad;
 
 use super::{
     Answer,
@@ -88,13 +89,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
 
 /// Calibrates with a progress bar.
 pub(super) fn fit(file: &CalibrationFile) -> Result<Calibration, Failure> {
-    let bar = progress::bar(0, "errors fitted");
-    let calibration = calibrate(file, |done, of| {
-        bar.set_length(of as u64);
-        bar.set_position(done as u64);
-    })?;
-    bar.finish_and_clear();
-    Ok(calibration)
+    let work = |told: &mut dyn FnMut(usize, usize)| calibrate(file, told);
+    Ok(progress::with_bar("errors fitted", work)?)
 }
 
 fn text(document: &Document) -> String {
@@ -120,7 +116,7 @@ fn text(document: &Document) -> String {
             fixed(residual.max, 2),
             fixed(residual.rms, 2),
             fixed(leave_one_out, 2),
-            symbol(curve.unit).to_owned(),
+            unit_symbol(curve.unit).to_owned(),
         ]);
     }
     let mut text = table_text(&fitted);
@@ -139,7 +135,7 @@ fn text(document: &Document) -> String {
                 error.clone(),
                 fixed(location.value, 2),
                 fixed(location.uncertainty, 2),
-                symbol(location.unit).to_owned(),
+                unit_symbol(location.unit).to_owned(),
             ]);
         }
         text.push('\n');
@@ -168,13 +164,4 @@ fn text(document: &Document) -> String {
 fn counted(count: usize, what: &str) -> String {
     let s = if count == 1 { "" } else { "s" };
     format!("{count} {what}{s}")
-}
-
-/// The unit of a key as people read it.
-fn symbol(unit: &str) -> &'static str {
-    if unit == "urad" {
-        Urad::SYMBOL
-    } else {
-        Um::SYMBOL
-    }
 }

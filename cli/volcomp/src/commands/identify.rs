@@ -3,8 +3,7 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use volcomp_identify::{Identification, Kind, Observations, identify};
-use volcomp_vocabulary::{Um, Urad};
+use volcomp_identify::{Identification, Kind, Observations, identify, unit_symbol};
 
 use super::{Answer, fixed, refuse_overwriting, table, table_text};
 use crate::{
@@ -39,13 +38,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
 
 /// Identifies with a progress bar.
 pub(super) fn find(observations: &Observations) -> Result<Identification, Failure> {
-    let bar = progress::bar(0, "fits");
-    let found = identify(observations, |done, of| {
-        bar.set_length(of as u64);
-        bar.set_position(done as u64);
-    })?;
-    bar.finish_and_clear();
-    Ok(found)
+    let work = |told: &mut dyn FnMut(usize, usize)| identify(observations, told);
+    Ok(progress::with_bar("fits", work)?)
 }
 
 fn text(document: &Document, output: &Path) -> String {
@@ -123,7 +117,7 @@ pub(super) fn found_text(document: &Found) -> String {
                 Some(uncertainty) => shown(parameter, uncertainty),
                 None => "not found".to_owned(),
             },
-            format!("{}{mark}", symbol(parameter.unit)),
+            format!("{}{mark}", unit_symbol(parameter.unit)),
         ]);
     }
     let mut text = table_text(&found);
@@ -197,16 +191,6 @@ fn shown(parameter: &Parameter, number: f64) -> String {
         _ => 2,
     };
     fixed(number, digits)
-}
-
-/// The unit of a key as people read it.
-fn symbol(unit: &str) -> &str {
-    match unit {
-        "um" => Um::SYMBOL,
-        "urad" => Urad::SYMBOL,
-        "um_per_m" => "µm/m",
-        other => other,
-    }
 }
 
 #[cfg(test)]
