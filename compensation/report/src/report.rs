@@ -99,7 +99,7 @@ pub struct Check {
     pub symbol: String,
     /// What it is of: an error and its file.
     pub of: String,
-    /// The figure.
+    /// The value of the figure; `None` where the measurements do not give it.
     pub value: Option<f64>,
     /// The most that is allowed.
     pub limit: f64,

@@ -6,10 +6,13 @@ use volcomp_vocabulary::AxisName;
 
 use crate::report::{Size, Slice, State, Uncertainty, Vector, Volume};
 
-/// Nodes along an axis for the sizes, the slices, the vectors and the uncertainty.
+/// Nodes along an axis over which the largest error and the root of the mean square are taken.
 const SIZES: usize = 9;
+/// Nodes along an axis of a plane that is drawn.
 const CELLS: usize = 25;
+/// Error vectors along an axis.
 const VECTORS: usize = 5;
+/// Nodes along an axis at which the uncertainty is evaluated, once for each machine that is drawn.
 const UNCERTAIN: usize = 5;
 
 /// What gives the error at a pose: position (mm) and rotation (rad) in workpiece axes.

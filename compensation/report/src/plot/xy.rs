@@ -126,7 +126,7 @@ pub struct XyPlot {
     pub width: f64,
     /// The height of the area with the curves.
     pub height: f64,
-    /// The points.
+    /// What is drawn: each a row of points.
     pub series: Vec<Series>,
     /// The areas behind them.
     pub bands: Vec<Band>,

@@ -36,7 +36,7 @@ pub struct AxisLoss {
 /// What is left of one category.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CategoryLoss {
-    /// Which.
+    /// The kind of error.
     pub category: Category,
     /// For each corrected axis.
     pub axes: Vec<AxisLoss>,
