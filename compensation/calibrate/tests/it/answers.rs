@@ -185,3 +185,68 @@ fn a_unit_of_angle_asks_for_the_bridge() {
     let none = found.answered(&[answer(of, "unit", "inch")]);
     assert!(none.expect_err("no unit").to_string().contains("one of mm"));
 }
+
+/// Keys that are open.
+fn open_keys(draft: &Draft) -> Vec<String> {
+    draft.questions.iter().map(|of| of.key.clone()).collect()
+}
+
+/// The draft of a folder with these files and the machine of the example.
+fn drafted_of(files: &[(&str, &str)]) -> (tempfile::TempDir, Draft) {
+    let dir = tempfile::tempdir().expect("writable");
+    let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/calibration");
+    std::fs::copy(
+        examples.join("machine.toml"),
+        dir.path().join("machine.toml"),
+    )
+    .expect("there");
+    for (name, text) in files {
+        std::fs::write(dir.path().join(name), text).expect("writable");
+    }
+    let machine = Machine::read(dir.path().join("machine.toml")).expect("right");
+    let base: PathBuf = dir.path().to_owned();
+    let named = |path: &Path| {
+        path.strip_prefix(&base)
+            .expect("in it")
+            .display()
+            .to_string()
+    };
+    let found = draft(dir.path(), &machine, "machine.toml", named).expect("readable");
+    (dir, found)
+}
+
+const ARCH: &str = "target_mm,run,direction,deviation_um\n0,1,+,0\n150,1,+,6\n300,1,+,8\n450,1,+,6\n600,1,+,0\n";
+
+/// Whether the table or the tool moved is asked of every error but positioning, wherever its name comes from.
+#[test]
+fn an_error_that_is_answered_asks_for_its_sign() {
+    let (_dir, named) = drafted_of(&[("ezx.csv", ARCH)]);
+    assert!(open_keys(&named).contains(&"sign".to_owned()));
+    let (_dir, found) = drafted_of(&[("scan-1.csv", ARCH)]);
+    for error in ["EZX", "EYX", "EBX"] {
+        let done = found
+            .answered(&[answer(Subject::Measurement(0), "error", error)])
+            .expect("right");
+        assert!(
+            open_keys(&done).contains(&"sign".to_owned()),
+            "{error}: {:?}",
+            open_keys(&done)
+        );
+    }
+}
+
+/// A log may hold the motion of the table as well.
+#[test]
+fn a_log_of_a_straightness_asks_for_its_sign() {
+    let log = "M:X 2026-01-01 00:00:00.000000 0.0\nD:P 2026-01-01 00:00:00.500000 0.0\nM:X 2026-01-01 00:00:05.000000 150.0\nD:P 2026-01-01 00:00:05.500000 0.001\n";
+    let (_dir, found) = drafted_of(&[("ezx.log", log)]);
+    assert_eq!(
+        found.proposed[0].error.map(|e| e.to_string()).as_deref(),
+        Some("EZX")
+    );
+    assert!(
+        open_keys(&found).contains(&"sign".to_owned()),
+        "{:?}",
+        open_keys(&found)
+    );
+}
