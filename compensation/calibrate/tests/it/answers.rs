@@ -250,3 +250,28 @@ fn a_log_of_a_straightness_asks_for_its_sign() {
         open_keys(&found)
     );
 }
+
+/// Two tests of one error at one place, before and after a compensation: one has to be chosen, never the mean of both.
+#[test]
+fn two_files_that_are_answered_to_one_place_are_a_conflict() {
+    let after = "target_mm,run,direction,deviation_um\n0,1,+,0\n150,1,+,0.6\n300,1,+,0.8\n450,1,+,0.6\n600,1,+,0.1\n";
+    let (_dir, found) = drafted_of(&[("scan-before.csv", ARCH), ("scan-after.csv", after)]);
+    let mut answers = Vec::new();
+    for place in [0, 1] {
+        for (key, value) in [
+            ("error", "EXX"),
+            ("at.Y", "0"),
+            ("at.Z", "0"),
+            ("point", "0, 0, 0"),
+            ("rides", "carriage"),
+        ] {
+            answers.push(answer(Subject::Measurement(place), key, value));
+        }
+    }
+    let done = found.answered(&answers).expect("right");
+    assert!(
+        !done.questions.is_empty() || !done.conflicts.is_empty(),
+        "{}",
+        done.text
+    );
+}
