@@ -275,3 +275,16 @@ fn two_files_that_are_answered_to_one_place_are_a_conflict() {
         done.text
     );
 }
+
+/// What a draft asks can be answered together with the error, as the page shows all questions at once.
+#[test]
+fn what_is_asked_with_the_error_can_be_answered_with_it() {
+    let (_dir, found) = drafted_of(&[("scan-1.csv", ARCH)]);
+    let asked = open_keys(&found);
+    for (error, key, value) in [("EXX", "at.X", "0"), ("EBX", "point", "0, 0, 0")] {
+        assert!(asked.contains(&key.to_owned()), "{asked:?}");
+        let of = Subject::Measurement(0);
+        let done = found.answered(&[answer(of.clone(), "error", error), answer(of, key, value)]);
+        assert!(done.is_ok(), "{error} {key}: {}", done.expect_err("told"));
+    }
+}
