@@ -61,6 +61,33 @@ fn larger(largest_um: &mut [f64; 2], found_um: &[[f64; 2]]) {
     }
 }
 
+/// Along each axis the places at which its curves have to be looked at, the others at their ends and in their middles or where
+/// they are held: an error that repeats may have its zeros at all nodes of a grid.
+fn between_nodes(machine: &Machine, held: &[(AxisName, f64)]) -> Result<Vec<State>, ModelError> {
+    let mut states = Vec::new();
+    for (axis, places) in machine.axes().iter().zip(machine.places()) {
+        if held.iter().any(|(name, _)| *name == axis.name) {
+            continue;
+        }
+        for share in [0.0, 0.5, 1.0] {
+            for place in &places {
+                let at = machine.axes().iter().map(|of| {
+                    let [low, high] = of.travel;
+                    let held = held.iter().find(|(name, _)| *name == of.name);
+                    let at = match held {
+                        Some((_, at)) => *at,
+                        None if of.name == axis.name => *place,
+                        None => low + share * (high - low),
+                    };
+                    (of.name, at)
+                });
+                states.push(machine.state(&at.collect::<Vec<_>>())?);
+            }
+        }
+    }
+    Ok(states)
+}
+
 /// The map of a model at its reference temperature, rotary axes where they are nearest to zero.
 ///
 /// # Errors
@@ -106,6 +133,11 @@ pub fn error_map(machine: &Machine) -> Result<ErrorMap, ModelError> {
         .map(|index| lengths_um(&space.node(machine, index).1))
         .collect();
     larger(&mut map.largest_um, &whole);
+    let between: Vec<[f64; 2]> = between_nodes(machine, &others)?
+        .iter()
+        .map(lengths_um)
+        .collect();
+    larger(&mut map.largest_um, &between);
     for (across, up) in [(0, 1), (0, 2), (1, 2)] {
         if up >= grid.axes.len() {
             continue;

@@ -16,6 +16,7 @@ mod machine;
 mod machine_file;
 mod map;
 mod odd;
+mod places;
 mod provenance;
 mod rigid;
 mod seen;

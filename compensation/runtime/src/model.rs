@@ -64,8 +64,8 @@ pub struct Model {
     pub travel: Vec<[Displacement; 2]>,
     /// Whether a coordinate of the axis is brought into its travel by whole periods.
     goes_round: Vec<bool>,
-    /// Where something of the model may change abruptly or turn back: the nodes of its curves along each axis, mm and
-    /// rad, rising.
+    /// Where something of the model may change abruptly or turn back: the nodes of its curves along each axis and the
+    /// places between them that they have to be looked at, mm and rad, rising.
     nodes: Vec<Vec<f64>>,
     /// The nodes of its grids over two axes.
     grids: Vec<nodes::GridNodes>,
@@ -125,6 +125,12 @@ impl Model {
     /// The structure code, such as `w X' b Y Z t`.
     pub fn structure(&self) -> String {
         self.compiled.chain().structure().to_string()
+    }
+
+    /// The places along the axis at a place in machine order at which its curves have to be looked at
+    /// ([`Machine::places`]), mm or rad, rising.
+    pub fn places(&self, index: usize) -> &[f64] {
+        self.nodes.get(index).map_or(&[], Vec::as_slice)
     }
 
     /// The place of an axis in machine order.

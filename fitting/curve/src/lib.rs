@@ -12,6 +12,7 @@ mod fourier;
 mod grid;
 mod lag;
 mod mls;
+mod places;
 mod polynomial;
 #[cfg(feature = "serde")]
 mod serialised;

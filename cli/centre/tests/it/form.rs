@@ -41,6 +41,26 @@ fn typed(error: &str, value: CurveForm) -> ErrorForm {
     }
 }
 
+/// 5 µm at one target between the nodes of any grid: before, the largest error of such a model was 0.
+#[test]
+fn the_largest_error_is_seen_between_the_nodes_of_the_map() {
+    let mut form = form();
+    let belly = [
+        [0.0, 0.0],
+        [111.0, 0.0],
+        [112.0, 5.0],
+        [113.0, 0.0],
+        [500.0, 0.0],
+    ];
+    form.errors = vec![typed("EYX", CurveForm::Table(belly.to_vec()))];
+    let built = build(&form).expect("a model");
+    assert!(
+        (built.map.largest_um[0] - 5.0).abs() < 0.01,
+        "{:?}",
+        built.map.largest_um
+    );
+}
+
 #[test]
 fn a_squareness_takes_the_diagonals_apart_and_the_correction_takes_it_away() {
     let mut form = form();

@@ -7,7 +7,7 @@ use volcomp_vocabulary::{Component, Direction, ErrorName, MAX_AXES};
 
 /// Differences that nobody measures, µm and µrad: what another version of the program rounds differently.
 const NO_MATTER: f64 = 0.05;
-/// Places along each axis at which curves are compared.
+/// Places along each axis at which curves are compared, besides those of the curves.
 const PLACES: u32 = 41;
 /// The most errors that a note names.
 const MOST_NAMED: usize = 6;
@@ -138,9 +138,13 @@ fn of_curves(name: ErrorName, found: &Machine, machine: &Machine) -> f64 {
         }
         coordinates
     };
+    let [low, high] = machine.axes()[own].travel;
+    let even = (0..PLACES).map(|step| f64::from(step) / f64::from(PLACES - 1));
+    let of_curves = [found, machine].map(|of| of.places().swap_remove(own));
+    let of_curves = of_curves.iter().flatten();
+    let of_curves = of_curves.map(|place| (place - low) / (high - low));
     let mut largest = 0.0_f64;
-    for step in 0..PLACES {
-        let of_travel = f64::from(step) / f64::from(PLACES - 1);
+    for of_travel in even.chain(of_curves) {
         for others in [0.0, 0.5, 1.0] {
             let coordinates = at(of_travel, others);
             for branch in [Direction::Positive, Direction::Negative] {

@@ -1,5 +1,6 @@
-//! How far the correction moves when another model takes over: over the corners, the middles and the nodes of the
-//! curves of the work space, from either direction of approach.
+//! How far the correction moves when another model takes over: over the corners, the middles and the places at which
+//! the curves of the work space have to be looked at, from either direction of approach; and from the largest that these
+//! find, axis after axis to where it is larger still.
 
 use volcomp_kinematics::{Correctors, State};
 use volcomp_vocabulary::{Direction, Displacement, Mm, PerAxis, Rad};
@@ -11,8 +12,13 @@ use super::{Model, nodes::GridNodes};
 const STATES: usize = 5000;
 /// The largest number of states at the nodes of curves. With more of them nothing is said, and a person has to look.
 const NODES: usize = 100_000;
-/// Places along each axis that are looked at besides the nodes of curves: a polynomial or a harmonic has none.
+/// Places along each axis that are looked at besides those of curves: the lever of an axis without errors has none.
 const PLACES: usize = 25;
+/// The number of states at which the axes are moved, one after another, to where the largest move is; more where one round takes
+/// more, up to NODES.
+const CLIMB: usize = 40_000;
+/// So many times each axis is moved at the most.
+const ROUNDS: usize = 2;
 /// The nodes of an axis at which the models differ most are looked at with the other axes at their ends, too.
 const BEST: usize = 20;
 
@@ -49,9 +55,26 @@ struct Pair<'a> {
     worst: LargestMove,
     /// States that may still be looked at.
     left: usize,
+    /// For each axis the most that its correction moved forward and backward, mm or rad, and where.
+    most: PerAxis<[(f64, State); 2]>,
 }
 
-impl Pair<'_> {
+impl<'a> Pair<'a> {
+    fn new(
+        models: [&'a Model; 2],
+        correctors: [Correctors; 2],
+        worst: LargestMove,
+        left: usize,
+    ) -> Self {
+        Self {
+            models,
+            correctors,
+            worst,
+            left,
+            most: PerAxis::default(),
+        }
+    }
+
     /// The move at a state, mm and rad; the worst is kept.
     fn look(&mut self, state: &State) -> LargestMove {
         if self.left == 0 {
@@ -62,7 +85,13 @@ impl Pair<'_> {
         let [before, after] = [of(0).delta, of(1).delta];
         let mut worst = [0.0_f64; 2];
         for (index, name) in self.models[0].axes.iter().enumerate() {
-            let moved = (after[index] - before[index]).abs();
+            let moved = after[index] - before[index];
+            for (most, moved) in self.most[index].iter_mut().zip([moved, -moved]) {
+                if moved > most.0 {
+                    *most = (moved, *state);
+                }
+            }
+            let moved = moved.abs();
             let worst = &mut worst[usize::from(name.is_rotary())];
             *worst = worst.max(if moved.is_nan() { f64::INFINITY } else { moved });
         }
@@ -123,12 +152,7 @@ impl Model {
         let left = STATES / sets.len() + space.node_states();
         sets.into_iter()
             .fold(LargestMove::NONE, |worst, correctors| {
-                let mut pair = Pair {
-                    models: [self, other],
-                    correctors,
-                    worst,
-                    left,
-                };
+                let mut pair = Pair::new([self, other], correctors, worst, left);
                 space.look(&mut pair);
                 pair.worst
             })
@@ -141,7 +165,7 @@ struct Space {
     ends: Vec<Vec<f64>>,
     /// The middle of the travel of each axis.
     middle: PerAxis<f64>,
-    /// Nodes of curves, and places at equal distances, of each axis.
+    /// Places of curves, and places at equal distances, of each axis.
     places: Vec<Vec<f64>>,
     /// The nodes of grids over two axes, and places of two rotary axes together: a product of both has its largest value
     /// where both are turned.
@@ -224,9 +248,20 @@ impl Space {
         let whole = pair.left.saturating_sub(self.node_states());
         // A third for the corners, the rest for what the nodes have found.
         self.corners(pair, whole / 3);
+        // Where along each axis, all others in their middles, the correction of each axis moves most.
+        let mut along = Vec::new();
         for (axis, places) in self.places.iter().enumerate() {
+            let before = std::mem::take(&mut pair.most);
             let points = places.iter().map(|place| vec![(axis, *place)]);
             self.look_at(pair, points);
+            along.push(pair.most);
+            for (most, before) in pair.most.iter_mut().zip(before) {
+                for (most, before) in most.iter_mut().zip(before) {
+                    if before.0 > most.0 {
+                        *most = before;
+                    }
+                }
+            }
         }
         for GridNodes {
             axes: [one, two],
@@ -238,6 +273,64 @@ impl Space {
                 row.map(move |b| vec![(*one, *a), (*two, *b)])
             });
             self.look_at(pair, points);
+        }
+        self.climb(pair, &along);
+    }
+
+    /// What two axes add to one correction is largest where both are at their largest, which no place along one axis shows:
+    /// from there, and from the largest that was found, each axis in turn is moved to where the correction moves most.
+    fn climb(&self, pair: &mut Pair<'_>, along: &[PerAxis<[(f64, State); 2]>]) {
+        let axes = pair.models[0].axes.len();
+        let goals: Vec<(usize, usize)> = (0..axes)
+            .flat_map(|axis| [(axis, 0), (axis, 1)])
+            .filter(|(axis, sign)| pair.most[*axis][*sign].0 > 0.0)
+            .collect();
+        let round = goals.len() * self.places.iter().map(Vec::len).sum::<usize>();
+        pair.left = CLIMB.max(round.min(NODES));
+        for (goal, sign) in &goals {
+            let mut together = State::default();
+            for (axis, most) in along.iter().enumerate() {
+                let (moved, at) = most[*goal][*sign];
+                let is_found = moved > 0.0;
+                together.q[axis] = if is_found {
+                    at.q[axis]
+                } else {
+                    self.middle[axis]
+                };
+                together.approach[axis] = if is_found {
+                    at.approach[axis]
+                } else {
+                    Some(Direction::Positive)
+                };
+            }
+            pair.look(&together);
+            pair.look_from(&together.q, &self.directions);
+        }
+        for _ in 0..ROUNDS {
+            let before = pair.most;
+            for (goal, sign) in &goals {
+                for axis in 0..axes {
+                    let (_, from) = pair.most[*goal][*sign];
+                    let mut state = from;
+                    for place in &self.places[axis] {
+                        state.q[axis] = *place;
+                        pair.look(&state);
+                    }
+                    if self.both().len() > 1 {
+                        let (_, mut turned) = pair.most[*goal][*sign];
+                        for direction in Direction::BOTH {
+                            turned.approach[axis] = Some(direction);
+                            pair.look(&turned);
+                        }
+                    }
+                }
+            }
+            let rose = |(goal, sign): &(usize, usize)| {
+                pair.most[*goal][*sign].0 > 1.01 * before[*goal][*sign].0
+            };
+            if !goals.iter().any(rose) {
+                break;
+            }
         }
     }
 
@@ -433,6 +526,18 @@ mod tests {
         assert!(um > 300.0, "both turned: {um} µm");
     }
 
+    /// The error of a screw repeats with its pitch: 90 µm between places that are as far apart are 90 µm all the same.
+    #[test]
+    fn an_error_that_repeats_between_places_is_seen() {
+        let flat = model(SMALL, "EZZ = 0.0\n");
+        let screw = model(
+            SMALL,
+            "EZZ = { fourier = [0.0, 0.0, 90.0], period = 10.0 }\n",
+        );
+        let um = flat.largest_move(&screw, []).linear.to_um().0;
+        assert!(um > 80.0, "{um} µm");
+    }
+
     /// ±360° and 0° are one pose.
     #[test]
     fn a_whole_turn_is_looked_at() {
@@ -454,15 +559,9 @@ mod tests {
             nodes.join(", ")
         );
         let (old, new) = (model(SMALL, "EYX = 0.0\n"), model(SMALL, &table));
-        let mut pair = Pair {
-            models: [&old, &new],
-            correctors: [
-                old.correctors_among(&old.axes),
-                new.correctors_among(&new.axes),
-            ],
-            worst: LargestMove::NONE,
-            left: STATES + Space::of(&old, &new).node_states(),
-        };
+        let correctors = [&old, &new].map(|model| model.correctors_among(&model.axes));
+        let left = STATES + Space::of(&old, &new).node_states();
+        let mut pair = Pair::new([&old, &new], correctors, LargestMove::NONE, left);
         Space::of(&old, &new).look(&mut pair);
         assert!(pair.left > 0, "every part had room");
         assert!(pair.worst.linear.0 > 0.005);

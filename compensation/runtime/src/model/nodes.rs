@@ -1,4 +1,4 @@
-//! Where the curves of a machine have nodes, and from which directions they differ: the places at which a comparison of two
+//! Where the curves of a machine have to be looked at, and from which directions they differ: the places at which a comparison of two
 //! machines has to look.
 
 use volcomp_model::{
@@ -7,35 +7,12 @@ use volcomp_model::{
 };
 use volcomp_vocabulary::Displacement;
 
-/// The places along each axis, mm and rad, at which a curve of a machine has a node.
+/// The places along each axis, mm and rad, at which a curve of a machine has to be looked at.
 pub(super) fn nodes(machine: &Machine) -> Vec<Vec<f64>> {
-    let mut nodes = vec![Vec::new(); machine.axes().len()];
-    let mut add = |axis: usize, coordinates: &[f64]| {
-        if let Some(nodes) = nodes.get_mut(axis) {
-            nodes.extend(places(machine, axis, coordinates));
-        }
-    };
-    for (name, curve) in machine.errors() {
-        for field in curve.fields() {
-            match field {
-                Field::Curve(curve) => {
-                    if let Ok(axis) = machine.index_of(name.axis) {
-                        add(axis, &curve.breakpoints());
-                    }
-                }
-                Field::Grid(grid) => {
-                    for (axis, nodes) in grid.axes().into_iter().zip(grid.nodes()) {
-                        add(axis, nodes);
-                    }
-                }
-            }
-        }
-    }
-    for nodes in &mut nodes {
-        nodes.sort_by(f64::total_cmp);
-        nodes.dedup();
-    }
-    nodes
+    let along = machine.places().into_iter().enumerate();
+    along
+        .map(|(axis, coordinates)| places(machine, axis, &coordinates))
+        .collect()
 }
 
 /// Coordinates of an axis, mm or deg, in mm or rad; none for an axis that is not there.

@@ -10,6 +10,7 @@ mod fewer_axes_barrier;
 mod held;
 mod lag;
 mod lags;
+mod largest_move;
 mod left;
 mod left_out;
 mod limited;

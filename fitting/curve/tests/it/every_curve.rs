@@ -143,3 +143,38 @@ proptest! {
         }
     }
 }
+
+/// A series whose periods are short against its domain, such as the pitch of a screw.
+fn periodic() -> impl Strategy<Value = Curve> {
+    let harmonics = prop::collection::vec(-10.0..10.0, 1..4);
+    (harmonics, domain(), 0.05..100.0).prop_map(|(pairs, d, period): (Vec<f64>, _, _)| {
+        let c = core::iter::once(1.0).chain(pairs.iter().flat_map(|a| [*a, 3.0 - a]));
+        Fourier::new(c.collect(), period, d).unwrap().into()
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(300))]
+
+    /// The extremes at the places to look at are those of 40 000 places, but for 4 % of the range.
+    #[test]
+    fn places_show_the_extremes(curve in prop_oneof![curve(), periodic()]) {
+        let range = |values: &mut dyn Iterator<Item = f64>| {
+            values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| [low.min(x), high.max(x)])
+        };
+        let places = curve.places();
+        if let Curve::Constant(_) = curve {
+            prop_assert!(places.is_empty());
+            return Ok(());
+        }
+        prop_assert!(places.is_sorted() && places.iter().all(|x| curve.contains(*x)));
+        prop_assert!(curve.breakpoints().iter().all(|x| places.contains(x)));
+        prop_assert!(places.len() < 10_000, "{} places", places.len());
+        let [low, high] = range(&mut places.iter().map(|x| curve.value(*x)));
+        let dense = (0..=40_000).map(|k| curve.value(inside(&curve, f64::from(k) / 40_000.0)));
+        let [least, most] = range(&mut dense.into_iter());
+        let most_missed = 0.04 * (most - least) + 1e-9;
+        prop_assert!(low <= least + most_missed && high >= most - most_missed,
+            "{low} to {high} at {} places, {least} to {most} at all", places.len());
+    }
+}

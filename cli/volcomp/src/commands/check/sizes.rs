@@ -9,7 +9,7 @@ use volcomp_vocabulary::{AxisKind, AxisName, Direction, MAX_AXES};
 use super::words::meaning;
 use crate::answers::{ByAxis, check::Size};
 
-/// Points over the travel of an axis at which a curve is looked up, besides its nodes.
+/// Points over the travel of an axis at which a curve is looked up, besides the places that it has itself.
 const STEPS: usize = 1000;
 
 /// The same along each axis of a grid.
@@ -157,15 +157,12 @@ fn every(
     }
 }
 
-/// The places of the axes that a curve is looked up at, and the nodes along each.
+/// The places of the axes that a curve is looked up at, and the places along each.
 fn arguments(curve: &ErrorCurve, own: usize) -> BTreeMap<usize, Vec<f64>> {
     let mut looked_at: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
     for field in curve.fields() {
         match field {
-            Field::Curve(curve) => looked_at
-                .entry(own)
-                .or_default()
-                .extend(curve.breakpoints()),
+            Field::Curve(curve) => looked_at.entry(own).or_default().extend(curve.places()),
             Field::Grid(grid) => {
                 for (axis, nodes) in grid.axes().into_iter().zip(grid.nodes()) {
                     looked_at.entry(axis).or_default().extend(nodes);
@@ -176,7 +173,7 @@ fn arguments(curve: &ErrorCurve, own: usize) -> BTreeMap<usize, Vec<f64>> {
     looked_at
 }
 
-/// Evenly spread points of a travel with the nodes inside it.
+/// Evenly spread points of a travel with the places inside it.
 fn points([low, high]: [f64; 2], steps: usize, nodes: &[f64]) -> Vec<f64> {
     let spread = (0..=steps).map(|step| low + (high - low) * (step as f64 / steps as f64));
     let inside = nodes

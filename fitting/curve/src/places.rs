@@ -1,0 +1,121 @@
+use alloc::vec::Vec;
+use core::f64::consts::PI;
+
+use crate::{BSpline, Curve, Fourier, Interpolation, MovingLeastSquares, Table, domain};
+
+/// Places for each shortest period, and for each order of a polynomial: the largest value at them is within 2 % of the largest
+/// between them (1 − cos(π/16): Ehlich and Zeller, Math. Z. 86, 1964, for polynomials).
+const EACH: usize = 8;
+/// A curve that has more places than this along its domain is looked at in so many.
+const MOST: usize = 4096;
+/// Parts of the piece between two knots or two nodes that a cubic joins.
+const PARTS: u32 = 4;
+/// The part of a line at which the larger of two pieces is to the line as the smaller to the larger.
+const GOLDEN: f64 = 0.618_033_988_749_894_8;
+
+impl Curve {
+    /// The arguments at which somebody has to look who wants to know the largest value of the curve, or of its difference from
+    /// another one: the [`breakpoints`](Self::breakpoints), and between them as many places as the kind of the curve takes to
+    /// be seen: of a Fourier series 16 for each of its shortest periods, of a polynomial 8 for each order, closer at the ends.
+    /// Sorted, none twice. A series with very many periods is looked at at another phase in every few of them.
+    pub fn places(&self) -> Vec<f64> {
+        let mut places = self.breakpoints();
+        match self {
+            Self::Constant(_) => {}
+            Self::Polynomial(curve) => {
+                places.extend(of_series(curve.domain(), curve.coefficients().len()));
+            }
+            Self::Chebyshev(curve) => {
+                places.extend(of_series(curve.domain(), curve.coefficients().len()));
+            }
+            Self::Table(table) => places.extend(of_table(table)),
+            Self::BSpline(spline) => places.extend(of_spline(spline)),
+            Self::Fourier(curve) => places.extend(of_harmonics(curve)),
+            Self::MovingLeastSquares(curve) => places.extend(of_weights(curve)),
+        }
+        if let Some(ends) = self.domain() {
+            places.retain(|&x| domain::contains(ends, x));
+        }
+        places.sort_by(f64::total_cmp);
+        places.dedup();
+        places
+    }
+}
+
+fn even([low, high]: [f64; 2], parts: usize) -> impl Iterator<Item = f64> {
+    let parts = parts.max(1);
+    (0..=parts).map(move |k| low + (high - low) * (k as f64 / parts as f64))
+}
+
+/// The extrema of the Chebyshev polynomial of a multiple of the degree.
+fn of_series([low, high]: [f64; 2], coefficients: usize) -> impl Iterator<Item = f64> {
+    let parts = (coefficients.saturating_sub(1) * EACH).min(MOST.max(2 * coefficients));
+    let [middle, half] = [f64::midpoint(low, high), 0.5 * high - 0.5 * low];
+    (0..=parts)
+        .filter(move |_| parts > 0)
+        .map(move |k| middle - half * libm::cos(PI * (k as f64 / parts as f64)))
+}
+
+/// A straight line has its extrema at its ends, and a monotone cubic as well: but not what it differs by from another.
+fn of_table(table: &Table) -> Vec<f64> {
+    match table.interpolation() {
+        Interpolation::Linear => Vec::new(),
+        Interpolation::Cubic => between(table.nodes().iter().map(|node| node[0])),
+    }
+}
+
+fn of_spline(spline: &BSpline) -> Vec<f64> {
+    between(spline.knots().iter().copied())
+}
+
+fn between(nodes: impl Iterator<Item = f64> + Clone) -> Vec<f64> {
+    let pieces = nodes.clone().zip(nodes.skip(1));
+    let inside = |(low, high): (f64, f64)| {
+        (1..PARTS).map(move |k| low + (high - low) * (f64::from(k) / f64::from(PARTS)))
+    };
+    pieces
+        .filter(|(low, high)| low < high)
+        .flat_map(inside)
+        .collect()
+}
+
+fn of_harmonics(curve: &Fourier) -> Vec<f64> {
+    let order = curve.coefficients().len() / 2;
+    let [low, high] = curve.domain();
+    let periods = (high - low) / curve.period();
+    if order == 0 {
+        return Vec::new();
+    }
+    let each = 2 * EACH * order;
+    let most = MOST.max(4 * each);
+    let wanted = periods * each as f64;
+    if wanted <= most as f64 {
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "positive and at most `most`"
+        )]
+        let parts = libm::ceil(wanted) as usize;
+        return even([low, high], parts).collect();
+    }
+    // Too many periods to look at each: every few periods once, each time at another phase.
+    let place = |k: usize| {
+        let first = libm::floor(periods * (k as f64 / most as f64));
+        let phase = k as f64 * GOLDEN;
+        low + (first + (phase - libm::floor(phase))) * curve.period()
+    };
+    (0..most).map(place).collect()
+}
+
+/// A local polynomial bends within the width of its weights.
+fn of_weights(curve: &MovingLeastSquares) -> impl Iterator<Item = f64> {
+    let each = (EACH * curve.order().max(1)) as f64;
+    let wanted = (each / curve.support()).min(MOST as f64);
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "positive and at most MOST"
+    )]
+    let parts = libm::ceil(wanted) as usize;
+    even(curve.domain(), parts)
+}
