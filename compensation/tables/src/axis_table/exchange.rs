@@ -187,11 +187,11 @@ pub fn write(
             format,
             what: "tables".to_owned(),
             found: if written.notes.is_empty() {
-                "none that is not zero".to_owned()
+                "none that is not zero at its positions".to_owned()
             } else {
                 format!("none that it holds ({})", written.notes.join("; "))
             },
-            expected: "one at the least".to_owned(),
+            expected: "one at the least; errors that are zero at every position of a table, such as those that repeat with the step, need another --step".to_owned(),
         });
     }
     if !format.has_comments() {

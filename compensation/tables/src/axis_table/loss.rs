@@ -2,19 +2,26 @@
 
 use volcomp_curve::ErrorCurve;
 use volcomp_kinematics::{CorrectionOptions, State};
-use volcomp_model::{Machine, Temperatures, Thermal};
+use volcomp_model::{Axis, Machine, Temperatures, Thermal};
 use volcomp_vocabulary::{AxisName, Direction, Displacement, MAX_AXES, PerAxis};
 
 use super::{
     AxisNumbers, Content, ExchangeError, Format, ReadOptions, TableOptions, WriteOptions,
     category::{Category, alone},
-    curves, read, sampled, write,
+    curves, read, sampled,
+    sampled::positions,
+    write,
 };
 
 /// So many poses are looked at, at the most, in each direction.
 const POSES: usize = 3000;
-/// So many nodes along an axis at the most.
-const NODES: usize = 13;
+/// So many places along an axis at the most.
+const PLACES: usize = 13;
+/// So many of each kind along a line, at the most: middles between positions of tables, and places of the machine's curves.
+const ON_LINE: usize = 400;
+/// The part of a line at which the larger of two pieces is to the line as the smaller to the larger: its multiples, less whole
+/// ones, never repeat.
+const GOLDEN: f64 = 0.618_033_988_749_894_8;
 
 /// What is left on one axis where the tables correct.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,7 +32,7 @@ pub struct AxisLoss {
     pub correction: f64,
     /// The largest difference of the tables from it, mm or rad.
     pub largest: f64,
-    /// Root of the mean square of the difference, mm or rad.
+    /// Root of the mean square of the difference over the travel of all axes, mm or rad.
     pub rms: f64,
     /// Where the largest is, mm or deg, in the order of the chain.
     pub at: Vec<(AxisName, f64)>,
@@ -68,11 +75,15 @@ struct Trial<'a> {
     format: Format,
     correction: CorrectionOptions,
     outputs: Vec<usize>,
-    poses: Vec<State>,
+    /// Over the travel of all axes.
+    spread: Vec<State>,
+    /// Where a table is likely to lose most.
+    likely: Vec<State>,
 }
 
 /// Compares what a control does with the tables of this format, as they stand in the files, with the model: all errors together and each category
-/// alone, at poses over the travel of all axes, after positive and after negative motion of all axes.
+/// alone, at poses over the travel of all axes and, along lines, in the middles between the positions of the tables and where the
+/// machine's curves have to be looked at, after positive and after negative motion of all axes.
 ///
 /// # Errors
 /// As [`sampled`], [`write`](super::write) and [`read`](super::read).
@@ -96,7 +107,8 @@ pub fn loss(
         format,
         correction,
         outputs,
-        poses: poses(machine),
+        spread: spread(machine),
+        likely: likely(machine, options)?,
     };
     let directions = Direction::BOTH.map(Some);
     let held = trial.held(machine)?;
@@ -154,34 +166,79 @@ pub fn loss(
         categories.push(CategoryLoss { category, axes });
     }
     Ok(Loss {
-        poses: trial.poses.len(),
+        poses: trial.spread.len() + trial.likely.len(),
         axes,
         categories,
     })
 }
 
-/// Poses over the travel of all axes.
-fn poses(machine: &Machine) -> Vec<State> {
+/// Poses over the travel of all axes. Between the ends they stand at unequal distances: at equal ones they meet a table at its
+/// positions, and an error that repeats at its zeros, only.
+fn spread(machine: &Machine) -> Vec<State> {
     let axes = machine.axes();
-    let count = (1..=NODES).rev().find(|count| {
+    let count = (1..=PLACES).rev().find(|count| {
         let power = u32::try_from(axes.len()).unwrap_or(u32::MAX);
         count.checked_pow(power).is_some_and(|poses| poses <= POSES)
     });
     let count = count.unwrap_or(1);
     let mut poses = vec![State::default()];
     for (index, axis) in axes.iter().enumerate() {
-        let nodes = axis.nodes(count);
-        let place = |pose: &State, at: &f64| {
-            let mut pose = *pose;
-            pose.q[index] = Displacement::from_coordinate(axis.name.kind(), *at).mm_or_rad();
-            pose
-        };
+        let mut nodes = axis.nodes(count);
+        if let [first, second, ..] = nodes[..] {
+            let step = second - first;
+            let last = count - 1;
+            for (place, node) in nodes.iter_mut().enumerate().take(last).skip(1) {
+                *node += step * ((place as f64 * GOLDEN).fract() - 0.5);
+            }
+        }
         poses = poses
             .iter()
-            .flat_map(|pose| nodes.iter().map(move |at| place(pose, at)))
+            .flat_map(|pose| nodes.iter().map(move |at| placed(pose, axis, index, *at)))
             .collect();
     }
     poses
+}
+
+/// Along each axis, the others where the tables hold and at the farther end of their travels: the middles between the positions
+/// of its tables, and the places at which the machine's curves have to be looked at.
+fn likely(machine: &Machine, options: &TableOptions) -> Result<Vec<State>, ExchangeError> {
+    let reference = options.reference(machine)?;
+    let stand = machine.state(&reference)?;
+    let far = machine.axes().iter().zip(&reference).enumerate();
+    let far = far.fold(stand, |state, (index, (axis, (_, at)))| {
+        let [low, high] = axis.travel;
+        let farther = if at - low > high - at { low } else { high };
+        placed(&state, axis, index, farther)
+    });
+    let tables = positions(machine, options)?;
+    let curves = machine.places();
+    let mut poses = Vec::new();
+    for (index, (axis, (nodes, places))) in
+        (machine.axes().iter().zip(tables.iter().zip(&curves))).enumerate()
+    {
+        let [low, high] = axis.travel;
+        let middles = nodes
+            .windows(2)
+            .map(|pair| f64::midpoint(pair[0], pair[1]))
+            .filter(|at| (low..=high).contains(at));
+        let middles: Vec<f64> = middles.collect();
+        for at in thinned(&middles).chain(thinned(places)) {
+            poses.extend([stand, far].map(|state| placed(&state, axis, index, at)));
+        }
+    }
+    Ok(poses)
+}
+
+fn placed(pose: &State, axis: &Axis, index: usize, at: f64) -> State {
+    let mut pose = *pose;
+    pose.q[index] = Displacement::from_coordinate(axis.name.kind(), at).mm_or_rad();
+    pose
+}
+
+/// Every so many of the places; an odd number, so that none of the phases of a period is left out, which has 16 or more of them.
+fn thinned(places: &[f64]) -> impl Iterator<Item = f64> + '_ {
+    let step = places.len().div_ceil(ON_LINE).max(1) | 1;
+    places.iter().copied().step_by(step)
 }
 
 fn has_reversal(machine: &Machine) -> bool {
@@ -302,7 +359,9 @@ impl Trial<'_> {
                 direction: None,
             })
             .collect();
-        for pose in &self.poses {
+        let spread = self.spread.iter().map(|pose| (pose, 1.0));
+        let likely = self.likely.iter().map(|pose| (pose, 0.0));
+        for (pose, counts) in spread.chain(likely) {
             for &direction in directions {
                 let state = State {
                     q: pose.q,
@@ -312,7 +371,7 @@ impl Trial<'_> {
                 for (found, &place) in found.iter_mut().zip(&self.outputs) {
                     let difference = (wanted[place] - given[place]).abs();
                     found.correction = found.correction.max(wanted[place].abs());
-                    found.rms += difference * difference;
+                    found.rms += counts * difference * difference;
                     if difference > found.largest || found.at.is_empty() {
                         found.largest = difference;
                         found.direction = direction;
@@ -330,7 +389,7 @@ impl Trial<'_> {
                 }
             }
         }
-        let looks = (self.poses.len() * directions.len()).max(1) as f64;
+        let looks = (self.spread.len() * directions.len()).max(1) as f64;
         for found in &mut found {
             found.rms = (found.rms / looks).sqrt();
         }

@@ -99,6 +99,24 @@ pub fn sampled(
     })
 }
 
+/// Where along each axis tables have their positions, mm or deg, in the order of the chain.
+pub(super) fn positions(
+    machine: &Machine,
+    options: &TableOptions,
+) -> Result<Vec<Vec<f64>>, ExchangeError> {
+    let lines = Lines {
+        machine,
+        temperatures: &Temperatures::new(),
+        options,
+        reference: machine.state(&options.reference(machine)?)?,
+    };
+    let along = |(index, axis): (usize, &Axis)| {
+        let nodes = lines.nodes(axis, index)?;
+        Ok(nodes.iter().map(Node::at).collect())
+    };
+    machine.axes().iter().enumerate().map(along).collect()
+}
+
 /// A node of a table: where the model is asked, and what is made of it there.
 enum Node {
     Within(f64),
