@@ -43,8 +43,8 @@ pub(crate) struct CircularTest {
     pub(crate) centre_um: [f64; 2],
     /// What the shape hints at, the largest first; empty where the points do not tell it.
     pub(crate) signatures: Vec<Signature>,
-    /// Spikes at 0°, 90°, 180° and 270°, µm outward; null without signatures.
-    pub(crate) spikes_um: Option<[f64; 4]>,
+    /// Spikes at 0°, 90°, 180° and 270°, µm outward, null of a place that the points do not pass; null without signatures.
+    pub(crate) spikes_um: Option<[Option<f64>; 4]>,
     /// Root mean square of what the signatures leave, µm; null without signatures.
     pub(crate) rms_left_um: Option<f64>,
     /// What was decided on the tolerances; null without any.

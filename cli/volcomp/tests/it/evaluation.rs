@@ -239,6 +239,37 @@ fn the_circle_of_the_examples_gives_back_its_errors() {
     assert_eq!(quantity(&judged, "F_max")["value"], Value::Null);
 }
 
+/// Of the circle of the examples the points from −20° to 200°: they do not pass 270°, and nothing is told of a spike there.
+#[test]
+fn an_arc_tells_no_spike_that_it_does_not_pass() {
+    let rows = fs::read_to_string(root().join(CIRCLE)).expect("an example");
+    let is_on_arc = |row: &&str| {
+        let mut words = row.split(',').map(str::parse::<f64>);
+        let (Some(Ok(x)), Some(Ok(y))) = (words.next(), words.next()) else {
+            return true;
+        };
+        let degrees = y.atan2(x).to_degrees();
+        !(-160.0..-20.0).contains(&degrees)
+    };
+    let arc: Vec<&str> = rows.lines().filter(is_on_arc).collect();
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = write(folder.path(), "arc.csv", &arc.join("\n"));
+    let found = json(&["iso230", &file, "--part", "4", "--radius-mm", "150"]);
+    let spikes = found["spikes_um"].as_array().expect("four places");
+    assert!(spikes[3].is_null(), "{spikes:?}");
+    close(&spikes[0], 4.0, 0.6);
+    assert!(
+        found["notes"].to_string().contains("do not pass 270°"),
+        "{}",
+        found["notes"]
+    );
+    let signatures = found["signatures"].as_array().expect("a list");
+    for signature in signatures {
+        let size = signature["size"].as_f64().expect("a number");
+        assert!(size.abs() < 100.0, "{signature}");
+    }
+}
+
 /// A cube of 300 mm with a squareness of 20 µrad: each diagonal grows by ∓ a b EC0Y / D.
 #[test]
 fn diagonals_are_named_by_file_or_option_and_hint_at_squareness() {

@@ -84,9 +84,10 @@ pub struct Signatures {
     pub centre_um: [f64; 2],
     /// Mean deviation of the radius, µm: of the length of the ballbar, of the feed and of the mean scale.
     pub radius_um: f64,
-    /// Spikes at 0°, 90°, 180° and 270°, µm outward.
-    pub spikes_um: [f64; 4],
-    /// The angle in which a spike falls to 1/e, deg.
+    /// Spikes at 0°, 90°, 180° and 270°, µm outward; `None` where the trace does not pass the place, so that nothing is known of it.
+    /// Spikes of an axis of which both places are missing are not among the ranked signatures, and of one place are its own.
+    pub spikes_um: [Option<f64>; 4],
+    /// The angle in which a spike falls to 1/e, deg; without meaning where no place is passed.
     pub spike_width_deg: f64,
     /// Root mean square of what all signatures together leave, µm.
     pub rms_left_um: f64,
@@ -105,9 +106,10 @@ pub fn circular_signatures(trace: &CircularTrace) -> Result<Signatures, Metrolog
     let points = &trace.points;
     let both = Sense::BOTH.into_iter().all(|sense| trace.has(sense));
     let right = DVector::from_iterator(points.len(), points.iter().map(|p| p.deviation_um));
+    let passed = passed(points);
     let at = |width_deg: f64| {
         let columns = design(points, both, width_deg.to_radians());
-        solve(points, &columns, &right, width_deg)
+        solve(points, &columns, passed, &right, width_deg)
     };
     let tried: Vec<Option<Fit>> = WIDTHS_DEG.iter().map(|width| at(*width)).collect();
     let squares = |fit: &Option<Fit>| fit.as_ref().map_or(f64::INFINITY, |fit| fit.squares);
@@ -125,6 +127,21 @@ pub fn circular_signatures(trace: &CircularTrace) -> Result<Signatures, Metrolog
         expected: "points all around the circle, at every degree or so".into(),
     })?;
     Ok(fit.signatures(points, both, trace.radius_mm))
+}
+
+/// Whether the trace passes each place where an axis turns round: some point follows it within 2°, or, of points that are farther
+/// apart, as the next but one. A spike that had fallen off before the first point would be its rest times any large number.
+fn passed(points: &[TracePoint]) -> [bool; 4] {
+    const NEAR_DEG: f64 = 2.0;
+    let mut steps: Vec<f64> = (points.windows(2))
+        .filter(|pair| pair[0].sense == pair[1].sense)
+        .map(|pair| since(&pair[1], pair[0].angle_rad))
+        .map(|step| step.min(TAU - step))
+        .collect();
+    steps.sort_by(f64::total_cmp);
+    let step = steps.get(steps.len() / 2).copied().unwrap_or_default();
+    let near = NEAR_DEG.to_radians().max(1.5 * step);
+    PLACES.map(|place| points.iter().any(|p| since(p, place) <= near))
 }
 
 /// The fit with the least squares between two widths, by golden sections.
@@ -195,9 +212,11 @@ fn design(points: &[TracePoint], both: bool, width_rad: f64) -> DMatrix<f64> {
 }
 
 struct Fit {
+    /// 0 of spikes at places that are not passed.
     found: DVector<f64>,
-    /// Variance of each unknown.
+    /// Variance of each unknown; likewise.
     variances: Vec<f64>,
+    passed: [bool; 4],
     squares: f64,
     rms: f64,
     width_deg: f64,
@@ -206,23 +225,38 @@ struct Fit {
 fn solve(
     points: &[TracePoint],
     columns: &DMatrix<f64>,
+    passed: [bool; 4],
     right: &DVector<f64>,
     width_deg: f64,
 ) -> Option<Fit> {
-    let (rows, unknowns) = columns.shape();
+    // A column of which next to nothing is seen would not be told apart from rounding.
+    let is_seen = |column: &usize| {
+        let spike = column.checked_sub(FIRST_SPIKE);
+        spike.and_then(|spike| passed.get(spike)) != Some(&false)
+    };
+    let seen: Vec<usize> = (0..columns.ncols()).filter(is_seen).collect();
+    let chosen = columns.select_columns(&seen);
+    let (rows, unknowns) = chosen.shape();
     if rows <= unknowns + 1 || !right.iter().all(|x| x.is_finite()) {
         return None;
     }
-    let (inverse, lengths, scaled) = inverse_of_normal(columns)?;
-    let mut found = &inverse * (scaled.transpose() * right);
-    let squares = (right - &scaled * &found).norm_squared();
+    let (inverse, lengths, scaled) = inverse_of_normal(&chosen)?;
+    let mut sizes = &inverse * (scaled.transpose() * right);
+    let squares = (right - &scaled * &sizes).norm_squared();
     for (k, length) in lengths.iter().enumerate() {
-        found[k] /= length;
+        sizes[k] /= length;
+    }
+    let mut found = DVector::zeros(columns.ncols());
+    for (size, column) in sizes.iter().zip(&seen) {
+        found[*column] = *size;
     }
     let variance = squares / (rows - unknowns) as f64;
     let of = |inverse: &DMatrix<f64>, lengths: &[f64]| -> Vec<f64> {
-        let one = |k: usize| variance * inverse[(k, k)] / (lengths[k] * lengths[k]);
-        (0..unknowns).map(one).collect()
+        let mut variances = vec![0.0; columns.ncols()];
+        for (k, column) in seen.iter().enumerate() {
+            variances[*column] = variance * inverse[(k, k)] / (lengths[k] * lengths[k]);
+        }
+        variances
     };
     // The width of the spikes was found as well: what it leaves open, their sizes share.
     let width = width_deg.to_radians();
@@ -234,7 +268,7 @@ fn solve(
         (0..PLACES.len()).map(at).sum()
     };
     let widths = points.iter().map(derivative);
-    let mut wider = columns.clone().insert_column(unknowns, 0.0);
+    let mut wider = chosen.insert_column(unknowns, 0.0);
     for (row, value) in widths.enumerate() {
         wider[(row, unknowns)] = value;
     }
@@ -245,6 +279,7 @@ fn solve(
     Some(Fit {
         found,
         variances,
+        passed,
         squares,
         rms: (squares / rows as f64).sqrt(),
         width_deg,
@@ -298,22 +333,30 @@ impl Fit {
             range_um: range(&[column]),
             share: 0.0,
         };
-        let pair = |kind, columns: [usize; 2]| Signature {
-            kind,
-            size: f64::midpoint(found[columns[0]], found[columns[1]]),
-            unit: DeviationUnit::Um,
-            u: (self.variances[columns[0]] + self.variances[columns[1]]).sqrt(),
-            range_um: range(&columns),
-            share: 0.0,
+        // The mean of those of two places that are passed.
+        let pair = |kind, places: [usize; 2]| {
+            let seen = places.into_iter().filter(|place| self.passed[*place]);
+            let columns: Vec<usize> = seen.map(|place| FIRST_SPIKE + place).collect();
+            let count = columns.len() as f64;
+            let sum = columns.iter().map(|k| found[*k]).sum::<f64>();
+            let variance = columns.iter().map(|k| self.variances[*k]).sum::<f64>();
+            (!columns.is_empty()).then(|| Signature {
+                kind,
+                size: sum / count,
+                unit: DeviationUnit::Um,
+                u: 2.0 / count * variance.sqrt(),
+                range_um: range(&columns),
+                share: 0.0,
+            })
         };
         let mut ranked = vec![
             one(Kind::Squareness, 3, -per_radius, DeviationUnit::Urad),
             one(Kind::ScaleMismatch, 4, per_radius, DeviationUnit::Urad),
             one(Kind::BacklashFirst, 5, 1.0, DeviationUnit::Um),
             one(Kind::BacklashSecond, 6, 1.0, DeviationUnit::Um),
-            pair(Kind::SpikesFirst, [7, 9]),
-            pair(Kind::SpikesSecond, [8, 10]),
         ];
+        ranked.extend(pair(Kind::SpikesFirst, [0, 2]));
+        ranked.extend(pair(Kind::SpikesSecond, [1, 3]));
         if both {
             ranked.push(one(Kind::ServoMismatch, 11, 1.0, DeviationUnit::Um));
         }
@@ -330,7 +373,9 @@ impl Fit {
             ranked,
             centre_um: [found[1], found[2]],
             radius_um: found[0],
-            spikes_um: [found[7], found[8], found[9], found[10]],
+            spikes_um: std::array::from_fn(|place| {
+                self.passed[place].then(|| found[FIRST_SPIKE + place])
+            }),
             spike_width_deg: self.width_deg,
             rms_left_um: self.rms,
         }

@@ -125,6 +125,17 @@ fn one(
             None
         }
     };
+    let missing = signatures
+        .iter()
+        .flat_map(|s| s.spikes_um.iter().zip(["0°", "90°", "180°", "270°"]));
+    let missing = missing.filter(|(spike, _)| spike.is_none());
+    let missing: Vec<&str> = missing.map(|(_, place)| place).collect();
+    if !missing.is_empty() {
+        notes.push(format!(
+            "the points do not pass {}: nothing is known of spikes there",
+            missing.join(", ")
+        ));
+    }
     let none = |_: &str| None;
     let unit = DeviationUnit::Um.key();
     let quantities = judged(
