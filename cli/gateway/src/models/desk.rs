@@ -137,6 +137,8 @@ impl Desk {
                     patience,
                 }) => {
                     let reply = self.activate(&who, what, confirm, &patience, work);
+                    // Whoever reads the state after the answer finds what the answer says.
+                    self.look();
                     // Whoever asked may have gone.
                     let _ = answer.send(reply);
                 }

@@ -206,6 +206,10 @@ fn a_model_goes_into_force_through_question_and_ramp_and_outlives_a_kill() {
     );
     let taken = activate(&program, &made, Some(&asked["model"]));
     assert_eq!(taken.status, 200, "{}", taken.body);
+    // What the answer says stands at once, not only when the disk was looked at again.
+    let at_once = model(&program);
+    assert_eq!(at_once["put_in_force"]["who"], "erna", "{at_once}");
+    assert_eq!(at_once["history"][0]["outcome"], "in-force", "{at_once}");
     y(&program, -100.0);
     let largest = *step.lock().expect("no panic");
     assert!(
