@@ -21,7 +21,8 @@ pub struct Channels {
     pub within: f64,
     /// It has to stand at least so long to be read, s.
     pub dwell_s: f64,
-    /// The first part of each stand that is not read, s.
+    /// The first part of each stand that is not read, s. With 0 the readings tell where it ends: it is what differs from the
+    /// second half of the stand by more than that scatters.
     pub settle_s: f64,
     /// Whether the deviation at the first target is subtracted from all: for an instrument that was not zeroed.
     pub zero_at_first: bool,
@@ -227,7 +228,8 @@ fn stands(channel: &Channel, end_s: f64, channels: &Channels) -> Vec<Stand> {
         let to_s = samples.get(index).map_or(end_s, |(time, _)| *time);
         if to_s - from_s >= channels.dwell_s {
             let here = &samples[start..index];
-            let position = here.iter().map(|(_, value)| value).sum::<f64>() / here.len() as f64;
+            let rest = at_rest(here);
+            let position = rest.iter().map(|(_, value)| value).sum::<f64>() / rest.len() as f64;
             stands.push(Stand {
                 from_s,
                 to_s,
@@ -270,6 +272,27 @@ fn between<'c>(channel: &'c Channel, from: &Stand, to: &Stand) -> &'c [(f64, f64
     samples.unwrap_or_default()
 }
 
+/// The samples from where they have come to rest, at least one of several: those before differ from the median of the second half by
+/// more than any of that half does. The last micrometres of an approach lie within the limit of standing, and have the sign of
+/// the direction: in the mean they would look like reversal.
+fn at_rest(samples: &[(f64, f64)]) -> &[(f64, f64)] {
+    let (first, second) = samples.split_at(samples.len() / 2);
+    let mut values: Vec<f64> = second.iter().map(|(_, value)| *value).collect();
+    values.sort_by(f64::total_cmp);
+    let Some(&median) = values.get(values.len() / 2) else {
+        return samples;
+    };
+    let scatter = values
+        .iter()
+        .map(|value| (value - median).abs())
+        .fold(0.0, f64::max);
+    // Readings that do not scatter at all are equal but for rounding.
+    let scatter = scatter + 1e-12 * median.abs();
+    let moves = |(_, value): &(f64, f64)| (value - median).abs() > scatter;
+    let from = first.iter().rposition(moves).map_or(0, |last| last + 1);
+    &samples[from..]
+}
+
 /// The mean of a channel while the axis stood, and by how much it moved.
 fn mean_within(channel: &Channel, stand: &Stand, settle_s: f64) -> Option<(f64, f64)> {
     let from = stand.from_s + settle_s;
@@ -282,8 +305,14 @@ fn mean_within(channel: &Channel, stand: &Stand, settle_s: f64) -> Option<(f64, 
         let last = channel.samples.get(end.checked_sub(1)?)?;
         return Some((last.1, 0.0));
     }
+    // Whoever states how long it takes is believed.
+    let read = if settle_s > 0.0 {
+        within
+    } else {
+        at_rest(within)
+    };
+    let mean = read.iter().map(|(_, value)| value).sum::<f64>() / read.len() as f64;
     let values = || within.iter().map(|(_, value)| *value);
-    let mean = values().sum::<f64>() / within.len() as f64;
     let spread =
         values().fold(f64::NEG_INFINITY, f64::max) - values().fold(f64::INFINITY, f64::min);
     Some((mean, spread))
