@@ -2,7 +2,7 @@
 //! the text of the calibration file is never put together by hand.
 
 use volcomp_document::toml_string;
-use volcomp_metrology::{DeviationUnit, MotionKind, ReadingUnit};
+use volcomp_metrology::ReadingUnit;
 use volcomp_vocabulary::ErrorName;
 
 use crate::{
@@ -93,11 +93,12 @@ impl Draft {
         let mut proposed: Vec<Option<Proposed>> = self.proposed.iter().cloned().map(Some).collect();
         let mut squares = self.squares.clone();
         let mut left_over = self.left_over.clone();
+        let mut notes = self.notes.clone();
         // The error first, then the unit: which keys a measurement has follows from them.
         let mut in_order: Vec<&Answer> = answers.iter().collect();
         in_order.sort_by_key(|answer| match answer.key.as_str() {
             "error" => 0,
-            "unit" => 1,
+            "unit" | "channels.unit" => 1,
             _ => 2,
         });
         for answer in in_order {
@@ -117,7 +118,11 @@ impl Draft {
                             }));
                         }
                     } else if let Some(of) = slot {
-                        answer_measurement(of, answer)?;
+                        if self.proposed[*place].may_lose_keys() && of.has_lost(&answer.key) {
+                            notes.push(not_used(of, answer));
+                        } else {
+                            answer_measurement(of, answer)?;
+                        }
                     }
                 }
                 Subject::Squareness(error) => {
@@ -161,7 +166,7 @@ impl Draft {
             questions,
             conflicts: self.conflicts.clone(),
             left_over,
-            notes: self.notes.clone(),
+            notes,
             machine_file: self.machine_file.clone(),
             squares,
         })
@@ -197,6 +202,20 @@ impl Draft {
     }
 }
 
+/// What is said of an answer to a question that another answer has taken away.
+fn not_used(of: &Proposed, answer: &Answer) -> String {
+    let error = of.error.map_or_else(
+        || "a measurement like this".to_owned(),
+        |error| error.to_string(),
+    );
+    format!(
+        "{}: {} is not asked of {error}: the answer {} is not used",
+        of.files.join(", "),
+        answer.key,
+        answer.value.trim()
+    )
+}
+
 fn answer_measurement(of: &mut Proposed, answer: &Answer) -> Result<(), AnswerError> {
     let subject = of.files.join(", ");
     let wrong = |expected: &str| value_error(answer, &subject, expected);
@@ -206,7 +225,8 @@ fn answer_measurement(of: &mut Proposed, answer: &Answer) -> Result<(), AnswerEr
             let error: ErrorName = value
                 .parse()
                 .map_err(|_| wrong("the name of an error, such as EYX"))?;
-            set_error(of, error);
+            of.error = Some(error);
+            of.follow();
             return Ok(());
         }
         "file" => {
@@ -234,6 +254,9 @@ fn answer_measurement(of: &mut Proposed, answer: &Answer) -> Result<(), AnswerEr
         };
         let asked = format!("{inner} = {}", open());
         *channels = channels.replace(&asked, &format!("{inner} = {}", toml_string(value)));
+        if inner == "unit" {
+            set_unit(of, value);
+        }
         return Ok(());
     }
     let Some((key, held)) = of.keys.iter_mut().find(|(key, _)| *key == answer.key) else {
@@ -241,37 +264,14 @@ fn answer_measurement(of: &mut Proposed, answer: &Answer) -> Result<(), AnswerEr
     };
     *held = encoded(key, value).map_err(|expected| value_error(answer, &subject, expected))?;
     if answer.key == "unit" {
-        ask_for_bridge(of, value);
+        set_unit(of, value);
     }
     Ok(())
 }
 
-/// A straightness whose readings are angles was measured by a level on a bridge, or by an angular interferometer.
-fn ask_for_bridge(of: &mut Proposed, unit: &str) {
-    let is_straightness = of.error.is_some_and(|error| {
-        MotionKind::of(error) == MotionKind::Straightness && !error.axis.is_rotary()
-    });
-    let unit = ReadingUnit::named(unit).map(ReadingUnit::held_in);
-    let is_known = of.keys.iter().any(|(key, _)| *key == "method");
-    if is_straightness && unit == Some(DeviationUnit::Urad) && !is_known {
-        of.keys.push(("method", "\"angular\"".to_owned()));
-        of.keys.push(("bridge_mm", open()));
-        of.keys.push(("reading", open()));
-    }
-}
-
-/// Which keys a measurement has follows from its error.
-fn set_error(of: &mut Proposed, error: ErrorName) {
-    of.error = Some(error);
-    of.at.retain(|(axis, _)| *axis != error.axis);
-    if error.component.is_angular() {
-        of.keys
-            .retain(|(key, _)| !matches!(*key, "point" | "rides"));
-    }
-    let has_location = of.keys.iter().any(|(key, _)| *key == "holds_location");
-    if error.axis.is_rotary() && !has_location {
-        of.keys.push(("holds_location", open()));
-    }
+fn set_unit(of: &mut Proposed, unit: &str) {
+    of.told.unit = ReadingUnit::named(unit).map(ReadingUnit::held_in);
+    of.follow();
 }
 
 /// A value as it stands in the calibration file; or what was expected.

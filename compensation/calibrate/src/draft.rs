@@ -4,14 +4,14 @@
 use std::path::{Path, PathBuf};
 
 use volcomp_metrology::{
-    Content, FileFormat, Measurement, Metadata, MotionKind, Quantity, SeenReadings, axis_named,
-    oddities, read_content,
+    Content, Measurement, Metadata, Quantity, SeenReadings, axis_named, oddities, read_content,
 };
-use volcomp_model::Machine;
+use volcomp_model::{Axis, Machine};
 use volcomp_vocabulary::{AxisName, Component, ErrorName};
 
 use crate::{
     checks::{beyond_travel, different_machines, other_machine},
+    draft_keys::Told,
     draft_text::{self, Square},
     hints::{self, Hints},
     questions::{OPEN, question},
@@ -52,6 +52,8 @@ pub struct Proposed {
     pub keys: Vec<(&'static str, String)>,
     /// What stands above the table as comments.
     pub said: Vec<String>,
+    /// What its keys follow from, beside the error.
+    pub(crate) told: Told,
 }
 
 /// A value that is not known.
@@ -189,7 +191,8 @@ impl Proposed {
         }
         for (key, value) in &self.keys {
             if *key == "channels" {
-                for inner in CHANNEL_KEYS {
+                let is_open = |inner: &&str| value.contains(&format!("{inner} = {}", open()));
+                for inner in CHANNEL_KEYS.into_iter().filter(is_open) {
                     ask(
                         format!("channels.{inner}"),
                         question("channels", Some(inner)),
@@ -238,15 +241,13 @@ fn list(folder: &Path, depth: usize, paths: &mut Vec<PathBuf>) -> std::io::Resul
 /// A log of which nobody said which channel is what.
 fn of_log(name: String, path: &Path, machine: &Machine, channels: &str) -> Proposed {
     let hints = Hints::of(path, &Metadata::default(), machine);
-    let error = hints.only_error();
-    let channels = format!("a log of the channels {channels}");
-    let keys = CHANNEL_KEYS
-        .map(|key| format!("{key} = {}", open()))
-        .join(", ");
-    let mut found = of_error(error, &hints, machine);
-    found.keys.insert(0, ("channels", format!("{{ {keys} }}")));
-    found.said.insert(0, channels);
-    found.files = vec![name];
+    let told = Told {
+        is_log: true,
+        ..told(&hints, machine)
+    };
+    let mut found = proposed(name, hints.only_error(), told);
+    found.said.push(format!("a log of the channels {channels}"));
+    found.said.extend(hints.contradictions);
     found
 }
 
@@ -270,7 +271,6 @@ fn of_measurement(
         Some(axis) => candidates(axis, measurement.quantity),
         None => Vec::new(),
     };
-    let mut is_angular_method = false;
     let error = match hints.only_error() {
         Some(hinted) if stated.is_some_and(|axis| axis != hinted.axis) => {
             said.push(format!(
@@ -281,7 +281,7 @@ fn of_measurement(
         }
         Some(hinted) => {
             let fits = crate::draft::candidates(hinted.axis, measurement.quantity);
-            is_angular_method = measurement.quantity == Some(Quantity::Angle)
+            let is_angular_method = measurement.quantity == Some(Quantity::Angle)
                 && !hinted.component.is_angular()
                 && !hinted.axis.is_rotary()
                 && hinted.component.mcs_index() != hinted.axis.mcs_index();
@@ -319,34 +319,17 @@ fn of_measurement(
         let fits = axes_that_reach(measurement, machine);
         said.push(format!("the targets are within the travel of {fits}"));
     }
-    let mut found = of_error(error, &hints, machine);
-    if error.is_none()
-        && let Some(axis) = axis
-    {
-        found.at.retain(|(held, _)| *held != axis);
-    }
-    if measurement.unit.is_none() {
-        found.keys.push(("unit", open()));
-    }
-    let format = measurement.format;
-    let is_positioning = match error {
-        Some(error) => MotionKind::of(error) == MotionKind::Positioning,
-        None => measurement
-            .quantity
-            .is_none_or(|q| q == Quantity::Positioning),
+    said.extend(hints.contradictions.iter().cloned());
+    let told = Told {
+        axis,
+        quantity: measurement.quantity,
+        format: measurement.format,
+        unit: measurement.unit,
+        asks_unit: measurement.unit.is_none(),
+        ..told(&hints, machine)
     };
-    let sign_is_open = !is_positioning || format == Some(FileFormat::RenishawExport);
-    if sign_is_open {
-        found.keys.push(("sign", open()));
-    }
-    if is_angular_method {
-        found.keys.push(("method", "\"angular\"".to_owned()));
-        found.keys.push(("bridge_mm", open()));
-        found.keys.push(("reading", open()));
-    }
-    said.extend(found.said);
+    let mut found = proposed(name.to_owned(), error, told);
     found.said = said;
-    found.files = vec![name.to_owned()];
     Ok(found)
 }
 
@@ -358,35 +341,36 @@ fn out_of_place(of: &Proposed, measurement: &Measurement, machine: &Machine) -> 
     said.into_iter().flatten().collect()
 }
 
-/// The keys that a line of an error needs, whatever instrument measured it.
-fn of_error(error: Option<ErrorName>, hints: &Hints, machine: &Machine) -> Proposed {
-    let own = error.map(|error| error.axis);
-    let held = machine.axes().iter().filter(|axis| Some(axis.name) != own);
-    let at = held
-        .map(|axis| {
-            let place = hints.places.get(&axis.name).copied();
-            // A place where the axis cannot stand is no hint.
-            (
-                axis.name,
-                place.filter(|place| axis.check_coordinate(*place).is_ok()),
-            )
-        })
-        .collect();
-    let mut keys = Vec::new();
-    if error.is_none_or(|error| !error.component.is_angular()) {
-        keys.push(("point", open()));
-        keys.push(("rides", open()));
+/// What names and texts say of where the axes stood.
+fn told(hints: &Hints, machine: &Machine) -> Told {
+    let place = |axis: &Axis| {
+        let place = hints.places.get(&axis.name).copied();
+        // A place where the axis cannot stand is no hint.
+        let place = place.filter(|place| axis.check_coordinate(*place).is_ok());
+        (axis.name, place)
+    };
+    Told {
+        places: machine.axes().iter().map(place).collect(),
+        axis: None,
+        quantity: None,
+        format: None,
+        unit: None,
+        asks_unit: false,
+        is_log: false,
     }
-    if own.is_some_and(AxisName::is_rotary) {
-        keys.push(("holds_location", open()));
-    }
-    Proposed {
-        files: Vec::new(),
+}
+
+fn proposed(file: String, error: Option<ErrorName>, told: Told) -> Proposed {
+    let mut found = Proposed {
+        files: vec![file],
         error,
-        at,
-        keys,
-        said: hints.contradictions.clone(),
-    }
+        at: Vec::new(),
+        keys: Vec::new(),
+        said: Vec::new(),
+        told,
+    };
+    found.follow();
+    found
 }
 
 /// The errors of an axis that a kind of file may measure.

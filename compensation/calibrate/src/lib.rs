@@ -11,6 +11,7 @@ mod contradictions;
 mod curve_choice;
 mod diagonals;
 mod draft;
+mod draft_keys;
 mod draft_text;
 mod error;
 mod few_runs;

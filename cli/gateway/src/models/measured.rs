@@ -125,7 +125,7 @@ impl Folder {
             left_over: (now.left_over.iter())
                 .map(|of| self.told(&format_args!("{}: {}", of.file, of.reason)))
                 .collect(),
-            notes: drafted.notes.iter().map(|note| self.told(note)).collect(),
+            notes: now.notes.iter().map(|note| self.told(note)).collect(),
             text: now.text,
             answers,
         })
@@ -223,7 +223,8 @@ fn answer(typed: &DraftAnswer) -> Result<Answer, NotMeasured> {
 
 /// Every question of a draft, those that are answered included: which there are follows from errors and units.
 fn questions(drafted: &Draft, answers: &[DraftAnswer]) -> Result<Vec<DraftQuestion>, NotMeasured> {
-    let decides = |answer: &&DraftAnswer| matches!(answer.key.as_str(), "error" | "unit");
+    let decides =
+        |answer: &&DraftAnswer| matches!(answer.key.as_str(), "error" | "unit" | "channels.unit");
     let deciding: Vec<DraftAnswer> = answers.iter().filter(decides).cloned().collect();
     let with_errors = answered(drafted, &deciding)?;
     let mut asked = Vec::new();
@@ -233,7 +234,7 @@ fn questions(drafted: &Draft, answers: &[DraftAnswer]) -> Result<Vec<DraftQuesti
         // A question that has been answered stays on the page.
         let is_gone = |question: &Question| {
             let mut now = questions.iter();
-            matches!(question.key.as_str(), "error" | "unit")
+            matches!(question.key.as_str(), "error" | "unit" | "channels.unit")
                 && now.all(|of| of.key != question.key)
         };
         let mut first = first.questions();
@@ -406,4 +407,61 @@ pub(crate) fn machine_file(bytes: Vec<u8>, name: &str) -> Result<Machine, NotMea
         volcomp_model::ModelError::Input(InputError { .. }) => NotMeasured(e.to_string()),
         other => NotMeasured(format!("{name}: {other}")),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ARCH: &str = "target_mm,run,direction,deviation_um\n0,1,+,0\n150,1,+,6\n300,1,+,8\n450,1,+,6\n600,1,+,0\n";
+
+    /// The folder of an upload with these files for the machine of the example, and its draft.
+    fn drafted(files: &[&str]) -> (tempfile::TempDir, Folder, Draft) {
+        let dir = tempfile::tempdir().expect("writable");
+        let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/calibration");
+        let machine = fs::read_to_string(examples.join(MACHINE)).expect("there");
+        let folder = Folder(dir.path().join("upload"));
+        folder.make(&machine).expect("writable");
+        for name in files {
+            fs::write(folder.files().join(name), ARCH).expect("writable");
+        }
+        let draft = folder.draft().expect("measurements");
+        (dir, folder, draft)
+    }
+
+    fn typed(key: &str, value: &str) -> DraftAnswer {
+        DraftAnswer {
+            of: "0".to_owned(),
+            key: key.to_owned(),
+            value: value.to_owned(),
+        }
+    }
+
+    /// The page shows all questions at once: one that falls away with the error is no fault, and one that comes with it is asked.
+    #[test]
+    fn the_error_that_is_answered_decides_what_is_asked() {
+        let (_dir, folder, draft) = drafted(&["scan.csv"]);
+        let mut answers = vec![
+            typed("error", "EXX"),
+            typed("at.X", "0"),
+            typed("at.Y", "0"),
+            typed("at.Z", "0"),
+            typed("point", "0, 0, 0"),
+            typed("rides", "carriage"),
+        ];
+        let document = folder.document(&draft, answers.clone()).expect("right");
+        assert!(document.notes[0].contains("at.X is not asked of EXX"));
+        assert!(folder.calibrated(&draft, &answers).is_ok());
+        answers[0] = typed("error", "EZX");
+        let document = folder.document(&draft, answers.clone()).expect("right");
+        let mut asked = document.questions.iter();
+        assert!(asked.any(|of| of.key == "sign" && of.choices == ["1", "-1"]));
+        let refused = folder.calibrated(&draft, &answers).expect_err("open");
+        assert!(refused.0.contains("open question"), "{refused}");
+        // And back, with the answer to what is asked no longer.
+        answers.push(typed("sign", "-1"));
+        assert!(folder.calibrated(&draft, &answers).is_ok());
+        answers[0] = typed("error", "EXX");
+        assert!(folder.document(&draft, answers).is_ok());
+    }
 }

@@ -62,6 +62,35 @@ pub(super) fn run(
 /// The draft with answers that hold for many questions.
 fn answered(draft: &Draft, answers: &[String]) -> Result<Draft, Failure> {
     let mut all = Vec::new();
+    let mut decided = draft.clone();
+    // What else is asked follows from the error, and then from the unit.
+    for stage in 0..3 {
+        let now = answers.iter().filter(|given| stage_of(given) == stage);
+        take(now, &[draft, &decided], &mut all)?;
+        decided = draft
+            .answered(&all)
+            .map_err(|error| Failure::Input(format!("--answer: {error}")))?;
+    }
+    Ok(decided)
+}
+
+/// When an answer is taken.
+fn stage_of(given: &str) -> u8 {
+    let asked = given.split_once('=').map_or(given, |(asked, _)| asked);
+    let key = asked.split_once(':').map_or(asked, |(_, key)| key);
+    match key.trim() {
+        "error" => 0,
+        "unit" | "channels.unit" => 1,
+        _ => 2,
+    }
+}
+
+/// Answers to every question that one of the drafts asks.
+fn take<'a>(
+    answers: impl Iterator<Item = &'a String>,
+    drafts: &[&Draft],
+    all: &mut Vec<AnswerOf>,
+) -> Result<(), Failure> {
     for given in answers {
         let wrong = |message: String| Failure::Input(format!("--answer {given}: {message}"));
         let Some((asked, value)) = given.split_once('=') else {
@@ -72,9 +101,13 @@ fn answered(draft: &Draft, answers: &[String]) -> Result<Draft, Failure> {
             Some((of, key)) => (Some(of.trim()), key.trim()),
             None => (None, asked.trim()),
         };
-        let found = draft.for_all(of, key, value.trim());
+        let found = drafts.iter();
+        let found: Vec<AnswerOf> = found
+            .flat_map(|draft| draft.for_all(of, key, value.trim()))
+            .collect();
         if found.is_empty() {
-            let mut keys: Vec<&str> = draft.questions.iter().map(|q| q.key.as_str()).collect();
+            let asked = drafts.iter().flat_map(|draft| &draft.questions);
+            let mut keys: Vec<&str> = asked.map(|q| q.key.as_str()).collect();
             keys.sort_unstable();
             keys.dedup();
             return Err(wrong(format!(
@@ -90,9 +123,7 @@ fn answered(draft: &Draft, answers: &[String]) -> Result<Draft, Failure> {
             }
         }
     }
-    draft
-        .answered(&all)
-        .map_err(|error| Failure::Input(format!("--answer: {error}")))
+    Ok(())
 }
 
 /// Refuses to write over a file with another text: its questions may have been answered.

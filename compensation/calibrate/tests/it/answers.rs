@@ -215,7 +215,8 @@ fn drafted_of(files: &[(&str, &str)]) -> (tempfile::TempDir, Draft) {
     (dir, found)
 }
 
-const ARCH: &str = "target_mm,run,direction,deviation_um\n0,1,+,0\n150,1,+,6\n300,1,+,8\n450,1,+,6\n600,1,+,0\n";
+const ARCH: &str =
+    "target_mm,run,direction,deviation_um\n0,1,+,0\n150,1,+,6\n300,1,+,8\n450,1,+,6\n600,1,+,0\n";
 
 /// Whether the table or the tool moved is asked of every error but positioning, wherever its name comes from.
 #[test]
@@ -233,6 +234,27 @@ fn an_error_that_is_answered_asks_for_its_sign() {
             open_keys(&done)
         );
     }
+}
+
+/// The name of a file says that X moved; the one who measured says that it was Y: then where X stood is asked.
+#[test]
+fn an_error_of_another_axis_than_the_name_says_asks_where_that_axis_stood() {
+    let (_dir, found) = drafted_of(&[("x.csv", ARCH)]);
+    let of = Subject::Measurement(0);
+    let done = found.answered(&[answer(of.clone(), "error", "EYY")]);
+    let asked = open_keys(&done.expect("right"));
+    assert!(asked.contains(&"at.X".to_owned()), "{asked:?}");
+    assert!(!asked.contains(&"at.Y".to_owned()), "{asked:?}");
+    let both = [
+        answer(of.clone(), "at.X", "120"),
+        answer(of, "error", "EYY"),
+    ];
+    let done = found.answered(&both).expect("right");
+    assert!(
+        done.text.contains("at = { X = 120.0, Z = \"?\" }"),
+        "{}",
+        done.text
+    );
 }
 
 /// A log may hold the motion of the table as well.
@@ -279,12 +301,27 @@ fn two_files_that_are_answered_to_one_place_are_a_conflict() {
 /// What a draft asks can be answered together with the error, as the page shows all questions at once.
 #[test]
 fn what_is_asked_with_the_error_can_be_answered_with_it() {
-    let (_dir, found) = drafted_of(&[("scan-1.csv", ARCH)]);
+    let (_dir, found) = drafted_of(&[("scan-1.csv", ARCH), ("exx.csv", ARCH)]);
     let asked = open_keys(&found);
+    let scan = Subject::Measurement(place(&found, "scan-1.csv"));
     for (error, key, value) in [("EXX", "at.X", "0"), ("EBX", "point", "0, 0, 0")] {
         assert!(asked.contains(&key.to_owned()), "{asked:?}");
-        let of = Subject::Measurement(0);
-        let done = found.answered(&[answer(of.clone(), "error", error), answer(of, key, value)]);
-        assert!(done.is_ok(), "{error} {key}: {}", done.expect_err("told"));
+        let of = scan.clone();
+        let with = [answer(of.clone(), key, value), answer(of, "error", error)];
+        let done = found.answered(&with);
+        let done = done.unwrap_or_else(|told| panic!("{error} {key}: {told}"));
+        let said =
+            format!("scan-1.csv: {key} is not asked of {error}: the answer {value} is not used");
+        assert!(done.notes.contains(&said), "{:?}", done.notes);
     }
+    // A sign that was answered before the error became another one.
+    let with = [
+        answer(scan.clone(), "error", "EXX"),
+        answer(scan, "sign", "-1"),
+    ];
+    assert!(found.answered(&with).is_ok());
+    // Nobody asked for the sign of an error that the file itself names.
+    let named = Subject::Measurement(place(&found, "exx.csv"));
+    let told = found.answered(&[answer(named, "holds_location", "true")]);
+    assert!(told.is_err() || told.is_ok_and(|of| !of.notes.is_empty()));
 }
