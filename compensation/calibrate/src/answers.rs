@@ -6,7 +6,7 @@ use volcomp_metrology::ReadingUnit;
 use volcomp_vocabulary::ErrorName;
 
 use crate::{
-    draft::{CHANNEL_KEYS, Draft, LeftOver, Proposed, Question, open},
+    draft::{self, CHANNEL_KEYS, Draft, LeftOver, Proposed, Question, open},
     draft_text::{self, Square},
 };
 
@@ -150,6 +150,8 @@ impl Draft {
         // An error that was asked for may make a squareness that nobody could see before.
         let new = |of: &Square| self.squares.iter().all(|known| known.error != of.error);
         squares.extend(possible.into_iter().filter(new));
+        let mut conflicts = self.conflicts.clone();
+        conflicts.extend(at_same_places(&proposed));
         let mut questions: Vec<Question> = proposed.iter().flat_map(Proposed::questions).collect();
         let is_open = |square: &&Square| square.reference_angle_urad.is_none();
         questions.extend(squares.iter().filter(is_open).map(Square::question));
@@ -159,12 +161,12 @@ impl Draft {
                 &self.machine_file,
                 &proposed,
                 &squares,
-                &self.conflicts,
+                &conflicts,
                 &left_over,
             ),
             proposed,
             questions,
-            conflicts: self.conflicts.clone(),
+            conflicts,
             left_over,
             notes,
             machine_file: self.machine_file.clone(),
@@ -200,6 +202,36 @@ impl Draft {
         let squares = squares.map(|square| answer(Subject::Squareness(square.error)));
         measurements.chain(squares).collect()
     }
+}
+
+/// What is said of measurements that were answered to be of one error with all axes and the measured point at the same
+/// places. Those of which the draft itself knew it stand in one measurement already.
+fn at_same_places(now: &[Proposed]) -> Vec<String> {
+    let same = |one: &Proposed, other: &Proposed| {
+        let point = |of: &Proposed| {
+            let mut keys = of.keys.iter();
+            let point = keys.find(|(key, value)| *key == "point" && *value != open());
+            point.map(|(_, value)| value.clone())
+        };
+        let is_known = one.at.iter().all(|(_, place)| place.is_some());
+        let is_one_point = match (point(one), point(other)) {
+            (Some(one), Some(other)) => one == other,
+            _ => true,
+        };
+        one.error.is_some()
+            && one.error == other.error
+            && is_known
+            && one.at == other.at
+            && is_one_point
+    };
+    let mut told = Vec::new();
+    for (place, of) in now.iter().enumerate() {
+        let Some(other) = now[..place].iter().find(|other| same(of, other)) else {
+            continue;
+        };
+        told.push(draft::said_of_same_place(other, of));
+    }
+    told
 }
 
 /// What is said of an answer to a question that another answer has taken away.

@@ -4,10 +4,10 @@
 use volcomp_document::{InputError, Value};
 use volcomp_kinematics::MotionFrame;
 use volcomp_metrology::{
-    Measurement, Metadata, MotionKind, ODD_ABOVE, ReferenceLine, SMALL_BELOW, axis_named,
+    Measurement, Metadata, MotionKind, ODD_ABOVE, Reading, ReferenceLine, SMALL_BELOW, axis_named,
 };
 use volcomp_model::{Axis, Machine};
-use volcomp_vocabulary::{AxisKind, Component, Displacement, ErrorName, Um, Urad};
+use volcomp_vocabulary::{AxisKind, Component, Direction, Displacement, ErrorName, Um, Urad};
 
 use crate::{
     calibration_file::{CalibrationFile, Line, SquarenessSource},
@@ -89,6 +89,51 @@ pub(crate) fn refuse_file_twice(
             line.setup.error
         )))
     })
+}
+
+/// Refuses a second file of one error along one line, over the same targets in the same direction: which of them holds is for a person
+/// to say, and the mean of both would be none of them. Files that go on where another ends, or hold the other direction, are
+/// one test.
+pub(crate) fn refuse_line_twice(
+    before: &[Line],
+    line: &Line,
+    file: &Value<'_>,
+) -> Result<(), InputError> {
+    let is_one_line = |other: &&Line| {
+        (other.setup.error, &other.setup.at, other.setup.point_mcs)
+            == (line.setup.error, &line.setup.at, line.setup.point_mcs)
+            && other.setup.method == line.setup.method
+            && (covers(&other.readings, &line.readings) || covers(&line.readings, &other.readings))
+    };
+    before.iter().find(is_one_line).map_or(Ok(()), |other| {
+        Err(file.error(format!(
+            "found {}, and {:?} ({}) measures {} along the same line already, with the same `at` and `point`: the mean of two tests is none of them, expected one of the files, or other places",
+            volcomp_document::quoted(file.text()?),
+            other.file.file_name().unwrap_or_default().display().to_string(),
+            other.place,
+            line.setup.error
+        )))
+    })
+}
+
+/// Whether more than half of the readings of `other` are at places that `one` went over in the same direction.
+fn covers(one: &Measurement, other: &Measurement) -> bool {
+    let span = |direction| {
+        let readings = one.readings.iter().filter(|of| of.direction == direction);
+        readings.fold(None, |span: Option<[f64; 2]>, of| {
+            let [low, high] = span.unwrap_or([of.target; 2]);
+            Some([low.min(of.target), high.max(of.target)])
+        })
+    };
+    let spans = Direction::BOTH.map(|direction| (direction, span(direction)));
+    let is_covered = |of: &&Reading| {
+        spans.iter().any(|(direction, span)| {
+            *direction == of.direction
+                && span.is_some_and(|[low, high]| (low..=high).contains(&of.target))
+        })
+    };
+    let covered = other.readings.iter().filter(is_covered).count();
+    2 * covered > other.readings.len()
 }
 
 /// Refuses readings (µm or µrad) that cannot be those of this line: of another axis that the machine has, none of them

@@ -455,6 +455,16 @@ fn facts(measurement: &Measurement) -> String {
     facts.join("; ")
 }
 
+/// What is said of two measurements of one error with all axes at the same places.
+pub(crate) fn said_of_same_place(one: &Proposed, other: &Proposed) -> String {
+    format!(
+        "{} and {} both measure {} at the same place: keep one",
+        one.files.join(", "),
+        other.files.join(", "),
+        one.error.map_or(String::new(), |error| error.to_string())
+    )
+}
+
 /// Measurements of one error with all axes at the same places become one, whose file is asked for; those of which a place is not
 /// known are named.
 fn join_same_places(proposed: &mut Vec<Proposed>, conflicts: &mut Vec<String>) {
@@ -468,15 +478,13 @@ fn join_same_places(proposed: &mut Vec<Proposed>, conflicts: &mut Vec<String>) {
             kept.push(of);
             continue;
         };
-        let error = of.error.map_or(String::new(), |error| error.to_string());
-        let files = format!("{} and {}", other.files.join(", "), of.files.join(", "));
         if is_known(&of) {
-            conflicts.push(format!(
-                "{files} both measure {error} at the same place: keep one"
-            ));
+            conflicts.push(said_of_same_place(other, &of));
             other.files.extend(of.files);
             other.said.extend(of.said);
         } else {
+            let error = of.error.map_or(String::new(), |error| error.to_string());
+            let files = format!("{} and {}", other.files.join(", "), of.files.join(", "));
             conflicts.push(format!(
                 "{files} both measure {error}: `at` has to tell them apart, else keep one"
             ));

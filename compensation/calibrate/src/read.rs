@@ -83,6 +83,7 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, Calibrat
         let line = decode_line(&section, &machine, &common)?;
         check_same_curve(&measurements, &line, &section)?;
         checks::refuse_file_twice(&measurements, &line, &section.require("file")?)?;
+        checks::refuse_line_twice(&measurements, &line, &section.require("file")?)?;
         checks::refuse_file_of_another(&measurements, &line, &section.require("file")?)?;
         measurements.push(line);
     }

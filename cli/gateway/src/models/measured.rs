@@ -121,7 +121,7 @@ impl Folder {
                 })
                 .collect(),
             questions: questions(drafted, &answers)?,
-            conflicts: drafted.conflicts.clone(),
+            conflicts: now.conflicts,
             left_over: (now.left_over.iter())
                 .map(|of| self.told(&format_args!("{}: {}", of.file, of.reason)))
                 .collect(),

@@ -277,7 +277,7 @@ fn a_log_of_a_straightness_asks_for_its_sign() {
 #[test]
 fn two_files_that_are_answered_to_one_place_are_a_conflict() {
     let after = "target_mm,run,direction,deviation_um\n0,1,+,0\n150,1,+,0.6\n300,1,+,0.8\n450,1,+,0.6\n600,1,+,0.1\n";
-    let (_dir, found) = drafted_of(&[("scan-before.csv", ARCH), ("scan-after.csv", after)]);
+    let (dir, found) = drafted_of(&[("scan-before.csv", ARCH), ("scan-after.csv", after)]);
     let mut answers = Vec::new();
     for place in [0, 1] {
         for (key, value) in [
@@ -291,11 +291,30 @@ fn two_files_that_are_answered_to_one_place_are_a_conflict() {
         }
     }
     let done = found.answered(&answers).expect("right");
-    assert!(
-        !done.questions.is_empty() || !done.conflicts.is_empty(),
-        "{}",
-        done.text
-    );
+    let said = "scan-after.csv and scan-before.csv both measure EXX at the same place: keep one";
+    assert_eq!(done.conflicts, [said]);
+    assert!(done.text.contains(said), "{}", done.text);
+    let file = dir.path().join("calibration.toml");
+    std::fs::write(&file, &done.text).expect("writable");
+    let refused = CalibrationFile::read(&file).expect_err("two tests");
+    let refused = refused.to_string();
+    for name in ["scan-before.csv", "scan-after.csv", "EXX"] {
+        assert!(refused.contains(name), "{refused}");
+    }
+    // Another line, one of them alone, and the two directions of one test are no two tests.
+    let read = |text: &str| {
+        std::fs::write(&file, text).expect("writable");
+        CalibrationFile::read(&file).map(|file| file.measurements.len())
+    };
+    let elsewhere = done.text.replacen("Y = 0.0", "Y = 200.0", 1);
+    assert_eq!(read(&elsewhere).expect("two lines"), 2);
+    answers.push(answer(Subject::Measurement(0), "leave_out", "true"));
+    let one = found.answered(&answers).expect("right");
+    assert_eq!(one.conflicts, [""; 0]);
+    assert_eq!(read(&one.text).expect("one line"), 1);
+    let back = ARCH.replace('+', "-");
+    std::fs::write(dir.path().join("scan-after.csv"), back).expect("writable");
+    assert_eq!(read(&done.text).expect("two directions"), 2);
 }
 
 /// What a draft asks can be answered together with the error, as the page shows all questions at once.
