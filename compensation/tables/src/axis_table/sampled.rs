@@ -2,7 +2,9 @@
 
 use volcomp_kinematics::State;
 use volcomp_model::{Axis, Machine, Temperatures};
-use volcomp_vocabulary::{AxisName, Component, Direction, Displacement, ErrorName, PerAxis};
+use volcomp_vocabulary::{
+    AxisName, Component, Direction, Displacement, ErrorName, PerAxis, brought_into,
+};
 
 use super::{
     error_table::{ErrorTable, ErrorTables},
@@ -67,7 +69,8 @@ impl TableOptions {
 /// of one axis over another is zero at the reference position, in the mean of both directions.
 ///
 /// # Errors
-/// A step that is no number above 0 or does not divide a turn, a reference position beyond the travel.
+/// A step that is no number above 0 or does not divide a turn, a reference position beyond the travel or, of an axis with modulo,
+/// beside the nodes that the format can have.
 pub fn sampled(
     machine: &Machine,
     temperatures: &Temperatures,
@@ -90,6 +93,7 @@ pub fn sampled(
         machine,
         temperatures,
         options,
+        format,
         reference: machine.state(&options.reference(machine)?)?,
     };
     Ok(match format.holds() {
@@ -151,6 +155,7 @@ struct Lines<'a> {
     machine: &'a Machine,
     temperatures: &'a Temperatures,
     options: &'a TableOptions,
+    format: Format,
     reference: State,
 }
 
@@ -188,8 +193,9 @@ impl Lines<'_> {
                 reason = "below MOST_NODES"
             )]
             let parts = parts as u32;
+            let first = low + self.first_beyond(axis, index, step)?;
             return Ok((0..=parts)
-                .map(|part| Node::Within(low + step * f64::from(part)))
+                .map(|part| Node::Within(first + step * f64::from(part)))
                 .collect());
         }
         let at = Displacement::new(axis.name.kind(), self.reference.q[index]).mm_or_deg();
@@ -226,6 +232,30 @@ impl Lines<'_> {
         Ok((first..=last).map(node).collect())
     }
 
+    /// How far beyond the low end the nodes of a turn begin, mm or deg, so that one of them is where the axis stands. Whether the tables
+    /// of a control may begin within a turn is not known of any; curves of errors are not made for where the axis stands.
+    fn first_beyond(&self, axis: &Axis, index: usize, step: f64) -> Result<f64, ExchangeError> {
+        if self.format.holds() != Holds::Axes {
+            return Ok(0.0);
+        }
+        let at = Displacement::new(axis.name.kind(), self.reference.q[index]).mm_or_deg();
+        let low = axis.travel[0];
+        let beyond = (at - low).rem_euclid(step);
+        if beyond < 1e-9 * step || step - beyond < 1e-9 * step {
+            return Ok(0.0);
+        }
+        if self.format == Format::Csv {
+            return Ok(beyond);
+        }
+        Err(ExchangeError::Wish {
+            what: format!("--at {}, an axis with modulo", axis.name),
+            found: at.to_string(),
+            expected: format!(
+                "whole steps of {step} from {low}, where the nodes of this format begin: else the tables are not zero there"
+            ),
+        })
+    }
+
     fn axis_tables(&self) -> Result<Vec<AxisTable>, ExchangeError> {
         let machine = self.machine;
         let options = machine.correction_options();
@@ -242,6 +272,13 @@ impl Lines<'_> {
             let along = |direction: Direction| -> Vec<PerAxis<f64>> {
                 let of = |at: f64| {
                     let mut state = self.reference;
+                    // The nodes of a turn may go on beyond the travel.
+                    let at = match axis.modulo {
+                        Some(period) if at > axis.travel[1] => {
+                            brought_into(axis.travel, period, at)
+                        }
+                        _ => at,
+                    };
                     state.q[input] = AxisTable::input_from_edge(axis.name, at);
                     state.approach[input] = Some(direction);
                     correction(&state).0

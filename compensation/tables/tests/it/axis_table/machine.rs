@@ -179,3 +179,50 @@ fn back_to_curves_of_the_machine_file() {
         0.01,
     );
 }
+
+/// Tables of an axis that goes round are zero where their head says that it stood, or the format is refused; at the nodes the sum is
+/// the model's.
+#[test]
+fn tables_of_a_turn_are_zero_where_it_stood() {
+    let machine = Machine::parse(
+        "structure = \"w C' X' b Y Z t\"\n[axes]\nX.travel = [0.0, 400.0]\nY.travel = [0.0, 400.0]\nZ.travel = [-300.0, 0.0]\nC = { travel = [0.0, 360.0], modulo = 360.0 }\n[errors]\nEXC = { fourier = [0.0, 0.0, 10.0], period = 360.0 }\n",
+        "m.toml",
+    )
+    .expect("a machine");
+    let at = |deg: f64| TableOptions {
+        at: vec![(AxisName::C, deg)],
+        ..TableOptions::default()
+    };
+    let cold = Temperatures::new();
+    let tables = |format, deg| sampled(&machine, &cold, &at(deg), format);
+    // 40 is no whole number of steps of 15; 45 is.
+    for deg in [40.0, 45.0, 359.0_f64] {
+        let Content::Axes(found) = tables(Format::Csv, deg).expect("made") else {
+            panic!("tables of axes");
+        };
+        let of = |output| {
+            let mut tables = found.iter();
+            tables.find(|table| (table.input, table.output) == (AxisName::C, output))
+        };
+        let table = of(AxisName::X).expect("X over C");
+        let here = table.deviation(deg.to_radians(), None);
+        assert!(here.abs() < 1e-9, "{deg}: {here} mm");
+        let turn = table.positions[table.positions.len() - 1] - table.positions[0];
+        assert!((turn.to_degrees() - 360.0).abs() < 1e-9, "{turn}");
+        // 10 µm · (sin of the node − sin of the reference), seen with the workpiece turned by the node.
+        let largest = table
+            .forward
+            .iter()
+            .fold(0.0_f64, |most, of| most.max(of.abs()));
+        assert!(largest > 5e-3, "{largest} mm");
+    }
+    for format in [
+        Format::Siemens840d,
+        Format::HeidenhainTnc640,
+        Format::Linuxcnc,
+    ] {
+        assert!(tables(format, 45.0).is_ok(), "{format}");
+        let told = tables(format, 40.0).expect_err("no node").to_string();
+        assert!(told.contains("--at C") && told.contains("40"), "{told}");
+    }
+}
