@@ -190,6 +190,7 @@ table! {
     state_found_after: "the errors that were found", "die gefundenen Fehler";
     no_after: "What a compensation leaves is not shown: the model against itself would prove nothing. It needs a truth or a second measurement.",
         "Was eine Kompensation übrig lässt, ist nicht gezeigt: Das Modell gegen sich selbst bewiese nichts. Nötig sind eine Wahrheit oder eine zweite Messung.";
+    measured_alone: "of the measured errors alone", "allein aus den gemessenen Abweichungen";
     largest_volume: "largest volumetric error beside the best rigid motion, in the last state", "größter volumetrischer Fehler neben der besten Starrkörperbewegung, im letzten Zustand";
     volume: "Volumetric error", "Volumetrischer Fehler";
     no_volume: "A map needs two of the axes X, Y and Z.", "Eine Karte braucht zwei der Achsen X, Y und Z.";

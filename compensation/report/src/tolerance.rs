@@ -9,6 +9,8 @@ use crate::report::{Check, Curve, Report, Square, State};
 
 /// The largest error of position over the working space, beside the best rigid motion of the workpiece.
 pub const VOLUME: &str = "V";
+/// What [`VOLUME`] is of where some errors were not measured.
+pub(crate) const MEASURED_ALONE: &str = "the measured errors alone";
 
 /// Reads `A=10,EC0Y=20`: µm of what is a length, µrad of what is an angle. A name is a symbol of ISO 230-2 or VDI/DGQ 3441, which is
 /// of every positioning test, [`VOLUME`], or that of an error: of a location error its size, of an error motion the range of its mean
@@ -77,13 +79,29 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
             let u = drawn
                 .filter(|_| found.is_some())
                 .map(|drawn| 2.0 * drawn.max_um);
-            check(String::new(), last.map(|last| last.1.form_max_um), u, "µm");
+            // Of a machine of which no error is known nothing follows.
+            let value = last.filter(|(state, _)| *state != State::Found || knows_errors(report));
+            let of = if found.is_some() && value.is_some() && !report.not_measured.is_empty() {
+                MEASURED_ALONE
+            } else {
+                ""
+            };
+            check(of.to_owned(), value.map(|last| last.1.form_max_um), u, "µm");
         } else if let Ok(error) = symbol.parse::<ErrorName>() {
             let (value, u) = of_error(report, symbol);
             check(String::new(), value, u, error.component.symbol());
         }
     }
     all
+}
+
+/// Whether a report has any error.
+fn knows_errors(report: &Report) -> bool {
+    let mut squares = report.squareness.iter();
+    !report.curves.is_empty()
+        || !report.locations.is_empty()
+        || report.identified.is_some()
+        || squares.any(|square| !square.from.is_empty())
 }
 
 /// The size of an error, and its expanded uncertainty (k = 2) where what it is made of is stated.

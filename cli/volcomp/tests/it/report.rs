@@ -116,3 +116,27 @@ fn people_read_the_verdict() {
     );
     assert!(said.contains("wrote "), "{said}");
 }
+
+/// A machine of which no error is known meets no tolerance, and of one of which some are known it is told that they are some.
+#[test]
+fn what_was_not_measured_is_not_met() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let machine = folder.path().join("bare.toml");
+    let axes = "structure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0.0, 400.0]\nY.travel = [0.0, 400.0]\nZ.travel = [-300.0, 0.0]\n";
+    fs::write(&machine, axes).expect("written");
+    let bare = machine.display().to_string();
+    let (document, _) = report(&[&bare, "--tolerance", "V=10"]);
+    assert_eq!(document["verdict"], "not_evaluated", "{document}");
+    assert_eq!(document["checks"][0]["value"], Value::Null);
+    fs::write(
+        &machine,
+        format!("{axes}[errors]\nEXX = {{ poly = [0.0, 0.001] }}\n"),
+    )
+    .expect("written");
+    let (document, _) = report(&[&bare, "--tolerance", "V=10"]);
+    assert_eq!(document["verdict"], "pass", "{document}");
+    let (document, page) = report(&[CALIBRATION, "--tolerance", "V=1000"]);
+    assert_eq!(document["verdict"], "pass", "{document}");
+    assert_eq!(document["checks"][0]["of"], "the measured errors alone");
+    assert!(page.contains("of the measured errors alone"));
+}

@@ -7,7 +7,7 @@ use crate::{
     plot::{escaped, short},
     report::{Report, WarningKind},
     texts::{Language, Texts, described},
-    tolerance::VOLUME,
+    tolerance::{MEASURED_ALONE, VOLUME},
 };
 
 pub(super) fn head(page: &mut Page, report: &Report, t: &Texts) {
@@ -103,6 +103,9 @@ pub(super) fn verdict(page: &mut Page, report: &Report, t: &Texts) {
             Cell::text(&check.symbol),
             Cell::Path(match (check.of.as_str(), check.symbol.as_str()) {
                 ("", VOLUME) => t.largest_volume.to_owned(),
+                (MEASURED_ALONE, VOLUME) => {
+                    format!("{}; {}", t.largest_volume, t.measured_alone)
+                }
                 ("", symbol) => described(symbol, t),
                 (of, _) => of.to_owned(),
             }),
