@@ -139,3 +139,40 @@ fn a_folder_becomes_a_draft_that_asks_before_it_is_calibrated() {
     ];
     assert!(refused(&call).contains("it holds no files"));
 }
+
+/// The error is answered together with what is asked beside it; what falls away with it is told, what comes with it can be answered too.
+#[test]
+fn an_error_is_answered_in_one_call_with_what_follows() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scan = "target_mm,run,direction,deviation_um\n0,1,+,0\n150,1,+,6\n300,1,+,8\n450,1,+,6\n600,1,+,0\n";
+    fs::write(folder.path().join("scan.csv"), scan).expect("written");
+    let [files, drafted] =
+        ["", "drafted.toml"].map(|name| folder.path().join(name).display().to_string());
+    let call = [
+        "calibrate",
+        "--draft",
+        &files,
+        "--machine",
+        "examples/calibration/machine.toml",
+        "--replace",
+        "-o",
+        &drafted,
+    ];
+    let answered = json(&[&call[..], &["--answer", "at.X=0", "--answer", "error=EXX"]].concat());
+    assert!(
+        answered["warnings"]
+            .to_string()
+            .contains("at.X is not asked of EXX"),
+        "{answered}"
+    );
+    let answered = json(
+        &[
+            &call[..],
+            &["--answer", "EZX:sign=-1", "--answer", "error=EZX"],
+        ]
+        .concat(),
+    );
+    assert_eq!(answered["measurements"][0]["error"], "EZX");
+    let text = fs::read_to_string(&drafted).expect("the draft");
+    assert!(text.contains("\nsign = -1\n"), "{text}");
+}
