@@ -108,7 +108,7 @@ pub fn loss(
         correction,
         outputs,
         spread: spread(machine),
-        likely: likely(machine, options)?,
+        likely: likely(machine, options, format)?,
     };
     let directions = Direction::BOTH.map(Some);
     let held = trial.held(machine)?;
@@ -201,7 +201,11 @@ fn spread(machine: &Machine) -> Vec<State> {
 
 /// Along each axis, the others where the tables hold and at the farther end of their travels: the middles between the positions
 /// of its tables, and the places at which the machine's curves have to be looked at.
-fn likely(machine: &Machine, options: &TableOptions) -> Result<Vec<State>, ExchangeError> {
+fn likely(
+    machine: &Machine,
+    options: &TableOptions,
+    format: Format,
+) -> Result<Vec<State>, ExchangeError> {
     let reference = options.reference(machine)?;
     let stand = machine.state(&reference)?;
     let far = machine.axes().iter().zip(&reference).enumerate();
@@ -210,7 +214,7 @@ fn likely(machine: &Machine, options: &TableOptions) -> Result<Vec<State>, Excha
         let farther = if at - low > high - at { low } else { high };
         placed(&state, axis, index, farther)
     });
-    let tables = positions(machine, options)?;
+    let tables = positions(machine, options, format)?;
     let curves = machine.places();
     let mut poses = Vec::new();
     for (index, (axis, (nodes, places))) in

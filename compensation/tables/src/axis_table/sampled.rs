@@ -107,11 +107,13 @@ pub fn sampled(
 pub(super) fn positions(
     machine: &Machine,
     options: &TableOptions,
+    format: Format,
 ) -> Result<Vec<Vec<f64>>, ExchangeError> {
     let lines = Lines {
         machine,
         temperatures: &Temperatures::new(),
         options,
+        format,
         reference: machine.state(&options.reference(machine)?)?,
     };
     let along = |(index, axis): (usize, &Axis)| {
