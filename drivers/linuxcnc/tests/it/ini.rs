@@ -280,7 +280,7 @@ fn files_of_the_display_are_looked_through() {
     let found = told(&servo, "net on motion.teleop-mode\n").join("\n");
     assert!(
         found.ends_with(
-            "expected volcomp-teleop: it has this signal already, and takes no other one"
+            "expected volcomp-teleop-mode: it has this signal already, and takes no other one"
         ),
         "{found}"
     );
