@@ -75,6 +75,8 @@ pub(crate) struct Judge {
     pub confirm_urad: Option<f64>,
     /// The hash that a person has confirmed.
     pub confirmed: Option<String>,
+    /// What else must be confirmed, in sentences: that the model may be one of another machine.
+    pub differences: Vec<String>,
 }
 
 impl Judge {
@@ -118,7 +120,7 @@ impl Judge {
         let moves =
             worst_um > self.confirm_um || worst_urad > self.confirm_urad.unwrap_or(f64::INFINITY);
         let hash = hash(new, &limits, to);
-        let is_small = !moves && limits.is_empty();
+        let is_small = !moves && limits.is_empty() && self.differences.is_empty();
         // A machine with other axes moves infinitely far, which is no number in JSON.
         let finite = |x: f64| x.is_finite().then_some(x);
         // Without limits for rotary axes none is corrected, so that none moves.
@@ -136,6 +138,7 @@ impl Judge {
             confirm_um: self.confirm_um,
             confirm_urad: self.confirm_urad,
             limits,
+            differences: self.differences.clone(),
         };
         Judged {
             worst,
@@ -222,6 +225,7 @@ mod tests {
             confirm_um: 5.0,
             confirm_urad: Some(5.0),
             confirmed: None,
+            differences: Vec::new(),
         };
         assert!(
             judge

@@ -48,6 +48,10 @@ pub struct ModelAsk {
     pub file: String,
     /// The hash that a person confirms.
     pub confirm: Option<String>,
+    /// Why it is not taken, where it is of another machine.
+    pub refusal: Option<String>,
+    /// What must be confirmed however little the correction moves.
+    pub differences: Vec<String>,
 }
 
 /// What the centre of a fleet asks of the service.

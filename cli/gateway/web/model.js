@@ -113,7 +113,10 @@ function showCandidate() {
   element("discard").hidden = !candidate;
   element("discard").disabled = !isEngineer;
   element("calibrate").disabled = !isEngineer || isWorking;
-  element("activate").disabled = !isEngineer || step !== "ready";
+  const refusal = (candidate && candidate.result && candidate.result.refusal) || "";
+  element("activate").disabled = !isEngineer || step !== "ready" || Boolean(refusal);
+  element("refusal").hidden = !refusal;
+  text("refusal", refusal);
   element("configured").disabled = !isEngineer || !state || !(state.from === "upload" || state.configured.differs) || state.from === "centre";
   const draft = candidate && candidate.draft;
   element("questions-panel").hidden = !draft;
@@ -213,9 +216,11 @@ function showResult(result) {
 /** What a change does, in lines. */
 function changesOf(answer) {
   const moved = [[answer.worst_corner_um, answer.confirm_um, "µm"], [answer.worst_corner_urad, answer.confirm_urad, "µrad"]];
-  if (answer.worst_corner_um === null) return ["The machine has other axes than before: how far the correction moves is unknown."];
-  return moved.filter(([worst]) => worst !== null)
+  const differences = answer.differences || [];
+  if (answer.worst_corner_um === null) return [...differences, "The machine has other axes than before: how far the correction moves is unknown."];
+  const moves = moved.filter(([worst]) => worst !== null)
     .map(([worst, least, unit]) => `At the worst place of the work space the correction moves by ${worst.toFixed(1).replace("-", "−")} ${unit}` + (least === null ? "." : ` (allowed without asking: ${least} ${unit}).`));
+  return [...differences, ...moves];
 }
 
 function question(answer, repeat) {
@@ -228,13 +233,13 @@ function question(answer, repeat) {
   element("confirm-panel").scrollIntoView({ block: "center" });
 }
 
-/** Puts a model in force; where it moves the correction far it is asked first. */
+/** Puts a model in force; where it moves the correction far, or may be of another machine, it is asked first. */
 async function putInForce(what, body) {
   text("answer", "comparing with the model in force …");
   try {
     const { ok, status, answer } = await ask(`/api/model/${what}`, body);
     if (status === 409 && answer.model) {
-      text("answer", "This moves the correction far and must be confirmed.");
+      text("answer", `${(answer.differences || []).length ? "This may be a model of another machine" : "This moves the correction far"} and must be confirmed.`);
       return question(answer, { what, body });
     }
     question(null, null);

@@ -48,6 +48,10 @@ pub struct Question {
     /// null where there is none.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub limits: LimitChanges,
+    /// Where the model may be one of another machine: what differs (name, structure, travels), each in a sentence. It must be
+    /// confirmed however little the correction moves.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub differences: Vec<String>,
 }
 
 /// The state after a request.

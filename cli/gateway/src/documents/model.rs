@@ -241,7 +241,10 @@ pub struct CandidateResult {
     pub name: String,
     /// Its structure code.
     pub structure: String,
-    /// Messages that a person should read first.
+    /// Why it cannot be put in force, in words; null: it can.
+    #[serde(default)]
+    pub refusal: Option<String>,
+    /// Messages that a person should read first; where it may be of another machine (name, structure, travels), that comes first.
     pub warnings: Vec<String>,
     /// Every fitted curve, angular errors first; empty where a machine file was uploaded.
     pub fits: Vec<ModelFit>,

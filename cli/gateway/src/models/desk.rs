@@ -16,7 +16,11 @@ use std::{
 use tokio::sync::oneshot;
 use volcomp_model::Machine;
 
-use super::{Patience, Shared, lock, refused, store};
+use super::{
+    Patience, Shared,
+    differences::{Differences, differences},
+    lock, refused, store,
+};
 use crate::{
     audit::utc_now,
     documents::{
@@ -341,6 +345,16 @@ impl Desk {
         reply
     }
 
+    /// What differs from the model in force; nothing of a file that is none: the service refuses that by its name.
+    fn compared(&self, new: Option<&Machine>) -> Differences {
+        let running = self.shared.published.model();
+        let running = Machine::parse(&running.text, "the model in force");
+        match (new, running) {
+            (Some(new), Ok(running)) => differences(new, &running),
+            _ => Differences::default(),
+        }
+    }
+
     /// The machine file on disk, and the request to the service.
     fn prepared(
         &self,
@@ -359,12 +373,18 @@ impl Desk {
                     .keep(&hash, &text)
                     .map_err(|e| refused(507, format!("the model cannot be kept on disk: {e}")))?;
                 let machine = store.machine(&hash);
+                let Differences {
+                    refusal,
+                    to_confirm,
+                } = self.compared(Machine::parse(&text, &file).ok().as_ref());
                 let ask = ModelAsk {
                     machine,
                     hash,
                     from: ModelSource::Upload,
                     file,
                     confirm,
+                    refusal,
+                    differences: to_confirm,
                 };
                 Ok((ask, Some(id)))
             }
@@ -379,27 +399,37 @@ impl Desk {
                         format!("{hash} is none of the models that were in force"),
                     ));
                 };
-                store.text(&hash).map_err(|what| refused(422, what))?;
+                let text = store.text(&hash).map_err(|what| refused(422, what))?;
+                let Differences {
+                    refusal,
+                    to_confirm,
+                } = self.compared(Machine::parse(&text, &hash).ok().as_ref());
                 let ask = ModelAsk {
                     machine: store.machine(&hash),
                     from: entry.from,
                     file: entry.file.clone(),
                     hash,
                     confirm,
+                    refusal,
+                    differences: to_confirm,
                 };
                 Ok((ask, None))
             }
             Activate::Configured => {
                 let machine: PathBuf = self.configured.clone();
-                let hash = Machine::read(&machine)
-                    .map_err(|e| refused(422, e.to_string()))?
-                    .checksum();
+                let read = Machine::read(&machine).map_err(|e| refused(422, e.to_string()))?;
+                let Differences {
+                    refusal,
+                    to_confirm,
+                } = self.compared(Some(&read));
                 let ask = ModelAsk {
                     file: machine.display().to_string(),
                     machine,
-                    hash,
+                    hash: read.checksum(),
                     from: ModelSource::File,
                     confirm,
+                    refusal,
+                    differences: to_confirm,
                 };
                 Ok((ask, None))
             }

@@ -19,7 +19,10 @@ use volcomp_document::InputError;
 use volcomp_model::{Axis, Machine};
 use volcomp_vocabulary::Urad;
 
-use super::diagonals::diagonals;
+use super::{
+    diagonals::diagonals,
+    differences::{Differences, differences},
+};
 use crate::documents::{
     CandidateDraft, CandidateResult, DraftAnswer, DraftQuestion, DraftedMeasurement, ModelFit,
 };
@@ -170,23 +173,19 @@ pub(crate) fn result(
     machine: &Machine,
     before: Option<&Machine>,
 ) -> Result<CandidateResult, volcomp_model::ModelError> {
-    let structure = machine.chain().structure().to_string();
-    let mut warnings = Vec::new();
-    if let Some(before) = before {
-        let was = before.chain().structure().to_string();
-        if was != structure {
-            warnings.push(format!(
-                "the structure is another one: {was} in the model in force, {structure} in this one"
-            ));
-        }
-        if machine.checksum() == before.checksum() {
-            warnings.push("this is the model in force: nothing would change".to_owned());
-        }
+    let Differences {
+        refusal,
+        to_confirm,
+    } = before.map_or_else(Differences::default, |before| differences(machine, before));
+    let mut warnings = to_confirm;
+    if before.is_some_and(|before| machine.checksum() == before.checksum()) {
+        warnings.push("this is the model in force: nothing would change".to_owned());
     }
     Ok(CandidateResult {
+        refusal,
         hash: machine.checksum(),
         name: machine.name.clone(),
-        structure,
+        structure: machine.chain().structure().to_string(),
         warnings,
         fits: Vec::new(),
         squareness_urad: BTreeMap::new(),

@@ -27,6 +27,7 @@ use crate::{
 mod candidate;
 mod desk;
 mod diagonals;
+mod differences;
 mod measured;
 mod patience;
 mod quiet;

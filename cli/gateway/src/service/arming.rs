@@ -69,6 +69,7 @@ impl Service {
             confirm_um: guard.linear.confirm.0,
             confirm_urad: guard.rotary.as_ref().map(|rotary| rotary.confirm.0),
             confirmed,
+            differences: Vec::new(),
         })
     }
 

@@ -14,6 +14,7 @@ use super::{
 use crate::{
     config::Config,
     documents::{Answer, Event, Question},
+    identity::Judge,
     request::{Ask, Asked, CentreAsk, ModelAsk, Reply},
 };
 
@@ -68,7 +69,7 @@ impl Service {
         machine: PathBuf,
         confirm: Option<String>,
     ) -> Result<Step, Reply> {
-        self.read_other(machine, confirm.clone(), Whose::Centre(confirm))
+        self.read_other(machine, confirm.clone(), Vec::new(), Whose::Centre(confirm))
     }
 
     /// Begins to read a machine file that a person has chosen. Where a centre has put one in force, it comes from there alone:
@@ -81,17 +82,28 @@ impl Service {
             ));
         }
         let (machine, confirm) = (ask.machine.clone(), ask.confirm.clone());
-        self.read_other(machine, confirm, Whose::Person(ask))
+        self.read_other(
+            machine,
+            confirm,
+            ask.differences.clone(),
+            Whose::Person(ask),
+        )
     }
 
-    /// Begins to read a machine file. Nothing else of the configuration changes, whatever stands on disk.
+    /// Begins to read a machine file. Nothing else of the configuration changes, whatever stands on disk. `differences`: what must
+    /// be confirmed besides a large move.
     fn read_other(
         &mut self,
         machine: PathBuf,
         confirm: Option<String>,
+        differences: Vec<String>,
         whose: Whose,
     ) -> Result<Step, Reply> {
         let judge = self.judge(confirm);
+        let judge = judge.map(|judge| Judge {
+            differences,
+            ..judge
+        });
         let config = Config {
             machine,
             ..self.parts.config.clone()

@@ -108,6 +108,11 @@ impl Service {
             }
             Err(_) => return Progress::Done(self.not_taken(&whose, disk_silent())),
         };
+        if let Whose::Person(ask) = &whose
+            && let Some(why) = ask.refusal.clone()
+        {
+            return Progress::Done(self.refused_files(&whose, who, why));
+        }
         let (plan, judged) = match planned {
             Ok(planned) => planned,
             Err(e) => {

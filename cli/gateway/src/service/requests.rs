@@ -385,8 +385,13 @@ pub(super) fn in_words(answer: &Answer) -> String {
             let rotary = question.confirm_urad.map_or(String::new(), |_| {
                 format!(" and {} µrad", size(question.worst_corner_urad))
             });
+            let differences: String = question
+                .differences
+                .iter()
+                .map(|difference| format!("; {}", difference.trim_end_matches('.')))
+                .collect();
             format!(
-                "{} must be confirmed: it moves a point of the work space by {} µm{rotary}{limits}",
+                "{} must be confirmed: it moves a point of the work space by {} µm{rotary}{limits}{differences}",
                 question.model,
                 size(question.worst_corner_um)
             )

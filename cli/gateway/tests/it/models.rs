@@ -331,8 +331,14 @@ fn what_is_no_model_of_this_machine_is_refused() {
         .replace("w X' b Y Z t", "w X' b Y t")
         .replace("[axes.Z]\ntravel = [0.0, 250.0]\n", "");
     let made = machine_file(&program, &axes);
+    let why = made["result"]["refusal"].as_str().expect("told");
+    assert!(
+        why.contains("X and Y, the model in force has X, Y and Z"),
+        "{why}"
+    );
     let refused = activate(&program, &made, None);
     assert_eq!(refused.status, 422, "{}", refused.body);
+    assert_eq!(refused.json()["error"], why);
     let newest = wait_model(&program, |now| now["history"][0]["outcome"] == "refused");
     assert!(newest["history"][0]["why"].as_str().expect("told").len() > 10);
     assert_eq!(newest["from"], "file");
@@ -343,8 +349,41 @@ fn what_is_no_model_of_this_machine_is_refused() {
         &with_y(90.0).replace("w X' b Y Z t", "w X' Y' b Z t"),
     );
     let warnings = made["result"]["warnings"].to_string();
-    assert!(warnings.contains("structure"), "{warnings}");
+    assert!(warnings.contains("The structure is"), "{warnings}");
     assert_eq!(activate(&program, &made, None).status, 409);
+}
+
+/// The machine file of another machine whose correction hardly moves: it went into force with no word.
+#[test]
+fn a_model_of_another_machine_is_asked_about() {
+    let rig = Rig::new("");
+    let program = rig.start();
+    let other = with_y(21.0).replace("travel = [0.0, 250.0]", "travel = [0.0, 800.0]");
+    let other = format!("name = \"gantry-8000\"\n{}", without_name(&other));
+    let made = machine_file(&program, &other);
+    assert!(made["result"]["refusal"].is_null(), "{made}");
+    let said = made["result"]["warnings"].as_array().expect("a list");
+    assert!(said[0].as_str().expect("a text").contains("“gantry-8000”"));
+    let travels = "Z travels from 0 to 800 mm in this model, from 0 to 250 mm";
+    assert!(said[1].as_str().expect("a text").contains(travels));
+    let asked = activate(&program, &made, None);
+    assert_eq!(asked.status, 409, "{}", asked.body);
+    let asked = asked.json();
+    validate("gateway-answer.json", &asked);
+    assert_eq!(asked["model"], made["result"]["hash"]);
+    assert_eq!(asked["differences"].as_array().expect("a list").len(), 2);
+    let taken = activate(&program, &made, Some(&asked["model"]));
+    assert_eq!(taken.status, 200, "{}", taken.body);
+    // The way back is asked about in the same way, and arming no more than once.
+    let back = post(&program, "back", &json!({ "hash": null }));
+    assert_eq!(back.status, 409, "{}", back.body);
+    assert!(back.body.contains("gantry-8000"), "{}", back.body);
+    arms(&program);
+}
+
+fn without_name(machine: &str) -> String {
+    let lines = machine.lines().filter(|line| !line.starts_with("name"));
+    lines.map(|line| format!("{line}\n")).collect()
 }
 
 /// Whoever begins first is told to whoever comes second, and nobody goes on with what is gone.
