@@ -75,7 +75,7 @@ function curveOf(fit) {
   const key = (name, text) => { const made = document.createElement("span"); made.className = `key ${name}`; made.textContent = text; keys.append(made); };
   key("dot", "readings");
   key("after", "new curve");
-  if (fit.before.length) key("before", "in force");
+  if (fit.before.length) key("now", "in force");
   if (fit.band) key("band", "uncertainty, k = 2");
   figure.append(keys);
   const svg = part("svg", { viewBox: `0 0 ${wide} 330`, role: "img", "aria-label": `${fit.error}: readings, curve and residuals` });
@@ -87,7 +87,7 @@ function curveOf(fit) {
     const back = [...fit.band].reverse();
     part("path", { class: "band", d: `${path(fit.band, x, y)}${path(back.map((p) => [p[0], p[2]]), x, y).replace("M", "L")}Z` }, svg);
   }
-  if (fit.before.length) part("path", { class: "before", d: path(fit.before, x, y) }, svg);
+  if (fit.before.length) part("path", { class: "now", d: path(fit.before, x, y) }, svg);
   part("path", { class: "after", d: path(fit.fit, x, y) }, svg);
   for (const [at, value] of fit.readings) part("circle", { class: "reading", cx: x(at).toFixed(1), cy: y(value).toFixed(1), r: 3.4 }, svg);
   const [, r] = frame(svg, span, ends([fit.residual_min, fit.residual_max, -fit.residual_max, -fit.residual_min], 0.2), { from: 224, to: 292, unit: "residual", along: `${fit.error[2]}, ${fit.along === "deg" ? "°" : "mm"}` });
@@ -127,22 +127,26 @@ function foldedCurves(fits) {
   });
 }
 
-/** A diagonal by two models, over the same values as its neighbours: `range` is that of all of them. */
+/** What the machine errs along a diagonal if the new model is right: distance, without correction, and what is left with correction
+    by the model in force and by the new one. A model takes away the error that it describes. */
+const leftOf = (diagonal) => diagonal.points.map(([at, inForce, byNew]) => [at, byNew, byNew - inForce, 0]);
+
+/** A diagonal over the same values as its neighbours: `range` is that of all of them. */
 function diagonalOf(diagonal, range) {
   takeWidth();
   const figure = document.createElement("figure");
   const caption = document.createElement("figcaption");
   caption.textContent = `${diagonal.name} `;
-  const last = diagonal.points[diagonal.points.length - 1];
+  const left = leftOf(diagonal), last = left[left.length - 1];
   const detail = document.createElement("span");
   const signs = signsOf(diagonal.name);
-  detail.textContent = `${signs ? `${signs}; ` : ""}${last[0].toFixed(0)} mm long; at its end ${minus(last[1].toFixed(1))} → ${minus(last[2].toFixed(1))} µm`;
+  const [without, now, after] = last.slice(1).map((value) => minus((value.toFixed(1) === "-0.0" ? 0 : value).toFixed(1)));
+  detail.textContent = `${signs ? `${signs}; ` : ""}${last[0].toFixed(0)} mm long; at its end without → with correction: ${without} → ${now} µm by the model in force, ${without} → ${after} µm by the new one`;
   caption.append(detail);
   figure.append(caption);
   const svg = part("svg", { viewBox: `0 0 ${wide} 220`, role: "img", "aria-label": `diagonal ${diagonal.name}` });
   const [x, y] = frame(svg, [0, last[0]], range, { from: 10, to: 180, unit: "µm", along: "along the diagonal, mm" });
-  part("path", { class: "before", d: path(diagonal.points.map((p) => [p[0], p[1]]), x, y) }, svg);
-  part("path", { class: "after", d: path(diagonal.points.map((p) => [p[0], p[2]]), x, y) }, svg);
+  for (const [place, name] of [[1, "before"], [2, "now"], [3, "after"]]) part("path", { class: name, d: path(left.map((p) => [p[0], p[place]]), x, y) }, svg);
   figure.append(svg);
   return figure;
 }

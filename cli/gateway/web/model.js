@@ -1,5 +1,5 @@
 "use strict";
-/* global foldedCurves, diagonalOf, ends */
+/* global foldedCurves, diagonalOf, leftOf, ends */
 
 const HOLD_MS = 1000, LOOK_MS = 1000;
 const element = (id) => document.getElementById(id);
@@ -208,8 +208,8 @@ function showResult(result) {
   const square = Object.entries(result.squareness_urad).map(([error, value]) => `${error} ${value.toFixed(1)} µrad`.replace("-", "−"));
   text("squareness", square.length ? `Squareness: ${square.join(", ")}` : "");
   element("curves").replaceChildren(...foldedCurves(result.fits));
-  const range = ends(result.diagonals.flatMap((diagonal) => diagonal.points.flatMap((p) => p.slice(1))));
-  element("diagonals-title").hidden = result.diagonals.length === 0;
+  const range = ends(result.diagonals.flatMap((diagonal) => leftOf(diagonal).flatMap((p) => p.slice(1))));
+  element("diagonals-part").hidden = result.diagonals.length === 0;
   element("diagonals").replaceChildren(...result.diagonals.map((diagonal) => diagonalOf(diagonal, range)));
 }
 

@@ -3,6 +3,7 @@
 Measurement files are uploaded, questions answered, the model put in force and gone back from, as a person does it.
 """
 import pathlib
+import re
 import sys
 
 from playwright.sync_api import sync_playwright
@@ -124,6 +125,13 @@ with sync_playwright() as playwright:
         assert len(at) >= 6, at
     names = page.locator("#diagonals figcaption").all_inner_texts()
     assert [name.split(";")[0] for name in names] == ["PPP +X +Y +Z", "NPP −X +Y +Z", "PNP +X −Y +Z", "PPN +X +Y −Z"], names
+    # The arrow means without -> with correction; in force is a model without these errors, which leaves all of them.
+    for said in page.locator("#diagonals figcaption").all_inner_texts():
+        numbers = re.search(r"without → with correction: (\S+) → (\S+) µm by the model in force, (\S+) → (\S+) µm by the new one", said)
+        assert numbers, said
+        without, left, again, new = numbers.groups()
+        assert without == left == again != "0.0" and new == "0.0", said
+    assert "without correction → with correction" in page.inner_text("#diagonals-part")
     fits(page)
     page.emulate_media(color_scheme="dark")
     shot(page, "1280-result-dark")
