@@ -30,6 +30,12 @@ const short = (hash) => hash.replace("sha256:", "").slice(0, 12);
 const when = (time) => time.replace("T", " ").slice(0, 19);
 const size = (bytes) => (bytes < 1024 ? `${bytes} B` : bytes < 1048576 ? `${(bytes / 1024).toFixed(0)} KiB` : `${(bytes / 1048576).toFixed(1)} MiB`);
 const SOURCES = { file: "machine file", upload: "upload", centre: "centre" };
+/** What becomes of a configured file that is not in force. */
+const DIFFERS = {
+  file: "It has been changed since it was read: “Reload” on the dashboard takes it.",
+  upload: "It is not used until somebody presses “Use the configured file” below.",
+  centre: "It is not used: the centre decides which model is in force.",
+};
 const OUTCOMES = { "in-force": "put in force", refused: "refused", "must-be-confirmed": "not confirmed" };
 
 async function ask(path, body) {
@@ -59,7 +65,9 @@ function showState() {
   element("differs").hidden = !state.configured.differs && !state.configured.error;
   text("differs", state.configured.error
     ? `The configured machine file cannot be read: ${state.configured.error}`
-    : "The configured machine file says something else than the model in force. It is taken by a reload of the dashboard where it is in force itself, else by “Use the configured file” below.");
+    : `The configured machine file, as it is on disk now, is another model than the one in force. ${DIFFERS[state.from]}`);
+  element("no-files").hidden = !state.no_files;
+  text("no-files", state.no_files ? `No files are taken here: ${state.no_files}.` : "");
   text("most", `at most ${state.most_files} files, each up to ${size(state.largest_file_bytes)}`);
   const body = element("history").tBodies[0];
   body.replaceChildren();
@@ -93,12 +101,13 @@ function list(id, lines) {
 function showCandidate() {
   const step = candidate ? candidate.step : null;
   const isWorking = step === "working";
-  text("candidate", !candidate ? "Upload what was measured, or a machine file that is ready."
+  text("candidate", !candidate && state && state.no_files ? "" : !candidate ? "Upload what was measured, or a machine file that is ready."
     : isWorking ? "The gateway looks at the files …"
       : `Begun by ${candidate.who}, ${when(candidate.since)} UTC.`);
   const hasMachine = candidate && candidate.files.some((file) => file.name.toLowerCase().endsWith(".toml"));
-  element("measurements").disabled = !isEngineer || isWorking || busy || hasMachine;
-  element("machine-file").disabled = !isEngineer || Boolean(candidate) || busy;
+  const takesFiles = isEngineer && !(state && state.no_files);
+  element("measurements").disabled = !takesFiles || isWorking || busy || hasMachine;
+  element("machine-file").disabled = !takesFiles || Boolean(candidate) || busy;
   element("machine-file").parentElement.hidden = Boolean(candidate);
   list("files", candidate ? candidate.files.map((file) => `${file.name}, ${size(file.bytes)}`) : []);
   // What went wrong is said where it can be mended.
@@ -117,7 +126,7 @@ function showCandidate() {
   element("activate").disabled = !isEngineer || step !== "ready" || Boolean(refusal);
   element("refusal").hidden = !refusal;
   text("refusal", refusal);
-  element("configured").disabled = !isEngineer || !state || !(state.from === "upload" || state.configured.differs) || state.from === "centre";
+  element("configured").disabled = !takesFiles || !state || !(state.from === "upload" || state.configured.differs) || state.from === "centre";
   const draft = candidate && candidate.draft;
   element("questions-panel").hidden = !draft;
   const result = candidate && candidate.result;

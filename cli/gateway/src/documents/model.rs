@@ -104,6 +104,9 @@ pub struct ModelState {
     pub largest_upload_bytes: u64,
     /// The largest number of files of one upload.
     pub most_files: usize,
+    /// Why no file is taken, in words; null: files are taken.
+    #[serde(default)]
+    pub no_files: Option<String>,
     /// What could not be kept on disk, or is damaged there, in words.
     pub trouble: Option<String>,
 }

@@ -150,7 +150,8 @@ impl Models {
         let candidate = lock(&shared.candidate);
         let told = lock(&shared.told);
         let mut configured = told.configured.clone();
-        configured.differs = configured.hash.as_ref() != Some(&model.hash);
+        // The built-in simulation has no file that could differ.
+        configured.differs = !shared.is_built_in && configured.hash.as_ref() != Some(&model.hash);
         ModelState {
             hash: model.hash.clone(),
             name: model.name.clone(),
@@ -167,6 +168,7 @@ impl Models {
             largest_file_bytes: shared.largest_file,
             largest_upload_bytes: shared.largest_file.saturating_mul(TIMES),
             most_files: MOST_FILES,
+            no_files: shared.is_built_in.then(|| BUILT_IN.to_owned()),
             trouble: told.trouble.clone(),
         }
     }
@@ -263,8 +265,7 @@ impl Answering {
     }
 }
 
-const BUILT_IN: &str =
-    "the built-in simulation has its own machine file: start the gateway with a configuration";
+const BUILT_IN: &str = "the built-in simulation has its own machine file, which no other one can replace; start the gateway with a configuration, which may name a simulated control";
 
 /// The answer where a request names a candidate that is not there any more.
 fn gone() -> Reply {

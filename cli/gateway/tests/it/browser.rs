@@ -10,9 +10,9 @@ use volcomp_test_support::peers;
 
 use crate::{
     controlled::control,
-    models::{ENGINEER, examples, measured_control, measured_rig_in},
+    models::{ENGINEER, engineers, examples, measured_control, measured_rig_in},
     paths::{nobody, two_ways},
-    program::{OPERATE, Program, change, path},
+    program::{OPERATE, Program, change, path, token_file},
     several,
 };
 
@@ -55,6 +55,23 @@ fn a_person_sees_and_operates_it() {
         program.signal("TERM");
         assert_eq!(program.end(), Some(0), "{}", program.log());
     });
+}
+
+#[test]
+fn a_person_sees_that_the_built_in_simulation_takes_no_model() {
+    let dir = tempfile::tempdir().expect("writable");
+    let tokens = token_file(dir.path());
+    engineers(dir.path());
+    let audit = dir.path().join("audit");
+    let arguments = ["--simulate", "--token-file", path(&tokens), "--audit-dir"];
+    let program = Program::start(dir.path(), &[&arguments[..], &[path(&audit)]].concat());
+    let url = format!("http://{}/", program.address);
+    run(
+        "browser_built_in.py",
+        &[&url, ENGINEER],
+        "gateway-built-in.png",
+        || {},
+    );
 }
 
 #[test]
