@@ -9,9 +9,11 @@ const headers = () => (token() ? { Authorization: `Bearer ${token()}` } : {});
 let isEngineer = false, mayOperate = false, state = null, candidate = null;
 /** What a person has to confirm: the request that is repeated with the hash. */
 let asked = null;
-/** The answers that were typed, by measurement and key: a look at the gateway must not take them away. */
+/** The answers that were typed, by files and key: neither a look at the gateway nor a reload of the page must take them away. */
 const typed = new Map();
-let drawn = "", busy = false, wantsResult = false;
+/** Questions whose answers differ from file to file. */
+const OF_ONE = ["error", "file"];
+let drawn = "", marked = "", busy = false, wantsResult = false;
 
 function text(id, value) {
   const target = element(id);
@@ -132,9 +134,13 @@ function showCandidate() {
   const result = candidate && candidate.result;
   element("result-panel").hidden = !result;
   // What is drawn already stays, with what is being typed into it.
-  const now = JSON.stringify(candidate && [candidate.id, draft, result, isEngineer]);
-  if (now === drawn) return;
-  drawn = now;
+  const now = JSON.stringify(candidate && [candidate.id, draft && { ...draft, answers: [] }, result, isEngineer]);
+  if (now === drawn) {
+    if (error !== marked) markOpen();
+    marked = error;
+    return;
+  }
+  [drawn, marked] = [now, error];
   if (draft) showDraft(draft);
   // Answered, they are out of the way of the result.
   element("questions-fold").open = !result;
@@ -143,8 +149,98 @@ function showCandidate() {
   wantsResult = wantsResult && !result;
 }
 
+/** Where the gateway says no to the answers, the first field that keeps it from going on is shown. */
+function showOpen() {
+  if (!wantsResult || !candidate || candidate.step === "working" || !candidate.error) return;
+  wantsResult = false;
+  const first = element("questions").querySelector(".open-field");
+  if (first) first.scrollIntoView({ block: "center" });
+}
+
+/** What an answer is kept under: numbers of measurements become others where a file is added or taken off. */
+function keyOf(draft, of, key) {
+  const measurement = draft.measurements[Number(of)];
+  return `${measurement ? measurement.files.join(" ") : of} ${key}`;
+}
+
+function keep(key, value) {
+  typed.set(key, value);
+  sessionStorage.setItem("typed", JSON.stringify({ candidate: candidate.id, answers: [...typed] }));
+}
+
+/** What was typed before the page was loaded anew. */
+function recall() {
+  try {
+    const kept = JSON.parse(sessionStorage.getItem("typed") || "null");
+    if (kept && kept.candidate === candidate.id) for (const [key, value] of kept.answers) typed.set(key, value);
+  } catch { /* nothing that could be used */ }
+}
+
+function fieldOf(question, parent) {
+  let field;
+  if (question.choices.length) {
+    field = make("select", "", parent);
+    make("option", "", field, "").value = "";
+    for (const choice of question.choices) make("option", "", field, choice).value = choice;
+  } else {
+    field = make("input", "", parent);
+    field.autocomplete = "off";
+    field.inputMode = question.key === "error" || question.key.startsWith("channels") ? "text" : "decimal";
+    if (question.key === "point") field.placeholder = "x, y, z";
+  }
+  return field;
+}
+
+function lineOf(question, parent) {
+  const line = make("label", "question", parent);
+  const words = make("span", "", line, `${question.question} `);
+  make("code", "", words, question.key);
+  return line;
+}
+
+/** A field for each question that many measurements have: it fills those that are empty. */
+function showForAll(questions, form) {
+  const kinds = new Map();
+  for (const question of questions) if (!OF_ONE.includes(question.key)) kinds.set(question.key, [...(kinds.get(question.key) || []), question]);
+  const many = [...kinds.values()].filter((of) => of.length > 1);
+  if (many.length === 0) return;
+  const group = make("fieldset", "for-all", form);
+  make("legend", "", group, "The same for all of these");
+  make("p", "said", group, "What stands here is filled into the fields below that are empty. What was typed there stays.");
+  const fields = many.map((of) => {
+    const line = lineOf({ ...of[0], question: `${of.length} times: ${of[0].question}` }, group);
+    const field = fieldOf(of[0], line);
+    field.dataset.all = of[0].key;
+    return field;
+  });
+  const fill = make("button", "plain", make("div", "row", group), "Fill the empty fields");
+  fill.type = "button";
+  fill.addEventListener("click", () => {
+    for (const all of fields.filter((field) => field.value.trim())) {
+      for (const field of form.querySelectorAll(`[data-key="${all.dataset.all}"]`)) {
+        if (field.value.trim() || field.closest(".left-out")) continue;
+        field.value = all.value.trim();
+        field.dispatchEvent(new Event("input"));
+      }
+    }
+  });
+}
+
+/** Marks the fields that keep the gateway from making a model: those that are empty, or the one that it names. */
+function markOpen() {
+  const error = (candidate && candidate.error) || "";
+  for (const field of element("questions").querySelectorAll("[data-key]:not([data-key=leave_out])")) {
+    const isWrong = error.startsWith(field.dataset.named) || (error.includes("open question") && !field.value.trim());
+    field.classList.toggle("open-field", isWrong && !field.closest(".left-out"));
+  }
+}
+
 function showDraft(draft) {
-  for (const answer of draft.answers) if (!typed.has(`${answer.of} ${answer.key}`)) typed.set(`${answer.of} ${answer.key}`, answer.value);
+  recall();
+  for (const answer of draft.answers) {
+    const key = keyOf(draft, answer.of, answer.key);
+    if (!typed.has(key)) typed.set(key, answer.value);
+  }
   list("notes", [...draft.conflicts, ...draft.left_over.map((file) => `not used: ${file}`), ...draft.notes]);
   text("text", draft.text);
   const form = element("questions");
@@ -152,43 +248,38 @@ function showDraft(draft) {
   const groups = new Map();
   for (const question of draft.questions) groups.set(question.of, [...(groups.get(question.of) || []), question]);
   if (groups.size === 0) make("p", "", form, "None: the files say everything.");
+  showForAll(draft.questions, form);
   for (const [of, questions] of groups) {
     const group = make("fieldset", "", form);
     const measurement = draft.measurements[Number(of)];
     make("legend", "", group, measurement ? `${measurement.error || "unknown error"}: ${measurement.files.join(" or ")}` : `Squareness ${of}`);
     if (measurement) for (const said of measurement.said) make("p", "said", group, said);
     for (const question of questions) {
-      const line = make("label", "question", group);
-      const words = make("span", "", line, `${question.question} `);
-      make("code", "", words, question.key);
-      const key = `${of} ${question.key}`;
-      let field;
-      if (question.choices.length) {
-        field = make("select", "", line);
-        make("option", "", field, "").value = "";
-        for (const choice of question.choices) make("option", "", field, choice).value = choice;
-      } else {
-        field = make("input", "", line);
-        field.autocomplete = "off";
-        field.inputMode = question.key === "error" || question.key.startsWith("channels") ? "text" : "decimal";
-        if (question.key === "point") field.placeholder = "x, y, z";
-      }
+      const field = fieldOf(question, lineOf(question, group));
+      const key = keyOf(draft, of, question.key);
       field.dataset.of = of;
       field.dataset.key = question.key;
+      // As a refusal of the gateway names it.
+      field.dataset.named = `${measurement ? measurement.files.join(", ") : of}: ${question.key}: `;
       field.value = typed.get(key) || "";
-      field.addEventListener("input", () => typed.set(key, field.value));
+      field.addEventListener("input", () => {
+        keep(key, field.value);
+        field.classList.remove("open-field");
+      });
     }
     const out = make("label", "out", group);
     const box = make("input", "", out);
     box.type = "checkbox";
     box.dataset.of = of;
     box.dataset.key = "leave_out";
-    box.checked = typed.get(`${of} leave_out`) === "true";
+    const outKey = keyOf(draft, of, "leave_out");
+    box.checked = typed.get(outKey) === "true";
     make("span", "", out, "leave this out");
     const mark = () => group.classList.toggle("left-out", box.checked);
-    box.addEventListener("change", () => { typed.set(`${of} leave_out`, String(box.checked)); mark(); });
+    box.addEventListener("change", () => { keep(outKey, String(box.checked)); mark(); markOpen(); });
     mark();
   }
+  markOpen();
 }
 
 function answers() {
@@ -284,9 +375,10 @@ async function upload(kind, input) {
   }
 }
 
-async function post(what, body) {
+async function post(what, body, then = () => null) {
   try {
     const { ok, answer } = await ask(`/api/model/${what}`, body);
+    if (ok) then();
     text("answer", ok ? "" : answer.error);
   } catch {
     text("answer", "the gateway does not answer");
@@ -317,6 +409,7 @@ async function look() {
     // A button that is being held must not be drawn anew under the finger.
     if (JSON.stringify(state) !== before) showState();
     showCandidate();
+    showOpen();
   } catch {
     text("state", "no connection");
     element("state").dataset.state = "unknown";
@@ -371,8 +464,7 @@ element("draft").addEventListener("click", () => post("draft", { candidate: cand
 element("discard").addEventListener("click", () => post("discard", { candidate: candidate.id }));
 element("questions").addEventListener("submit", (event) => {
   event.preventDefault();
-  wantsResult = true;
-  post("answers", { candidate: candidate.id, answers: answers() });
+  post("answers", { candidate: candidate.id, answers: answers() }, () => { wantsResult = true; });
 });
 element("not-now").addEventListener("click", () => { question(null, null); text("answer", ""); });
 guard(element("activate"), (shown) => putInForce("activate", shown), () => ({ candidate: candidate.id, hash: candidate.result.hash }));

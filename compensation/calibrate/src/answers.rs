@@ -273,10 +273,11 @@ fn answer_measurement(of: &mut Proposed, answer: &Answer) -> Result<(), AnswerEr
     if let Some(letter) = answer.key.strip_prefix("at.") {
         let mut places = of.at.iter_mut();
         let place = places.find(|(axis, _)| axis.to_string() == letter);
-        let Some((_, place)) = place else {
+        let Some((axis, place)) = place else {
             return Err(key_error(answer, &subject));
         };
-        *place = Some(number(value).ok_or_else(|| wrong("a number, mm or deg"))?);
+        let unit = axis.kind().coordinate_unit();
+        *place = Some(number(value).ok_or_else(|| wrong(&format!("a number of {unit}")))?);
         return Ok(());
     }
     if let Some(inner) = answer.key.strip_prefix("channels.") {

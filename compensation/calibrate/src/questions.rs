@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use volcomp_document::{InputError, Section, Value};
+use volcomp_vocabulary::AxisName;
 
 /// Stands where a value has to be stated by somebody who knows it.
 pub const OPEN: &str = "?";
@@ -17,8 +18,12 @@ const INNER: [&str; 3] = ["at", "columns", "channels"];
 pub(crate) fn question(key: &str, inner: Option<&str>) -> String {
     match (key, inner) {
         ("at", Some(axis)) => {
+            // Whatever else may stand there is refused by the decoder.
+            let unit = axis
+                .parse::<AxisName>()
+                .map_or("mm or deg", |axis| axis.kind().coordinate_unit());
             return format!(
-                "where did axis {axis} stand during this test, mm or deg? Without it: at 0"
+                "where did axis {axis} stand during this test, {unit}? Without it: at 0."
             );
         }
         ("channels", Some("target")) => "which channel is the position of the axis?",
@@ -31,13 +36,13 @@ pub(crate) fn question(key: &str, inner: Option<&str>) -> String {
         ("file", None) => "which of these files is the right one?",
         ("at", None) => "where did the other axes stand during this test?",
         ("point", None) => {
-            "where was the measured point, [x, y, z] in mm of the machine, with the measured axis at 0? It gives the levers of the tilts. Without it: the point of the axis in the machine file"
+            "where was the measured point, [x, y, z] in mm of the machine, with the measured axis at 0? It gives the levers of the tilts. Without it: the point of the axis in the machine file."
         }
         ("rides", None) => {
-            "on which side of the joint was the measured point? \"carriage\": on the part that this axis moves, as a reflector on its slide is. \"other\": on the part along which it moves, so that the way travelled is a lever as well. Without it: \"carriage\""
+            "on which side of the joint was the measured point? \"carriage\": on the part that this axis moves, as a reflector on its slide is. \"other\": on the part along which it moves, so that the way travelled is a lever as well. Without it: \"carriage\"."
         }
         ("sign", None) => {
-            "whose motion did the instrument show, and with which sign: 1 or -1? 1 where a positive reading means that the tool went to plus seen from the workpiece; -1 where it means that the table or the guideway did, or where the instrument counts the other way round. Without it: 1"
+            "whose motion did the instrument show, and with which sign: 1 or -1? 1 where a positive reading means that the tool went to plus seen from the workpiece; -1 where it means that the table or the guideway did, or where the instrument counts the other way round. Without it: 1."
         }
         ("bridge_mm", None) => "how far apart were the feet of the bridge, mm?",
         ("reading", None) => "how is the sign of a tilt meant, \"right-hand\" or \"slope\"?",
@@ -45,7 +50,7 @@ pub(crate) fn question(key: &str, inner: Option<&str>) -> String {
             "were the readings taken against the commanded pose (true) or against the axis itself (false)?"
         }
         ("reference_angle_urad", None) => {
-            "by how much is the angle between the plus directions of the two references, the sides of the square or the two beams, more than 90°, µrad? 0 for a perfect square, else what its certificate says; or state `value_urad`, the squareness itself, in its place"
+            "by how much is the angle between the plus directions of the two references, the sides of the square or the two beams, more than 90°, µrad? 0 for a perfect square, else what its certificate says; or state `value_urad`, the squareness itself, in its place."
         }
         _ => "which value is it?",
     }
@@ -98,6 +103,45 @@ fn collect(section: &Section<'_>, open: &mut Vec<InputError>) {
             for (name, value) in inner.values().filter(|(_, value)| is_open(value)) {
                 ask(&value, key, Some(name));
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_place_of_an_axis_is_asked_in_its_own_unit() {
+        let asked = |axis| question("at", Some(axis));
+        assert_eq!(
+            asked("X"),
+            "where did axis X stand during this test, mm? Without it: at 0."
+        );
+        assert!(asked("C").contains("this test, deg?"), "{}", asked("C"));
+    }
+
+    /// Another sentence may follow.
+    #[test]
+    fn every_question_ends_as_a_sentence() {
+        let keys = [
+            "unit",
+            "error",
+            "file",
+            "at",
+            "point",
+            "rides",
+            "sign",
+            "bridge_mm",
+            "reading",
+            "holds_location",
+            "reference_angle_urad",
+            "other",
+        ];
+        let inner = ["target", "reading", "reading_is", "unit"];
+        let all = keys.map(|key| question(key, None)).into_iter();
+        for asked in all.chain(inner.map(|key| question("channels", Some(key)))) {
+            assert!(asked.ends_with(['?', '.']), "{asked}");
         }
     }
 }

@@ -187,7 +187,7 @@ pub struct CandidateDraft {
     pub measurements: Vec<DraftedMeasurement>,
     /// What nobody but the one who measured can say.
     pub questions: Vec<DraftQuestion>,
-    /// The answers so far, as they were typed.
+    /// The answers so far, as they were typed, those that were refused included.
     pub answers: Vec<DraftAnswer>,
     /// Files that were given the same place, or hold the same readings.
     pub conflicts: Vec<String>,

@@ -280,6 +280,10 @@ impl Shared {
             let drafted = drafted
                 .ok_or_else(|| refused(409, "the files have not been looked through yet"))?;
             let (folder, turn) = held.begin_work()?;
+            // What was typed is kept, also where it is refused.
+            if let Some(draft) = &mut held.document.draft {
+                draft.answers.clone_from(&answers);
+            }
             (drafted, folder, turn)
         };
         self.work(id, turn, move || {

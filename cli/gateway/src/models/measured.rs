@@ -32,6 +32,9 @@ const CALIBRATION: &str = "calibration.toml";
 /// The folder of the measurement files in the folder of an upload.
 pub(crate) const FILES: &str = "files";
 
+/// What is said of open questions, however many there are.
+const LEAVE_NONE: &str = "leave none empty, or leave the measurement out. An empty field is not 0";
+
 /// The uncertainty is found from so many calibrations with readings drawn again, where they take no longer than [`VARIED_AT_MOST`].
 const TRIALS: u32 = 40;
 /// With fewer nothing is said of the uncertainty.
@@ -140,9 +143,14 @@ impl Folder {
         drafted: &Draft,
         answers: &[DraftAnswer],
     ) -> Result<(String, CandidateResult), NotMeasured> {
-        let text = answered(drafted, answers)?.text;
+        let answered = answered(drafted, answers)?;
+        match answered.questions.len() {
+            0 => {}
+            1 => return Err(NotMeasured(format!("one open question: {LEAVE_NONE}"))),
+            open => return Err(NotMeasured(format!("{open} open questions: {LEAVE_NONE}"))),
+        }
         let path = self.0.join(CALIBRATION);
-        fs::write(&path, text).map_err(|e| self.wrong(&e))?;
+        fs::write(&path, answered.text).map_err(|e| self.wrong(&e))?;
         let file = CalibrationFile::read(&path).map_err(|e| self.wrong(&e))?;
         let begun = Instant::now();
         let calibration = calibrate(&file, |_, _| {}).map_err(|e| self.wrong(&e))?;

@@ -92,7 +92,41 @@ with sync_playwright() as playwright:
     page.wait_for_selector("#draft:not([disabled])", timeout=20000)
     page.click("#draft")
     page.wait_for_selector("#questions fieldset", timeout=30000)
+    # One field for many: it fills those that are empty, and no others.
+    places = page.locator("#questions [data-key='at.Z']")
+    many = places.count()
+    assert many > 2
+    places.first.fill("-299")
+    page.fill("#questions [data-all='at.Z']", "-300")
+    page.click("#questions .for-all button")
+    assert [field.input_value() for field in places.all()] == ["-299"] + ["-300"] * (many - 1)
+    assert page.locator("#questions [data-all=error]").count() == 0
+    # Refused, the open fields are marked, and what was typed outlives a reload of the page: the gateway keeps it.
+    page.click("#calibrate")
+    page.wait_for_selector("#questions .open-field", timeout=30000)
+    said = page.inner_text("#open")
+    assert "open questions: leave none empty" in said and ".toml" not in said, said
+    fields = page.locator("#questions [data-key]:not([data-key=leave_out])").all()
+    for field in fields:
+        is_marked = "open-field" in (field.get_attribute("class") or "")
+        assert is_marked == (field.input_value() == ""), field.get_attribute("data-named")
+    shot(page, "1280-open")
+    page.evaluate("sessionStorage.removeItem('typed')")
+    page.reload()
+    page.wait_for_selector("#questions .open-field", timeout=30000)
+    assert [field.input_value() for field in places.all()] == ["-299"] + ["-300"] * (many - 1)
+    # What was typed and not sent is kept by the tab.
+    page.locator("#questions [data-key='at.Y']").first.fill("123")
+    page.reload()
+    page.wait_for_selector("#questions .open-field", timeout=30000)
+    assert page.locator("#questions [data-key='at.Y']").first.input_value() == "123"
+    page.wait_for_selector("#calibrate:not([disabled])", timeout=10000)
+    page.set_viewport_size({"width": 420, "height": 900})
+    fits(page)
+    shot(page, "420-open")
+    page.set_viewport_size({"width": 1280, "height": 900})
     fill(page)
+    assert page.locator("#questions .open-field").count() == 0
     # What was typed stays while the page looks at the gateway.
     page.wait_for_timeout(1500)
     assert page.locator("#questions [data-key='at.Y']").first.input_value() == "200"

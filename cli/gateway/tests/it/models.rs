@@ -761,15 +761,18 @@ fn measurements_become_a_model_and_the_cycle_goes_on() {
             .contains("three numbers"),
         "{wrong}"
     );
+    // What was refused is kept, to be mended.
+    assert_eq!(wrong["draft"]["answers"][0]["value"], "1, 2", "{wrong}");
     answers(&program, &id, &[]);
     let open = settled(&program);
     assert!(
         open["error"]
             .as_str()
             .expect("told")
-            .contains("open question"),
+            .contains("open questions: leave none empty"),
         "{open}"
     );
+    assert!(!open["error"].to_string().contains("toml"), "{open}");
     // The unit of the level says that it stood on a bridge, which is asked about then.
     answers(&program, &id, &all_answers(&made));
     let more = settled(&program);
