@@ -100,6 +100,22 @@ function list(id, lines) {
   for (const line of lines) make("li", "", target, line);
 }
 
+/** The files, each with a button that takes it off. The last one is discarded. */
+function showFiles(files, may) {
+  const target = element("files"), now = JSON.stringify([files, may]);
+  if (target.dataset.shown === now) return;
+  target.dataset.shown = now;
+  target.replaceChildren();
+  for (const file of files) {
+    const line = make("li", "", target, `${file.name}, ${size(file.bytes)}`);
+    if (files.length === 1) continue;
+    const off = make("button", "plain", line, "take off");
+    off.title = `take ${file.name} off the list`;
+    off.disabled = !may;
+    off.addEventListener("click", () => post("take-off", { candidate: candidate.id, name: file.name }));
+  }
+}
+
 function showCandidate() {
   const step = candidate ? candidate.step : null;
   const isWorking = step === "working";
@@ -111,7 +127,7 @@ function showCandidate() {
   element("measurements").disabled = !takesFiles || isWorking || busy || hasMachine;
   element("machine-file").disabled = !takesFiles || Boolean(candidate) || busy;
   element("machine-file").parentElement.hidden = Boolean(candidate);
-  list("files", candidate ? candidate.files.map((file) => `${file.name}, ${size(file.bytes)}`) : []);
+  showFiles(candidate ? candidate.files : [], isEngineer && !isWorking && !busy);
   // What went wrong is said where it can be mended.
   const error = (candidate && candidate.error) || "", hasDraft = Boolean(candidate && candidate.draft);
   for (const [id, isHere] of [["error", !hasDraft], ["open", hasDraft]]) {
@@ -241,7 +257,10 @@ function showDraft(draft) {
     const key = keyOf(draft, answer.of, answer.key);
     if (!typed.has(key)) typed.set(key, answer.value);
   }
-  list("notes", [...draft.conflicts, ...draft.left_over.map((file) => `not used: ${file}`), ...draft.notes]);
+  for (const [id, lines] of [["conflicts", draft.conflicts], ["left-over", draft.left_over], ["notes", draft.notes]]) {
+    list(id, lines);
+    element(id).parentElement.hidden = lines.length === 0;
+  }
   text("text", draft.text);
   const form = element("questions");
   form.replaceChildren();

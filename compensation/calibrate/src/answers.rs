@@ -115,6 +115,7 @@ impl Draft {
                             left_over.extend(of.files.into_iter().map(|file| LeftOver {
                                 file,
                                 reason: "left out by a person".to_owned(),
+                                error: of.error,
                             }));
                         }
                     } else if let Some(of) = slot {

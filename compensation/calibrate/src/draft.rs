@@ -1,6 +1,7 @@
 //! A first calibration file from a folder of measurement files: what their headers, endings and names say is proposed, the
 //! rest is asked.
 
+use std::fmt;
 use std::path::{Path, PathBuf};
 
 use volcomp_metrology::{
@@ -72,8 +73,25 @@ pub struct Question {
 pub struct LeftOver {
     /// The file, as it is named from the calibration file.
     pub file: String,
-    /// Why it is not used.
+    /// Why it is not used, without the name of the file.
     pub reason: String,
+    /// The error that it would have given, where its name, its title or an answer says which.
+    pub error: Option<ErrorName>,
+}
+
+impl fmt::Display for LeftOver {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            file,
+            reason,
+            error,
+        } = self;
+        write!(f, "{file}: {reason}")?;
+        match error {
+            Some(error) => write!(f, "; it would have given {error}"),
+            None => Ok(()),
+        }
+    }
 }
 
 /// Looks through a folder and those in it, and proposes a calibration file for a machine. `machine_file` and the measurement
@@ -100,7 +118,8 @@ pub fn draft(
         match read_content(&path, None) {
             Err(error) => left_over.push(LeftOver {
                 file: name,
-                reason: error.to_string(),
+                reason: without_file(&error.to_string(), &path),
+                error: Hints::of(&path, &Metadata::default(), machine).only_error(),
             }),
             Ok(Content::Capture(capture)) => left_over.push(LeftOver {
                 file: name,
@@ -108,6 +127,7 @@ pub fn draft(
                     "a dynamic capture of {} samples, which has no targets",
                     capture.samples.len()
                 ),
+                error: Hints::of(&path, &Metadata::default(), machine).only_error(),
             }),
             Ok(Content::Log(log)) => {
                 let names = log.channels.iter().map(|channel| channel.name.as_str());
@@ -135,7 +155,11 @@ pub fn draft(
                         );
                         proposed.push(found);
                     }
-                    Err(reason) => left_over.push(LeftOver { file: name, reason }),
+                    Err(reason) => left_over.push(LeftOver {
+                        file: name,
+                        reason: without_file(&reason, &path),
+                        error: Hints::of(&path, &measurement.metadata, machine).only_error(),
+                    }),
                 }
             }
         }
@@ -163,6 +187,20 @@ pub fn draft(
         machine_file: machine_file.to_owned(),
         squares,
     })
+}
+
+/// What is wrong with a file, without the file's name at its beginning, which stands before the reason.
+fn without_file(said: &str, path: &Path) -> String {
+    let Some(rest) = said.strip_prefix(&path.display().to_string()) else {
+        return said.to_owned();
+    };
+    match rest.strip_prefix(": ") {
+        Some(what) => what.to_owned(),
+        // The number of a line comes next.
+        None => rest
+            .strip_prefix(':')
+            .map_or_else(|| said.to_owned(), |line| format!("line {line}")),
+    }
 }
 
 impl Proposed {

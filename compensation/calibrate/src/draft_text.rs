@@ -68,8 +68,8 @@ pub(crate) fn text(
     for conflict in conflicts {
         comment(&mut text, &format!("CONFLICT: {conflict}"));
     }
-    for LeftOver { file, reason } in left_over {
-        comment(&mut text, &format!("not used: {file}: {reason}"));
+    for of in left_over {
+        comment(&mut text, &format!("not used: {of}"));
     }
     // Writing to a String cannot fail.
     let _ = writeln!(text, "machine = {}", toml_string(machine_file));

@@ -21,7 +21,7 @@ pub use model::{
     Candidate, CandidateBrief, CandidateDraft, CandidateResult, CandidateStep, ConfiguredModel,
     DraftAnswer, DraftQuestion, DraftedMeasurement, ModelActivate, ModelAnswers, ModelBack,
     ModelDiagonal, ModelEntry, ModelFit, ModelInForce, ModelOutcome, ModelRequest, ModelSource,
-    ModelState, ModelsKept, UploadedFile,
+    ModelState, ModelTakeOff, ModelsKept, UploadedFile,
 };
 pub use overview::{Glance, Overview, PhaseName};
 pub use plan::{
@@ -63,6 +63,7 @@ pub fn schemas() -> Vec<(&'static str, Schema)> {
         ("gateway-model-back.json", schema_for!(ModelBack)),
         ("gateway-model-candidate.json", schema_for!(Candidate)),
         ("gateway-model-request.json", schema_for!(ModelRequest)),
+        ("gateway-model-take-off.json", schema_for!(ModelTakeOff)),
         ("gateway-models-kept.json", schema_for!(ModelsKept)),
         ("gateway-overview.json", schema_for!(Overview)),
         ("gateway-rehearsal.json", schema_for!(RehearsalDocument)),

@@ -317,6 +317,16 @@ pub struct ModelRequest {
     pub candidate: String,
 }
 
+/// The body of `POST /api/model/take-off`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ModelTakeOff {
+    /// The candidate.
+    pub candidate: String,
+    /// The name of the file, as `files` of the candidate has it.
+    pub name: String,
+}
+
 /// The body of `POST /api/model/activate`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]

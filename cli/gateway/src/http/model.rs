@@ -24,7 +24,7 @@ use super::{
     tokens::{Holder, Role},
 };
 use crate::{
-    documents::{ModelActivate, ModelAnswers, ModelBack, ModelRequest},
+    documents::{ModelActivate, ModelAnswers, ModelBack, ModelRequest, ModelTakeOff},
     models::{Answering, Place, UploadError, UploadKind},
     request::Reply,
 };
@@ -45,6 +45,7 @@ pub(super) fn router() -> Router<Shared> {
         .route("/api/model/activate", post(activate))
         .route("/api/model/back", post(back))
         .route("/api/model/discard", post(discard))
+        .route("/api/model/take-off", post(take_off))
         .layer(DefaultBodyLimit::max(MAX_BODY))
 }
 
@@ -237,6 +238,18 @@ async fn discard(
 ) -> Response {
     match asked::<ModelRequest>(&dashboard, from.ip(), &headers, &body) {
         Ok((_, asked)) => answered(dashboard.models.discard(&asked.candidate)),
+        Err(refusal) => *refusal,
+    }
+}
+
+async fn take_off(
+    State(dashboard): State<Shared>,
+    Extension(from): Extension<SocketAddr>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Response {
+    match asked::<ModelTakeOff>(&dashboard, from.ip(), &headers, &body) {
+        Ok((_, asked)) => answered(dashboard.models.take_off(&asked.candidate, &asked.name)),
         Err(refusal) => *refusal,
     }
 }

@@ -259,10 +259,39 @@ impl Shared {
                     drafted: Some((drafted, document)),
                     result,
                     error,
+                    ..Done::default()
                 });
             }
             Ok(Done {
                 drafted: Some((drafted, document)),
+                ..Done::default()
+            })
+        })
+    }
+
+    /// Takes one of several files off; what was made of all of them is forgotten.
+    pub(crate) fn take_off(self: &Arc<Self>, id: &str, name: &str) -> Result<Candidate, Reply> {
+        let (folder, turn) = {
+            let mut held = self.held(id).ok_or_else(gone)?;
+            let files = &held.document.files;
+            if files.iter().all(|file| file.name != name) {
+                return Err(refused(404, format!("{name} is none of the files")));
+            }
+            if files.len() == 1 {
+                let only = format!("{name} is the only file: discard what is being made");
+                return Err(refused(409, only));
+            }
+            let begun = held.begin_work()?;
+            held.document.draft = None;
+            held.drafted = None;
+            begun
+        };
+        let name = name.to_owned();
+        self.work(id, turn, move || {
+            let removed = fs::remove_file(folder.files().join(&name));
+            removed.map_err(|e| NotMeasured::of(format!("{name} cannot be removed: {e}")))?;
+            Ok(Done {
+                taken_off: Some(name),
                 ..Done::default()
             })
         })
@@ -296,6 +325,7 @@ impl Shared {
                 drafted: Some((Draft::clone(&drafted), document)),
                 result,
                 error,
+                ..Done::default()
             })
         })
     }
@@ -342,6 +372,8 @@ struct Done {
     result: Option<(String, CandidateResult)>,
     /// What kept it from a result.
     error: Option<String>,
+    /// The file that is not there any more.
+    taken_off: Option<String>,
 }
 
 impl Held {
@@ -374,6 +406,9 @@ impl Held {
         if let Some((drafted, document)) = done.drafted {
             self.drafted = Some(Arc::new(drafted));
             self.document.draft = Some(document);
+        }
+        if let Some(name) = done.taken_off {
+            self.document.files.retain(|file| file.name != name);
         }
         self.document.error = done.error;
         (self.text, self.document.result) = done.result.unzip();

@@ -12,8 +12,8 @@ use std::{
 };
 
 use volcomp_calibrate::{
-    Answer, Calibration, CalibrationFile, Draft, FitQuality, FittedCurve, Quality, Question,
-    Subject, calibrate, draft,
+    Answer, Calibration, CalibrationFile, Draft, FitQuality, FittedCurve, LeftOver, Quality,
+    Question, Subject, calibrate, draft,
 };
 use volcomp_document::InputError;
 use volcomp_model::{Axis, Machine};
@@ -93,11 +93,7 @@ impl Folder {
         let named = |path: &Path| self.told(&path.display());
         let draft = draft(&self.files(), &machine, MACHINE, named).map_err(|e| self.wrong(&e))?;
         if draft.proposed.is_empty() {
-            let reasons: Vec<String> = draft
-                .left_over
-                .iter()
-                .map(|of| self.told(&format_args!("{}: {}", of.file, of.reason)))
-                .collect();
+            let reasons: Vec<String> = draft.left_over.iter().map(|of| self.told(of)).collect();
             return Err(NotMeasured(format!(
                 "none of the files is a measurement of this machine: {}",
                 reasons.join("; ")
@@ -128,9 +124,7 @@ impl Folder {
                 .collect(),
             questions: questions(drafted, &answers)?,
             conflicts: now.conflicts,
-            left_over: (now.left_over.iter())
-                .map(|of| self.told(&format_args!("{}: {}", of.file, of.reason)))
-                .collect(),
+            left_over: (now.left_over.iter()).map(|of| self.told(of)).collect(),
             notes: now.notes.iter().map(|note| self.told(note)).collect(),
             text: now.text,
             answers,
@@ -150,7 +144,7 @@ impl Folder {
             open => return Err(NotMeasured(format!("{open} open questions: {LEAVE_NONE}"))),
         }
         let path = self.0.join(CALIBRATION);
-        fs::write(&path, answered.text).map_err(|e| self.wrong(&e))?;
+        fs::write(&path, &answered.text).map_err(|e| self.wrong(&e))?;
         let file = CalibrationFile::read(&path).map_err(|e| self.wrong(&e))?;
         let begun = Instant::now();
         let calibration = calibrate(&file, |_, _| {}).map_err(|e| self.wrong(&e))?;
@@ -161,19 +155,37 @@ impl Folder {
         let squareness = calibration.squareness.iter();
         let mut result =
             result(&calibration.machine, Some(&file.machine)).map_err(|e| self.wrong(&e))?;
-        result.warnings.splice(
-            0..0,
-            calibration
-                .warnings
-                .iter()
-                .map(|warning| self.told(warning)),
-        );
+        let warnings = calibration.warnings.iter();
+        let warnings = warnings.map(|warning| self.told(warning));
+        let missed = missed(&answered.left_over, &calibration, &file.machine);
+        let missed = missed.iter().map(|sentence| self.told(sentence));
+        result.warnings.splice(0..0, missed.chain(warnings));
         result.fits = fits.collect();
         result.squareness_urad = squareness
             .map(|(error, Urad(value))| (error.to_string(), *value))
             .collect();
         Ok((calibration.machine.to_toml(), result))
     }
+}
+
+/// The errors that nothing measured because their file was not used: without this, "taken as 0" and "not used" stand far from one
+/// another.
+fn missed(left_over: &[LeftOver], calibration: &Calibration, before: &Machine) -> Vec<String> {
+    let sentence = |of: &LeftOver| {
+        let error = of.error?;
+        if calibration.curves.iter().any(|curve| curve.error == error) {
+            return None;
+        }
+        let taken = match before.error(error) {
+            Some(_) => "kept from the model in force",
+            None => "taken as 0",
+        };
+        Some(format!(
+            "{error} is {taken}, because its file was not used: {}: {}",
+            of.file, of.reason
+        ))
+    };
+    left_over.iter().filter_map(sentence).collect()
 }
 
 /// What a machine file says, against the model in force.

@@ -189,6 +189,11 @@ impl Models {
         self.shared.calibrate(id, answers)
     }
 
+    /// Takes a file off the candidate.
+    pub(crate) fn take_off(&self, id: &str, name: &str) -> Result<Candidate, Reply> {
+        self.shared.take_off(id, name)
+    }
+
     /// Gives the candidate up.
     pub(crate) fn discard(&self, id: &str) -> Result<ModelState, Reply> {
         self.shared.discard(id)?;

@@ -90,8 +90,22 @@ with sync_playwright() as playwright:
     page.wait_for_selector("#draft:not([disabled])", timeout=20000)
     until(page, lambda: page.locator("#files li").count() == 5)
     page.wait_for_selector("#draft:not([disabled])", timeout=20000)
+    # One that cannot be used is told apart from conflicts and notes, and can be taken off.
+    page.set_input_files("#measurements", {"name": "EYZ-Bericht.xlsx", "mimeType": "application/octet-stream", "buffer": b"rubbish"})
+    until(page, lambda: page.locator("#files li").count() == 6)
+    page.wait_for_selector("#draft:not([disabled])", timeout=20000)
     page.click("#draft")
     page.wait_for_selector("#questions fieldset", timeout=30000)
+    assert page.is_visible("text=Not used") and not page.is_visible("text=Conflicts")
+    said = page.inner_text("#left-over")
+    assert said.count("Bericht") == 1 and "it would have given EYZ" in said, said
+    shot(page, "1280-not-used")
+    page.click("#files li:has-text('Bericht') button")
+    until(page, lambda: page.locator("#files li").count() == 5)
+    page.wait_for_selector("#draft:not([disabled])", timeout=20000)
+    page.click("#draft")
+    page.wait_for_selector("#questions fieldset", timeout=30000)
+    assert not page.is_visible("text=Not used")
     # One field for many: it fills those that are empty, and no others.
     places = page.locator("#questions [data-key='at.Z']")
     many = places.count()

@@ -287,6 +287,7 @@ fn who_is_no_engineer_brings_no_model() {
             "activate",
             "back",
             "discard",
+            "take-off",
         ] {
             let path = format!("/api/model/{what}");
             let refused = program.request("POST", &path, token, "{\"hash\": null}");
@@ -722,6 +723,58 @@ fn a_full_disk_refuses_files_and_keeps_the_log() {
     let _ = Command::new("umount").arg("-l").arg(&folder).status();
     assert_eq!(refused.status, 507, "{}", refused.body);
     assert!(refused.body.contains("full"), "{}", refused.body);
+}
+
+/// A file that cannot be read is named once, with its reason, and the error that is missing because of it; taken off the list it is
+/// gone, and what was made of it, too.
+#[test]
+fn a_file_that_is_not_used_is_told_with_the_error_that_it_would_have_given() {
+    let rig = measured_rig();
+    let program = rig.start();
+    let id = send_measurements(&program);
+    let query = format!("kind=measurement&name=EYZ-Bericht.xlsx&candidate={id}");
+    let sent = upload(&program, &query, b"PK rubbish");
+    assert_eq!(sent.status, 200, "{}", sent.body);
+    post(&program, "draft", &json!({ "candidate": id }));
+    let made = settled(&program);
+    let left_over = made["draft"]["left_over"][0].as_str().expect("told");
+    assert_eq!(left_over.matches("Bericht").count(), 1, "{left_over}");
+    assert!(
+        left_over.ends_with("; it would have given EYZ"),
+        "{left_over}"
+    );
+    // The unit of the level asks for more, which is answered as well.
+    answers(&program, &id, &all_answers(&made));
+    let more = settled(&program);
+    answers(&program, &id, &all_answers(&more));
+    let ready = settled(&program);
+    let first = ready["result"]["warnings"][0].as_str().expect("told");
+    assert!(
+        first.starts_with(
+            "EYZ is taken as 0, because its file was not used: files/EYZ-Bericht.xlsx: "
+        ),
+        "{ready}"
+    );
+    let off = |name: &str| {
+        let body = json!({ "candidate": id, "name": name });
+        post(&program, "take-off", &body).status
+    };
+    assert_eq!(off("../files/exx.csv"), 404);
+    assert_eq!(off("EYZ-Bericht.xlsx"), 200);
+    let now = settled(&program);
+    assert_eq!(now["step"], "uploading", "{now}");
+    assert!(now["draft"].is_null() && now["result"].is_null(), "{now}");
+    assert_eq!(now["files"].as_array().expect("a list").len(), 5);
+    let folder = rig.dir.path().join("audit/models/uploads").join(&id);
+    assert!(!folder.join("files/EYZ-Bericht.xlsx").exists());
+    post(&program, "draft", &json!({ "candidate": id }));
+    let made = settled(&program);
+    assert_eq!(made["draft"]["left_over"], json!([]), "{made}");
+    for name in ["ebx.csv", "eyx.csv", "exy.csv", "ezx-level.csv"] {
+        assert_eq!(off(name), 200);
+        settled(&program);
+    }
+    assert_eq!(off("exx.csv"), 409, "the last one is discarded");
 }
 
 /// The example's measurement files to a model: looked through, asked, calibrated, in force. Meanwhile the cycle goes on.

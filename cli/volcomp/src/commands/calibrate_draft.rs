@@ -33,11 +33,7 @@ pub(super) fn run(
         Failure::in_file(folder, format_args!("cannot be looked through: {error}"))
     })?;
     if found.proposed.is_empty() {
-        let reasons: Vec<String> = found
-            .left_over
-            .iter()
-            .map(|of| format!("{}: {}", of.file, of.reason))
-            .collect();
+        let reasons: Vec<String> = found.left_over.iter().map(ToString::to_string).collect();
         let reasons = match reasons[..] {
             [] => "it holds no files".to_owned(),
             _ => reasons.join("; "),
@@ -159,7 +155,7 @@ fn relative(path: &Path, base: &Path) -> String {
 fn notes(draft: &Draft) -> Vec<String> {
     let mut notes = draft.conflicts.clone();
     let left_over = draft.left_over.iter();
-    notes.extend(left_over.map(|of| format!("not used: {}: {}", of.file, of.reason)));
+    notes.extend(left_over.map(|of| format!("not used: {of}")));
     notes.extend(draft.notes.iter().cloned());
     notes
 }

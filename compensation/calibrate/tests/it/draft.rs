@@ -166,6 +166,12 @@ fn what_headers_names_and_titles_say_is_proposed_and_the_rest_asked() {
         "{:?}",
         found.left_over
     );
+    // The file is named once, before its reason.
+    for of in &found.left_over {
+        assert!(!of.reason.contains(&of.file), "{of:?}");
+    }
+    let unread = "# not used: notes.pdf: found";
+    assert!(found.text.contains(unread), "{}", found.text);
     // Every question is in the text, as a value and as a comment.
     assert_eq!(
         found.text.matches("# QUESTION").count(),
