@@ -108,6 +108,7 @@ function foldedCurves(fits) {
   for (const fit of fits) groups.set(fit.error[2], [...(groups.get(fit.error[2]) || []), fit]);
   return [...groups].map(([axis, of]) => {
     const fold = document.createElement("details");
+    fold.dataset.axis = axis;
     const summary = document.createElement("summary");
     const strong = document.createElement("strong");
     strong.textContent = axis;

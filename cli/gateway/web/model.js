@@ -80,16 +80,24 @@ function showState() {
     make("td", "", row, `${entry.name || "–"} ${short(entry.hash)}`).title = entry.hash;
     make("td", "", row, entry.from === "file" ? SOURCES.file : `${SOURCES[entry.from]}: ${entry.file}`).title = entry.file;
     make("td", "", row, entry.who);
-    make("td", entry.outcome === "refused" ? "refused" : "", row, `${OUTCOMES[entry.outcome]}${entry.why ? `: ${entry.why}` : ""}`);
+    make("td", entry.outcome === "refused" ? "refused" : "", row, OUTCOMES[entry.outcome]);
     const moves = [[entry.worst_um, "µm"], [entry.worst_urad, "µrad"]].filter(([value]) => value !== null);
     make("td", "", row, moves.map(([value, unit]) => `${value.toFixed(1)} ${unit}`).join(", "));
     const cell = make("td", "", row);
     if (entry.outcome === "in-force" && entry.hash !== state.hash && state.kept.includes(entry.hash)) {
       const button = make("button", "plain", cell, "Back to this");
+      make("small", "", button, "hold for 1 s");
       button.disabled = !isEngineer;
       guard(button, () => putInForce("back", { hash: entry.hash }));
     } else if (entry === now) {
       cell.textContent = "in force";
+    }
+    // A reason is long: it has the whole width below.
+    if (entry.why) {
+      row.className = "with-why";
+      const below = body.insertRow();
+      below.className = "why";
+      make("td", "refused", below, entry.why).colSpan = 7;
     }
   }
 }
@@ -326,7 +334,14 @@ function showResult(result) {
   }
   const square = Object.entries(result.squareness_urad).map(([error, value]) => `${error} ${value.toFixed(1)} µrad`.replace("-", "−"));
   text("squareness", square.length ? `Squareness: ${square.join(", ")}` : "");
+  drawPlots(result);
+}
+
+/** Curves and diagonals in the width of the window; what was unfolded stays so. */
+function drawPlots(result) {
+  const isOpen = new Set([...element("curves").querySelectorAll("details[open]")].map((fold) => fold.dataset.axis));
   element("curves").replaceChildren(...foldedCurves(result.fits));
+  for (const fold of element("curves").children) fold.open = isOpen.has(fold.dataset.axis);
   const range = ends(result.diagonals.flatMap((diagonal) => leftOf(diagonal).flatMap((p) => p.slice(1))));
   element("diagonals-part").hidden = result.diagonals.length === 0;
   element("diagonals").replaceChildren(...result.diagonals.map((diagonal) => diagonalOf(diagonal, range)));
@@ -495,6 +510,6 @@ element("token-form").addEventListener("submit", (event) => {
   element("token").value = "";
   checkToken();
 });
-window.addEventListener("resize", () => { if (candidate && candidate.result) showResult(candidate.result); });
+window.addEventListener("resize", () => { if (candidate && candidate.result) drawPlots(candidate.result); });
 checkToken();
 setInterval(look, LOOK_MS);

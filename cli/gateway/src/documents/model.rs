@@ -249,6 +249,9 @@ pub struct CandidateResult {
     pub refusal: Option<String>,
     /// Messages that a person should read first; where it may be of another machine (name, structure, travels), that comes first.
     pub warnings: Vec<String>,
+    /// The measurement files that it was made of; empty where a machine file was uploaded.
+    #[serde(default)]
+    pub used: Vec<String>,
     /// Every fitted curve, angular errors first; empty where a machine file was uploaded.
     pub fits: Vec<ModelFit>,
     /// Every squareness that was found, by its error name, µrad.

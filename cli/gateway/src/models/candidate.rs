@@ -149,11 +149,11 @@ impl Held {
                 "the model in force has become another one since this was begun, and what was not measured was taken from the one before: discard this one and begin again",
             ));
         }
-        let files = &self.document.files;
-        let what = match &files[..] {
-            [one] if self.kind == Some(UploadKind::Machine) => one.name.clone(),
-            [one] => format!("measurement {}", one.name),
-            several => format!("{} measurement files", several.len()),
+        // Files that were not used are no part of it.
+        let what = match (&self.document.files[..], &result.used[..]) {
+            ([one], []) => one.name.clone(),
+            (_, [one]) => format!("measurement {one}"),
+            (_, several) => format!("{} measurement files", several.len()),
         };
         Ok(Activate::Candidate {
             id: self.document.brief.id.clone(),

@@ -160,6 +160,9 @@ impl Folder {
         let missed = missed(&answered.left_over, &calibration, &file.machine);
         let missed = missed.iter().map(|sentence| self.told(sentence));
         result.warnings.splice(0..0, missed.chain(warnings));
+        let used = answered.proposed.iter().flat_map(|of| &of.files);
+        let plain = |file: &String| file.trim_start_matches(&format!("{FILES}/")).to_owned();
+        result.used = used.map(plain).collect();
         result.fits = fits.collect();
         result.squareness_urad = squareness
             .map(|(error, Urad(value))| (error.to_string(), *value))
@@ -207,6 +210,7 @@ pub(crate) fn result(
         name: machine.name.clone(),
         structure: machine.chain().structure().to_string(),
         warnings,
+        used: Vec::new(),
         fits: Vec::new(),
         squareness_urad: BTreeMap::new(),
         diagonals: match before {

@@ -173,6 +173,12 @@ with sync_playwright() as playwright:
         assert len(at) >= 6, at
     names = page.locator("#diagonals figcaption").all_inner_texts()
     assert [name.split(";")[0] for name in names] == ["PPP +X +Y +Z", "NPP −X +Y +Z", "PNP +X −Y +Z", "PPN +X +Y −Z"], names
+    # Another width of the window leaves the curves unfolded.
+    unfolded = page.locator("#curves details[open]").count()
+    page.set_viewport_size({"width": 900, "height": 700})
+    page.wait_for_timeout(300)
+    assert page.locator("#curves details[open]").count() == unfolded > 0
+    page.set_viewport_size({"width": 1280, "height": 900})
     # The arrow means without -> with correction; in force is a model without these errors, which leaves all of them.
     for said in page.locator("#diagonals figcaption").all_inner_texts():
         numbers = re.search(r"without → with correction: (\S+) → (\S+) µm by the model in force, (\S+) → (\S+) µm by the new one", said)
@@ -212,6 +218,7 @@ with sync_playwright() as playwright:
     until(page, lambda: "erna" not in page.inner_text("#in-force"))
     # And forward again from the history.
     page.wait_for_selector("#history td button:not([disabled])", timeout=5000)
+    assert "hold for 1 s" in page.locator("#history td button").first.inner_text()
     hold(page, "#history td button")
     page.wait_for_selector("#confirm-panel:not([hidden])", timeout=15000)
     page.click("#not-now")

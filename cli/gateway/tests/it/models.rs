@@ -849,7 +849,49 @@ fn measurements_become_a_model_and_the_cycle_goes_on() {
         asked
     };
     assert_eq!(taken.status, 200, "{}", taken.body);
-    assert_eq!(model(&program)["hash"], made["result"]["hash"]);
+    let now = model(&program);
+    assert_eq!(now["hash"], made["result"]["hash"]);
+    assert_eq!(now["history"][0]["file"], "5 measurement files", "{now}");
+}
+
+/// The history counts the files that were used: what could not be read or was left out is no part of the model.
+#[test]
+fn the_history_counts_the_files_that_were_used() {
+    let rig = measured_rig();
+    let program = rig.start();
+    let id = send_measurements(&program);
+    let query = format!("kind=measurement&name=report.xlsx&candidate={id}");
+    assert_eq!(upload(&program, &query, b"PK rubbish").status, 200);
+    post(&program, "draft", &json!({ "candidate": id }));
+    let made = settled(&program);
+    answers(&program, &id, &all_answers(&made));
+    let more = settled(&program);
+    let mut all = all_answers(&more);
+    let place = |name: &str| {
+        let measurements = more["draft"]["measurements"].as_array().expect("a list");
+        let mut files = measurements.iter().map(|of| of["files"].to_string());
+        files.position(|files| files.contains(name)).expect("there")
+    };
+    for name in ["ezx-level.csv", "ebx.csv"] {
+        let of = place(name).to_string();
+        all.push(json!({ "of": of, "key": "leave_out", "value": "true" }));
+    }
+    answers(&program, &id, &all);
+    let made = settled(&program);
+    assert_eq!(made["step"], "ready", "{made}");
+    assert_eq!(
+        made["result"]["used"].as_array().expect("a list").len(),
+        3,
+        "{made}"
+    );
+    let asked = activate(&program, &made, None);
+    let confirm = (asked.status == 409).then(|| asked.json()["model"].clone());
+    if confirm.is_some() {
+        let taken = activate(&program, &made, confirm.as_ref());
+        assert_eq!(taken.status, 200, "{}", taken.body);
+    }
+    let now = model(&program);
+    assert_eq!(now["history"][0]["file"], "3 measurement files", "{now}");
 }
 
 /// Before, answers that were given while a further file was on its way led to a model that left this file out.
