@@ -20,7 +20,7 @@ pub struct Confirmation {
 #[serde(untagged)]
 pub enum Answer {
     /// The model must be confirmed first (status 409).
-    Question(Question),
+    Question(Box<Question>),
     /// The state after the request: it took effect (200) or not (409).
     Settled(Settled),
     /// The configuration was read again (200).

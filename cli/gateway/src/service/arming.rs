@@ -156,7 +156,7 @@ impl Service {
                 self.must_confirm(true);
                 Progress::Done(Reply {
                     status: 409,
-                    answer: Answer::Question(question),
+                    answer: Answer::Question(Box::new(question)),
                 })
             }
             Ok(None) => {

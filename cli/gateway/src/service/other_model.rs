@@ -117,7 +117,7 @@ impl Service {
 
     /// The answer where a person must confirm a machine file of the centre first.
     pub(super) fn centre_must_confirm(&mut self, who: &str, question: Question) -> Reply {
-        let answer = Answer::Question(question);
+        let answer = Answer::Question(Box::new(question));
         let words = in_words(&answer);
         tracing::warn!("{who}: {words}");
         let _ = self.log(who, "manifest must be confirmed", Event::Refused(words));

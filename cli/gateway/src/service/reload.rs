@@ -142,7 +142,7 @@ impl Service {
                     let _ = self.log(who, "model must be confirmed", what);
                     return Progress::Done(Reply {
                         status: 409,
-                        answer: Answer::Question(question),
+                        answer: Answer::Question(Box::new(question)),
                     });
                 }
                 Whose::Configured => {}
@@ -151,7 +151,7 @@ impl Service {
             self.must_confirm(true);
             return Progress::Done(self.not_reloaded(Reply {
                 status: 409,
-                answer: Answer::Question(question),
+                answer: Answer::Question(Box::new(question)),
             }));
         }
         let to = plan.config.guard.as_ref().map(identity::limits);

@@ -385,11 +385,16 @@ pub(super) fn in_words(answer: &Answer) -> String {
             let rotary = question.confirm_urad.map_or(String::new(), |_| {
                 format!(" and {} µrad", size(question.worst_corner_urad))
             });
-            let differences: String = question
+            let differences: Vec<&str> = question
                 .differences
                 .iter()
-                .map(|difference| format!("; {}", difference.trim_end_matches('.')))
+                .map(|difference| difference.trim_end_matches('.'))
                 .collect();
+            let differences = if differences.is_empty() {
+                String::new()
+            } else {
+                format!("; {}", differences.join("; "))
+            };
             format!(
                 "{} must be confirmed: it moves a point of the work space by {} µm{rotary}{limits}{differences}",
                 question.model,

@@ -384,7 +384,7 @@ fn a_model_of_another_machine_is_asked_about() {
 
 fn without_name(machine: &str) -> String {
     let lines = machine.lines().filter(|line| !line.starts_with("name"));
-    lines.map(|line| format!("{line}\n")).collect()
+    lines.collect::<Vec<_>>().join("\n")
 }
 
 /// Whoever begins first is told to whoever comes second, and nobody goes on with what is gone.
