@@ -143,8 +143,8 @@ fn in_turn(_: &mut Criterion) {
         black_box(calibrate(&file, |_, _| {}).expect("calibrated"));
         let steps = [
             read,
-            evaluated - read,
-            all_three - evaluated,
+            evaluated.saturating_sub(read),
+            all_three.saturating_sub(evaluated),
             all_three,
             again.elapsed(),
         ];

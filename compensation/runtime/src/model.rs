@@ -64,9 +64,10 @@ pub struct Model {
     pub travel: Vec<[Displacement; 2]>,
     /// Whether a coordinate of the axis is brought into its travel by whole periods.
     goes_round: Vec<bool>,
-    /// Where something of the model may change abruptly or turn back: the nodes of its curves along each axis and the
-    /// places between them that they have to be looked at, mm and rad, rising.
+    /// Where something of the model may change abruptly: the nodes of its curves along each axis, mm and rad, rising.
     nodes: Vec<Vec<f64>>,
+    /// The same and the places between them at which the curves have to be looked at to see their largest value.
+    places: Vec<Vec<f64>>,
     /// The nodes of its grids over two axes.
     grids: Vec<nodes::GridNodes>,
     /// Whether an error depends on the direction from which the axis came.
@@ -108,6 +109,7 @@ impl Model {
                 .map(|axis| axis.modulo.is_some())
                 .collect(),
             nodes: nodes::nodes(machine),
+            places: nodes::looked_at(machine),
             grids: nodes::grids(machine),
             reverses: nodes::reverses(machine),
             axes,
@@ -130,7 +132,7 @@ impl Model {
     /// The places along the axis at a place in machine order at which its curves have to be looked at
     /// ([`Machine::places`]), mm or rad, rising.
     pub fn places(&self, index: usize) -> &[f64] {
-        self.nodes.get(index).map_or(&[], Vec::as_slice)
+        self.places.get(index).map_or(&[], Vec::as_slice)
     }
 
     /// The place of an axis in machine order.

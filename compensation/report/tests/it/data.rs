@@ -158,7 +158,11 @@ fn squareness_and_error_motions_are_judged_with_their_uncertainty() {
     // 12 + 4 is beyond 15, 12 is not.
     assert_eq!(of("EC0Y").outcome, Verdict::Undecided);
     assert!((u("EYX") - 0.848_528).abs() < 1e-6, "{}", u("EYX"));
-    assert!((u("EBX") - 1.414_214).abs() < 1e-6, "{}", u("EBX"));
+    assert!(
+        (u("EBX") - core::f64::consts::SQRT_2).abs() < 1e-6,
+        "{}",
+        u("EBX")
+    );
     // 0.02 µm/mm over 800 mm with a wave: the extremes are the two ends or near them.
     let (least, most) = (
         (0.848_528_f64.powi(2) + 0.7_f64.powi(2)).sqrt(),

@@ -199,7 +199,7 @@ impl Space {
                 let at = |part: usize, of: usize| low + whole * part as f64 / of as f64;
                 places.extend((0..=PLACES).map(|part| at(part, PLACES)));
                 places.push(high);
-                places.extend(&model.nodes[axis]);
+                places.extend(&model.places[axis]);
             }
             for list in [&mut ends, &mut places] {
                 list.sort_by(f64::total_cmp);

@@ -96,16 +96,13 @@ fn wrapped(table: &AxisTable) -> AxisTable {
         modulo: true,
         ..table.clone()
     };
-    let mut positions: Vec<f64> = match table.spacing() {
+    let mut positions: Vec<f64> = if let Some(spacing) = table.spacing() {
         // Whole steps from 0: those that are nodes already come out as they are, but for rounding.
-        Some(spacing) => {
-            let inner = 1..table.positions.len().saturating_sub(1);
-            inner.map(|place| spacing * place as f64).collect()
-        }
-        None => {
-            let each = table.positions.iter();
-            each.map(|at| brought_into([0.0, TAU], TAU, *at)).collect()
-        }
+        let inner = 1..table.positions.len().saturating_sub(1);
+        inner.map(|place| spacing * place as f64).collect()
+    } else {
+        let each = table.positions.iter();
+        each.map(|at| brought_into([0.0, TAU], TAU, *at)).collect()
     };
     positions.extend([0.0, TAU]);
     positions.sort_by(f64::total_cmp);
