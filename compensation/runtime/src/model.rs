@@ -108,8 +108,8 @@ impl Model {
                 .iter()
                 .map(|axis| axis.modulo.is_some())
                 .collect(),
-            nodes: nodes::nodes(machine),
-            places: nodes::looked_at(machine),
+            nodes: nodes::in_mm_or_rad(machine, machine.nodes()),
+            places: nodes::in_mm_or_rad(machine, machine.places()),
             grids: nodes::grids(machine),
             reverses: nodes::reverses(machine),
             axes,

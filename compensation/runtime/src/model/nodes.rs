@@ -1,5 +1,4 @@
-//! Where the curves of a machine have nodes, where they have to be looked at, and from which directions they differ: the places at
-//! which a comparison of two machines has to look.
+//! The places at which a comparison of two machines has to look, in mm and rad, and from which directions their curves differ.
 
 use volcomp_model::{
     Machine,
@@ -7,40 +6,9 @@ use volcomp_model::{
 };
 use volcomp_vocabulary::Displacement;
 
-/// The places along each axis, mm and rad, at which a curve of a machine has a node: where it may bend.
-pub(super) fn nodes(machine: &Machine) -> Vec<Vec<f64>> {
-    let mut nodes = vec![Vec::new(); machine.axes().len()];
-    let mut add = |axis: usize, coordinates: &[f64]| {
-        if let Some(nodes) = nodes.get_mut(axis) {
-            nodes.extend(places(machine, axis, coordinates));
-        }
-    };
-    for (name, curve) in machine.errors() {
-        for field in curve.fields() {
-            match field {
-                Field::Curve(curve) => {
-                    if let Ok(axis) = machine.index_of(name.axis) {
-                        add(axis, &curve.breakpoints());
-                    }
-                }
-                Field::Grid(grid) => {
-                    for (axis, nodes) in grid.axes().into_iter().zip(grid.nodes()) {
-                        add(axis, nodes);
-                    }
-                }
-            }
-        }
-    }
-    for nodes in &mut nodes {
-        nodes.sort_by(f64::total_cmp);
-        nodes.dedup();
-    }
-    nodes
-}
-
-/// The places along each axis, mm and rad, at which a curve of a machine has to be looked at ([`Machine::places`]).
-pub(super) fn looked_at(machine: &Machine) -> Vec<Vec<f64>> {
-    let along = machine.places().into_iter().enumerate();
+/// Coordinates along each axis, mm or deg, in mm or rad.
+pub(super) fn in_mm_or_rad(machine: &Machine, along: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
+    let along = along.into_iter().enumerate();
     along
         .map(|(axis, coordinates)| places(machine, axis, &coordinates))
         .collect()
