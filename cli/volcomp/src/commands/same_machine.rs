@@ -108,12 +108,13 @@ fn differences(found: &Machine, machine: &Machine) -> Vec<(ErrorName, f64)> {
             motions.chain(of.locations().keys().copied())
         })
         .collect();
+    let places = [found, machine].map(Machine::places);
     let by = |name: ErrorName| {
         let difference = if name.location {
             let [a, b] = [found, machine].map(|of| of.locations().get(&name).copied());
             (a.unwrap_or(0.0) - b.unwrap_or(0.0)).abs()
         } else {
-            of_curves(name, found, machine)
+            of_curves(name, [found, machine], &places)
         };
         (name, difference)
     };
@@ -123,12 +124,13 @@ fn differences(found: &Machine, machine: &Machine) -> Vec<(ErrorName, f64)> {
 }
 
 /// The largest difference of two curves over the travel, after motion in both directions; the other axes, on which a grid may depend, at
-/// their ends and in the middle.
-fn of_curves(name: ErrorName, found: &Machine, machine: &Machine) -> f64 {
+/// their ends and in the middle. `places`: those of each machine ([`Machine::places`]).
+fn of_curves(name: ErrorName, machines: [&Machine; 2], places: &[Vec<Vec<f64>>; 2]) -> f64 {
+    let [_, machine] = machines;
     let Ok(own) = machine.index_of(name.axis) else {
         return 0.0; // both have the same axes
     };
-    let curves = [found, machine].map(|of| of.error(name));
+    let curves = machines.map(|of| of.error(name));
     let at = |of_travel: f64, others: f64| {
         let mut coordinates = [0.0; MAX_AXES];
         for (index, (place, axis)) in coordinates.iter_mut().zip(machine.axes()).enumerate() {
@@ -140,8 +142,7 @@ fn of_curves(name: ErrorName, found: &Machine, machine: &Machine) -> f64 {
     };
     let [low, high] = machine.axes()[own].travel;
     let even = (0..PLACES).map(|step| f64::from(step) / f64::from(PLACES - 1));
-    let of_curves = [found, machine].map(|of| of.places().swap_remove(own));
-    let of_curves = of_curves.iter().flatten();
+    let of_curves = places.iter().flat_map(|of| &of[own]);
     let of_curves = of_curves.map(|place| (place - low) / (high - low));
     let mut largest = 0.0_f64;
     for of_travel in even.chain(of_curves) {
