@@ -33,26 +33,27 @@ impl Fit {
         missed: impl Iterator<Item = (usize, f64)>,
     ) -> Self {
         // Several runs ask for the same places, and moving least squares are slow to answer.
-        let values: Vec<f64> = places(x).iter().map(|&x| curve.value(x)).collect();
-        Self::of_values(curve, &values, x, u, missed)
+        let mut places = x.to_vec();
+        places.sort_by(f64::total_cmp);
+        places.dedup();
+        let known: Vec<[f64; 2]> = places.into_iter().map(|x| [x, curve.value(x)]).collect();
+        Self::of_values(curve, &known, x, u, missed)
     }
 
-    /// As [`new`](Self::new), of a curve whose values at the places of the targets, ascending, are known.
+    /// As [`new`](Self::new), of a curve of which places and values are known, by ascending place: those of the targets.
     pub(crate) fn of_values(
         curve: Curve,
-        values: &[f64],
+        known: &[[f64; 2]],
         x: &[f64],
         u: &[f64],
         missed: impl Iterator<Item = (usize, f64)>,
     ) -> Self {
-        let places = places(x);
-        let at = |x: f64| match places.binary_search_by(|place| place.total_cmp(&x)) {
-            Ok(place) => values.get(place).copied(),
+        let at = |x: f64| {
+            let place = known.binary_search_by(|[place, _]| place.total_cmp(&x));
             // 0 and −0 are one place.
-            Err(_) => None,
+            place.map_or_else(|_| curve.value(x), |place| known[place][1])
         };
-        let residuals = x.iter().zip(u);
-        let residuals = residuals.map(|(&x, &u)| u - at(x).unwrap_or_else(|| curve.value(x)));
+        let residuals = x.iter().zip(u).map(|(&x, &u)| u - at(x));
         Self {
             residuals: residuals.collect(),
             curve,
@@ -90,14 +91,6 @@ impl Fit {
     pub fn rms(&self) -> f64 {
         rms(self.residuals.iter().copied())
     }
-}
-
-/// The places of targets, ascending.
-fn places(x: &[f64]) -> Vec<f64> {
-    let mut places = x.to_vec();
-    places.sort_by(f64::total_cmp);
-    places.dedup();
-    places
 }
 
 /// Root mean square over the readings of targets, from what is missed of their means; infinite where nothing can be left out.

@@ -246,8 +246,8 @@ fn candidates(targets: &[[f64; 2]], shape: f64) -> impl Iterator<Item = Candidat
 #[derive(Clone)]
 pub(crate) struct Candidate {
     curve: MovingLeastSquares,
-    /// The curve at each target.
-    values: Vec<f64>,
+    /// Each target and the curve there.
+    values: Vec<[f64; 2]>,
     /// What the curve leaves of each target, and how much of its own reading the curve takes there.
     pub(crate) residuals: Vec<f64>,
     pub(crate) influences: Vec<f64>,
@@ -269,10 +269,13 @@ impl Candidate {
 
     pub(crate) fn of(curve: MovingLeastSquares) -> Self {
         let nodes = curve.nodes().iter().enumerate();
-        let found = nodes.map(|(i, &[x, _])| curve.value_and_influence(x, i));
-        let (values, influences): (Vec<f64>, Vec<f64>) = found.unzip();
+        let found = nodes.map(|(i, &[x, _])| {
+            let (value, influence) = curve.value_and_influence(x, i);
+            ([x, value], influence)
+        });
+        let (values, influences): (Vec<[f64; 2]>, Vec<f64>) = found.unzip();
         let read = curve.nodes().iter().zip(&values);
-        let residuals: Vec<f64> = read.map(|([_, u], value)| u - value).collect();
+        let residuals: Vec<f64> = read.map(|([_, u], [_, value])| u - value).collect();
         let errors = residuals.iter().zip(&influences);
         let leave_one_out_rms = rms(errors.map(|(&e, &influence)| left_out(e, influence)));
         let max_residual = readings::magnitude(residuals.iter().copied());
