@@ -59,7 +59,7 @@ pub enum Broken {
         "axis {axis}: found a position or velocity that is not finite, or a count of size 0, expected numbers and a size of 1 or more"
     )]
     Number {
-        /// The axis.
+        /// The axis whose numbers these are.
         axis: AxisName,
     },
     /// The content is of a kind that there is not.

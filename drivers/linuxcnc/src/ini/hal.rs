@@ -25,7 +25,7 @@ fn connections(text: &str) -> impl Iterator<Item = (usize, &str, &str)> {
 }
 
 /// The signal that the file of the bridge gives to a pin of LinuxCNC that has none; both bridges call those alike that they read.
-fn of_bridge(pin: &str, is_servo: bool) -> Option<String> {
+fn signal_of(pin: &str, is_servo: bool) -> Option<String> {
     let of_axis = pin
         .strip_prefix("axis.")
         .and_then(|rest| rest.split_once('.'));
@@ -76,14 +76,8 @@ impl Ini {
             .flat_map(|text| connections(text))
             .map(|(_, pin, signal)| (pin, signal))
             .collect();
-        let is_servo = self
-            .all("HAL", "HALFILE")
-            .any(|file| bridge_of(file) == Some(SERVO_THREAD));
-        let letters = |key, default| {
-            let letters = self.get("VOLCOMP", key).unwrap_or(default);
-            letters.to_lowercase().replace(' ', "")
-        };
-        let (corrected, read_only) = (letters("AXES", "XYZ"), letters("READS", ""));
+        let is_servo = self.all("HAL", "HALFILE").find_map(bridge_of) == Some(SERVO_THREAD);
+        let [corrected, read_only] = self.letters().map(|letters| letters.to_lowercase());
         // Of an axis that is only read the bridge connects the position alone.
         let is_told = |pin: &str| match pin
             .strip_prefix("axis.")
@@ -105,7 +99,7 @@ impl Ini {
             };
             for (line, pin, found) in connections(&text) {
                 let known = known.get(pin).map(|signal| (*signal).to_owned());
-                let Some(expected) = of_bridge(pin, is_servo)
+                let Some(expected) = signal_of(pin, is_servo)
                     .filter(|_| is_told(pin))
                     .map(|signal| known.unwrap_or(signal))
                 else {

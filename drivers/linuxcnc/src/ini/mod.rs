@@ -173,14 +173,28 @@ impl Ini {
 
     /// Axes whose positions the gateway reads: the bridge tells those of `AXES` and `READS`.
     fn reads(&self, expected: &Expected, problems: &mut Vec<Problem>) {
-        let told = |key, default| self.get("VOLCOMP", key).unwrap_or(default).to_uppercase();
-        let (axes, reads) = (told("AXES", "XYZ"), told("READS", ""));
+        let [axes, reads] = self.letters();
         for axis in &expected.reads {
             if !axes.contains(axis.letter()) && !reads.contains(axis.letter()) {
-                let (axis, found) = (*axis, reads.clone());
-                problems.push(Problem::NotRead { axis, found });
+                let found = self.get("VOLCOMP", "READS").unwrap_or_default().to_owned();
+                problems.push(Problem::NotRead { axis: *axis, found });
             }
         }
+    }
+
+    /// The letters of the axes that the bridge corrects, and of those of which it only tells the position.
+    fn letters(&self) -> [String; 2] {
+        let of = |key| self.of_bridge(key);
+        [
+            of("AXES").unwrap_or_else(|| "XYZ".to_owned()),
+            of("READS").unwrap_or_default(),
+        ]
+    }
+
+    /// A key of the bridge's section as the bridge takes it: blanks and small letters do not matter.
+    fn of_bridge(&self, key: &str) -> Option<String> {
+        let text = self.get("VOLCOMP", key)?;
+        Some(text.replace(' ', "").to_uppercase())
     }
 
     /// The sections of the axes: each that is corrected has a share of velocity for its offset.
@@ -252,25 +266,23 @@ impl Ini {
 
     /// The section of the bridge.
     fn bridge(&self, expected: &Expected, problems: &mut Vec<Problem>) {
-        let mut compare = |key: &'static str, default: Option<String>, wanted: String| {
-            let found = self
-                .get("VOLCOMP", key)
-                .map(|text| text.replace(' ', "").to_uppercase());
-            match found.or(default) {
-                None => problems.push(Problem::Missing { key }),
-                Some(found) => {
-                    let as_number = |text: &str| text.parse::<f64>().ok();
-                    let numbers = as_number(&found).zip(as_number(&wanted));
-                    let same = numbers.map_or(found == wanted, |(a, b)| {
-                        (a - b).abs() < 1e-6 * b.abs().max(1.0)
+        let mut compare = |key: &'static str, default: Option<String>, wanted: String| match self
+            .of_bridge(key)
+            .or(default)
+        {
+            None => problems.push(Problem::Missing { key }),
+            Some(found) => {
+                let as_number = |text: &str| text.parse::<f64>().ok();
+                let numbers = as_number(&found).zip(as_number(&wanted));
+                let same = numbers.map_or(found == wanted, |(a, b)| {
+                    (a - b).abs() < 1e-6 * b.abs().max(1.0)
+                });
+                if !same {
+                    problems.push(Problem::Other {
+                        key,
+                        found,
+                        expected: wanted,
                     });
-                    if !same {
-                        problems.push(Problem::Other {
-                            key,
-                            found,
-                            expected: wanted,
-                        });
-                    }
                 }
             }
         };

@@ -33,7 +33,7 @@ pub enum Problem {
         if found.is_empty() { "none" } else { found }
     )]
     NotRead {
-        /// The axis.
+        /// The axis that the gateway reads.
         axis: AxisName,
         /// The value of this key in the INI file; empty where it is missing.
         found: String,
