@@ -6,8 +6,9 @@ use volcomp_metrology::ReadingUnit;
 use volcomp_vocabulary::ErrorName;
 
 use crate::{
-    draft::{self, CHANNEL_KEYS, Draft, LeftOver, Proposed, Question, open},
+    draft::{CHANNEL_KEYS, Draft, LeftOver, Proposed, Question, open},
     draft_text::{self, Square},
+    same_place,
 };
 
 /// The key of an answer that takes a measurement or a squareness out of the draft.
@@ -69,6 +70,31 @@ pub enum AnswerError {
     },
 }
 
+/// In which turn an answer is taken: which keys a measurement has follows from its error, and then from its unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Turn {
+    /// The error.
+    Error,
+    /// The unit of the readings.
+    Unit,
+    /// A key that decides nothing of others.
+    Other,
+}
+
+impl Turn {
+    /// All of them, in their order.
+    pub const ALL: [Self; 3] = [Self::Error, Self::Unit, Self::Other];
+
+    /// The turn of the answer to this key.
+    pub fn of(key: &str) -> Self {
+        match key {
+            "error" => Self::Error,
+            "unit" | "channels.unit" => Self::Unit,
+            _ => Self::Other,
+        }
+    }
+}
+
 impl Question {
     /// The answers that there are; empty: a number, or a text. The files of a measurement to choose from stand in `of`.
     pub fn choices(&self) -> &'static [&'static str] {
@@ -94,13 +120,8 @@ impl Draft {
         let mut squares = self.squares.clone();
         let mut left_over = self.left_over.clone();
         let mut notes = self.notes.clone();
-        // The error first, then the unit: which keys a measurement has follows from them.
         let mut in_order: Vec<&Answer> = answers.iter().collect();
-        in_order.sort_by_key(|answer| match answer.key.as_str() {
-            "error" => 0,
-            "unit" | "channels.unit" => 1,
-            _ => 2,
-        });
+        in_order.sort_by_key(|answer| Turn::of(&answer.key));
         for answer in in_order {
             match &answer.of {
                 Subject::Measurement(place) => {
@@ -152,7 +173,7 @@ impl Draft {
         let new = |of: &Square| self.squares.iter().all(|known| known.error != of.error);
         squares.extend(possible.into_iter().filter(new));
         let mut conflicts = self.conflicts.clone();
-        conflicts.extend(at_same_places(&proposed));
+        conflicts.extend(same_place::conflicts(&proposed));
         let mut questions: Vec<Question> = proposed.iter().flat_map(Proposed::questions).collect();
         let is_open = |square: &&Square| square.reference_angle_urad.is_none();
         questions.extend(squares.iter().filter(is_open).map(Square::question));
@@ -203,36 +224,6 @@ impl Draft {
         let squares = squares.map(|square| answer(Subject::Squareness(square.error)));
         measurements.chain(squares).collect()
     }
-}
-
-/// What is said of measurements that were answered to be of one error with all axes and the measured point at the same
-/// places. Those of which the draft itself knew it stand in one measurement already.
-fn at_same_places(now: &[Proposed]) -> Vec<String> {
-    let same = |one: &Proposed, other: &Proposed| {
-        let point = |of: &Proposed| {
-            let mut keys = of.keys.iter();
-            let point = keys.find(|(key, value)| *key == "point" && *value != open());
-            point.map(|(_, value)| value.clone())
-        };
-        let is_known = one.at.iter().all(|(_, place)| place.is_some());
-        let is_one_point = match (point(one), point(other)) {
-            (Some(one), Some(other)) => one == other,
-            _ => true,
-        };
-        one.error.is_some()
-            && one.error == other.error
-            && is_known
-            && one.at == other.at
-            && is_one_point
-    };
-    let mut told = Vec::new();
-    for (place, of) in now.iter().enumerate() {
-        let Some(other) = now[..place].iter().find(|other| same(of, other)) else {
-            continue;
-        };
-        told.push(draft::said_of_same_place(other, of));
-    }
-    told
 }
 
 /// What is said of an answer to a question that another answer has taken away.

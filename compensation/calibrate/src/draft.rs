@@ -16,6 +16,7 @@ use crate::{
     draft_text::{self, Square},
     hints::{self, Hints},
     questions::{OPEN, question},
+    same_place,
 };
 
 /// A calibration file that somebody has to complete.
@@ -168,7 +169,8 @@ pub fn draft(
         .map(|(name, metadata)| (name.clone(), metadata))
         .collect();
     conflicts.extend(different_machines(&files));
-    join_same_places(&mut proposed, &mut conflicts);
+    same_place::join(&mut proposed, &mut conflicts);
+    hints::sort(&mut proposed);
     let squares = draft_text::squares(&proposed);
     let mut questions = Vec::new();
     for of in &proposed {
@@ -491,44 +493,4 @@ fn facts(measurement: &Measurement) -> String {
         facts.push(format!("{} targets from {first} to {last}", targets.len()));
     }
     facts.join("; ")
-}
-
-/// What is said of two measurements of one error with all axes at the same places.
-pub(crate) fn said_of_same_place(one: &Proposed, other: &Proposed) -> String {
-    format!(
-        "{} and {} both measure {} at the same place: keep one",
-        one.files.join(", "),
-        other.files.join(", "),
-        one.error.map_or(String::new(), |error| error.to_string())
-    )
-}
-
-/// Measurements of one error with all axes at the same places become one, whose file is asked for; those of which a place is not
-/// known are named.
-fn join_same_places(proposed: &mut Vec<Proposed>, conflicts: &mut Vec<String>) {
-    let mut kept: Vec<Proposed> = Vec::new();
-    for of in proposed.drain(..) {
-        let is_known = |of: &Proposed| of.at.iter().all(|(_, place)| place.is_some());
-        let same = |other: &&mut Proposed| {
-            of.error.is_some() && other.error == of.error && other.at == of.at
-        };
-        let Some(other) = kept.iter_mut().find(same) else {
-            kept.push(of);
-            continue;
-        };
-        if is_known(&of) {
-            conflicts.push(said_of_same_place(other, &of));
-            other.files.extend(of.files);
-            other.said.extend(of.said);
-        } else {
-            let error = of.error.map_or(String::new(), |error| error.to_string());
-            let files = format!("{} and {}", other.files.join(", "), of.files.join(", "));
-            conflicts.push(format!(
-                "{files} both measure {error}: `at` has to tell them apart, else keep one"
-            ));
-            kept.push(of);
-        }
-    }
-    *proposed = kept;
-    hints::sort(proposed);
 }

@@ -35,6 +35,7 @@ mod profile;
 mod provenance;
 mod questions;
 mod read;
+mod same_place;
 mod same_readings;
 mod set_up;
 mod setup;
@@ -48,7 +49,7 @@ mod stages;
 mod testing;
 mod varied;
 
-pub use answers::{Answer, AnswerError, Subject};
+pub use answers::{Answer, AnswerError, Subject, Turn};
 pub use calibration::{Calibration, calibrate, calibrated_machine};
 pub use calibration_file::{
     CalibrationFile, Line, Location, Squareness, SquarenessSource, Uncertainty,

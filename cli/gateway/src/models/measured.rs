@@ -13,18 +13,18 @@ use std::{
 
 use volcomp_calibrate::{
     Answer, Calibration, CalibrationFile, Draft, FitQuality, FittedCurve, LeftOver, Quality,
-    Question, Subject, calibrate, draft,
+    Question, Subject, Turn, calibrate, draft,
 };
 use volcomp_document::InputError;
 use volcomp_model::{Axis, Machine};
 use volcomp_vocabulary::Urad;
 
-use super::{
-    diagonals::diagonals,
+use super::diagonals::diagonals;
+use crate::{
     differences::{Differences, differences},
-};
-use crate::documents::{
-    CandidateDraft, CandidateResult, DraftAnswer, DraftQuestion, DraftedMeasurement, ModelFit,
+    documents::{
+        CandidateDraft, CandidateResult, DraftAnswer, DraftQuestion, DraftedMeasurement, ModelFit,
+    },
 };
 
 const MACHINE: &str = "machine.toml";
@@ -161,7 +161,8 @@ impl Folder {
         let missed = missed.iter().map(|sentence| self.told(sentence));
         result.warnings.splice(0..0, missed.chain(warnings));
         let used = answered.proposed.iter().flat_map(|of| &of.files);
-        let plain = |file: &String| file.trim_start_matches(&format!("{FILES}/")).to_owned();
+        let folder = format!("{FILES}/");
+        let plain = |file: &String| file.strip_prefix(&folder).unwrap_or(file).to_owned();
         result.used = used.map(plain).collect();
         result.fits = fits.collect();
         result.squareness_urad = squareness
@@ -246,8 +247,7 @@ fn answer(typed: &DraftAnswer) -> Result<Answer, NotMeasured> {
 
 /// Every question of a draft, those that are answered included: which there are follows from errors and units.
 fn questions(drafted: &Draft, answers: &[DraftAnswer]) -> Result<Vec<DraftQuestion>, NotMeasured> {
-    let decides =
-        |answer: &&DraftAnswer| matches!(answer.key.as_str(), "error" | "unit" | "channels.unit");
+    let decides = |answer: &&DraftAnswer| Turn::of(&answer.key) != Turn::Other;
     let deciding: Vec<DraftAnswer> = answers.iter().filter(decides).cloned().collect();
     let with_errors = answered(drafted, &deciding)?;
     let mut asked = Vec::new();
@@ -257,8 +257,7 @@ fn questions(drafted: &Draft, answers: &[DraftAnswer]) -> Result<Vec<DraftQuesti
         // A question that has been answered stays on the page.
         let is_gone = |question: &Question| {
             let mut now = questions.iter();
-            matches!(question.key.as_str(), "error" | "unit" | "channels.unit")
-                && now.all(|of| of.key != question.key)
+            Turn::of(&question.key) != Turn::Other && now.all(|of| of.key != question.key)
         };
         let mut first = first.questions();
         first.retain(is_gone);

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use volcomp_calibrate::{Answer as AnswerOf, Draft, draft};
+use volcomp_calibrate::{Answer as AnswerOf, Draft, Turn, draft};
 use volcomp_model::Machine;
 
 use super::{Answer, refuse_overwriting, table, table_text};
@@ -59,9 +59,8 @@ pub(super) fn run(
 fn answered(draft: &Draft, answers: &[String]) -> Result<Draft, Failure> {
     let mut all = Vec::new();
     let mut decided = draft.clone();
-    // What else is asked follows from the error, and then from the unit.
-    for stage in 0..3 {
-        let now = answers.iter().filter(|given| stage_of(given) == stage);
+    for turn in Turn::ALL {
+        let now = answers.iter().filter(|given| turn_of(given) == turn);
         take(now, &[draft, &decided], &mut all)?;
         decided = draft
             .answered(&all)
@@ -70,15 +69,10 @@ fn answered(draft: &Draft, answers: &[String]) -> Result<Draft, Failure> {
     Ok(decided)
 }
 
-/// When an answer is taken.
-fn stage_of(given: &str) -> u8 {
+fn turn_of(given: &str) -> Turn {
     let asked = given.split_once('=').map_or(given, |(asked, _)| asked);
     let key = asked.split_once(':').map_or(asked, |(_, key)| key);
-    match key.trim() {
-        "error" => 0,
-        "unit" | "channels.unit" => 1,
-        _ => 2,
-    }
+    Turn::of(key.trim())
 }
 
 /// Answers to every question that one of the drafts asks.
