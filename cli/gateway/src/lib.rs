@@ -5,6 +5,7 @@ pub mod check;
 pub mod client;
 pub mod config;
 pub mod devices;
+pub mod differences;
 pub mod documents;
 pub mod error;
 #[cfg(feature = "fleet")]

@@ -13,7 +13,10 @@ use std::{
 use tokio::sync::oneshot;
 use volcomp_runtime::DisarmSwitch;
 
-use crate::documents::{Answer, ModelSource};
+use crate::{
+    differences::Differences,
+    documents::{Answer, ModelSource},
+};
 
 /// The largest number of requests that wait for the service, and of requests to disarm besides.
 const WAITING: usize = 64;
@@ -48,10 +51,8 @@ pub struct ModelAsk {
     pub file: String,
     /// The hash that a person confirms.
     pub confirm: Option<String>,
-    /// Why it is not taken, where it is of another machine.
-    pub refusal: Option<String>,
-    /// What must be confirmed however little the correction moves.
-    pub differences: Vec<String>,
+    /// In which ways it may be of another machine.
+    pub differences: Differences,
 }
 
 /// What the centre of a fleet asks of the service.

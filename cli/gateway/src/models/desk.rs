@@ -16,13 +16,10 @@ use std::{
 use tokio::sync::oneshot;
 use volcomp_model::Machine;
 
-use super::{
-    Patience, Shared,
-    differences::{Differences, differences},
-    lock, refused, store,
-};
+use super::{Patience, Shared, lock, refused, store};
 use crate::{
     audit::utc_now,
+    differences::{Differences, differences},
     documents::{
         Answer, ConfiguredModel, ModelEntry, ModelInForce, ModelOutcome, ModelSource, ModelsKept,
     },
@@ -373,18 +370,14 @@ impl Desk {
                     .keep(&hash, &text)
                     .map_err(|e| refused(507, format!("the model cannot be kept on disk: {e}")))?;
                 let machine = store.machine(&hash);
-                let Differences {
-                    refusal,
-                    to_confirm,
-                } = self.compared(Machine::parse(&text, &file).ok().as_ref());
+                let differences = self.compared(Machine::parse(&text, &file).ok().as_ref());
                 let ask = ModelAsk {
                     machine,
                     hash,
                     from: ModelSource::Upload,
                     file,
                     confirm,
-                    refusal,
-                    differences: to_confirm,
+                    differences,
                 };
                 Ok((ask, Some(id)))
             }
@@ -400,36 +393,28 @@ impl Desk {
                     ));
                 };
                 let text = store.text(&hash).map_err(|what| refused(422, what))?;
-                let Differences {
-                    refusal,
-                    to_confirm,
-                } = self.compared(Machine::parse(&text, &hash).ok().as_ref());
+                let differences = self.compared(Machine::parse(&text, &hash).ok().as_ref());
                 let ask = ModelAsk {
                     machine: store.machine(&hash),
                     from: entry.from,
                     file: entry.file.clone(),
                     hash,
                     confirm,
-                    refusal,
-                    differences: to_confirm,
+                    differences,
                 };
                 Ok((ask, None))
             }
             Activate::Configured => {
                 let machine: PathBuf = self.configured.clone();
                 let read = Machine::read(&machine).map_err(|e| refused(422, e.to_string()))?;
-                let Differences {
-                    refusal,
-                    to_confirm,
-                } = self.compared(Some(&read));
+                let differences = self.compared(Some(&read));
                 let ask = ModelAsk {
                     file: machine.display().to_string(),
                     machine,
                     hash: read.checksum(),
                     from: ModelSource::File,
                     confirm,
-                    refusal,
-                    differences: to_confirm,
+                    differences,
                 };
                 Ok((ask, None))
             }

@@ -27,7 +27,6 @@ use crate::{
 mod candidate;
 mod desk;
 mod diagonals;
-mod differences;
 mod measured;
 mod patience;
 mod quiet;

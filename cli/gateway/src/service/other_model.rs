@@ -85,7 +85,7 @@ impl Service {
         self.read_other(
             machine,
             confirm,
-            ask.differences.clone(),
+            ask.differences.to_confirm.clone(),
             Whose::Person(ask),
         )
     }

@@ -109,7 +109,7 @@ impl Service {
             Err(_) => return Progress::Done(self.not_taken(&whose, disk_silent())),
         };
         if let Whose::Person(ask) = &whose
-            && let Some(why) = ask.refusal.clone()
+            && let Some(why) = ask.differences.refusal.clone()
         {
             return Progress::Done(self.refused_files(&whose, who, why));
         }

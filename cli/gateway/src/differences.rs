@@ -5,11 +5,11 @@ use volcomp_vocabulary::AxisName;
 
 /// What differs besides the errors, each in a sentence.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Differences {
+pub struct Differences {
     /// Why it cannot be put in force as the model of this machine.
-    pub(crate) refusal: Option<String>,
+    pub refusal: Option<String>,
     /// What a person must confirm, however little the correction moves.
-    pub(crate) to_confirm: Vec<String>,
+    pub to_confirm: Vec<String>,
 }
 
 /// What differs between a model and that in force. The structure is to be confirmed, not refused: it may be a mistake of the
