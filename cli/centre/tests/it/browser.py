@@ -132,6 +132,8 @@ with sync_playwright() as playwright:
         shot(page, "model")
         # A model by form.
         page.click("#tabs a[href='#build']")
+        # The page before has a form, too.
+        page.wait_for_selector("main form:has-text('Linear type number')")
         # Each field says what it is, in which unit, with an example.
         bare = page.evaluate("() => [...document.querySelectorAll('main form label')].filter((one) => one.querySelector('.what') && !one.querySelector('.hint')).map((one) => one.querySelector('.what').textContent)")
         assert all(one.startswith(("from", "to")) for one in bare), bare
