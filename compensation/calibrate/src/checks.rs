@@ -5,6 +5,7 @@ use volcomp_document::{InputError, Value};
 use volcomp_kinematics::MotionFrame;
 use volcomp_metrology::{
     Measurement, Metadata, MotionKind, ODD_ABOVE, Reading, ReferenceLine, SMALL_BELOW, axis_named,
+    errors_named,
 };
 use volcomp_model::{Axis, Machine};
 use volcomp_vocabulary::{AxisKind, Component, Direction, Displacement, ErrorName, Um, Urad};
@@ -378,11 +379,7 @@ fn is_same_name(one: &str, other: &str) -> bool {
 /// An error that the title of the file names where it does not name the error of the line.
 fn named_in_title(line: &Line) -> Option<ErrorName> {
     let title = line.readings.metadata.title.as_deref()?;
-    let words = title.split(|c: char| !(c.is_ascii_alphanumeric() || "()".contains(c)));
-    let names: Vec<ErrorName> = words
-        .filter(|word| word.starts_with(['E', 'e']))
-        .filter_map(|word| word.to_ascii_uppercase().parse().ok())
-        .collect();
+    let names = errors_named(title);
     let other = *names.first()?;
     (!names.contains(&line.setup.error)).then_some(other)
 }

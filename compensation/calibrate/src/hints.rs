@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use volcomp_metrology::Metadata;
+use volcomp_metrology::{Metadata, errors_named};
 use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisName, ErrorName};
 
@@ -31,15 +31,9 @@ impl Hints {
             .into_owned();
         let mut hints = Self::default();
         let texts = [texts.title.as_deref(), texts.location.as_deref()];
-        let named = |text: &str| -> Vec<ErrorName> {
-            let words = text.split(|c: char| !c.is_ascii_alphanumeric());
-            let errors =
-                words.filter_map(|word| word.to_ascii_uppercase().parse::<ErrorName>().ok());
-            let has = |error: &ErrorName| !error.location && machine.axis(error.axis).is_some();
-            errors.filter(has).collect()
-        };
+        let has = |error: &ErrorName| !error.location && machine.axis(error.axis).is_some();
         let all = [Some(stem.as_str())].into_iter().chain(texts).flatten();
-        for error in all.flat_map(named) {
+        for error in all.flat_map(errors_named).filter(has) {
             if !hints.errors.contains(&error) {
                 hints.errors.push(error);
             }

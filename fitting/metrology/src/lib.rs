@@ -40,6 +40,7 @@ mod straightness_error;
 mod test_plan;
 mod text_report;
 mod three_lines;
+mod title;
 mod tolerance;
 mod travel;
 mod vdi_3441;
@@ -85,6 +86,7 @@ pub use straightness_error::{
 };
 pub use test_plan::{AskedFor, asked_for, axis_kind, shortfalls};
 pub use three_lines::{ParallelLine, Separated, separate_parallel_lines};
+pub use title::errors_named;
 pub use tolerance::{Tolerance, Verdict, decide, parse_tolerances, parse_tolerances_of};
 pub use vdi_3441::{Vdi3441, Vdi3441Target, vdi_3441};
 pub use volcomp_vocabulary::Direction;

@@ -627,3 +627,51 @@ fn files_and_options_of_another_kind_are_told() {
         assert!(message.contains(expected), "{call:?}: {message}");
     }
 }
+
+/// The rule by which a draft takes the error from a title.
+#[test]
+fn a_title_that_names_no_positioning_is_not_judged_as_one() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let report = |title: &str, unit: &str| {
+        format!(
+            "Title: {title}\nTarget Mean error forward ({unit}) Mean error reverse ({unit}) System mean 2 sigma forward 2 sigma reverse Dead zone\n\
+             1 0.0 0.0 1.0 0.5 0.2 0.2 1.0\n2 100.0 2.0 3.0 2.5 0.2 0.2 1.0\n"
+        )
+    };
+    let straight = write(folder.path(), "a.txt", &report("EXY straightness", "um"));
+    let call = ["iso230", &straight, "--tolerance", "E=70,B=5"];
+    let message = refused(&call);
+    assert!(
+        message.contains("EXY, a straightness; expected positioning")
+            && message.contains("volcomp straightness")
+            && message.contains("--error EXX"),
+        "{message}"
+    );
+    let stated = json(&[&call[..], &["--error", "EYY"]].concat());
+    assert_eq!(stated["pass"], true);
+    let message = refused(&[&call[..], &["--error", "EXY"]].concat());
+    assert!(
+        message.contains("expected the positioning of an axis"),
+        "{message}"
+    );
+    let message = refused(&[&call[..], &["--error", "EYY", "--axis", "X"]].concat());
+    assert!(
+        message.contains("expected an error of --axis X"),
+        "{message}"
+    );
+    for (title, unit, is_refused) in [
+        ("EXX", "um", false),
+        ("EXX and EXY", "um", false),
+        ("EBX pitch", "arcsec", false),
+        ("EBX pitch", "um", true),
+        ("EAC", "arcsec", true),
+    ] {
+        let file = write(folder.path(), "b.txt", &report(title, unit));
+        let status = volcomp(&["iso230", &file]).status.code();
+        assert_eq!(
+            status,
+            Some(if is_refused { 2 } else { 0 }),
+            "{title} in {unit}"
+        );
+    }
+}

@@ -10,8 +10,8 @@ pub(crate) mod rows;
 use std::path::PathBuf;
 
 use clap::ValueEnum;
-use volcomp_metrology::Edition;
-use volcomp_vocabulary::AxisName;
+use volcomp_metrology::{Edition, MotionKind};
+use volcomp_vocabulary::{AxisName, ErrorName};
 
 use super::Answer;
 use crate::{failure::Failure, unit::Unit};
@@ -37,6 +37,9 @@ pub(crate) struct Arguments {
     /// The axis, for what the standard asks of the test; without it the one that the file names, else a linear one
     #[arg(long)]
     axis: Option<AxisName>,
+    /// The error that the file measures, where its title names another that is none of positioning: EXX
+    #[arg(long, value_parser = parse_positioning)]
+    error: Option<ErrorName>,
     /// Limits by symbol, µm or µrad: A=10,E=8,B=2
     #[arg(long, value_name = "LIMITS")]
     tolerance: Option<String>,
@@ -73,6 +76,13 @@ fn parse_part(text: &str) -> Result<u8, String> {
     }
 }
 
+fn parse_positioning(text: &str) -> Result<ErrorName, String> {
+    let error: Option<ErrorName> = text.to_ascii_uppercase().parse().ok();
+    error
+        .filter(|error| !error.location && MotionKind::of(*error) == MotionKind::Positioning)
+        .ok_or_else(|| "expected the positioning of an axis: EXX, EYY, ECC …".to_owned())
+}
+
 pub(crate) fn parse_edition(text: &str) -> Result<u16, String> {
     let year = text.parse().ok().and_then(Edition::of_year);
     let edition =
@@ -81,6 +91,11 @@ pub(crate) fn parse_edition(text: &str) -> Result<u16, String> {
 }
 
 impl Arguments {
+    /// The axis that the call states, by itself or by its error.
+    fn axis(&self) -> Option<AxisName> {
+        self.axis.or(self.error.map(|error| error.axis))
+    }
+
     fn edition(&self) -> Edition {
         // The parser let no other year through.
         self.edition.and_then(Edition::of_year).unwrap_or_default()
@@ -115,6 +130,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     }
     if part != 2 && arguments.axis.is_some() {
         return refuse("--axis", "2");
+    }
+    if part != 2 && arguments.error.is_some() {
+        return refuse("--error", "2");
+    }
+    if let (Some(axis), Some(error)) = (arguments.axis, arguments.error)
+        && axis != error.axis
+    {
+        let message = format!("--error: found {error}, expected an error of --axis {axis}");
+        return Err(Failure::Input(message));
     }
     if part == 4 && arguments.unit.is_some() {
         return refuse("--unit", "2 or 6: circles state units in their header");

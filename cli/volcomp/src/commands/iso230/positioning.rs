@@ -2,11 +2,12 @@
 
 use std::path::Path;
 
+use volcomp_document::quoted;
 use volcomp_metrology::{
-    Approach, DeviationUnit, Direction, Edition, Iso230Part2, Measurement, ODD_ABOVE,
+    Approach, DeviationUnit, Direction, Edition, Iso230Part2, Measurement, MotionKind, ODD_ABOVE,
     PositioningUncertainty, Quantity, Tolerance, Vdi3441, asme_b5_54, axis_kind, axis_named,
-    evaluate, material_compensation, odd_size, positioning_uncertainty, read_file, shortfalls,
-    vdi_3441,
+    errors_named, evaluate, material_compensation, odd_size, positioning_uncertainty, read_file,
+    shortfalls, vdi_3441,
 };
 use volcomp_vocabulary::{AxisKind, AxisName};
 
@@ -62,13 +63,16 @@ fn one(
     }
     let is_unit_stated = measurement.unit.is_some();
     let unit = unit::apply(path, &mut measurement, arguments.unit)?;
-    if let Some(axis) = arguments.axis {
+    if arguments.error.is_none() {
+        refuse_title(path, &measurement, unit)?;
+    }
+    if let Some(axis) = arguments.axis() {
         same_axis(path, &measurement, axis)?;
         measurement.check_targets(axis)?;
     }
     let result = evaluate(&measurement)?;
     let edition = arguments.edition();
-    let kind = match arguments.axis {
+    let kind = match arguments.axis() {
         Some(axis) => axis.kind(),
         None => axis_kind(&measurement).unwrap_or(AxisKind::Linear),
     };
@@ -137,6 +141,42 @@ fn one(
         notes,
         found: (quantities, decision),
     })
+}
+
+/// A file of any kind whose title names one error that is none of positioning is refused as one of straightness optics is. Angles of
+/// a linear axis are evaluated with a note, where they are angles.
+fn refuse_title(
+    path: &Path,
+    measurement: &Measurement,
+    unit: DeviationUnit,
+) -> Result<(), Failure> {
+    let title = measurement.metadata.title.as_deref().unwrap_or_default();
+    let mut named = errors_named(title);
+    named.dedup();
+    let [error] = named[..] else { return Ok(()) };
+    let is_angle = error.component.is_angular();
+    let with_note =
+        is_angle && error.axis.kind() == AxisKind::Linear && unit == DeviationUnit::Urad;
+    let (what, how) = match MotionKind::of(error) {
+        MotionKind::Positioning if !error.location => return Ok(()),
+        _ if with_note => return Ok(()),
+        // That command refuses what the kind of the file calls positioning.
+        MotionKind::Straightness if measurement.quantity == Some(Quantity::Positioning) => {
+            ("a straightness", "")
+        }
+        MotionKind::Straightness if !error.location => {
+            ("a straightness", "`volcomp straightness` evaluates it; ")
+        }
+        _ if is_angle && error.axis.kind() == AxisKind::Linear => {
+            ("an angle", "of angles state their unit (--unit); ")
+        }
+        _ => ("no positioning", ""),
+    };
+    let what = format_args!(
+        "found the title {}, which names {error}, {what}; expected positioning; {how}where the title is wrong, state --error, such as --error EXX",
+        quoted(title)
+    );
+    Err(Failure::in_file(path, what))
 }
 
 /// What the file calls its axis is not another one than the call.
