@@ -2,6 +2,7 @@
 
 use volcomp_document::quoted;
 
+use crate::decimal_comma::{begins_with_number, with_points};
 use crate::encoding::{decode, refuse_empty, wrong_kind};
 use crate::number::Place;
 use crate::text_report::{decimals_of, metadata_of, step_of};
@@ -23,6 +24,11 @@ const UM_PER_MM: f64 = 1e3;
 pub fn parse_pos(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError> {
     let (text, encoding_note) = decode(bytes, name)?;
     refuse_empty(&text, name, EXPECTED)?;
+    let mut in_table = false;
+    let text = with_points(&text, name, |line| {
+        in_table |= Which::of(line.trim()).is_some();
+        (in_table && begins_with_number(line)).then_some(0)
+    })?;
     let tables = tables(&text, name)?;
     let of = |which: Which| tables.iter().find(|table| table.which == which);
     let (both, forward, backward) = (of(Which::Both), of(Which::Forward), of(Which::Backward));

@@ -2,6 +2,7 @@
 
 use volcomp_document::quoted;
 
+use crate::decimal_comma::{begins_with_number, with_points};
 use crate::encoding::{decode, refuse_empty, wrong_kind};
 use crate::number::Place;
 use crate::text_report::{decimals_of, metadata_of, step_of};
@@ -44,6 +45,7 @@ pub fn parse_keysight_report(bytes: &[u8], name: &str) -> Result<Measurement, Me
             EXPECTED,
         )));
     }
+    let text = with_points(&text, name, |line| begins_with_number(line).then_some(0))?;
     let rows = rows(&text, name)?;
     let unit = unit(&text, name)?;
     let scale = unit.map_or(1.0, ReadingUnit::micro);

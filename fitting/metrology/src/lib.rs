@@ -9,6 +9,7 @@ pub mod circular;
 mod counted;
 mod csv_file;
 mod csv_head;
+mod decimal_comma;
 mod dwell;
 mod edition;
 mod encoding;

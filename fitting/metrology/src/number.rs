@@ -42,7 +42,11 @@ impl Place<'_> {
             _ => Err(MetrologyError::Number(self.finding(
                 what,
                 quoted(text),
-                "a finite decimal number such as -12.5, at most 1e12",
+                if with_point(text).is_some() {
+                    "a decimal point: a decimal comma is read where blanks, tabs or semicolons separate the numbers of a file"
+                } else {
+                    "a finite decimal number such as -12.5, at most 1e12"
+                },
             ))),
         }
     }
@@ -58,6 +62,13 @@ impl Place<'_> {
             ))),
         }
     }
+}
+
+/// A number with a decimal comma, with a point in its place; `None` of anything else.
+pub(crate) fn with_point(text: &str) -> Option<String> {
+    let (whole, part) = text.split_once(',')?;
+    let number = format!("{whole}.{part}");
+    (is_decimal(&number) && !whole.contains(['e', 'E'])).then_some(number)
 }
 
 /// Digits after the decimal point.

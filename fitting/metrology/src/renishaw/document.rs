@@ -122,7 +122,7 @@ impl<'t> Document<'t> {
 }
 
 /// `NAME::` alone on its line, in capitals; free text may hold colons, so a name may not.
-fn section_name(line: &str) -> Option<String> {
+pub(super) fn section_name(line: &str) -> Option<String> {
     let name = line.strip_suffix("::")?.trim_ascii_end();
     let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, ' ' | '-' | '_');
     (!name.is_empty() && name.chars().all(plain)).then(|| name.to_ascii_uppercase())

@@ -4,6 +4,7 @@ use std::collections::HashMap;
 
 use volcomp_document::quoted;
 
+use crate::decimal_comma::with_points;
 use crate::encoding::{decode, refuse_empty, wrong_kind};
 use crate::number::Place;
 use crate::{Direction, FileFormat, Measurement, MetrologyError, Reading};
@@ -23,6 +24,16 @@ const EXPECTED: &str =
 pub fn parse_ren(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError> {
     let (text, encoding_note) = decode(bytes, name)?;
     refuse_empty(&text, name, EXPECTED)?;
+    let mut in_table = false;
+    let text = with_points(&text, name, |line| {
+        in_table |= is_head(line.trim());
+        let states_grid = || {
+            line.trim()
+                .to_ascii_lowercase()
+                .starts_with("compensation ")
+        };
+        (in_table || states_grid()).then_some(0)
+    })?;
     let mut grid = Grid::default();
     let mut lines = text
         .lines()

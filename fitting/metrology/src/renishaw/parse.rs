@@ -1,8 +1,9 @@
 use volcomp_document::quoted;
 
-use super::document::{Document, Section};
+use super::document::{Document, Section, key_value, section_name};
 use super::environment::environment;
 use super::{RenishawKind, directions, sections};
+use crate::decimal_comma::with_points;
 use crate::encoding::{decode, refuse_empty, wrong_kind};
 use crate::environment_notes::environment_notes;
 use crate::{Measurement, Metadata, MetrologyError, Reading};
@@ -35,6 +36,11 @@ pub fn parse_renishaw(
 ) -> Result<Measurement, MetrologyError> {
     let (text, encoding_note) = decode(bytes, name)?;
     refuse_empty(&text, name, "a Renishaw file from `HEADER::` to `EOF::`")?;
+    let mut section = None;
+    let text = with_points(&text, name, |line| {
+        section = section_name(line.trim_ascii()).or(section.take());
+        numbers_from(section.as_deref(), line)
+    })?;
     let document = Document::split(&text, name)?;
     let metadata = metadata(&document, kind)?;
     let targets = sections::targets(&document)?;
@@ -66,6 +72,14 @@ pub fn parse_renishaw(
         environment,
         notes,
     })
+}
+
+/// Where the numbers of a line begin: behind the key, if it has one, in the sections that hold numbers.
+fn numbers_from(section: Option<&str>, line: &str) -> Option<usize> {
+    let is_of_numbers = matches!(section?, "TARGET DATA" | "DEVIATIONS" | "ENVIRONMENT");
+    // A date is no number, though its hours may look like one.
+    let is_date = key_value(line).is_some_and(|(key, _)| key.starts_with("date"));
+    (is_of_numbers && !is_date).then(|| line.find(':').map_or(0, |at| at + 1))
 }
 
 fn metadata(document: &Document<'_>, kind: RenishawKind) -> Result<Metadata, MetrologyError> {

@@ -294,3 +294,42 @@ fn api_files_with_exponents_prove_the_mean_of_both_directions() {
     let fine = text("2.0E-05").replace("2.0E-03", "-4.0E-03");
     assert!(parse_pos(fine.as_bytes(), "x.pos").is_ok());
 }
+
+/// Every kind whose numbers stand between blanks and tabs reads the same with commas as with points, and refuses both in one file.
+#[test]
+fn decimal_commas_are_read_where_they_separate_nothing() {
+    type Parser = fn(&[u8]) -> Result<volcomp_metrology::Measurement, MetrologyError>;
+    let linear: Parser = |bytes| parse_renishaw(bytes, "x", RenishawKind::Linear);
+    let files: [(&str, Parser); 4] = [
+        (BIDIRECTIONAL_RTL, linear),
+        (POS, |bytes| parse_pos(bytes, "x")),
+        (REPORT, |bytes| parse_keysight_report(bytes, "x")),
+        (
+            &REN.replace("100.000", "100.50")
+                .replace("spacing  100", "spacing  100.5"),
+            |bytes| parse_ren(bytes, "x"),
+        ),
+    ];
+    for (text, parse) in files {
+        // Points between digits are those of numbers, and of dates and versions, which nobody reads as numbers.
+        let is_digit = |c: Option<&u8>| c.is_some_and(u8::is_ascii_digit);
+        let bytes = text.as_bytes();
+        let decimal = |at: usize| bytes[at] == b'.' && is_digit(bytes.get(at + 1));
+        let comma: Vec<u8> = (0..bytes.len())
+            .map(|at| if decimal(at) { b',' } else { bytes[at] })
+            .collect();
+        assert_ne!(comma, bytes);
+        let (found, expected) = (parse(&comma).unwrap(), parse(bytes).unwrap());
+        assert_eq!(found.readings, expected.readings);
+        assert_eq!(found.environment, expected.environment);
+        // The last comma back to a point.
+        let mut mixed = comma;
+        let last = mixed.iter().rposition(|byte| *byte == b',').unwrap();
+        mixed[last] = b'.';
+        let message = parse(&mixed).unwrap_err().to_string();
+        assert!(
+            message.contains("decimal commas or decimal points in all numbers"),
+            "{message}"
+        );
+    }
+}

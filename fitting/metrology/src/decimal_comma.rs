@@ -1,0 +1,126 @@
+//! Decimal commas in files whose numbers stand between blanks and tabs, where a comma separates nothing.
+
+use std::borrow::Cow;
+
+use volcomp_document::quoted;
+
+use crate::MetrologyError;
+use crate::number::{Place, with_point};
+
+/// The text with decimal points where its numbers have decimal commas, line for line. `numbers` is given each line in order and says from
+/// which byte on it holds numbers; `None`: it is no line of numbers, and stays as it is.
+///
+/// # Errors
+/// Numbers with commas and numbers with points in one file; and commas of which none need be a decimal one, since three digits follow each:
+/// `1,000` may be a thousand.
+pub(crate) fn with_points<'t>(
+    text: &'t str,
+    name: &str,
+    mut numbers: impl FnMut(&str) -> Option<usize>,
+) -> Result<Cow<'t, str>, MetrologyError> {
+    let (mut comma, mut point) = (None, None);
+    let mut is_certain = false;
+    let mut written = String::with_capacity(text.len());
+    for (index, line) in text.split_inclusive('\n').enumerate() {
+        let Some((head, body)) = numbers(line).and_then(|at| line.split_at_checked(at)) else {
+            written.push_str(line);
+            continue;
+        };
+        written.push_str(head);
+        for token in body.split_inclusive(|c: char| c.is_ascii_whitespace()) {
+            let number = token.trim_ascii_end();
+            match with_point(number) {
+                Some(read) => {
+                    comma.get_or_insert((index + 1, number));
+                    is_certain |= !may_be_thousands(number);
+                    written.push_str(&read);
+                    written.push_str(&token[number.len()..]);
+                }
+                None => {
+                    let place = Place {
+                        file: name,
+                        line: index + 1,
+                    };
+                    if number.contains('.') && place.number("", number).is_ok() {
+                        point.get_or_insert((index + 1, number));
+                    }
+                    written.push_str(token);
+                }
+            }
+        }
+    }
+    let Some((line, found)) = comma else {
+        return Ok(Cow::Borrowed(text));
+    };
+    let wrong = |line, found: &str, expected: String| {
+        let place = Place { file: name, line };
+        Err(MetrologyError::Number(place.finding(
+            "decimal comma",
+            quoted(found),
+            expected,
+        )))
+    };
+    if let Some((other, point)) = point {
+        let expected = format!(
+            "decimal commas or decimal points in all numbers: line {other} has {}",
+            quoted(point)
+        );
+        return wrong(line, found, expected);
+    }
+    if !is_certain {
+        let expected = "a decimal point: three digits stand behind each comma of the file, and it may separate thousands";
+        return wrong(line, found, expected.to_owned());
+    }
+    Ok(Cow::Owned(written))
+}
+
+/// `1,250`, but neither `0,250` nor `1,25`.
+fn may_be_thousands(number: &str) -> bool {
+    let digits = number.trim_start_matches(['+', '-']);
+    let parts = digits.split_once(',');
+    parts.is_some_and(|(whole, part)| {
+        part.len() == 3 && matches!(whole.len(), 1..=3) && !whole.starts_with('0')
+    })
+}
+
+/// Whether a line begins with a number, of either notation.
+pub(crate) fn begins_with_number(line: &str) -> bool {
+    let first = line.split_ascii_whitespace().next().unwrap_or_default();
+    let place = Place { file: "", line: 0 };
+    with_point(first).is_some() || place.number("", first).is_ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> String {
+        let all = |line: &str| begins_with_number(line).then_some(0);
+        match with_points(text, "f", all) {
+            Ok(text) => text.into_owned(),
+            Err(error) => error.to_string(),
+        }
+    }
+
+    #[test]
+    fn commas_are_read_where_they_can_be_nothing_else() {
+        for (text, expected) in [
+            ("a 1,5\r\n1\t-0,25 2\r\n", "a 1,5\r\n1\t-0.25 2\r\n"),
+            ("1,000 0,000\n", "1.000 0.000\n"),
+            ("1,5E-03 2", "1.5E-03 2"),
+            ("1.5 2\n", "1.5 2\n"),
+            // No numbers; whoever reads them says so.
+            ("1 1,2,3 1,2.3 ,\n", "1 1,2,3 1,2.3 ,\n"),
+            (
+                "1.5\n2 2,5",
+                "f:2: decimal comma: found `2,5`, expected decimal commas or decimal points in all numbers: line 1 has `1.5`",
+            ),
+            (
+                "1,000\n2,500",
+                "f:1: decimal comma: found `1,000`, expected a decimal point: three digits stand behind each comma of the file, and it may separate thousands",
+            ),
+        ] {
+            assert_eq!(read(text), expected, "{text:?}");
+        }
+    }
+}
