@@ -43,7 +43,7 @@ pub(super) fn run(
             format_args!("found no measurement file for this machine: {reasons}"),
         ));
     }
-    let found = answered(&found, wanted.answers)?;
+    let (found, mut told) = answered(&found, wanted.answers)?;
     refuse_overwriting(&found.looked_at, output, "draft")?;
     if !wanted.replace {
         refuse_another(output, &found.text)?;
@@ -52,21 +52,32 @@ pub(super) fn run(
     file.finish()?;
     let name = output.display().to_string();
     let document = CalibrateDraft::new(name.clone(), &found);
-    Answer::new(&document, text(&name, &found), notes(&found))
+    told.extend(notes(&found));
+    Answer::new(&document, text(&name, &found), told)
 }
 
-/// The draft with answers that hold for many questions.
-fn answered(draft: &Draft, answers: &[String]) -> Result<Draft, Failure> {
-    let mut all = Vec::new();
+/// The draft with answers that hold for many questions, and notes on answers that settled none. Of two answers to one question that for its
+/// error counts before that for its axis, and this before one for all; of two that are alike, the first.
+fn answered(draft: &Draft, answers: &[String]) -> Result<(Draft, Vec<String>), Failure> {
+    let (mut all, mut notes) = (Vec::new(), Vec::new());
     let mut decided = draft.clone();
+    let mut answers: Vec<&String> = answers.iter().collect();
+    answers.sort_by_key(|given| std::cmp::Reverse(narrowness(given)));
+    // What else is asked follows from the error, and then from the unit.
     for turn in Turn::ALL {
         let now = answers.iter().filter(|given| turn_of(given) == turn);
-        take(now, &[draft, &decided], &mut all)?;
+        take(now.copied(), &[draft, &decided], &mut all, &mut notes)?;
         decided = draft
             .answered(&all)
             .map_err(|error| Failure::Input(format!("--answer: {error}")))?;
     }
-    Ok(decided)
+    Ok((decided, notes))
+}
+
+/// Of how little an answer is: the name of an axis is a letter, that of an error is longer, without either it is for all.
+fn narrowness(given: &str) -> usize {
+    let asked = given.split_once('=').map_or(given, |(asked, _)| asked);
+    asked.split_once(':').map_or(0, |(of, _)| of.trim().len())
 }
 
 fn turn_of(given: &str) -> Turn {
@@ -75,11 +86,12 @@ fn turn_of(given: &str) -> Turn {
     Turn::of(key.trim())
 }
 
-/// Answers to every question that one of the drafts asks.
+/// Answers to every question that one of the drafts asks and no answer before has settled, and notes on those that settle none.
 fn take<'a>(
     answers: impl Iterator<Item = &'a String>,
     drafts: &[&Draft],
     all: &mut Vec<AnswerOf>,
+    notes: &mut Vec<String>,
 ) -> Result<(), Failure> {
     for given in answers {
         let wrong = |message: String| Failure::Input(format!("--answer {given}: {message}"));
@@ -105,12 +117,17 @@ fn take<'a>(
                 keys.join(", ")
             )));
         }
-        // What an answer before has settled stays: the narrower one comes first.
+        let before = all.len();
         for answer in found {
             let is_settled = |known: &AnswerOf| known.of == answer.of && known.key == answer.key;
             if !all.iter().any(is_settled) {
                 all.push(answer);
             }
+        }
+        if all.len() == before {
+            notes.push(format!(
+                "--answer {given} settles nothing: other answers settle every question that it is for"
+            ));
         }
     }
     Ok(())
@@ -193,7 +210,7 @@ fn kinds_of_questions(draft: &Draft) -> String {
         text += &folded(&format!("{key} ({count}): {question}"), " ");
     }
     text += &folded(
-        "Where many have the same answer, give it once: --answer rides=carriage, for an error or an axis --answer EYX:sign=-1 or --answer Y:at.X=4000; of two the first counts.",
+        "Where many have the same answer, give it once: --answer rides=carriage, for an error or an axis --answer EYX:sign=-1 or --answer Y:at.X=4000; the narrower one counts, whatever the order.",
         "",
     );
     text

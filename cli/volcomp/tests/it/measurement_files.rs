@@ -176,3 +176,73 @@ fn an_error_is_answered_in_one_call_with_what_follows() {
     let text = fs::read_to_string(&drafted).expect("the draft");
     assert!(text.contains("\nsign = -1\n"), "{text}");
 }
+
+/// A folder with two straightnesses and a mill, and the call that drafts them.
+fn straightnesses() -> (tempfile::TempDir, Vec<String>) {
+    let folder = tempfile::tempdir().expect("a folder");
+    for name in ["eyx.csv", "exy.csv"] {
+        let bend = if name == "eyx.csv" { 7 } else { 5 };
+        let text = format!("target_mm,deviation_um\n0,0\n50,{bend}\n100,3\n");
+        written(&folder, name, &text);
+    }
+    let mill = fs::read_to_string(crate::root().join("examples/mill.toml")).expect("read");
+    let machine = written(&folder, "m.toml", &mill);
+    let drafted = folder.path().join("drafted.toml").display().to_string();
+    let lasers = folder.path().display().to_string();
+    let call = [
+        "calibrate",
+        "--draft",
+        &lasers,
+        "--machine",
+        &machine,
+        "-o",
+        &drafted,
+    ];
+    let call = call.map(str::to_owned).to_vec();
+    (folder, call)
+}
+
+/// A draft of two straightnesses, each with a question on which side its point rode.
+#[test]
+fn the_narrower_answer_counts_whatever_the_order() {
+    let (_folder, call) = straightnesses();
+    let call: Vec<&str> = call.iter().map(String::as_str).collect();
+    let drafted = call[6];
+    let rides = |answers: &[&str]| {
+        let given: Vec<&str> = answers.iter().flat_map(|a| ["--answer", a]).collect();
+        let output = volcomp(&[&call[..], &["--replace"], &given].concat());
+        assert_eq!(output.status.code(), Some(0));
+        let draft = fs::read_to_string(drafted).expect("the draft");
+        let of = |error: &str| {
+            let (_, behind) = draft
+                .split_once(&format!("error = \"{error}\""))
+                .expect(error);
+            let (_, value) = behind.split_once("rides = ").expect("a key");
+            value
+                .lines()
+                .next()
+                .expect("a value")
+                .trim_matches('"')
+                .to_owned()
+        };
+        let told = String::from_utf8_lossy(&output.stderr).replace("\n  ", " ");
+        (
+            [of("EYX"), of("EXY")].join(" "),
+            told.contains("settles nothing"),
+        )
+    };
+    for answers in [
+        ["rides=other", "Y:rides=carriage"],
+        ["Y:rides=carriage", "rides=other"],
+    ] {
+        assert_eq!(rides(&answers), ("other carriage".to_owned(), false));
+    }
+    assert_eq!(
+        rides(&["Y:rides=carriage", "EXY:rides=other"]),
+        ("? other".to_owned(), true)
+    );
+    assert_eq!(
+        rides(&["rides=other", "rides=carriage"]),
+        ("other other".to_owned(), true)
+    );
+}
