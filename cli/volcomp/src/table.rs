@@ -155,6 +155,27 @@ fn folded_within(sentence: &str, indent: &str, most: usize) -> String {
     text + "\n"
 }
 
+/// A text behind a key of some width: what is too wide for the line goes on below its beginning. Blanks within stay as they are.
+pub(crate) fn folded_behind(key: &str, text: &str) -> String {
+    let indent = key.chars().count();
+    let room = most().saturating_sub(indent).max(1);
+    if text.chars().count() <= room {
+        return format!("{key}{text}\n");
+    }
+    let rest = folded_within(text, "", room.saturating_sub(2));
+    let mut all = String::new();
+    for (index, line) in rest.lines().enumerate() {
+        let front = if index == 0 {
+            key.to_owned()
+        } else {
+            " ".repeat(indent)
+        };
+        // Writing to a string never fails.
+        let _ = writeln!(all, "{front}{line}");
+    }
+    all
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

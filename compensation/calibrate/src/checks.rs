@@ -417,7 +417,7 @@ pub(crate) fn without_point(lines: &[Line], tilted: &Machine) -> Option<String> 
 }
 
 /// Notes where measurement files state different machines or serial numbers. Each file by its name.
-pub(crate) fn different_machines(files: &[(String, &Metadata)]) -> Vec<String> {
+pub fn different_machines(files: &[(String, &Metadata)]) -> Vec<String> {
     let mut notes = Vec::new();
     for (what, is_serial) in [("machines", false), ("serial numbers", true)] {
         let mut found: Vec<(&str, &str)> = Vec::new();

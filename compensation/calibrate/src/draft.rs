@@ -106,9 +106,7 @@ pub fn draft(
     machine_file: &str,
     named: impl Fn(&Path) -> String,
 ) -> std::io::Result<Draft> {
-    let mut paths = Vec::new();
-    list(folder, 0, &mut paths)?;
-    paths.sort();
+    let paths = files_below(folder)?;
     let looked_at = paths.clone();
     let (mut proposed, mut left_over, mut notes) = (Vec::new(), Vec::new(), Vec::new());
     let mut conflicts = Vec::new();
@@ -253,7 +251,18 @@ pub(crate) fn open() -> String {
     format!("\"{OPEN}\"")
 }
 
-/// Files below a folder, without hidden ones and the TOML files that say something of others. Links to folders are not followed.
+/// Files below a folder in the order of their names, without hidden ones and the TOML files that say something of others. Links to folders are
+/// not followed.
+///
+/// # Errors
+/// A folder that cannot be read.
+pub fn files_below(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
+    let mut paths = Vec::new();
+    list(folder, 0, &mut paths)?;
+    paths.sort();
+    Ok(paths)
+}
+
 fn list(folder: &Path, depth: usize, paths: &mut Vec<PathBuf>) -> std::io::Result<()> {
     const DEEPEST: usize = 8;
     for entry in std::fs::read_dir(folder)? {

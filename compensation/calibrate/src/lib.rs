@@ -54,9 +54,10 @@ pub use calibration::{Calibration, calibrate, calibrated_machine};
 pub use calibration_file::{
     CalibrationFile, Line, Location, Squareness, SquarenessSource, Uncertainty,
 };
+pub use checks::different_machines;
 pub use curve_choice::CurveChoice;
 pub use diagonals::Diagonals;
-pub use draft::{Draft, LeftOver, Proposed, Question, draft};
+pub use draft::{Draft, LeftOver, Proposed, Question, draft, files_below};
 pub use error::CalibrateError;
 pub use fitted_curve::{FitQuality, FittedCurve, Quality};
 pub use fitted_line::FittedLine;

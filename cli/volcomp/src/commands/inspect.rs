@@ -1,63 +1,188 @@
 //! `volcomp inspect`: what measurement files hold.
 
-use std::{fmt::Write, path::PathBuf};
+use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value};
+use volcomp_calibrate::files_below;
 use volcomp_metrology::{
-    Content, Measurement, MetrologyError, SeenReadings, axis_kind, read_content,
+    Content, Measurement, MetrologyError, SeenReadings, axis_kind, errors_named, read_content,
 };
-use volcomp_vocabulary::AxisKind;
+use volcomp_vocabulary::{AxisKind, Direction};
 
-use super::{Answer, several::some_refused};
+use super::{Answer, several::some_refused, table, table_text};
 use crate::{
     answers::inspect::{Inspect, Log, OneFile, Readings, Refused, Samples},
     failure::Failure,
-    table::folded,
+    table::{folded, folded_behind, to_the_left},
 };
 
 /// Shows what measurement files hold: oddities, texts, targets, runs, surroundings
+///
+/// Of several files a table at the end has a row for each.
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
-    /// Measurement files: .rtl, .rta, .rts, .rtx, .REN, .pos, .csv, .txt, .log, .dat
+    /// Measurement files: .rtl, .rta, .rts, .rtx, .REN, .pos, .csv, .txt, .log, .dat; a folder stands for those in it
     #[arg(required = true)]
     files: Vec<PathBuf>,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
-    if let [only] = &arguments.files[..] {
+    if let [only] = &arguments.files[..]
+        && !only.is_dir()
+    {
         let content = read_content(only, None)?;
         let (document, text) = one(only.display().to_string(), &content)?;
         return Answer::new(&Inspect::One(Box::new(document)), text, Vec::new());
     }
-    let (mut files, mut texts, mut refused) = (Vec::new(), Vec::new(), 0);
-    let mut others = Others::default();
-    for path in &arguments.files {
+    let (mut files, mut texts, mut refused) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut others, mut overview) = (Others::default(), Overview::default());
+    let mut not_read = Vec::new();
+    for (path, is_named) in paths(&arguments.files)? {
         let file = path.display().to_string();
-        match read_content(path, None) {
+        match read_content(&path, None) {
             Ok(mut content) => {
                 if let Content::Measurement(measurement) = &mut content {
                     measurement
                         .notes
                         .splice(0..0, others.compare(&file, measurement));
                 }
+                overview.add(&path, &content);
                 let (document, text) = one(file, &content)?;
                 files.push(document);
                 texts.push(text);
             }
+            // A folder may hold notes and pictures, too.
+            Err(MetrologyError::Extension { .. }) if !is_named => not_read.push(file),
             Err(error) => {
-                refused += 1;
                 texts.push(refused_text(&file, &error));
+                overview.add_refused(&path);
                 let error = error.to_string();
+                refused.push((file.clone(), error.clone()));
                 files.push(OneFile::Refused(Refused { file, error }));
             }
         }
     }
     let count = files.len();
-    let answer = Answer::new(&Inspect::Many { files }, texts.join("\n"), Vec::new())?;
+    texts.push(overview.text());
+    let notes = if not_read.is_empty() {
+        Vec::new()
+    } else {
+        let not_read = not_read.join(", ");
+        vec![format!(
+            "no measurement files by their names, and not read: {not_read}"
+        )]
+    };
+    let answer = Answer::new(&Inspect::Many { files }, texts.join("\n"), notes)?;
     Ok(Answer {
-        failed: some_refused(refused, count),
+        failed: some_refused(&refused, count),
         ..answer
     })
+}
+
+/// The files that are meant, and whether each is named by itself: a folder stands for those below it.
+fn paths(named: &[PathBuf]) -> Result<Vec<(PathBuf, bool)>, Failure> {
+    let mut all = Vec::new();
+    for path in named {
+        if !path.is_dir() {
+            all.push((path.clone(), true));
+            continue;
+        }
+        let files = files_below(path).map_err(|error| {
+            Failure::in_file(path, format_args!("cannot be looked through: {error}"))
+        })?;
+        if files.is_empty() {
+            return Err(Failure::in_file(path, "found a folder without files"));
+        }
+        all.extend(files.into_iter().map(|file| (file, false)));
+    }
+    Ok(all)
+}
+
+/// A row for each of several files.
+#[derive(Default)]
+struct Overview {
+    rows: Vec<[String; 7]>,
+}
+
+impl Overview {
+    fn add(&mut self, path: &Path, content: &Content) {
+        let file = file_name(path);
+        let row = match content {
+            Content::Measurement(measurement) => {
+                let targets = measurement.targets();
+                let range = match targets[..] {
+                    [first, .., last] => {
+                        format!("{first} to {last}{}", short_unit(measurement))
+                    }
+                    _ => String::new(),
+                };
+                let [forward, backward] =
+                    Direction::BOTH.map(|direction| measurement.runs(direction).len());
+                let metadata = &measurement.metadata;
+                [
+                    file,
+                    error_of(path, measurement),
+                    metadata.machine.clone().unwrap_or_default(),
+                    metadata.serial.clone().unwrap_or_default(),
+                    format!("{forward} + {backward}"),
+                    targets.len().to_string(),
+                    range,
+                ]
+            }
+            Content::Capture(_) => row_of(file, "capture"),
+            Content::Log(_) => row_of(file, "log"),
+        };
+        self.rows.push(row);
+    }
+
+    fn add_refused(&mut self, path: &Path) {
+        self.rows.push(row_of(file_name(path), "REFUSED"));
+    }
+
+    fn text(&self) -> String {
+        let mut rows = table(&[
+            "file",
+            "error",
+            "machine",
+            "serial",
+            "runs ↑ + ↓",
+            "targets",
+            "range",
+        ]);
+        to_the_left(&mut rows, &[1, 2, 3]);
+        for row in &self.rows {
+            rows.add_row(row);
+        }
+        table_text(&rows)
+    }
+}
+
+fn row_of(file: String, what: &str) -> [String; 7] {
+    let mut row: [String; 7] = Default::default();
+    [row[0], row[1]] = [file, what.to_owned()];
+    row
+}
+
+fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().display().to_string()
+}
+
+/// The one error that title and name say, else the axis that the file states, if it does.
+fn error_of(path: &Path, measurement: &Measurement) -> String {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let title = measurement.metadata.title.as_deref().unwrap_or_default();
+    let mut named = errors_named(&stem);
+    named.extend(errors_named(title));
+    named.dedup();
+    let axis = || measurement.metadata.axis.clone().unwrap_or_default();
+    match named[..] {
+        [only] => only.to_string(),
+        [] => axis(),
+        _ => {
+            let names: Vec<String> = named.iter().map(ToString::to_string).collect();
+            format!("{}?", names.join("/"))
+        }
+    }
 }
 
 /// What the files before said.
@@ -120,9 +245,8 @@ fn text(document: &Map<String, Value>, measurement: Option<&Measurement>) -> Str
         text += &folded(&format!("WARNING: {}", plain(warning)), " ");
     }
     let unit = measurement.and_then(|measurement| measurement.unit);
-    // Writing to a String cannot fail.
     let mut line = |key: &str, shown: String| {
-        let _ = writeln!(text, " {:<24}{shown}", key.replace('_', " "));
+        text += &folded_behind(&format!(" {:<24}", key.replace('_', " ")), &shown);
     };
     for (key, value) in document {
         match (key.as_str(), value) {
@@ -171,6 +295,11 @@ fn target_unit(measurement: &Measurement) -> &'static str {
         Some(AxisKind::Linear) => " mm",
         None => " (mm, or deg of a rotary axis)",
     }
+}
+
+/// The same in a cell: nothing where the file does not tell.
+fn short_unit(measurement: &Measurement) -> &'static str {
+    axis_kind(measurement).map_or("", |_| target_unit(measurement))
 }
 
 /// The unit of a quantity of the surroundings, as the document describes it.

@@ -3,9 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
+use volcomp_calibrate::different_machines;
+use volcomp_metrology::Metadata;
 
 use super::Answer;
-use super::iso230::rows::{self, Row};
+use super::iso230::{
+    judged::verdicts_text,
+    rows::{self, Row},
+};
 use crate::{
     answers::quantity::{Decision, Quantity},
     failure::Failure,
@@ -17,6 +22,8 @@ pub(crate) struct Evaluated<D> {
     pub(crate) document: D,
     pub(crate) text: String,
     pub(crate) notes: Vec<String>,
+    /// What the file says of itself.
+    pub(crate) metadata: Metadata,
     /// What stands in its row of the CSV file.
     pub(crate) found: (Vec<Quantity>, Option<Decision>),
 }
@@ -49,7 +56,8 @@ pub(crate) fn evaluated<D: Serialize>(
         }
         return Answer::new(&one.document, one.text, one.notes);
     }
-    let (mut all, mut texts, mut rows, mut refused) = (Vec::new(), Vec::new(), Vec::new(), 0);
+    let (mut all, mut texts, mut rows) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut refused, mut said) = (Vec::new(), Vec::new());
     for path in files {
         let file = path.display().to_string();
         match one(path) {
@@ -59,34 +67,43 @@ pub(crate) fn evaluated<D: Serialize>(
                     .collect();
                 texts.push(format!("{file}\n{notes}{}", one.text));
                 rows.push(row(path, Ok(one.found)));
+                said.push((file, one.metadata));
                 all.push(one.document);
             }
             Err(failure @ (Failure::Call(_) | Failure::Work(_))) => return Err(failure),
             Err(failure) => {
-                refused += 1;
                 let error = failure.message();
                 texts.push(folded(&format!("{file} REFUSED: {error}"), ""));
                 rows.push(row(path, Err(error.clone())));
+                refused.push((file.clone(), error.clone()));
                 all.push((documents.refused)(file, error));
             }
         }
     }
+    texts.push(verdicts_text(&rows));
     if let Some(output) = csv {
         rows::write(output, &rows)?;
     }
+    let said: Vec<(String, &Metadata)> =
+        (said.iter()).map(|(file, of)| (file.clone(), of)).collect();
     let document = (documents.many)(all);
-    let answer = Answer::new(&document, texts.join("\n"), Vec::new())?;
+    let answer = Answer::new(&document, texts.join("\n"), different_machines(&said))?;
     Ok(Answer {
-        failed: some_refused(refused, files.len()),
+        failed: some_refused(&refused, files.len()),
         ..answer
     })
 }
 
-/// Why the program fails after all files were read: some were refused.
-pub(crate) fn some_refused(refused: usize, count: usize) -> Option<Failure> {
-    (refused > 0).then(|| {
-        Failure::input(format_args!(
-            "{refused} of {count} files are refused, see above"
-        ))
-    })
+/// Why the program fails after all files were read: some, each with its error, were refused.
+pub(crate) fn some_refused(refused: &[(String, String)], count: usize) -> Option<Failure> {
+    let (_, first) = refused.first()?;
+    let files: Vec<&str> = refused.iter().map(|(file, _)| file.as_str()).collect();
+    Some(Failure::input(match files[..] {
+        [_] => format!("1 of {count} files are refused: {first}"),
+        _ => format!(
+            "{} of {count} files are refused: {}; the first one: {first}",
+            files.len(),
+            files.join(", ")
+        ),
+    }))
 }

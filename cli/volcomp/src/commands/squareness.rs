@@ -243,7 +243,7 @@ fn text(document: &Squareness) -> String {
         document.error,
         document.reference.replace('-', " "),
         table_text(&rows),
-        quantities_text(&document.quantities),
+        quantities_text(&document.quantities, true),
         document
             .uncertainty
             .as_ref()

@@ -7,8 +7,8 @@ use std::{
 
 use clap::ValueEnum;
 use volcomp_metrology::{
-    DeviationUnit, Measurement, ReferenceKind, StandardQuantity, Straightness, TiltReading,
-    Tolerance, angular_method_um, axis_named, odd_size, read_file, straightness_of,
+    DeviationUnit, Measurement, Metadata, ReferenceKind, StandardQuantity, Straightness,
+    TiltReading, Tolerance, angular_method_um, axis_named, odd_size, read_file, straightness_of,
     straightness_of_profile,
 };
 use volcomp_vocabulary::{AxisKind, AxisName, ErrorName};
@@ -88,7 +88,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     evaluated(&arguments.files, csv, &documents, |path| {
         let document = one(path, arguments, &tolerances)?;
         Ok(Evaluated {
-            text: text(&document),
+            text: text(&document, arguments.files.len() == 1),
+            metadata: Metadata::default(),
             notes: document.notes.clone(),
             found: (document.quantities.clone(), document.decision),
             document: StraightnessDocument::One(Box::new(document)),
@@ -223,7 +224,7 @@ fn document(
     }
 }
 
-fn text(document: &Document) -> String {
+fn text(document: &Document, with_names: bool) -> String {
     let mut rows = table(&["target", "deviation"]);
     for [target, deviation] in &document.profile {
         rows.add_row([target.to_string(), fixed(*deviation, 2)]);
@@ -237,7 +238,7 @@ fn text(document: &Document) -> String {
         "straightness{method}, all values in µm, about {}\n\n{}\n{}\nslopes: least squares {least}, end points {ends}, minimum zone {zone} µrad\n",
         document.reference.replace('-', " "),
         table_text(&rows),
-        quantities_text(&document.quantities)
+        quantities_text(&document.quantities, with_names)
     );
     if let Some(reversal) = document.reversal_um {
         // Writing to a string never fails.

@@ -246,3 +246,101 @@ fn the_narrower_answer_counts_whatever_the_order() {
         ("other other".to_owned(), true)
     );
 }
+
+fn laser(serial: &str, title: &str) -> String {
+    format!(
+        "HEADER::\r\nFile Type: rtl\r\nUSER-TEXT::\r\nMachine: Mill 7\r\nSerial No: {serial}\r\nAxis: X\r\nTitle: {title}\r\nTARGET DATA::\r\n\
+         Target-count: 3\r\nTargets : 0 100 200\r\nFlags: 1 0 1 1\r\nRUNS::\r\nRun-count: 2\r\nDEVIATIONS::\r\nRun Target Data:\r\n\
+         1 1 0.1\r\n1 2 1.5\r\n1 3 2.5\r\n2 3 3.5\r\n2 2 2.0\r\n2 1 1.0\r\nEOF::\r\n"
+    )
+}
+
+#[test]
+fn several_files_end_in_a_table() {
+    let folder = tempfile::tempdir().expect("a folder");
+    fs::create_dir(folder.path().join("lasers")).expect("made");
+    let one = written(&folder, "lasers/exx.rtl", &laser("12", "EXX"));
+    let other = written(&folder, "lasers/second.rtl", &laser("13", "EXX once more"));
+    written(&folder, "lasers/notes.pdf", "%PDF");
+    let lasers = folder.path().join("lasers").display().to_string();
+    let shown = text(&["inspect", &lasers]);
+    let (_, overview) = shown.split_once("runs ↑ + ↓").expect("a table");
+    for row in [
+        [
+            "exx.rtl",
+            "EXX",
+            "Mill 7",
+            "12",
+            "1 + 1",
+            "3",
+            "0 to 200 mm",
+        ],
+        [
+            "second.rtl",
+            "EXX",
+            "Mill 7",
+            "13",
+            "1 + 1",
+            "3",
+            "0 to 200 mm",
+        ],
+    ] {
+        let found = overview
+            .lines()
+            .find(|line| line.starts_with(&format!(" {}", row[0])));
+        let found = found.expect(row[0]);
+        let mut rest = found;
+        for cell in row {
+            let (_, behind) = rest
+                .split_once(cell)
+                .unwrap_or_else(|| panic!("{cell}: {found}"));
+            rest = behind;
+        }
+    }
+    assert!(
+        shown
+            .lines()
+            .all(|line| line.chars().count() <= 80 || line.contains(&lasers)),
+        "{shown}"
+    );
+    let output = volcomp(&["inspect", &lasers]);
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(
+        told.contains("not read") && told.contains("notes.pdf"),
+        "{told}"
+    );
+    // Verdicts at the end, each name once, and the serial numbers.
+    let output = volcomp(&["iso230", &one, &other, "--tolerance", "B=1.4,E=1"]);
+    let (said, told) = (
+        String::from_utf8_lossy(&output.stdout).into_owned(),
+        String::from_utf8_lossy(&output.stderr).replace("\n  ", " "),
+    );
+    assert!(
+        told.contains("different serial numbers") && told.contains("`12`") && told.contains("`13`"),
+        "{told}"
+    );
+    assert_eq!(said.matches("reversal error; ").count(), 1, "{said}");
+    let (_, verdicts) = said.rsplit_once("verdict").expect("a table");
+    assert!(
+        verdicts.contains("exx.rtl")
+            && verdicts.contains("second.rtl")
+            && verdicts.matches("FAIL").count() == 2,
+        "{verdicts}"
+    );
+    // Who is refused is named, for scripts, too.
+    let wrong = written(&folder, "lasers/eyy.rtl", "HEADER::\r\n");
+    let output = volcomp(&["--json", "iso230", &one, &wrong]);
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(
+        told.contains("1 of 2 files are refused: ")
+            && told.contains("EOF::")
+            && !told.contains("see above"),
+        "{told}"
+    );
+    let empty = tempfile::tempdir().expect("a folder");
+    let message = refused(&["inspect", &empty.path().display().to_string()]);
+    assert!(
+        message.contains("found a folder without files"),
+        "{message}"
+    );
+}

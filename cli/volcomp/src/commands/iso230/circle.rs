@@ -4,7 +4,7 @@ use std::{fmt::Write as _, path::Path};
 
 use clap::ValueEnum;
 use volcomp_metrology::{
-    DeviationUnit, MetrologyError, Tolerance,
+    DeviationUnit, Metadata, MetrologyError, Tolerance,
     circular::{
         CircularPlane, CircularTrace, Sense, SignatureKind, Signatures, circular_deviations,
         circular_signatures, parse_trace,
@@ -81,7 +81,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     };
     let csv = arguments.csv.as_deref();
     evaluated(&arguments.files, csv, &documents, |path| {
-        one(path, &arguments.circle, &tolerances)
+        one(
+            path,
+            &arguments.circle,
+            &tolerances,
+            arguments.files.len() == 1,
+        )
     })
 }
 
@@ -103,6 +108,7 @@ fn one(
     path: &Path,
     options: &CircleOptions,
     tolerances: &[Tolerance],
+    with_names: bool,
 ) -> Result<Evaluated<CircularTests>, Failure> {
     let trace = read(path, options)?;
     let deviations = circular_deviations(&trace)?;
@@ -166,7 +172,8 @@ fn one(
         notes,
     };
     Ok(Evaluated {
-        text: text(&document),
+        text: text(&document, with_names),
+        metadata: Metadata::default(),
         notes: document.notes.clone(),
         found: (document.quantities.clone(), document.decision),
         document: CircularTests::One(Box::new(document)),
@@ -204,12 +211,12 @@ fn documents(signatures: &Signatures, plane: CircularPlane, feed: Option<f64>) -
     signatures.ranked.iter().map(one).collect()
 }
 
-fn text(document: &CircularTest) -> String {
+fn text(document: &CircularTest, with_names: bool) -> String {
     let mut text = format!(
         "ISO 230-4, plane {}, radius {} mm, about the centre of least squares, µm\n\n{}",
         document.plane,
         fixed(document.radius_mm, 4),
-        quantities_text(&document.quantities)
+        quantities_text(&document.quantities, with_names)
     );
     if !document.signatures.is_empty() {
         let mut rows = table(&[

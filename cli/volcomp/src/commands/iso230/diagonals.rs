@@ -130,7 +130,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     if let Some(output) = csv {
         rows::write(output, &rows_of(&found, &refused, &file_of))?;
     }
-    let failed = some_refused(refused.len(), arguments.files.len());
+    let said: Vec<(String, String)> = (refused.iter())
+        .map(|of| (of.file.clone(), of.error.clone()))
+        .collect();
+    let failed = some_refused(&said, arguments.files.len());
     let document = document(&found, quantities, refused, notes.clone(), &file_of);
     let text = text(&document) + &decision_text(decision, &document.quantities);
     let answer = Answer::new(&document, text, notes)?;
@@ -272,7 +275,7 @@ fn text(document: &MeasuredDiagonals) -> String {
     let mut text = format!(
         "ISO 230-6, all values in µm\n\n{}\n{}\nin common {} µm/m\n",
         table_text(&rows),
-        quantities_text(&document.quantities),
+        quantities_text(&document.quantities, true),
         fixed(document.scale_um_per_m, 2)
     );
     for hint in &document.squareness {

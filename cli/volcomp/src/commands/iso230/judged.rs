@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use volcomp_metrology::{StandardQuantity, Tolerance, Verdict, decide, parse_tolerances};
 
+use super::rows::Row;
 use crate::{
     answers::quantity::{Decision, Quantity},
     failure::Failure,
@@ -71,8 +72,67 @@ pub(crate) fn decision(quantities: &[Quantity]) -> Option<Decision> {
     })
 }
 
-/// The quantities as a table, with columns for uncertainty and limit where there are any.
-pub(crate) fn quantities_text(quantities: &[Quantity]) -> String {
+/// What several files came to: a row for each with the quantities that have a limit, or without any those of a plain symbol, and the verdict; and the
+/// names of all symbols once.
+pub(crate) fn verdicts_text(rows: &[Row]) -> String {
+    let all = || (rows.iter()).flat_map(|row| row.found.iter().flat_map(|found| &found.0));
+    let is_judged = all().any(|quantity| quantity.limit.is_some());
+    let is_shown = |quantity: &Quantity| {
+        if is_judged {
+            quantity.limit.is_some()
+        } else {
+            !quantity.symbol.contains('_')
+        }
+    };
+    let mut symbols: Vec<&str> = Vec::new();
+    let mut names: Vec<(&str, &str)> = Vec::new();
+    for quantity in all() {
+        if is_shown(quantity) && !symbols.contains(&quantity.symbol) {
+            symbols.push(quantity.symbol);
+        }
+        if !names.contains(&(quantity.symbol, quantity.name)) {
+            names.push((quantity.symbol, quantity.name));
+        }
+    }
+    let mut heads = vec!["file", "verdict", "unit"];
+    heads.extend(&symbols);
+    let mut shown = table(&heads);
+    to_the_left(&mut shown, &[1, 2]);
+    for row in rows {
+        let name = std::path::Path::new(&row.file);
+        let name = name.file_name().unwrap_or_default().display().to_string();
+        let Ok((quantities, decision)) = &row.found else {
+            shown.add_row([name, "REFUSED".to_owned()]);
+            continue;
+        };
+        let verdict = decision.map_or_else(|| "no limits".to_owned(), |d| d.verdict.to_uppercase());
+        let unit = match quantities.first().map(|quantity| quantity.unit) {
+            Some("urad") => "µrad",
+            _ => "µm",
+        };
+        let mut cells = vec![name, verdict, unit.to_owned()];
+        for symbol in &symbols {
+            let mut of = quantities.iter();
+            let value = of.find(|q| q.symbol == *symbol).and_then(|q| q.value);
+            cells.push(value.map_or_else(|| "-".to_owned(), |value| fixed(value, 2)));
+        }
+        shown.add_row(cells);
+    }
+    let names = names
+        .iter()
+        .map(|(symbol, name)| format!("{symbol}: {name}"));
+    let names: Vec<String> = names.collect();
+    let names = if names.is_empty() {
+        String::new()
+    } else {
+        format!("\n{}", folded(&names.join("; "), ""))
+    };
+    table_text(&shown) + &names
+}
+
+/// The quantities as a table, with columns for uncertainty and limit where there are any, and for their names where these do not stand
+/// elsewhere.
+pub(crate) fn quantities_text(quantities: &[Quantity], with_names: bool) -> String {
     let uncertain = quantities.iter().any(|q| q.uncertainty.is_some());
     let limited = quantities.iter().any(|q| q.limit.is_some());
     let mut heads = vec!["", "value"];
@@ -82,9 +142,13 @@ pub(crate) fn quantities_text(quantities: &[Quantity]) -> String {
     if limited {
         heads.extend(["limit", "verdict"]);
     }
-    heads.push("name");
+    if with_names {
+        heads.push("name");
+    }
     let mut rows = table(&heads);
-    to_the_left(&mut rows, &[heads.len() - 1]);
+    if with_names {
+        to_the_left(&mut rows, &[heads.len() - 1]);
+    }
     let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| fixed(v, 2));
     for quantity in quantities {
         let mut row = vec![quantity.symbol.to_owned(), number(quantity.value)];
@@ -95,7 +159,9 @@ pub(crate) fn quantities_text(quantities: &[Quantity]) -> String {
             row.push(number(quantity.limit));
             row.push(quantity.verdict.unwrap_or("").to_owned());
         }
-        row.push(quantity.name.to_owned());
+        if with_names {
+            row.push(quantity.name.to_owned());
+        }
         rows.add_row(row);
     }
     table_text(&rows)

@@ -118,10 +118,16 @@ fn one(
     // Angles do not grow with the material.
     let is_laser = measurement.quantity == Some(Quantity::Positioning);
     let compensation = is_laser.then(|| material_compensation(&measurement.environment));
-    let text = text(&result, unit, edition, arguments.standard, &quantities)
-        + &uncertainty
-            .as_ref()
-            .map_or_else(String::new, uncertainty_text)
+    let text = text(
+        &result,
+        unit,
+        edition,
+        arguments.standard,
+        &quantities,
+        !among_others,
+    ) + &uncertainty
+        .as_ref()
+        .map_or_else(String::new, uncertainty_text)
         + &compensation.as_ref().map_or_else(String::new, |said| {
             format!("\n{}", folded(&format!("material compensation {said}"), ""))
         })
@@ -139,6 +145,7 @@ fn one(
         document: Iso230::new(&result, unit, stated, notes.clone()),
         text,
         notes,
+        metadata: measurement.metadata,
         found: (quantities, decision),
     })
 }
@@ -280,6 +287,7 @@ fn text(
     edition: Edition,
     standard: Standard,
     quantities: &[quantity::Quantity],
+    with_names: bool,
 ) -> String {
     let mut parts = Vec::new();
     let head = match standard {
@@ -301,7 +309,11 @@ fn text(
             .cloned()
             .collect();
         if let Some(first) = of.first() {
-            parts.push(format!("{}\n{}", first.standard, quantities_text(&of)));
+            parts.push(format!(
+                "{}\n{}",
+                first.standard,
+                quantities_text(&of, with_names)
+            ));
         }
     }
     parts.join("\n")
