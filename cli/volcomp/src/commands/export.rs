@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use volcomp_model::{Machine, Temperatures};
+use volcomp_model::{Axis, Machine, Temperatures};
 use volcomp_tables::axis_table::{
     AxisLoss, AxisNumbers, Content, ErrorTable, ExchangeError, Facts, Format, LineError,
     TableOptions, TextFile, WriteOptions, loss, sampled, write,
@@ -73,7 +73,7 @@ impl ControlArguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let (machine, temperatures) = arguments.machine.read()?;
-    let notes = machine_notes(&machine, &temperatures);
+    let mut notes = machine_notes(&machine, &temperatures);
     let at = arguments.at.as_deref().map(parse_at).transpose()?;
     let options = TableOptions {
         step_mm: arguments.step,
@@ -97,6 +97,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let content = sampled(&machine, &temperatures, &options, format)?;
     let written = write(format, &content, &write_options)?;
     let lost = told(&machine, &temperatures, &options, format, &write_options)?;
+    if arguments.at.is_none() && matches!(content, Content::Axes(_)) {
+        notes.extend(not_at(&machine, &reference));
+    }
+    notes.extend(lost.axes.iter().filter_map(worse_than_none));
     let files = place.write(&written.files, arguments)?;
     let document = Export {
         format: format.to_string(),
@@ -111,6 +115,45 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     };
     let text = text(&document);
     Answer::new(&document, text, notes)
+}
+
+/// That nobody said where the other axes stand, and where the middle of their travel is, which suits most tables better.
+fn not_at(machine: &Machine, reference: &[(AxisName, f64)]) -> Option<String> {
+    let places = |at: &dyn Fn(&Axis) -> f64| {
+        let axes = machine.axes().iter();
+        let words = axes.map(|axis| format!("{}={}", axis.name, rounded(at(axis))));
+        words.collect::<Vec<_>>().join(",")
+    };
+    let taken = |axis: &Axis| {
+        let place = reference.iter().find(|(name, _)| *name == axis.name);
+        place.map_or(0.0, |(_, at)| *at)
+    };
+    let middle = |axis: &Axis| f64::midpoint(axis.travel[0], axis.travel[1]);
+    let (taken, middle) = (places(&taken), places(&middle));
+    (machine.axes().len() > 1 && taken != middle).then(|| {
+        format!(
+            "--at is not given: the axes that a table does not go over are taken to stand at {taken}, and the tables hold there; the middle of the travel is --at {middle}"
+        )
+    })
+}
+
+fn rounded(at: f64) -> f64 {
+    (at * 1e3).round() / 1e3 + 0.0
+}
+
+/// That an axis is worse off with the tables than without.
+fn worse_than_none(axis: &export::AxisLoss) -> Option<String> {
+    (axis.largest > axis.correction).then(|| {
+        let unit = shown_unit(&axis.unit);
+        format!(
+            "WARNING: with these tables axis {} is further off than without: by up to {} {unit} (at {}), without them by up to {} {unit}. They help near the line through --at alone: \
+             state the middle of the space in which you work, or leave this table off",
+            axis.axis,
+            fixed(axis.largest, 2),
+            place_of(&axis.at, axis.direction.as_deref()),
+            fixed(axis.correction, 2),
+        )
+    })
 }
 
 /// Where the files go.
@@ -343,13 +386,13 @@ fn text(document: &Export) -> String {
         ]);
     }
     let mut lost = table(&[
-        "what is lost",
+        "what is left",
         "axis",
-        "of",
-        "largest",
-        "RMS",
+        "error by\nthe model",
+        "left with\nthe tables",
+        "RMS of\nwhat is left",
         "unit",
-        "where",
+        "most is left at",
     ]);
     to_the_left(&mut lost, &[6]);
     let all = [("all errors", &document.loss.axes)];
@@ -383,8 +426,8 @@ fn text(document: &Export) -> String {
     text.push('\n');
     let mut sentences = vec![
         format!(
-            "Lost: the difference between what the control corrects with these files and the model, over {} poses after positive (+) and negative (-) \
-             motion of all axes; each kind of error alone in the mean of both.",
+            "Left: the difference between what the control corrects with these files and the model, at most, over {} poses after positive (+) and negative (-) \
+             motion of all axes; each kind of error alone in the mean of both. The error by the model is the most that is left without tables.",
             document.loss.poses
         ),
         format!("Sign: {}.", document.sign),

@@ -133,91 +133,6 @@ fn every_format_writes_files_that_are_read_again() {
     }
 }
 
-/// The facts of each format are told apart, name what is written, and state the numbers of the axes for the way back.
-#[test]
-fn two_formats_in_one_folder_and_back_without_numbers() {
-    let (_folder, tables) = folder();
-    for format in ["fanuc", "heidenhain-itnc530"] {
-        let answer = json(&[
-            "export",
-            "-m",
-            GANTRY,
-            "--format",
-            format,
-            "--step",
-            "250",
-            "-o",
-            &tables,
-            "--axis-numbers",
-            "X=3,Y=1,Z=2",
-        ]);
-        // A table of one axis over another is in neither format.
-        let made = answer["tables"].as_array().expect("a list");
-        assert!(
-            made.iter().all(|made| made["input"] == made["output"]),
-            "{made:?}"
-        );
-        let facts =
-            fs::read_to_string(format!("{tables}/volcomp-tables-{format}.txt")).expect("the facts");
-        for file in answer["files"].as_array().expect("files") {
-            let name = file
-                .as_str()
-                .expect("a name")
-                .rsplit('/')
-                .next()
-                .expect("a name");
-            assert!(
-                name.starts_with("volcomp-tables-") || facts.contains(name),
-                "{name}: {facts}"
-            );
-        }
-    }
-    let alone = format!("{tables}/alone");
-    let answer = json(&[
-        "export",
-        "-m",
-        GANTRY,
-        "--format",
-        "fanuc",
-        "--step",
-        "250",
-        "-o",
-        &alone,
-        "--axis-numbers",
-        "X=3,Y=1,Z=2",
-    ]);
-    let back = json(&["import", &alone]);
-    assert_eq!(back["format"], "fanuc");
-    assert!(
-        back["warnings"]
-            .to_string()
-            .contains("taken from here: X=3,Y=1,Z=2"),
-        "{}",
-        back["warnings"]
-    );
-    let outputs = |of: &serde_json::Value| -> Vec<String> {
-        let all = of["tables"].as_array().expect("a list").iter();
-        let mut all: Vec<String> = all.map(|made| made["output"].to_string()).collect();
-        all.sort();
-        all
-    };
-    assert_eq!(outputs(&back), outputs(&answer));
-    // The type of a file of LinuxCNC stands nowhere else.
-    let linuxcnc = format!("{tables}/linuxcnc");
-    json(&[
-        "export",
-        "-m",
-        GANTRY,
-        "--format",
-        "linuxcnc-type1",
-        "--step",
-        "250",
-        "-o",
-        &linuxcnc,
-    ]);
-    assert_eq!(json(&["import", &linuxcnc])["format"], "linuxcnc-type1");
-}
-
 /// A head from -110 deg does not fit into 0 to 360 deg: the other axes are written, and what is left out is named.
 #[test]
 fn a_tilting_axis_is_left_out_and_the_others_are_written() {
@@ -384,4 +299,55 @@ fn what_cannot_be_is_refused() {
             .contains("the file of a table")
     );
     assert!(fs::metadata(&curves).is_err());
+}
+
+/// A mill with a pitch error of X: far above the reference position a table without the lever of Z is the wrong one.
+#[test]
+fn a_table_that_does_harm_is_told() {
+    let (folder, tables) = folder();
+    let machine = folder.path().join("m.toml");
+    let of_travel = |low: f64, high: f64| {
+        format!(
+            "name = \"tall\"\nstructure = \"w X' b Z t\"\n[axes]\nX.travel = [{low:?}, {high:?}]\nZ.travel = [-500.0, 500.0]\n\
+             [errors]\nEXX = {{ poly = [5.0] }}\nEBX = {{ poly = [0.0, 0.1] }}\n"
+        )
+    };
+    let run = |options: &[&str]| {
+        let machine = machine.display().to_string();
+        let call = [
+            "export", "-m", &machine, "--format", "linuxcnc", "-o", &tables,
+        ];
+        let output = volcomp(&[&call[..], options].concat());
+        let told = String::from_utf8_lossy(&output.stderr).replace("\n  ", " ");
+        assert_eq!(output.status.code(), Some(0), "{told}");
+        (told, String::from_utf8_lossy(&output.stdout).into_owned())
+    };
+    fs::write(&machine, of_travel(0.0, 400.0)).expect("written");
+    // The lever from Z = 500 is taken away at Z = -500, where it is of the other sign: as far again.
+    let (told, said) = run(&["--at", "X=0,Z=500"]);
+    assert!(
+        told.contains("WARNING: with these tables axis X is further off than without"),
+        "{told}"
+    );
+    assert!(!told.contains("--at is not given"), "{told}");
+    assert!(
+        said.contains("error by") && said.contains("left with"),
+        "{said}"
+    );
+    let (told, _) = run(&[]);
+    assert!(
+        told.contains("are taken to stand at X=0,Z=0") && told.contains("--at X=200,Z=0"),
+        "{told}"
+    );
+    assert!(!told.contains("WARNING"), "{told}");
+    // EXX is 5 µm everywhere, at the reference position, too.
+    let facts = fs::read_to_string(format!("{tables}/volcomp-tables-linuxcnc.txt")).expect("read");
+    assert!(
+        facts.contains("Deviations at the reference position: X ")
+            && facts.contains("does not begin at zero there"),
+        "{facts}"
+    );
+    // The middle of the travel is where the axes stand.
+    fs::write(&machine, of_travel(-200.0, 200.0)).expect("written");
+    assert!(!run(&[]).0.contains("--at is not given"));
 }

@@ -155,6 +155,10 @@ pub fn write(
     if let Some(refusal) = refusal {
         return Err(ExchangeError::NoCurves(refusal));
     }
+    let options = &WriteOptions {
+        facts: options.facts.with_tables(content),
+        ..options.clone()
+    };
     let mut written = match (format, content) {
         (Format::Csv, Content::Axes(tables)) => csv::write(tables, options),
         (Format::Linuxcnc, Content::Axes(tables)) => {

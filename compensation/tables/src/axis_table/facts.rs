@@ -3,10 +3,10 @@
 use core::fmt::Write;
 
 use volcomp_model::Machine;
-use volcomp_vocabulary::AxisName;
+use volcomp_vocabulary::{AxisName, Displacement};
 
 use super::{
-    AxisNumbers,
+    AxisNumbers, AxisTable, Content,
     exchange::WriteOptions,
     format::Format,
     text::{TextFile, short},
@@ -40,7 +40,12 @@ pub struct Facts {
     pub at: Vec<(AxisName, f64)>,
     /// The temperatures of the sensors, in words; empty where none is stated.
     pub temperatures: String,
+    /// Deviations that tables of an axis over itself have at the reference position, mm or rad.
+    own_at_reference: Vec<(AxisName, f64)>,
 }
+
+/// A deviation at the reference position below which nothing is said, mm or rad.
+const NO_MOVE: f64 = 1e-6;
 
 impl Facts {
     /// The facts of a machine with its axes at a reference position.
@@ -50,7 +55,43 @@ impl Facts {
             checksum: machine.checksum(),
             at,
             temperatures,
+            own_at_reference: Vec::new(),
         }
+    }
+
+    /// The same with what these tables have at the reference position.
+    pub(crate) fn with_tables(&self, content: &Content) -> Self {
+        let Content::Axes(tables) = content else {
+            return self.clone();
+        };
+        let there = |table: &AxisTable| {
+            let at = self.at.iter().find(|(name, _)| *name == table.input);
+            let at = AxisTable::input_from_edge(table.input, at.map_or(0.0, |(_, at)| *at));
+            (table.input, table.deviation(at, None))
+        };
+        let own = tables.iter().filter(|table| table.is_own()).map(there);
+        Self {
+            own_at_reference: own.filter(|(_, by)| by.abs() > NO_MOVE).collect(),
+            ..self.clone()
+        }
+    }
+
+    /// Why tables of an axis over itself are not zero at the reference position, in a sentence. FANUC's steps begin at 0 there, and a note
+    /// says what they leave out.
+    fn moved_reference(&self, format: Format) -> Option<String> {
+        if self.own_at_reference.is_empty() || format == Format::Fanuc {
+            return None;
+        }
+        let moved = self.own_at_reference.iter().map(|(axis, by)| {
+            let micro = Displacement::new(axis.kind(), *by).um_or_urad();
+            let unit = if axis.is_rotary() { "urad" } else { "um" };
+            format!("{axis} {} {unit}", short(micro, 2))
+        });
+        Some(format!(
+            "Deviations at the reference position: {} (mean of both directions). A table of an axis over itself does not begin at zero there: switched on, it moves the \
+             axis by as much the other way, and work offsets set before with it",
+            moved.collect::<Vec<_>>().join(", ")
+        ))
     }
 
     /// The lines of a head, without the mark of a comment.
@@ -69,11 +110,14 @@ impl Facts {
             format!("Machine: {}, {}", one_line(&self.machine), self.checksum),
             "Convention: deviation = actual - commanded of the output axis, over the commanded position of the input axis".to_owned(),
             format!("Reference position (mm, deg), where tables of one axis over another are zero:{at}"),
+        ];
+        lines.extend(self.moved_reference(format));
+        lines.extend([
             format!("Temperatures: {}", one_line(temperatures)),
             format!("Sign: {}", format.sign()),
             format!("Directions: {}", directions(format)),
             format.trust().to_owned(),
-        ];
+        ]);
         if matches!(
             format,
             Format::Siemens840d | Format::Fanuc | Format::IsgSsfk
