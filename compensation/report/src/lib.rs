@@ -22,7 +22,7 @@ pub use report::{
 };
 pub use stated::Stated;
 pub use texts::Language;
-pub use tolerance::{VOLUME, checks, tolerances};
+pub use tolerance::{VOLUME, checks, refuse_two_units, tolerances};
 pub use volcomp_fit::BandSource;
 pub use volcomp_metrology::{Edition, Tolerance, Verdict};
 pub use volume::{ErrorAt, uncertainty, volume};

@@ -3,33 +3,112 @@
 use volcomp_metrology::{
     Edition, MetrologyError, MotionKind, Tolerance, Vdi3441, decide, parse_tolerances_of,
 };
-use volcomp_vocabulary::ErrorName;
+use volcomp_vocabulary::{AxisName, ErrorName};
 
-use crate::report::{Check, Curve, Report, Square, State};
+use crate::report::{Check, Curve, Positioning, Report, Square, State};
 
 /// The largest error of position over the working space, beside the best rigid motion of the workpiece.
 pub const VOLUME: &str = "V";
 /// What [`VOLUME`] is of where some errors were not measured.
 pub(crate) const MEASURED_ALONE: &str = "the measured errors alone";
 
-/// Reads `A=10,EC0Y=20`: µm of what is a length, µrad of what is an angle. A name is a symbol of ISO 230-2 or VDI/DGQ 3441, which is
-/// of every positioning test, [`VOLUME`], or that of an error: of a location error its size, of an error motion the range of its mean
-/// readings or, without readings, of its curve.
+/// Reads `A=10,C.A=30,EC0Y=20`: µm of what is a length, µrad of what is an angle. A name is a symbol of ISO 230-2 or VDI/DGQ 3441, which is
+/// of every positioning test, of those of an axis (`C.A`) or of an error (`EXX.A`); [`VOLUME`]; or that of an error: of a location error its
+/// size, of an error motion the range of its mean readings or, without readings, of its curve.
 ///
 /// # Errors
 /// The first part that cannot be read.
 pub fn tolerances(text: &str) -> Result<Vec<Tolerance>, MetrologyError> {
     let symbols = symbols();
     let named = |name: &str| {
-        let symbol = symbols.iter().find(|symbol| **symbol == name);
+        let (of, symbol) = parts(name);
+        let is_symbol = symbols.contains(&symbol) && of.is_none_or(is_axis_or_positioning);
         let is_error = || name.parse::<ErrorName>().is_ok();
-        (symbol.is_some() || name == VOLUME || is_error()).then(|| name.to_owned())
+        (is_symbol || name == VOLUME || is_error()).then(|| name.to_owned())
     };
     let expected = format!(
-        "{}, {VOLUME} or the name of an error as EYX or EC0Y",
+        "{}, one of these of an axis or an error as C.A or EXX.A, {VOLUME} or the name of an error as EYX or EC0Y",
         symbols.join(", ")
     );
     parse_tolerances_of(text, named, &expected)
+}
+
+/// What a symbol is of, if that is stated, and the symbol: `C.A`, `EXX.A`, `A`.
+fn parts(name: &str) -> (Option<&str>, &str) {
+    match name.split_once('.') {
+        Some((of, symbol)) => (Some(of), symbol),
+        None => (None, name),
+    }
+}
+
+fn is_axis_or_positioning(of: &str) -> bool {
+    let positioning =
+        |error: ErrorName| !error.location && MotionKind::of(error) == MotionKind::Positioning;
+    of.parse::<AxisName>().is_ok() || of.parse().is_ok_and(positioning)
+}
+
+fn is_of(test: &Positioning, of: Option<&str>) -> bool {
+    let axis = || {
+        test.error
+            .parse::<ErrorName>()
+            .map(|error| error.axis.to_string())
+    };
+    of.is_none_or(|of| test.error == of || axis().is_ok_and(|axis| axis == of))
+}
+
+/// The positioning tests that a tolerance is for: of its error, its axis or all, without those that have a narrower one of the same symbol.
+fn tests_of<'r>(
+    report: &'r Report,
+    tolerances: &[Tolerance],
+    tolerance: &Tolerance,
+) -> Vec<&'r Positioning> {
+    let (of, symbol) = parts(&tolerance.symbol);
+    // The name of an axis is a letter, that of an error is longer.
+    let narrowness = |of: Option<&str>| of.map_or(0, str::len);
+    let has_narrower = |test: &Positioning| {
+        tolerances.iter().any(|other| {
+            let (other_of, other) = parts(&other.symbol);
+            other == symbol && narrowness(other_of) > narrowness(of) && is_of(test, other_of)
+        })
+    };
+    let tests = report.positioning.iter();
+    tests
+        .filter(|test| is_of(test, of) && !has_narrower(test))
+        .collect()
+}
+
+/// Refuses a limit that would be µm of linear axes and µrad of rotary ones: one number cannot be meant for both.
+///
+/// # Errors
+/// The first such tolerance.
+pub fn refuse_two_units(report: &Report, tolerances: &[Tolerance]) -> Result<(), MetrologyError> {
+    let symbols = symbols();
+    for tolerance in tolerances {
+        if !symbols.contains(&tolerance.symbol.as_str()) {
+            continue;
+        }
+        let tests = tests_of(report, tolerances, tolerance);
+        let of_unit = |unit: &str| tests.iter().find(|test| test.unit == unit);
+        let Some((length, angle)) = of_unit("µm").zip(of_unit("µrad")) else {
+            continue;
+        };
+        let axis = |test: &Positioning| test.error.chars().last().map(String::from);
+        let (symbol, limit) = (&tolerance.symbol, tolerance.limit);
+        return Err(MetrologyError::Readings {
+            name: "tolerance".into(),
+            what: symbol.clone(),
+            found: format!(
+                "{limit} for {} (µm) and for {} (µrad)",
+                length.error, angle.error
+            ),
+            expected: format!(
+                "one limit for each kind: {symbol}={limit} stays for the rest where the others have their own, {}.{symbol}=… or {}.{symbol}=…",
+                axis(angle).unwrap_or_default(),
+                angle.error
+            ),
+        });
+    }
+    Ok(())
 }
 
 /// The symbols of positioning tests.
@@ -57,18 +136,26 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
                 outcome: decide(value, tolerance.limit, uncertainty),
             });
         };
-        if symbols.contains(&symbol) {
-            for test in &report.positioning {
+        let (of, figure) = parts(symbol);
+        if symbols.contains(&figure) {
+            for test in tests_of(report, tolerances, tolerance) {
                 let of = format!("{}, {}", test.error, test.file);
                 check(
                     of,
-                    test.figure(symbol),
-                    test.uncertainty(symbol),
+                    test.figure(figure),
+                    test.uncertainty(figure),
                     &test.unit,
                 );
             }
-            if report.positioning.is_empty() {
-                check(String::new(), None, None, "µm");
+            if !report.positioning.iter().any(|test| is_of(test, of)) {
+                let axis = of.and_then(|of| AxisName::from_letter(of.chars().last()?));
+                let is_rotary = axis.is_some_and(AxisName::is_rotary);
+                check(
+                    String::new(),
+                    None,
+                    None,
+                    if is_rotary { "µrad" } else { "µm" },
+                );
             }
         } else if symbol == VOLUME {
             let volume = report.volume.as_ref();
@@ -208,9 +295,10 @@ mod tests {
 
     #[test]
     fn names_and_limits_are_read() {
-        let found = tolerances("A=10, EC0Y=20,V=1.5,P=3,R_forward=2").expect("five");
+        let found =
+            tolerances("A=10, EC0Y=20,V=1.5,P=3,R_forward=2,C.A=30,EXX.B=4").expect("seven");
         let limits: Vec<f64> = found.iter().map(|tolerance| tolerance.limit).collect();
-        assert_eq!(limits, [10.0, 20.0, 1.5, 3.0, 2.0]);
+        assert_eq!(limits, [10.0, 20.0, 1.5, 3.0, 2.0, 30.0, 4.0]);
     }
 
     #[test]
@@ -221,6 +309,9 @@ mod tests {
             ("A=-1", "limit of A: found `-1`"),
             ("A=inf", "limit of A: found `inf`"),
             ("A=1,A=2", "expected each symbol once"),
+            ("EYX.A=1", "found `EYX.A`"),
+            ("X.V=1", "found `X.V`"),
+            (".A=1", "found `.A`"),
             ("", "found ``"),
         ] {
             let message = tolerances(text).expect_err(text).to_string();

@@ -13,7 +13,7 @@ use volcomp_kinematics::{Form, State as Pose, volumetric_error};
 use volcomp_model::{Machine, Temperatures, diagonal_targets, diagonals};
 use volcomp_report::{
     Diagonal, Diagonals, Edition, ErrorAt, Language, Report, Size, State, Stated, Tolerance,
-    Verdict as Outcome, checks, html, tolerances, uncertainty, volume,
+    Verdict as Outcome, checks, html, refuse_two_units, tolerances, uncertainty, volume,
 };
 use volcomp_vocabulary::AxisName;
 
@@ -52,8 +52,8 @@ pub(crate) struct Arguments {
     /// Machine file whose errors are taken for the truth: what the correction by FILE leaves of them is shown as the state after
     #[arg(long, value_name = "MACHINE")]
     truth: Option<PathBuf>,
-    /// What is allowed, µm of lengths and µrad of angles: A, R, E, M, B of each positioning test, or a symbol of VDI/DGQ 3441, V for
-    /// the largest volumetric error beside the best rigid motion of the workpiece, or the name of an error: A=10,EC0Y=20
+    /// What is allowed, µm of lengths and µrad of angles: A, R, E, M, B of each positioning test, or a symbol of VDI/DGQ 3441, of one axis
+    /// C.A or one error EXX.A; V for the largest volumetric error beside the best rigid motion of the workpiece, or the name of an error: A=10,EC0Y=20
     #[arg(long, value_name = "NAME=LIMIT,…")]
     tolerance: Option<String>,
     /// Edition of ISO 230-2: 1997, 2006 or 2014, without it 2014
@@ -111,6 +111,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     }
     let mut output = OutputFile::open(&arguments.output)?;
     let (machine, mut report) = source.report(arguments)?;
+    refuse_two_units(&report, &limits).map_err(|error| Failure::Input(format!("--{error}")))?;
     let temperatures = Temperatures::new();
     let mut notes = machine_notes(&machine, &temperatures);
     let others = arguments.others.read(&machine, &mut notes)?;

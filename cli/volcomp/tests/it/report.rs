@@ -140,3 +140,54 @@ fn what_was_not_measured_is_not_met() {
     assert_eq!(document["checks"][0]["of"], "the measured errors alone");
     assert!(page.contains("of the measured errors alone"));
 }
+
+/// Lengths and angles have no limit in common: a symbol alone is refused where both kinds are tested, and has what no narrower one has.
+#[test]
+fn a_limit_is_of_one_unit() {
+    const BOTH: &str = "examples/from-files/five-axis/calibration.toml";
+    let folder = tempfile::tempdir().expect("a folder");
+    let output = folder.path().join("report.html").display().to_string();
+    let message = refused(&["report", BOTH, "-o", &output, "--tolerance", "A=30"]);
+    assert!(
+        message.contains("--tolerance: A: found 30 for EXX (µm) and for ECC (µrad)")
+            && message.contains("C.A=… or ECC.A=…"),
+        "{message}"
+    );
+    assert!(!folder.path().join("report.html").exists());
+    let (document, _) = report(&[
+        BOTH,
+        "--tolerance",
+        "A=1000,A.A=2000,C.A=0.001,EXX.A=0.001,B.A=5",
+    ]);
+    let mut found: Vec<(String, f64, String, String)> = (document["checks"].as_array())
+        .expect("checks")
+        .iter()
+        .map(|check| {
+            let text = |key: &str| check[key].as_str().expect("a text").to_owned();
+            let of = text("of");
+            let error = of.split(',').next().unwrap_or_default().to_owned();
+            let unit = text("unit");
+            (
+                error,
+                check["limit"].as_f64().expect("a number"),
+                unit,
+                text("outcome"),
+            )
+        })
+        .collect();
+    found.sort_by(|a, b| a.0.cmp(&b.0));
+    let row = |error: &str, limit, unit: &str, outcome: &str| {
+        (error.to_owned(), limit, unit.to_owned(), outcome.to_owned())
+    };
+    assert_eq!(
+        found,
+        [
+            row("", 5.0, "µrad", "not_evaluated"),
+            row("EAA", 2000.0, "µrad", "pass"),
+            row("ECC", 0.001, "µrad", "fail"),
+            row("EXX", 0.001, "µm", "fail"),
+            row("EYY", 1000.0, "µm", "pass"),
+            row("EZZ", 1000.0, "µm", "pass"),
+        ]
+    );
+}
