@@ -5,6 +5,7 @@ use std::path::Path;
 
 use crate::api_pos::parse_pos;
 use crate::camonitor::{ChannelLog, is_log, parse_camonitor};
+use crate::circular::looks_like_circle;
 use crate::dwell::readings_at_dwells;
 use crate::encoding::{decode, first_line, wrong_kind};
 use crate::keysight::{is_report, parse_keysight_report};
@@ -159,6 +160,15 @@ fn by_content(
             ));
         }
         None => {}
+    }
+    if looks_like_circle(&text, name) {
+        let (line, first) = first_line(&text).unwrap_or((1, ""));
+        return Err(MetrologyError::Kind(wrong_kind(
+            name,
+            line,
+            quoted(first),
+            "readings at targets: this looks like a circle, which `volcomp iso230 --part 4` evaluates",
+        )));
     }
     if extension == "csv" {
         return parse_csv(bytes, name).map(measured);

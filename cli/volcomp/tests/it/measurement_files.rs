@@ -344,3 +344,37 @@ fn several_files_end_in_a_table() {
         "{message}"
     );
 }
+
+/// The example of a circle is told as one wherever targets are expected; points in space, and tables of readings, are none.
+#[test]
+fn a_circle_is_told_as_one() {
+    let circle = "examples/circle.csv";
+    for call in [
+        &["inspect", circle][..],
+        &["iso230", circle],
+        &["fit", circle, "--method", "poly"],
+    ] {
+        let message = refused(call);
+        assert!(
+            message.contains("this looks like a circle, which `volcomp iso230 --part 4` evaluates"),
+            "{call:?}: {message}"
+        );
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    for (heads, is_circle) in [
+        ("angle,deviation,direction", true),
+        ("y,z", true),
+        ("x,y,z", false),
+        ("target,x,y", false),
+        ("x,deviation", false),
+    ] {
+        let row = vec!["1"; heads.split(',').count()].join(",");
+        let file = written(&folder, "a.csv", &format!("{heads}\n{row}\n"));
+        let message = refused(&["inspect", &file]);
+        assert_eq!(
+            message.contains("looks like a circle"),
+            is_circle,
+            "{heads}: {message}"
+        );
+    }
+}

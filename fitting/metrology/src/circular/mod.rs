@@ -13,6 +13,7 @@ mod trace;
 pub use deviations::{CircularDeviations, circular_deviations};
 pub use plane::CircularPlane;
 pub use signatures::{Signature, SignatureKind, Signatures, circular_signatures};
+pub(crate) use table::looks_like_circle;
 pub use table::parse_trace;
 pub use trace::{CircularTrace, Sense, TracePoint};
 

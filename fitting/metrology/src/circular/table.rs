@@ -6,6 +6,7 @@ use super::columns::{Kind, TraceColumns};
 use super::trace::{least_squares_circle, senses};
 use super::{CircularPlane, CircularTrace, LARGEST_RADIUS_MM, Sense, TracePoint};
 use crate::MetrologyError;
+use crate::csv_head::unit_of;
 use crate::encoding::{decode, refuse_empty};
 use crate::number::Place;
 
@@ -123,6 +124,25 @@ pub fn parse_trace(
             .collect(),
         notes,
     })
+}
+
+/// Whether the heads of a table are those of a trace in one of the planes, and neither a third coordinate nor a target
+/// stands beside them.
+pub(crate) fn looks_like_circle(text: &str, name: &str) -> bool {
+    let Ok(table) = CsvTable::parse(name, text) else {
+        return false;
+    };
+    let planes = [CircularPlane::Xy, CircularPlane::Yz, CircularPlane::Zx];
+    let fitting = planes.iter().filter(|plane| {
+        let letters = plane.axes().map(|axis| axis.to_string());
+        TraceColumns::of(&table, [&letters[0], &letters[1]]).is_ok()
+    });
+    let has = |name: &str| {
+        let mut heads = table.names();
+        heads.any(|(_, head)| unit_of(head, name).is_some())
+    };
+    // Angles fit every plane, coordinates their own.
+    !has("target") && matches!((fitting.count(), has("angle")), (1, false) | (3, true))
 }
 
 fn sense_of(place: Place<'_>, text: &str) -> Result<Sense, MetrologyError> {
