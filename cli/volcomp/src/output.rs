@@ -140,6 +140,11 @@ impl OutputFile {
         Self::open(path)
     }
 
+    /// Whether a file with another text than this is there, and will be replaced.
+    pub(crate) fn replaces(&self, text: &str) -> bool {
+        std::fs::read(&self.path).is_ok_and(|there| there != text.as_bytes())
+    }
+
     /// Adds bytes to the end of the file.
     pub(crate) fn append(&mut self, bytes: &[u8]) -> Result<(), Failure> {
         match &mut self.writer {

@@ -34,7 +34,8 @@ pub(crate) struct Arguments {
     /// fanuc-3d
     #[arg(long, value_name = "NAME")]
     format: Format,
-    /// Folder for the files, or the file where there is only one; what stands there by these names is replaced
+    /// Folder for the files, or the file where there is only one; what stands there by these names is replaced, and told. Tables of another
+    /// format there are refused
     #[arg(long, short, value_name = "PATH")]
     output: PathBuf,
     /// From position to position along a linear axis, mm
@@ -101,7 +102,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         notes.extend(not_at(&machine, &reference));
     }
     notes.extend(lost.axes.iter().filter_map(worse_than_none));
-    let files = place.write(&written.files, arguments)?;
+    let (files, replaced) = place.write(&written.files, arguments)?;
+    if !replaced.is_empty() {
+        notes.push(format!("replaced what was there: {}", replaced.join(", ")));
+    }
     let document = Export {
         format: format.to_string(),
         files,
@@ -183,17 +187,36 @@ impl Place {
             );
             return Err(Failure::Input(message));
         }
+        if path.is_dir() {
+            let files = std::fs::read_dir(path).map_err(|e| {
+                Failure::in_file(path, format_args!("cannot be looked through: {e}"))
+            })?;
+            for file in files.flatten() {
+                refuse_another_format(&file.path(), arguments)?;
+            }
+        }
         Ok(Self::Folder(path.clone()))
     }
 
-    fn write(&mut self, files: &[TextFile], arguments: &Arguments) -> Result<Vec<String>, Failure> {
+    /// The files that were written, and those of them that took the place of others with another text.
+    fn write(
+        &mut self,
+        files: &[TextFile],
+        arguments: &Arguments,
+    ) -> Result<(Vec<String>, Vec<String>), Failure> {
+        let mut replaced = Vec::new();
         match (self, files) {
             (Self::File(output), [only]) => {
+                refuse_another_format(&arguments.output, arguments)?;
+                let name = arguments.output.display().to_string();
                 if let Some(mut output) = output.take() {
+                    if output.replaces(&only.text) {
+                        replaced.push(name.clone());
+                    }
                     output.append(only.text.as_bytes())?;
                     output.finish()?;
                 }
-                Ok(vec![arguments.output.display().to_string()])
+                Ok((vec![name], replaced))
             }
             (Self::File(_), files) => Err(Failure::Input(format!(
                 "--output: found {}, expected a folder: the format {} has {} files",
@@ -215,13 +238,39 @@ impl Place {
                 }
                 let mut names = Vec::new();
                 for (mut output, file, path) in open {
+                    if output.replaces(&file.text) {
+                        replaced.push(path.display().to_string());
+                    }
                     output.append(file.text.as_bytes())?;
                     output.finish()?;
                     names.push(path.display().to_string());
                 }
-                Ok(names)
+                Ok((names, replaced))
             }
         }
+    }
+}
+
+/// Refuses a file of tables in another format that volcomp has written: a control may read both.
+fn refuse_another_format(path: &Path, arguments: &Arguments) -> Result<(), Failure> {
+    /// No table of a control is larger.
+    const MOST_BYTES: u64 = 64 << 20;
+    if !std::fs::metadata(path).is_ok_and(|of| of.is_file() && of.len() <= MOST_BYTES) {
+        return Ok(());
+    }
+    // What cannot be read, or is no text, is none of these files.
+    let Ok(text) = std::fs::read_to_string(path) else {
+        return Ok(());
+    };
+    let name = path.display().to_string();
+    match Format::stated_in(&TextFile { name, text }) {
+        Some(other) if other != arguments.format => Err(Failure::Input(format!(
+            "--output {}: found tables of the format {other} there ({}), expected none or those of {}: of two formats a control may read both",
+            arguments.output.display(),
+            path.file_name().unwrap_or_default().display(),
+            arguments.format
+        ))),
+        _ => Ok(()),
     }
 }
 

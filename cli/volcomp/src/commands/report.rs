@@ -129,7 +129,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     report.checks = checks(&report, &limits);
     // Read from the words that clap allows.
     let language: Language = arguments.lang.parse().unwrap_or_default();
-    output.append(html(&report, language).as_bytes())?;
+    let page = html(&report, language);
+    if output.replaces(&page) {
+        notes.push(format!(
+            "replaced the file that was there: {}",
+            arguments.output.display()
+        ));
+    }
+    output.append(page.as_bytes())?;
     output.finish()?;
     answer(arguments, &report, &limits, notes)
 }

@@ -133,6 +133,93 @@ fn every_format_writes_files_that_are_read_again() {
     }
 }
 
+/// The facts of each format name what is written, and state the numbers of the axes for the way back.
+#[test]
+fn facts_of_each_format_and_back_without_numbers() {
+    let (_folder, all) = folder();
+    fs::create_dir(&all).expect("made");
+    for format in ["fanuc", "heidenhain-itnc530"] {
+        let tables = format!("{all}/{format}");
+        let answer = json(&[
+            "export",
+            "-m",
+            GANTRY,
+            "--format",
+            format,
+            "--step",
+            "250",
+            "-o",
+            &tables,
+            "--axis-numbers",
+            "X=3,Y=1,Z=2",
+        ]);
+        // A table of one axis over another is in neither format.
+        let made = answer["tables"].as_array().expect("a list");
+        assert!(
+            made.iter().all(|made| made["input"] == made["output"]),
+            "{made:?}"
+        );
+        let facts =
+            fs::read_to_string(format!("{tables}/volcomp-tables-{format}.txt")).expect("the facts");
+        for file in answer["files"].as_array().expect("files") {
+            let name = file
+                .as_str()
+                .expect("a name")
+                .rsplit('/')
+                .next()
+                .expect("a name");
+            assert!(
+                name.starts_with("volcomp-tables-") || facts.contains(name),
+                "{name}: {facts}"
+            );
+        }
+    }
+    let alone = format!("{all}/alone");
+    let answer = json(&[
+        "export",
+        "-m",
+        GANTRY,
+        "--format",
+        "fanuc",
+        "--step",
+        "250",
+        "-o",
+        &alone,
+        "--axis-numbers",
+        "X=3,Y=1,Z=2",
+    ]);
+    let back = json(&["import", &alone]);
+    assert_eq!(back["format"], "fanuc");
+    assert!(
+        back["warnings"]
+            .to_string()
+            .contains("taken from here: X=3,Y=1,Z=2"),
+        "{}",
+        back["warnings"]
+    );
+    let outputs = |of: &serde_json::Value| -> Vec<String> {
+        let all = of["tables"].as_array().expect("a list").iter();
+        let mut all: Vec<String> = all.map(|made| made["output"].to_string()).collect();
+        all.sort();
+        all
+    };
+    assert_eq!(outputs(&back), outputs(&answer));
+    // The type of a file of LinuxCNC stands nowhere else.
+    let linuxcnc = format!("{all}/linuxcnc");
+    json(&[
+        "export",
+        "-m",
+        GANTRY,
+        "--format",
+        "linuxcnc-type1",
+        "--step",
+        "250",
+        "-o",
+        &linuxcnc,
+    ]);
+    assert_eq!(json(&["import", &linuxcnc])["format"], "linuxcnc-type1");
+}
+
 /// A head from -110 deg does not fit into 0 to 360 deg: the other axes are written, and what is left out is named.
 #[test]
 fn a_tilting_axis_is_left_out_and_the_others_are_written() {
@@ -350,4 +437,39 @@ fn a_table_that_does_harm_is_told() {
     // The middle of the travel is where the axes stand.
     fs::write(&machine, of_travel(-200.0, 200.0)).expect("written");
     assert!(!run(&[]).0.contains("--at is not given"));
+}
+
+#[test]
+fn tables_of_two_formats_do_not_stand_in_one_folder() {
+    let (_folder, tables) = folder();
+    let export = |format: &str, options: &[&str]| {
+        let call = ["export", "-m", MILL, "--format", format, "-o", &tables];
+        let output = volcomp(&[&call[..], options].concat());
+        let told = String::from_utf8_lossy(&output.stderr).replace("\n  ", " ");
+        (output.status.code(), told)
+    };
+    assert_eq!(export("linuxcnc", &[]).0, Some(0));
+    // The same again: nothing is told, since nothing changes.
+    let (status, told) = export("linuxcnc", &[]);
+    assert!(status == Some(0) && !told.contains("replaced"), "{told}");
+    let (status, told) = export("linuxcnc", &["--step", "25"]);
+    assert!(
+        status == Some(0) && told.contains("replaced what was there: ") && told.contains("X.comp"),
+        "{told}"
+    );
+    let before = fs::read_to_string(format!("{tables}/X.comp")).expect("read");
+    for other in ["linuxcnc-type1", "csv"] {
+        let (status, told) = export(other, &[]);
+        assert!(
+            status == Some(2)
+                && told.contains(
+                    "found tables of the format linuxcnc there (volcomp-tables-linuxcnc.txt)"
+                ),
+            "{told}"
+        );
+    }
+    assert_eq!(
+        fs::read_to_string(format!("{tables}/X.comp")).expect("read"),
+        before
+    );
 }

@@ -191,3 +191,20 @@ fn a_limit_is_of_one_unit() {
         ]
     );
 }
+
+#[test]
+fn a_report_that_is_replaced_is_told() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let output = folder.path().join("report.html").display().to_string();
+    let told = |options: &[&str]| {
+        let call = ["report", "examples/first.toml", "-o", &output];
+        let output = crate::volcomp(&[&call[..], options].concat());
+        assert_eq!(output.status.code(), Some(0));
+        String::from_utf8_lossy(&output.stderr).contains("replaced the file that was there")
+    };
+    // The same text replaces nothing.
+    assert_eq!(
+        [told(&[]), told(&[]), told(&["--serial", "7"])],
+        [false, false, true]
+    );
+}

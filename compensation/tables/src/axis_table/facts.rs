@@ -12,8 +12,8 @@ use super::{
     text::{TextFile, short},
 };
 
-/// The name of the file with the facts, beside files that hold no comments: each format has its own, so that two formats may stand in
-/// one folder.
+/// The name of the file with the facts, beside files that hold no comments: each format has its own, so that it says of
+/// which the tables are.
 pub fn facts_file(format: Format) -> String {
     format!("{FACTS_STEM}-{format}.txt")
 }

@@ -188,6 +188,11 @@ impl Format {
         }
     }
 
+    /// The format that a file which volcomp wrote states in its head; `None` of every other file.
+    pub fn stated_in(file: &super::TextFile) -> Option<Self> {
+        stated_format(file)
+    }
+
     fn of_file(text: &str) -> Option<Self> {
         let has = |word: &str| text.contains(word);
         let mut lines = text
