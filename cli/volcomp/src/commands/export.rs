@@ -34,8 +34,8 @@ pub(crate) struct Arguments {
     /// fanuc-3d
     #[arg(long, value_name = "NAME")]
     format: Format,
-    /// Folder for the files, or the file where there is only one; what stands there by these names is replaced, and told. Tables of another
-    /// format there are refused
+    /// Folder for the files, or the file where there is only one; what stands there by these names is replaced, and told; so are tables
+    /// of another format there
     #[arg(long, short, value_name = "PATH")]
     output: PathBuf,
     /// From position to position along a linear axis, mm
@@ -106,6 +106,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     if !replaced.is_empty() {
         notes.push(format!("replaced what was there: {}", replaced.join(", ")));
     }
+    notes.extend(other_formats(arguments));
     let document = Export {
         format: format.to_string(),
         files,
@@ -187,14 +188,6 @@ impl Place {
             );
             return Err(Failure::Input(message));
         }
-        if path.is_dir() {
-            let files = std::fs::read_dir(path).map_err(|e| {
-                Failure::in_file(path, format_args!("cannot be looked through: {e}"))
-            })?;
-            for file in files.flatten() {
-                refuse_another_format(&file.path(), arguments)?;
-            }
-        }
         Ok(Self::Folder(path.clone()))
     }
 
@@ -207,7 +200,6 @@ impl Place {
         let mut replaced = Vec::new();
         match (self, files) {
             (Self::File(output), [only]) => {
-                refuse_another_format(&arguments.output, arguments)?;
                 let name = arguments.output.display().to_string();
                 if let Some(mut output) = output.take() {
                     if output.replaces(&only.text) {
@@ -251,27 +243,41 @@ impl Place {
     }
 }
 
-/// Refuses a file of tables in another format that volcomp has written: a control may read both.
-fn refuse_another_format(path: &Path, arguments: &Arguments) -> Result<(), Failure> {
+/// A note on tables of other formats that volcomp has written into the folder before: a control may read both.
+fn other_formats(arguments: &Arguments) -> Option<String> {
     /// No table of a control is larger.
     const MOST_BYTES: u64 = 64 << 20;
-    if !std::fs::metadata(path).is_ok_and(|of| of.is_file() && of.len() <= MOST_BYTES) {
-        return Ok(());
-    }
-    // What cannot be read, or is no text, is none of these files.
-    let Ok(text) = std::fs::read_to_string(path) else {
-        return Ok(());
+    let small = |path: &Path| {
+        std::fs::metadata(path).is_ok_and(|of| of.is_file() && of.len() <= MOST_BYTES)
     };
-    let name = path.display().to_string();
-    match Format::stated_in(&TextFile { name, text }) {
-        Some(other) if other != arguments.format => Err(Failure::Input(format!(
-            "--output {}: found tables of the format {other} there ({}), expected none or those of {}: of two formats a control may read both",
+    let mut found: Vec<(String, String)> = std::fs::read_dir(&arguments.output)
+        .ok()?
+        .flatten()
+        .filter_map(|file| {
+            let path = Some(file.path()).filter(|path| small(path))?;
+            // What cannot be read, or is no text, is none of these files.
+            let text = std::fs::read_to_string(&path).ok()?;
+            let name = file.file_name().display().to_string();
+            let format = Format::stated_in(&TextFile {
+                name: name.clone(),
+                text,
+            })?;
+            (format != arguments.format).then(|| (format.to_string(), name))
+        })
+        .collect();
+    found.sort();
+    found.dedup_by(|one, other| one.0 == other.0);
+    let all: Vec<String> = found
+        .iter()
+        .map(|(format, name)| format!("{format} ({name})"))
+        .collect();
+    (!all.is_empty()).then(|| {
+        format!(
+            "in {} there are tables of another format, too: {}; of two formats a control may read both",
             arguments.output.display(),
-            path.file_name().unwrap_or_default().display(),
-            arguments.format
-        ))),
-        _ => Ok(()),
-    }
+            all.join(", ")
+        )
+    })
 }
 
 /// The unit of a deviation in JSON.

@@ -385,24 +385,25 @@ fn answer(
     };
     let mut text = format!("{}\n", verdict.words());
     for check in &document.checks {
-        let value = check
-            .value
-            .map_or_else(|| "-".to_owned(), |value| fixed(value, 2));
         let of = if check.of.is_empty() {
             String::new()
         } else {
             format!(" of {}", check.of)
         };
+        let found = match (check.value, check.uncertainty) {
+            (None, _) => String::new(),
+            (Some(value), None) => format!("{} {}, ", fixed(value, 2), check.unit),
+            (Some(value), Some(u)) => {
+                format!("{} ± {} {}, ", fixed(value, 2), fixed(u, 2), check.unit)
+            }
+        };
         // Writing to a String cannot fail, here and below.
         let _ = writeln!(
             text,
-            "  {}{of}: {value}{} {}, allowed {}: {}{}",
+            "  {}{of}: {found}allowed {} {}: {}{}",
             check.symbol,
-            check
-                .uncertainty
-                .map_or_else(String::new, |u| format!(" ± {}", fixed(u, 2))),
-            check.unit,
             fixed(check.limit, 2),
+            check.unit,
             check.outcome.replace('_', " "),
             match (check.value, check.uncertainty) {
                 (Some(_), None) => " (no uncertainty given)",

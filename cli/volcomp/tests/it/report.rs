@@ -176,6 +176,7 @@ fn a_limit_is_of_one_unit() {
         })
         .collect();
     found.sort_by(|a, b| a.0.cmp(&b.0));
+    // No A is in ezz.pos, which holds means over the runs.
     let row = |error: &str, limit, unit: &str, outcome: &str| {
         (error.to_owned(), limit, unit.to_owned(), outcome.to_owned())
     };
@@ -187,7 +188,7 @@ fn a_limit_is_of_one_unit() {
             row("ECC", 0.001, "µrad", "fail"),
             row("EXX", 0.001, "µm", "fail"),
             row("EYY", 1000.0, "µm", "pass"),
-            row("EZZ", 1000.0, "µm", "pass"),
+            row("EZZ", 1000.0, "µm", "not_evaluated"),
         ]
     );
 }
