@@ -2,7 +2,7 @@
 
 use volcomp_vocabulary::{AxisName, Direction};
 
-use crate::{DeviationUnit, Measurement, Quantity, outlier_hints};
+use crate::{DeviationUnit, Measurement, Quantity, ReferenceLine, outlier_hints};
 
 /// More is odd for a machine tool: 1 mm and 1 mrad, in µm and µrad.
 pub const ODD_ABOVE: f64 = 1e3;
@@ -17,7 +17,11 @@ const LONGEST_MM: f64 = 200_000.0;
 pub fn oddities(measurement: &Measurement) -> Vec<String> {
     let mut odd = measurement.notes.clone();
     let sizes = || measurement.readings.iter().map(|reading| reading.deviation);
-    let largest = sizes().fold(0.0_f64, |largest, size| largest.max(size.abs()));
+    let line = set_up_along(measurement);
+    let largest = measurement.readings.iter().fold(0.0_f64, |largest, of| {
+        let from = line.map_or(0.0, |line| line.value_um(of.target));
+        largest.max((of.deviation - from).abs())
+    });
     let unit = with_space(measurement.unit);
     if measurement.unit.is_none() {
         odd.push("the unit of the deviations is not stated".into());
@@ -31,10 +35,7 @@ pub fn oddities(measurement: &Measurement) -> Vec<String> {
     } else {
         odd.extend(small(largest, measurement.unit));
     }
-    // A straightness contains the line along which the optics were set up.
-    if measurement.quantity != Some(Quantity::Straightness) {
-        odd.extend(large(largest, measurement.unit));
-    }
+    odd.extend(large(largest, measurement.unit));
     let targets = measurement.targets();
     if let [only] = targets[..] {
         odd.push(format!("there is a single target, {only}"));
@@ -59,6 +60,15 @@ pub fn oddities(measurement: &Measurement) -> Vec<String> {
     }
     odd.extend(outlier_hints(measurement).into_iter().map(|hint| hint.text));
     odd
+}
+
+/// The line that a straightness contains, along which the optics were set up: its size says nothing of the machine. Two targets have none that
+/// leaves anything.
+fn set_up_along(measurement: &Measurement) -> Option<ReferenceLine> {
+    let is_straightness = measurement.quantity == Some(Quantity::Straightness);
+    let points = measurement.mean_curve();
+    let points = Some(points).filter(|points| is_straightness && points.len() > 2)?;
+    ReferenceLine::least_squares(&points).ok()
 }
 
 /// That deviations with this largest size, µm or µrad, are larger or smaller than those of a machine tool, in a sentence: most often

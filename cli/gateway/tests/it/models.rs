@@ -894,6 +894,48 @@ fn the_history_counts_the_files_that_were_used() {
     assert_eq!(now["history"][0]["file"], "3 measurement files", "{now}");
 }
 
+/// A wave that a curve of few terms follows, and a zigzag of 0.3 µm, ten times what the runs scatter, that only a table can: page Model warns of
+/// the curve that was chosen, beside its numbers.
+#[test]
+fn a_curve_that_does_not_follow_its_readings_is_told_with_the_model() {
+    let mut text = String::from("target,run,direction,deviation_um\n");
+    for run in 1..=4 {
+        for step in 0..=20 {
+            let sign = |odd: i32| if odd % 2 == 0 { 1.0 } else { -1.0 };
+            let wave = 50.0 * (std::f64::consts::TAU * f64::from(step) / 20.0).sin();
+            let scatter = 0.02 * sign(run / 2 + step / 3) * sign(run);
+            let read = wave + 0.3 * sign(step) + scatter;
+            text += &[
+                (step * 30).to_string(),
+                run.to_string(),
+                "+".to_owned(),
+                read.to_string(),
+            ]
+            .join(",");
+            text.push('\n');
+        }
+    }
+    let rig = measured_rig();
+    let program = rig.start();
+    let sent = upload(&program, "kind=measurement&name=exx.csv", text.as_bytes());
+    assert_eq!(sent.status, 200, "{}", sent.body);
+    let id = sent.json()["id"].as_str().expect("named").to_owned();
+    assert_eq!(
+        post(&program, "draft", &json!({ "candidate": id })).status,
+        200
+    );
+    let asked = settled(&program);
+    assert_eq!(
+        answers(&program, &id, &all_answers(&asked)).status,
+        200,
+        "{asked}"
+    );
+    let made = settled(&program);
+    assert_eq!(made["step"], "ready", "{made}");
+    let told = made["result"]["warnings"].to_string();
+    assert!(told.contains("EXX: the curve chosen"), "{told}");
+}
+
 /// Before, answers that were given while a further file was on its way led to a model that left this file out.
 #[test]
 fn nobody_goes_on_while_a_file_is_on_its_way() {

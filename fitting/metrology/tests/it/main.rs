@@ -14,6 +14,7 @@ mod fuzz_corpus;
 mod geometry;
 mod iso230_2;
 mod mapped;
+mod oddities;
 mod other_lasers;
 mod outliers;
 mod properties;
