@@ -10,7 +10,7 @@ use volcomp_test_support::{peers, root};
 
 use crate::Shop;
 
-fn whole() -> Report {
+pub(crate) fn whole() -> Report {
     let shop = Shop::new();
     let (_, calibration) = shop.calibrated();
     let mut report = shop.report();

@@ -4,6 +4,7 @@ mod browser;
 mod data;
 mod page;
 mod plots;
+mod words;
 
 use std::{fmt::Write as _, fs, path::Path};
 
