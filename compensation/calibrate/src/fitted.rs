@@ -11,6 +11,7 @@ use crate::{
     error::CalibrateError,
     fitted_line::FittedLine,
     profile::{Profile, files_of},
+    with_files,
 };
 
 /// A fitted error: its name and its curve for each direction, zero at the reference.
@@ -44,19 +45,11 @@ pub(crate) fn lines_of(file: &CalibrationFile, error: ErrorName) -> impl Iterato
 
 /// The notes from reading the measurement files, each with the names of all files before it that it is about.
 pub(crate) fn notes_of(lines: &[Line]) -> Vec<String> {
-    let mut told: Vec<(&str, Vec<String>)> = Vec::new();
-    for line in lines {
+    with_files(lines.iter().flat_map(|line| {
         let file = line.file.display().to_string();
-        for note in &line.readings.notes {
-            match told.iter_mut().find(|(text, _)| text == note) {
-                Some((_, files)) if files.contains(&file) => {}
-                Some((_, files)) => files.push(file.clone()),
-                None => told.push((note, vec![file.clone()])),
-            }
-        }
-    }
-    let text = |(note, files): (&str, Vec<String>)| format!("{}: {note}", files.join(", "));
-    told.into_iter().map(text).collect()
+        let notes = line.readings.notes.iter();
+        notes.map(move |note| (file.clone(), note.clone()))
+    }))
 }
 
 /// The joint of the axis of an error.

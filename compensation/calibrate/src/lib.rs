@@ -48,6 +48,7 @@ mod stages;
 #[cfg(test)]
 mod testing;
 mod varied;
+mod with_files;
 
 pub use answers::{Answer, AnswerError, Subject, Turn};
 pub use calibration::{Calibration, calibrate, calibrated_machine};
@@ -71,3 +72,4 @@ pub use set_up::{SetUp, location_seen};
 pub use setup::{Method, Setup};
 pub use setup_file::decode_motion;
 pub use varied::LineScatter;
+pub use with_files::with_files;

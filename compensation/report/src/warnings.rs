@@ -1,6 +1,6 @@
 //! What a reader must know before any number, the gravest first.
 
-use volcomp_calibrate::{Calibration, CalibrationFile, Line, Method};
+use volcomp_calibrate::{Calibration, CalibrationFile, Line, Method, with_files};
 use volcomp_metrology::{
     Edition, MotionKind, Quantity, environment_notes, outlier_hints, shortfalls,
 };
@@ -37,6 +37,7 @@ pub(crate) fn of_calibration(
         }
     }
     let mut without = 0;
+    let mut surroundings = Vec::new();
     for line in &file.measurements {
         let environment = &line.readings.environment;
         let is_length = line.setup.error.axis.kind() == AxisKind::Linear
@@ -47,7 +48,7 @@ pub(crate) fn of_calibration(
             Quantity::Angle
         };
         for text in environment_notes(environment, quantity) {
-            add(WarningKind::Temperature, named(line, text));
+            surroundings.push((line.file.display().to_string(), text));
         }
         let is_silent = environment
             .material_temperature
@@ -56,6 +57,9 @@ pub(crate) fn of_calibration(
             .next()
             .is_none();
         without += usize::from(is_length && is_silent);
+    }
+    for text in with_files(surroundings) {
+        add(WarningKind::Temperature, text);
     }
     if without > 0 {
         let files = if without == 1 {

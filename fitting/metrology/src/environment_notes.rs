@@ -102,10 +102,14 @@ fn material(name: &str, degc: &StartEnd, environment: &Environment) -> Option<St
         }
         None => "no expansion coefficient is stated, so it is not known whether the readings are brought to 20 °C".to_owned(),
     };
+    let [start, end] = [degc.start, degc.end].map(|degc| format!("{degc:.2}"));
+    let span = if start == end {
+        start
+    } else {
+        format!("{start} to {end}")
+    };
     Some(format!(
-        "{name} was {:.2} to {:.2} °C, {}: {hangs}",
-        degc.start,
-        degc.end,
+        "{name} was {span} °C, {}: {hangs}",
         odd.join(" and ")
     ))
 }

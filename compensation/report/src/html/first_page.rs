@@ -85,12 +85,13 @@ pub(super) fn verdict(page: &mut Page, report: &Report, t: &Texts) {
     }
     let columns = [
         t.figure,
+        // Where a small screen shows it, too.
+        t.verdict,
         t.of,
         &format!(">{}", t.value),
         &format!(">{}", t.u_expanded),
         &format!(">{}", t.tolerance),
         "",
-        t.verdict,
     ];
     let rows = report.checks.iter().map(|check| {
         let (class, sign, word) = match check.outcome {
@@ -101,6 +102,10 @@ pub(super) fn verdict(page: &mut Page, report: &Report, t: &Texts) {
         };
         vec![
             Cell::text(&check.symbol),
+            Cell::Markup(format!(
+                "<span class=\"out {class}\">{sign} {}</span>",
+                escaped(word)
+            )),
             Cell::Path(match (check.of.as_str(), check.symbol.as_str()) {
                 ("", VOLUME) => t.largest_volume.to_owned(),
                 (MEASURED_ALONE, VOLUME) => {
@@ -116,10 +121,6 @@ pub(super) fn verdict(page: &mut Page, report: &Report, t: &Texts) {
             },
             Cell::number(check.limit, 2),
             Cell::Fixed(check.unit.clone()),
-            Cell::Markup(format!(
-                "<span class=\"out {class}\">{sign} {}</span>",
-                escaped(word)
-            )),
         ]
     });
     page.table(&columns, rows);
