@@ -325,25 +325,18 @@ fn made(content: &Content, left_out: &[(AxisName, AxisName)]) -> Vec<Made> {
             .map(|table| of_error(table, ends(&table.positions)))
             .collect(),
         Content::Grid(grid) => {
-            let outputs = grid.outputs.iter().enumerate();
-            let lines = grid.lines.first().map_or(&[][..], Vec::as_slice);
+            let lines = grid.lines().first().map_or(&[][..], Vec::as_slice);
             let (first, last) = ends(lines);
-            let all: Vec<String> = grid.axes.iter().map(ToString::to_string).collect();
-            outputs
-                .map(|(place, output)| Made {
+            let all: Vec<String> = grid.axes().iter().map(ToString::to_string).collect();
+            grid.by_output()
+                .map(|(output, values)| Made {
                     input: all.join(" "),
                     output: output.to_string(),
                     positions: grid.nodes(),
                     first,
                     last,
                     both_directions: false,
-                    largest: largest(
-                        output.kind(),
-                        grid.values
-                            .iter()
-                            .skip(place)
-                            .step_by(grid.outputs.len().max(1)),
-                    ),
+                    largest: largest(output.kind(), values),
                     unit: unit(output.kind()),
                 })
                 .collect()

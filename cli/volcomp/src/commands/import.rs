@@ -237,25 +237,17 @@ fn tables(content: &Content) -> Vec<Read> {
             });
             motions.collect()
         }
-        Content::Grid(grid) => {
-            let outputs = grid.outputs.iter().enumerate();
-            outputs
-                .map(|(place, output)| Read {
-                    input: grid.axes.iter().map(ToString::to_string).collect(),
-                    output: output.to_string(),
-                    positions: grid.lines.clone(),
-                    forward: grid
-                        .values
-                        .iter()
-                        .skip(place)
-                        .step_by(grid.outputs.len().max(1))
-                        .map(|mm| mm * 1e3)
-                        .collect(),
-                    backward: None,
-                    unit: unit(output.kind()),
-                    modulo: false,
-                })
-                .collect()
-        }
+        Content::Grid(grid) => grid
+            .by_output()
+            .map(|(output, values)| Read {
+                input: grid.axes().iter().map(ToString::to_string).collect(),
+                output: output.to_string(),
+                positions: grid.lines().to_vec(),
+                forward: values.map(|mm| mm * 1e3).collect(),
+                backward: None,
+                unit: unit(output.kind()),
+                modulo: false,
+            })
+            .collect(),
     }
 }

@@ -276,7 +276,7 @@ pub fn read(
     let is_empty = match &content {
         Content::Axes(tables) => tables.is_empty(),
         Content::Errors(errors) => errors.curves.is_empty() && errors.locations.is_empty(),
-        Content::Grid(grid) => grid.values.is_empty(),
+        Content::Grid(grid) => grid.values().is_empty(),
     };
     if is_empty {
         let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();

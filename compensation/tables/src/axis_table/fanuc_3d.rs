@@ -8,16 +8,16 @@ use volcomp_vocabulary::AxisName;
 use super::{
     ExchangeError, Format, GridTable, LineError, TextFile, WriteOptions, Written,
     csv::without_comments,
-    grid_table::MOST_LINES,
+    grid_table::{MOST_LINES, node_at, nodes},
     text::{number, short},
 };
 
 pub(crate) fn write(grid: &GridTable, options: &WriteOptions) -> Result<Written, ExchangeError> {
-    let outputs = grid.outputs.len();
+    let outputs = grid.outputs().len();
     if let Some((axis, lines)) = grid
-        .axes
+        .axes()
         .iter()
-        .zip(&grid.lines)
+        .zip(grid.lines())
         .find(|(_, lines)| lines.len() > MOST_LINES)
     {
         return Err(ExchangeError::Unfit {
@@ -28,9 +28,7 @@ pub(crate) fn write(grid: &GridTable, options: &WriteOptions) -> Result<Written,
         });
     }
     let mut written = Written::default();
-    if grid.values.iter().all(|value| value.abs() < 1e-9)
-        || grid.values.len() != grid.nodes() * outputs
-    {
+    if grid.values().iter().all(|value| value.abs() < 1e-9) {
         return Ok(written);
     }
     let mut text = String::new();
@@ -38,16 +36,16 @@ pub(crate) fn write(grid: &GridTable, options: &WriteOptions) -> Result<Written,
         // Writing to a string does not fail.
         let _ = writeln!(text, "# {line}");
     }
-    let axes: Vec<String> = grid.axes.iter().map(ToString::to_string).collect();
+    let axes: Vec<String> = grid.axes().iter().map(ToString::to_string).collect();
     let deviations: Vec<String> = grid
-        .outputs
+        .outputs()
         .iter()
         .map(|axis| format!("deviation {axis}"))
         .collect();
     let _ = writeln!(text, "{}", [axes, deviations].concat().join(","));
     for node in 0..grid.nodes() {
         let at = grid.node(node).into_iter().map(|mm| short(mm, 9));
-        let values = grid.values[node * outputs..][..outputs]
+        let values = grid.values()[node * outputs..][..outputs]
             .iter()
             .map(|mm| short(mm * 1e3, 6));
         let _ = writeln!(text, "{}", at.chain(values).collect::<Vec<_>>().join(","));
@@ -129,33 +127,25 @@ pub(crate) fn read(files: &[&TextFile]) -> Result<GridTable, ExchangeError> {
             lines
         })
         .collect();
-    let mut grid = GridTable {
-        axes,
-        lines,
-        outputs,
-        values: Vec::new(),
-    };
-    let nodes = grid
-        .lines
-        .iter()
-        .try_fold(1_usize, |product, lines| product.checked_mul(lines.len()));
-    if nodes != Some(rows.len()) || grid.lines.iter().any(|lines| lines.len() < 2) {
+    if nodes(&lines) != rows.len() || lines.iter().any(|lines| lines.len() < 2) {
         return Err(LineError::whole(
             file,
             format!("{} rows", rows.len()),
             "a row for each node of a grid of 2 lines along each axis at the least",
         ));
     }
+    let mut all = Vec::with_capacity(rows.len() * outputs.len());
     for (node, (at, values, line)) in rows.into_iter().enumerate() {
-        if at != grid.node(node) {
+        let expected = node_at(&lines, node);
+        if at != expected {
             return Err(LineError::at(
                 file,
                 line,
                 "another node",
-                format!("the node {:?}", grid.node(node)),
+                format!("the node {expected:?}"),
             ));
         }
-        grid.values.extend(values);
+        all.extend(values);
     }
-    Ok(grid)
+    Ok(GridTable::new(axes, lines, outputs, all)?)
 }

@@ -330,12 +330,8 @@ impl Trial<'_> {
                 }
             }
             Some(Held::Content(Content::Grid(grid))) => {
-                let at: Vec<f64> = grid
-                    .axes
-                    .iter()
-                    .map(|axis| state.q.0.get(index(*axis)).copied().unwrap_or(0.0))
-                    .collect();
-                for (axis, deviation) in grid.outputs.iter().zip(grid.deviation(&at)) {
+                let at = |axis| state.q.0.get(index(axis)).copied().unwrap_or(0.0);
+                for (axis, deviation) in grid.outputs().iter().zip(grid.deviation(at)) {
                     add(*axis, deviation);
                 }
             }

@@ -31,7 +31,7 @@ pub use error_table::{ErrorTable, ErrorTables};
 pub use exchange::{Content, ReadOptions, ReadTables, Warning, WriteOptions, Written, read, write};
 pub use facts::{Facts, facts_file, is_facts_file};
 pub use format::{Format, UnknownFormat};
-pub use grid_table::GridTable;
+pub use grid_table::{GridTable, GridTableError};
 pub use heidenhain::{spacing_refused_by_tnc407, steps_of_tnc407};
 pub use loss::{AxisLoss, CategoryLoss, Loss, loss};
 pub use numbers::AxisNumbers;

@@ -3,7 +3,7 @@
 use volcomp_document::InputError;
 use volcomp_model::ModelError;
 
-use super::{format::Format, text::TextFile};
+use super::{format::Format, grid_table::GridTableError, text::TextFile};
 use crate::TablesError;
 
 /// A line of a file that is wrong.
@@ -84,6 +84,9 @@ pub enum ExchangeError {
         /// What the format holds.
         expected: String,
     },
+    /// Numbers that are no grid.
+    #[error(transparent)]
+    Grid(#[from] GridTableError),
     /// Tables that make no curves of a machine file.
     #[error("{0}")]
     NoCurves(String),

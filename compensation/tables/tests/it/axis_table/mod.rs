@@ -2,6 +2,7 @@
 
 mod corpus;
 mod fanuc;
+mod grid_table;
 mod heidenhain;
 mod isg;
 mod linuxcnc;

@@ -308,17 +308,14 @@ proptest! {
     #[test]
     fn fanuc_3d(values in prop::collection::vec(-0.05..0.05_f64, 2 * 3 * 4 * 2), at in [-10.0..110.0_f64, -10.0..110.0_f64, -10.0..110.0_f64]) {
         use AxisName::{X, Y, Z};
-        let grid = GridTable {
-            axes: vec![X, Y, Z],
-            lines: vec![vec![0.0, 100.0], vec![0.0, 30.0, 100.0], vec![0.0, 10.0, 50.0, 100.0]],
-            outputs: vec![X, Z],
-            values,
-        };
+        let lines = vec![vec![0.0, 100.0], vec![0.0, 30.0, 100.0], vec![0.0, 10.0, 50.0, 100.0]];
+        let grid = GridTable::new(vec![X, Y, Z], lines.clone(), vec![X, Z], values.clone()).expect("a grid");
+        let stands = |axis: AxisName| at[axis.index()];
         let written = write(Format::Fanuc3d, &Content::Grid(grid.clone()), &WriteOptions::default()).expect("written");
         prop_assert_eq!(Format::of_files(&written.files), Some(Format::Fanuc3d));
         let found = read(Format::Fanuc3d, &written.files, &ReadOptions::default()).expect("read");
         let Content::Grid(found) = found.content else { panic!("a grid") };
-        for (a, b) in found.deviation(&at).iter().zip(grid.deviation(&at)) {
+        for (a, b) in found.deviation(stands).iter().zip(grid.deviation(stands)) {
             prop_assert!((a - b).abs() <= 1e-9);
         }
         // Against nested straight lines.
@@ -328,12 +325,12 @@ proptest! {
             let cell = (0..lines.len() - 1).rev().find(|cell| at >= lines[*cell]).expect("inside");
             (cell, (at - lines[cell]) / (lines[cell + 1] - lines[cell]))
         };
-        let [(x, s), (y, t), (z, u)] = [0, 1, 2].map(|axis| cell(&grid.lines[axis], at[axis]));
-        let node = |x: usize, y: usize, z: usize| grid.values[((x * 3 + y) * 4 + z) * 2 + 1];
+        let [(x, s), (y, t), (z, u)] = [0, 1, 2].map(|axis| cell(&lines[axis], at[axis]));
+        let node = |x: usize, y: usize, z: usize| values[((x * 3 + y) * 4 + z) * 2 + 1];
         let along_z = |x: usize, y: usize| lerp(node(x, y, z), node(x, y, z + 1), u);
         let along_y = |x: usize| lerp(along_z(x, y), along_z(x, y + 1), t);
         let expected = lerp(along_y(x), along_y(x + 1), s);
-        prop_assert!((grid.deviation(&at)[1] - expected).abs() < 1e-12);
+        prop_assert!((grid.deviation(stands)[1] - expected).abs() < 1e-12);
     }
 }
 
