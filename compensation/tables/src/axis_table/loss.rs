@@ -3,7 +3,7 @@
 use volcomp_curve::ErrorCurve;
 use volcomp_kinematics::{CorrectionOptions, State};
 use volcomp_model::{Axis, Machine, Temperatures, Thermal};
-use volcomp_vocabulary::{AxisName, Direction, Displacement, MAX_AXES, PerAxis};
+use volcomp_vocabulary::{AxisName, Direction, Displacement, MAX_AXES, PerAxis, brought_into};
 
 use super::{
     AxisNumbers, Content, ExchangeError, Format, ReadOptions, TableOptions, WriteOptions,
@@ -220,11 +220,15 @@ fn likely(
     for (index, (axis, (nodes, places))) in
         (machine.axes().iter().zip(tables.iter().zip(&curves))).enumerate()
     {
-        let [low, high] = axis.travel;
+        // The nodes of a turn may go on beyond the travel: there the machine is at the turned position.
+        let turned = |at: f64| match axis.modulo {
+            Some(period) => brought_into(axis.travel, period, at),
+            None => at,
+        };
         let middles = nodes
             .windows(2)
-            .map(|pair| f64::midpoint(pair[0], pair[1]))
-            .filter(|at| (low..=high).contains(at));
+            .map(|pair| turned(f64::midpoint(pair[0], pair[1])))
+            .filter(|at| axis.contains(*at));
         let middles: Vec<f64> = middles.collect();
         for at in thinned(&middles).chain(thinned(places)) {
             poses.extend([stand, far].map(|state| placed(&state, axis, index, at)));

@@ -281,3 +281,53 @@ fn the_bend_is_seen_where_poses_stand_on_nodes() {
         );
     }
 }
+
+/// The last middle of a turn that begins within the travel lies beyond it: the pose is that of the turned position.
+#[test]
+fn the_middle_beyond_the_end_of_a_turn_is_looked_at() {
+    let tops = 15.0;
+    let (sin, cos) = f64::to_radians(tops).sin_cos();
+    let (sin_2, cos_2) = f64::to_radians(2.0 * tops).sin_cos();
+    // 10 µm (cos φ + cos 2φ) with φ from 15°: in the middle of the nodes at ∓45° lies the largest loss, 10 (2 − cos 45°) µm. In the
+    // opposite one it is 10 (1 − (1 − cos 45°)) µm, and beside it at most that.
+    let machine = Machine::parse(
+        &format!(
+            "structure = \"w C' X' b Y Z t\"\n[axes]\nX.travel = [0.0, 100.0]\nY.travel = [0.0, 100.0]\nZ.travel = [0.0, 100.0]\n\
+             C = {{ travel = [0.0, 360.0], modulo = 360.0 }}\n[errors]\n\
+             EZC = {{ fourier = [0.0, {}, {}, {}, {}], period = 360.0 }}\n",
+            10.0 * cos, 10.0 * sin, 10.0 * cos_2, 10.0 * sin_2
+        ),
+        "m.toml",
+    )
+    .expect("a machine");
+    let options = TableOptions {
+        step_deg: 90.0,
+        at: vec![(AxisName::C, 60.0)],
+        ..TableOptions::default()
+    };
+    let write = WriteOptions {
+        axes: AxisNumbers::of_machine(&machine),
+        ..WriteOptions::default()
+    };
+    let found = loss(
+        &machine,
+        &Temperatures::new(),
+        &options,
+        Format::Csv,
+        &write,
+    )
+    .expect("told");
+    let expected = 10.0 * (2.0 - f64::to_radians(45.0).cos());
+    close(um(&found, None, Z), expected, 2e-3);
+    let z = found
+        .axes
+        .iter()
+        .find(|axis| axis.axis == Z)
+        .expect("corrected");
+    let c =
+        z.at.iter()
+            .find(|(axis, _)| *axis == AxisName::C)
+            .expect("it is there")
+            .1;
+    close(c, tops, 1e-9);
+}
