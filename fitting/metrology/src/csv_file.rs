@@ -3,15 +3,16 @@
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fmt::Write as _;
 
-use volcomp_document::{Column, CsvRow, CsvTable, quoted, unit_named};
+use volcomp_document::{Column, CsvRow, CsvTable, quoted};
 use volcomp_vocabulary::{AxisKind, AxisName};
 
 use crate::counted::counted;
-use crate::csv_head::{is_target_unit, unit_of};
+use crate::csv_head::unit_of;
 use crate::encoding::{decode, first_line, refuse_empty, wrong_kind};
 use crate::number::{Place, decimals};
 use crate::{
     DeviationUnit, Direction, FileFormat, Measurement, MetrologyError, Reading, ReadingUnit,
+    TargetUnit,
 };
 
 const NAMES: [&str; 4] = ["target", "run", "direction", "deviation"];
@@ -60,7 +61,7 @@ pub fn parse_csv(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
         quantity: None,
         unit: columns.unit.map(ReadingUnit::held_in),
         stated: columns.unit,
-        target_unit: columns.target_unit.map(str::to_owned),
+        target_unit: columns.target_unit,
         readings: read.readings,
         notes,
         ..Measurement::default()
@@ -100,8 +101,8 @@ pub fn write_csv(measurement: &Measurement) -> String {
 /// Where the quantities of a reading stand.
 struct Columns {
     target: Column,
-    /// The unit in the head of the targets, `mm` or `deg`.
-    target_unit: Option<&'static str>,
+    /// The unit in the head of the targets.
+    target_unit: Option<TargetUnit>,
     deviation: Column,
     /// The unit in the head of the deviations.
     unit: Option<ReadingUnit>,
@@ -123,10 +124,13 @@ impl Columns {
         else {
             return Err(wrong(names(), EXPECTED_HEADER).into());
         };
-        if !is_target_unit(target_unit) {
-            let found = format!("targets in {}", quoted(target_unit));
-            return Err(wrong(found, "mm or deg: `target`, `target mm` or `target deg`").into());
-        }
+        let target_unit = match target_unit {
+            "" => None,
+            unit => Some(TargetUnit::named(unit).ok_or_else(|| {
+                let found = format!("targets in {}", quoted(unit));
+                wrong(found, "mm or deg: `target`, `target mm` or `target deg`")
+            })?),
+        };
         let unit = match unit {
             "" => None,
             unit => Some(ReadingUnit::named(unit).ok_or_else(|| {
@@ -145,7 +149,7 @@ impl Columns {
         };
         Ok(Self {
             target,
-            target_unit: unit_named(target_unit),
+            target_unit,
             deviation,
             unit,
             run_and_direction,

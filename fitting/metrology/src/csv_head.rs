@@ -1,17 +1,12 @@
 //! The head of a column of readings: its name, alone or with a unit behind it.
 
-use volcomp_document::{split_head, unit_named};
+use volcomp_document::split_head;
 
 /// A head is a name alone or with its unit behind a blank or a mark: `target`, `target mm`, `target_mm`,
 /// `deviation [µm]`. The unit; `None` where the head is another one.
 pub(crate) fn unit_of<'a>(head: &'a str, name: &str) -> Option<&'a str> {
     let (found, unit) = split_head(head);
     found.eq_ignore_ascii_case(name).then_some(unit)
-}
-
-/// Whether targets may be in this unit, which the file then states.
-pub(crate) fn is_target_unit(unit: &str) -> bool {
-    unit.is_empty() || [Some("mm"), Some("deg")].contains(&unit_named(unit))
 }
 
 #[cfg(test)]

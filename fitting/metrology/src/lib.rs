@@ -38,6 +38,7 @@ mod squareness_uncertainty;
 mod standard_quantity;
 mod straightness;
 mod straightness_error;
+mod target_unit;
 mod test_plan;
 mod text_report;
 mod three_lines;
@@ -66,7 +67,7 @@ pub use iso230_6::{
 pub use keysight::parse_keysight_report;
 pub use keysight_write::write_keysight_report;
 pub use mapped_table::parse_table_with;
-pub use mapping::{ColumnName, Columns, Mapping, TargetUnit};
+pub use mapping::{ColumnName, Columns, Mapping};
 pub use measurement::{DeviationUnit, Environment, Measurement, Metadata, Reading, StartEnd};
 pub use motion_kind::MotionKind;
 pub use oddities::{ODD_ABOVE, SMALL_BELOW, axis_named, odd_size, oddities};
@@ -85,6 +86,7 @@ pub use straightness::{ReferenceKind, ReferenceLine, TiltReading, angular_method
 pub use straightness_error::{
     Straightness, StraightnessAbout, straightness_of, straightness_of_profile,
 };
+pub use target_unit::TargetUnit;
 pub use test_plan::{AskedFor, asked_for, axis_kind, shortfalls};
 pub use three_lines::{ParallelLine, Separated, separate_parallel_lines};
 pub use title::errors_named;

@@ -7,10 +7,10 @@ use volcomp_document::quoted;
 
 use crate::csv_file::{incomplete_runs, zero_direction};
 use crate::encoding::{decode, refuse_empty};
-use crate::mapping::{ColumnName, Columns, TargetUnit};
+use crate::mapping::{ColumnName, Columns};
 use crate::number::Place;
 use crate::travel::runs_by_travel;
-use crate::{Direction, FileFormat, Measurement, MetrologyError, Reading, ReadingUnit};
+use crate::{Direction, FileFormat, Measurement, MetrologyError, Reading, ReadingUnit, TargetUnit};
 
 /// Reads a table with the columns that a mapping names: rows in the order of travel, blank rows passed over.
 ///
@@ -64,7 +64,7 @@ pub fn parse_table_with(
         format: Some(FileFormat::MappedTable),
         unit: columns.unit.map(ReadingUnit::held_in),
         stated: columns.unit,
-        target_unit: columns.target_unit.map(|unit| unit.key().to_owned()),
+        target_unit: columns.target_unit,
         readings,
         notes,
         ..Measurement::default()

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use volcomp_document::{Document, InputError, Section, Value};
 
 use crate::dwell::Channels;
-use crate::{DeviationUnit, MetrologyError, ReadingUnit};
+use crate::{DeviationUnit, MetrologyError, ReadingUnit, TargetUnit};
 
 /// What the user says of a file that does not say it itself.
 #[derive(Debug, Clone, PartialEq)]
@@ -48,25 +48,6 @@ pub struct Columns {
     pub target_unit: Option<TargetUnit>,
     /// Lines of the file above the first reading, blank ones as well; the last of them that is not blank holds the heads.
     pub header_rows: usize,
-}
-
-/// The unit of targets.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum TargetUnit {
-    /// Millimetres.
-    Mm,
-    /// Degrees.
-    Deg,
-}
-
-impl TargetUnit {
-    /// The word in files: `mm` or `deg`.
-    pub fn key(self) -> &'static str {
-        match self {
-            Self::Mm => "mm",
-            Self::Deg => "deg",
-        }
-    }
 }
 
 const UNITS: [(&str, ReadingUnit); 10] = [

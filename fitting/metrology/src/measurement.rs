@@ -2,7 +2,7 @@
 
 use volcomp_vocabulary::{AxisName, Direction};
 
-use crate::{FileFormat, MetrologyError, Quantity, ReadingUnit};
+use crate::{FileFormat, MetrologyError, Quantity, ReadingUnit, TargetUnit};
 
 /// Unit of the deviations of a measurement, as they are held in memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -124,9 +124,9 @@ pub struct Measurement {
     /// The unit in which the file has the deviations, where its header states one (CSV).
     #[cfg_attr(feature = "serde", serde(default))]
     pub stated: Option<ReadingUnit>,
-    /// The unit of the targets, `mm` or `deg`, where the header of the file states it (CSV).
+    /// The unit of the targets, where the header of the file states it (CSV).
     #[cfg_attr(feature = "serde", serde(default))]
-    pub target_unit: Option<String>,
+    pub target_unit: Option<TargetUnit>,
     /// All readings, in the order of the file.
     pub readings: Vec<Reading>,
     /// The statements of the file about itself and its machine.
@@ -166,11 +166,11 @@ impl Measurement {
     /// Targets in deg of a linear axis, in mm of a rotary one.
     pub fn check_targets(&self, axis: AxisName) -> Result<(), MetrologyError> {
         let expected = axis.kind().coordinate_unit();
-        match &self.target_unit {
-            Some(found) if found != expected => Err(MetrologyError::Readings {
+        match self.target_unit {
+            Some(found) if found.kind() != axis.kind() => Err(MetrologyError::Readings {
                 name: self.name.clone(),
                 what: "the head of the targets".to_owned(),
-                found: format!("`target {found}`"),
+                found: format!("`target {}`", found.key()),
                 expected: format!("`target` or `target {expected}` for axis {axis}"),
             }),
             _ => Ok(()),

@@ -2,7 +2,7 @@
 
 use volcomp_vocabulary::{AxisKind, AxisName, Direction};
 
-use crate::{Edition, Measurement, axis_named, counted::counted};
+use crate::{Edition, Measurement, TargetUnit, axis_named, counted::counted};
 
 /// The smallest test that the standard accepts for an axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -67,13 +67,9 @@ pub fn asked_for(kind: AxisKind, travel: f64) -> AskedFor {
 /// The kind of the axis as the file tells it: by the unit of the targets, else by the axis that it names; `None` where it says
 /// neither.
 pub fn axis_kind(measurement: &Measurement) -> Option<AxisKind> {
-    match measurement.target_unit.as_deref() {
-        Some("deg") => return Some(AxisKind::Rotary),
-        Some("mm") => return Some(AxisKind::Linear),
-        _ => {}
-    }
-    let named = measurement.metadata.axis.as_deref().and_then(axis_named);
-    named.map(AxisName::kind)
+    let named = || measurement.metadata.axis.as_deref().and_then(axis_named);
+    let stated = measurement.target_unit.map(TargetUnit::kind);
+    stated.or_else(|| named().map(AxisName::kind))
 }
 
 /// Where a test has fewer targets or runs than the standard asks for; empty where it has enough.
