@@ -154,9 +154,7 @@ fn check(
 
 /// Whether a location error is one of the tilts of X, Y and Z that make their squareness.
 pub fn is_square(error: ErrorName) -> bool {
-    let linear = matches!(error.axis, AxisName::X | AxisName::Y | AxisName::Z);
-    let own = error.axis.mcs_index() == error.component.mcs_index();
-    error.location && linear && error.component.is_angular() && !own
+    volcomp_metrology::opening(error).is_some()
 }
 
 /// The name of the squareness that a tilt of X, Y or Z belongs to, so that both tilts of a pair have one name: `EC0X`

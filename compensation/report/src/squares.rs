@@ -1,8 +1,9 @@
 //! The angles between the linear axes, and the other location errors of a machine.
 
-use volcomp_kinematics::nalgebra::Vector3;
+use volcomp_calibrate::is_square;
+use volcomp_metrology::opening;
 use volcomp_model::Machine;
-use volcomp_vocabulary::{AxisKind, AxisName, ErrorName};
+use volcomp_vocabulary::{AxisName, ErrorName};
 
 use crate::report::{Location, Square};
 
@@ -16,27 +17,17 @@ const PAIRS: [[AxisName; 2]; 3] = [
 /// calibration found the angle.
 pub(crate) fn squares(machine: &Machine, measured: impl Fn([AxisName; 2]) -> bool) -> Vec<Square> {
     let pairs = PAIRS.into_iter().filter_map(|pair| {
-        let [first, second] = pair.map(|name| machine.axis(name).map(|_| unit(name)));
-        let (first, second) = (first?, second?);
+        if pair.iter().any(|name| machine.axis(*name).is_none()) {
+            return None;
+        }
         let mut from = Vec::new();
         let mut angle_urad = 0.0;
         for (name, value) in machine.locations() {
-            let (own, other) = match name.axis {
-                axis if axis == pair[0] => (first, second),
-                axis if axis == pair[1] => (second, first),
-                _ => continue,
-            };
-            if !name.component.is_angular() {
+            let Some(opens) = opening(*name).filter(|_| pair_of(*name) == Some(pair)) else {
                 continue;
-            }
-            // An axis v that is tilted by ε about c points along v + ε c × v.
-            let mut about = Vector3::zeros();
-            about[name.component.mcs_index()] = 1.0;
-            let opens = -other.dot(&about.cross(&own));
-            if opens != 0.0 {
-                angle_urad += opens * value;
-                from.push((name.to_string(), *value));
-            }
+            };
+            angle_urad += opens * value;
+            from.push((name.to_string(), *value));
         }
         (!from.is_empty()).then(|| Square {
             first: pair[0].to_string(),
@@ -64,15 +55,10 @@ pub(crate) fn other_locations(
     machine: &Machine,
     stated: &[volcomp_calibrate::Location],
 ) -> Vec<Location> {
-    let is_square = |name: &ErrorName| {
-        name.component.is_angular()
-            && name.axis.kind() == AxisKind::Linear
-            && pair_of(*name).is_some()
-    };
     let others = machine
         .locations()
         .iter()
-        .filter(|(name, _)| !is_square(name));
+        .filter(|(name, _)| !is_square(**name));
     let location = |(name, value): (&ErrorName, &f64)| Location {
         error: name.to_string(),
         value: *value,
@@ -83,12 +69,6 @@ pub(crate) fn other_locations(
             .map(|of| of.uncertainty),
     };
     others.map(location).collect()
-}
-
-fn unit(name: AxisName) -> Vector3<f64> {
-    let mut unit = Vector3::zeros();
-    unit[name.mcs_index()] = 1.0;
-    unit
 }
 
 #[cfg(test)]

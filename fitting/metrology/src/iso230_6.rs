@@ -1,6 +1,11 @@
 //! ISO 230-6: positioning accuracy on body and face diagonals, from measured files.
 
-use crate::{Iso230Part2, Measurement, MetrologyError, ReferenceLine, StandardQuantity, evaluate};
+use volcomp_vocabulary::ErrorName;
+
+use crate::{
+    Iso230Part2, Measurement, MetrologyError, ReferenceLine, StandardQuantity,
+    circular::CircularPlane, evaluate, opening,
+};
 
 /// A body or face diagonal, by the signs with which X, Y and Z move along it in its forward direction; 0: the axis stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -89,7 +94,7 @@ pub struct MeasuredDiagonal {
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct SquarenessHint {
     /// `EC0Y`, `EA0Z` or `EB0Z`.
-    pub error: &'static str,
+    pub error: ErrorName,
     /// Its size if nothing but squareness and equal scales were in the diagonals, µrad.
     pub urad: f64,
 }
@@ -288,20 +293,21 @@ fn check_edges(first: &MeasuredDiagonal, edges_mm: [f64; 3]) -> Result<(), Metro
     Ok(())
 }
 
-/// A squareness moves the tool at (x, y, z) by EC0Y (−y, 0, 0), EA0Z (0, −z, 0) or EB0Z (z, 0, 0); along a diagonal that is
-/// ∓ ab/D and so on, so that sums with the signs of the diagonals leave one of them each.
+/// A squareness that opens the angle moves the tool at (x, y, z) by EC0Y (−y, 0, 0) or EA0Z (0, −z, 0), one that closes it by EB0Z
+/// (z, 0, 0); along a diagonal that is ∓ ab/D and so on, so that sums with the signs of the diagonals leave one of them each.
 fn squareness_hints(diagonals: &[MeasuredDiagonal], edges_mm: [f64; 3]) -> Vec<SquarenessHint> {
     const URAD_PER_UM_PER_MM: f64 = 1e3;
     let parts = [
-        ("EC0Y", 0, 1, -1.0),
-        ("EA0Z", 1, 2, -1.0),
-        ("EB0Z", 0, 2, 1.0),
+        (CircularPlane::Xy, 0, 1),
+        (CircularPlane::Yz, 1, 2),
+        (CircularPlane::Zx, 0, 2),
     ];
-    let both = |(_, i, j, _): &(&str, usize, usize, f64)| {
+    let both = |(_, i, j): &(CircularPlane, usize, usize)| {
         let moving = diagonals.first().map(|m| m.diagonal.moving());
         moving.is_some_and(|moving| moving[*i] && moving[*j])
     };
-    let hint = |(error, i, j, sense): (&'static str, usize, usize, f64)| {
+    let hint = |(plane, i, j): (CircularPlane, usize, usize)| {
+        let error = plane.squareness();
         let sum: f64 = (diagonals.iter())
             .map(|m| {
                 let signs = m.diagonal.signs();
@@ -312,7 +318,8 @@ fn squareness_hints(diagonals: &[MeasuredDiagonal], edges_mm: [f64; 3]) -> Vec<S
         let area = edges_mm[i] * edges_mm[j];
         SquarenessHint {
             error,
-            urad: sense * sum / (count * area) * URAD_PER_UM_PER_MM,
+            // Every plane has a squareness, which opens its angle or closes it.
+            urad: -opening(error).unwrap_or(1.0) * sum / (count * area) * URAD_PER_UM_PER_MM,
         }
     };
     parts.into_iter().filter(both).map(hint).collect()

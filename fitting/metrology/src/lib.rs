@@ -79,7 +79,7 @@ pub use read::{Content, READ_EXTENSIONS, read_content, read_file, read_file_with
 pub use reading_unit::ReadingUnit;
 pub use renishaw::{Capture, RenishawKind, parse_ren, parse_renishaw, parse_rtx, write_renishaw};
 pub use seen_readings::SeenReadings;
-pub use squareness::{squareness, squareness_parts};
+pub use squareness::{opening, squareness, squareness_parts};
 pub use squareness_uncertainty::{SquarenessInputs, SquarenessUncertainty, squareness_uncertainty};
 pub use standard_quantity::StandardQuantity;
 pub use straightness::{ReferenceKind, ReferenceLine, TiltReading, angular_method_um, tilt_sign};

@@ -7,6 +7,20 @@ use crate::MetrologyError;
 /// The names that [`squareness`] knows, for messages.
 const KNOWN: &str = "EC0Y, EA0Z or EB0Z";
 
+/// How a location error changes the angle between the + directions of its axis and of the one that is square to it and to the direction
+/// about which it turns: a positive value opens the angle (1) or closes it (−1), as the right-hand rule has it. `None` for every error
+/// that is no tilt of X, Y or Z, and for the roll of an axis about itself: no angle between these axes depends on it.
+pub fn opening(error: ErrorName) -> Option<f64> {
+    let linear = matches!(error.axis, AxisName::X | AxisName::Y | AxisName::Z);
+    let (own, about) = (error.axis.mcs_index(), error.component.mcs_index());
+    if !(error.location && linear && error.component.is_angular()) || own == about {
+        return None;
+    }
+    // A positive tilt turns from the axis after `about` to the one before it: X to Y about Z, Y to Z about X, Z to X about Y.
+    let turns_away = (about + 2) % 3 == own;
+    Some(if turns_away { 1.0 } else { -1.0 })
+}
+
 /// The two straightness errors whose slopes make a squareness error: EXY and EYX for EC0Y.
 ///
 /// # Errors
@@ -51,12 +65,9 @@ pub fn squareness(
         });
     }
     let opens = reference_angle - slope_1 - slope_2;
-    // About Y the right-hand rule turns from Z to X.
-    Ok(if error.component == Component::EB {
-        -opens
-    } else {
-        opens
-    })
+    opening(error)
+        .map(|sign| Urad(sign * opens.0))
+        .ok_or_else(|| unknown(error))
 }
 
 fn unknown(error: ErrorName) -> MetrologyError {

@@ -137,7 +137,7 @@ pub(crate) struct MeasuredDiagonal {
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct SquarenessHint {
     /// `EC0Y`, `EA0Z` or `EB0Z`.
-    pub(crate) error: &'static str,
+    pub(crate) error: String,
     /// Its size, µrad.
     pub(crate) urad: f64,
 }

@@ -1,6 +1,6 @@
 //! The plane of a circle, and the names of its axes.
 
-use volcomp_vocabulary::AxisName;
+use volcomp_vocabulary::{AxisName, Component, ErrorName};
 
 /// The plane of a circle; angles run from the first axis to the second.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -25,13 +25,13 @@ impl CircularPlane {
         }
     }
 
-    /// The squareness error of the plane, and its sign where it opens the angle between the axes.
-    pub fn squareness(self) -> (&'static str, f64) {
-        match self {
-            Self::Xy => ("EC0Y", 1.0),
-            Self::Yz => ("EA0Z", 1.0),
-            // About Y the right-hand rule turns from Z to X.
-            Self::Zx => ("EB0Z", -1.0),
-        }
+    /// The squareness error of the plane; [`opening`](crate::opening) tells its sign where it opens the angle between the axes.
+    pub fn squareness(self) -> ErrorName {
+        let (component, axis) = match self {
+            Self::Xy => (Component::EC, AxisName::Y),
+            Self::Yz => (Component::EA, AxisName::Z),
+            Self::Zx => (Component::EB, AxisName::Z),
+        };
+        ErrorName::location(component, axis)
     }
 }

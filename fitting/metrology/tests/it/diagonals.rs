@@ -92,7 +92,11 @@ fn body_diagonals_give_back_squareness_scale_and_reversal() {
     let found = evaluate_diagonals(&measured, Some(EDGES)).unwrap();
     let names: Vec<&str> = found.diagonals.iter().map(|m| m.diagonal.name()).collect();
     assert_eq!(names, ["PPP", "NPP", "PNP", "PPN"]);
-    let squareness: Vec<_> = found.squareness.iter().map(|s| (s.error, s.urad)).collect();
+    let squareness: Vec<_> = found
+        .squareness
+        .iter()
+        .map(|s| (s.error.to_string(), s.urad))
+        .collect();
     for ((error, urad), (name, expected)) in
         squareness
             .into_iter()
@@ -131,7 +135,7 @@ fn face_diagonals_give_back_the_squareness_of_their_plane() {
             measured.iter().map(|(d, m)| (*d, m)).collect();
         let found = evaluate_diagonals(&measured, Some(EDGES)).unwrap();
         assert_eq!(found.squareness.len(), 1);
-        assert_eq!(found.squareness[0].error, error);
+        assert_eq!(found.squareness[0].error.to_string(), error);
         near(found.squareness[0].urad, expected, 1e-9);
     }
 }

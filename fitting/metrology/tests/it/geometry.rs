@@ -2,7 +2,7 @@
 
 use volcomp_metrology::{
     CarriedSide, ReferenceLine, Rides, TiltReading, Travel, abbe_um, angular_method_um, lever_mm,
-    squareness, squareness_parts, tilt_sign,
+    opening, squareness, squareness_parts, tilt_sign,
 };
 use volcomp_vocabulary::{ErrorName, Urad};
 
@@ -283,6 +283,33 @@ fn squareness_from_slopes_is_the_angle_between_the_axis_lines() {
         let mut expected = [named(first), named(second)];
         expected.sort_unstable();
         assert_eq!(parts, expected);
+    }
+}
+
+/// Against the angle between two lines of which one is turned: every tilt of X, Y and Z about every direction.
+#[test]
+fn a_tilt_opens_or_closes_the_angle_of_its_axes() {
+    const URAD: f64 = 100.0;
+    for (axis, own) in [("X", 0), ("Y", 1), ("Z", 2)] {
+        for (about, turn) in [("A", 0), ("B", 1), ("C", 2)] {
+            let error = named(&format!("E{about}0{axis}"));
+            if own == turn {
+                assert_eq!(opening(error), None, "{error}");
+                continue;
+            }
+            let unit = |i: usize| axis_of(b'X' + u8::try_from(i).unwrap());
+            let line = rotated(unit(own), scaled(unit(turn), URAD * 1e-6));
+            let angle = dot(line, unit(3 - own - turn)).acos();
+            let opens = (angle - std::f64::consts::FRAC_PI_2) * 1e6;
+            let found = opening(error).expect("a squareness");
+            assert!(
+                (URAD * found - opens).abs() < 1e-3,
+                "{error}: {found} {opens}"
+            );
+        }
+    }
+    for other in ["EX0Y", "ECY", "EC0U", "EA0C"] {
+        assert_eq!(opening(named(other)), None, "{other}");
     }
 }
 

@@ -9,6 +9,7 @@ use volcomp_metrology::{
         CircularPlane, CircularTrace, Sense, SignatureKind, Signatures, circular_deviations,
         circular_signatures, parse_trace,
     },
+    opening,
 };
 
 use super::Arguments;
@@ -184,10 +185,12 @@ fn one(
 fn documents(signatures: &Signatures, plane: CircularPlane, feed: Option<f64>) -> Vec<Signature> {
     use SignatureKind as Kind;
     let [first, second] = plane.axes();
-    let (error, sense) = plane.squareness();
+    let error = plane.squareness();
+    // Every plane has a squareness, which opens its angle or closes it.
+    let sense = opening(error).unwrap_or(1.0);
     let one = |signature: &volcomp_metrology::circular::Signature| {
         let (of, sign) = match signature.kind {
-            Kind::Squareness => (error.to_owned(), sense),
+            Kind::Squareness => (error.to_string(), sense),
             Kind::ScaleMismatch => (format!("{first} − {second}"), 1.0),
             Kind::ServoMismatch => (format!("{first} behind {second}"), 1.0),
             Kind::BacklashFirst | Kind::SpikesFirst => (first.to_string(), 1.0),

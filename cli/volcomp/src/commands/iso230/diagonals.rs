@@ -200,7 +200,7 @@ fn document(
         scale_um_per_m: found.scale_um_per_m,
         squareness: (found.squareness.iter())
             .map(|hint| SquarenessHint {
-                error: hint.error,
+                error: hint.error.to_string(),
                 urad: hint.urad,
             })
             .collect(),
