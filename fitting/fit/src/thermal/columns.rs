@@ -2,11 +2,12 @@
 
 use std::ops::Range;
 
-use nalgebra::{Cholesky, DMatrix, DVector};
+use nalgebra::DMatrix;
 
 use super::{
     features::split,
     lagged::{bent, lagged},
+    ridge::ridge_weights,
     runs::ThermalRun,
 };
 
@@ -167,22 +168,9 @@ impl Sums {
 
     /// Ridge regression on some columns, scaled to unit variance: a weight for each; `None` where nothing moves.
     pub(super) fn ridge(&self, columns: &[usize], penalty: f64) -> Option<Vec<f64>> {
-        let at = |i: usize, j: usize| self.centred[(i, j)] / self.rows;
-        let places: Vec<usize> = columns.iter().map(|column| BEFORE + column).collect();
-        let scales: Vec<f64> = places
-            .iter()
-            .map(|&c| at(c, c).max(0.0).sqrt())
-            .map(|s| if s > 1e-4 { 1.0 / s } else { 0.0 })
-            .collect();
-        if scales.iter().all(|scale| *scale == 0.0) {
-            return None;
-        }
-        let matrix = DMatrix::from_fn(places.len(), places.len(), |i, j| {
-            at(places[i], places[j]) * scales[i] * scales[j] + if i == j { penalty } else { 0.0 }
-        });
-        let right = DVector::from_fn(places.len(), |i, _| at(places[i], 1) * scales[i]);
-        let solved = Cholesky::new(matrix)?.solve(&right);
-        Some(solved.iter().zip(&scales).map(|(w, s)| w * s).collect())
+        let covariance = |i: usize, j: usize| self.centred[(i, j)] / self.rows;
+        let plan: Vec<usize> = columns.iter().map(|column| BEFORE + column).collect();
+        ridge_weights(covariance, &plan, penalty)
     }
 
     /// The mean over the rows of a position of what some weights leave; `None` where the position is not there.

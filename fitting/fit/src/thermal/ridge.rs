@@ -27,6 +27,22 @@ pub(super) fn ridge(moments: &DMatrix<f64>, plan: &[usize], penalty: f64) -> Opt
     let rows = moments[(0, 0)];
     let mean = |column: usize| moments[(0, column)] / rows;
     let covariance = |a: usize, b: usize| moments[(a, b)] / rows - mean(a) * mean(b);
+    let weights = ridge_weights(covariance, plan, penalty)?;
+    let constant = mean(1)
+        - weights
+            .iter()
+            .zip(plan)
+            .map(|(w, &column)| w * mean(column))
+            .sum::<f64>();
+    Some(Ridge { weights, constant })
+}
+
+/// The weights of a ridge regression of column 1 on those of a plan, from the covariance of any two columns; `None` where nothing moves.
+pub(super) fn ridge_weights(
+    covariance: impl Fn(usize, usize) -> f64,
+    plan: &[usize],
+    penalty: f64,
+) -> Option<Vec<f64>> {
     // 1e-4 K of movement is no movement.
     let scales: Vec<f64> = plan
         .iter()
@@ -41,16 +57,5 @@ pub(super) fn ridge(moments: &DMatrix<f64>, plan: &[usize], penalty: f64) -> Opt
     });
     let right = DVector::from_fn(plan.len(), |i, _| covariance(plan[i], 1) * scales[i]);
     let solved = Cholesky::new(correlation)?.solve(&right);
-    let weights: Vec<f64> = solved
-        .iter()
-        .zip(&scales)
-        .map(|(w, scale)| w * scale)
-        .collect();
-    let constant = mean(1)
-        - weights
-            .iter()
-            .zip(plan)
-            .map(|(w, &column)| w * mean(column))
-            .sum::<f64>();
-    Some(Ridge { weights, constant })
+    Some(solved.iter().zip(&scales).map(|(w, s)| w * s).collect())
 }
