@@ -1,6 +1,6 @@
 //! How much wider a standard uncertainty has to be where parts of it come from the scatter of a few runs.
 
-use volcomp_model::student_widening;
+use volcomp_fit::student_widening;
 
 /// What the scatters of lines, each of a few runs, add to a variance, and how well all of them together are known.
 #[derive(Clone, Copy, Debug, Default)]

@@ -1,9 +1,8 @@
 //! Many machines that one measurement allows: the uncertainty of the volumetric error.
 
 use volcomp_evaluator::CompiledMachine;
+use volcomp_fit::student_widening;
 use volcomp_kinematics::State;
-
-use crate::student::student_widening;
 
 /// Machines drawn from what the measurements leave open (JCGM 101, propagation of distributions).
 #[derive(Clone, Debug)]

@@ -23,7 +23,6 @@ mod seen;
 #[cfg(feature = "serde")]
 mod serialised;
 mod source;
-mod student;
 mod thermal;
 mod thermal_state;
 mod tool;
@@ -42,7 +41,6 @@ pub use provenance::{Origin, Provenance, ProvenanceRefusal, Source, is_date, sha
 pub use rigid::{Lengths, RigidMotion, RigidSums};
 pub use seen::Seen;
 pub use source::MachineErrors;
-pub use student::student_widening;
 pub use thermal::{Drift, Expansion, POSSIBLE_DEGC, Temperatures, Thermal};
 pub use thermal_state::{Fading, ThermalState};
 pub use tool::Tool;

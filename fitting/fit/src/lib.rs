@@ -30,6 +30,7 @@ pub use fourier::fit_fourier;
 pub use method::Method;
 pub use mls::{MLS_ORDERS, MlsTrial, choose_mls, fit_mls, fit_mls_auto, scan_mls};
 pub use polynomial::{fit_chebyshev, fit_polynomial};
+pub use student::student_widening;
 pub use table::{fit_cubic_table, fit_linear_table};
 pub use thermal::{
     ThermalChoice, ThermalEffect, ThermalFit, ThermalGap, ThermalNumber, ThermalOptions,

@@ -1,61 +1,98 @@
-//! Student's t.
+//! Student's t: how much wider a band of 95 % is where the standard deviation comes from a few readings.
 
-/// The value that Student's t with so many degrees of freedom, 1 at the least, exceeds to both sides in one of twenty cases
-/// (G. W. Hill, Algorithm 396, Comm. ACM 13, 1970; better than 1e-3 of the value).
-pub(crate) fn student_95(freedom: f64) -> f64 {
-    const BOTH_TAILS: f64 = 0.05;
-    const NORMAL: f64 = -1.959_964;
-    let n = freedom.max(1.0);
-    if n < 1.000_001 {
-        return 12.706_205;
-    }
-    let a = 1.0 / (n - 0.5);
-    let b = 48.0 / (a * a);
-    let mut c = ((20_700.0 * a / b - 98.0) * a - 16.0) * a + 96.36;
-    let d = ((94.5 / (b + c) - 3.0) / b + 1.0) * (a * std::f64::consts::FRAC_PI_2).sqrt() * n;
-    let mut y = (d * BOTH_TAILS).powf(2.0 / n);
-    if y > 0.05 + a {
-        let x = NORMAL;
-        y = x * x;
-        if n < 5.0 {
-            c += 0.3 * (n - 4.5) * (x + 0.6);
+/// Half the width of the band of 95 % of a normal distribution, in standard deviations.
+const NORMAL_95: f64 = 1.959_964;
+
+/// t for 95 % (two sides) by degrees of freedom (JCGM 100, table G.2), with the digits of its closed forms and tables.
+const TABLE: [(f64, f64); 22] = [
+    (1.0, 12.706_205),
+    (1.12, 9.900_444),
+    (1.25, 8.027_952),
+    (1.375, 6.845_719),
+    (1.5, 6.016_663),
+    (1.75, 4.948_848),
+    (2.0, 4.302_653),
+    (2.25, 3.875_480),
+    (2.5, 3.574_655),
+    (3.0, 3.182_446),
+    (3.5, 2.940_089),
+    (4.0, 2.776_445),
+    (5.0, 2.570_582),
+    (6.0, 2.446_912),
+    (8.0, 2.306_004),
+    (10.0, 2.228_139),
+    (15.0, 2.131_450),
+    (20.0, 2.085_963),
+    (30.0, 2.042_272),
+    (60.0, 2.000_298),
+    (120.0, 1.979_930),
+    (f64::INFINITY, NORMAL_95),
+];
+
+/// t for 95 % (two sides), between the values of the table by its logarithm over 1/ν; below one degree of freedom that of
+/// one.
+pub(crate) fn student_95(degrees: f64) -> f64 {
+    let at = 1.0 / degrees.max(1.0);
+    let mut wide = TABLE[0];
+    for narrow in TABLE {
+        let (from, to) = (1.0 / wide.0, 1.0 / narrow.0);
+        if at >= to {
+            let share = if from > to {
+                (at - to) / (from - to)
+            } else {
+                1.0
+            };
+            return (narrow.1.ln() + share * (wide.1.ln() - narrow.1.ln())).exp();
         }
-        c += (((0.05 * d * x - 5.0) * x - 7.0) * x - 2.0) * x + b;
-        y = (((((0.4 * y + 6.3) * y + 36.0) * y + 94.5) / c - y - 3.0) / b + 1.0) * x;
-        y = a * y * y;
-        y = y.exp_m1();
-    } else {
-        y = ((1.0 / (((n + 6.0) / (n * y) - 0.089 * d - 0.822) * (n + 2.0) * 3.0)
-            + 0.5 / (n + 4.0))
-            * y
-            - 1.0)
-            * (n + 1.0)
-            / (n + 2.0)
-            + 1.0 / y;
+        wide = narrow;
     }
-    (n * y).sqrt()
+    NORMAL_95
+}
+
+/// How many times larger a standard uncertainty from a standard deviation with so many degrees of freedom has to be, so that
+/// ±1.96 of it are the band of 95 % (JCGM 100, G.3).
+pub fn student_widening(degrees: f64) -> f64 {
+    student_95(degrees) / NORMAL_95
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Table G.2 of JCGM 100.
+    /// The probability beyond ±t, from the density integrated by Simpson's rule over an angle: t = √ν tan θ, density
+    /// cos^(ν−1) θ.
+    fn beyond(t: f64, degrees: f64) -> f64 {
+        const STEPS: usize = 10_000;
+        let end = core::f64::consts::FRAC_PI_2;
+        let integral = |from: f64, to: f64| {
+            let width = (to - from) / STEPS as f64;
+            let at = |k: usize| {
+                let density = (from + width * k as f64).cos().max(0.0).powf(degrees - 1.0);
+                let weight = match k {
+                    0 | STEPS => 1.0,
+                    _ if k % 2 == 1 => 4.0,
+                    _ => 2.0,
+                };
+                weight * density
+            };
+            (0..=STEPS).map(at).sum::<f64>() * width / 3.0
+        };
+        let from = (t / degrees.sqrt()).atan();
+        integral(from, end) / integral(0.0, end)
+    }
+
     #[test]
-    fn the_values_of_the_table() {
-        for (freedom, t) in [
-            (1.0, 12.706),
-            (2.0, 4.303),
-            (3.0, 3.182),
-            (4.0, 2.776),
-            (5.0, 2.571),
-            (10.0, 2.228),
-            (20.0, 2.086),
-            (100.0, 1.984),
-        ] {
-            let found = student_95(freedom);
-            assert!((found / t - 1.0).abs() < 1.5e-3, "{freedom}: {found} {t}");
+    fn five_percent_lie_beyond() {
+        let low = (0..=60).map(|step| 1.0 + 0.05 * f64::from(step));
+        let high = [
+            4.5, 5.5, 7.0, 9.0, 12.0, 17.0, 25.0, 45.0, 60.0, 90.0, 200.0, 500.0,
+        ];
+        for degrees in low.chain(high) {
+            let found = beyond(student_95(degrees), degrees);
+            assert!((found - 0.05).abs() < 1.2e-4, "{degrees}: {found}");
         }
-        assert!((student_95(1e9) - 1.96).abs() < 1e-3);
+        assert_eq!(student_95(0.3), student_95(1.0));
+        assert!((student_95(f64::INFINITY) - NORMAL_95).abs() < 1e-12);
+        assert!((student_95(1.0) - (0.475 * core::f64::consts::PI).tan()).abs() < 1e-6);
     }
 }
