@@ -4,12 +4,14 @@ mod band;
 mod bspline;
 mod candidates;
 mod choice;
+mod choose;
 mod error;
 mod fit;
 mod fourier;
 mod least_squares;
 mod method;
 mod mls;
+mod noise;
 mod polynomial;
 mod readings;
 #[cfg(feature = "serde")]
@@ -21,14 +23,14 @@ mod triangle;
 
 pub use band::{Band, BandOptions, BandSource, band};
 pub use bspline::fit_bspline;
-pub use choice::{
-    AutoFit, Choice, FitOptions, Noise, Reason, Score, choose, choose_and_fit, fit_auto,
-};
+pub use choice::{AutoFit, Choice, FitOptions, Reason, Score};
+pub use choose::{choose, choose_and_fit, fit_auto};
 pub use error::FitError;
 pub use fit::Fit;
 pub use fourier::fit_fourier;
 pub use method::Method;
 pub use mls::{MLS_ORDERS, MlsTrial, choose_mls, fit_mls, fit_mls_auto, scan_mls};
+pub use noise::Noise;
 pub use polynomial::{fit_chebyshev, fit_polynomial};
 pub use student::student_widening;
 pub use table::{fit_cubic_table, fit_linear_table};
