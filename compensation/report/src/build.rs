@@ -9,7 +9,7 @@ use crate::{
     curves::{curves, stated_curves},
     identified::{files, identified},
     positioning::positioning,
-    report::{Report, SourceFile, Uncertainty, Warning, WarningKind},
+    report::{Contribution, Report, SourceFile, Uncertainty, Warning, WarningKind},
     squares::{other_locations, pair_of, squares},
     stated::{Stated, head},
     warnings::{is_measured, notes, of_calibration},
@@ -127,15 +127,14 @@ fn stated_uncertainty(file: &CalibrationFile) -> Option<Uncertainty> {
     ];
     let stated = all.into_iter().filter(|(_, value, _)| *value > 0.0);
     let stated: Vec<_> = stated
-        .map(|(key, value, unit)| (key.to_owned(), value, unit.to_owned()))
+        .map(|(key, standard, unit)| Contribution {
+            key: key.to_owned(),
+            standard,
+            unit: unit.to_owned(),
+        })
         .collect();
     (!stated.is_empty()).then(|| Uncertainty {
-        trials: 0,
-        seed: 0,
-        rms_um: 0.0,
-        max_um: 0.0,
-        at_mm: [0.0; 3],
         stated,
-        not_counted: Vec::new(),
+        ..Uncertainty::default()
     })
 }

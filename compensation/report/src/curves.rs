@@ -7,7 +7,7 @@ use volcomp_metrology::Measurement;
 use volcomp_model::Machine;
 use volcomp_vocabulary::{Direction, ErrorName};
 
-use crate::report::{Band, Branch, Curve, CurveLine, FitNumbers, Run};
+use crate::report::{Band, Branch, Curve, CurveLine, FitNumbers, Residual, Run};
 
 /// Points of a curve over the travel.
 const POINTS: usize = 241;
@@ -175,14 +175,15 @@ fn curve_of(
 }
 
 fn numbers(fit: &FittedCurve) -> FitNumbers {
+    let residual = |min, max, rms| Residual { min, max, rms };
     let (residual, leave_one_out, reversal) = match fit.quality {
         Quality::Length(q) => (
-            [q.residual_min.0, q.residual_max.0, q.residual_rms.0],
+            residual(q.residual_min.0, q.residual_max.0, q.residual_rms.0),
             q.leave_one_out.0,
             q.reversal.map(|b| b.0),
         ),
         Quality::Angle(q) => (
-            [q.residual_min.0, q.residual_max.0, q.residual_rms.0],
+            residual(q.residual_min.0, q.residual_max.0, q.residual_rms.0),
             q.leave_one_out.0,
             q.reversal.map(|b| b.0),
         ),

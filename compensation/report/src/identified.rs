@@ -2,7 +2,7 @@
 
 use volcomp_identify::{Identification, Observations, unit_symbol};
 
-use crate::report::{Identified, Parameter, SourceFile};
+use crate::report::{Identified, Left, Parameter, SourceFile, Weighted};
 
 /// What was found, as a report tells it.
 pub(crate) fn identified(found: &Identification) -> Identified {
@@ -13,7 +13,16 @@ pub(crate) fn identified(found: &Identification) -> Identified {
         unit: unit_symbol(parameter.unit).to_owned(),
         given_zero: parameter.given_zero.clone(),
     });
-    let figures = |of: volcomp_identify::Figures| (of.rms_um, of.max_um, of.rows);
+    let left = |of: volcomp_identify::Figures| Left {
+        rms_um: of.rms_um,
+        max_um: of.max_um,
+        rows: of.rows,
+    };
+    let weighted = |(name, weight): &(String, f64)| Weighted {
+        name: name.clone(),
+        weight: *weight,
+    };
+    let null = found.null.iter();
     let next = found.next.as_ref().map(|next| {
         let pose = next
             .pose
@@ -29,10 +38,10 @@ pub(crate) fn identified(found: &Identification) -> Identified {
         rank: found.rank,
         of: found.parameters.len().saturating_sub(found.redundant.len()),
         score: found.score_of_determined,
-        residual: figures(found.residual),
-        left_out: found.left_out.map(|(of, _)| figures(of)),
-        judged: found.judged.map(figures),
-        null_space: found.null.clone(),
+        residual: left(found.residual),
+        left_out: found.left_out.map(|(of, _)| left(of)),
+        judged: found.judged.map(left),
+        null_space: null.map(|of| of.iter().map(weighted).collect()).collect(),
         redundant: found.redundant.clone(),
         next,
     }

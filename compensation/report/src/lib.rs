@@ -16,9 +16,10 @@ mod warnings;
 
 pub use html::html;
 pub use report::{
-    AxisTravel, Band, Branch, Check, Curve, CurveLine, Diagonal, Diagonals, FitNumbers, Head,
-    Identified, Location, Parameter, Positioning, Report, Run, Size, Slice, SourceFile, Square,
-    State, Uncertainty, Vector, Volume, Warning, WarningKind,
+    AxisTravel, Band, Branch, Check, Contribution, Curve, CurveLine, Diagonal, Diagonals, Drawn,
+    FigureUncertainty, FitNumbers, Head, Identified, Left, Location, OfState, Parameter,
+    Positioning, Report, Residual, Run, Size, Slice, SourceFile, Square, Standing, State, Tilt,
+    Uncertainty, Vector, Volume, Warning, WarningKind, Weighted,
 };
 pub use stated::Stated;
 pub use texts::Language;

@@ -6,7 +6,10 @@ use volcomp_metrology::{
 };
 use volcomp_vocabulary::Direction;
 
-use crate::{curves::runs_of, report::Positioning};
+use crate::{
+    curves::runs_of,
+    report::{FigureUncertainty, Positioning},
+};
 
 /// Every line of a file that is a positioning test, with its readings as they are.
 pub(crate) fn positioning(file: &CalibrationFile, edition: Edition) -> Vec<Positioning> {
@@ -36,7 +39,7 @@ pub(crate) fn positioning(file: &CalibrationFile, edition: Edition) -> Vec<Posit
 
 /// The uncertainties of the figures, of what the calibration file states of the instrument: its scale grows with the length, a reading
 /// has the other part. Both are the same in every reading at one target, and so cancel in B and R.
-fn uncertainties(file: &CalibrationFile, line: &Line) -> Vec<(String, f64)> {
+fn uncertainties(file: &CalibrationFile, line: &Line) -> Vec<FigureUncertainty> {
     let of = &file.uncertainty;
     let targets = line.readings.targets();
     let ends = targets.first().zip(targets.last());
@@ -68,7 +71,12 @@ fn uncertainties(file: &CalibrationFile, line: &Line) -> Vec<(String, f64)> {
     };
     let symbols = Edition::symbols().into_iter();
     symbols
-        .filter_map(|symbol| Some((symbol.to_owned(), found.of(symbol)?)))
+        .filter_map(|symbol| {
+            Some(FigureUncertainty {
+                symbol: symbol.to_owned(),
+                expanded: found.of(symbol)?,
+            })
+        })
         .collect()
 }
 
@@ -83,7 +91,7 @@ impl Positioning {
 
     /// The expanded uncertainty of a figure; `None` where nothing is stated that it is made of.
     pub fn uncertainty(&self, symbol: &str) -> Option<f64> {
-        let found = self.uncertainties.iter().find(|(of, _)| of == symbol);
-        found.map(|(_, u)| *u)
+        let found = self.uncertainties.iter().find(|of| of.symbol == symbol);
+        found.map(|of| of.expanded)
     }
 }

@@ -214,12 +214,23 @@ pub struct FitNumbers {
     pub kind: String,
     /// How many mean readings.
     pub readings: usize,
-    /// The smallest, the largest and the root mean square of readings minus curve.
-    pub residual: [f64; 3],
+    /// Readings minus curve.
+    pub residual: Residual,
     /// The leave-one-out error.
     pub leave_one_out: f64,
     /// The largest difference forward − backward of the curves.
     pub reversal: Option<f64>,
+}
+
+/// How far readings lie from their curve: readings minus curve.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Residual {
+    /// The smallest.
+    pub min: f64,
+    /// The largest.
+    pub max: f64,
+    /// The root mean square.
+    pub rms: f64,
 }
 
 /// A positioning test by ISO 230-2.
@@ -241,8 +252,17 @@ pub struct Positioning {
     pub result: Iso230Part2,
     /// Those of VDI/DGQ 3441; `None` where it cannot be evaluated.
     pub vdi: Option<Vdi3441>,
-    /// Expanded uncertainties (k = 2) of figures by their symbols, of the contributions that the calibration file states.
-    pub uncertainties: Vec<(String, f64)>,
+    /// Uncertainties of figures, of the contributions that the calibration file states.
+    pub uncertainties: Vec<FigureUncertainty>,
+}
+
+/// The uncertainty of a figure.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FigureUncertainty {
+    /// The symbol of the figure.
+    pub symbol: String,
+    /// Its expanded uncertainty (k = 2), in the unit of the figure.
+    pub expanded: f64,
 }
 
 /// The angle between two linear axes.
@@ -254,10 +274,19 @@ pub struct Square {
     pub second: String,
     /// The angle less 90°, µrad.
     pub angle_urad: f64,
-    /// The location errors that make it and their values, µrad.
-    pub from: Vec<(String, f64)>,
+    /// The location errors that make it.
+    pub from: Vec<Tilt>,
     /// Whether the calibration gives it; else the machine file states it.
     pub measured: bool,
+}
+
+/// A location error that is a part of a squareness.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Tilt {
+    /// Its name.
+    pub error: String,
+    /// Its value, µrad.
+    pub urad: f64,
 }
 
 /// A location error.
@@ -287,13 +316,22 @@ pub enum State {
     TruthCorrected,
 }
 
+/// What is found of a state.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct OfState<T> {
+    /// Where its errors come from.
+    pub state: State,
+    /// What they make.
+    pub found: T,
+}
+
 /// The body diagonals of ISO 230-6.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Diagonals {
     /// The state before a compensation, or the only one that is known.
-    pub before: (State, Vec<Diagonal>),
+    pub before: OfState<Vec<Diagonal>>,
     /// The state after it.
-    pub after: Option<(State, Vec<Diagonal>)>,
+    pub after: Option<OfState<Vec<Diagonal>>>,
 }
 
 /// One diagonal.
@@ -311,9 +349,9 @@ pub struct Diagonal {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Volume {
     /// The state before a compensation, or the only one that is known.
-    pub before: (State, Size),
+    pub before: OfState<Size>,
     /// The state after it.
-    pub after: Option<(State, Size)>,
+    pub after: Option<OfState<Size>>,
     /// Planes through the middle of the working space.
     pub slices: Vec<Slice>,
     /// The ends of the travels of X, Y and Z, mm; of an axis that is not there twice 0.
@@ -322,8 +360,17 @@ pub struct Volume {
     pub vectors: Vec<Vector>,
     /// How many nodes the sizes are taken over.
     pub nodes: usize,
-    /// The axes that stand still, and where (deg of a rotary one, else mm): what shows only as they move is in no number here.
-    pub standing: Vec<(String, f64)>,
+    /// The axes that stand still: what shows only as they move is in no number here.
+    pub standing: Vec<Standing>,
+}
+
+/// An axis that stands still.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Standing {
+    /// The letter.
+    pub axis: String,
+    /// Where it stands: deg of a rotary axis, else mm.
+    pub at: f64,
 }
 
 /// How large the errors of position are.
@@ -348,8 +395,8 @@ pub struct Slice {
     pub across: String,
     /// The axis upwards.
     pub up: String,
-    /// The axis that is held, and where, mm; `None` on a machine that has no third one.
-    pub held: Option<(String, f64)>,
+    /// The axis that is held; `None` on a machine that has no third one.
+    pub held: Option<Standing>,
     /// The nodes to the right, mm.
     pub x: Vec<f64>,
     /// The nodes upwards, mm.
@@ -372,9 +419,31 @@ pub struct Vector {
 }
 
 /// How uncertain the error over the working space is.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Uncertainty {
-    /// How many machines were drawn; 0: nothing was drawn.
+    /// What machines tell that the measurements allow; `None` where none was drawn.
+    pub drawn: Option<Drawn>,
+    /// Contributions that the calibration file states.
+    pub stated: Vec<Contribution>,
+    /// What it does not count, in sentences.
+    pub not_counted: Vec<String>,
+}
+
+/// A contribution to the uncertainty, as the calibration file states it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Contribution {
+    /// Its key in `[uncertainty]`.
+    pub key: String,
+    /// The standard uncertainty (k = 1).
+    pub standard: f64,
+    /// The unit: `µm/m`, `µm` or `µrad`.
+    pub unit: String,
+}
+
+/// The spread of machines that the measurements allow.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Drawn {
+    /// How many machines were drawn, 2 at the least.
     pub trials: u64,
     /// The seed of the draws.
     pub seed: u64,
@@ -384,10 +453,6 @@ pub struct Uncertainty {
     pub max_um: f64,
     /// Where the largest is, mm.
     pub at_mm: [f64; 3],
-    /// Contributions that the calibration file states: words and standard uncertainties.
-    pub stated: Vec<(String, f64, String)>,
-    /// What it does not count, in sentences.
-    pub not_counted: Vec<String>,
 }
 
 /// What was found from observations of the whole machine.
@@ -401,18 +466,38 @@ pub struct Identified {
     pub of: usize,
     /// How well those that are determined can be told apart: 1 is best.
     pub score: f64,
-    /// What is left of the fitted rows: root mean square, largest (µm), rows.
-    pub residual: (f64, f64, usize),
+    /// What is left of the fitted rows.
+    pub residual: Left,
     /// What is left of rows that were left out of the fit.
-    pub left_out: Option<(f64, f64, usize)>,
+    pub left_out: Option<Left>,
     /// What is left of rows that are only predicted.
-    pub judged: Option<(f64, f64, usize)>,
-    /// Combinations that move nothing in the observations: names and weights.
-    pub null_space: Vec<Vec<(String, f64)>>,
+    pub judged: Option<Left>,
+    /// Combinations that move nothing in the observations.
+    pub null_space: Vec<Vec<Weighted>>,
     /// Unknowns that are zero by convention.
     pub redundant: Vec<String>,
     /// The pose that would help most, in words.
     pub next: Option<String>,
+}
+
+/// What a model leaves of rows of observations.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Left {
+    /// The root mean square, µm.
+    pub rms_um: f64,
+    /// The largest, µm.
+    pub max_um: f64,
+    /// How many rows.
+    pub rows: usize,
+}
+
+/// An unknown in a combination.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Weighted {
+    /// Its name.
+    pub name: String,
+    /// Its weight.
+    pub weight: f64,
 }
 
 /// One unknown.

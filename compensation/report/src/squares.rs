@@ -5,7 +5,7 @@ use volcomp_metrology::opening;
 use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisName, ErrorName};
 
-use crate::report::{Location, Square};
+use crate::report::{Location, Square, Tilt};
 
 const PAIRS: [[AxisName; 2]; 3] = [
     [AxisName::X, AxisName::Y],
@@ -27,7 +27,10 @@ pub(crate) fn squares(machine: &Machine, measured: impl Fn([AxisName; 2]) -> boo
                 continue;
             };
             angle_urad += opens * value;
-            from.push((name.to_string(), *value));
+            from.push(Tilt {
+                error: name.to_string(),
+                urad: *value,
+            });
         }
         (!from.is_empty()).then(|| Square {
             first: pair[0].to_string(),

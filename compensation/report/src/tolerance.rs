@@ -161,19 +161,24 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
             let volume = report.volume.as_ref();
             let last = volume.map(|volume| volume.after.unwrap_or(volume.before));
             // The machines that were drawn are those of the errors that were found.
-            let drawn = report.uncertainty.as_ref().filter(|found| found.trials > 0);
-            let found = last.filter(|(state, _)| *state == State::Found);
+            let drawn = report.uncertainty.as_ref().and_then(|all| all.drawn);
+            let found = last.filter(|last| last.state == State::Found);
             let u = drawn
                 .filter(|_| found.is_some())
                 .map(|drawn| 2.0 * drawn.max_um);
             // Of a machine of which no error is known nothing follows.
-            let value = last.filter(|(state, _)| *state != State::Found || knows_errors(report));
+            let value = last.filter(|last| last.state != State::Found || knows_errors(report));
             let of = if found.is_some() && value.is_some() && !report.not_measured.is_empty() {
                 MEASURED_ALONE
             } else {
                 ""
             };
-            check(of.to_owned(), value.map(|last| last.1.form_max_um), u, "µm");
+            check(
+                of.to_owned(),
+                value.map(|last| last.found.form_max_um),
+                u,
+                "µm",
+            );
         } else if let Ok(error) = symbol.parse::<ErrorName>() {
             let (value, u) = of_error(report, symbol);
             check(String::new(), value, u, error.component.symbol());
@@ -204,8 +209,8 @@ fn of_error(report: &Report, name: &str) -> (Option<f64>, Option<f64>) {
     }
     let mut squares = report.squareness.iter();
     let square = squares.find_map(|square| {
-        let of = square.from.iter().find(|(from, _)| from == name);
-        of.map(|(_, value)| (square, value.abs()))
+        let of = square.from.iter().find(|from| from.error == name);
+        of.map(|from| (square, from.urad.abs()))
     });
     if let Some((square, value)) = square {
         return (
@@ -244,7 +249,7 @@ fn extremes(curve: &Curve) -> Option<[(f64, f64); 2]> {
 fn stated(report: &Report, key: &str) -> Option<f64> {
     let of = report.uncertainty.as_ref()?;
     let mut stated = of.stated.iter();
-    stated.find(|(name, _, _)| name == key).map(|of| of.1)
+    stated.find(|of| of.key == key).map(|of| of.standard)
 }
 
 /// The standard uncertainty of the range of mean readings: two of them, each with its own, and of a length the scale from one to the other.

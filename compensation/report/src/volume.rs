@@ -4,7 +4,7 @@ use volcomp_kinematics::{State as Pose, nalgebra::Vector3};
 use volcomp_model::{Ensemble, Lengths, Machine, MapGrid, ModelError, RigidMotion, RigidSums};
 use volcomp_vocabulary::AxisName;
 
-use crate::report::{Size, Slice, State, Uncertainty, Vector, Volume};
+use crate::report::{Drawn, OfState, Size, Slice, Standing, State, Vector, Volume};
 
 /// Nodes along an axis over which the largest error and the root of the mean square are taken.
 const SIZES: usize = 9;
@@ -65,8 +65,14 @@ pub fn volume(
     });
     let travel = |name| machine.axis(name).map_or([0.0; 2], |axis| axis.travel);
     Ok(Some(Volume {
-        before: (before.0, size_before),
-        after: of_after.as_ref().map(|(state, size, _)| (*state, *size)),
+        before: OfState {
+            state: before.0,
+            found: size_before,
+        },
+        after: of_after.as_ref().map(|(state, size, _)| OfState {
+            state: *state,
+            found: *size,
+        }),
         slices: slices(
             machine,
             others,
@@ -81,7 +87,7 @@ pub fn volume(
 }
 
 /// The axes that are not moved over the working space, and where they stand.
-fn standing(machine: &Machine, others: &[(AxisName, f64)]) -> Vec<(String, f64)> {
+fn standing(machine: &Machine, others: &[(AxisName, f64)]) -> Vec<Standing> {
     let moved = [AxisName::X, AxisName::Y, AxisName::Z];
     let stand = machine
         .axes()
@@ -91,7 +97,10 @@ fn standing(machine: &Machine, others: &[(AxisName, f64)]) -> Vec<(String, f64)>
         .map(|axis| {
             let stated = others.iter().find(|(name, _)| *name == axis.name);
             let at = stated.map_or_else(|| axis.nearest_zero(), |(_, at)| *at);
-            (axis.name.to_string(), at)
+            Standing {
+                axis: axis.name.to_string(),
+                at,
+            }
         })
         .collect()
 }
@@ -188,7 +197,10 @@ fn slices(
         found.push(Slice {
             across: across.to_string(),
             up: up.to_string(),
-            held: nodes(held).first().map(|at| (held.to_string(), *at)),
+            held: nodes(held).first().map(|at| Standing {
+                axis: held.to_string(),
+                at: *at,
+            }),
             x: nodes(across),
             y: nodes(up),
             before_um: lengths(before),
@@ -208,7 +220,7 @@ pub fn uncertainty(
     others: &[(AxisName, f64)],
     ensemble: &Ensemble,
     (trials, seed): (u64, u64),
-) -> Result<Option<Uncertainty>, ModelError> {
+) -> Result<Option<Drawn>, ModelError> {
     let grid = MapGrid::over_travels(machine, [UNCERTAIN; 3], others)?;
     if grid.axes.is_empty() {
         return Ok(None);
@@ -224,13 +236,11 @@ pub fn uncertainty(
             most = (error.norm(), by_axis(&grid, place));
         }
     }
-    Ok(Some(Uncertainty {
+    Ok(Some(Drawn {
         trials,
         seed,
         rms_um: 1e3 * lengths.rms(),
         max_um: 1e3 * most.0,
         at_mm: most.1,
-        stated: Vec::new(),
-        not_counted: Vec::new(),
     }))
 }

@@ -12,8 +12,8 @@ use volcomp_identify::Observations;
 use volcomp_kinematics::{Form, State as Pose, volumetric_error};
 use volcomp_model::{Machine, Temperatures, diagonal_targets, diagonals};
 use volcomp_report::{
-    Diagonal, Diagonals, Edition, ErrorAt, Language, Report, Size, State, Stated, Tolerance,
-    Verdict as Outcome, checks, html, refuse_two_units, tolerances, uncertainty, volume,
+    Diagonal, Diagonals, Edition, ErrorAt, Language, OfState, Report, Size, State, Stated,
+    Tolerance, Verdict as Outcome, checks, html, refuse_two_units, tolerances, uncertainty, volume,
 };
 use volcomp_vocabulary::AxisName;
 
@@ -288,7 +288,8 @@ fn working_space(
                     range_um: found.range_um,
                 }
             });
-            Ok::<_, Failure>((state, named.collect::<Vec<_>>()))
+            let found = named.collect();
+            Ok::<_, Failure>(OfState { state, found })
         };
         report.diagonals = Some(Diagonals {
             before: of(first)?,
@@ -335,12 +336,10 @@ fn drawn(
     if let Some(measured) = from.read(machine, &mut told)? {
         let (ensemble, _) = from.ensemble(&measured, machine, &mut told)?;
         let trials = (from.trials, from.seed);
-        if let Some(mut found) = uncertainty(machine, others, &ensemble, trials)? {
-            if let Some(before) = report.uncertainty.take() {
-                found.stated = before.stated;
-            }
-            found.not_counted.clone_from(&told);
-            report.uncertainty = Some(found);
+        if let Some(found) = uncertainty(machine, others, &ensemble, trials)? {
+            let all = report.uncertainty.get_or_insert_default();
+            all.drawn = Some(found);
+            all.not_counted.clone_from(&told);
         }
     }
     notes.extend(told);
@@ -378,10 +377,10 @@ fn answer(
             .iter()
             .map(|warning| warning.text.clone())
             .collect(),
-        before: volume.map(|volume| largest(&volume.before.1)),
+        before: volume.map(|volume| largest(&volume.before.found)),
         after: volume
             .and_then(|volume| volume.after.as_ref())
-            .map(|(_, size)| largest(size)),
+            .map(|after| largest(&after.found)),
     };
     let mut text = format!("{}\n", verdict.words());
     for check in &document.checks {

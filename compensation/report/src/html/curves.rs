@@ -6,7 +6,7 @@ use volcomp_vocabulary::Direction;
 use super::write::{Cell, Page};
 use crate::{
     plot::{self, Look, Mark, Series, WIDTH, XyPlot, xy},
-    report::{Branch, Curve, Report},
+    report::{Branch, Curve, Report, Residual},
     texts::{Texts, described},
 };
 
@@ -99,7 +99,7 @@ fn numbers(page: &mut Page, curve: &Curve, t: &Texts) {
     ];
     let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
     let rows = fits.into_iter().map(|(direction, fit)| {
-        let [min, max, rms] = fit.residual;
+        let Residual { min, max, rms } = fit.residual;
         vec![
             Cell::text(direction_word(direction, t)),
             Cell::Fixed(fit.kind.clone()),

@@ -8,7 +8,7 @@ use crate::{
         Arrow, HeatMap, Look, Mark, Quiver, Series, SquareSketch, Svg, XyPlot, colour_scale,
         escaped, heat_map, quiver, short, square_sketch, ticks, xy,
     },
-    report::{Diagonal, Report, Slice, State, Volume},
+    report::{Diagonal, Report, Slice, Standing, State, Volume},
     texts::Texts,
 };
 
@@ -57,7 +57,7 @@ pub(super) fn squareness(page: &mut Page, report: &Report, t: &Texts) {
         let rows = report.squareness.iter().map(|square| {
             let from = square.from.iter();
             let from: Vec<String> = from
-                .map(|(name, value)| format!("{name} = {}", short(*value, 2)))
+                .map(|tilt| format!("{} = {}", tilt.error, short(tilt.urad, 2)))
                 .collect();
             vec![
                 Cell::text(format!("{}{}", square.first, square.second)),
@@ -143,16 +143,16 @@ pub(super) fn diagonals(page: &mut Page, report: &Report, t: &Texts) {
     }
     states(
         page,
-        found.before.0,
-        found.after.as_ref().map(|after| after.0),
+        found.before.state,
+        found.after.as_ref().map(|after| after.state),
         t,
     );
     let after_of = |name: &str| -> Option<&Diagonal> {
-        let (_, all) = found.after.as_ref()?;
-        all.iter().find(|diagonal| diagonal.name == name)
+        let after = found.after.as_ref()?;
+        after.found.iter().find(|diagonal| diagonal.name == name)
     };
     page.put("<div class=\"maps two\">");
-    for diagonal in &found.before.1 {
+    for diagonal in &found.before.found {
         let mut series = vec![Series {
             name: format!("{}, {}", diagonal.name, t.before),
             points: diagonal.points.clone(),
@@ -198,7 +198,7 @@ pub(super) fn diagonals(page: &mut Page, report: &Report, t: &Texts) {
     } else {
         &[t.diagonal, &alone]
     };
-    let rows = found.before.1.iter().map(|diagonal| {
+    let rows = found.before.found.iter().map(|diagonal| {
         let mut row = vec![
             Cell::text(&diagonal.name),
             Cell::number(diagonal.range_um, 2),
@@ -220,7 +220,12 @@ pub(super) fn volume(page: &mut Page, report: &Report, t: &Texts) {
         return;
     };
     page.paragraph("lead", t.volume_lead);
-    states(page, volume.before.0, volume.after.map(|after| after.0), t);
+    states(
+        page,
+        volume.before.state,
+        volume.after.map(|after| after.state),
+        t,
+    );
     let columns = [
         t.state.to_owned(),
         format!(">{}, µm", t.max),
@@ -230,8 +235,8 @@ pub(super) fn volume(page: &mut Page, report: &Report, t: &Texts) {
         format!(">{}, µm", t.rms),
     ];
     let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
-    let mut states = vec![(t.before, volume.before.1)];
-    states.extend(volume.after.map(|(_, size)| (t.after, size)));
+    let mut states = vec![(t.before, volume.before.found)];
+    states.extend(volume.after.map(|after| (t.after, after.found)));
     if volume.after.is_none() {
         states[0].0 = t.uncompensated;
     }
@@ -263,7 +268,7 @@ fn standing(page: &mut Page, volume: &Volume, t: &Texts) {
     }
     let at = volume.standing.iter();
     let at: Vec<String> = at
-        .map(|(axis, at)| {
+        .map(|Standing { axis, at }| {
             let rotary = axis.parse().is_ok_and(AxisName::is_rotary);
             let unit = if rotary { "°" } else { " mm" };
             format!("{axis} {}{unit}", short(*at, 3))
@@ -298,7 +303,7 @@ fn maps(page: &mut Page, volume: &Volume, t: &Texts) {
             let held = slice
                 .held
                 .as_ref()
-                .map(|(name, at)| format!(", {name} = {} mm", short(*at, 0)));
+                .map(|held| format!(", {} = {} mm", held.axis, short(held.at, 0)));
             let title = format!("{}{}{}", slice.across, slice.up, held.unwrap_or_default());
             let map = HeatMap {
                 words: format!("{} {title} {word}", t.plane),

@@ -3,7 +3,7 @@
 use super::write::{Cell, Page};
 use crate::{
     plot::{escaped, short},
-    report::Report,
+    report::{Report, Weighted},
     texts::{Language, Texts},
 };
 
@@ -30,7 +30,7 @@ pub(super) fn uncertainty(page: &mut Page, report: &Report, t: &Texts) {
         page.paragraph("lead", t.no_uncertainty);
         return;
     };
-    if found.trials > 0 {
+    if let Some(drawn) = &found.drawn {
         page.paragraph("lead", t.uncertainty_lead);
         let columns = [
             String::new(),
@@ -39,7 +39,7 @@ pub(super) fn uncertainty(page: &mut Page, report: &Report, t: &Texts) {
             format!("{}, mm", t.at),
         ];
         let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
-        let at = found.at_mm.map(|at| short(at, 0)).join(", ");
+        let at = drawn.at_mm.map(|at| short(at, 0)).join(", ");
         let row = |name: &str, um: f64, at: String| {
             vec![
                 Cell::text(name),
@@ -51,28 +51,32 @@ pub(super) fn uncertainty(page: &mut Page, report: &Report, t: &Texts) {
         page.table(
             &columns,
             [
-                row(t.rms, found.rms_um, String::new()),
-                row(t.largest, found.max_um, at),
+                row(t.rms, drawn.rms_um, String::new()),
+                row(t.largest, drawn.max_um, at),
             ],
         );
         page.paragraph(
             "note",
-            &format!("{} {}, {} {}", found.trials, t.trials, t.seed, found.seed),
+            &format!("{} {}, {} {}", drawn.trials, t.trials, t.seed, drawn.seed),
         );
     } else {
         page.paragraph("lead", t.not_drawn);
     }
     if !found.stated.is_empty() {
         page.heading(4, t.contributions, "");
-        let rows = found.stated.iter().map(|(key, value, unit)| {
-            let words = match key.as_str() {
+        let rows = found.stated.iter().map(|of| {
+            let words = match of.key.as_str() {
                 "laser_um_per_m" => t.c_laser,
                 "square_urad" => t.c_square,
                 "reading_um" => t.c_reading,
                 "reading_urad" => t.c_reading_angle,
                 other => other,
             };
-            vec![Cell::text(words), Cell::number(*value, 2), Cell::text(unit)]
+            vec![
+                Cell::text(words),
+                Cell::number(of.standard, 2),
+                Cell::text(&of.unit),
+            ]
         });
         page.table(&["", &format!(">{}", t.value), ""], rows);
     }
@@ -158,12 +162,12 @@ pub(super) fn identified(page: &mut Page, report: &Report, t: &Texts) {
         (t.judged_rows, found.judged),
     ];
     let rows = left.into_iter().filter_map(|(name, of)| {
-        let (rms, max, rows) = of?;
+        let left = of?;
         Some(vec![
             Cell::text(name),
-            Cell::number(rms, 2),
-            Cell::number(max, 2),
-            Cell::number(rows as f64, 0),
+            Cell::number(left.rms_um, 2),
+            Cell::number(left.max_um, 2),
+            Cell::number(left.rows as f64, 0),
         ])
     });
     page.table(&columns, rows);
@@ -191,13 +195,16 @@ pub(super) fn identified(page: &mut Page, report: &Report, t: &Texts) {
 }
 
 /// `EXX constant + 0.50 EX0C`.
-fn combined(parts: &[(String, f64)]) -> String {
-    let largest = parts.iter().map(|part| part.1.abs()).fold(0.0, f64::max);
+fn combined(parts: &[Weighted]) -> String {
+    let largest = parts
+        .iter()
+        .map(|part| part.weight.abs())
+        .fold(0.0, f64::max);
     let kept = parts
         .iter()
-        .filter(|part| part.1.abs() >= LEAST_WEIGHT * largest);
+        .filter(|part| part.weight.abs() >= LEAST_WEIGHT * largest);
     let mut text = String::new();
-    for (name, weight) in kept {
+    for Weighted { name, weight } in kept {
         let sign = match (text.is_empty(), *weight < 0.0) {
             (true, false) => "",
             (true, true) => "− ",
