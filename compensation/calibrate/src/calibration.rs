@@ -5,7 +5,8 @@ use volcomp_vocabulary::{ErrorName, Urad};
 
 use crate::{
     calibration_file::{CalibrationFile, Location},
-    checks::{different_machines, files_of, odd, odd_values, without_point},
+    odd::{odd, odd_values, without_point},
+    same_machine::{different_machines, files_of},
     error::CalibrateError,
     fitted::{measured, notes_of},
     fitted_curve::FittedCurve,

@@ -10,7 +10,7 @@ use volcomp_vocabulary::{AxisKind, AxisName, ErrorName, Urad};
 
 use crate::{
     calibration_file::{Squareness, SquarenessSource},
-    checks::refuse_value,
+    refusals::refuse_value,
     diagonals::{Diagonals, decode_diagonals},
     error::CalibrateError,
     setup_file::decode_errors,

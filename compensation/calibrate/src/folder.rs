@@ -1,0 +1,39 @@
+//! The files below a folder.
+
+use std::path::{Path, PathBuf};
+
+/// Files below a folder in the order of their names, without hidden ones and the TOML files that say something of others. Links to folders are
+/// not followed.
+///
+/// # Errors
+/// A folder that cannot be read.
+pub fn files_below(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
+    let mut paths = Vec::new();
+    list(folder, 0, &mut paths)?;
+    paths.sort();
+    Ok(paths)
+}
+
+fn list(folder: &Path, depth: usize, paths: &mut Vec<PathBuf>) -> std::io::Result<()> {
+    const DEEPEST: usize = 8;
+    for entry in std::fs::read_dir(folder)? {
+        let entry = entry?;
+        let path = entry.path();
+        let name = entry.file_name().to_string_lossy().into_owned();
+        let is_toml = path
+            .extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+        if name.starts_with('.') || is_toml {
+            continue;
+        }
+        let kind = entry.file_type()?;
+        if kind.is_dir() {
+            if depth < DEEPEST {
+                list(&path, depth + 1, paths)?;
+            }
+        } else {
+            paths.push(path);
+        }
+    }
+    Ok(())
+}
