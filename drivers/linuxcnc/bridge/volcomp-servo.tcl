@@ -7,33 +7,17 @@
 source [file join [file dirname [file normalize [info script]]] volcomp-common.tcl]
 
 proc whole {key {default ""}} {
-    set value [number $key $default]
+    set value [number_of VOLCOMP $key $default "a whole number"]
     if {$value != floor($value)} {
-        error "\[VOLCOMP\]$key: found $value, expected a whole number"
+        refuse "\[VOLCOMP\]$key: found $value, expected a whole number and nothing behind it"
     }
     return [expr {int($value)}]
 }
 
-# An offset is in the unit of the machine, and a count is one of these: a machine in inches would get 25.4 times as much.
-foreach {key known} {LINEAR_UNITS {mm metric} ANGULAR_UNITS {degree deg}} {
-    set expected [lindex $known 0]
-    if {![info exists ::TRAJ($key)]} {
-        error "volcomp: \[TRAJ\]$key is missing, expected $expected: the bridge counts in these"
-    }
-    set found [lindex $::TRAJ($key) 0]
-    if {$found ni $known} {
-        error "volcomp: \[TRAJ\]$key: found $found, expected $expected: the bridge counts in these"
-    }
-}
-
-set letters [letters AXES XYZ]
-set reads [letters READS ""]
-set both [concat $letters $reads]
-if {[llength [lsort -unique $both]] != [llength $both]} {
-    error "\[VOLCOMP\]AXES and READS: found [join $letters ""] and [join $reads ""], expected each axis once"
-}
-set joints [lindex $::KINS(JOINTS) 0]
-set period_s [expr {[info exists ::EMCMOT(SERVO_PERIOD)] ? [lindex $::EMCMOT(SERVO_PERIOD) 0] * 1e-9 : 1e-3}]
+units
+lassign [axes_and_reads] letters reads
+set joints [joints]
+set period_s [period_s]
 set folder [file dirname [file normalize $::env(INI_FILE_NAME)]]
 
 # The largest rate, and the smallest number of cycles from step to step with which it is a count or more. What a word cannot
@@ -49,10 +33,10 @@ foreach letter $letters {
     set key [expr {$turns ? "RATE_MDEG_PER_S" : "RATE_UM_PER_S"}]
     set rate [number $key]
     if {$step < 1} {
-        error "\[VOLCOMP\]STEP_NM or STEP_UDEG: found $step, expected 1 or more"
+        refuse "\[VOLCOMP\]STEP_NM or STEP_UDEG: found $step, expected 1 or more"
     }
     if {$rate <= 0} {
-        error "\[VOLCOMP\]$key: found $rate, expected more than 0"
+        refuse "\[VOLCOMP\]$key: found $rate, expected more than 0"
     }
     set rate [expr {1000.0 * $rate * $period_s / $step}]
     lappend steps $step
@@ -67,7 +51,7 @@ foreach rate $per_scan {
 
 set port [whole PORT 47001]
 if {$port < 0 || $port > 65535} {
-    error "\[VOLCOMP\]PORT: found $port, expected 0 to 65535"
+    refuse "\[VOLCOMP\]PORT: found $port, expected 0 to 65535"
 }
 set arguments [list axes=[join $letters ""] machine=[whole MACHINE] port=$port]
 lappend arguments listen_on=[setting LISTEN 127.0.0.1] joints=$joints

@@ -14,13 +14,17 @@
 #
 # The factor does not rise by itself when the bridge is heard again: only when the bridge says so, after it has asked for nothing.
 
-if {[info exists ::HAL(TWOPASS)]} {
-    error "\[HAL\]TWOPASS: volcomp.tcl does not start with it, since it starts a program that needs what is loaded; leave it out, or use volcomp-servo.tcl"
-}
-
 set here [file dirname [file normalize [info script]]]
 source [file join $here volcomp-common.tcl]
-set letters [string tolower [letters AXES XYZ]]
+
+if {[has HAL TWOPASS]} {
+    refuse "\[HAL\]TWOPASS: found [value_of HAL TWOPASS], expected none with volcomp.tcl, which starts a program that needs what is loaded; leave it out, or use volcomp-servo.tcl"
+}
+# All of these are told before anything is loaded; the bridge judges them by the same rules.
+units
+joints
+period_s
+set letters [string tolower [lindex [axes_and_reads] 0]]
 set thread servo-thread
 
 # How fast the factor may change, 1/s: no axis goes faster than its rate from its limit.

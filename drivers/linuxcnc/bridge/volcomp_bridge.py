@@ -9,6 +9,7 @@ from the section [VOLCOMP] of the INI file, which it is given as its argument or
 import math
 import os
 import random
+import re
 import select
 import signal
 import socket
@@ -46,6 +47,12 @@ PROBING = 5
 # Epochs that the one in the file may be behind: as many starts and time-outs as can come while a disk hangs.
 EPOCHS_AHEAD = 16
 AXES = "XYZABCUVW"
+# The units that the bridge counts in, by the words that LinuxCNC takes for them in any case. It takes numbers, too, and what
+# stands behind a number: those are refused.
+UNITS = {"LINEAR_UNITS": ("mm", "metric"), "ANGULAR_UNITS": ("degree", "deg")}
+MOST_JOINTS = 16
+# Python alone takes others: 1_000, nan.
+NUMBER = re.compile(r"[+-]?([0-9]+[.]?[0-9]*|[.][0-9]+)([eE][+-]?[0-9]+)?", re.ASCII)
 # Parts of a unit (mm or degree) in the unit of steps and offsets, and scale of the control's counts.
 NANO = 1e6
 
@@ -63,16 +70,25 @@ class Configuration:
         self.units()
         self.axes = self.letters("AXES", "XYZ")
         self.reads = self.letters("READS", "")
-        twice = set(self.axes) & set(self.reads)
-        if twice or len(set(self.reads)) != len(self.reads):
-            raise ValueError(f"[VOLCOMP]READS: found {''.join(self.reads)}, expected each axis once, and none of AXES")
+        both = self.axes + self.reads
+        if not self.axes or len(set(both)) != len(both):
+            raise ValueError(f"[VOLCOMP]AXES and READS: found {''.join(self.axes)} and {''.join(self.reads)}, "
+                             "expected one or more axes, each once")
         self.machine = self.whole("MACHINE")
         self.port = self.whole("PORT", 47001)
         if not 0 <= self.port <= 65535:
             raise ValueError(f"[VOLCOMP]PORT: found {self.port}, expected 0 to 65535")
         self.listen = self.text("LISTEN", "127.0.0.1")
-        self.joints = int(self.ini.find("KINS", "JOINTS") or len(self.axes))
-        self.period_s = float(self.ini.find("EMCMOT", "SERVO_PERIOD") or 1000000) * 1e-9
+        expected = f"the number of joints, 1 to {MOST_JOINTS}"
+        joints = self.number_of("KINS", "JOINTS", None, expected)
+        if joints != int(joints) or not 1 <= joints <= MOST_JOINTS:
+            raise ValueError(f"[KINS]JOINTS: found {joints:g}, expected {expected} and nothing behind it")
+        self.joints = int(joints)
+        expected = "the period of the servo thread in ns"
+        period_ns = self.number_of("EMCMOT", "SERVO_PERIOD", 1000000, expected)
+        if period_ns <= 0:
+            raise ValueError(f"[EMCMOT]SERVO_PERIOD: found {period_ns:g}, expected {expected}")
+        self.period_s = period_ns * 1e-9
         folder = os.path.dirname(os.path.abspath(path))
         self.epoch_file = os.path.join(folder, self.text("EPOCH_FILE", "volcomp.epoch"))
         rotary = [letter in "ABC" for letter in self.axes]
@@ -101,14 +117,12 @@ class Configuration:
 
     def units(self):
         """Counts are nm and millionths of a degree: with other units every correction would be another one."""
-        for key, names in (("LINEAR_UNITS", ("mm", "metric")), ("ANGULAR_UNITS", ("degree", "deg"))):
-            sections = ["TRAJ"] + [f"AXIS_{letter}" for letter in AXES] + [f"JOINT_{joint}" for joint in range(16)]
-            for section in sections:
-                found = self.ini.find(section, key)
-                if found is None and section == "TRAJ":
-                    raise ValueError(f"[TRAJ]{key} is missing, expected {names[0]}")
-                if found is not None and found.strip().lower() not in names:
-                    raise ValueError(f"[{section}]{key}: found {found.strip()}, expected {names[0]}")
+        for key, names in UNITS.items():
+            found, expected = self.ini.find("TRAJ", key), " or ".join(names)
+            if found is None:
+                raise ValueError(f"[TRAJ]{key} is missing, expected {expected}: the bridge counts in this unit")
+            if found.lower() not in names:
+                raise ValueError(f"[TRAJ]{key}: found {found}, expected {expected}: the bridge counts in this unit")
 
     def letters(self, key, default):
         found = list(self.text(key, default).upper().replace(" ", ""))
@@ -120,22 +134,24 @@ class Configuration:
     def text(self, key, default):
         return self.ini.find("VOLCOMP", key) or default
 
-    def number(self, key, default=None):
-        text = self.ini.find("VOLCOMP", key)
+    def number_of(self, section, key, default, expected):
+        """A number of a section; without a default it has to be there."""
+        text = self.ini.find(section, key)
         if text is None and default is None:
-            raise ValueError(f"[VOLCOMP]{key} is missing")
-        try:
-            found = float(text) if text is not None else default
-        except ValueError:
-            found = math.nan
-        if not math.isfinite(found):
-            raise ValueError(f"[VOLCOMP]{key}: found {text!r}, expected a number")
+            raise ValueError(f"[{section}]{key} is missing, expected {expected}")
+        is_number = text is None or NUMBER.fullmatch(text)
+        found = default if text is None else float(text) if is_number else math.nan
+        if not abs(found) <= 1e9:
+            raise ValueError(f"[{section}]{key}: found {text}, expected {expected} and nothing behind it")
         return found
 
+    def number(self, key, default=None):
+        return self.number_of("VOLCOMP", key, default, "a number")
+
     def whole(self, key, default=None):
-        found = self.number(key, default)
+        found = self.number_of("VOLCOMP", key, default, "a whole number")
         if found != int(found):
-            raise ValueError(f"[VOLCOMP]{key}: found {found}, expected a whole number")
+            raise ValueError(f"[VOLCOMP]{key}: found {found}, expected a whole number and nothing behind it")
         return int(found)
 
 

@@ -48,6 +48,16 @@ pub struct Expected {
 const USER_SPACE: &str = "volcomp.tcl";
 const SERVO_THREAD: &str = "volcomp-servo.tcl";
 
+/// The most joints that LinuxCNC has.
+const MOST_JOINTS: f64 = 16.0;
+
+/// The units that the bridges count in, by the words that LinuxCNC takes for them in any case, and these for messages. It takes
+/// numbers, too, and what stands behind a number: those are refused, as both bridges do.
+const UNITS: [(&str, [&str; 2], &str); 2] = [
+    ("LINEAR_UNITS", ["mm", "metric"], "mm or metric"),
+    ("ANGULAR_UNITS", ["degree", "deg"], "degree or deg"),
+];
+
 /// The name of the bridge's file, where the value of a `HALFILE` is one; arguments may stand behind it.
 fn bridge_of(value: &str) -> Option<&'static str> {
     let file = value.split_whitespace().next()?;
@@ -230,20 +240,30 @@ impl Ini {
 
     /// Units, kinematics and period of the control.
     fn control(&self, expected: &Expected, problems: &mut Vec<Problem>) {
-        let units = [
-            ("LINEAR_UNITS", ["mm", "metric"]),
-            ("ANGULAR_UNITS", ["degree", "deg"]),
-        ];
-        for (key, known) in units {
-            let expected = known[0];
+        for (key, known, words) in UNITS {
             match self.get("TRAJ", key) {
-                None => problems.push(Problem::NoUnits { key, expected }),
-                Some(found) if !known.contains(&found) => problems.push(Problem::Units {
+                None => problems.push(Problem::NoUnits {
                     key,
-                    found: found.to_owned(),
-                    expected,
+                    expected: words,
                 }),
+                Some(found) if !known.iter().any(|word| word.eq_ignore_ascii_case(found)) => {
+                    problems.push(Problem::Units {
+                        key,
+                        found: found.to_owned(),
+                        expected: words,
+                    });
+                }
                 Some(_) => {}
+            }
+        }
+        match self.get("KINS", "JOINTS") {
+            None => problems.push(Problem::NoJoints),
+            Some(found) => {
+                let is_one = |n: f64| n.fract() == 0.0 && (1.0..=MOST_JOINTS).contains(&n);
+                if !found.parse().is_ok_and(is_one) {
+                    let found = found.to_owned();
+                    problems.push(Problem::Joints { found });
+                }
             }
         }
         let kinematics = self.get("KINS", "KINEMATICS").unwrap_or("trivkins");
@@ -270,7 +290,10 @@ impl Ini {
             .of_bridge(key)
             .or(default)
         {
-            None => problems.push(Problem::Missing { key }),
+            None => problems.push(Problem::Missing {
+                key,
+                expected: "a number",
+            }),
             Some(found) => {
                 let as_number = |text: &str| text.parse::<f64>().ok();
                 let numbers = as_number(&found).zip(as_number(&wanted));

@@ -53,7 +53,8 @@ impl Ini {
     ) -> Option<f64> {
         let Some(text) = self.get("VOLCOMP", key) else {
             if default.is_none() {
-                problems.push(Problem::Missing { key });
+                let expected = "a number";
+                problems.push(Problem::Missing { key, expected });
             }
             return default;
         };

@@ -2,6 +2,8 @@
 
 use volcomp_vocabulary::AxisName;
 
+use super::MOST_JOINTS;
+
 /// What is wrong or missing in an INI file.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -12,10 +14,12 @@ pub enum Problem {
     )]
     NoHalFile,
     /// A key of the bridge is missing.
-    #[error("[VOLCOMP]{key} is missing")]
+    #[error("[VOLCOMP]{key} is missing, expected {expected}")]
     Missing {
         /// The key.
         key: &'static str,
+        /// What is expected there, in words.
+        expected: &'static str,
     },
     /// A key of the bridge is not as the gateway is configured.
     #[error("[VOLCOMP]{key}: found {found}, expected {expected} as in the gateway's configuration")]
@@ -177,23 +181,34 @@ pub enum Problem {
         found: String,
     },
     /// A unit is missing, and LinuxCNC takes one of its own.
-    #[error("[TRAJ]{key} is missing, expected {expected}: the bridge counts in these")]
+    #[error("[TRAJ]{key} is missing, expected {expected}: the bridge counts in this unit")]
     NoUnits {
         /// The key.
         key: &'static str,
-        /// The unit that is expected.
+        /// The words for the unit that is expected.
         expected: &'static str,
     },
     /// Lengths are not mm, or angles not degrees.
-    #[error("[TRAJ]{key}: found {found}, expected {expected}: the bridge counts in these")]
+    #[error("[TRAJ]{key}: found {found}, expected {expected}: the bridge counts in this unit")]
     Units {
         /// The key.
         key: &'static str,
         /// The unit in the INI file.
         found: String,
-        /// The unit that is expected.
+        /// The words for the unit that is expected.
         expected: &'static str,
     },
+    /// The number of joints is missing, or is none.
+    #[error(
+        "[KINS]JOINTS: found {found}, expected the number of joints, 1 to {MOST_JOINTS} and nothing behind it"
+    )]
+    Joints {
+        /// The value of this key in the INI file.
+        found: String,
+    },
+    /// The number of joints is missing.
+    #[error("[KINS]JOINTS is missing, expected the number of joints, 1 to {MOST_JOINTS}")]
+    NoJoints,
     /// The kinematics are not those of machine axes.
     #[error(
         "[KINS]KINEMATICS: found {found}, expected trivkins: with other kinematics LinuxCNC adds offsets to coordinates of the workpiece, not of the machine"

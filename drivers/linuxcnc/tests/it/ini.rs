@@ -3,7 +3,7 @@
 use volcomp_linuxcnc::{Expected, Ini, Least, PORT};
 use volcomp_vocabulary::AxisName;
 
-fn expected() -> Expected {
+pub(crate) fn expected() -> Expected {
     Expected {
         machine: 1,
         port: PORT,
@@ -20,7 +20,7 @@ fn expected() -> Expected {
     }
 }
 
-fn mill() -> String {
+pub(crate) fn mill() -> String {
     std::fs::read_to_string(volcomp_test_support::root().join("examples/linuxcnc/mill.ini"))
         .unwrap()
 }
@@ -130,7 +130,11 @@ fn each_line_that_is_missing_or_wrong_is_named() {
             "MACHINE = 2\n",
             "[VOLCOMP]MACHINE: found 2, expected 1",
         ),
-        ("MACHINE = 1\n", "", "[VOLCOMP]MACHINE is missing"),
+        (
+            "MACHINE = 1\n",
+            "",
+            "[VOLCOMP]MACHINE is missing, expected a number",
+        ),
         (
             "AXES = XYZ",
             "AXES = X Z Y",
@@ -141,7 +145,11 @@ fn each_line_that_is_missing_or_wrong_is_named() {
             "STEP_NM = 10",
             "[VOLCOMP]STEP_NM: found 10, expected 1",
         ),
-        ("LIMIT_UM = 30", "", "[VOLCOMP]LIMIT_UM is missing"),
+        (
+            "LIMIT_UM = 30",
+            "",
+            "[VOLCOMP]LIMIT_UM is missing, expected a number",
+        ),
         (
             "[AXIS_Y]\nOFFSET_AV_RATIO = 0.02",
             "[AXIS_Y]",

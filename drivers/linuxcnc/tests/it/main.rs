@@ -12,6 +12,7 @@ mod fuzz_corpus;
 mod ini;
 mod python_barrier;
 mod servo_barrier;
+mod settings;
 
 /// Ends the run on an allocation where one is forbidden.
 #[global_allocator]

@@ -106,10 +106,16 @@ fn settings_that_do_not_fit_are_refused_by_name() {
             "ANGULAR_UNITS = rad",
             "[TRAJ]ANGULAR_UNITS: found rad, expected degree",
         ),
+        // LinuxCNC's own reader takes what stands behind a word for a part of it, and nothing for nothing.
         (
-            "[JOINT_1]\n",
-            "[JOINT_1]\nLINEAR_UNITS = inch\n",
-            "[JOINT_1]LINEAR_UNITS: found inch, expected mm",
+            "LINEAR_UNITS = mm",
+            "LINEAR_UNITS = mm # of the frame",
+            "[TRAJ]LINEAR_UNITS: found mm # of the frame, expected mm or metric",
+        ),
+        (
+            "JOINTS = 3\n",
+            "",
+            "[KINS]JOINTS is missing, expected the number of joints, 1 to 16",
         ),
         (
             "AXES = XYZ",
@@ -119,17 +125,17 @@ fn settings_that_do_not_fit_are_refused_by_name() {
         (
             "AXES = XYZ",
             "AXES = XYZ\nREADS = AX",
-            "[VOLCOMP]READS: found AX, expected each axis once, and none of AXES",
+            "[VOLCOMP]AXES and READS: found XYZ and AX, expected one or more axes, each once",
         ),
         (
             "LIMIT_UM = 30",
             "LIMIT_UM = 30 # um",
-            "[VOLCOMP]LIMIT_UM: found '30 # um', expected a number",
+            "[VOLCOMP]LIMIT_UM: found 30 # um, expected a number",
         ),
         (
             "LIMIT_UM = 30",
             "LIMIT_UM = nan",
-            "[VOLCOMP]LIMIT_UM: found 'nan', expected a number",
+            "[VOLCOMP]LIMIT_UM: found nan, expected a number",
         ),
         (
             "MACHINE = 1\n",
@@ -166,7 +172,10 @@ fn two_passes_are_refused_by_name() {
     });
     assert!(started.is_err(), "it started");
     let log = std::fs::read_to_string(dir.path().join("linuxcnc.log")).expect("a log");
-    assert!(log.contains("volcomp.tcl does not start with it"), "{log}");
+    assert!(
+        log.contains("[HAL]TWOPASS: found ON, expected none with volcomp.tcl"),
+        "{log}"
+    );
 }
 
 /// Prints what a program with the bridge's own files says.

@@ -1,0 +1,242 @@
+//! What stands in an INI file is judged by one rule in `check`, in the bridge in user space and in the HAL files of both bridges.
+
+use std::{
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+use volcomp_linuxcnc::Ini;
+use volcomp_test_support::{peers, root};
+
+use crate::ini::{expected, mill};
+
+/// The HAL files of both bridges.
+const HAL_FILES: [&str; 2] = ["volcomp.tcl", "volcomp-servo.tcl"];
+
+/// Units that may stand in an INI file, and whether the bridges take them. LinuxCNC 2.9 (`EmcIniFile`, tried with the library of
+/// Debian 12) takes mm, metric, in, inch and imperial, deg, degree, grad, gon, rad and radian in any case, and numbers, whatever
+/// stands behind them; other words, and comments behind a word, stop it. It reads units in `[TRAJ]` alone.
+const UNITS: [(&str, &str, bool); 28] = [
+    ("LINEAR_UNITS", "mm", true),
+    ("LINEAR_UNITS", "MM", true),
+    ("LINEAR_UNITS", "metric", true),
+    ("LINEAR_UNITS", "Metric", true),
+    ("LINEAR_UNITS", "in", false),
+    ("LINEAR_UNITS", "inch", false),
+    ("LINEAR_UNITS", "INCH", false),
+    ("LINEAR_UNITS", "imperial", false),
+    ("LINEAR_UNITS", "cm", false),
+    ("LINEAR_UNITS", "m", false),
+    ("LINEAR_UNITS", "millimetre", false),
+    ("LINEAR_UNITS", "mm # of the frame", false),
+    ("LINEAR_UNITS", "1", false),
+    ("LINEAR_UNITS", "1.0 inch", false),
+    ("LINEAR_UNITS", "0.03937007874", false),
+    ("LINEAR_UNITS", "degree", false),
+    ("ANGULAR_UNITS", "degree", true),
+    ("ANGULAR_UNITS", "Degree", true),
+    ("ANGULAR_UNITS", "deg", true),
+    ("ANGULAR_UNITS", "DEG", true),
+    ("ANGULAR_UNITS", "degrees", false),
+    ("ANGULAR_UNITS", "grad", false),
+    ("ANGULAR_UNITS", "gon", false),
+    ("ANGULAR_UNITS", "rad", false),
+    ("ANGULAR_UNITS", "radian", false),
+    ("ANGULAR_UNITS", "1", false),
+    ("ANGULAR_UNITS", "deg ; of the table", false),
+    ("ANGULAR_UNITS", "mm", false),
+];
+
+/// Lines of the shipped file, what takes their place, and what all say of it.
+const REFUSED: [(&str, &str, &str); 14] = [
+    (
+        "LINEAR_UNITS = mm\n",
+        "",
+        "[TRAJ]LINEAR_UNITS is missing, expected mm or metric: the bridge counts in this unit",
+    ),
+    (
+        "ANGULAR_UNITS = degree\n",
+        "",
+        "[TRAJ]ANGULAR_UNITS is missing, expected degree or deg: the bridge counts in this unit",
+    ),
+    (
+        "JOINTS = 3\n",
+        "",
+        "[KINS]JOINTS is missing, expected the number of joints, 1 to 16",
+    ),
+    (
+        "JOINTS = 3",
+        "JOINTS = three",
+        "[KINS]JOINTS: found three, expected the number of joints, 1 to 16 and nothing behind it",
+    ),
+    (
+        "JOINTS = 3",
+        "JOINTS = 3 # X Y Z",
+        "[KINS]JOINTS: found 3 # X Y Z, expected the number of joints, 1 to 16",
+    ),
+    ("JOINTS = 3", "JOINTS = 2.5", "[KINS]JOINTS: found 2.5, "),
+    ("JOINTS = 3", "JOINTS = 0", "[KINS]JOINTS: found 0, "),
+    ("JOINTS = 3", "JOINTS = 17", "[KINS]JOINTS: found 17, "),
+    (
+        "SERVO_PERIOD = 1000000",
+        "SERVO_PERIOD = 1 ms",
+        "[EMCMOT]SERVO_PERIOD: found 1 ms",
+    ),
+    (
+        "SERVO_PERIOD = 1000000",
+        "SERVO_PERIOD = 0",
+        "[EMCMOT]SERVO_PERIOD: found 0",
+    ),
+    (
+        "LIMIT_UM = 30",
+        "LIMIT_UM = 30 # um",
+        "[VOLCOMP]LIMIT_UM: found 30 # um, expected a number and nothing behind it",
+    ),
+    // Of the languages that read it each takes one of these for a number.
+    (
+        "LIMIT_UM = 30",
+        "LIMIT_UM = 3_0",
+        "[VOLCOMP]LIMIT_UM: found 3_0, expected a number and nothing behind it",
+    ),
+    (
+        "LIMIT_UM = 30",
+        "LIMIT_UM = 0x1e",
+        "[VOLCOMP]LIMIT_UM: found 0x1e, expected a number and nothing behind it",
+    ),
+    (
+        "LIMIT_UM = 30",
+        "LIMIT_UM = nan",
+        "[VOLCOMP]LIMIT_UM: found nan, expected a number and nothing behind it",
+    ),
+];
+
+/// What only the bridges judge, or only the one in the servo thread and that in user space, but not `volcomp.tcl`, which
+/// needs it not.
+const NEEDED: [(&str, &str, &str); 4] = [
+    (
+        "MACHINE = 1\n",
+        "",
+        "[VOLCOMP]MACHINE is missing, expected a",
+    ),
+    (
+        "LIMIT_UM = 30\n",
+        "",
+        "[VOLCOMP]LIMIT_UM is missing, expected a number",
+    ),
+    (
+        "RATE_UM_PER_S = 2000\n",
+        "",
+        "[VOLCOMP]RATE_UM_PER_S is missing, expected a number",
+    ),
+    (
+        "AXES = XYZ\n",
+        "AXES = XYZ\nREADS = AX\n",
+        "[VOLCOMP]AXES and READS: found XYZ and AX, expected one or more axes, each once",
+    ),
+];
+
+fn bridge(file: &str) -> PathBuf {
+    root().join("drivers/linuxcnc/bridge").join(file)
+}
+
+/// What a program says of an INI file, and whether it takes it.
+fn said(command: &mut Command, ini: &str) -> (bool, String) {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("mill.ini");
+    std::fs::write(&file, ini).unwrap();
+    let output = command.arg(&file).output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    let names = said.contains(&file.display().to_string());
+    assert!(
+        output.status.success() || names && said.lines().count() == 1,
+        "one line that names the file: {said}"
+    );
+    (output.status.success(), said)
+}
+
+fn stand_in(file: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/it")
+        .join(file)
+}
+
+fn of_python(ini: &str) -> Option<(bool, String)> {
+    let mut command = Command::new(peers::python()?);
+    command.arg(stand_in("settings.py")).arg(bridge(""));
+    Some(said(&mut command, ini))
+}
+
+fn of_tcl(hal_file: &str, ini: &str) -> Option<(bool, String)> {
+    const TCL: &str = "/usr/bin/tclsh";
+    if !Path::new(TCL).exists() {
+        peers::not_run("tclsh of linuxcnc-uspace");
+        return None;
+    }
+    let mut command = Command::new(TCL);
+    command.arg(stand_in("stand_in.tcl")).arg(bridge(hal_file));
+    Some(said(&mut command, ini))
+}
+
+fn of_check(ini: &str) -> (bool, String) {
+    let problems = Ini::parse(ini).problems(&expected());
+    let said: Vec<String> = problems.iter().map(ToString::to_string).collect();
+    (said.is_empty(), said.join("\n"))
+}
+
+/// What all of them say, each with its name.
+fn of_all(ini: &str) -> Vec<(&'static str, bool, String)> {
+    let hal_files = HAL_FILES.map(|file| (file, of_tcl(file, ini)));
+    let others = [
+        ("check", Some(of_check(ini))),
+        ("volcomp_bridge.py", of_python(ini)),
+    ];
+    let told = others.into_iter().chain(hal_files);
+    told.filter_map(|(who, told)| told.map(|(takes, said)| (who, takes, said)))
+        .collect()
+}
+
+#[test]
+fn the_shipped_file_is_taken_by_all() {
+    for (who, takes, said) in of_all(&mill()) {
+        assert!(takes && said.is_empty(), "{who}: {said}");
+    }
+}
+
+#[test]
+fn units_are_judged_by_one_rule() {
+    for (key, found, takes) in UNITS {
+        let (from, words) = match key {
+            "LINEAR_UNITS" => ("LINEAR_UNITS = mm\n", "mm or metric"),
+            _ => ("ANGULAR_UNITS = degree\n", "degree or deg"),
+        };
+        let ini = mill();
+        assert!(ini.contains(from));
+        let told = of_all(&ini.replace(from, &format!("{key} = {found}\n")));
+        let says =
+            format!("[TRAJ]{key}: found {found}, expected {words}: the bridge counts in this unit");
+        for (who, does, said) in told {
+            assert_eq!(does, takes, "{who}: {key} = {found}: {said}");
+            assert!(takes || said.contains(&says), "{who}: {said}");
+        }
+    }
+}
+
+#[test]
+fn what_is_missing_or_wrong_is_told_by_all() {
+    for (from, to, says) in REFUSED {
+        let ini = mill();
+        assert!(ini.contains(from), "{from}");
+        for (who, takes, said) in of_all(&ini.replace(from, to)) {
+            assert!(!takes && said.contains(says), "{who}: {says}: {said}");
+        }
+    }
+    for (from, to, says) in NEEDED {
+        let ini = mill();
+        assert!(ini.contains(from), "{from}");
+        let ini = ini.replace(from, to);
+        let told = [of_python(&ini), of_tcl("volcomp-servo.tcl", &ini)];
+        for (takes, said) in told.into_iter().flatten() {
+            assert!(!takes && said.contains(says), "{says}: {said}");
+        }
+    }
+}
