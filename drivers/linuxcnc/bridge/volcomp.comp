@@ -23,7 +23,7 @@ pin out float probed_offset-#[9] "the offset at the last contact of a probe (G38
 pin out bit holds "nothing moves";
 pin out u32 owner "the gateway whose frames are taken";
 pin out u32 epoch "moves on at each start and time-out";
-pin out u32 refused "why the last frame was not taken";
+pin out u32 refused "why the last frame was not taken: the numbers of the protocol";
 pin out u32 taken "frames that were taken";
 function take fp "before motion-controller";
 function tell fp "after motion-controller";
@@ -53,20 +53,33 @@ static char *epoch_file = "";         RTAPI_MP_STRING(epoch_file, "file that kee
 static int port = 47001;              RTAPI_MP_INT(port, "UDP port");
 static int machine = 0;               RTAPI_MP_INT(machine, "number of the machine");
 static int joints = 3;                RTAPI_MP_INT(joints, "number of joints");
-#define MOST 9
-static int step[MOST];                RTAPI_MP_ARRAY_INT(step, 9, "size of a count, nm or millionths of a degree");
-static int limit[MOST];               RTAPI_MP_ARRAY_INT(limit, 9, "largest correction, counts");
-static int rate[MOST];                RTAPI_MP_ARRAY_INT(rate, 9, "largest movement in a step, counts");
+#define MOST_AXES 9
+#define MOST_JOINTS 16
+#define MOST_MACHINE 65534
+static int step[MOST_AXES];           RTAPI_MP_ARRAY_INT(step, 9, "size of a count, nm or millionths of a degree");
+static int limit[MOST_AXES];          RTAPI_MP_ARRAY_INT(limit, 9, "largest correction, counts");
+static int rate[MOST_AXES];           RTAPI_MP_ARRAY_INT(rate, 9, "largest movement in a step, counts");
 static int step_scans = 1;            RTAPI_MP_INT(step_scans, "cycles from step to step");
 static int hold_scans = 100;          RTAPI_MP_INT(hold_scans, "largest age of a frame, cycles");
 static int time_out_scans = 300;      RTAPI_MP_INT(time_out_scans, "cycles without a frame after which the correction goes to zero");
 
-#define SENDERS 4
+/* The barrier: words of 16 bits before those of the axes, and the largest value of one that has a sign. */
 #define FRAME_HEAD 4
 #define REPORT_HEAD 8
+#define MOST_COUNTS 32767
+/* Datagrams: bytes besides the words of a command, most words, and how many are read in a cycle. */
+#define COMMAND_BYTES 20
+#define MOST_WORDS 40
+#define DATAGRAM_BYTES 512
+#define DATAGRAMS_A_CYCLE 16
+enum { KIND_LISTEN, KIND_FRAME };
+/* Senders that hear states, and for how long without a word of theirs. */
+#define SENDERS 4
+#define LISTENS_NS 1000000000LL
+/* Cycles within which a change of the counts must be seen in LinuxCNC's request. */
 #define LANDS_WITHIN 5
+/* Cycles for which nothing moves after the machine was switched on. */
 #define SETTLES 20
-#define WORD 32767
 /* How long nothing moves after an offset was lost. */
 #define LOST_NS 1000000000LL
 /* How far an offset may be off besides what its value moved in the time of the way, and for how long: some counts, and what the
@@ -75,34 +88,54 @@ static int time_out_scans = 300;      RTAPI_MP_INT(time_out_scans, "cycles witho
 #define OFF_BY 10.0
 #define WAY_NS 250000000.0
 #define OFF_NS 500000000LL
-#define LISTENS_NS 1000000000LL
-enum { ESTOP = 1, ENABLED = 2, HOMED = 4, LIMITED = 8, PROBING = 16, LOST = 32 };
-enum { R_NONE, R_CHECKSUM, R_EPOCH, R_TICK, R_OWNER, R_SEQUENCE, R_VALUE };
+/* Parts of a unit (mm or degree) in the unit of steps and offsets. */
+#define NANO 1e6
+/* motion.motion-type while LinuxCNC probes. */
+#define MOTION_IS_PROBING 5
+/* Flags and refusals by the numbers of the protocol: its tables in drivers/linuxcnc/README.md. */
+enum { EMERGENCY_STOP = 1, ENABLED = 2, HOMED = 4, LIMITED = 8, PROBING = 16, LOST = 32 };
+enum { REFUSED_NONE, REFUSED_CHECKSUM, REFUSED_EPOCH, REFUSED_TICK, REFUSED_OWNER, REFUSED_SEQUENCE, REFUSED_VALUE };
 
-/* The barrier: whole counts, 16-bit words, time in scans. */
+/* Pins are macros of their names, so nothing else here can be called owner, epoch, counts, request, holds and so on. Functions
+   that use pins are given those of the component. */
+#define PINS struct __comp_state *__comp_inst
+
+/* The barrier: whole counts, words of 16 bits, time in scans. */
 static struct {
-    uint16_t age, tick, holder, sequence, refusal, waited, silent;
-    int found_any[SENDERS]; uint16_t found[SENDERS][2];
-    int applied[MOST], from[MOST], goal[MOST];
-    unsigned steps, done;
-} b;
-static int n, n_all, began;
+    uint16_t epoch_now, tick, owner_now, sequence, refusal, scans_since_step, scans_without_frame;
+    /* Tick and sequence of the last frame that was judged, of each sender: the same one again is not judged twice. */
+    int has_judged[SENDERS]; uint16_t judged[SENDERS][2];
+    /* The line on which all axes move: from where, to where, in how many steps, and how many are done. */
+    int applied[MOST_AXES], line_from[MOST_AXES], line_to[MOST_AXES];
+    unsigned line_steps, steps_done;
+} barrier;
+static int axis_count, told_count, has_begun;
 static uint32_t layout;
 
-static struct sender { struct sockaddr_in at; long long heard; int is_there, has_frame, words; uint16_t frame[40]; } senders[SENDERS];
-static int fd = -1;
-static uint32_t run, sequence, crc_table[256];
-static int written[LANDS_WITHIN][MOST], writes, strange, settle, was_on, was_probing, touched, flags, beyond;
-static long long lost_ns, off_ns;
-static double base[MOST], position[MOST], moved[MOST];
+static struct sender { struct sockaddr_in address; long long heard_ns; int is_there, has_frame, word_count; uint16_t frame[MOST_WORDS]; } senders[SENDERS];
+static int udp = -1;
+static uint32_t run_number, states_sent, crc_table[256];
 
-/* The epoch that counts, and the one that is in the file. A start goes on further than by one, and no frame is taken while the
-   file is further behind than that: otherwise an old frame could pass after the next start. */
+/* What was applied in the last cycles: LinuxCNC's request may be any of these, since the last ones are still on their way. */
+static int sent[LANDS_WITHIN][MOST_AXES], sent_count;
+/* Cycles in which the request was none of them. */
+static int cycles_unknown;
+static int settle_cycles_left, was_on, was_probing, was_touching, flags, is_beyond_words;
+static long long lost_left_ns, off_for_ns;
+/* LinuxCNC's counts at which those of the barrier are zero; positions of the cycle before; what moved in the time of the way. */
+static double counts_at_zero[MOST_AXES], last_position[MOST_AXES], moved_lately[MOST_AXES];
+
+/* The epoch that counts, which the servo thread writes, and the one that is in the file, which the keeper writes, a thread of its
+   own: files have no place in the servo thread. A start goes on further than by one, and no frame is taken while the file is
+   further behind than that: otherwise an old frame could pass after the next start. Each is one word without a lock: written
+   (released) after what it stands for, read (acquired) before what depends on it, so that a frame is judged only behind a file that is on the disk. */
 #define EPOCHS_AHEAD 16
-static volatile int kept_epoch, stored_epoch, stop;
-static int was_behind;
+static int kept_epoch, stored_epoch, keeper_ends;
+static int was_behind, has_keeper;
 static pthread_t keeper;
-static int has_keeper;
+
+static int seen(const int *word) { return __atomic_load_n(word, __ATOMIC_ACQUIRE); }
+static void show(int *word, int value) { __atomic_store_n(word, value, __ATOMIC_RELEASE); }
 
 static uint32_t crc32_of(const uint8_t *bytes, int length) {
     uint32_t c = 0xffffffffu;
@@ -127,35 +160,57 @@ static int store(int number) {
     return bad ? -1 : rename(beside, epoch_file);
 }
 
-/* Keeps the epoch on a thread of its own: files have no place in the servo thread. */
+/* Writes the epoch into its file whenever it has moved on. */
 static void *keep(void *unused) {
-    while (!stop) {
-        int now = kept_epoch;
-        if (now != stored_epoch && store(now) == 0) stored_epoch = now;
+    while (!seen(&keeper_ends)) {
+        int now = seen(&kept_epoch);
+        if (now != seen(&stored_epoch) && store(now) == 0) show(&stored_epoch, now);
         usleep(2000);
     }
-    if (kept_epoch != stored_epoch) store(kept_epoch);
+    int last = seen(&kept_epoch);
+    if (last != seen(&stored_epoch)) store(last);
     return unused;
+}
+
+/* Whether a setting is in its range; told where it is not. The names are those of the component's settings, and of the INI file. */
+static int is_within(const char *name, const char *of_axis, long found, const char *unit, long least, long most) {
+    if (found >= least && found <= most) return 1;
+    rtapi_print_msg(RTAPI_MSG_ERR, "volcomp: %s%s: found %ld%s, expected %ld to %ld\n", name, of_axis, found, unit, least, most);
+    return 0;
 }
 
 /* As `Settings` of the bridge in user space has it. What is published are words of 16 bits, and has to be what counts. */
 static int settings_fit(void) {
-    for (int i = 0; i < n; i++) {
-        const int found[] = {step[i], limit[i], rate[i]}, most[] = {1000000, WORD, WORD};
-        static const char *const names[] = {"a count of", "a limit of", "a rate of"}, *const units[] = {"nm or 1e-6 deg", "counts", "counts in a step"};
-        for (int k = 0; k < 3; k++)
-            if (found[k] < 1 || found[k] > most[k]) {
-                rtapi_print_msg(RTAPI_MSG_ERR, "volcomp: axis %c: found %s %d %s, expected 1 to %d\n", axes[i], names[k], found[k], units[k], most[k]);
-                return 0;
-            }
+    for (int i = 0; i < axis_count; i++) {
+        char of_axis[] = " of axis X";
+        of_axis[sizeof of_axis - 2] = axes[i];
+        if (!is_within("step (STEP_NM, STEP_UDEG)", of_axis, step[i], " nm or 1e-6 deg", 1, 1000000)) return 0;
+        if (!is_within("limit (LIMIT_UM, LIMIT_MDEG)", of_axis, limit[i], " counts", 1, MOST_COUNTS)) return 0;
+        if (!is_within("rate (RATE_UM_PER_S, RATE_MDEG_PER_S)", of_axis, rate[i], " counts in a step", 1, MOST_COUNTS)) return 0;
     }
-    if (step_scans < 1 || step_scans > WORD) {
-        rtapi_print_msg(RTAPI_MSG_ERR, "volcomp: found %d cycles from step to step, expected 1 to %d: RATE_UM_PER_S or RATE_MDEG_PER_S is too small for the size of a count\n", step_scans, WORD);
-        return 0;
-    }
-    if (hold_scans < 1 || hold_scans > WORD || time_out_scans < 2 * hold_scans || time_out_scans > WORD) {
-        rtapi_print_msg(RTAPI_MSG_ERR, "volcomp: found a time-out of %d cycles (TIME_OUT_MS), expected at least twice the age of a frame (HOLD_MS), which is %d cycles, and less than 32768\n", time_out_scans, hold_scans);
-        return 0;
+    /* So many cycles are needed where the rate is too small for the size of a count. */
+    return is_within("step_scans (RATE_UM_PER_S, RATE_MDEG_PER_S)", "", step_scans, " cycles from count to count", 1, MOST_COUNTS)
+        && is_within("hold_scans (HOLD_MS)", "", hold_scans, " cycles", 1, MOST_COUNTS / 2)
+        && is_within("time_out_scans (TIME_OUT_MS)", "", time_out_scans, " cycles", 2 * hold_scans, MOST_COUNTS);
+}
+
+/* The axes, each once and known, by their letters; counts them, and numbers their layout. */
+static int axes_fit(void) {
+    static const char letters[] = "XYZABCUVW";
+    axis_count = strlen(axes); told_count = axis_count + strlen(reads);
+    if (!is_within("axes (AXES)", "", axis_count, " axes", 1, MOST_AXES)) return 0;
+    if (!is_within("reads (READS)", "", told_count - axis_count, " axes", 0, MOST_AXES - axis_count)) return 0;
+    layout = 0;
+    for (int i = 0; i < told_count; i++) {
+        char letter = i < axis_count ? axes[i] : reads[i - axis_count];
+        const char *found = strchr(letters, letter);
+        int times = 0;
+        for (int k = 0; k < told_count; k++) times += letter == (k < axis_count ? axes[k] : reads[k - axis_count]);
+        if (!found || times != 1) {
+            rtapi_print_msg(RTAPI_MSG_ERR, "volcomp: axes (AXES) and reads (READS): found %s and %s, expected letters of %s, each once\n", axes, reads, letters);
+            return 0;
+        }
+        if (i < axis_count) layout = 10 * layout + (uint32_t)(found - letters) + 1;
     }
     return 1;
 }
@@ -177,55 +232,68 @@ static int kept_before(void) {
     return -1;
 }
 
-EXTRA_SETUP() {
-    static const char letters[] = "XYZABCUVW";
-    struct sockaddr_in at;
-    (void)__comp_inst; (void)prefix; (void)extra_arg;
+static void fill_crc_table(void) {
     for (uint32_t i = 0; i < 256; i++) {
         uint32_t c = i;
         for (int k = 0; k < 8; k++) c = c & 1 ? 0xedb88320u ^ (c >> 1) : c >> 1;
         crc_table[i] = c;
     }
-    n = strlen(axes); n_all = n + strlen(reads);
-    if (n < 1 || n_all > MOST || joints < 1 || joints > 16 || machine < 0 || machine > 65534 || !*epoch_file) {
-        rtapi_print_msg(RTAPI_MSG_ERR, "volcomp: found axes=%s reads=%s joints=%d machine=%d epoch_file=%s, expected 1 to 9 axes, 1 to 16 joints, a machine from 0 to 65534 and a file\n", axes, reads, joints, machine, epoch_file);
-        return -EINVAL;
-    }
-    for (int i = 0; i < n; i++) {
-        const char *found = strchr(letters, axes[i]);
-        if (!found || strchr(axes, axes[i]) != axes + i) {
-            rtapi_print_msg(RTAPI_MSG_ERR, "volcomp: found axes=%s, expected letters of axes, each once\n", axes);
-            return -EINVAL;
-        }
-        layout = 10 * layout + (uint32_t)(found - letters) + 1;
-    }
-    if (!settings_fit()) return -EINVAL;
-    int old = kept_before();
-    if (old < 0) return -EINVAL;
-    /* Further than one: of a run that ended between a time-out and its writing down. */
-    kept_epoch = (old + EPOCHS_AHEAD) & 0xffff;
-    if (store(kept_epoch)) {
-        rtapi_print_msg(RTAPI_MSG_ERR, "volcomp: %s cannot be written: %s\n", epoch_file, strerror(errno));
+}
+
+/* Goes on from the epoch that was kept, further than by one: a run may have ended between a time-out and its writing down. */
+static int begin_epoch(void) {
+    int before = kept_before();
+    if (before < 0) return -EINVAL;
+    int now = (before + EPOCHS_AHEAD) & 0xffff;
+    if (store(now)) {
+        rtapi_print_msg(RTAPI_MSG_ERR, "volcomp: epoch_file (EPOCH_FILE): %s cannot be written: %s\n", epoch_file, strerror(errno));
         return -EIO;
     }
-    stored_epoch = kept_epoch;
-    memset(&at, 0, sizeof at);
-    at.sin_family = AF_INET; at.sin_port = htons(port); at.sin_addr.s_addr = inet_addr(listen_on);
-    fd = socket(AF_INET, SOCK_DGRAM, 0);
-    if (fd < 0 || bind(fd, (struct sockaddr *)&at, sizeof at) || fcntl(fd, F_SETFL, O_NONBLOCK)) {
-        rtapi_print_msg(RTAPI_MSG_ERR, "volcomp: UDP port %s:%d: %s\n", listen_on, port, strerror(errno));
-        return -errno;
+    show(&kept_epoch, now); show(&stored_epoch, now);
+    return 0;
+}
+
+static int open_socket(void) {
+    struct sockaddr_in address;
+    memset(&address, 0, sizeof address);
+    address.sin_family = AF_INET; address.sin_port = htons(port);
+    if (!inet_aton(listen_on, &address.sin_addr)) {
+        rtapi_print_msg(RTAPI_MSG_ERR, "volcomp: listen_on (LISTEN): found %s, expected an IPv4 address such as 127.0.0.1\n", listen_on);
+        return -EINVAL;
     }
+    udp = socket(AF_INET, SOCK_DGRAM, 0);
+    if (udp < 0 || bind(udp, (struct sockaddr *)&address, sizeof address) || fcntl(udp, F_SETFL, O_NONBLOCK)) {
+        int why = errno;
+        rtapi_print_msg(RTAPI_MSG_ERR, "volcomp: UDP port %s:%d: %s\n", listen_on, port, strerror(why));
+        return -why;
+    }
+    return 0;
+}
+
+EXTRA_SETUP() {
+    (void)__comp_inst; (void)prefix; (void)extra_arg;
+    fill_crc_table();
+    if (!axes_fit() || !is_within("joints ([KINS]JOINTS)", "", joints, "", 1, MOST_JOINTS)
+        || !is_within("machine (MACHINE)", "", machine, "", 0, MOST_MACHINE)
+        || !is_within("port (PORT)", "", port, "", 0, 65535)) return -EINVAL;
+    if (!*epoch_file) {
+        rtapi_print_msg(RTAPI_MSG_ERR, "volcomp: epoch_file (EPOCH_FILE): found none, expected a file that keeps the epoch\n");
+        return -EINVAL;
+    }
+    if (!settings_fit()) return -EINVAL;
+    int failed = begin_epoch();
+    if (!failed) failed = open_socket();
+    if (failed) return failed;
     struct timespec now; clock_gettime(CLOCK_REALTIME, &now);
-    run = (uint32_t)now.tv_nsec ^ (uint32_t)now.tv_sec * 2654435761u;
+    run_number = (uint32_t)now.tv_nsec ^ (uint32_t)now.tv_sec * 2654435761u;
     has_keeper = pthread_create(&keeper, NULL, keep, NULL) == 0;
     return has_keeper ? 0 : -EAGAIN;
 }
 
 EXTRA_CLEANUP() {
-    stop = 1;
+    show(&keeper_ends, 1);
     if (has_keeper) pthread_join(keeper, NULL);
-    if (fd >= 0) close(fd);
+    if (udp >= 0) close(udp);
 }
 
 static long long now_ns(void) {
@@ -233,218 +301,281 @@ static long long now_ns(void) {
     return now.tv_sec * 1000000000LL + now.tv_nsec;
 }
 
+/* The axes stand here, and there is no line. */
 static void stand(const int *at) {
-    memcpy(b.applied, at, sizeof b.applied); memcpy(b.from, at, sizeof b.from); memcpy(b.goal, at, sizeof b.goal);
-    b.steps = b.done = 0;
+    memcpy(barrier.applied, at, sizeof barrier.applied);
+    memcpy(barrier.line_from, at, sizeof barrier.line_from);
+    memcpy(barrier.line_to, at, sizeof barrier.line_to);
+    barrier.line_steps = barrier.steps_done = 0;
 }
 
-static void next_epoch(void) { b.age++; kept_epoch = b.age; }
+static void next_epoch(void) { barrier.epoch_now++; show(&kept_epoch, barrier.epoch_now); }
 
+/* Begins a line to other values; a line to the same values goes on. */
 static void aim(const int *goal) {
-    if (!memcmp(goal, b.goal, n * sizeof *goal)) return;
-    memcpy(b.from, b.applied, sizeof b.from); memcpy(b.goal, goal, sizeof b.goal);
-    b.done = b.steps = 0;
-    for (int i = 0; i < n; i++) {
-        unsigned steps = ((unsigned)abs(goal[i] - b.applied[i]) + rate[i] - 1) / rate[i];
-        if (steps > b.steps) b.steps = steps;
+    if (!memcmp(goal, barrier.line_to, axis_count * sizeof *goal)) return;
+    memcpy(barrier.line_from, barrier.applied, sizeof barrier.line_from);
+    memcpy(barrier.line_to, goal, sizeof barrier.line_to);
+    barrier.steps_done = barrier.line_steps = 0;
+    for (int i = 0; i < axis_count; i++) {
+        unsigned steps = ((unsigned)abs(goal[i] - barrier.applied[i]) + rate[i] - 1) / rate[i];
+        if (steps > barrier.line_steps) barrier.line_steps = steps;
     }
 }
 
 static void move_on(void) {
-    if (b.done >= b.steps) return;
-    b.done++;
-    for (int i = 0; i < n; i++) {
-        long long way = llabs((long long)b.goal[i] - b.from[i]);
-        int moved = (int)((way * b.done + b.steps / 2) / b.steps);
-        b.applied[i] = b.from[i] + (b.goal[i] >= b.from[i] ? moved : -moved);
+    if (barrier.steps_done >= barrier.line_steps) return;
+    barrier.steps_done++;
+    for (int i = 0; i < axis_count; i++) {
+        long long way = llabs((long long)barrier.line_to[i] - barrier.line_from[i]);
+        int gone = (int)((way * barrier.steps_done + barrier.line_steps / 2) / barrier.line_steps);
+        barrier.applied[i] = barrier.line_from[i] + (barrier.line_to[i] >= barrier.line_from[i] ? gone : -gone);
     }
 }
 
-/* Whether the frame is taken: 1, judged before: 0, refused: minus the reason. */
-static int judge(int mailbox, const uint16_t *words, int count, int *goal) {
-    uint16_t check[2];
-    int body = FRAME_HEAD + n;
-    if (count < body + 2) return -R_CHECKSUM;
+/* Whether a frame (epoch, tick, sequence, owner, values, checksum) is taken: 1, judged before: 0, refused: minus the reason. */
+static int judge(int mailbox, const uint16_t *words, int word_count, int *goal) {
+    uint16_t check[2], frame_epoch = words[0], frame_tick = words[1], frame_sequence = words[2], frame_owner = words[3];
+    int body = FRAME_HEAD + axis_count;
+    if (word_count < body + 2) return -REFUSED_CHECKSUM;
     checksum(words, body, check);
-    if (check[0] != words[body] || check[1] != words[body + 1]) return -R_CHECKSUM;
-    int again = b.found_any[mailbox] && b.found[mailbox][0] == words[1] && b.found[mailbox][1] == words[2];
-    b.found_any[mailbox] = 1; b.found[mailbox][0] = words[1]; b.found[mailbox][1] = words[2];
+    if (check[0] != words[body] || check[1] != words[body + 1]) return -REFUSED_CHECKSUM;
+    uint16_t *judged = barrier.judged[mailbox];
+    int again = barrier.has_judged[mailbox] && judged[0] == frame_tick && judged[1] == frame_sequence;
+    barrier.has_judged[mailbox] = 1; judged[0] = frame_tick; judged[1] = frame_sequence;
     if (again) return 0;
-    if (words[0] != b.age) return -R_EPOCH;
-    if (!words[3] || (b.holder && words[3] != b.holder)) return -R_OWNER;
-    if (b.holder && words[2] == b.sequence) return 0;
-    if ((uint16_t)(b.tick - words[1]) > hold_scans) return -R_TICK;
-    if (b.holder && (uint16_t)(words[2] - b.sequence) >= 32768) return -R_SEQUENCE;
-    for (int i = 0; i < n; i++) {
+    if (frame_epoch != barrier.epoch_now) return -REFUSED_EPOCH;
+    if (!frame_owner || (barrier.owner_now && frame_owner != barrier.owner_now)) return -REFUSED_OWNER;
+    if (barrier.owner_now && frame_sequence == barrier.sequence) return 0;
+    if ((uint16_t)(barrier.tick - frame_tick) > hold_scans) return -REFUSED_TICK;
+    if (barrier.owner_now && (uint16_t)(frame_sequence - barrier.sequence) >= 32768) return -REFUSED_SEQUENCE;
+    for (int i = 0; i < axis_count; i++) {
         goal[i] = (int16_t)words[FRAME_HEAD + i];
-        if (abs(goal[i]) > limit[i]) return -R_VALUE;
+        if (abs(goal[i]) > limit[i]) return -REFUSED_VALUE;
     }
-    b.holder = words[3]; b.sequence = words[2]; b.refusal = R_NONE;
+    barrier.owner_now = frame_owner; barrier.sequence = frame_sequence; barrier.refusal = REFUSED_NONE;
     return 1;
 }
 
 static uint16_t le16(const uint8_t *p) { return p[0] | p[1] << 8; }
 static uint32_t le32(const uint8_t *p) { return le16(p) | (uint32_t)le16(p + 2) << 16; }
 
+/* The place of a sender, a new one where there is room: otherwise none. */
+static struct sender *place_of(const struct sockaddr_in *from) {
+    struct sender *vacant = NULL;
+    for (int i = 0; i < SENDERS; i++) {
+        struct sender *known = &senders[i];
+        if (!known->is_there) { if (!vacant) vacant = known; continue; }
+        if (known->address.sin_port == from->sin_port && known->address.sin_addr.s_addr == from->sin_addr.s_addr) return known;
+    }
+    if (vacant) memset(vacant, 0, sizeof *vacant);
+    return vacant;
+}
+
 /* Datagrams that came: who listens, and the last frame of each since the last scan. */
 static void receive(void) {
-    uint8_t bytes[512];
+    uint8_t bytes[DATAGRAM_BYTES];
     long long now = now_ns();
-    for (int taken_now = 0; taken_now < 16; taken_now++) {
+    for (int heard = 0; heard < DATAGRAMS_A_CYCLE; heard++) {
         struct sockaddr_in from; socklen_t size = sizeof from;
-        int length = recvfrom(fd, bytes, sizeof bytes, 0, (struct sockaddr *)&from, &size);
+        int length = recvfrom(udp, bytes, sizeof bytes, 0, (struct sockaddr *)&from, &size);
         if (length < 0) break;
-        if (length < 20 || memcmp(bytes, "VCLF\1", 5) || le32(bytes + length - 4) != crc32_of(bytes, length - 4)) continue;
+        if (length < COMMAND_BYTES || memcmp(bytes, "VCLF\1", 5) || le32(bytes + length - 4) != crc32_of(bytes, length - 4)) continue;
         int kind = le16(bytes + 12), words = le16(bytes + 14);
-        if (words > 40 || length != 20 + 2 * words || kind > 1 || (kind == 0 && words)) continue;
-        if (kind == 1 && le16(bytes + 6) != machine) continue;
-        struct sender *place = NULL;
-        for (int i = 0; i < SENDERS; i++)
-            if (senders[i].is_there && senders[i].at.sin_port == from.sin_port && senders[i].at.sin_addr.s_addr == from.sin_addr.s_addr) place = &senders[i];
-        for (int i = 0; i < SENDERS && !place; i++)
-            if (!senders[i].is_there) { place = &senders[i]; memset(place, 0, sizeof *place); }
+        if (words > MOST_WORDS || length != COMMAND_BYTES + 2 * words || kind > KIND_FRAME || (kind == KIND_LISTEN && words)) continue;
+        if (kind == KIND_FRAME && le16(bytes + 6) != machine) continue;
+        struct sender *place = place_of(&from);
         if (!place) continue;
-        place->at = from; place->heard = now; place->is_there = 1;
-        if (kind == 1) {
-            place->has_frame = 1; place->words = words;
+        place->address = from; place->heard_ns = now; place->is_there = 1;
+        if (kind == KIND_FRAME) {
+            place->has_frame = 1; place->word_count = words;
             for (int i = 0; i < words; i++) place->frame[i] = le16(bytes + 16 + 2 * i);
         }
     }
     for (int i = 0; i < SENDERS; i++)
-        if (senders[i].is_there && now - senders[i].heard > LISTENS_NS) senders[i].is_there = 0;
+        if (senders[i].is_there && now - senders[i].heard_ns > LISTENS_NS) senders[i].is_there = 0;
+}
+
+/* The barrier begins at what LinuxCNC is asked for, and asks for nothing else: only changes of the counts move an axis. */
+static void begin_at(PINS, const int *asked) {
+    stand(asked);
+    for (int i = 0; i < axis_count; i++) counts_at_zero[i] = counts(i) - (double)asked[i] * step[i];
+    memcpy(sent[0], asked, sizeof sent[0]); sent_count = 1;
+}
+
+/* What the control is doing, and whether it is on: its flags for the state. */
+static int look_at_control(PINS) {
+    int all_homed = 1;
+    for (int i = 0; i < joints; i++) all_homed &= homed(i);
+    flags = (estop_ok && user_ok ? 0 : EMERGENCY_STOP) | (enabled ? ENABLED : 0) | (all_homed ? HOMED : 0)
+        | (limited ? LIMITED : 0) | (motion_type == MOTION_IS_PROBING ? PROBING : 0);
+    int is_on = enabled && all_homed;
+    if (!is_on || !was_on) settle_cycles_left = SETTLES;
+    else if (settle_cycles_left > 0) settle_cycles_left--;
+    was_on = is_on;
+    return is_on;
+}
+
+/* LinuxCNC's request tells whether the counts are what it goes by: it swallows, clears and takes over offsets. Where it is none of
+   what was sent for some cycles, the barrier begins anew from it. */
+static void watch_request(PINS, const int *asked, int is_on) {
+    size_t size = axis_count * sizeof *asked;
+    int is_known = !memcmp(asked, barrier.applied, size);
+    for (int k = 0; k < sent_count; k++) is_known |= !memcmp(asked, sent[k], size);
+    cycles_unknown = is_known ? 0 : cycles_unknown + 1;
+    if (cycles_unknown <= LANDS_WITHIN || !is_on) return;
+    for (int i = 0; i < axis_count; i++) absorbed(i) += (barrier.applied[i] - asked[i]) * (double)step[i] / NANO;
+    rtapi_print_msg(RTAPI_MSG_ERR, "volcomp bridge: the control has lost an offset, or taken it into its position; nothing moves for a second, then the correction is ramped in anew\n");
+    next_epoch();
+    barrier.owner_now = barrier.sequence = barrier.scans_without_frame = barrier.scans_since_step = 0;
+    barrier.refusal = REFUSED_NONE;
+    begin_at(__comp_inst, asked);
+    cycles_unknown = 0; lost_left_ns = LOST_NS;
 }
 
 /* Whether an axis has for long not had what is told of it: farther off than what moved on the way explains. */
-static int is_off(int is_far, long period) {
-    off_ns = is_far ? off_ns + (off_ns < OFF_NS ? period : 0) : 0;
-    return off_ns >= OFF_NS;
+static int is_off(PINS, int is_on, long period) {
+    int is_far = 0;
+    for (int i = 0; i < axis_count; i++) {
+        double off = fabs(eoffset(i) * NANO - (double)barrier.applied[i] * step[i]);
+        /* What is no number is far. */
+        is_far |= !(off <= OFF_BY + OFF_BY_COUNTS * (double)step[i] + moved_lately[i]);
+    }
+    off_for_ns = is_on && is_far ? off_for_ns + (off_for_ns < OFF_NS ? period : 0) : 0;
+    return off_for_ns >= OFF_NS;
 }
 
-FUNCTION(take) {
-    int whole[MOST] = {0}, goal[MOST] = {0}, taken_goal[MOST] = {0};
-    int has_goal = 0, all_homed = 1, same = 0;
-    for (int i = 0; i < n; i++) whole[i] = (int)lround(request(i) * 1e6 / step[i]);
-    if (!began) {
-        b.age = kept_epoch;
-        stand(whole);
-        for (int i = 0; i < n; i++) base[i] = counts(i) - (double)whole[i] * step[i];
-        memcpy(written[0], whole, sizeof whole); writes = 1;
-        began = 1;
-    }
-    for (int i = 0; i < joints; i++) all_homed &= homed(i);
-    flags = (estop_ok && user_ok ? 0 : ESTOP) | (enabled ? ENABLED : 0) | (all_homed ? HOMED : 0)
-        | (limited ? LIMITED : 0) | (motion_type == 5 ? PROBING : 0);
-    int is_on = enabled && all_homed;
-    settle = is_on && was_on ? (settle > 0 ? settle - 1 : 0) : SETTLES;
-    was_on = is_on;
-    lost_ns = lost_ns > period ? lost_ns - period : 0;
-
-    /* The control's request tells whether the counts are what it goes by: it swallows, clears and takes over offsets. */
-    for (int k = 0; k < writes; k++) same |= !memcmp(whole, written[k], n * sizeof *whole);
-    same |= !memcmp(whole, b.applied, n * sizeof *whole);
-    strange = same ? 0 : strange + 1;
-    if (strange > LANDS_WITHIN && is_on) {
-        for (int i = 0; i < n; i++) {
-            absorbed(i) += (b.applied[i] - whole[i]) * (double)step[i] * 1e-6;
-            base[i] = counts(i) - (double)whole[i] * step[i];
-        }
-        rtapi_print_msg(RTAPI_MSG_ERR, "volcomp bridge: the control has lost an offset, or taken it into its position; nothing moves for a second, then the correction is ramped in anew\n");
-        next_epoch();
-        b.holder = b.sequence = b.silent = b.waited = 0; b.refusal = R_NONE;
-        stand(whole);
-        memcpy(written[0], whole, sizeof whole); writes = 1;
-        strange = 0; lost_ns = LOST_NS;
-    }
-    /* Offsets are moved in these modes alone: elsewhere they stand, and jump when one of these comes back. */
+/* Whether all axes stand still in this cycle; adds what is lost to the flags. */
+static int must_hold(PINS, int is_on, long period) {
+    /* LinuxCNC moves offsets in these modes alone: elsewhere they stand, and jump when one of these comes back. */
     int stands = is_on && !coord_mode && !teleop_mode;
-    int is_far = 0;
-    for (int i = 0; i < n; i++) is_far |= !(fabs(eoffset(i) * 1e6 - (double)b.applied[i] * step[i]) <= OFF_BY + OFF_BY_COUNTS * (double)step[i] + moved[i]);
-    if (is_off(is_on && is_far, period) || lost_ns || stands) flags |= LOST;
-    holds = (flags & (ESTOP | LIMITED | LOST)) || !is_on || settle > 0 || strange > 0;
+    int waits = (flags & (EMERGENCY_STOP | LIMITED)) || !is_on || stands || settle_cycles_left > 0 || cycles_unknown > 0;
+    if (is_off(__comp_inst, is_on, period) || lost_left_ns || stands) flags |= LOST;
     /* What no word can tell is not told, and goes towards zero: that is the one movement while an offset counts as lost. */
-    beyond = 0;
-    for (int i = 0; i < n; i++) beyond |= b.applied[i] != (int16_t)b.applied[i];
-    if (beyond) {
-        holds = (flags & (ESTOP | LIMITED)) || !is_on || stands || settle > 0 || strange > 0;
-        flags |= LOST;
-    }
-    /* G38.2 and G38.3 wait for a contact, G38.4 and G38.5 for its loss: the first change is what the control notes. */
-    int is_probing = motion_type == 5;
-    if (is_probing && was_probing && !!probe_input != touched)
-        for (int i = 0; i < n; i++) probed_offset(i) = eoffset(i);
-    was_probing = is_probing; touched = !!probe_input;
+    is_beyond_words = 0;
+    for (int i = 0; i < axis_count; i++) is_beyond_words |= barrier.applied[i] != (int16_t)barrier.applied[i];
+    int is_lost = flags & LOST;
+    if (is_beyond_words) flags |= LOST;
+    return waits || (is_lost && !is_beyond_words);
+}
 
-    receive();
-    b.tick++;
-    int is_behind = (uint16_t)(b.age - stored_epoch) >= EPOCHS_AHEAD;
+/* The offset at the contact of a probe: G38.2 and G38.3 wait for a contact, G38.4 and G38.5 for its loss, and the first change is
+   what the control notes. */
+static void note_contact(PINS) {
+    int is_probing = motion_type == MOTION_IS_PROBING, is_touching = !!probe_input;
+    if (is_probing && was_probing && is_touching != was_touching)
+        for (int i = 0; i < axis_count; i++) probed_offset(i) = eoffset(i);
+    was_probing = is_probing; was_touching = is_touching;
+}
+
+/* Judges the frames that came. Whether one was taken, whose values are the goal then. */
+static int judge_frames(PINS, int *goal) {
+    int has_goal = 0, found[MOST_AXES] = {0};
+    int is_behind = (uint16_t)(barrier.epoch_now - seen(&stored_epoch)) >= EPOCHS_AHEAD;
     if (is_behind && !was_behind)
         rtapi_print_msg(RTAPI_MSG_ERR, "volcomp bridge: %s: the epoch in it is %d or more behind, and cannot be written; frames are refused until it is\n", epoch_file, EPOCHS_AHEAD);
     was_behind = is_behind;
     for (int i = 0; i < SENDERS; i++) {
         if (!senders[i].has_frame) continue;
         senders[i].has_frame = 0;
-        if (is_behind) { b.refusal = R_EPOCH; continue; }
-        int judged = judge(i, senders[i].frame, senders[i].words, goal);
-        if (judged == 1) { has_goal = 1; taken++; memcpy(taken_goal, goal, sizeof goal); }
-        else if (judged < 0) b.refusal = -judged;
+        if (is_behind) { barrier.refusal = REFUSED_EPOCH; continue; }
+        int judged = judge(i, senders[i].frame, senders[i].word_count, found);
+        if (judged == 1) { has_goal = 1; taken++; memcpy(goal, found, sizeof found); }
+        else if (judged < 0) barrier.refusal = -judged;
     }
-    if (has_goal) b.silent = 0;
-    else if (b.silent < time_out_scans && ++b.silent == time_out_scans) {
-        next_epoch(); b.holder = 0; has_goal = 1; memset(taken_goal, 0, sizeof taken_goal);
+    return has_goal;
+}
+
+/* One scan of the barrier: frames, the time-out without one, and a step on the line where the axes may move. */
+static void scan_barrier(PINS, int is_held) {
+    int goal[MOST_AXES] = {0};
+    barrier.tick++;
+    int has_goal = judge_frames(__comp_inst, goal);
+    if (has_goal) barrier.scans_without_frame = 0;
+    else if (barrier.scans_without_frame < time_out_scans && ++barrier.scans_without_frame == time_out_scans) {
+        next_epoch(); barrier.owner_now = 0; has_goal = 1;
     }
-    if (beyond) { has_goal = 1; memset(taken_goal, 0, sizeof taken_goal); }
-    if (has_goal) aim(taken_goal);
-    int before[MOST];
-    memcpy(before, b.applied, sizeof before);
-    if (!holds) {
-        if (b.waited < 65535) b.waited++;
-        if (b.waited >= step_scans) { b.waited = 0; move_on(); }
+    if (is_beyond_words) { has_goal = 1; memset(goal, 0, sizeof goal); }
+    if (has_goal) aim(goal);
+    if (is_held) return;
+    if (barrier.scans_since_step < 65535) barrier.scans_since_step++;
+    if (barrier.scans_since_step >= step_scans) { barrier.scans_since_step = 0; move_on(); }
+}
+
+/* What is applied goes to LinuxCNC, and is remembered for as long as it may be on its way. */
+static void write_counts(PINS, const int *before, long period) {
+    double forgotten = period < WAY_NS ? period / WAY_NS : 1.0;
+    for (int i = 0; i < axis_count; i++) {
+        moved_lately[i] += fabs((double)barrier.applied[i] - before[i]) * step[i] - moved_lately[i] * forgotten;
+        counts(i) = (int)lround(counts_at_zero[i] + (double)barrier.applied[i] * step[i]);
     }
-    for (int i = 0; i < n; i++) {
-        moved[i] += fabs((double)b.applied[i] - before[i]) * step[i] - moved[i] * (period < WAY_NS ? period / WAY_NS : 1.0);
-        counts(i) = (int)lround(base[i] + (double)b.applied[i] * step[i]);
+    for (int k = LANDS_WITHIN - 1; k > 0; k--) memcpy(sent[k], sent[k - 1], sizeof sent[k]);
+    memcpy(sent[0], barrier.applied, sizeof sent[0]);
+    if (sent_count < LANDS_WITHIN) sent_count++;
+}
+
+/* Nothing here allocates or waits. Messages: on uspace rtapi_print_msg formats on the stack of a real-time thread and puts the text
+   into a queue without a lock, which drops what is too much and which another thread prints (src/rtapi/uspace_rtapi_app.cc,
+   default_rtapi_msg_handler: boost::lockfree::queue; so it is in the rtapi_app of Debian 12); motmod puts errors into a ring in
+   shared memory, too, without a lock (src/emc/motion/motion.c, emc_message_handler). They are said once, when something begins. */
+FUNCTION(take) {
+    int asked[MOST_AXES] = {0}, before[MOST_AXES];
+    for (int i = 0; i < axis_count; i++) asked[i] = (int)lround(request(i) * NANO / step[i]);
+    if (!has_begun) {
+        barrier.epoch_now = seen(&kept_epoch);
+        begin_at(__comp_inst, asked);
+        has_begun = 1;
     }
-    for (int k = LANDS_WITHIN - 1; k > 0; k--) memcpy(written[k], written[k - 1], sizeof written[k]);
-    memcpy(written[0], b.applied, sizeof written[0]);
-    if (writes < LANDS_WITHIN) writes++;
-    owner = b.holder; epoch = b.age; refused = b.refusal;
+    int is_on = look_at_control(__comp_inst);
+    lost_left_ns = lost_left_ns > period ? lost_left_ns - period : 0;
+    watch_request(__comp_inst, asked, is_on);
+    holds = must_hold(__comp_inst, is_on, period);
+    note_contact(__comp_inst);
+    receive();
+    memcpy(before, barrier.applied, sizeof before);
+    scan_barrier(__comp_inst, holds);
+    write_counts(__comp_inst, before, period);
+    owner = barrier.owner_now; epoch = barrier.epoch_now; refused = barrier.refusal;
 }
 
 static uint8_t *put(uint8_t *p, const void *from, int size) { memcpy(p, from, size); return p + size; }
 static uint8_t *put16(uint8_t *p, uint16_t value) { return put(p, &value, 2); }
 static uint8_t *put32(uint8_t *p, uint32_t value) { return put(p, &value, 4); }
 
+/* The words of the report; none while an axis stands where no word can tell it. How many there are. */
+static int report(uint16_t *words) {
+    int count = 0;
+    for (int i = 0; i < axis_count; i++) if (barrier.applied[i] != (int16_t)barrier.applied[i]) return 0;
+    words[count++] = barrier.epoch_now; words[count++] = barrier.tick; words[count++] = barrier.owner_now; words[count++] = barrier.sequence;
+    words[count++] = barrier.refusal; words[count++] = step_scans; words[count++] = hold_scans; words[count++] = time_out_scans;
+    for (int i = 0; i < axis_count; i++) { words[count++] = barrier.applied[i]; words[count++] = limit[i]; words[count++] = rate[i]; }
+    checksum(words, count, words + count);
+    return count + 2;
+}
+
 /* All computers that LinuxCNC runs on are little-endian. */
 FUNCTION(tell) {
-    uint8_t bytes[512], *p = bytes;
-    uint16_t words[REPORT_HEAD + 3 * MOST + 2];
-    int count = 0;
-    if (!began) return;
-    int fits = 1;
-    for (int i = 0; i < n; i++) fits &= b.applied[i] == (int16_t)b.applied[i];
-    if (fits) {
-        words[count++] = b.age; words[count++] = b.tick; words[count++] = b.holder; words[count++] = b.sequence;
-        words[count++] = b.refusal; words[count++] = step_scans; words[count++] = hold_scans; words[count++] = time_out_scans;
-        for (int i = 0; i < n; i++) { words[count++] = b.applied[i]; words[count++] = limit[i]; words[count++] = rate[i]; }
-        checksum(words, count, words + count);
-        count += 2;
-    }
-    sequence++;
-    p = put(p, "VCLS\1", 5); *p++ = n_all;
-    p = put16(p, machine); p = put32(p, run); p = put32(p, sequence);
-    p = put16(p, flags); p = put16(p, count);
+    uint8_t bytes[DATAGRAM_BYTES], *p = bytes;
+    uint16_t words[REPORT_HEAD + 3 * MOST_AXES + 2];
+    if (!has_begun) return;
+    int word_count = report(words);
+    states_sent++;
+    p = put(p, "VCLS\1", 5); *p++ = told_count;
+    p = put16(p, machine); p = put32(p, run_number); p = put32(p, states_sent);
+    p = put16(p, flags); p = put16(p, word_count);
     uint64_t now = now_ns();
     p = put(p, &now, 8); p = put32(p, period); p = put32(p, 0);
-    for (int i = 0; i < n_all; i++) {
-        double at = pos_cmd(i), velocity = (at - position[i]) * 1e9 / period;
-        int64_t offset = i < n ? llround(eoffset(i) * 1e6) : 0;
-        position[i] = at;
-        p = put32(p, (uint8_t)(i < n ? axes[i] : reads[i - n]));
-        p = put32(p, i < n ? step[i] : 1);
+    for (int i = 0; i < told_count; i++) {
+        int is_corrected = i < axis_count;
+        double at = pos_cmd(i), velocity = (at - last_position[i]) * 1e9 / period;
+        int64_t offset = is_corrected ? llround(eoffset(i) * NANO) : 0;
+        last_position[i] = at;
+        p = put32(p, (uint8_t)(is_corrected ? axes[i] : reads[i - axis_count]));
+        p = put32(p, is_corrected ? step[i] : 1);
         p = put(p, &at, 8); p = put(p, &velocity, 8); p = put(p, &offset, 8);
     }
-    p = put(p, words, 2 * count);
+    p = put(p, words, 2 * word_count);
     p = put32(p, crc32_of(bytes, p - bytes));
     for (int i = 0; i < SENDERS; i++)
-        if (senders[i].is_there) (void)!sendto(fd, bytes, p - bytes, 0, (struct sockaddr *)&senders[i].at, sizeof senders[i].at);
+        if (senders[i].is_there) (void)!sendto(udp, bytes, p - bytes, 0, (struct sockaddr *)&senders[i].address, sizeof senders[i].address);
 }

@@ -267,6 +267,56 @@ fn settings_that_no_word_holds_are_refused() {
     }
 }
 
+/// Each message names one setting, by its names in the component and in the INI file, with what was found and what is expected.
+#[test]
+fn a_setting_that_does_not_fit_is_told_by_its_name() {
+    for (line, says) in [
+        (
+            "set XY 7 1 100 300 5 0 30000 30000 2000 2000",
+            "step (STEP_NM, STEP_UDEG) of axis X: found 0 nm or 1e-6 deg, expected 1 to 1000000",
+        ),
+        (
+            "set XY 7 1 100 300 5 1 30000 40000 2000 2000",
+            "limit (LIMIT_UM, LIMIT_MDEG) of axis Y: found 40000 counts, expected 1 to 32767",
+        ),
+        (
+            "set XY 7 1 100 300 5 1 30000 30000 0 2000",
+            "rate (RATE_UM_PER_S, RATE_MDEG_PER_S) of axis X: found 0 counts in a step, expected 1 to 32767",
+        ),
+        (
+            "set XY 7 40000 100 300 5 1 30000 30000 2000 2000",
+            "step_scans (RATE_UM_PER_S, RATE_MDEG_PER_S): found 40000 cycles from count to count, expected 1 to 32767",
+        ),
+        (
+            "set XY 7 1 0 300 5 1 30000 30000 2000 2000",
+            "hold_scans (HOLD_MS): found 0 cycles, expected 1 to 16383",
+        ),
+        (
+            "set XY 7 1 100 199 5 1 30000 30000 2000 2000",
+            "time_out_scans (TIME_OUT_MS): found 199 cycles, expected 200 to 32767",
+        ),
+        (
+            "set XQ 7 1 100 300 5 1 30000 30000 2000 2000",
+            "axes (AXES) and reads (READS): found XQ and , expected letters of XYZABCUVW, each once",
+        ),
+        (
+            "set XX 7 1 100 300 5 1 30000 30000 2000 2000",
+            "axes (AXES) and reads (READS): found XX and , expected letters of XYZABCUVW, each once",
+        ),
+    ] {
+        let mut child = Command::new(bridge())
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        writeln!(child.stdin.take().unwrap(), "{line}").unwrap();
+        let output = child.wait_with_output().unwrap();
+        let told = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
+        assert_eq!(told, ["0\n".to_owned(), format!("volcomp: {says}\n")]);
+    }
+}
+
 #[test]
 fn a_file_without_an_epoch_is_refused() {
     let dir = tempfile::tempdir().unwrap();

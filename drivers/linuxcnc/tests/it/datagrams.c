@@ -14,7 +14,7 @@ int main(int count, char **arguments) {
     static char letters[16];
     struct sockaddr_in own;
     socklen_t size = sizeof own;
-    int at_start[MOST] = {0}, shall_hold, tick, many;
+    int at_start[MOST_AXES] = {0}, shall_hold, tick, many;
     if (count != 2 || scanf("%15s", letters) != 1) return 3;
     axes = letters; epoch_file = arguments[1]; port = 0; joints = 1;
     many = strlen(letters);
@@ -23,17 +23,17 @@ int main(int count, char **arguments) {
     for (int i = 0; i < many; i++) rate[i] = number();
     for (int i = 0; i < many; i++) at_start[i] = number();
     if (setup(NULL, "", 0)) return 4;
-    b.tick = tick;
-    if (getsockname(fd, (struct sockaddr *)&own, &size)) return 5;
+    barrier.tick = tick;
+    if (getsockname(udp, (struct sockaddr *)&own, &size)) return 5;
     printf("%d\n", ntohs(own.sin_port));
     fflush(stdout);
     enabled = estop_ok = user_ok = teleop_mode = homed(0) = 1;
     while (scanf("%d", &shall_hold) == 1) {
         limited = shall_hold;
         /* Here scans take no time, and a disk does. */
-        while ((uint16_t)(kept_epoch - stored_epoch) > EPOCHS_AHEAD / 2) usleep(100);
+        while ((uint16_t)(seen(&kept_epoch) - seen(&stored_epoch)) > EPOCHS_AHEAD / 2) usleep(100);
         /* The control goes by the counts of the scan before. */
-        for (int i = 0; i < n; i++) request(i) = eoffset(i) = (at_start[i] + counts(i)) * 1e-6;
+        for (int i = 0; i < axis_count; i++) request(i) = eoffset(i) = (at_start[i] + counts(i)) * 1e-6;
         take(1000000);
         tell(1000000);
         printf("%d\n", holds);

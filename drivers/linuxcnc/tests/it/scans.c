@@ -17,7 +17,7 @@ static long caught(const uint8_t *bytes, long length) {
 int main(void) {
     static char line[8192], letters[16], file[4096];
     int old[9] = {0}, was = 0, size = 1;
-    for (uint32_t i = 0; i < 256; i++) { uint32_t c = i; for (int k = 0; k < 8; k++) c = c & 1 ? 0xedb88320u ^ (c >> 1) : c >> 1; crc_table[i] = c; }
+    fill_crc_table();
     while (fgets(line, sizeof line, stdin)) {
         if (line[0] == 'e') {
             sscanf(line, "epoch %4095s", file); epoch_file = file;
@@ -25,16 +25,15 @@ int main(void) {
         } else if (line[0] == 's' && line[1] == 'e') {
             int kept;
             sscanf(line, "set %15s %d %d %d %d %d %d %d %d %d %d", letters, &machine, &step_scans, &hold_scans, &time_out_scans, &kept, &size, &limit[0], &limit[1], &rate[0], &rate[1]);
-            axes = letters; n = n_all = strlen(axes); joints = 1; layout = 0; kept_epoch = stored_epoch = kept; step[0] = step[1] = size;
-            for (int i = 0; i < n; i++) layout = 10 * layout + (strchr("XYZABCUVW", axes[i]) - "XYZABCUVW") + 1;
-            printf("%d\n", settings_fit());
+            axes = letters; joints = 1; kept_epoch = stored_epoch = kept; step[0] = step[1] = size;
+            printf("%d\n", axes_fit() && settings_fit());
         } else if (line[0] == 'd') {
             sscanf(line, "disk %d", &disk);
             printf("0\n");
         } else if (line[0] == 'a') {
             double at[2];
             sscanf(line, "at %lf %lf", at, at + 1);
-            for (int i = 0; i < n; i++) request(i) = eoffset(i) = at[i] * size * 1e-6;
+            for (int i = 0; i < axis_count; i++) request(i) = eoffset(i) = at[i] * size * 1e-6;
             printf("0\n");
         } else {
             /* on, cut at a limit, a mode in which offsets move, what the control does (1 clears, 2 does not move, 3 is 0.1 s late), ns, probing, touching, frames */
@@ -44,17 +43,17 @@ int main(void) {
             for (int m = 0; *p == ' ' && m < SENDERS; m++) {
                 int words = 0;
                 for (p++;; p++) { senders[m].frame[words++] = strtol(p, &p, 10); if (*p != ',') break; }
-                senders[m].words = words; senders[m].has_frame = 1;
+                senders[m].word_count = words; senders[m].has_frame = 1;
             }
             if (disk) stored_epoch = kept_epoch;
-            senders[0].is_there = 1; senders[0].heard = now_ns();
+            senders[0].is_there = 1; senders[0].heard_ns = now_ns();
             take(period);
             printf("%d %d ", holds, counts(0));
             tell(period);
-            for (int i = 0; i < n; i++) printf(" %.9f %.9f", request(i), probed_offset(i));
+            for (int i = 0; i < axis_count; i++) printf(" %.9f %.9f", request(i), probed_offset(i));
             printf("\n");
             /* LinuxCNC: changes of the counts while it is on are its request; clearing takes it away. */
-            for (int i = 0; i < n; i++) {
+            for (int i = 0; i < axis_count; i++) {
                 int changed = counts(i) - old[i]; old[i] = counts(i);
                 if (was || on) request(i) += (on ? changed : 0) * 1e-6;
                 if (does == 1) request(i) = eoffset(i) = 0;

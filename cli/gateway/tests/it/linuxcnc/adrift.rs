@@ -112,12 +112,12 @@ fn settings_that_do_not_fit_start_nothing() {
         (
             "LIMIT_UM = 30",
             "LIMIT_UM = 30\nHOLD_MS = 65636\nTIME_OUT_MS = 65836",
-            "found a time-out of 65836 cycles (TIME_OUT_MS)",
+            "hold_scans (HOLD_MS): found 65636 cycles, expected 1 to 16383",
         ),
         (
             "LIMIT_UM = 30",
             "LIMIT_UM = 40",
-            "axis X: found a limit of 40000 counts, expected 1 to 32767",
+            "limit (LIMIT_UM, LIMIT_MDEG) of axis X: found 40000 counts, expected 1 to 32767",
         ),
     ] {
         let dir = tempfile::tempdir().expect("writable");
