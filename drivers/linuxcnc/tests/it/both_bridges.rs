@@ -2,9 +2,9 @@
 
 use crate::c_bridge::{GOOD, Given, Run};
 
-/// Each bridge; that in user space where there is Python.
+/// Each bridge: that in the servo thread where there is a compiler, that in user space where there is Python.
 fn both() -> impl Iterator<Item = Run> {
-    [Some(Run::set()), Run::user()].into_iter().flatten()
+    [Run::set(), Run::user()].into_iter().flatten()
 }
 
 /// A small correction that never comes is seen as well as a large one, once what moved is forgotten; one that came is not lost.

@@ -39,16 +39,18 @@ fn pins(head: &str) -> String {
     includes + &pins
 }
 
-/// The component as a program of this C file of the tests, compiled with what checks its memory and arithmetic; `None` where there
-/// is no compiler.
-pub(crate) fn built(dir: &Path, driver: &str) -> Option<PathBuf> {
+/// What checks memory and arithmetic of a program, and what checks that its threads do not race.
+pub(crate) const MEMORY: &str = "-fsanitize=address,undefined";
+pub(crate) const THREADS: &str = "-fsanitize=thread";
+
+/// The component as a program of this C file of the tests, compiled with what checks it; `None` where there is no compiler.
+pub(crate) fn built(dir: &Path, driver: &str, sanitize: &str) -> Option<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let text = std::fs::read_to_string(root.join("bridge/volcomp.comp")).unwrap();
     let (head, body) = text.split_once("\n;;\n").unwrap();
     std::fs::write(dir.join("pins.h"), pins(head)).unwrap();
     std::fs::write(dir.join("body.c"), body).unwrap();
     let program = dir.join("component");
-    let sanitize = "-fsanitize=address,undefined";
     let cc = Command::new("cc")
         .args(["-std=gnu11", "-O1", sanitize, "-fno-sanitize-recover=all"])
         .args(["-Wall", "-Wno-unused", "-Werror", "-I"])

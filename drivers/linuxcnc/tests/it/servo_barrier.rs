@@ -16,7 +16,7 @@ use volcomp_port::Words;
 use volcomp_vocabulary::PerChannel;
 
 use crate::{
-    component::{Ended, built},
+    component::{Ended, MEMORY, THREADS, built},
     frames::{Post, boxes_of, posts, settings},
 };
 
@@ -177,7 +177,7 @@ fn same(program: &Path, dir: &Path, case: &Case) -> Result<[usize; 2], TestCaseE
 fn the_component_says_the_same_as_the_reference_at_every_scan() {
     let dir = Path::new(env!("CARGO_TARGET_TMPDIR")).join("linuxcnc-component");
     std::fs::create_dir_all(&dir).unwrap();
-    let Some(program) = built(&dir, "datagrams.c") else {
+    let Some(program) = built(&dir, "datagrams.c", MEMORY) else {
         return;
     };
     let mut runner = TestRunner::new(ProptestConfig {
@@ -198,4 +198,36 @@ fn the_component_says_the_same_as_the_reference_at_every_scan() {
         "{:?}",
         seen.get()
     );
+}
+
+/// The servo thread and the one that keeps the epoch share words alone that are written and read in one piece, in order.
+#[test]
+fn no_thread_of_the_component_races_another() {
+    let dir = tempfile::tempdir().unwrap();
+    let Some(program) = built(dir.path(), "datagrams.c", THREADS) else {
+        return;
+    };
+    // A time-out among them, which moves the epoch on.
+    let scans = "0\n".repeat(60);
+    let input = format!("XC 7 1 2 7 0 100 100 5 5 0 0\n{scans}");
+    let run = |command: &mut Command| {
+        let mut child = command
+            .arg(dir.path().join("epoch"))
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        // It may have ended before it has read everything.
+        let _ = child.stdin.take().unwrap().write_all(input.as_bytes());
+        let output = child.wait_with_output().unwrap();
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        (output.status.success(), told)
+    };
+    let (mut succeeds, mut told) = run(&mut Command::new(&program));
+    if told.contains("unexpected memory mapping") {
+        // Where the kernel spreads addresses further than this compiler's library knows.
+        (succeeds, told) = run(Command::new("setarch").arg("-R").arg(&program));
+    }
+    assert!(succeeds && !told.contains("data race"), "{told}");
 }
