@@ -7,7 +7,7 @@ use std::{
 
 use volcomp_devices::{Address, remote};
 use volcomp_guard::{AxisLimits, Limits, RATE_OVER_SLEW};
-use volcomp_linuxcnc::{Expected, Flags, Ini, Least, LinuxCncConfig, PORT, State, VERSION, look};
+use volcomp_linuxcnc::{Expected, Ini, Least, LinuxCncConfig, PORT, VERSION, look};
 use volcomp_port::{Controller as _, DeviceError};
 use volcomp_vocabulary::{AxisKind, Displacement};
 
@@ -108,28 +108,6 @@ fn least(limits: &Limits) -> Least {
     }
 }
 
-/// The state of a control in words.
-fn words_of(state: &State) -> String {
-    let flags = state.flags;
-    let either = |flag, yes: &'static str, no: &'static str| {
-        Some(if flags.has(flag) { yes } else { no }).filter(|word| !word.is_empty())
-    };
-    let words = [
-        either(Flags::EMERGENCY_STOP, "emergency stop", ""),
-        either(Flags::ENABLED, "on", "off"),
-        either(Flags::HOMED, "homed", "not homed"),
-        either(Flags::LIMITED, "offset cut at a soft limit", ""),
-        either(Flags::PROBING, "probing", ""),
-        either(
-            Flags::LOST,
-            "an offset is lost, not reached, or does not move in this mode",
-            "",
-        ),
-    ];
-    let words: Vec<&str> = words.into_iter().flatten().collect();
-    words.join(", ")
-}
-
 /// What the bridge tells now, held against the configuration.
 ///
 /// # Errors
@@ -168,7 +146,7 @@ pub(crate) fn online(
         shift_words: None,
         // Another one is an error of the answer.
         protocol: Some(VERSION),
-        state: Some(words_of(&state)),
+        state: Some(state.flags.to_string()),
         barrier,
         notes: Vec::new(),
     })

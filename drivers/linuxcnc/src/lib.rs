@@ -14,7 +14,7 @@ pub use controller::{Health, LinuxCncConfig, LinuxCncController};
 pub use datagram::Broken;
 pub use ini::{Expected, Ini, Least, Problem};
 pub use look::look;
-pub use state::{AxisState, Flags, STATE_BYTES, State};
+pub use state::{AxisState, Flag, Flags, STATE_BYTES, State};
 
 /// The UDP port of a bridge whose configuration names none.
 pub const PORT: u16 = 47_001;

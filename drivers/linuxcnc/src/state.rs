@@ -1,6 +1,6 @@
 //! The datagram that the bridge sends once per servo cycle.
 
-use std::time::Duration;
+use std::{fmt, time::Duration};
 
 use volcomp_port::{MOST_WORDS, Words};
 use volcomp_vocabulary::{AxisName, MAX_AXES};
@@ -39,10 +39,64 @@ impl Flags {
     /// cleared or froze it. The bridge holds for a while, and begins anew from what is there.
     pub const LOST: u16 = 1 << 5;
 
+    /// Every flag, as the table of the protocol has it.
+    pub const ALL: [Flag; 6] = [
+        Flag::new(Self::EMERGENCY_STOP, "EMERGENCY_STOP", "emergency stop", ""),
+        Flag::new(Self::ENABLED, "ENABLED", "on", "off"),
+        Flag::new(Self::HOMED, "HOMED", "homed", "not homed"),
+        Flag::new(Self::LIMITED, "LIMITED", "offset cut at a soft limit", ""),
+        Flag::new(Self::PROBING, "PROBING", "probing", ""),
+        Flag::new(
+            Self::LOST,
+            "LOST",
+            "an offset is lost, not reached, or does not move in this mode",
+            "",
+        ),
+    ];
+
     /// Whether one of these flags is set.
     #[must_use]
     pub fn has(self, flag: u16) -> bool {
         self.0 & flag != 0
+    }
+}
+
+/// The words of all flags: `on, homed, probing`.
+impl fmt::Display for Flags {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let words = Self::ALL.iter().map(|flag| match self.has(flag.bit) {
+            true => flag.set,
+            false => flag.unset,
+        });
+        for (at, word) in words.filter(|word| !word.is_empty()).enumerate() {
+            let before = if at == 0 { "" } else { ", " };
+            write!(f, "{before}{word}")?;
+        }
+        Ok(())
+    }
+}
+
+/// One flag, and what is said of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Flag {
+    /// Its bit.
+    pub bit: u16,
+    /// Its name in the protocol.
+    pub name: &'static str,
+    /// The words where it is set.
+    pub set: &'static str,
+    /// The words where it is not set; none where nothing is said then.
+    pub unset: &'static str,
+}
+
+impl Flag {
+    const fn new(bit: u16, name: &'static str, set: &'static str, unset: &'static str) -> Self {
+        Self {
+            bit,
+            name,
+            set,
+            unset,
+        }
     }
 }
 

@@ -4,6 +4,7 @@
 mod both_bridges;
 mod bridge;
 mod c_bridge;
+mod causes;
 mod codec;
 mod component;
 mod controller;
