@@ -1,0 +1,300 @@
+//! A model goes into force, whole and without a step, and is gone back from.
+
+use std::{
+    io::{Read, Write},
+    time::Duration,
+};
+
+use serde_json::{Value, json};
+
+use super::{ENGINEER, Rig, activate, arms, machine_file, model, post, wait_model, with_y, y};
+use crate::{
+    documents::validate,
+    program::{Program, answer, change},
+};
+
+/// Back to the model before, and to the first of all.
+fn goes_back(program: &Program, before: &Value) {
+    let history = model(program)["history"].clone();
+    let first = &history.as_array().expect("a list").last().expect("one")["hash"];
+    for (hash, um) in [(before, -100.0), (first, -20.0)] {
+        let asked = post(program, "back", &json!({ "hash": hash })).json();
+        let back = json!({ "hash": hash, "confirm": asked["model"] });
+        let taken = post(program, "back", &back);
+        assert_eq!(taken.status, 200, "{}", taken.body);
+        y(program, um);
+    }
+}
+
+/// Uploaded while it corrects; asked about; confirmed; through the ramp without a step; outlives a kill; a reload leaves it; the
+/// configured file is taken back only when a person says so.
+#[test]
+fn a_model_goes_into_force_through_question_and_ramp_and_outlives_a_kill() {
+    let rig = Rig::new("auto_arm = true");
+    let mut program = rig.start();
+    y(&program, -20.0);
+    let made = machine_file(&program, &with_y(100.0));
+    validate("gateway-model-candidate.json", &made);
+    assert_eq!(made["step"], "ready", "{made}");
+    assert_eq!(
+        program.state()["correction_um"]["Y"],
+        -20.0,
+        "nothing happened"
+    );
+    // 80 µm: without the hash, and with another one, it is asked.
+    let step = rig.largest_step();
+    let asked = activate(&program, &made, None);
+    assert_eq!(asked.status, 409, "{}", asked.body);
+    let asked = asked.json();
+    validate("gateway-answer.json", &asked);
+    let worst = asked["worst_corner_um"].as_f64().expect("a number");
+    assert!((worst - 80.0).abs() < 0.1, "{worst}");
+    let wrong = activate(&program, &made, Some(&json!("sha256:00")));
+    assert_eq!(wrong.status, 409, "{}", wrong.body);
+    std::thread::sleep(Duration::from_millis(200));
+    assert_eq!(
+        program.state()["correction_um"]["Y"],
+        -20.0,
+        "nothing happened"
+    );
+    let taken = activate(&program, &made, Some(&asked["model"]));
+    assert_eq!(taken.status, 200, "{}", taken.body);
+    // What the answer says stands at once, not only when the disk was looked at again.
+    let at_once = model(&program);
+    assert_eq!(at_once["put_in_force"]["who"], "erna", "{at_once}");
+    assert_eq!(at_once["history"][0]["outcome"], "in-force", "{at_once}");
+    y(&program, -100.0);
+    let largest = *step.lock().expect("no panic");
+    assert!(
+        largest > 0.0 && largest < 20.0,
+        "a step of {largest} µm of 80"
+    );
+    let state = model(&program);
+    validate("gateway-model.json", &state);
+    assert_eq!(state["from"], "upload");
+    assert_eq!(state["put_in_force"]["who"], "erna");
+    assert_eq!(state["hash"], made["result"]["hash"]);
+    assert!(state["candidate"].is_null(), "{state}");
+    let newest = &state["history"][0];
+    assert_eq!(
+        (&newest["who"], &newest["outcome"], &newest["from"]),
+        (&json!("erna"), &json!("in-force"), &json!("upload"))
+    );
+    assert!((newest["worst_um"].as_f64().expect("known") - 80.0).abs() < 0.1);
+    assert_eq!(state["history"][1]["outcome"], "must-be-confirmed");
+    let audit = std::fs::read_to_string(rig.dir.path().join("audit/audit.log")).expect("a log");
+    assert!(
+        audit.contains("\"who\":\"erna\",\"what\":\"model\""),
+        "{audit}"
+    );
+    // What the answer says is on disk.
+    program.signal("KILL");
+    program.end();
+    assert_eq!(rig.standing()["in_force"]["hash"], made["result"]["hash"]);
+    let program = rig.start();
+    let state = model(&program);
+    assert_eq!(state["hash"], made["result"]["hash"]);
+    y(&program, -100.0);
+    // The configured file changes: a reload says that it is not used.
+    change(
+        &rig.dir.path().join("machine.toml"),
+        "EYX = 20.0",
+        "EYX = 25.0",
+    );
+    let reloaded = program.post("/api/reload", "");
+    assert_eq!(reloaded.status, 200, "{}", reloaded.body);
+    assert_eq!(reloaded.json()["unchanged"], true);
+    assert!(reloaded.body.contains("was not read"), "{}", reloaded.body);
+    let state = wait_model(&program, |now| now["configured"]["differs"] == true);
+    assert_eq!(state["hash"], made["result"]["hash"]);
+    // A person goes back to it: 75 µm, by the same question and the same ramp.
+    let step = rig.largest_step();
+    let asked = post(&program, "back", &json!({ "hash": null }));
+    assert_eq!(asked.status, 409, "{}", asked.body);
+    let back = json!({ "hash": null, "confirm": asked.json()["model"] });
+    let taken = post(&program, "back", &back);
+    assert_eq!(taken.status, 200, "{}", taken.body);
+    y(&program, -25.0);
+    let largest = *step.lock().expect("no panic");
+    assert!(
+        largest > 0.0 && largest < 20.0,
+        "a step of {largest} µm of 75"
+    );
+    let state = model(&program);
+    assert_eq!(state["from"], "file", "{state}");
+    assert!(rig.standing()["in_force"].is_null());
+    goes_back(&program, &made["result"]["hash"]);
+    let nobody = post(&program, "back", &json!({ "hash": "sha256:../../x" }));
+    assert_eq!(nobody.status, 404, "{}", nobody.body);
+}
+
+/// Killed at any moment of an activation: after the restart it is one of the two models, whole; and the new one where the answer
+/// had come.
+#[test]
+fn a_kill_at_any_moment_leaves_one_of_the_two_models() {
+    let rig = Rig::new("");
+    let mut answered = 0;
+    // The whole takes some ten milliseconds on a computer that has nothing else to do.
+    for (round, delay_ms) in [0, 4, 10, 20, 40, 80, 160, 1500].into_iter().enumerate() {
+        let mut program = rig.start();
+        let before = model(&program)["hash"].clone();
+        let um = 20.5 + f64::from(u8::try_from(round).expect("few"));
+        let made = machine_file(&program, &with_y(um));
+        assert_eq!(made["step"], "ready", "{made}");
+        let after = made["result"]["hash"].clone();
+        // Small moves need no confirmation.
+        let body = json!({ "candidate": made["id"], "hash": after }).to_string();
+        let request = format!(
+            "POST /api/model/activate HTTP/1.1\r\nHost: {}\r\nAuthorization: Bearer {ENGINEER}\r\nContent-Length: {}\r\nConnection: close\r\n\r\n{body}",
+            program.address,
+            body.len()
+        );
+        let mut stream = program.connect();
+        let asked = std::thread::spawn(move || {
+            // It may be killed in the middle of it.
+            let mut told = Vec::new();
+            let _ = stream.write_all(request.as_bytes());
+            let _ = stream.read_to_end(&mut told);
+            answer(&String::from_utf8_lossy(&told)).status
+        });
+        std::thread::sleep(Duration::from_millis(delay_ms));
+        program.signal("KILL");
+        program.end();
+        let status = asked.join().expect("no panic");
+        answered += u32::from(status == 200);
+        let program = rig.start();
+        let now = model(&program);
+        assert!(now["hash"] == before || now["hash"] == after, "{now}");
+        assert!(now["trouble"].is_null(), "{now}");
+        if status == 200 {
+            assert_eq!(now["hash"], after, "round {round}: the answer had come");
+        }
+        // Whichever it is: it corrects.
+        arms(&program);
+    }
+    println!("{answered} of 8 were answered before the kill");
+    assert!(answered > 0, "none was ever put in force");
+}
+
+/// A fault in the middle of the ramp to a new model: no step, and the new model goes on once the fault is over.
+#[test]
+fn a_fault_on_the_ramp_makes_no_step() {
+    let rig = Rig::new("auto_arm = true");
+    let program = rig.start();
+    y(&program, -20.0);
+    let made = machine_file(&program, &with_y(100.0));
+    let asked = activate(&program, &made, None).json();
+    let step = rig.largest_step();
+    assert_eq!(activate(&program, &made, Some(&asked["model"])).status, 200);
+    rig.control
+        .world()
+        .alarms
+        .push((7, "on the ramp".to_owned()));
+    program
+        .wait(|state| state["reasons"].to_string().contains("alarm"))
+        .unwrap_or_else(|state| panic!("it sees no alarm: {state}"));
+    let largest = *step.lock().expect("no panic");
+    assert!(largest < 20.0, "a step of {largest} µm");
+    rig.control.world().alarms.clear();
+    y(&program, -100.0);
+    let largest = *step.lock().expect("no panic");
+    assert!(largest > 0.0 && largest < 20.0, "a step of {largest} µm");
+}
+
+/// A damaged file of the model in force: the configured one holds, which is told; arming compares with what was armed last.
+#[test]
+fn a_damaged_model_is_not_loaded() {
+    let rig = Rig::new("");
+    let mut program = rig.start();
+    let made = machine_file(&program, &with_y(25.0));
+    assert_eq!(activate(&program, &made, None).status, 200);
+    program.signal("TERM");
+    program.end();
+    let folder = rig.dir.path().join("audit/models");
+    let hash = made["result"]["hash"]
+        .as_str()
+        .expect("a hash")
+        .replace("sha256:", "");
+    let file = folder.join(format!("machine-{hash}.toml"));
+    change(&file, "25.0", "26.0");
+    let program = rig.start();
+    let now = model(&program);
+    assert_eq!(now["from"], "file", "{now}");
+    assert!(
+        program.log().contains("the configured machine file holds"),
+        "{}",
+        program.log()
+    );
+    // The page says so, too, and goes on to.
+    let is_told = |now: &Value| {
+        let trouble = now["trouble"].as_str().unwrap_or_default();
+        trouble.contains(&hash) && trouble.contains("was not loaded")
+    };
+    let now = wait_model(&program, |now| {
+        is_told(now) && now["history"][0]["from"] == "file"
+    });
+    assert!(now["put_in_force"].is_null(), "{now}");
+    std::thread::sleep(Duration::from_secs(3));
+    let now = model(&program);
+    assert!(is_told(&now), "{now}");
+    // Somebody says that the configured one shall hold.
+    let taken = post(&program, "back", &json!({ "hash": null }));
+    assert_eq!(taken.status, 200, "{}", taken.body);
+    let now = wait_model(&program, |now| now["trouble"].is_null());
+    assert_eq!(now["from"], "file", "{now}");
+}
+
+/// What is put in force is what was looked at: a hash of another result, and none, put nothing in force.
+#[test]
+fn only_the_result_that_was_looked_at_is_put_in_force() {
+    let rig = Rig::new("");
+    let program = rig.start();
+    let before = model(&program)["hash"].clone();
+    let made = machine_file(&program, &with_y(21.0));
+    let other = json!({ "candidate": made["id"], "hash": before });
+    let refused = post(&program, "activate", &other);
+    assert_eq!(refused.status, 409, "{}", refused.body);
+    let hash = made["result"]["hash"].as_str().expect("a hash");
+    assert!(refused.body.contains(hash), "{}", refused.body);
+    // No question that could be confirmed.
+    assert!(refused.json()["model"].is_null(), "{}", refused.body);
+    let none = post(&program, "activate", &json!({ "candidate": made["id"] }));
+    assert_eq!(none.status, 400, "{}", none.body);
+    assert_eq!(model(&program)["hash"], before);
+    assert_eq!(activate(&program, &made, None).status, 200);
+    assert_eq!(model(&program)["hash"], hash);
+}
+
+/// A model in force whose file cannot be kept is told until it can: before, the next line of the history wiped it out.
+#[test]
+fn a_model_that_cannot_be_kept_is_told_until_it_is() {
+    let rig = Rig::new("");
+    let program = rig.start();
+    let machine = rig.dir.path().join("machine.toml");
+    let text = std::fs::read_to_string(&machine).expect("there");
+    let other = text.replace("EYX = 20.0", "EYX = 21.0");
+    assert_ne!(text, other);
+    let hash = volcomp_model::Machine::parse(&other, "machine.toml")
+        .expect("right")
+        .checksum();
+    let digits = hash.strip_prefix("sha256:").expect("a hash");
+    let kept = rig.dir.path().join("audit/models");
+    // A folder in the place of the file that is written first.
+    let stands_in = kept.join(format!("machine-{digits}.new"));
+    std::fs::create_dir_all(&stands_in).expect("writable");
+    std::fs::write(&machine, other).expect("writable");
+    let reloaded = program.post("/api/reload", "");
+    assert_eq!(reloaded.status, 200, "{}", reloaded.body);
+    let is_told = |now: &Value| {
+        let trouble = now["trouble"].as_str().unwrap_or_default();
+        trouble.contains("cannot be kept on disk")
+    };
+    wait_model(&program, is_told);
+    // Looked at anew, it is still so.
+    std::thread::sleep(Duration::from_secs(3));
+    let now = model(&program);
+    assert!(is_told(&now), "{now}");
+    std::fs::remove_dir(&stands_in).expect("empty");
+    wait_model(&program, |now| now["trouble"].is_null());
+    assert!(kept.join(format!("machine-{digits}.toml")).is_file());
+}

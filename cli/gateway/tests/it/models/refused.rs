@@ -1,0 +1,176 @@
+//! What is no model of this machine, and who may not bring one.
+
+use serde_json::json;
+
+use super::{
+    ENGINEER, OTHER_ENGINEER, Rig, activate, arms, candidate, machine_file, model, post, settled,
+    upload, upload_as, wait_model, with_y,
+};
+use crate::{
+    documents::validate,
+    program::{MACHINE, OPERATE, VIEW},
+};
+
+#[test]
+fn who_is_no_engineer_brings_no_model() {
+    let rig = Rig::new("");
+    let program = rig.start();
+    for (token, status) in [(Some(OPERATE), 403), (Some(VIEW), 403), (None, 401)] {
+        for what in [
+            "upload?kind=machine&name=m.toml",
+            "draft",
+            "answers",
+            "activate",
+            "back",
+            "discard",
+            "take-off",
+        ] {
+            let path = format!("/api/model/{what}");
+            let refused = program.request("POST", &path, token, "{\"hash\": null}");
+            assert_eq!(refused.status, status, "{token:?} {what}: {}", refused.body);
+        }
+    }
+    assert!(model(&program)["candidate"].is_null());
+    assert_eq!(program.get("/api/model/candidate").status, 404);
+    // An engineer may operate, too.
+    let token = program
+        .request("GET", "/api/token", Some(ENGINEER), "")
+        .json();
+    assert_eq!(token, json!({ "name": "erna", "role": "engineer" }));
+    let disarmed = program.request("POST", "/api/disarm", Some(ENGINEER), "");
+    assert_eq!(disarmed.status, 200, "{}", disarmed.body);
+}
+
+#[test]
+fn what_is_no_model_of_this_machine_is_refused() {
+    let rig = Rig::new("");
+    let program = rig.start();
+    let none: [(&[u8], &str); 3] = [
+        (b"structure = 7\n", "m.toml:1"),
+        (b"\xff\xfe\x00rubbish", "no text"),
+        (b"", "structure"),
+    ];
+    for (bytes, says) in none {
+        let sent = upload(&program, "kind=machine&name=m.toml", bytes);
+        assert_eq!(sent.status, 200, "{}", sent.body);
+        let made = settled(&program);
+        let error = made["error"].as_str().expect("told");
+        assert!(error.contains(says), "{error}");
+        assert!(made["result"].is_null());
+        assert_eq!(activate(&program, &made, None).status, 409);
+        assert_eq!(
+            post(&program, "discard", &json!({ "candidate": made["id"] })).status,
+            200
+        );
+    }
+    // Another machine's axes.
+    let axes = MACHINE
+        .replace("w X' b Y Z t", "w X' b Y t")
+        .replace("[axes.Z]\ntravel = [0.0, 250.0]\n", "");
+    let made = machine_file(&program, &axes);
+    let why = made["result"]["refusal"].as_str().expect("told");
+    assert!(
+        why.contains("X and Y, the model in force has X, Y and Z"),
+        "{why}"
+    );
+    let refused = activate(&program, &made, None);
+    assert_eq!(refused.status, 422, "{}", refused.body);
+    assert_eq!(refused.json()["error"], why);
+    let newest = wait_model(&program, |now| now["history"][0]["outcome"] == "refused");
+    assert!(newest["history"][0]["why"].as_str().expect("told").len() > 10);
+    assert_eq!(newest["from"], "file");
+    post(&program, "discard", &json!({ "candidate": made["id"] }));
+    // Another structure: it is said, and asked where it moves anything.
+    let made = machine_file(
+        &program,
+        &with_y(90.0).replace("w X' b Y Z t", "w X' Y' b Z t"),
+    );
+    let warnings = made["result"]["warnings"].to_string();
+    assert!(warnings.contains("The structure is"), "{warnings}");
+    assert_eq!(activate(&program, &made, None).status, 409);
+}
+
+/// The machine file of another machine whose correction hardly moves: it went into force with no word.
+#[test]
+fn a_model_of_another_machine_is_asked_about() {
+    let rig = Rig::new("");
+    let program = rig.start();
+    let other = with_y(21.0).replace("travel = [0.0, 250.0]", "travel = [0.0, 800.0]");
+    let other = format!("name = \"gantry-8000\"\n{}", without_name(&other));
+    let made = machine_file(&program, &other);
+    assert!(made["result"]["refusal"].is_null(), "{made}");
+    let said = made["result"]["warnings"].as_array().expect("a list");
+    assert!(said[0].as_str().expect("a text").contains("“gantry-8000”"));
+    let travels = "Z travels from 0 to 800 mm in this model, from 0 to 250 mm";
+    assert!(said[1].as_str().expect("a text").contains(travels));
+    let asked = activate(&program, &made, None);
+    assert_eq!(asked.status, 409, "{}", asked.body);
+    let asked = asked.json();
+    validate("gateway-answer.json", &asked);
+    assert_eq!(asked["model"], made["result"]["hash"]);
+    assert_eq!(asked["differences"].as_array().expect("a list").len(), 2);
+    let taken = activate(&program, &made, Some(&asked["model"]));
+    assert_eq!(taken.status, 200, "{}", taken.body);
+    // The way back is asked about in the same way, and arming no more than once.
+    let back = post(&program, "back", &json!({ "hash": null }));
+    assert_eq!(back.status, 409, "{}", back.body);
+    assert!(back.body.contains("gantry-8000"), "{}", back.body);
+    arms(&program);
+}
+
+fn without_name(machine: &str) -> String {
+    let lines = machine.lines().filter(|line| !line.starts_with("name"));
+    lines.collect::<Vec<_>>().join("\n")
+}
+
+/// Whoever begins first is told to whoever comes second, and nobody goes on with what is gone.
+#[test]
+fn two_engineers_do_not_mix_their_files() {
+    let rig = Rig::new("");
+    let program = rig.start();
+    let first = upload(
+        &program,
+        "kind=measurement&name=exx.csv",
+        b"target,deviation\n0,0\n",
+    );
+    assert_eq!(first.status, 200, "{}", first.body);
+    let id = first.json()["id"].as_str().expect("named").to_owned();
+    let second = upload_as(
+        &program,
+        OTHER_ENGINEER,
+        "kind=measurement&name=eyx.csv",
+        b"0,0\n",
+    );
+    assert_eq!(second.status, 409, "{}", second.body);
+    assert!(second.body.contains("erna"), "{}", second.body);
+    let files = candidate(&program)["files"].to_string();
+    assert!(
+        files.contains("exx.csv") && !files.contains("eyx.csv"),
+        "{files}"
+    );
+    // The same name, another kind, a TOML file, an unknown candidate.
+    for (query, status) in [
+        (format!("kind=measurement&name=EXX.csv&candidate={id}"), 409),
+        (format!("kind=machine&name=m.toml&candidate={id}"), 409),
+        (
+            format!("kind=measurement&name=calibration.toml&candidate={id}"),
+            400,
+        ),
+        ("kind=measurement&name=a.csv&candidate=00".to_owned(), 409),
+        ("kind=rubbish&name=a.csv".to_owned(), 400),
+        ("kind=measurement".to_owned(), 400),
+    ] {
+        let refused = upload(&program, &query, b"0,0\n");
+        assert_eq!(refused.status, status, "{query}: {}", refused.body);
+    }
+    let discard = json!({ "candidate": id }).to_string();
+    let gone = program.request("POST", "/api/model/discard", Some(OTHER_ENGINEER), &discard);
+    assert_eq!(gone.status, 200, "{}", gone.body);
+    let late = upload(
+        &program,
+        &format!("kind=measurement&name=b.csv&candidate={id}"),
+        b"0,0\n",
+    );
+    assert_eq!(late.status, 409, "{}", late.body);
+    assert_eq!(activate(&program, &json!({ "id": id }), None).status, 409);
+}
