@@ -9,7 +9,8 @@ use volcomp_model::{
 };
 use volcomp_vocabulary::{AxisKind, AxisName, Component, ErrorName};
 
-/// Places over the travel at which a worn curve is tabulated.
+/// Places over the travel at which a worn curve is tabulated, besides those at which the curve before has to be looked at: at even ones alone
+/// the wave of a screw would become another one.
 const NODES: u32 = 64;
 /// What a month of work with the load 1 does, times a factor of its own for each error: the most a guide gives way, and the most a
 /// screw stretches, µm.
@@ -207,7 +208,9 @@ impl Worn {
             let inner = (1..NODES)
                 .map(|node| rounded(low + (high - low) * f64::from(node) / f64::from(NODES)));
             let even = [low, high].into_iter().chain(inner);
-            let mut places: Vec<f64> = even.chain(before.breakpoints()).collect();
+            let mut places: Vec<f64> = even
+                .chain(before.places().into_iter().map(rounded))
+                .collect();
             places.retain(|q| (low..=high).contains(q));
             places.sort_by(f64::total_cmp);
             places.dedup_by(|a, b| (*a - *b).abs() < 1e-6 * (high - low));

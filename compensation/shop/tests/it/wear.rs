@@ -124,6 +124,31 @@ fn tilts_are_the_tangents_of_the_bent_ways() {
     assert!(largest > 5.0, "{largest}");
 }
 
+/// A wave with the pitch of a screw is the same wave on the worn machine: 64 even places over 500 mm would see each third period once.
+#[test]
+fn a_wave_that_was_there_stays() {
+    let machine = |errors: &str| {
+        let text = format!("structure = \"w b X t\"\naxes.X.travel = [0.0, 500.0]\n{errors}");
+        Machine::parse(&text, "m.toml").expect("a good machine")
+    };
+    let wear = Wear {
+        months: 12.0,
+        load: 1.0,
+        seed: 7,
+    };
+    let worn = |errors: &str| wear.of(&machine(errors)).expect("worn").machine;
+    let (plain, waved) = (
+        worn(""),
+        worn("[errors]\nEXX = { fourier = [0.0, 0.0, 5.0], period = 10.0 }\n"),
+    );
+    for step in 0..=3000 {
+        let q = 500.0 * f64::from(step) / 3000.0;
+        let [old, new] = [&plain, &waved].map(|machine| value(machine, "EXX", q, None));
+        let wave = 5.0 * (core::f64::consts::TAU * q / 10.0).sin();
+        assert!((new - old - wave).abs() < 0.2, "{q}: {} {wave}", new - old);
+    }
+}
+
 #[test]
 fn what_cannot_be_is_refused() {
     for (months, load) in [(-1.0, 1.0), (f64::NAN, 1.0), (12.0, -1.0), (1e9, 1.0)] {
