@@ -6,15 +6,15 @@ use clap::ValueEnum;
 use serde_json::Value;
 use volcomp_curve::Curve;
 use volcomp_fit::{
-    Fit, FitError, FitOptions, MLS_ORDERS, MlsTrial, fit_bspline, fit_chebyshev, fit_cubic_table,
+    Choice, Fit, FitError, MLS_ORDERS, MlsTrial, fit_bspline, fit_chebyshev, fit_cubic_table,
     fit_mls, fit_mls_auto, fit_polynomial, scan_mls,
 };
-use volcomp_metrology::{DeviationUnit, MetrologyError, read_file};
+use volcomp_metrology::{DeviationUnit, Measurement, MetrologyError, read_file};
 use volcomp_model::write_curve;
 
 use super::{Answer, fit_auto, fixed, table, table_text};
 use crate::{
-    answers::fit::{Fit as Document, Point, Spread, Trial},
+    answers::fit::{Band, Fit as Document, Point, Spread, Trial},
     failure::Failure,
     table::folded,
     unit::{self, Unit},
@@ -28,8 +28,7 @@ pub(crate) struct Arguments {
     /// Unit of the deviations in a file that does not state it (.csv), without it µm; the answer is in µm or µrad
     #[arg(long)]
     unit: Option<Unit>,
-    /// Kind of curve: polynomial, Chebyshev series, moving least squares, smoothing B-spline, monotone table; auto chooses among
-    /// them, or for a whole turn of a rotary axis a Fourier series, and prints the candidates and a band of 95 %
+    /// Kind of curve
     #[arg(long)]
     method: Method,
     /// Order of the polynomials (poly, chebyshev, mls) [default: 4]
@@ -57,12 +56,18 @@ pub(crate) struct Arguments {
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
 enum Method {
+    /// Chooses among the others, and over a whole turn of a rotary axis among Fourier series; prints the candidates and a band of 95 %
     Auto,
+    /// Polynomial in powers of the coordinate
     #[value(alias = "polynomial")]
     Poly,
+    /// Chebyshev series
     Chebyshev,
+    /// Moving least squares
     Mls,
+    /// Smoothing B-spline, which chooses its own smoothness
     Bspline,
+    /// Monotone cubics through the means of the targets
     Table,
 }
 
@@ -112,15 +117,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let unit = unit::apply(&arguments.data, &mut measurement, arguments.unit)?;
     let (x, u): (Vec<f64>, Vec<f64>) = measurement.mean_curve().into_iter().unzip();
     let failed = |e: FitError| Failure::Input(format!("{}: {e}", arguments.data.display()));
-    let mut auto = None;
-    let fit = if arguments.method == Method::Auto {
-        let found = fit_auto::auto(&measurement, &x, &u, arguments.residual, unit);
-        let found = found.map_err(failed)?;
-        auto = Some((found.choice, found.band));
-        found.fit
-    } else {
-        fit(arguments, &x, &u).map_err(failed)?
-    };
+    let (fit, auto) = fit(arguments, &measurement, (&x, &u), unit).map_err(failed)?;
     let trials = arguments.scan.then(|| scan_mls(&x, &u, arguments.shape()));
     let scan = match trials {
         Some(trials) => Some(scan(&trials.map_err(failed)?, &fit.curve, unit)),
@@ -267,23 +264,35 @@ pub(super) fn reading(error: &MetrologyError) -> Failure {
     Failure::from(error)
 }
 
-fn fit(arguments: &Arguments, x: &[f64], u: &[f64]) -> Result<Fit, FitError> {
+/// How a curve was chosen, and how far the true one may be from it.
+type Chosen = (Choice, Option<Band>);
+
+/// The curve through the means `u` at `x`, and how it was chosen where it was.
+fn fit(
+    arguments: &Arguments,
+    measurement: &Measurement,
+    (x, u): (&[f64], &[f64]),
+    unit: DeviationUnit,
+) -> Result<(Fit, Option<Chosen>), FitError> {
     // Targets come sorted; an empty measurement is refused by its reader.
     let domain = [
         x.first().copied().unwrap_or(0.0),
         x.last().copied().unwrap_or(0.0),
     ];
     let (order, shape) = (arguments.order.unwrap_or(4), arguments.shape());
-    match arguments.method {
+    let fit = match arguments.method {
+        Method::Auto => {
+            let found = fit_auto::auto(measurement, x, u, arguments.residual, unit)?;
+            return Ok((found.fit, Some((found.choice, found.band))));
+        }
         Method::Poly => fit_polynomial(x, u, order, domain),
         Method::Chebyshev => fit_chebyshev(x, u, order, domain),
         Method::Bspline => fit_bspline(x, u),
         Method::Table => fit_cubic_table(x, u),
-        // `run` chooses by all runs, before the means alone are left.
-        Method::Auto => volcomp_fit::fit_auto(x, u, &FitOptions::default()).map(|found| found.fit),
         Method::Mls if arguments.auto => fit_mls_auto(x, u, shape, arguments.residual),
         Method::Mls => fit_mls(x, u, order, arguments.support.unwrap_or(1.0 / 3.0), shape),
-    }
+    };
+    Ok((fit?, None))
 }
 
 fn document(fit: &Fit, values: &[(f64, f64)], unit: DeviationUnit) -> Result<Document, Failure> {
