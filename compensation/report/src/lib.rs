@@ -16,8 +16,8 @@ mod warnings;
 
 pub use html::html;
 pub use report::{
-    AxisTravel, Band, Branch, Check, Contribution, Curve, CurveLine, Diagonal, Diagonals, Drawn,
-    FigureUncertainty, FitNumbers, Head, Identified, Left, Location, OfState, Parameter,
+    AxisTravel, Band, Branch, Check, CheckOf, Contribution, Curve, CurveLine, Diagonal, Diagonals,
+    Drawn, FigureUncertainty, FitNumbers, Head, Identified, Left, Location, OfState, Parameter,
     Positioning, Report, Residual, Run, Size, Slice, SourceFile, Square, Standing, State, Tilt,
     Uncertainty, Vector, Volume, Warning, WarningKind, Weighted,
 };

@@ -92,13 +92,41 @@ pub struct SourceFile {
     pub date: Option<String>,
 }
 
+/// What a figure is of.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CheckOf {
+    /// Of what its symbol says.
+    Symbol,
+    /// Of the measured errors alone, where others were not measured.
+    MeasuredAlone,
+    /// Of a positioning test.
+    Test {
+        /// The error that it measures.
+        error: String,
+        /// The measurement file.
+        file: String,
+    },
+}
+
+/// In words; nothing where the symbol says it.
+impl core::fmt::Display for CheckOf {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Symbol => Ok(()),
+            Self::MeasuredAlone => f.write_str("the measured errors alone"),
+            Self::Test { error, file } => write!(f, "{error}, {file}"),
+        }
+    }
+}
+
 /// A figure and its tolerance.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Check {
     /// The symbol of the figure: `A`, `E`, `EC0Y`, `V`.
     pub symbol: String,
-    /// What it is of: an error and its file.
-    pub of: String,
+    /// What it is of.
+    pub of: CheckOf,
     /// The value of the figure; `None` where the measurements do not give it.
     pub value: Option<f64>,
     /// The most that is allowed.

@@ -5,12 +5,10 @@ use volcomp_metrology::{
 };
 use volcomp_vocabulary::{AxisName, ErrorName};
 
-use crate::report::{Check, Curve, Positioning, Report, Square, State};
+use crate::report::{Check, CheckOf, Curve, Positioning, Report, Square, State};
 
 /// The largest error of position over the working space, beside the best rigid motion of the workpiece.
 pub const VOLUME: &str = "V";
-/// What [`VOLUME`] is of where some errors were not measured.
-pub(crate) const MEASURED_ALONE: &str = "the measured errors alone";
 
 /// Reads `A=10,C.A=30,EC0Y=20`: µm of what is a length, µrad of what is an angle. A name is a symbol of ISO 230-2 or VDI/DGQ 3441, which is
 /// of every positioning test, of those of an axis (`C.A`) or of an error (`EXX.A`); [`VOLUME`]; or that of an error: of a location error its
@@ -123,7 +121,7 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
     let mut all = Vec::new();
     for tolerance in tolerances {
         let symbol = tolerance.symbol.as_str();
-        let mut check = |of: String, value: Option<f64>, u: Option<f64>, unit: &str| {
+        let mut check = |of: CheckOf, value: Option<f64>, u: Option<f64>, unit: &str| {
             let value = value.filter(|value| value.is_finite());
             let uncertainty = u.filter(|_| value.is_some());
             all.push(Check {
@@ -139,7 +137,10 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
         let (of, figure) = parts(symbol);
         if symbols.contains(&figure) {
             for test in tests_of(report, tolerances, tolerance) {
-                let of = format!("{}, {}", test.error, test.file);
+                let of = CheckOf::Test {
+                    error: test.error.clone(),
+                    file: test.file.clone(),
+                };
                 check(
                     of,
                     test.figure(figure),
@@ -151,7 +152,7 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
                 let axis = of.and_then(|of| AxisName::from_letter(of.chars().last()?));
                 let is_rotary = axis.is_some_and(AxisName::is_rotary);
                 check(
-                    String::new(),
+                    CheckOf::Symbol,
                     None,
                     None,
                     if is_rotary { "µrad" } else { "µm" },
@@ -169,19 +170,14 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
             // Of a machine of which no error is known nothing follows.
             let value = last.filter(|last| last.state != State::Found || knows_errors(report));
             let of = if found.is_some() && value.is_some() && !report.not_measured.is_empty() {
-                MEASURED_ALONE
+                CheckOf::MeasuredAlone
             } else {
-                ""
+                CheckOf::Symbol
             };
-            check(
-                of.to_owned(),
-                value.map(|last| last.found.form_max_um),
-                u,
-                "µm",
-            );
+            check(of, value.map(|last| last.found.form_max_um), u, "µm");
         } else if let Ok(error) = symbol.parse::<ErrorName>() {
             let (value, u) = of_error(report, symbol);
-            check(String::new(), value, u, error.component.symbol());
+            check(CheckOf::Symbol, value, u, error.component.symbol());
         }
     }
     all

@@ -90,7 +90,7 @@ impl From<&ReportCheck> for Check {
     fn from(check: &ReportCheck) -> Self {
         Self {
             symbol: check.symbol.clone(),
-            of: check.of.clone(),
+            of: check.of.to_string(),
             value: check.value,
             limit: check.limit,
             unit: check.unit.clone(),

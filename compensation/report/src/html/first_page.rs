@@ -5,9 +5,9 @@ use volcomp_metrology::Verdict;
 use super::write::{Cell, Page};
 use crate::{
     plot::{escaped, short},
-    report::{Report, WarningKind},
+    report::{CheckOf, Report, WarningKind},
     texts::{Language, Texts, described},
-    tolerance::{MEASURED_ALONE, VOLUME},
+    tolerance::VOLUME,
 };
 
 pub(super) fn head(page: &mut Page, report: &Report, t: &Texts) {
@@ -106,13 +106,11 @@ pub(super) fn verdict(page: &mut Page, report: &Report, t: &Texts) {
                 "<span class=\"out {class}\">{sign} {}</span>",
                 escaped(word)
             )),
-            Cell::Path(match (check.of.as_str(), check.symbol.as_str()) {
-                ("", VOLUME) => t.largest_volume.to_owned(),
-                (MEASURED_ALONE, VOLUME) => {
-                    format!("{}; {}", t.largest_volume, t.measured_alone)
-                }
-                ("", symbol) => described(symbol, t),
-                (of, _) => of.to_owned(),
+            Cell::Path(match &check.of {
+                CheckOf::Symbol if check.symbol == VOLUME => t.largest_volume.to_owned(),
+                CheckOf::Symbol => described(&check.symbol, t),
+                CheckOf::MeasuredAlone => format!("{}; {}", t.largest_volume, t.measured_alone),
+                CheckOf::Test { .. } => check.of.to_string(),
             }),
             Cell::Number(check.value, 2),
             match (check.value, check.uncertainty) {

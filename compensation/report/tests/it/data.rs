@@ -1,7 +1,8 @@
 //! What stands in the data of a report.
 
 use volcomp_report::{
-    BandSource, Edition, Report, State, Stated, Verdict, WarningKind, checks, tolerances, volume,
+    BandSource, CheckOf, Edition, Report, State, Stated, Verdict, WarningKind, checks, tolerances,
+    volume,
 };
 
 use crate::Shop;
@@ -232,8 +233,16 @@ fn figures_stand_against_tolerances() {
             ("EZZ", NotEvaluated)
         ]
     );
-    let of = report.checks[0].of.clone();
-    assert!(of.starts_with("EXX, ") && of.ends_with("exx.csv"), "{of}");
+    let CheckOf::Test { error, file } = &report.checks[0].of else {
+        panic!("a test: {:?}", report.checks[0])
+    };
+    assert!(
+        error == "EXX" && file.ends_with("exx.csv"),
+        "{error} {file}"
+    );
+    assert_eq!(report.checks[0].of.to_string(), format!("EXX, {file}"));
+    // Without a volume there is nothing of which errors would be missing.
+    assert_eq!(report.checks[5].of, CheckOf::Symbol);
 }
 
 #[test]
