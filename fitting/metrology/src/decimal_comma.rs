@@ -29,24 +29,21 @@ pub(crate) fn with_points<'t>(
         written.push_str(head);
         for token in body.split_inclusive(|c: char| c.is_ascii_whitespace()) {
             let number = token.trim_ascii_end();
-            match with_point(number) {
-                Some(read) => {
-                    comma.get_or_insert((index + 1, number));
-                    is_certain |= !may_be_thousands(number);
-                    written.push_str(&read);
-                    written.push_str(&token[number.len()..]);
-                }
-                None => {
-                    let place = Place {
-                        file: name,
-                        line: index + 1,
-                    };
-                    if number.contains('.') && place.number("", number).is_ok() {
-                        point.get_or_insert((index + 1, number));
-                    }
-                    written.push_str(token);
-                }
+            if let Some(read) = with_point(number) {
+                comma.get_or_insert((index + 1, number));
+                is_certain |= !may_be_thousands(number);
+                written.push_str(&read);
+                written.push_str(&token[number.len()..]);
+                continue;
             }
+            let place = Place {
+                file: name,
+                line: index + 1,
+            };
+            if number.contains('.') && place.number("", number).is_ok() {
+                point.get_or_insert((index + 1, number));
+            }
+            written.push_str(token);
         }
     }
     let Some((line, found)) = comma else {

@@ -41,13 +41,11 @@ pub fn parse_ren(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError
         .map(|(index, line)| (index + 1, line.trim()));
     let mut head = None;
     for (number, line) in lines.by_ref() {
-        grid.read(
-            Place {
-                file: name,
-                line: number,
-            },
-            line,
-        )?;
+        let place = Place {
+            file: name,
+            line: number,
+        };
+        grid.read(place, line)?;
         if is_head(line) {
             head = Some(number);
             break;
