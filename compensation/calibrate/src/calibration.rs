@@ -5,8 +5,6 @@ use volcomp_vocabulary::{ErrorName, Urad};
 
 use crate::{
     calibration_file::{CalibrationFile, Location},
-    odd::{odd, odd_values, without_point},
-    same_machine::{different_machines, files_of},
     error::CalibrateError,
     fitted::{measured, notes_of},
     fitted_curve::FittedCurve,
@@ -15,7 +13,9 @@ use crate::{
     locations::located,
     not_followed::not_followed,
     not_measured::not_measured,
+    odd::{odd, odd_values, without_point},
     provenance::with_provenance,
+    same_machine::{different_machines, files_of},
     same_readings::same_readings,
     stages::Stages,
 };

@@ -1,6 +1,8 @@
 //! What is odd about a line that is not refused, and about values that are stated.
 
-use volcomp_metrology::{Measurement, MotionKind, ODD_ABOVE, ReferenceLine, SMALL_BELOW, errors_named};
+use volcomp_metrology::{
+    Measurement, MotionKind, ODD_ABOVE, ReferenceLine, SMALL_BELOW, errors_named,
+};
 use volcomp_model::{Axis, Machine};
 use volcomp_vocabulary::{Component, Displacement, ErrorName, Um, Urad};
 
@@ -201,4 +203,3 @@ pub(crate) fn without_point(lines: &[Line], tilted: &Machine) -> Option<String> 
         )
     })
 }
-

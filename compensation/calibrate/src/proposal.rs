@@ -7,10 +7,7 @@ use volcomp_model::{Axis, Machine};
 use volcomp_vocabulary::{AxisName, Component, ErrorName};
 
 use crate::{
-    draft::Proposed,
-    draft_keys::Told,
-    hints::Hints,
-    odd::beyond_travel,
+    draft::Proposed, draft_keys::Told, hints::Hints, odd::beyond_travel,
     same_machine::other_machine,
 };
 
@@ -110,7 +107,11 @@ pub(crate) fn of_measurement(
 }
 
 /// What is said of a file that looks like one of another axis or machine.
-pub(crate) fn out_of_place(of: &Proposed, measurement: &Measurement, machine: &Machine) -> Vec<String> {
+pub(crate) fn out_of_place(
+    of: &Proposed,
+    measurement: &Measurement,
+    machine: &Machine,
+) -> Vec<String> {
     let axis = of.error.and_then(|error| machine.axis(error.axis));
     let beyond = axis.and_then(|axis| beyond_travel(measurement, axis));
     let said = [beyond, other_machine(measurement, machine)];
