@@ -5,11 +5,11 @@ use std::{
     time::{Duration, Instant},
 };
 
-use volcomp_devices::{Address, remote};
+use volcomp_devices::{Address, allows_remote_bridge};
 use volcomp_guard::{AxisLimits, Limits, RATE_OVER_SLEW};
 use volcomp_linuxcnc::{Expected, Ini, Least, LinuxCncConfig, PORT, VERSION, look};
 use volcomp_port::{Controller as _, DeviceError};
-use volcomp_vocabulary::{AxisKind, Displacement};
+use volcomp_vocabulary::AxisKind;
 
 use crate::{config::ControllerConfig, documents::OnlinePlan, online};
 
@@ -42,7 +42,7 @@ pub(crate) fn controller(
     let control = LinuxCncConfig {
         host: address.host.clone(),
         port: address.port.unwrap_or(PORT),
-        remote: remote(address)?,
+        remote: allows_remote_bridge(address)?,
         channel,
         machine,
         axes: config.axes.clone(),
@@ -70,14 +70,8 @@ pub(crate) fn check(
         let found = format!("{shown}: {e}");
         address.wrong(found, "check linuxcnc.ini").caused_by(e)
     })?;
-    let step = |step: Displacement| step.mm_or_rad();
     let problems = ini.problems(&Expected {
-        machine: control.machine,
-        port: control.port,
-        axes: control.axes.clone(),
-        reads: control.reads.clone(),
-        step_nm: step(control.step_linear) * 1e6,
-        step_udeg: step(control.step_rotary).to_degrees() * 1e6,
+        control,
         scan_ms: (config.barrier).map_or(1.0, |barrier| barrier.scan.as_secs_f64() * 1e3),
         least: limits.map(least),
     });

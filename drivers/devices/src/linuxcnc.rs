@@ -15,7 +15,7 @@ use crate::{
 ///
 /// # Errors
 /// Another value than `true` or `false`.
-pub fn remote(address: &Address) -> Result<bool, DeviceError> {
+pub fn allows_remote_bridge(address: &Address) -> Result<bool, DeviceError> {
     match address.get("remote") {
         None | Some("false") => Ok(false),
         Some("true") => Ok(true),
@@ -27,7 +27,7 @@ pub fn remote(address: &Address) -> Result<bool, DeviceError> {
 
 pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let port = address.port.unwrap_or(PORT);
-    let state = look(&address.host, port, remote(address)?, at_most)?;
+    let state = look(&address.host, port, allows_remote_bridge(address)?, at_most)?;
     let mut probe = Probe::of(&address.text);
     let positions = state.axes().map(|axis| ProbedPosition {
         name: axis.name.to_string(),

@@ -78,6 +78,11 @@ impl LinuxCncConfig {
         }
     }
 
+    /// The size of a count as the bridge is told it: nm, or millionths of a degree.
+    pub(crate) fn step_nano(&self, kind: AxisKind) -> f64 {
+        nano(kind, self.step(kind).mm_or_rad()).round()
+    }
+
     /// The description of the controller, without opening it.
     ///
     /// # Errors
@@ -115,7 +120,7 @@ impl LinuxCncConfig {
         };
         description.check().map_err(unfit)?;
         for axis in &description.axes {
-            let counts = nano(axis.name, axis.step());
+            let counts = nano(axis.name.kind(), axis.step());
             let near = (counts - counts.round()).abs() < 1e-6 * counts;
             if !near || !(1.0..=1e6).contains(&counts.round()) {
                 let found = format!("axis {}: found a step of {}", axis.name, axis.resolution);
@@ -131,8 +136,8 @@ impl LinuxCncConfig {
 }
 
 /// A length in mm or an angle in rad, in nm or millionths of a degree.
-fn nano(name: AxisName, mm_or_rad: f64) -> f64 {
-    match name.kind() {
+fn nano(kind: AxisKind, mm_or_rad: f64) -> f64 {
+    match kind {
         AxisKind::Linear => mm_or_rad * 1e6,
         AxisKind::Rotary => mm_or_rad.to_degrees() * 1e6,
     }
@@ -301,7 +306,7 @@ impl LinuxCncController {
             return Some("the bridge does not tell the position of an axis that is read");
         }
         let same = |(own, found): (&Axis, &AxisState)| {
-            let own = nano(own.name, own.step());
+            let own = nano(own.name.kind(), own.step());
             (own - f64::from(found.step)).abs() < 0.5
         };
         if !expected.iter().zip(state.axes()).all(same) {

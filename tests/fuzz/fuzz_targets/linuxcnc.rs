@@ -2,7 +2,9 @@
 //! Datagrams and INI files of LinuxCNC: no panic on any bytes, and what is read is written as it was.
 
 use libfuzzer_sys::fuzz_target;
-use volcomp_linuxcnc::{COMMAND_BYTES, Command, Expected, Ini, Least, STATE_BYTES, State};
+use volcomp_linuxcnc::{
+    COMMAND_BYTES, Command, Expected, Ini, Least, LinuxCncConfig, STATE_BYTES, State,
+};
 use volcomp_vocabulary::AxisName;
 
 fuzz_target!(|bytes: &[u8]| {
@@ -16,13 +18,19 @@ fuzz_target!(|bytes: &[u8]| {
         let length = command.encode(&mut again);
         assert_eq!(Command::decode(&again[..length]), Ok(command));
     }
-    let expected = Expected {
-        machine: 1,
+    let control = LinuxCncConfig {
+        host: "127.0.0.1".to_owned(),
         port: 47_001,
+        remote: false,
+        channel: "linuxcnc".to_owned(),
+        machine: 1,
         axes: vec![AxisName::X, AxisName::C],
         reads: vec![AxisName::A],
-        step_nm: 1.0,
-        step_udeg: 1.0,
+        step_linear: LinuxCncConfig::STEP_LINEAR,
+        step_rotary: LinuxCncConfig::step_rotary(),
+    };
+    let expected = Expected {
+        control: &control,
         scan_ms: 1.0,
         least: Some(Least {
             limit: [30.0, 5.0],

@@ -9,9 +9,9 @@ pub use problem::Problem;
 
 use std::path::{Path, PathBuf};
 
-use volcomp_vocabulary::{AxisKind, AxisName};
+use volcomp_vocabulary::AxisKind;
 
-use crate::PORT;
+use crate::{LinuxCncConfig, PORT};
 
 /// An INI file of LinuxCNC: sections, keys and values as they are written.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -24,20 +24,10 @@ pub struct Ini {
 }
 
 /// What is expected of an INI file.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Expected {
-    /// The number of the machine.
-    pub machine: u16,
-    /// The UDP port of the bridge.
-    pub port: u16,
-    /// The axes that are corrected, in the order of the configuration.
-    pub axes: Vec<AxisName>,
-    /// Axes of which only the positions are read.
-    pub reads: Vec<AxisName>,
-    /// The size of a count of linear axes, nm.
-    pub step_nm: f64,
-    /// The size of a count of rotary axes, millionths of a degree.
-    pub step_udeg: f64,
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Expected<'a> {
+    /// The control as the gateway is configured for it.
+    pub control: &'a LinuxCncConfig,
     /// The period of the servo thread, ms.
     pub scan_ms: f64,
     /// What the guard needs of the bridge; `None` where nothing is corrected.
@@ -146,7 +136,7 @@ impl Ini {
 
     /// Everything that is wrong or missing.
     #[must_use]
-    pub fn problems(&self, expected: &Expected) -> Vec<Problem> {
+    pub fn problems(&self, expected: &Expected<'_>) -> Vec<Problem> {
         let mut problems = Vec::new();
         for (file, reason) in &self.unread {
             let (file, reason) = (file.clone(), reason.clone());
@@ -182,9 +172,9 @@ impl Ini {
     }
 
     /// Axes whose positions the gateway reads: the bridge tells those of `AXES` and `READS`.
-    fn reads(&self, expected: &Expected, problems: &mut Vec<Problem>) {
+    fn reads(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
         let [axes, reads] = self.letters();
-        for axis in &expected.reads {
+        for axis in &expected.control.reads {
             if !axes.contains(axis.letter()) && !reads.contains(axis.letter()) {
                 let found = self.get("VOLCOMP", "READS").unwrap_or_default().to_owned();
                 problems.push(Problem::NotRead { axis: *axis, found });
@@ -208,8 +198,8 @@ impl Ini {
     }
 
     /// The sections of the axes: each that is corrected has a share of velocity for its offset.
-    fn shares(&self, expected: &Expected, problems: &mut Vec<Problem>) {
-        for axis in &expected.axes {
+    fn shares(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
+        for axis in &expected.control.axes {
             match self.get(&format!("AXIS_{axis}"), "OFFSET_AV_RATIO") {
                 None => problems.push(Problem::NoRatio { axis: *axis }),
                 Some(text) => {
@@ -239,7 +229,7 @@ impl Ini {
     }
 
     /// Units, kinematics and period of the control.
-    fn control(&self, expected: &Expected, problems: &mut Vec<Problem>) {
+    fn control(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
         for (key, known, words) in UNITS {
             match self.get("TRAJ", key) {
                 None => problems.push(Problem::NoUnits {
@@ -285,7 +275,7 @@ impl Ini {
     }
 
     /// The section of the bridge.
-    fn bridge(&self, expected: &Expected, problems: &mut Vec<Problem>) {
+    fn bridge(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
         let mut compare = |key: &'static str, default: Option<String>, wanted: String| match self
             .of_bridge(key)
             .or(default)
@@ -309,17 +299,17 @@ impl Ini {
                 }
             }
         };
-        let has = |kind: AxisKind| expected.axes.iter().any(|axis| axis.kind() == kind);
-        let letters: String = expected.axes.iter().map(|axis| axis.letter()).collect();
-        compare("MACHINE", None, expected.machine.to_string());
+        let control = expected.control;
+        let has = |kind: AxisKind| control.axes.iter().any(|axis| axis.kind() == kind);
+        let letters: String = control.axes.iter().map(|axis| axis.letter()).collect();
+        compare("MACHINE", None, control.machine.to_string());
         compare("AXES", Some("XYZ".to_owned()), letters);
-        compare("PORT", Some(PORT.to_string()), expected.port.to_string());
-        let one = || Some("1".to_owned());
-        if has(AxisKind::Linear) {
-            compare("STEP_NM", one(), expected.step_nm.to_string());
-        }
-        if has(AxisKind::Rotary) {
-            compare("STEP_UDEG", one(), expected.step_udeg.to_string());
+        compare("PORT", Some(PORT.to_string()), control.port.to_string());
+        for keys in &numbers::KEYS {
+            if has(keys.of) {
+                let step = control.step_nano(keys.of).to_string();
+                compare(keys.step, Some("1".to_owned()), step);
+            }
         }
         self.numbers(expected, problems);
     }

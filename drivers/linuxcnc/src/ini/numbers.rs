@@ -21,14 +21,15 @@ pub struct Least {
     pub zero_after_ms: f64,
 }
 
-struct Keys {
-    of: AxisKind,
-    step: &'static str,
+/// The keys of the axes of a kind.
+pub(super) struct Keys {
+    pub(super) of: AxisKind,
+    pub(super) step: &'static str,
     limit: &'static str,
     rate: &'static str,
 }
 
-const KEYS: [Keys; 2] = [
+pub(super) const KEYS: [Keys; 2] = [
     Keys {
         of: AxisKind::Linear,
         step: "STEP_NM",
@@ -71,11 +72,11 @@ impl Ini {
     }
 
     /// Limits, rates and times, as the bridges check them and the guard compares them.
-    pub(super) fn numbers(&self, expected: &Expected, problems: &mut Vec<Problem>) {
+    pub(super) fn numbers(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
         let scan_s = expected.scan_ms * 1e-3;
         for (at, keys) in KEYS.iter().enumerate() {
             let corrected = |axis: &&AxisName| axis.kind() == keys.of;
-            if !expected.axes.iter().any(|axis| corrected(&axis)) {
+            if !expected.control.axes.iter().any(|axis| corrected(&axis)) {
                 continue;
             }
             let step = self.number(keys.step, Some(1.0), problems);
@@ -124,11 +125,11 @@ impl Ini {
                 ),
                 problems,
             );
-            for axis in expected.axes.iter().filter(corrected) {
+            for axis in expected.control.axes.iter().filter(corrected) {
                 self.follows(*axis, keys.rate, rate, problems);
             }
         }
-        if expected.axes.is_empty() {
+        if expected.control.axes.is_empty() {
             return;
         }
         let hold = self.number("HOLD_MS", Some(100.0), problems);

@@ -1,16 +1,25 @@
 //! INI files: the shipped ones are right, and each line that is missing or wrong is named.
 
-use volcomp_linuxcnc::{Expected, Ini, Least, PORT};
+use volcomp_linuxcnc::{Expected, Ini, Least, LinuxCncConfig, PORT};
 use volcomp_vocabulary::AxisName;
 
-pub(crate) fn expected() -> Expected {
-    Expected {
-        machine: 1,
+pub(crate) fn control() -> LinuxCncConfig {
+    LinuxCncConfig {
+        host: "127.0.0.1".to_owned(),
         port: PORT,
+        remote: false,
+        channel: "linuxcnc".to_owned(),
+        machine: 1,
         axes: vec![AxisName::X, AxisName::Y, AxisName::Z],
         reads: Vec::new(),
-        step_nm: 1.0,
-        step_udeg: 1.0,
+        step_linear: LinuxCncConfig::STEP_LINEAR,
+        step_rotary: LinuxCncConfig::step_rotary(),
+    }
+}
+
+pub(crate) fn expected(control: &LinuxCncConfig) -> Expected<'_> {
+    Expected {
+        control,
         scan_ms: 1.0,
         least: Some(Least {
             limit: [30.0, 0.0],
@@ -26,7 +35,7 @@ pub(crate) fn mill() -> String {
 }
 
 fn told(text: &str) -> Vec<String> {
-    let problems = Ini::parse(text).problems(&expected());
+    let problems = Ini::parse(text).problems(&expected(&control()));
     problems.iter().map(ToString::to_string).collect()
 }
 
@@ -199,8 +208,11 @@ fn each_line_that_is_missing_or_wrong_is_named() {
 /// An axis whose position the gateway reads is told by the bridge, corrected or not.
 #[test]
 fn axes_that_are_read_are_told() {
-    let mut expected = expected();
-    expected.reads = vec![AxisName::A, AxisName::C];
+    let control = LinuxCncConfig {
+        reads: vec![AxisName::A, AxisName::C],
+        ..control()
+    };
+    let expected = expected(&control);
     let told = |text: &str| {
         let problems = Ini::parse(text).problems(&expected);
         problems.iter().map(ToString::to_string).collect::<Vec<_>>()
@@ -223,7 +235,7 @@ fn files_that_are_included_are_looked_through() {
     let file = dir.path().join("mill.ini");
     let told = |text: &str| {
         std::fs::write(&file, text).unwrap();
-        let problems = Ini::read(&file).unwrap().problems(&expected());
+        let problems = Ini::read(&file).unwrap().problems(&expected(&control()));
         problems.iter().map(ToString::to_string).collect::<Vec<_>>()
     };
     assert_eq!(told(&mill()), [""; 0]);
@@ -251,7 +263,7 @@ fn files_of_the_display_are_looked_through() {
     let told = |text: &str, display: &str| {
         std::fs::write(dir.path().join("display.hal"), display).unwrap();
         std::fs::write(&file, text).unwrap();
-        let problems = Ini::read(&file).unwrap().problems(&expected());
+        let problems = Ini::read(&file).unwrap().problems(&expected(&control()));
         problems.iter().map(ToString::to_string).collect::<Vec<_>>()
     };
     std::fs::write(
@@ -293,7 +305,7 @@ fn files_of_the_display_are_looked_through() {
         "{found}"
     );
     std::fs::remove_file(dir.path().join("display.hal")).unwrap();
-    let problems = Ini::read(&file).unwrap().problems(&expected());
+    let problems = Ini::read(&file).unwrap().problems(&expected(&control()));
     let found = problems[0].to_string();
     assert!(
         found.starts_with("[HAL]POSTGUI_HALFILE: display.hal: "),

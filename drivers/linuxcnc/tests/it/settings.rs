@@ -8,7 +8,7 @@ use std::{
 use volcomp_linuxcnc::Ini;
 use volcomp_test_support::{peers, root};
 
-use crate::ini::{expected, mill};
+use crate::ini::{control, expected, mill};
 
 /// The HAL files of both bridges.
 const HAL_FILES: [&str; 2] = ["volcomp.tcl", "volcomp-servo.tcl"];
@@ -178,7 +178,7 @@ fn of_tcl(hal_file: &str, ini: &str) -> Option<(bool, String)> {
 }
 
 fn of_check(ini: &str) -> (bool, String) {
-    let problems = Ini::parse(ini).problems(&expected());
+    let problems = Ini::parse(ini).problems(&expected(&control()));
     let said: Vec<String> = problems.iter().map(ToString::to_string).collect();
     (said.is_empty(), said.join("\n"))
 }
