@@ -519,27 +519,35 @@ def component(configuration):
             made = hal.component(name)
             break
         except (hal.error, RuntimeError):
-            for pin in [f"counts-{letter.lower()}" for letter in configuration.axes] + [f"probed-offset-{letter.lower()}" for letter in configuration.axes] + ["alive", "trust", "enable"]:
-                subprocess.run(["halcmd", "unlinkp", f"{name}.{pin}"], check=False, capture_output=True)
+            for pin, _, begins in written_pins(configuration):
+                if begins is not None:
+                    subprocess.run(["halcmd", "unlinkp", f"{name}.{pin}"], check=False, capture_output=True)
     if made is None:
         raise RuntimeError("too many bridges have died: start LinuxCNC anew")
-    for letter in configuration.axes:
-        letter = letter.lower()
-        made.newpin(f"counts-{letter}", hal.HAL_FLOAT, hal.HAL_OUT)
-        made.newpin(f"absorbed-{letter}", hal.HAL_FLOAT, hal.HAL_OUT)
-        made.newpin(f"probed-offset-{letter}", hal.HAL_FLOAT, hal.HAL_OUT)
-    made.newpin("alive", hal.HAL_BIT, hal.HAL_OUT)
-    made.newpin("trust", hal.HAL_BIT, hal.HAL_OUT)
-    made.newpin("enable", hal.HAL_BIT, hal.HAL_OUT)
-    made.newpin("holds", hal.HAL_BIT, hal.HAL_OUT)
-    made.newpin("unread", hal.HAL_U32, hal.HAL_OUT)
-    made.newpin("owner", hal.HAL_U32, hal.HAL_OUT)
-    made.newpin("epoch", hal.HAL_U32, hal.HAL_OUT)
+    for pin, kind, _ in written_pins(configuration):
+        made.newpin(pin, kind, hal.HAL_OUT)
     for pin, kind in servo_pins(configuration):
         made.newpin(pin, kind, hal.HAL_IN)
     for pin, _, _, kind in read_pins(configuration):
         made.newpin(pin, kind, hal.HAL_IN)
     return made, name
+
+
+# A pin that begins with the value that its signal has.
+HELD = object()
+
+
+def written_pins(configuration):
+    """What the bridge writes: pin, kind, and with what it begins on the signal of volcomp.tcl that has its name, or `None` for a pin
+    that has no signal."""
+    pins = []
+    for letter in configuration.axes:
+        letter = letter.lower()
+        pins += [(f"counts-{letter}", hal.HAL_FLOAT, HELD), (f"probed-offset-{letter}", hal.HAL_FLOAT, 0.0),
+                 (f"absorbed-{letter}", hal.HAL_FLOAT, None)]
+    return pins + [
+        ("trust", hal.HAL_BIT, False), ("alive", hal.HAL_BIT, HELD), ("enable", hal.HAL_BIT, True), ("holds", hal.HAL_BIT, None),
+        ("unread", hal.HAL_U32, None), ("owner", hal.HAL_U32, None), ("epoch", hal.HAL_U32, None)]
 
 
 def servo_pins(configuration):
@@ -589,18 +597,16 @@ def connect(made, configuration, component_name):
     for pin, _ in servo_pins(configuration):
         hal.connect(f"{component_name}.{pin}", f"volcomp-{pin}")
 
-    def write(pin, value):
+    for pin, kind, begins in written_pins(configuration):
+        if begins is None:
+            continue
+        value = hal.get_value(f"volcomp-{pin}") if begins is HELD else begins
+        if kind == hal.HAL_BIT:
+            value = bool(value)
+        # Before it is connected, so that the signal does not change, and after, since connecting takes the value of the signal.
         made[pin] = value
         hal.connect(f"{component_name}.{pin}", f"volcomp-{pin}")
         made[pin] = value
-
-    for letter in configuration.axes:
-        counts = f"counts-{letter.lower()}"
-        write(counts, hal.get_value(f"volcomp-{counts}"))
-        write(f"probed-offset-{letter.lower()}", 0.0)
-    write("trust", False)
-    write("alive", bool(hal.get_value("volcomp-alive")))
-    write("enable", True)
 
 
 def main():
