@@ -4,11 +4,13 @@
 
 It imports LinuxCNC's Python module, so it is under LinuxCNC's licence."""
 
+import inspect
 import json
 import os
 import signal
 import socket
 import subprocess
+import sys
 import time
 
 import hal
@@ -76,6 +78,8 @@ def until(send, done, patience=3.0, tries=8):
         while time.monotonic() < end:
             stat.poll()
             if done():
+                if tried > 1:
+                    print(f"user interface: {inspect.stack()[1].function} was asked for {tried} times", file=sys.stderr, flush=True)
                 return tried
             time.sleep(0.002)
         listen()
@@ -86,8 +90,19 @@ def state(wanted):
     return until(lambda: command.state(wanted), lambda: stat.task_state == wanted)
 
 
+# In what the motion controller has to be where the task is in a mode. It goes there only while nothing moves, forgets at once what it
+# was asked for otherwise (set_operating_mode in src/emc/motion/control.c), and tells the task nothing of it. A task that is in MDI while the
+# motion controller is not in coordinated mode takes commands, and nothing moves.
+MOTION_MODES = {
+    linuxcnc.MODE_MANUAL: (linuxcnc.TRAJ_MODE_FREE, linuxcnc.TRAJ_MODE_TELEOP),
+    linuxcnc.MODE_MDI: (linuxcnc.TRAJ_MODE_COORD,),
+    linuxcnc.MODE_AUTO: (linuxcnc.TRAJ_MODE_COORD,),
+}
+
+
 def mode(wanted):
-    return until(lambda: command.mode(wanted), lambda: stat.task_mode == wanted)
+    return until(lambda: command.mode(wanted), lambda: stat.task_mode == wanted and stat.motion_mode in MOTION_MODES[wanted],
+                 patience=1.0, tries=24)
 
 
 def on():
@@ -125,7 +140,9 @@ def idle(patience=30):
 def begin_mdi(text):
     """A command whose effect is a motion, which may be over before anybody looks: it was taken when its number is told."""
     global command
+    # The change of the mode ends what the task was doing, and reads the position anew: both are over before the command comes.
     mode(linuxcnc.MODE_MDI)
+    idle()
     for _ in range(8):
         before = command.serial
         command.mdi(text)
@@ -146,8 +163,8 @@ def mdi(text):
 
 def begin(path):
     mode(linuxcnc.MODE_AUTO)
-    command.program_open(path)
-    command.wait_complete(10)
+    idle()
+    until(lambda: command.program_open(path), lambda: stat.file == path)
     until(lambda: command.auto(linuxcnc.AUTO_RUN, 0), lambda: stat.interp_state != linuxcnc.INTERP_IDLE)
 
 
@@ -220,12 +237,8 @@ def answer(asked):
         begin_mdi(asked["text"])
     elif do == "begin":
         begin(asked["path"])
-    elif do in ("idle", "pause", "resume", "home"):
+    elif do in ("idle", "pause", "resume"):
         globals()[do]()
-    elif do == "unhome":
-        mode(linuxcnc.MODE_MANUAL)
-        until(lambda: command.teleop_enable(0), lambda: stat.motion_mode == linuxcnc.TRAJ_MODE_FREE)
-        until(lambda: command.unhome(-1), lambda: not any(stat.homed[:stat.joints]))
     elif do == "joint_mode":
         mode(linuxcnc.MODE_MANUAL)
         until(lambda: command.teleop_enable(0), lambda: stat.motion_mode == linuxcnc.TRAJ_MODE_FREE)
@@ -233,8 +246,6 @@ def answer(asked):
         return halcmd(*asked["arguments"])
     elif do == "get":
         return [float(hal.get_value(pin)) for pin in asked["pins"]]
-    elif do == "signal":
-        return float(halcmd("gets", asked["name"]))
     elif do == "probed":
         stat.poll()
         return [bool(stat.probe_tripped), *stat.probed_position]
