@@ -1,33 +1,22 @@
-//! The bridge in the servo thread where the axes do not have what it asks for, and where it must not start at all.
+//! The bridges where the axes do not have what they ask for, and where they must not start at all.
 
 use std::time::Duration;
 
 use super::{
-    gateway, no_jump, offsets,
-    peer::{Bridge, LinuxCnc, alone, can_build},
-    wait_corrected, wait_zero,
+    MOST, PORT,
+    alone::{alone, can_build, with_both},
+    corrected_at, gateway, no_jump, offsets,
+    peer::{Bridge, LinuxCnc},
+    wait_zero,
 };
 use crate::online::{check, said};
 
-const PORT: u16 = 47_001;
-const MOST: f64 = 0.005;
+with_both!(adrift: in_joint_mode_nothing_is_asked_for, an_offset_that_does_not_come_is_an_alarm);
 
-/// LinuxCNC moves offsets by its own planner: not in joint mode, where what was asked for would come as a jump later, and not
-/// without its share of velocity.
-#[test]
-fn joint_mode_and_a_planner_that_does_not_move() {
-    if !can_build() {
-        return;
-    }
-    let Some(_alone) = alone("adrift::joint_mode_and_a_planner_that_does_not_move") else {
-        return;
-    };
+/// LinuxCNC moves offsets by its own planner: not in joint mode, where what was asked for would come as a jump later.
+fn in_joint_mode_nothing_is_asked_for(kind: Bridge) {
     let dir = tempfile::tempdir().expect("writable");
-    let mut control = LinuxCnc::start(dir.path(), Bridge::Servo, |ini| ini);
-    let mut program = gateway(dir.path(), PORT);
-    control.do_it("up");
-    control.mdi("G21 G90 G0 X50 Y40 Z-20");
-    wait_corrected(&mut control, &program);
+    let (mut control, mut program) = corrected_at("X300 Y40 Z-20", dir.path(), kind, |ini| ini);
 
     // What `check --online` says of it.
     let config = super::configuration(dir.path(), PORT);
@@ -45,7 +34,8 @@ fn joint_mode_and_a_planner_that_does_not_move() {
     assert!(!text.contains("shift words"), "{text}");
 
     let held = offsets(&mut control);
-    let counts = control.pin("volcomp.counts-0");
+    let pin = control.of_x("counts");
+    let counts = control.pin(&pin);
     control.do_it("joint_mode");
     let seen = program.wait(|state| state["reasons"].to_string().contains("alarm"));
     seen.unwrap_or_else(|state| panic!("nobody sees the mode: {state}"));
@@ -57,28 +47,39 @@ fn joint_mode_and_a_planner_that_does_not_move() {
     program.running.kill();
     std::thread::sleep(Duration::from_secs(2));
     assert_eq!(offsets(&mut control), held);
-    assert_eq!(control.pin("volcomp.counts-0"), counts);
+    assert_eq!(control.pin(&pin), counts);
     assert_eq!(control.pin("volcomp.holds"), 1.0);
     // Back in a mode in which offsets move, the barrier takes it out at its own rate.
     let cycles = control.record(|control| {
-        control.mdi("G0 X50");
+        control.mdi("G0 X300");
         wait_zero(control);
     });
     no_jump(&cycles, MOST);
-    drop(program);
-    drop(control);
+}
 
+/// Without its share of velocity the planner does not move: that is no correction.
+fn an_offset_that_does_not_come_is_an_alarm(kind: Bridge) {
     let dir = tempfile::tempdir().expect("writable");
-    let mut control = LinuxCnc::start(dir.path(), Bridge::Servo, |ini| {
-        // HAL files that are read twice do not matter.
-        let ini = ini.replace("[HAL]\n", "[HAL]\nTWOPASS = ON\n");
+    let mut control = LinuxCnc::start(dir.path(), kind, |ini| {
+        // HAL files that are read twice do not matter to the component.
+        let passes = match kind {
+            Bridge::User => "[HAL]\n",
+            Bridge::Servo => "[HAL]\nTWOPASS = ON\n",
+        };
+        let ini = ini.replace("[HAL]\n", passes);
         ini.replace("OFFSET_AV_RATIO = 0.02\n", "")
     });
     let program = gateway(dir.path(), PORT);
     control.do_it("up");
-    control.mdi("G21 G90 G0 X50 Y40 Z-20");
+    control.mdi("G21 G90 G0 X300 Y40 Z-20");
     let seen = program.wait(|state| state["reasons"].to_string().contains("alarm"));
     seen.unwrap_or_else(|state| panic!("nobody sees that no offset comes: {state}"));
+    // Something was asked for, and it stays told that it did not come.
+    control.wait("axis.x.eoffset-request", |asked| asked.abs() > 2e-3);
+    std::thread::sleep(Duration::from_secs(2));
+    let state = program.state();
+    assert!(state["reasons"].to_string().contains("alarm"), "{state}");
+    assert_eq!(control.pin("volcomp.holds"), 1.0);
     assert_eq!(offsets(&mut control), [0.0; 3]);
 }
 

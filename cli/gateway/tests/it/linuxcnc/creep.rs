@@ -1,14 +1,14 @@
 //! A reversal error where the axis creeps, stands, and goes back and forth by less than counts as a reversal.
 
 use super::{
+    PORT,
+    alone::with_both,
     configuration_of,
-    peer::{Bridge, LinuxCnc, with_both},
+    peer::{Bridge, LinuxCnc},
     start,
 };
 
 with_both!(creep: the_side_of_a_reversal_changes_once_and_only_after_its_way);
-
-const PORT: u16 = 47_001;
 
 const MACHINE: &str = r#"
 name = "mill"

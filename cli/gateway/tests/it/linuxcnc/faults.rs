@@ -14,26 +14,19 @@ use std::{
 use rand::{RngExt, SeedableRng};
 
 use super::{
-    corrected, gateway, no_jump,
-    peer::{Bridge, LinuxCnc, alone, with_both},
+    MOST, PORT,
+    alone::{alone, with_both},
+    corrected, corrected_at, gateway, no_jump,
+    peer::{Bridge, LinuxCnc},
     wait_corrected, wait_zero,
 };
 use crate::program::{Program, path};
 
 with_both!(faults: a_gateway_that_dies_leaves_nothing, a_network_that_loses_doubles_and_delays_moves_nothing_wrongly);
 
-const PORT: u16 = 47_001;
-
-/// What the barrier moves in a cycle and LinuxCNC's own planner may catch up, mm.
-const MOST: f64 = 0.005;
-
 fn a_gateway_that_dies_leaves_nothing(kind: Bridge) {
     let dir = tempfile::tempdir().expect("writable");
-    let mut control = LinuxCnc::start(dir.path(), kind, |ini| ini);
-    let mut program = gateway(dir.path(), PORT);
-    control.do_it("up");
-    control.mdi("G21 G90 G0 X50 Y40 Z-20");
-    wait_corrected(&mut control, &program);
+    let (mut control, mut program) = corrected_at("X50 Y40 Z-20", dir.path(), kind, |ini| ini);
     let epoch = control.pin("volcomp.epoch");
     // The disk hangs: whoever writes the epoch waits, and nobody waits for that one.
     let hangs = dir.path().join("volcomp.epoch.new");
@@ -87,14 +80,10 @@ fn a_bridge_in_user_space_that_dies_leaves_nothing() {
     };
     let dir = tempfile::tempdir().expect("writable");
     // The axes are those of the default.
-    let mut control = LinuxCnc::start(dir.path(), Bridge::User, |ini| {
+    let (mut control, program) = corrected_at("X300 Y40 Z-20", dir.path(), Bridge::User, |ini| {
         assert!(ini.contains("AXES = XYZ\n"));
         ini.replace("AXES = XYZ\n", "")
     });
-    let program = gateway(dir.path(), PORT);
-    control.do_it("up");
-    control.mdi("G21 G90 G0 X300 Y40 Z-20");
-    wait_corrected(&mut control, &program);
     // Each time the machine is switched on, LinuxCNC takes the offset into its position, and the counts are ahead by it.
     for _ in 0..3 {
         let lost = control.pin("volcomp.absorbed-x");
@@ -147,13 +136,10 @@ fn a_bridge_in_user_space_can_be_stopped_at_any_moment() {
         return;
     };
     let dir = tempfile::tempdir().expect("writable");
-    let mut control = LinuxCnc::start(dir.path(), Bridge::User, |ini| {
-        ini.replace("AXES = XYZ", "AXES = X Y Z")
-    });
-    let mut program = gateway(dir.path(), PORT);
-    control.do_it("up");
-    control.mdi("G21 G90 G0 X300 Y40 Z-20");
-    wait_corrected(&mut control, &program);
+    let (mut control, mut program) =
+        corrected_at("X300 Y40 Z-20", dir.path(), Bridge::User, |ini| {
+            ini.replace("AXES = XYZ", "AXES = X Y Z")
+        });
     let cycles = control.record(|control| {
         for _ in 0..50 {
             control.signal_bridge("STOP");

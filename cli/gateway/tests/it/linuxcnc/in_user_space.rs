@@ -1,71 +1,13 @@
-//! The bridge in user space where the axes do not have what it asks for, and where it must not start at all.
+//! The bridge in user space where it must not start at all, and what its parts make of numbers.
 
-use std::{path::Path, process::Command, time::Duration};
+use std::{path::Path, process::Command};
 
 use volcomp_test_support::root;
 
 use super::{
-    gateway, no_jump, offsets,
-    peer::{Bridge, LinuxCnc, alone, is_there},
-    wait_corrected, wait_zero,
+    alone::{alone, is_there},
+    peer::{Bridge, LinuxCnc},
 };
-
-const PORT: u16 = 47_001;
-const MOST: f64 = 0.005;
-
-/// LinuxCNC moves offsets by its own planner: not in joint mode, where what was asked for would come as a jump later.
-#[test]
-fn in_joint_mode_nothing_is_asked_for() {
-    let Some(_alone) = alone("in_user_space::in_joint_mode_nothing_is_asked_for") else {
-        return;
-    };
-    let dir = tempfile::tempdir().expect("writable");
-    let mut control = LinuxCnc::start(dir.path(), Bridge::User, |ini| ini);
-    let mut program = gateway(dir.path(), PORT);
-    control.do_it("up");
-    control.mdi("G21 G90 G0 X300 Y40 Z-20");
-    wait_corrected(&mut control, &program);
-    let held = offsets(&mut control);
-    let counts = control.pin("volcomp.counts-x");
-    control.do_it("joint_mode");
-    let seen = program.wait(|state| state["reasons"].to_string().contains("alarm"));
-    seen.unwrap_or_else(|state| panic!("nobody sees the mode: {state}"));
-    program.running.kill();
-    std::thread::sleep(Duration::from_secs(2));
-    assert_eq!(offsets(&mut control), held);
-    assert_eq!(control.pin("volcomp.counts-x"), counts);
-    assert_eq!(control.pin("volcomp.holds"), 1.0);
-    // Back in a mode in which offsets move, the barrier takes it out at its own rate.
-    let cycles = control.record(|control| {
-        control.mdi("G0 X300");
-        wait_zero(control);
-    });
-    no_jump(&cycles, MOST);
-}
-
-/// Without its share of velocity the planner does not move: that is no correction.
-#[test]
-fn an_offset_that_does_not_come_is_an_alarm() {
-    let Some(_alone) = alone("in_user_space::an_offset_that_does_not_come_is_an_alarm") else {
-        return;
-    };
-    let dir = tempfile::tempdir().expect("writable");
-    let mut control = LinuxCnc::start(dir.path(), Bridge::User, |ini| {
-        ini.replace("OFFSET_AV_RATIO = 0.02\n", "")
-    });
-    let program = gateway(dir.path(), PORT);
-    control.do_it("up");
-    control.mdi("G21 G90 G0 X300 Y40 Z-20");
-    let seen = program.wait(|state| state["reasons"].to_string().contains("alarm"));
-    seen.unwrap_or_else(|state| panic!("nobody sees that no offset comes: {state}"));
-    // Something was asked for, and it stays told that it did not come.
-    control.wait("axis.x.eoffset-request", |asked| asked.abs() > 2e-3);
-    std::thread::sleep(Duration::from_secs(2));
-    let state = program.state();
-    assert!(state["reasons"].to_string().contains("alarm"), "{state}");
-    assert_eq!(control.pin("volcomp.holds"), 1.0);
-    assert_eq!(offsets(&mut control), [0.0; 3]);
-}
 
 /// What the bridge says of the shipped INI file with this change; it never gets as far as HAL.
 fn refused(from: &str, to: &str) -> String {

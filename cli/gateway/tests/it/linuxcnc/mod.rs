@@ -1,6 +1,7 @@
 //! The gateway on a real LinuxCNC, moved without a display: what its motors do against what the errors ask for.
 
 mod adrift;
+mod alone;
 mod creep;
 mod faults;
 mod in_user_space;
@@ -13,9 +14,15 @@ mod whole;
 
 use std::path::{Path, PathBuf};
 
-use peer::{Cycle, LinuxCnc};
+use peer::{Bridge, Cycle, LinuxCnc};
 
 use crate::program::{Program, path, token_file};
+
+/// The port of the bridge.
+const PORT: u16 = 47_001;
+
+/// What the barrier moves in a cycle and LinuxCNC's own planner may catch up, mm.
+const MOST: f64 = 0.005;
 
 /// The errors, um of mm: of X against the way of the workpiece, of the others against that of the tool.
 const MACHINE: &str = r#"
@@ -100,6 +107,21 @@ fn start(dir: &Path, config: &Path) -> Program {
     program
 }
 
+/// The mill with other lines in its INI file, and its gateway: on, homed and corrected at this point.
+fn corrected_at(
+    point: &str,
+    dir: &Path,
+    kind: Bridge,
+    edit: impl Fn(String) -> String,
+) -> (LinuxCnc, Program) {
+    let mut control = LinuxCnc::start(dir, kind, edit);
+    let program = gateway(dir, PORT);
+    control.do_it("up");
+    control.mdi(&format!("G21 G90 G0 {point}"));
+    wait_corrected(&mut control, &program);
+    (control, program)
+}
+
 /// The distances of what the motors did from what they should, nm, sorted: the correction in each cycle is that of the
 /// nominal position as many cycles before as a command needs to the motor.
 fn residuals(cycles: &[Cycle]) -> Vec<f64> {
@@ -107,37 +129,28 @@ fn residuals(cycles: &[Cycle]) -> Vec<f64> {
 }
 
 fn residuals_of(cycles: &[Cycle], oracle: impl Fn(&Cycle) -> [f64; 3]) -> Vec<f64> {
-    let of = |shift: usize| {
-        let pairs = cycles.iter().skip(shift).zip(cycles);
-        let mut found: Vec<f64> = pairs
-            .map(|(now, then)| {
-                let wanted = oracle(then);
-                let square =
-                    |axis: usize| (now.motor[axis] - then.nominal[axis] - wanted[axis]).powi(2);
-                (0..3).map(square).sum::<f64>().sqrt() * 1e6
-            })
-            .collect();
-        found.sort_by(f64::total_cmp);
-        found
-    };
-    // The way from the command to the motor is one of whole cycles: the same one for the whole record.
-    let all = (0..5).map(of);
-    all.min_by(|a, b| part(a, 50).total_cmp(&part(b, 50)))
-        .expect("some shift")
+    distances(cycles, |now, then| {
+        let wanted = oracle(then);
+        [0, 1, 2].map(|axis| now.motor[axis] - then.nominal[axis] - wanted[axis])
+    })
 }
 
 /// The distances of the offsets from what they should be where the motors are, nm, sorted. Unlike [`residuals`] it knows nothing
 /// of how LinuxCNC smooths the way of a motor, by 300 nm while it accelerates, with or without a correction.
 fn offset_residuals(cycles: &[Cycle]) -> Vec<f64> {
+    distances(cycles, |now, then| {
+        let wanted = oracle([0, 1, 2].map(|axis| now.motor[axis] - then.offset[axis]));
+        [0, 1, 2].map(|axis| then.offset[axis] - wanted[axis])
+    })
+}
+
+/// The lengths of what is off between a cycle of the motor and the one of its command, nm, sorted: the way from the command to the
+/// motor is one of whole cycles, the same one for the whole record, which is found here.
+fn distances(cycles: &[Cycle], off_mm: impl Fn(&Cycle, &Cycle) -> [f64; 3]) -> Vec<f64> {
     let of = |shift: usize| {
-        let mut found: Vec<f64> = (cycles.iter().skip(shift).zip(cycles))
-            .map(|(now, then)| {
-                let at = [0, 1, 2].map(|axis| now.motor[axis] - then.offset[axis]);
-                let wanted = oracle(at);
-                let square = |axis: usize| (then.offset[axis] - wanted[axis]).powi(2);
-                (0..3).map(square).sum::<f64>().sqrt() * 1e6
-            })
-            .collect();
+        let pairs = cycles.iter().skip(shift).zip(cycles);
+        let length = |off: [f64; 3]| off.iter().map(|mm| mm * mm).sum::<f64>().sqrt() * 1e6;
+        let mut found: Vec<f64> = pairs.map(|(now, then)| length(off_mm(now, then))).collect();
         found.sort_by(f64::total_cmp);
         found
     };

@@ -8,12 +8,13 @@ use std::{
     },
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
-    sync::{Mutex, MutexGuard, PoisonError},
     time::{Duration, Instant},
 };
 
 use serde_json::{Value, json};
-use volcomp_test_support::{peers, root};
+use volcomp_test_support::root;
+
+use super::alone::ALONE;
 
 /// How long LinuxCNC may take to start on a computer that is busy.
 const STARTS_WITHIN: Duration = Duration::from_secs(120);
@@ -24,15 +25,6 @@ const ANSWERS_WITHIN: Duration = Duration::from_secs(300);
 /// What tells the processes of a test from those of another one.
 const HERE: &str = "VOLCOMP_HERE";
 
-/// Whether a LinuxCNC can be started here at all.
-pub(crate) fn is_there() -> bool {
-    let there = Path::new("/usr/bin/linuxcnc").exists();
-    if !there {
-        peers::not_run("linuxcnc-uspace");
-    }
-    there
-}
-
 /// Which of the two bridges.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Bridge {
@@ -40,46 +32,6 @@ pub(crate) enum Bridge {
     User,
     /// In the servo thread.
     Servo,
-}
-
-/// Runs each test with both bridges, in namespaces of their own.
-macro_rules! with_both {
-    ($module:ident: $($name:ident),* $(,)?) => {
-        mod user {
-            $(#[test]
-            fn $name() {
-                let name = concat!(stringify!($module), "::user::", stringify!($name));
-                if let Some(_alone) = crate::linuxcnc::peer::alone(name) {
-                    super::$name(crate::linuxcnc::peer::Bridge::User);
-                }
-            })*
-        }
-        mod servo {
-            $(#[test]
-            fn $name() {
-                let name = concat!(stringify!($module), "::servo::", stringify!($name));
-                if crate::linuxcnc::peer::can_build()
-                    && let Some(_alone) = crate::linuxcnc::peer::alone(name)
-                {
-                    super::$name(crate::linuxcnc::peer::Bridge::Servo);
-                }
-            })*
-        }
-    };
-}
-pub(crate) use with_both;
-
-/// Whether a component can be built, and put beside those of LinuxCNC for the time of a test.
-pub(crate) fn can_build() -> bool {
-    if !Path::new("/usr/bin/halcompile").exists() {
-        peers::not_run("linuxcnc-uspace-dev");
-        return false;
-    }
-    let is_root = rustix::process::geteuid().is_root();
-    if !is_root {
-        eprintln!("not run: only root can put a component beside those of LinuxCNC");
-    }
-    is_root
 }
 
 /// Builds the bridge in the servo thread, and puts it beside the components of LinuxCNC: in this mount namespace alone.
@@ -101,67 +53,6 @@ fn build(dir: &Path) {
         .arg("--bind")
         .arg(&modules)
         .arg(MODULES));
-}
-
-/// One LinuxCNC at a time: its servo thread has what there is of real time.
-static ONE: Mutex<()> = Mutex::new(());
-
-/// For as long as a test has the computer's only LinuxCNC, or one in namespaces of its own.
-pub(crate) struct Alone {
-    _one: Option<MutexGuard<'static, ()>>,
-}
-
-/// Whether the test of this name goes on. Two LinuxCNC on one computer share their memory, and the one that ends first kills
-/// the programs of the other, which it knows by their names: so, as root, a test is started once more in namespaces of its
-/// own, which end with it, and its end is that of the one here.
-pub(crate) fn alone(name: &str) -> Option<Alone> {
-    if !is_there() {
-        return None;
-    }
-    if std::env::var_os("VOLCOMP_ALONE").is_some() {
-        return Some(Alone { _one: None });
-    }
-    // What a test that failed had is free again.
-    let one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
-    if !rustix::process::geteuid().is_root() {
-        // Nobody else may have one then.
-        return Some(Alone { _one: Some(one) });
-    }
-    for tried in 1.. {
-        let (succeeds, told) = inside(name);
-        if succeeds {
-            break;
-        }
-        let again = tried < TRIES && told.contains(STANDS);
-        assert!(again, "in namespaces of its own it fails");
-        println!("LinuxCNC itself stood still, see above: the test is started again");
-    }
-    None
-}
-
-/// How often a test is started in which LinuxCNC itself stands still. What a test finds wrong of ours ends it the first time.
-const TRIES: usize = 3;
-
-/// What the user interface says when LinuxCNC does not do what it was asked for, and nothing moves. Without a real-time kernel
-/// it does that on a busy computer.
-const STANDS: &str = "LinuxCNC stands:";
-
-/// Runs the test of this name in namespaces of its own: whether it succeeds, and what it told.
-fn inside(name: &str) -> (bool, String) {
-    let inside = std::env::current_exe().expect("this program");
-    let output = Command::new("unshare")
-        .args(["--ipc", "--net", "--pid", "--fork", "--kill-child"])
-        .args(["--mount-proc", "sh", "-c"])
-        .arg("ip link set lo up && exec \"$@\" 2>&1")
-        .arg("sh")
-        .arg(inside)
-        .args(["--exact", &format!("linuxcnc::{name}"), "--nocapture"])
-        .env("VOLCOMP_ALONE", "1")
-        .output()
-        .expect("unshare of util-linux");
-    let told = String::from_utf8_lossy(&output.stdout).into_owned();
-    println!("{told}");
-    (output.status.success(), told)
 }
 
 pub(crate) struct LinuxCnc {
@@ -437,7 +328,7 @@ impl Drop for LinuxCnc {
             std::thread::sleep(Duration::from_millis(50));
         }
         let _ = self.child.wait();
-        if std::env::var_os("VOLCOMP_ALONE").is_some() {
+        if std::env::var_os(ALONE).is_some() {
             // What it shared goes with it, in the namespace that is ours alone: the next one finds no old state there.
             let _ = Command::new("ipcrm").arg("--all").status();
         }

@@ -10,8 +10,9 @@ use volcomp_tables::axis_table::{
 use volcomp_vocabulary::AxisName;
 
 use super::{
+    alone::alone,
     configuration_of,
-    peer::{Bridge, Cycle, LinuxCnc, alone},
+    peer::{Bridge, Cycle, LinuxCnc},
     start,
 };
 

@@ -5,24 +5,19 @@ use std::time::Duration;
 use serde_json::json;
 
 use super::{
-    gateway, no_jump, offsets, oracle,
-    peer::{Bridge, LinuxCnc, alone, with_both},
+    MOST, PORT,
+    alone::{alone, with_both},
+    corrected_at, gateway, no_jump, offsets, oracle,
+    peer::{Bridge, LinuxCnc},
     wait_corrected, wait_zero,
 };
 
 with_both!(traps: off_and_on_and_an_emergency_stop, an_offset_that_is_frozen_cleared_or_cut, nothing_is_written_before_the_axes_are_homed);
 
-const PORT: u16 = 47_001;
-const MOST: f64 = 0.005;
-
 /// Counts that change while the machine is off are swallowed, and switching off and on takes the offset into the nominal position.
 fn off_and_on_and_an_emergency_stop(kind: Bridge) {
     let dir = tempfile::tempdir().expect("writable");
-    let mut control = LinuxCnc::start(dir.path(), kind, |ini| ini);
-    let program = gateway(dir.path(), PORT);
-    control.do_it("up");
-    control.mdi("G21 G90 G0 X50 Y40 Z-20");
-    wait_corrected(&mut control, &program);
+    let (mut control, program) = corrected_at("X50 Y40 Z-20", dir.path(), kind, |ini| ini);
 
     for stop in ["off", "estop"] {
         let held = offsets(&mut control);
@@ -70,11 +65,7 @@ fn off_and_on_and_an_emergency_stop(kind: Bridge) {
 /// An offset that somebody freezes or clears, and one that is cut at a soft limit.
 fn an_offset_that_is_frozen_cleared_or_cut(kind: Bridge) {
     let dir = tempfile::tempdir().expect("writable");
-    let mut control = LinuxCnc::start(dir.path(), kind, |ini| ini);
-    let program = gateway(dir.path(), PORT);
-    control.do_it("up");
-    control.mdi("G21 G90 G0 X50 Y40 Z-20");
-    wait_corrected(&mut control, &program);
+    let (mut control, program) = corrected_at("X50 Y40 Z-20", dir.path(), kind, |ini| ini);
 
     // Cleared: the bridge sees it, says it, and the correction is ramped in anew.
     let shown = control.of_x("absorbed");
@@ -132,7 +123,9 @@ fn an_offset_that_is_frozen_cleared_or_cut(kind: Bridge) {
         "the motor left the limits: {motor} mm"
     );
     wait_corrected(&mut control, &program);
-    assert_eq!(control.pin(&shown), lost, "nothing is taken for lost");
+    // What was cut is not taken for an offset that LinuxCNC has lost: nothing of it was taken into the position.
+    let taken = control.pin(&shown) - lost;
+    assert_eq!(taken, 0.0, "mm that the bridge takes for lost");
 }
 
 /// Two bridges for one port.
@@ -158,17 +151,22 @@ fn nothing_is_written_before_the_axes_are_homed(kind: Bridge) {
     let mut control = LinuxCnc::start(dir.path(), kind, |ini| ini);
     let program = gateway(dir.path(), PORT);
     control.do_it("on");
-    program.watch();
-    std::thread::sleep(Duration::from_secs(1));
+    // The gateway hears the bridge, and would correct: at X0 by 2 um.
+    let seen = program.wait(|state| state["reasons"].to_string().contains("not referenced"));
+    seen.unwrap_or_else(|state| panic!("it is not told: {state}"));
     let counts = control.of_x("counts");
+    let cycles = control.record(|_| std::thread::sleep(Duration::from_secs(1)));
+    assert!(cycles.len() > 100, "{} cycles", cycles.len());
+    assert!(cycles.iter().all(|cycle| cycle.offset == [0.0; 3]));
     assert_eq!(control.pin(&counts), 0.0);
     assert_eq!(control.pin("volcomp.holds"), 1.0);
     control.do_it("up");
     wait_corrected(&mut control, &program);
-    // What was lost while it was off is shown.
+    // Nothing was asked for while LinuxCNC would have swallowed it.
     let shown = control.of_x("absorbed");
     assert_eq!(control.pin(&shown), 0.0);
-    control.ask("said", &json!({}));
+    let said = control.ask("said", &json!({}));
+    assert_eq!(said, json!([]), "LinuxCNC complains");
     drop(program);
     wait_zero(&mut control);
 }

@@ -3,16 +3,15 @@
 use std::time::{Duration, Instant};
 
 use super::{
+    MOST, PORT,
+    alone::with_both,
     corrected_by, no_jump,
-    peer::{Bridge, LinuxCnc, with_both},
+    peer::{Bridge, LinuxCnc},
     start, write_configuration,
 };
 use crate::program::Program;
 
 with_both!(trunnion: what_the_linear_axes_do_is_the_correction_for_the_table);
-
-const PORT: u16 = 47_001;
-const MOST: f64 = 0.005;
 
 /// Where the two centre lines cross; the tip of the tool is 100 mm below the spindle.
 const CROSSING: [f64; 3] = [200.0, 150.0, -300.0];

@@ -5,14 +5,14 @@ use std::time::Duration;
 use serde_json::json;
 
 use super::{
+    PORT,
+    alone::with_both,
     corrected, gateway, offset_residuals, oracle, part,
-    peer::{Bridge, LinuxCnc, with_both},
+    peer::{Bridge, LinuxCnc},
     wait_corrected,
 };
 
 with_both!(whole: what_the_motors_do_is_the_program_and_the_correction);
-
-const PORT: u16 = 47_001;
 
 const PROGRAM: &str = "G21 G90 G17 G64
 G1 F600 X40 Y20 Z-10
