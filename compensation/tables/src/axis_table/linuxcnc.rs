@@ -188,7 +188,7 @@ fn read_file(
             ));
         }
         if table.positions.len() == MOST_LINES {
-            return Err(LineError::at(file, number, "a line 257", "256 at the most"));
+            return Err(LineError::too_many(file, number, MOST_LINES));
         }
         table.positions.push(at);
         table

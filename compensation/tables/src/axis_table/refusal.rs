@@ -35,6 +35,15 @@ impl LineError {
         })
     }
 
+    /// A line of values beyond the most that the control takes.
+    pub(crate) fn too_many(file: &TextFile, line: usize, most: usize) -> ExchangeError {
+        let (found, expected) = (
+            format!("a line {}", most + 1),
+            format!("{most} at the most"),
+        );
+        Self::at(file, line, found, expected)
+    }
+
     pub(crate) fn whole(
         file: &TextFile,
         found: impl Into<String>,

@@ -81,7 +81,7 @@ fn read_itnc530_file(
             ));
         }
         if expected == MOST_LINES {
-            return Err(LineError::at(file, *line, "a line 257", "256 at the most"));
+            return Err(LineError::too_many(file, *line, MOST_LINES));
         }
         let by_distance = datum + distance * expected as f64;
         if (by_distance - at).abs() > 0.001 {

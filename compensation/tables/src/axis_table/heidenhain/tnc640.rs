@@ -288,7 +288,7 @@ fn rows_of(
             ));
         }
         if positions.len() == MOST_LINES {
-            return Err(LineError::at(file, *line, "a line 257", "256 at the most"));
+            return Err(LineError::too_many(file, *line, MOST_LINES));
         }
         positions.push(at);
         if head.has_backlash {
