@@ -64,9 +64,12 @@ impl Flags {
 /// The words of all flags: `on, homed, probing`.
 impl fmt::Display for Flags {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let words = Self::ALL.iter().map(|flag| match self.has(flag.bit) {
-            true => flag.set,
-            false => flag.unset,
+        let words = Self::ALL.iter().map(|flag| {
+            if self.has(flag.bit) {
+                flag.set
+            } else {
+                flag.unset
+            }
         });
         for (at, word) in words.filter(|word| !word.is_empty()).enumerate() {
             let before = if at == 0 { "" } else { ", " };
