@@ -39,8 +39,9 @@ def listen():
 
 
 class Stands(Exception):
-    """LinuxCNC does not do what it was asked for, and nothing moves: without a real-time kernel that happens on a busy computer.
-    The test knows it by the words LinuxCNC stands."""
+    """LinuxCNC does not do what it was asked for, and nothing moves: without a real-time kernel that happens on a busy computer, where
+    its log has `USRMOT: ERROR: command timeout`: the servo thread stood for longer than [EMCMOT]COMM_TIMEOUT, and what it was asked for is
+    lost. The test knows it by the words LinuxCNC stands."""
 
     def __init__(self, what):
         super().__init__(f"LinuxCNC stands: {what}; {shown()}")
@@ -159,6 +160,9 @@ def begin_mdi(text):
 def mdi(text):
     begin_mdi(text)
     idle()
+    # The task tells its operator nothing of a command that the servo thread did not answer in time: it ends there, and nothing moves.
+    if stat.state == linuxcnc.RCS_ERROR:
+        raise Stands(f"{text} ended in an error")
 
 
 def begin(path):

@@ -107,7 +107,11 @@ impl LinuxCnc {
                 "../../drivers/linuxcnc/bridge/volcomp.tcl",
                 &format!("{}\nHALFILE = record.hal", bridge.display()),
             );
-        let ini = edit(ini);
+        // A command that the servo thread does not answer for so long is lost, without a word to the operator; the default is a
+        // second, for which it can stand where nothing is in real time.
+        let patient = "[EMCMOT]\nCOMM_TIMEOUT = 20\n";
+        assert!(ini.contains("[EMCMOT]\n"), "{ini}");
+        let ini = edit(ini.replace("[EMCMOT]\n", patient));
         let has_bridge = ini.contains(&*bridge.to_string_lossy());
         let rotary = name == "trunnion";
         std::fs::write(dir.join("record.hal"), record(has_bridge, rotary)).expect("writable");
