@@ -94,8 +94,25 @@ proc units {} {
         }
         set found [value_of TRAJ $key]
         if {[string tolower $found] ni $known} {
-            refuse "\[TRAJ\]$key: found $found, expected $expected: the bridge counts in this unit"
+            refuse "\[TRAJ\]$key: found $found, expected $expected: the bridge counts in this unit, and no other is supported. Do not change this key alone: all lengths or angles of the INI file are in it"
         }
+    }
+}
+
+# A key that is written wrongly would leave its default in force.
+proc known_keys {} {
+    set known {MACHINE AXES READS PORT LISTEN STEP_NM STEP_UDEG LIMIT_UM LIMIT_MDEG RATE_UM_PER_S RATE_MDEG_PER_S HOLD_MS TIME_OUT_MS EPOCH_FILE}
+    foreach key [lsort [array names ::VOLCOMP]] {
+        if {$key ni $known} {
+            refuse "\[VOLCOMP\]$key: unknown key, expected one of [join $known {, }]"
+        }
+    }
+}
+
+# Loads a component; where it cannot be loaded, ends with the most likely cause.
+proc load_component {why args} {
+    if {[catch {loadrt {*}$args}]} {
+        refuse "loadrt [lindex $args 0] failed: $why"
     }
 }
 

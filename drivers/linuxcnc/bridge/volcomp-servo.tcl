@@ -14,6 +14,7 @@ proc whole {key {default ""}} {
     return [expr {int($value)}]
 }
 
+known_keys
 units
 lassign [axes_and_reads] letters reads
 set joints [joints]
@@ -62,7 +63,7 @@ lappend arguments time_out_scans=[expr {int(round([number TIME_OUT_MS 300] * 1e-
 if {[llength $reads]} {
     lappend arguments reads=[join $reads ""]
 }
-eval loadrt volcomp $arguments
+load_component "is it built and installed (sudo halcompile --install volcomp.comp), and do the values of \[VOLCOMP\] fit? Lines above this one say more" volcomp {*}$arguments
 
 addf volcomp.take servo-thread 1
 addf volcomp.tell servo-thread

@@ -21,6 +21,7 @@ if {[has HAL TWOPASS]} {
     refuse "\[HAL\]TWOPASS: found [value_of HAL TWOPASS], expected none with volcomp.tcl, which starts a program that needs what is loaded; leave it out, or use volcomp-servo.tcl"
 }
 # All of these are told before anything is loaded; the bridge judges them by the same rules.
+known_keys
 units
 joints
 period_s
@@ -42,15 +43,16 @@ set sums {}
 foreach what {origin way asked rounded} {
     lappend sums {*}[of_axes $what]
 }
-loadrt sum2 names=[join [concat volcomp.begin volcomp.end $sums] ,]
-loadrt oneshot names=volcomp.heard
-loadrt flipflop names=volcomp.trusted
-loadrt mux2 names=[join [concat volcomp.chosen [of_axes kept]] ,]
-loadrt limit2 names=volcomp.ramp
-loadrt comp names=volcomp.full
-loadrt mult2 names=[join [of_axes scaled] ,]
-loadrt limit1 names=[join [of_axes half] ,]
-loadrt conv_float_s32 names=[join [of_axes whole] ,]
+set once "LinuxCNC loads each component once. Where the machine's own HAL files load it, take volcomp-servo.tcl, which does not need it"
+load_component $once sum2 names=[join [concat volcomp.begin volcomp.end $sums] ,]
+load_component $once oneshot names=volcomp.heard
+load_component $once flipflop names=volcomp.trusted
+load_component $once mux2 names=[join [concat volcomp.chosen [of_axes kept]] ,]
+load_component $once limit2 names=volcomp.ramp
+load_component $once comp names=volcomp.full
+load_component $once mult2 names=[join [of_axes scaled] ,]
+load_component $once limit1 names=[join [of_axes half] ,]
+load_component $once conv_float_s32 names=[join [of_axes whole] ,]
 
 # Cycles of the servo thread, counted at its begin and at its end: what is read between two equal numbers is of one cycle.
 addf volcomp.begin $thread 1

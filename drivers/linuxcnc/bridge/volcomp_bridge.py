@@ -6,6 +6,7 @@ Started by volcomp.tcl, or again while LinuxCNC runs by its own name. It takes i
 from the section [VOLCOMP] of the INI file, which it is given as its argument or finds in INI_FILE_NAME.
 """
 
+import errno
 import math
 import os
 import random
@@ -122,7 +123,10 @@ class Configuration:
             if found is None:
                 raise ValueError(f"[TRAJ]{key} is missing, expected {expected}: the bridge counts in this unit")
             if found.lower() not in names:
-                raise ValueError(f"[TRAJ]{key}: found {found}, expected {expected}: the bridge counts in this unit")
+                raise ValueError(
+                    f"[TRAJ]{key}: found {found}, expected {expected}: the bridge counts in this unit, and no other is supported. "
+                    "Do not change this key alone: all lengths or angles of the INI file are in it"
+                )
 
     def letters(self, key, default):
         found = list(self.text(key, default).upper().replace(" ", ""))
@@ -622,7 +626,8 @@ def main():
     try:
         senders = Senders(configuration)
     except OSError as error:
-        tell(f"UDP port {configuration.listen}:{configuration.port}: {error}")
+        taken = "; does a bridge run already?" if error.errno == errno.EADDRINUSE else ""
+        tell(f"UDP port {configuration.listen}:{configuration.port}: {error}{taken}")
         return 1
     made, name = component(configuration)
     try:

@@ -102,7 +102,7 @@ pub(super) fn text(plan: &PlanDocument, config: &Config) -> String {
 
 impl Lines {
     fn plain(&mut self, label: &str, value: &str) {
-        let line = format!("{label:<22}{value}");
+        let line = format!("{label:<21} {value}");
         self.text += line.trim_end();
         self.text += "\n";
     }
@@ -118,7 +118,7 @@ impl Lines {
             Some(asked) => format!(" ({} asked)", show(asked)),
             None => String::new(),
         };
-        let line = format!("{label:<22}{:<30}{from}{asked}", show(&value.value));
+        let line = format!("{label:<21} {:<29} {from}{asked}", show(&value.value));
         self.text += line.trim_end();
         self.text += "\n";
     }

@@ -145,7 +145,9 @@ fn what_holds_as_it_is_asked_is_not_told_twice() {
     let plan = plan(&fitting);
     assert_eq!(
         plan.document().notes,
-        ["no token: nobody can arm over HTTP"]
+        [
+            "no token: nobody can arm over HTTP: state [dashboard] token_file, start with --token-file FILE, or state auto_arm = true above the first table"
+        ]
     );
     assert!(!plan.text().contains("asked"), "{}", plan.text());
 }

@@ -1,8 +1,51 @@
-//! HAL files that are loaded behind that of the bridge, by a display: `[HAL]POSTGUI_HALFILE`.
+//! The HAL files beside that of the bridge: those before it, and those that a display loads behind it (`[HAL]POSTGUI_HALFILE`).
 
-use std::{collections::HashMap, path::Path};
+use std::{
+    collections::HashMap,
+    io,
+    path::{Path, PathBuf},
+};
 
-use super::{Ini, Problem, SERVO_THREAD, bridge_of};
+use super::{Ini, Problem, SERVO_THREAD, USER_SPACE, bridge_of};
+
+/// The components that the bridge in user space loads, as `volcomp.tcl` does.
+const COMPONENTS: [&str; 9] = [
+    "sum2",
+    "oneshot",
+    "flipflop",
+    "mux2",
+    "limit2",
+    "comp",
+    "mult2",
+    "limit1",
+    "conv_float_s32",
+];
+
+/// Where LinuxCNC looks for HAL files that are not in the folder of the INI file.
+const LIBRARY: &str = "/usr/share/linuxcnc/hallib";
+
+/// Where a HAL file is that an INI file in this folder names; arguments may stand behind it.
+fn path_of(folder: &Path, value: &str) -> PathBuf {
+    let name = value.split_whitespace().next().unwrap_or_default();
+    let home = std::env::home_dir().filter(|_| name.starts_with("~/"));
+    if let Some(home) = home {
+        return home.join(&name[2..]);
+    }
+    if let Some(name) = name.strip_prefix("LIB:") {
+        return Path::new(LIBRARY).join(name);
+    }
+    let own = folder.join(name);
+    let library = Path::new(LIBRARY).join(name);
+    if !own.exists() && library.exists() {
+        return library;
+    }
+    own
+}
+
+fn read(folder: &Path, value: &str) -> io::Result<String> {
+    let bytes = std::fs::read(path_of(folder, value))?;
+    Ok(String::from_utf8_lossy(&bytes).into_owned())
+}
 
 /// The pin and the signal of each connection in a HAL file, with the number of its line.
 fn connections(text: &str) -> impl Iterator<Item = (usize, &str, &str)> {
@@ -55,17 +98,48 @@ fn signal_of(pin: &str, is_servo: bool) -> Option<String> {
 }
 
 impl Ini {
+    /// What the bridge in user space loads is not loaded before.
+    pub(super) fn before_the_bridge(&self, problems: &mut Vec<Problem>) {
+        let Some(folder) = &self.folder else {
+            return;
+        };
+        let files: Vec<&str> = self.all("HAL", "HALFILE").collect();
+        let Some(at) = files.iter().position(|file| bridge_of(file).is_some()) else {
+            return;
+        };
+        let (before, ours) = files.split_at(at);
+        if bridge_of(ours[0]) != Some(USER_SPACE) {
+            return;
+        }
+        for file in before {
+            // What cannot be read LinuxCNC tells better: it knows more places.
+            let Ok(text) = read(folder, file) else {
+                continue;
+            };
+            for (number, line) in text.lines().enumerate() {
+                let mut words = line.split_whitespace();
+                let component = (words.next() == Some("loadrt")).then(|| words.next());
+                if let Some(component) = component
+                    .flatten()
+                    .filter(|found| COMPONENTS.contains(found))
+                {
+                    problems.push(Problem::Loaded {
+                        file: (*file).to_owned(),
+                        line: number + 1,
+                        component: component.to_owned(),
+                    });
+                }
+            }
+        }
+    }
+
     /// Pins that the bridge has connected, and that a later file connects to another signal: LinuxCNC stops there.
     pub(super) fn behind_the_display(&self, problems: &mut Vec<Problem>) {
         let Some(folder) = &self.folder else {
             return;
         };
-        let read = |file: &str| -> std::io::Result<String> {
-            let name = file.split_whitespace().next().unwrap_or_default();
-            let bytes = std::fs::read(folder.join(Path::new(name)))?;
-            Ok(String::from_utf8_lossy(&bytes).into_owned())
-        };
-        // What the files before the bridge have connected keeps its signal. Others may lie in LinuxCNC's library.
+        let read = |file: &str| read(folder, file);
+        // What the files before the bridge have connected keeps its signal.
         let before: Vec<String> = self
             .all("HAL", "HALFILE")
             .take_while(|file| bridge_of(file).is_none())

@@ -38,6 +38,24 @@ pub struct Expected<'a> {
 const USER_SPACE: &str = "volcomp.tcl";
 const SERVO_THREAD: &str = "volcomp-servo.tcl";
 
+/// The keys of the bridge's section, as `volcomp-common.tcl` has them.
+const KEYS: [&str; 14] = [
+    "MACHINE",
+    "AXES",
+    "READS",
+    "PORT",
+    "LISTEN",
+    "STEP_NM",
+    "STEP_UDEG",
+    "LIMIT_UM",
+    "LIMIT_MDEG",
+    "RATE_UM_PER_S",
+    "RATE_MDEG_PER_S",
+    "HOLD_MS",
+    "TIME_OUT_MS",
+    "EPOCH_FILE",
+];
+
 /// The most joints that LinuxCNC has.
 const MOST_JOINTS: f64 = 16.0;
 
@@ -143,6 +161,8 @@ impl Ini {
             problems.push(Problem::Include { file, reason });
         }
         self.hal_files(&mut problems);
+        self.before_the_bridge(&mut problems);
+        self.unknown(&mut problems);
         self.behind_the_display(&mut problems);
         self.bridge(expected, &mut problems);
         self.reads(expected, &mut problems);
@@ -168,6 +188,16 @@ impl Ini {
         {
             let found = found.to_owned();
             problems.push(Problem::TwoPass { found });
+        }
+    }
+
+    /// Keys of the bridge's section that it does not know, such as `HOLDMS`: LinuxCNC and the bridge would go by the default.
+    fn unknown(&self, problems: &mut Vec<Problem>) {
+        for (section, key, _) in &self.entries {
+            if section == "VOLCOMP" && !KEYS.contains(&key.as_str()) {
+                let (key, known) = (key.clone(), KEYS.join(", "));
+                problems.push(Problem::Unknown { key, known });
+            }
         }
     }
 

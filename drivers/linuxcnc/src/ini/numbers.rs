@@ -171,7 +171,8 @@ impl Ini {
             problems.push(Problem::Slow {
                 axis,
                 found,
-                expected: rate * 1e-3 / velocity,
+                // As it is shown, and not less than is needed.
+                expected: (rate * 1e-3 / velocity * 1e4 - 1e-6).ceil() / 1e4,
                 velocity,
                 key,
             });

@@ -110,6 +110,26 @@ pub enum Problem {
         /// The signal that the pin has.
         expected: String,
     },
+    /// A HAL file loads a component that the bridge in user space has to load.
+    #[error(
+        "[HAL]HALFILE: {file}, line {line}: found loadrt {component}, expected none with volcomp.tcl, which has to load it: LinuxCNC loads each component once. volcomp-servo.tcl loads none of these"
+    )]
+    Loaded {
+        /// The file as the line of the INI file names it.
+        file: String,
+        /// The number of the line in it, from 1.
+        line: usize,
+        /// The component of HAL.
+        component: String,
+    },
+    /// A key of the bridge's section that no bridge knows.
+    #[error("[VOLCOMP]{key}: unknown key, expected one of {known}")]
+    Unknown {
+        /// The key as it is written.
+        key: String,
+        /// The keys that there are.
+        known: String,
+    },
     /// HAL files are read twice, which the bridge in user space cannot stand.
     #[error(
         "[HAL]TWOPASS: found {found}, expected none with volcomp.tcl, which starts a program that needs what is loaded; volcomp-servo.tcl goes with it"
@@ -128,7 +148,7 @@ pub enum Problem {
     },
     /// An axis whose offset is slower than the correction.
     #[error(
-        "[AXIS_{axis}]OFFSET_AV_RATIO: found {found}, expected {expected} or more: of MAX_VELOCITY = {velocity} that is the rate of the bridge, [VOLCOMP]{key}, which the offset has to follow"
+        "[AXIS_{axis}]OFFSET_AV_RATIO: found {found}, expected {expected:.4} or more: of MAX_VELOCITY = {velocity} that is the rate of the bridge, [VOLCOMP]{key}, which the offset has to follow"
     )]
     Slow {
         /// The axis.
@@ -189,7 +209,9 @@ pub enum Problem {
         expected: &'static str,
     },
     /// Lengths are not mm, or angles not degrees.
-    #[error("[TRAJ]{key}: found {found}, expected {expected}: the bridge counts in this unit")]
+    #[error(
+        "[TRAJ]{key}: found {found}, expected {expected}: the bridge counts in this unit, and no other is supported. Do not change this key alone: all lengths or angles of the INI file are in it"
+    )]
     Units {
         /// The key.
         key: &'static str,

@@ -1,6 +1,6 @@
 //! INI files: the shipped ones are right, and each line that is missing or wrong is named.
 
-use volcomp_linuxcnc::{Expected, Ini, Least, LinuxCncConfig, PORT};
+use volcomp_linuxcnc::{Expected, Ini, Least, LinuxCncConfig, PORT, Problem};
 use volcomp_vocabulary::AxisName;
 
 pub(crate) fn control() -> LinuxCncConfig {
@@ -318,4 +318,61 @@ proptest::proptest! {
     fn any_text_is_read(text in "(?s).{0,300}") {
         let _ = told(&text);
     }
+}
+
+/// LinuxCNC loads each component once: where the bridge's are loaded before, it stops.
+#[test]
+fn files_before_the_bridge_are_looked_through() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("mill.ini");
+    let told = |text: &str| {
+        std::fs::write(&file, text).unwrap();
+        let problems = Ini::read(&file).unwrap().problems(&expected(&control()));
+        problems.iter().map(ToString::to_string).collect::<Vec<_>>()
+    };
+    std::fs::write(
+        dir.path().join("mill.hal"),
+        "loadrt trivkins\n# loadrt comp\nloadrt limit2 names=lim\nloadrt ddt count=3\n",
+    )
+    .unwrap();
+    let found = told(&mill()).join("\n");
+    assert!(
+        found.starts_with(
+            "[HAL]HALFILE: mill.hal, line 3: found loadrt limit2, expected none with volcomp.tcl"
+        ) && found.lines().count() == 1,
+        "{found}"
+    );
+    // That in the servo thread loads none of them.
+    let servo = mill().replace("volcomp.tcl", "volcomp-servo.tcl");
+    assert_eq!(told(&servo), [""; 0]);
+}
+
+/// The list of components is that of the HAL file.
+#[test]
+fn components_are_those_that_the_bridge_loads() {
+    let dir = tempfile::tempdir().unwrap();
+    let root = volcomp_test_support::root();
+    let ours = std::fs::read_to_string(root.join("drivers/linuxcnc/bridge/volcomp.tcl")).unwrap();
+    let loaded: Vec<&str> = ours
+        .lines()
+        .filter_map(|line| line.strip_prefix("load_component $once "))
+        .filter_map(|rest| rest.split(' ').next())
+        .collect();
+    assert_eq!(loaded.len(), 9, "{loaded:?}");
+    let lines: Vec<String> = loaded
+        .iter()
+        .map(|name| format!("loadrt {name}\n"))
+        .collect();
+    std::fs::write(dir.path().join("mill.hal"), lines.concat()).unwrap();
+    let file = dir.path().join("mill.ini");
+    std::fs::write(&file, mill()).unwrap();
+    let problems = Ini::read(&file).unwrap().problems(&expected(&control()));
+    let found: Vec<&str> = problems
+        .iter()
+        .filter_map(|problem| match problem {
+            Problem::Loaded { component, .. } => Some(component.as_str()),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(found, loaded);
 }

@@ -212,11 +212,33 @@ fn units_are_judged_by_one_rule() {
         let ini = mill();
         assert!(ini.contains(from));
         let told = of_all(&ini.replace(from, &format!("{key} = {found}\n")));
-        let says =
-            format!("[TRAJ]{key}: found {found}, expected {words}: the bridge counts in this unit");
+        let says = format!(
+            "[TRAJ]{key}: found {found}, expected {words}: the bridge counts in this unit, and no other is supported. Do not change this key alone: all lengths or angles of the INI file are in it"
+        );
         for (who, does, said) in told {
             assert_eq!(does, takes, "{who}: {key} = {found}: {said}");
             assert!(takes || said.contains(&says), "{who}: {said}");
+        }
+    }
+}
+
+/// LinuxCNC's Python module lists no keys of a section, so that the bridge in user space leaves this to its HAL file.
+#[test]
+fn keys_that_nobody_knows_are_told_by_check_and_hal_files() {
+    let ini = mill().replace("[VOLCOMP]\n", "[VOLCOMP]\nHOLDMS = 50\n");
+    assert_ne!(ini, mill());
+    let keys = "MACHINE, AXES, READS, PORT, LISTEN, STEP_NM, STEP_UDEG, LIMIT_UM, LIMIT_MDEG, RATE_UM_PER_S, RATE_MDEG_PER_S, HOLD_MS, TIME_OUT_MS, EPOCH_FILE";
+    let says = format!("[VOLCOMP]HOLDMS: unknown key, expected one of {keys}");
+    for (who, takes, said) in of_all(&ini) {
+        if who != "volcomp_bridge.py" {
+            assert!(!takes && said.contains(&says), "{who}: {said}");
+        }
+    }
+    // Each of these is a key.
+    for key in keys.split(", ").filter(|key| !mill().contains(key)) {
+        let ini = mill().replace("[VOLCOMP]\n", &format!("[VOLCOMP]\n{key} = 1\n"));
+        for (who, _, said) in of_all(&ini) {
+            assert!(!said.contains("unknown key"), "{who}: {said}");
         }
     }
 }
