@@ -148,7 +148,7 @@ pub enum Problem {
     },
     /// An axis whose offset is slower than the correction.
     #[error(
-        "[AXIS_{axis}]OFFSET_AV_RATIO: found {found}, expected {expected:.4} or more: of MAX_VELOCITY = {velocity} that is the rate of the bridge, [VOLCOMP]{key}, which the offset has to follow"
+        "[AXIS_{axis}]OFFSET_AV_RATIO: found {found}, expected {expected} or more: of MAX_VELOCITY = {velocity} that is the rate of the bridge, [VOLCOMP]{key}, which the offset has to follow"
     )]
     Slow {
         /// The axis.
