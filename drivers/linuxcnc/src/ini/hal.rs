@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::{Ini, Problem, SERVO_THREAD, USER_SPACE, bridge_of};
+use super::{Ini, Problem, SERVO_THREAD, USER_SPACE, below, bridge_of};
 
 /// The components that the bridge in user space loads, as `volcomp.tcl` does.
 const COMPONENTS: [&str; 9] = [
@@ -27,14 +27,10 @@ const LIBRARY: &str = "/usr/share/linuxcnc/hallib";
 /// Where a HAL file is that an INI file in this folder names; arguments may stand behind it.
 fn path_of(folder: &Path, value: &str) -> PathBuf {
     let name = value.split_whitespace().next().unwrap_or_default();
-    let home = std::env::home_dir().filter(|_| name.starts_with("~/"));
-    if let Some(home) = home {
-        return home.join(&name[2..]);
-    }
     if let Some(name) = name.strip_prefix("LIB:") {
         return Path::new(LIBRARY).join(name);
     }
-    let own = folder.join(name);
+    let own = below(folder, name);
     let library = Path::new(LIBRARY).join(name);
     if !own.exists() && library.exists() {
         return library;
@@ -98,17 +94,23 @@ fn signal_of(pin: &str, is_servo: bool) -> Option<String> {
 }
 
 impl Ini {
+    /// The HAL files before that of the bridge, and the name of the latter.
+    fn before(&self) -> (Vec<&str>, Option<&'static str>) {
+        let files = self.all("HAL", "HALFILE");
+        let before = files.take_while(|file| bridge_of(file).is_none());
+        (
+            before.collect(),
+            self.all("HAL", "HALFILE").find_map(bridge_of),
+        )
+    }
+
     /// What the bridge in user space loads is not loaded before.
     pub(super) fn before_the_bridge(&self, problems: &mut Vec<Problem>) {
         let Some(folder) = &self.folder else {
             return;
         };
-        let files: Vec<&str> = self.all("HAL", "HALFILE").collect();
-        let Some(at) = files.iter().position(|file| bridge_of(file).is_some()) else {
-            return;
-        };
-        let (before, ours) = files.split_at(at);
-        if bridge_of(ours[0]) != Some(USER_SPACE) {
+        let (before, bridge) = self.before();
+        if bridge != Some(USER_SPACE) {
             return;
         }
         for file in before {
@@ -118,13 +120,11 @@ impl Ini {
             };
             for (number, line) in text.lines().enumerate() {
                 let mut words = line.split_whitespace();
-                let component = (words.next() == Some("loadrt")).then(|| words.next());
-                if let Some(component) = component
-                    .flatten()
-                    .filter(|found| COMPONENTS.contains(found))
+                if let (Some("loadrt"), Some(component)) = (words.next(), words.next())
+                    && COMPONENTS.contains(&component)
                 {
                     problems.push(Problem::Loaded {
-                        file: (*file).to_owned(),
+                        file: file.to_owned(),
                         line: number + 1,
                         component: component.to_owned(),
                     });
@@ -140,9 +140,9 @@ impl Ini {
         };
         let read = |file: &str| read(folder, file);
         // What the files before the bridge have connected keeps its signal.
-        let before: Vec<String> = self
-            .all("HAL", "HALFILE")
-            .take_while(|file| bridge_of(file).is_none())
+        let (before, bridge) = self.before();
+        let before: Vec<String> = before
+            .into_iter()
             .filter_map(|file| read(file).ok())
             .collect();
         let known: HashMap<&str, &str> = before
@@ -150,7 +150,7 @@ impl Ini {
             .flat_map(|text| connections(text))
             .map(|(_, pin, signal)| (pin, signal))
             .collect();
-        let is_servo = self.all("HAL", "HALFILE").find_map(bridge_of) == Some(SERVO_THREAD);
+        let is_servo = bridge == Some(SERVO_THREAD);
         let [corrected, read_only] = self.letters().map(|letters| letters.to_lowercase());
         // Of an axis that is only read the bridge connects the position alone.
         let is_told = |pin: &str| match pin

@@ -75,6 +75,12 @@ fn bridge_of(value: &str) -> Option<&'static str> {
         .find(|ours| *ours == name)
 }
 
+/// Where a file is that an INI file in this folder names: relative to it, or to the home of the user.
+fn below(folder: &Path, name: &str) -> PathBuf {
+    let home = std::env::home_dir().zip(name.strip_prefix("~/"));
+    home.map_or_else(|| folder.join(name), |(home, rest)| home.join(rest))
+}
+
 impl Ini {
     /// Reads a file as LinuxCNC does: keys before any section, and lines that are none, are passed over. A comment is a
     /// line of its own; behind a value it is a part of the value.
@@ -115,12 +121,7 @@ impl Ini {
                 continue;
             };
             let named = named.trim();
-            let home = std::env::home_dir().filter(|_| named.starts_with("~/"));
-            let path = match home {
-                Some(home) => home.join(&named[2..]),
-                None => folder.join(named),
-            };
-            match std::fs::read(path) {
+            match std::fs::read(below(folder, named)) {
                 Ok(bytes) => {
                     text += &String::from_utf8_lossy(&bytes);
                     text.push('\n');

@@ -34,6 +34,13 @@ pub(crate) fn mill() -> String {
         .unwrap()
 }
 
+/// The same of a file, with those that it names beside it.
+fn told_of(file: &std::path::Path, text: &str) -> Vec<String> {
+    std::fs::write(file, text).unwrap();
+    let problems = Ini::read(file).unwrap().problems(&expected(&control()));
+    problems.iter().map(ToString::to_string).collect()
+}
+
 fn told(text: &str) -> Vec<String> {
     let problems = Ini::parse(text).problems(&expected(&control()));
     problems.iter().map(ToString::to_string).collect()
@@ -233,11 +240,7 @@ fn axes_that_are_read_are_told() {
 fn files_that_are_included_are_looked_through() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("mill.ini");
-    let told = |text: &str| {
-        std::fs::write(&file, text).unwrap();
-        let problems = Ini::read(&file).unwrap().problems(&expected(&control()));
-        problems.iter().map(ToString::to_string).collect::<Vec<_>>()
-    };
+    let told = |text: &str| told_of(&file, text);
     assert_eq!(told(&mill()), [""; 0]);
     std::fs::write(
         dir.path().join("y.inc"),
@@ -262,9 +265,7 @@ fn files_of_the_display_are_looked_through() {
     let file = dir.path().join("mill.ini");
     let told = |text: &str, display: &str| {
         std::fs::write(dir.path().join("display.hal"), display).unwrap();
-        std::fs::write(&file, text).unwrap();
-        let problems = Ini::read(&file).unwrap().problems(&expected(&control()));
-        problems.iter().map(ToString::to_string).collect::<Vec<_>>()
+        told_of(&file, text)
     };
     std::fs::write(
         dir.path().join("mill.hal"),
@@ -325,11 +326,7 @@ proptest::proptest! {
 fn files_before_the_bridge_are_looked_through() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("mill.ini");
-    let told = |text: &str| {
-        std::fs::write(&file, text).unwrap();
-        let problems = Ini::read(&file).unwrap().problems(&expected(&control()));
-        problems.iter().map(ToString::to_string).collect::<Vec<_>>()
-    };
+    let told = |text: &str| told_of(&file, text);
     std::fs::write(
         dir.path().join("mill.hal"),
         "loadrt trivkins\n# loadrt comp\nloadrt limit2 names=lim\nloadrt ddt count=3\n",
