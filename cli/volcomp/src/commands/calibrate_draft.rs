@@ -74,16 +74,25 @@ fn answered(draft: &Draft, answers: &[String]) -> Result<(Draft, Vec<String>), F
     Ok((decided, notes))
 }
 
+/// Whom an answer is for, its key, and its value, of `[OF:]KEY=VALUE`.
+fn parts(given: &str) -> (Option<&str>, &str, Option<&str>) {
+    let (asked, value) = match given.split_once('=') {
+        Some((asked, value)) => (asked, Some(value.trim())),
+        None => (given, None),
+    };
+    match asked.split_once(':') {
+        Some((of, key)) => (Some(of.trim()), key.trim(), value),
+        None => (None, asked.trim(), value),
+    }
+}
+
 /// Of how little an answer is: the name of an axis is a letter, that of an error is longer, without either it is for all.
 fn narrowness(given: &str) -> usize {
-    let asked = given.split_once('=').map_or(given, |(asked, _)| asked);
-    asked.split_once(':').map_or(0, |(of, _)| of.trim().len())
+    parts(given).0.map_or(0, str::len)
 }
 
 fn turn_of(given: &str) -> Turn {
-    let asked = given.split_once('=').map_or(given, |(asked, _)| asked);
-    let key = asked.split_once(':').map_or(asked, |(_, key)| key);
-    Turn::of(key.trim())
+    Turn::of(parts(given).1)
 }
 
 /// Answers to every question that one of the drafts asks and no answer before has settled, and notes on those that settle none.
@@ -95,17 +104,13 @@ fn take<'a>(
 ) -> Result<(), Failure> {
     for given in answers {
         let wrong = |message: String| Failure::Input(format!("--answer {given}: {message}"));
-        let Some((asked, value)) = given.split_once('=') else {
+        let (of, key, Some(value)) = parts(given) else {
             let message = "expected [OF:]KEY=VALUE, such as rides=carriage or Y:at.X=4000";
             return Err(wrong(message.to_owned()));
         };
-        let (of, key) = match asked.split_once(':') {
-            Some((of, key)) => (Some(of.trim()), key.trim()),
-            None => (None, asked.trim()),
-        };
         let found = drafts.iter();
         let found: Vec<AnswerOf> = found
-            .flat_map(|draft| draft.for_all(of, key, value.trim()))
+            .flat_map(|draft| draft.for_all(of, key, value))
             .collect();
         if found.is_empty() {
             let asked = drafts.iter().flat_map(|draft| &draft.questions);
