@@ -1,9 +1,6 @@
 //! Logging in and out, passwords, and who may do what.
 
-use std::{
-    net::{IpAddr, SocketAddr},
-    sync::Arc,
-};
+use std::{net::SocketAddr, sync::Arc};
 
 use axum::{
     Extension,
@@ -14,13 +11,13 @@ use axum::{
 use serde::{Deserialize, Serialize};
 
 use super::{
-    answer::{Answer, Refused, document, done, facts, read},
+    answer::{Answer, Refused, document, done, read},
     state::{PageState, Shared},
     who,
 };
 use crate::{
     store::Changed,
-    users::{Moment, Password, Role, Session, Token, User, UserName, hash, is_right},
+    users::{Moment, Password, Refusal, Role, Session, Token, User, UserName, hash, is_right},
 };
 
 #[derive(Deserialize)]
@@ -28,12 +25,6 @@ use crate::{
 struct Login {
     name: String,
     password: String,
-}
-
-/// What the audit log is told of a login that was refused.
-#[derive(Serialize)]
-struct TriedFrom {
-    from: IpAddr,
 }
 
 /// Who is logged in.
@@ -45,7 +36,8 @@ struct Me<'a> {
     notice: &'a str,
 }
 
-/// Whether the password is that of a user who may log in: then the user. Wrong ones are slowed down and written down.
+/// Whether the password is that of a user who may log in: then the user. Attempts after wrong ones are
+/// delayed; refused ones are written into the audit log.
 async fn proven(
     page: &Arc<PageState>,
     from: SocketAddr,
@@ -59,12 +51,13 @@ async fn proven(
         None => None,
     };
     let stored = user.as_ref().map(|(_, stored)| stored.clone());
-    let place = page.passwords.acquire().await;
-    // Asked with the place in hand: many requests at one time are no way around it.
-    if !page.throttle.admits(from.ip(), &tried) {
-        let why = "too many wrong passwords: wait a minute";
+    let Some(attempt) = page.throttle.attempt(from.ip(), &tried) else {
+        page.refused(Refusal::Throttled, from.ip(), &tried).await;
+        let why = "too many attempts at once after wrong passwords: try again in some seconds";
         return Err(Refused::new(StatusCode::TOO_MANY_REQUESTS, why));
-    }
+    };
+    tokio::time::sleep(attempt.delay()).await;
+    let place = page.passwords.acquire().await;
     let right = match Password::entered(password) {
         Ok(password) => {
             let compared =
@@ -78,9 +71,7 @@ async fn proven(
         _ => {
             page.throttle.wrong(from.ip(), &tried);
             drop(place);
-            let details = facts(&TriedFrom { from: from.ip() })?;
-            page.ask(move |store| store.audit("centre", "login.refused", &tried, details))
-                .await?;
+            page.refused(Refusal::Login, from.ip(), &tried).await;
             let why = "the name or the password is wrong";
             Err(Refused::new(StatusCode::UNAUTHORIZED, why))
         }

@@ -5,6 +5,7 @@
 
 use std::{
     collections::HashMap,
+    net::IpAddr,
     sync::{Arc, Mutex, PoisonError, RwLock},
     time::Duration,
 };
@@ -12,11 +13,17 @@ use std::{
 use axum::{body::Bytes, extract::State};
 use tokio::sync::Semaphore;
 
-use super::{answer::Refused, discovery::Searches, overview::Overview};
+use serde::Serialize;
+
+use super::{
+    answer::{Refused, facts},
+    discovery::Searches,
+    overview::Overview,
+};
 use crate::{
     rollout::Rules,
     store::{Store, StoreError},
-    users::Throttle,
+    users::{REFUSAL_WINDOW, Refusal, Refusals, Throttle},
 };
 
 /// The overview is made so often.
@@ -39,6 +46,20 @@ pub struct PageSettings {
     pub ports: Option<Vec<(crate::discover::Kind, u16)>>,
 }
 
+/// The details of a refusal in the audit log.
+#[derive(Serialize)]
+struct RefusedFrom {
+    from: IpAddr,
+}
+
+/// The details of refusals that followed one within a minute.
+#[derive(Serialize)]
+struct FurtherFrom {
+    from: IpAddr,
+    #[serde(flatten)]
+    further: crate::users::Further,
+}
+
 /// What a route takes to reach the state.
 pub(super) type Shared = State<Arc<PageState>>;
 
@@ -47,6 +68,7 @@ pub struct PageState {
     pub(super) store: Arc<Store>,
     pub(super) settings: PageSettings,
     pub(super) throttle: Throttle,
+    refusals: Refusals,
     /// Hashing a password takes memory and time: two at a time.
     pub(super) passwords: Semaphore,
     /// Models and maps take a processor for a while: one at a time.
@@ -63,6 +85,7 @@ impl PageState {
             store,
             settings,
             throttle: Throttle::default(),
+            refusals: Refusals::default(),
             passwords: Semaphore::new(2),
             works: Semaphore::new(1),
             overview: RwLock::default(),
@@ -119,6 +142,44 @@ impl PageState {
         let done = tokio::task::spawn_blocking(move || work(&store)).await;
         done.map_err(|_| Refused::inside("the work ended before its time"))?
             .map_err(Refused::from)
+    }
+
+    /// Writes a refusal into the audit log: at once, or with others like it within a minute.
+    pub(super) async fn refused(self: &Arc<Self>, refusal: Refusal, from: IpAddr, object: &str) {
+        let Some(key) = self.refusals.count(refusal, from, object) else {
+            return;
+        };
+        self.record_refusal(refusal, object.to_owned(), RefusedFrom { from })
+            .await;
+        let page = Arc::clone(self);
+        tokio::spawn(async move {
+            tokio::time::sleep(REFUSAL_WINDOW).await;
+            if let Some(further) = page.refusals.take(key) {
+                let details = FurtherFrom { from, further };
+                page.record_refusal(refusal, String::new(), details).await;
+            }
+        });
+    }
+
+    async fn record_refusal(
+        self: &Arc<Self>,
+        refusal: Refusal,
+        object: String,
+        details: impl Serialize,
+    ) {
+        let written = match facts(&details) {
+            Ok(details) => {
+                self.ask(move |store| store.audit("centre", refusal.action(), &object, details))
+                    .await
+            }
+            Err(refused) => Err(refused),
+        };
+        if written.is_err() {
+            tracing::error!(
+                "page: {} could not be written into the audit log",
+                refusal.action()
+            );
+        }
     }
 
     /// Works for a while on a thread that may wait, one work at a time.

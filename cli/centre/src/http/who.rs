@@ -19,7 +19,7 @@ use super::{
     routes::Need,
     state::PageState,
 };
-use crate::users::{Moment, Token, User};
+use crate::users::{Moment, Refusal, Token, User};
 
 /// The header that our page sends with every change: a page of somebody else cannot send it without being asked for permission
 /// first, which this program never gives.
@@ -95,6 +95,8 @@ pub(super) async fn admit(
 ) -> Response {
     let changes = request.method() != Method::GET;
     if changes && let Err(refused) = is_ours(request.headers()) {
+        page.refused(Refusal::Forbidden, from.ip(), request.uri().path())
+            .await;
         return refused.into_response();
     }
     let Need::Role(role) = need else {
@@ -108,6 +110,8 @@ pub(super) async fn admit(
         Err(refused) => return refused.into_response(),
     };
     if user.role < role {
+        page.refused(Refusal::Forbidden, from.ip(), request.uri().path())
+            .await;
         let why = format!("this needs the role {role}, {} is {}", user.name, user.role);
         return Refused::new(StatusCode::FORBIDDEN, why).into_response();
     }

@@ -44,6 +44,14 @@ pub enum StoreError {
     /// SQLite refuses.
     #[error("the database: {0}")]
     Sqlite(#[from] rusqlite::Error),
+    /// The file of the database cannot be created, or kept from others.
+    #[error("the database: {file}: {why}; expected a file that this program can keep to its owner (mode 600)")]
+    Private {
+        /// The path of the file.
+        file: String,
+        /// What the system reports.
+        why: std::io::Error,
+    },
     /// The server of the database is not there, or not as it should be.
     #[error(
         "the database: {place}: {why}; expected a running server with this database and this user"

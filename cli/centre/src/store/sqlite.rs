@@ -1,6 +1,8 @@
 //! SQLite: one file beside the centre.
 
 use std::{
+    fs,
+    os::unix::fs::{OpenOptionsExt, PermissionsExt},
     path::Path,
     thread,
     time::{Duration, Instant},
@@ -29,8 +31,9 @@ const READY: usize = 128;
 pub(crate) struct Sqlite(Connection);
 
 impl Sqlite {
-    /// Opens the file, and makes it where it is not there.
+    /// Opens the file, and makes it where it is not there. Only its owner may read it: it holds password hashes and models.
     pub(crate) fn open(path: &Path) -> Result<Self, StoreError> {
+        make_private(path)?;
         let connection = Connection::open(path)?;
         connection.busy_timeout(BUSY)?;
         connection.set_prepared_statement_cache_capacity(READY);
@@ -73,6 +76,36 @@ impl Sqlite {
             _ => Err(StoreError::InUse { file }),
         }
     }
+}
+
+/// Creates the file with mode 600, or takes the rights of others away from an existing one. SQLite gives the files beside
+/// it the same mode when it creates them.
+fn make_private(path: &Path) -> Result<(), StoreError> {
+    let failed = |why: std::io::Error| StoreError::Private {
+        file: path.display().to_string(),
+        why,
+    };
+    let mut options = fs::OpenOptions::new();
+    options
+        .create(true)
+        .truncate(false)
+        .write(true)
+        .mode(0o600)
+        .open(path)
+        .map_err(failed)?;
+    for suffix in ["", "-wal", "-shm"] {
+        let mut name = path.as_os_str().to_owned();
+        name.push(suffix);
+        let file = Path::new(&name);
+        match file.metadata() {
+            Ok(metadata) if metadata.permissions().mode() & 0o077 != 0 => {
+                fs::set_permissions(file, fs::Permissions::from_mode(0o600)).map_err(failed)?;
+                tracing::warn!("{}: others could read it: mode is now 600", file.display());
+            }
+            _ => {}
+        }
+    }
+    Ok(())
 }
 
 /// Has changes go to a log beside the file. Where several programs begin with a new file at one time, SQLite tells all but one of

@@ -1,6 +1,7 @@
 //! People: their roles, passwords and sessions, as plain data and rules. What is stored of them stands in `store::users`.
 
 mod password;
+mod refusals;
 mod session;
 mod throttle;
 
@@ -10,7 +11,8 @@ use serde::{Deserialize, Serialize};
 
 pub use password::{Password, PasswordError, hash, is_right};
 pub use session::{Moment, Session, Token};
-pub use throttle::Throttle;
+pub(crate) use refusals::{Further, Refusal, Refusals, WINDOW as REFUSAL_WINDOW};
+pub use throttle::{Attempt, Throttle};
 
 /// What somebody may do; each role may what the ones before it may.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]

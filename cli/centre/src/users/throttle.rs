@@ -1,59 +1,145 @@
-//! Wrong passwords are slowed down: by the address from which they come, and by the name that they try.
+//! Wrong passwords delay further attempts: for one account from one address, for one account, and from one address. A right
+//! password is accepted after the delay, so nobody can lock a user out.
 //!
-//! State: the counts, in memory.
+//! State: the counts and the waiting attempts, in memory. Each pair of address and account has at most [`MAX_WAITING`]
+//! attempts waiting, which bounds guesses to `MAX_WAITING / DELAY` a second.
 
 use std::{
     collections::HashMap,
     net::IpAddr,
-    sync::{Mutex, PoisonError},
+    sync::{Mutex, MutexGuard, PoisonError},
     time::{Duration, Instant},
 };
 
-/// So many wrong passwords from one address are taken within [`WITHIN`], …
-const OF_ADDRESS: u32 = 5;
-/// … and so many for one name, from wherever: above it only who guesses from many addresses.
-const OF_NAME: u32 = 50;
+/// Wrong passwords for one account from one address within [`WINDOW`] before attempts are delayed.
+const MAX_OF_PAIR: u32 = 5;
+/// The same from one address for any accounts, and for one account from any addresses.
+const MAX_OF_ONE: u32 = 50;
 /// How long wrong passwords are counted.
-const WITHIN: Duration = Duration::from_secs(60);
-/// The largest number of addresses and of names that are counted.
-const MOST: usize = 4096;
+const WINDOW: Duration = Duration::from_secs(60);
+/// How long an attempt is delayed.
+const DELAY: Duration = Duration::from_secs(2);
+/// Maximum number of delayed attempts for one account from one address.
+const MAX_WAITING: u32 = 2;
+/// Maximum number of counts that are kept.
+const MAX_COUNTS: usize = 4096;
 
 #[derive(Clone, PartialEq, Eq, Hash)]
 enum Key {
     Address(IpAddr),
-    Name(String),
+    Account(String),
+    Pair(IpAddr, String),
+}
+
+impl Key {
+    fn all(from: IpAddr, account: &str) -> [Self; 3] {
+        let network = network(from);
+        [
+            Self::Address(network),
+            Self::Account(account.to_owned()),
+            Self::Pair(network, account.to_owned()),
+        ]
+    }
+
+    fn max(&self) -> u32 {
+        match self {
+            Self::Pair(..) => MAX_OF_PAIR,
+            Self::Address(_) | Self::Account(_) => MAX_OF_ONE,
+        }
+    }
+}
+
+#[derive(Default)]
+struct Counts {
+    /// Wrong passwords and the start of their window.
+    wrong: HashMap<Key, (u32, Instant)>,
+    /// Delayed attempts by address and account; never zero.
+    waiting: HashMap<(IpAddr, String), u32>,
 }
 
 /// The wrong passwords of the last minute.
 #[derive(Default)]
-pub struct Throttle(Mutex<HashMap<Key, (u32, Instant)>>);
+pub struct Throttle(Mutex<Counts>);
+
+/// An attempt that may be made once `delay` has passed.
+pub struct Attempt<'a> {
+    throttle: &'a Throttle,
+    waiting: Option<(IpAddr, String)>,
+}
+
+impl Attempt<'_> {
+    /// How long to wait before the password is compared.
+    pub fn delay(&self) -> Duration {
+        if self.waiting.is_some() {
+            DELAY
+        } else {
+            Duration::ZERO
+        }
+    }
+}
+
+impl Drop for Attempt<'_> {
+    fn drop(&mut self) {
+        if let Some(pair) = self.waiting.take() {
+            let mut counts = self.throttle.counts();
+            if let Some(count) = counts.waiting.get_mut(&pair) {
+                *count -= 1;
+                if *count == 0 {
+                    counts.waiting.remove(&pair);
+                }
+            }
+        }
+    }
+}
 
 impl Throttle {
-    /// Whether a password from there for this name is looked at now. To be asked where the password is compared, so that those
-    /// which wait for their turn are counted.
-    pub fn admits(&self, from: IpAddr, name: &str) -> bool {
-        let counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let below = |key: Key, most: u32| {
+    fn counts(&self) -> MutexGuard<'_, Counts> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// An attempt to log in, to be held until the password is compared. `None` if as many attempts for this account from
+    /// this address as may wait do so already.
+    pub fn attempt(&self, from: IpAddr, account: &str) -> Option<Attempt<'_>> {
+        let mut counts = self.counts();
+        let delayed = Key::all(from, account).iter().any(|key| {
             counts
-                .get(&key)
-                .is_none_or(|(count, since)| *count < most || since.elapsed() >= WITHIN)
+                .wrong
+                .get(key)
+                .is_some_and(|(count, since)| *count >= key.max() && since.elapsed() < WINDOW)
+        });
+        let waiting = if delayed {
+            let pair = (network(from), account.to_owned());
+            let count = counts.waiting.entry(pair.clone()).or_insert(0);
+            if *count >= MAX_WAITING {
+                return None;
+            }
+            *count += 1;
+            Some(pair)
+        } else {
+            None
         };
-        below(Key::Address(group(from)), OF_ADDRESS) && below(Key::Name(name.to_owned()), OF_NAME)
+        Some(Attempt {
+            throttle: self,
+            waiting,
+        })
     }
 
     /// Counts a wrong password.
-    pub fn wrong(&self, from: IpAddr, name: &str) {
-        let mut counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if counts.len() + 2 > MOST {
-            counts.retain(|_, (_, since)| since.elapsed() < WITHIN);
+    pub fn wrong(&self, from: IpAddr, account: &str) {
+        let mut counts = self.counts();
+        let keys = Key::all(from, account);
+        if counts.wrong.len() + keys.len() > MAX_COUNTS {
+            counts
+                .wrong
+                .retain(|_, (_, since)| since.elapsed() < WINDOW);
         }
-        if counts.len() + 2 > MOST {
-            // So many addresses and names within a minute: the memory is bounded, and all counts begin anew.
-            counts.clear();
+        if counts.wrong.len() + keys.len() > MAX_COUNTS {
+            // The memory is bounded, and all counts begin anew.
+            counts.wrong.clear();
         }
-        for key in [Key::Address(group(from)), Key::Name(name.to_owned())] {
-            let (count, since) = counts.entry(key).or_insert((0, Instant::now()));
-            if since.elapsed() >= WITHIN {
+        for key in keys {
+            let (count, since) = counts.wrong.entry(key).or_insert((0, Instant::now()));
+            if since.elapsed() >= WINDOW {
                 (*count, *since) = (0, Instant::now());
             }
             *count = count.saturating_add(1);
@@ -62,7 +148,7 @@ impl Throttle {
 }
 
 /// Addresses of IPv6 count by their network: one computer has as many of them as it likes.
-fn group(address: IpAddr) -> IpAddr {
+pub(crate) fn network(address: IpAddr) -> IpAddr {
     match address {
         IpAddr::V4(_) => address,
         IpAddr::V6(v6) => v6.to_ipv4_mapped().map_or_else(
@@ -77,34 +163,50 @@ fn group(address: IpAddr) -> IpAddr {
 
 #[cfg(test)]
 mod tests {
-    use super::Throttle;
+    use std::{net::IpAddr, time::Duration};
+
+    use super::{DELAY, Throttle};
+
+    fn delay(throttle: &Throttle, from: IpAddr, account: &str) -> Option<Duration> {
+        throttle.attempt(from, account).map(|attempt| attempt.delay())
+    }
 
     #[test]
-    fn an_address_is_blocked_and_others_are_not() {
+    fn wrong_passwords_delay_this_account_from_this_address() {
         let throttle = Throttle::default();
         let [bad, good] = ["192.0.2.1", "192.0.2.2"].map(|text| text.parse().unwrap());
         for _ in 0..5 {
-            assert!(throttle.admits(bad, "anna"));
+            assert_eq!(delay(&throttle, bad, "anna"), Some(Duration::ZERO));
             throttle.wrong(bad, "anna");
         }
-        assert!(!throttle.admits(bad, "anna") && !throttle.admits(bad, "otto"));
-        assert!(throttle.admits(good, "anna"));
+        assert_eq!(delay(&throttle, bad, "anna"), Some(DELAY));
+        assert_eq!(delay(&throttle, bad, "otto"), Some(Duration::ZERO));
+        assert_eq!(delay(&throttle, good, "anna"), Some(Duration::ZERO));
+        // Two may wait; a third is refused until one of them has ended.
+        let first = throttle.attempt(bad, "anna");
+        let _second = throttle.attempt(bad, "anna");
+        assert_eq!(delay(&throttle, bad, "anna"), None);
+        drop(first);
+        assert_eq!(delay(&throttle, bad, "anna"), Some(DELAY));
         // The addresses of one network of IPv6 are one.
         let [one, other] = ["2001:db8::1", "2001:db8::2"].map(|text| text.parse().unwrap());
         for _ in 0..5 {
             throttle.wrong(one, "otto");
         }
-        assert!(!throttle.admits(other, "berta"));
+        assert_eq!(delay(&throttle, other, "otto"), Some(DELAY));
     }
 
     #[test]
-    fn a_name_that_many_guess_is_blocked() {
+    fn an_account_guessed_from_many_addresses_and_an_address_that_guesses_many_are_delayed() {
         let throttle = Throttle::default();
+        let fresh: IpAddr = "198.51.100.7".parse().unwrap();
         for last in 0..50 {
             throttle.wrong(std::net::Ipv4Addr::new(192, 0, 2, last).into(), "anna");
+            throttle.wrong(fresh, &format!("guess{last}"));
         }
-        let fresh = "198.51.100.7".parse().unwrap();
-        assert!(!throttle.admits(fresh, "anna"));
-        assert!(throttle.admits(fresh, "otto"));
+        let other = "203.0.113.9".parse().unwrap();
+        assert_eq!(delay(&throttle, other, "anna"), Some(DELAY));
+        assert_eq!(delay(&throttle, other, "otto"), Some(Duration::ZERO));
+        assert_eq!(delay(&throttle, fresh, "otto"), Some(DELAY));
     }
 }

@@ -611,3 +611,23 @@ fn two_programs_write_at_a_time(place: &Place) {
         .collect();
     assert_eq!(names, expected);
 }
+
+/// The database holds password hashes and models: only its owner reads it, also one that was made with other rights.
+#[test]
+fn the_sqlite_file_is_private() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("centre.db");
+    let modes = || {
+        std::fs::read_dir(folder.path())
+            .unwrap()
+            .map(|file| file.unwrap().metadata().unwrap().permissions().mode() & 0o777)
+            .collect::<Vec<_>>()
+    };
+    let store = Store::open(&path).unwrap();
+    assert_eq!(modes(), [0o600; 3], "the file, its log and its index");
+    drop(store);
+    std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o644)).unwrap();
+    let _store = Store::open(&path).unwrap();
+    assert_eq!(modes(), [0o600; 3]);
+}
