@@ -2,7 +2,7 @@ component volcomp "Bridge to a volcomp gateway in the servo thread: external off
 description """
 \\fBtake\\fR goes before motion-controller: it takes the frames that came, lets the barrier decide, and writes the counts.
 \\fBtell\\fR goes after it: it sends the state of this cycle to those who listen. Settings are given when it is loaded, and
-refused then; volcomp-servo.tcl does all of it from the section [VOLCOMP] of the INI file.
+refused then; volcomp.tcl does all of it from the section [VOLCOMP] of the INI file.
 """;
 pin in float pos_cmd-#[9] "axis.L.pos-cmd, those of the barrier first";
 pin in float eoffset-#[9] "axis.L.eoffset";
@@ -179,7 +179,7 @@ static int is_within(const char *name, const char *of_axis, long found, const ch
     return 0;
 }
 
-/* As `Settings` of the bridge in user space has it. What is published are words of 16 bits, and has to be what counts. */
+/* What is published are words of 16 bits, and has to be what counts. */
 static int settings_fit(void) {
     for (int i = 0; i < axis_count; i++) {
         char of_axis[] = " of axis X";

@@ -1,118 +1,210 @@
 # SPDX-License-Identifier: GPL-2.0-or-later
-# The HAL part of the bridge in user space, for any axes: a HALFILE of its own, after the one that loads the motion controller.
-#
-#   [HAL]
-#   HALFILE = machine.hal
-#   HALFILE = PATH/volcomp.tcl
-#
-# The bridge may die; the last counts that it wrote must not stay for ever. So what LinuxCNC shows as requested by them is taken
-# out of them by the servo thread when the bridge has not been alive for 0.2 s: by one factor for all axes, that falls from 1 to 0.
-# LinuxCNC goes by changes of the counts, so that their zero is anywhere once it has lost an offset: that zero, the origin, is
-# worked out here, in every cycle while the factor is 1 and nothing depends on it, and outlives the bridge.
-#
-#   counts to LinuxCNC = (counts of the bridge - origin) * factor + origin
-#
-# The factor does not rise by itself when the bridge is heard again: only when the bridge says so, after it has asked for nothing.
+# The HAL part of the bridge: loads volcomp.comp with the settings of the section [VOLCOMP], and connects it. It is the last HALFILE:
+# it takes the signals that the machine's own files have connected, and a pin that it has connected itself takes no other signal.
+# The component is built and installed once: `sudo halcompile --install volcomp.comp`.
 
-set here [file dirname [file normalize [info script]]]
-source [file join $here volcomp-common.tcl]
-
-if {[has HAL TWOPASS]} {
-    refuse "\[HAL\]TWOPASS: found [value_of HAL TWOPASS], expected none with volcomp.tcl, which starts a program that needs what is loaded; leave it out, or use volcomp-servo.tcl"
+# Ends the start of LinuxCNC with one line. Tcl's `error` would add the lines of this file in which it was found.
+proc refuse {what} {
+    puts stderr "volcomp: $::env(INI_FILE_NAME): $what"
+    exit 1
 }
-# All of these are told before anything is loaded; the bridge judges them by the same rules.
+
+# Whether a key is there, and its first value, which is the one that counts.
+proc has {section key} {
+    return [info exists ::${section}($key)]
+}
+
+proc value_of {section key} {
+    return [lindex [set ::${section}($key)] 0]
+}
+
+proc setting {key default} {
+    if {[has VOLCOMP $key]} {
+        return [value_of VOLCOMP $key]
+    }
+    return $default
+}
+
+# A number of a section; without a default it has to be there.
+proc number_of {section key default expected} {
+    if {![has $section $key]} {
+        if {$default eq ""} {
+            refuse "\[$section\]$key is missing, expected $expected"
+        }
+        return $default
+    }
+    set value [value_of $section $key]
+    # Tcl alone takes others: 0x10.
+    if {![regexp {^[+-]?([0-9]+[.]?[0-9]*|[.][0-9]+)([eE][+-]?[0-9]+)?$} $value] || abs($value) > 1e9} {
+        refuse "\[$section\]$key: found $value, expected $expected and nothing behind it"
+    }
+    return $value
+}
+
+proc number {key {default ""}} {
+    return [number_of VOLCOMP $key $default "a number"]
+}
+
+# The letters of axes that a key has, as capitals.
+proc letters {key default} {
+    set found [split [string toupper [string map {" " ""} [setting $key $default]]] ""]
+    foreach letter $found {
+        if {$letter ni {X Y Z A B C U V W}} {
+            refuse "\[VOLCOMP\]$key: found $letter, expected axes of X Y Z A B C U V W"
+        }
+    }
+    return $found
+}
+
+# The axes that are corrected, and those of which only the positions are told.
+proc axes_and_reads {} {
+    set axes [letters AXES XYZ]
+    set reads [letters READS ""]
+    set both [concat $axes $reads]
+    if {[llength $axes] == 0 || [llength [lsort -unique $both]] != [llength $both]} {
+        refuse "\[VOLCOMP\]AXES and READS: found [join $axes ""] and [join $reads ""], expected one or more axes, each once"
+    }
+    return [list $axes $reads]
+}
+
+proc joints {} {
+    set expected "the number of joints, 1 to 16"
+    set joints [number_of KINS JOINTS "" $expected]
+    if {$joints != int($joints) || $joints < 1 || $joints > 16} {
+        refuse "\[KINS\]JOINTS: found $joints, expected $expected and nothing behind it"
+    }
+    return [expr {int($joints)}]
+}
+
+# The period of the servo thread, s.
+proc period_s {} {
+    set expected "the period of the servo thread in ns"
+    set period [number_of EMCMOT SERVO_PERIOD 1000000 $expected]
+    if {$period <= 0} {
+        refuse "\[EMCMOT\]SERVO_PERIOD: found $period, expected $expected"
+    }
+    return [expr {$period * 1e-9}]
+}
+
+# An offset is in the unit of the machine, and a count is one of these: a machine in inches would get 25.4 times as much. The words
+# are those that LinuxCNC takes for mm and degrees, in any case; it takes numbers, too, and what stands behind a number: those are refused.
+proc units {} {
+    foreach {key known} {LINEAR_UNITS {mm metric} ANGULAR_UNITS {degree deg}} {
+        set expected [join $known " or "]
+        if {![has TRAJ $key]} {
+            refuse "\[TRAJ\]$key is missing, expected $expected: the bridge counts in this unit"
+        }
+        set found [value_of TRAJ $key]
+        if {[string tolower $found] ni $known} {
+            refuse "\[TRAJ\]$key: found $found, expected $expected: the bridge counts in this unit, and no other is supported. Do not change this key alone: all lengths or angles of the INI file are in it"
+        }
+    }
+}
+
+# A key that is written wrongly would leave its default in force.
+proc known_keys {} {
+    set known {MACHINE AXES READS PORT LISTEN STEP_NM STEP_UDEG LIMIT_UM LIMIT_MDEG RATE_UM_PER_S RATE_MDEG_PER_S HOLD_MS TIME_OUT_MS EPOCH_FILE}
+    foreach key [lsort [array names ::VOLCOMP]] {
+        if {$key ni $known} {
+            refuse "\[VOLCOMP\]$key: unknown key, expected one of [join $known {, }]"
+        }
+    }
+}
+
+# A pin that the machine's own files have connected keeps its signal.
+proc read_pin {signal from to} {
+    if {[catch {net $signal $from => $to}]} {
+        set owner [lindex [hal show pin $from] end]
+        net $owner => $to
+    }
+}
+
+proc whole {key {default ""}} {
+    set value [number_of VOLCOMP $key $default "a whole number"]
+    if {$value != floor($value)} {
+        refuse "\[VOLCOMP\]$key: found $value, expected a whole number and nothing behind it"
+    }
+    return [expr {int($value)}]
+}
+
 known_keys
 units
-joints
-period_s
-set letters [string tolower [lindex [axes_and_reads] 0]]
-set thread servo-thread
+lassign [axes_and_reads] letters reads
+set joints [joints]
+set period_s [period_s]
+set folder [file dirname [file normalize $::env(INI_FILE_NAME)]]
 
-# How fast the factor may change, 1/s: no axis goes faster than its rate from its limit.
-set fastest 5.0
-foreach {limit rate} {LIMIT_UM RATE_UM_PER_S LIMIT_MDEG RATE_MDEG_PER_S} {
-    if {[info exists ::VOLCOMP($limit)] && [info exists ::VOLCOMP($rate)]} {
-        set fastest [expr {min($fastest, double([number $rate]) / [number $limit])}]
-    }
-}
-
-proc of_axes {what} {
-    return [lmap letter $::letters {string cat volcomp. $what - $letter}]
-}
-set sums {}
-foreach what {origin way asked rounded} {
-    lappend sums {*}[of_axes $what]
-}
-set once "LinuxCNC loads each component once. Where the machine's own HAL files load it, take volcomp-servo.tcl, which does not need it"
-load_component $once sum2 names=[join [concat volcomp.begin volcomp.end $sums] ,]
-load_component $once oneshot names=volcomp.heard
-load_component $once flipflop names=volcomp.trusted
-load_component $once mux2 names=[join [concat volcomp.chosen [of_axes kept]] ,]
-load_component $once limit2 names=volcomp.ramp
-load_component $once comp names=volcomp.full
-load_component $once mult2 names=[join [of_axes scaled] ,]
-load_component $once limit1 names=[join [of_axes half] ,]
-load_component $once conv_float_s32 names=[join [of_axes whole] ,]
-
-# Cycles of the servo thread, counted at its begin and at its end: what is read between two equal numbers is of one cycle.
-addf volcomp.begin $thread 1
-setp volcomp.begin.in1 1
-net volcomp-begin volcomp.begin.out => volcomp.begin.in0
-
-foreach name {volcomp.heard volcomp.trusted volcomp.chosen volcomp.ramp volcomp.full} {
-    addf $name $thread
-}
-foreach what {origin kept way scaled asked half rounded whole} {
-    foreach name [of_axes $what] {
-        addf $name $thread
-    }
-}
-addf volcomp.end $thread
-setp volcomp.end.in1 1
-net volcomp-end volcomp.end.out => volcomp.end.in0
-
-setp volcomp.heard.width 0.2
-setp volcomp.heard.rising 1
-setp volcomp.heard.falling 1
-setp volcomp.heard.retriggerable 1
-net volcomp-alive => volcomp.heard.in
-net volcomp-silent volcomp.heard.out-not => volcomp.trusted.reset
-setp volcomp.trusted.data 1
-net volcomp-trust => volcomp.trusted.clk
-net volcomp-trusted volcomp.trusted.out => volcomp.chosen.sel
-setp volcomp.chosen.in0 0
-setp volcomp.chosen.in1 1
-net volcomp-chosen volcomp.chosen.out => volcomp.ramp.in
-setp volcomp.ramp.maxv $fastest
-net volcomp-factor volcomp.ramp.out => volcomp.full.in1
-setp volcomp.full.in0 0.999999999
-net volcomp-full volcomp.full.out
-
-newsig volcomp-enable bit
+# The largest rate, and the smallest number of cycles from step to step with which it is a count or more. What a word cannot
+# hold is refused by the component.
+set step_scans 1
+set steps {}
+set limits {}
+set per_scan {}
 foreach letter $letters {
-    net volcomp-counts-$letter => volcomp.origin-$letter.in0 volcomp.way-$letter.in0
-    # Where the counts would be with nothing asked for: kept from the moment when the factor begins to fall.
-    setp volcomp.origin-$letter.gain1 -1e6
-    read_pin volcomp-request-$letter axis.$letter.eoffset-request volcomp.origin-$letter.in1
-    net volcomp-zero-$letter volcomp.origin-$letter.out => volcomp.kept-$letter.in1
-    net volcomp-full => volcomp.kept-$letter.sel
-    net volcomp-origin-$letter volcomp.kept-$letter.out => volcomp.kept-$letter.in0
-    setp volcomp.way-$letter.gain1 -1
-    net volcomp-origin-$letter => volcomp.way-$letter.in1 volcomp.asked-$letter.in1
-    net volcomp-way-$letter volcomp.way-$letter.out => volcomp.scaled-$letter.in0
-    net volcomp-factor => volcomp.scaled-$letter.in1
-    net volcomp-scaled-$letter volcomp.scaled-$letter.out => volcomp.asked-$letter.in0
-    # The conversion cuts towards zero: with half a count more on the same side it rounds.
-    setp volcomp.half-$letter.min -0.5
-    setp volcomp.half-$letter.max 0.5
-    net volcomp-asked-$letter volcomp.asked-$letter.out => volcomp.half-$letter.in volcomp.rounded-$letter.in0
-    net volcomp-half-$letter volcomp.half-$letter.out => volcomp.rounded-$letter.in1
-    net volcomp-rounded-$letter volcomp.rounded-$letter.out => volcomp.whole-$letter.in
-    net volcomp-whole-$letter volcomp.whole-$letter.out => axis.$letter.eoffset-counts
-    net volcomp-enable => axis.$letter.eoffset-enable
-    setp axis.$letter.eoffset-scale 1e-6
-    # The offset at the last contact of a probe, under one name for every bridge that is started.
-    newsig volcomp-probed-offset-$letter float
+    set turns [expr {$letter in {A B C}}]
+    set step [expr {$turns ? [whole STEP_UDEG 1] : [whole STEP_NM 1]}]
+    set limit [number [expr {$turns ? "LIMIT_MDEG" : "LIMIT_UM"}]]
+    set key [expr {$turns ? "RATE_MDEG_PER_S" : "RATE_UM_PER_S"}]
+    set rate [number $key]
+    if {$step < 1} {
+        refuse "\[VOLCOMP\]STEP_NM or STEP_UDEG: found $step, expected 1 or more"
+    }
+    if {$rate <= 0} {
+        refuse "\[VOLCOMP\]$key: found $rate, expected more than 0"
+    }
+    set rate [expr {1000.0 * $rate * $period_s / $step}]
+    lappend steps $step
+    lappend limits [expr {int(1000.0 * $limit / $step + 1e-6)}]
+    lappend per_scan $rate
+    set step_scans [expr {max($step_scans, int(min(ceil(1.0 / $rate - 1e-9), 1e9)))}]
+}
+set rates {}
+foreach rate $per_scan {
+    lappend rates [expr {int($rate * $step_scans + 1e-9)}]
 }
 
-loadusr -Wn volcomp $here/volcomp_bridge.py $::env(INI_FILE_NAME)
+set port [whole PORT 47001]
+if {$port < 0 || $port > 65535} {
+    refuse "\[VOLCOMP\]PORT: found $port, expected 0 to 65535"
+}
+set arguments [list axes=[join $letters ""] machine=[whole MACHINE] port=$port]
+lappend arguments listen_on=[setting LISTEN 127.0.0.1] joints=$joints
+lappend arguments epoch_file=[file join $folder [setting EPOCH_FILE volcomp.epoch]]
+lappend arguments step=[join $steps ,] limit=[join $limits ,] rate=[join $rates ,] step_scans=$step_scans
+lappend arguments hold_scans=[expr {int(round([number HOLD_MS 100] * 1e-3 / $period_s))}]
+lappend arguments time_out_scans=[expr {int(round([number TIME_OUT_MS 300] * 1e-3 / $period_s))}]
+if {[llength $reads]} {
+    lappend arguments reads=[join $reads ""]
+}
+if {[catch {loadrt volcomp {*}$arguments}]} {
+    refuse "loadrt volcomp failed: build and install it (sudo halcompile --install volcomp.comp), or correct what the lines above this one name"
+}
+
+addf volcomp.take servo-thread 1
+addf volcomp.tell servo-thread
+
+set at 0
+foreach letter [concat $letters $reads] {
+    set small [string tolower $letter]
+    read_pin volcomp-cmd-$small axis.$small.pos-cmd volcomp.pos-cmd-$at
+    if {$at < [llength $letters]} {
+        read_pin volcomp-eoffset-$small axis.$small.eoffset volcomp.eoffset-$at
+        read_pin volcomp-request-$small axis.$small.eoffset-request volcomp.request-$at
+        net volcomp-counts-$small volcomp.counts-$at => axis.$small.eoffset-counts
+        net volcomp-enable volcomp.enable => axis.$small.eoffset-enable
+        setp axis.$small.eoffset-scale 1e-6
+        net volcomp-probed-offset-$small volcomp.probed-offset-$at
+    }
+    incr at
+}
+read_pin volcomp-enabled motion.motion-enabled volcomp.enabled
+read_pin volcomp-estop iocontrol.0.emc-enable-in volcomp.estop-ok
+read_pin volcomp-user iocontrol.0.user-enable-out volcomp.user-ok
+read_pin volcomp-limited motion.eoffset-limited volcomp.limited
+read_pin volcomp-coord-mode motion.coord-mode volcomp.coord-mode
+read_pin volcomp-teleop-mode motion.teleop-mode volcomp.teleop-mode
+read_pin volcomp-type motion.motion-type volcomp.motion-type
+read_pin volcomp-probe motion.probe-input volcomp.probe-input
+for {set joint 0} {$joint < $joints} {incr joint} {
+    read_pin volcomp-homed-$joint joint.$joint.homed volcomp.homed-$joint
+}

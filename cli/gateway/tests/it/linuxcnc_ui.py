@@ -214,7 +214,7 @@ def realtime():
                     continue
         except OSError:
             continue
-        if comm.startswith("rtapi_app:T") or "volcomp_bridge" in arguments or comm.startswith("milltask"):
+        if comm.startswith("rtapi_app:T") or comm.startswith("milltask"):
             level = "80" if comm.startswith("rtapi") else "40"
             done += subprocess.run(["chrt", "-f", "-p", level, tid], capture_output=True).returncode == 0
     return done

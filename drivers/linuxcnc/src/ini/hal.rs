@@ -6,20 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::{Ini, Problem, SERVO_THREAD, USER_SPACE, below, bridge_of};
-
-/// The components that the bridge in user space loads, as `volcomp.tcl` does.
-const COMPONENTS: [&str; 9] = [
-    "sum2",
-    "oneshot",
-    "flipflop",
-    "mux2",
-    "limit2",
-    "comp",
-    "mult2",
-    "limit1",
-    "conv_float_s32",
-];
+use super::{Ini, Problem, below, is_bridge};
 
 /// Where LinuxCNC looks for HAL files that are not in the folder of the INI file.
 const LIBRARY: &str = "/usr/share/linuxcnc/hallib";
@@ -63,8 +50,8 @@ fn connections(text: &str) -> impl Iterator<Item = (usize, &str, &str)> {
     })
 }
 
-/// The signal that the file of the bridge gives to a pin of LinuxCNC that has none; both bridges call those alike that they read.
-fn signal_of(pin: &str, is_servo: bool) -> Option<String> {
+/// The signal that the file of the bridge gives to a pin of LinuxCNC that has none.
+fn signal_of(pin: &str) -> Option<String> {
     let of_axis = pin
         .strip_prefix("axis.")
         .and_then(|rest| rest.split_once('.'));
@@ -83,9 +70,7 @@ fn signal_of(pin: &str, is_servo: bool) -> Option<String> {
         (_, Some((axis, "pos-cmd")), _) => format!("cmd-{axis}"),
         (_, Some((axis, "eoffset")), _) => format!("eoffset-{axis}"),
         (_, Some((axis, "eoffset-request")), _) => format!("request-{axis}"),
-        (_, Some((axis, "eoffset-counts")), _) => {
-            format!("{}-{axis}", if is_servo { "counts" } else { "whole" })
-        }
+        (_, Some((axis, "eoffset-counts")), _) => format!("counts-{axis}"),
         (_, Some((_, "eoffset-enable")), _) => "enable".to_owned(),
         (_, _, Some((joint, "homed"))) => format!("homed-{joint}"),
         _ => return None,
@@ -94,45 +79,6 @@ fn signal_of(pin: &str, is_servo: bool) -> Option<String> {
 }
 
 impl Ini {
-    /// The HAL files before that of the bridge, and the name of the latter.
-    fn before(&self) -> (Vec<&str>, Option<&'static str>) {
-        let files = self.all("HAL", "HALFILE");
-        let before = files.take_while(|file| bridge_of(file).is_none());
-        (
-            before.collect(),
-            self.all("HAL", "HALFILE").find_map(bridge_of),
-        )
-    }
-
-    /// What the bridge in user space loads is not loaded before.
-    pub(super) fn before_the_bridge(&self, problems: &mut Vec<Problem>) {
-        let Some(folder) = &self.folder else {
-            return;
-        };
-        let (before, bridge) = self.before();
-        if bridge != Some(USER_SPACE) {
-            return;
-        }
-        for file in before {
-            // What cannot be read LinuxCNC tells better: it knows more places.
-            let Ok(text) = read(folder, file) else {
-                continue;
-            };
-            for (number, line) in text.lines().enumerate() {
-                let mut words = line.split_whitespace();
-                if let (Some("loadrt"), Some(component)) = (words.next(), words.next())
-                    && COMPONENTS.contains(&component)
-                {
-                    problems.push(Problem::Loaded {
-                        file: file.to_owned(),
-                        line: number + 1,
-                        component: component.to_owned(),
-                    });
-                }
-            }
-        }
-    }
-
     /// Pins that the bridge has connected, and that a later file connects to another signal: LinuxCNC stops there.
     pub(super) fn behind_the_display(&self, problems: &mut Vec<Problem>) {
         let Some(folder) = &self.folder else {
@@ -140,9 +86,9 @@ impl Ini {
         };
         let read = |file: &str| read(folder, file);
         // What the files before the bridge have connected keeps its signal.
-        let (before, bridge) = self.before();
-        let before: Vec<String> = before
-            .into_iter()
+        let before: Vec<String> = self
+            .all("HAL", "HALFILE")
+            .take_while(|file| !is_bridge(file))
             .filter_map(|file| read(file).ok())
             .collect();
         let known: HashMap<&str, &str> = before
@@ -150,7 +96,6 @@ impl Ini {
             .flat_map(|text| connections(text))
             .map(|(_, pin, signal)| (pin, signal))
             .collect();
-        let is_servo = bridge == Some(SERVO_THREAD);
         let [corrected, read_only] = self.letters().map(|letters| letters.to_lowercase());
         // Of an axis that is only read the bridge connects the position alone.
         let is_told = |pin: &str| match pin
@@ -173,7 +118,7 @@ impl Ini {
             };
             for (line, pin, found) in connections(&text) {
                 let known = known.get(pin).map(|signal| (*signal).to_owned());
-                let Some(expected) = signal_of(pin, is_servo)
+                let Some(expected) = signal_of(pin)
                     .filter(|_| is_told(pin))
                     .map(|signal| known.unwrap_or(signal))
                 else {

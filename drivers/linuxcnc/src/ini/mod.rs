@@ -34,11 +34,10 @@ pub struct Expected<'a> {
     pub least: Option<Least>,
 }
 
-/// The HAL files of the bridges: in user space, and in the servo thread.
-const USER_SPACE: &str = "volcomp.tcl";
-const SERVO_THREAD: &str = "volcomp-servo.tcl";
+/// The HAL file of the bridge.
+const BRIDGE: &str = "volcomp.tcl";
 
-/// The keys of the bridge's section, as `volcomp-common.tcl` has them.
+/// The keys of the bridge's section, as `volcomp.tcl` has them.
 const KEYS: [&str; 14] = [
     "MACHINE",
     "AXES",
@@ -59,20 +58,17 @@ const KEYS: [&str; 14] = [
 /// The most joints that LinuxCNC has.
 const MOST_JOINTS: f64 = 16.0;
 
-/// The units that the bridges count in, by the words that LinuxCNC takes for them in any case, and these for messages. It takes
-/// numbers, too, and what stands behind a number: those are refused, as both bridges do.
+/// The units that the bridge counts in, by the words that LinuxCNC accepts in any case, and the same words for messages. LinuxCNC
+/// also accepts numbers, and text after a number: those are refused, as the bridge does.
 const UNITS: [(&str, [&str; 2], &str); 2] = [
     ("LINEAR_UNITS", ["mm", "metric"], "mm or metric"),
     ("ANGULAR_UNITS", ["degree", "deg"], "degree or deg"),
 ];
 
-/// The name of the bridge's file, where the value of a `HALFILE` is one; arguments may stand behind it.
-fn bridge_of(value: &str) -> Option<&'static str> {
-    let file = value.split_whitespace().next()?;
-    let name = file.rsplit('/').next()?;
-    [USER_SPACE, SERVO_THREAD]
-        .into_iter()
-        .find(|ours| *ours == name)
+/// Whether the value of a `HALFILE` names the bridge's file; arguments may follow it.
+fn is_bridge(value: &str) -> bool {
+    let file = value.split_whitespace().next().unwrap_or_default();
+    file.rsplit('/').next() == Some(BRIDGE)
 }
 
 /// Where a file is that an INI file in this folder names: relative to it, or to the home of the user.
@@ -162,7 +158,6 @@ impl Ini {
             problems.push(Problem::Include { file, reason });
         }
         self.hal_files(&mut problems);
-        self.before_the_bridge(&mut problems);
         self.unknown(&mut problems);
         self.behind_the_display(&mut problems);
         self.bridge(expected, &mut problems);
@@ -176,19 +171,11 @@ impl Ini {
     /// The section of HAL: the file of the bridge is there, and the last one.
     fn hal_files(&self, problems: &mut Vec<Problem>) {
         let mut files = self.all("HAL", "HALFILE");
-        let Some(ours) = files.find_map(bridge_of) else {
+        if !files.any(is_bridge) {
             problems.push(Problem::NoHalFile);
-            return;
-        };
-        if let Some(found) = files.next() {
-            let (found, ours) = (found.to_owned(), ours.to_owned());
-            problems.push(Problem::Behind { found, ours });
-        }
-        if let Some(found) = self.get("HAL", "TWOPASS")
-            && ours == USER_SPACE
-        {
+        } else if let Some(found) = files.next() {
             let found = found.to_owned();
-            problems.push(Problem::TwoPass { found });
+            problems.push(Problem::Behind { found });
         }
     }
 

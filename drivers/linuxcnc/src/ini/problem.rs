@@ -2,7 +2,7 @@
 
 use volcomp_vocabulary::AxisName;
 
-use super::MOST_JOINTS;
+use super::{BRIDGE, MOST_JOINTS};
 
 /// What is wrong or missing in an INI file.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -10,7 +10,7 @@ use super::MOST_JOINTS;
 pub enum Problem {
     /// The bridge is not loaded.
     #[error(
-        "[HAL]HALFILE: volcomp.tcl or volcomp-servo.tcl is missing, expected one of them behind the file that loads the motion controller"
+        "[HAL]HALFILE: {BRIDGE} is missing, expected it after the file that loads the motion controller"
     )]
     NoHalFile,
     /// A key of the bridge is missing.
@@ -78,13 +78,11 @@ pub enum Problem {
     },
     /// A HAL file comes behind that of the bridge.
     #[error(
-        "[HAL]HALFILE: found {found} behind {ours}, expected {ours} as the last one: pins that it has connected, such as motion.probe-input, take no signal of a later file"
+        "[HAL]HALFILE: found {found} after {BRIDGE}, expected {BRIDGE} as the last one: pins that it has connected, such as motion.probe-input, take no signal of a later file"
     )]
     Behind {
         /// The later file.
         found: String,
-        /// The file of the bridge.
-        ours: String,
     },
     /// A HAL file of the display cannot be read.
     #[error("[HAL]POSTGUI_HALFILE: {file}: {reason}; expected a file that can be looked through")]
@@ -110,33 +108,13 @@ pub enum Problem {
         /// The signal that the pin has.
         expected: String,
     },
-    /// A HAL file loads a component that the bridge in user space has to load.
-    #[error(
-        "[HAL]HALFILE: {file}, line {line}: found loadrt {component}, expected none with volcomp.tcl, which has to load it: LinuxCNC loads each component once. volcomp-servo.tcl loads none of these"
-    )]
-    Loaded {
-        /// The file as the line of the INI file names it.
-        file: String,
-        /// The number of the line in it, from 1.
-        line: usize,
-        /// The component of HAL.
-        component: String,
-    },
-    /// A key of the bridge's section that no bridge knows.
+    /// A key of the bridge's section that the bridge does not know.
     #[error("[VOLCOMP]{key}: unknown key, expected one of {known}")]
     Unknown {
         /// The key as it is written.
         key: String,
         /// The keys that there are.
         known: String,
-    },
-    /// HAL files are read twice, which the bridge in user space cannot stand.
-    #[error(
-        "[HAL]TWOPASS: found {found}, expected none with volcomp.tcl, which starts a program that needs what is loaded; volcomp-servo.tcl goes with it"
-    )]
-    TwoPass {
-        /// The value of this key in the INI file.
-        found: String,
     },
     /// A file that is included cannot be read.
     #[error("#INCLUDE {file}: {reason}; expected a file that can be looked through")]

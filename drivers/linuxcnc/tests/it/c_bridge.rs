@@ -1,4 +1,4 @@
-//! The bridge in the servo thread, compiled alone and driven scan by scan: its barrier against the reference, and what it
+//! The bridge, compiled alone and driven scan by scan: its barrier against the reference, and what it
 //! tells of a control that does not do what it is asked for.
 
 use std::{
@@ -13,7 +13,6 @@ use proptest::prelude::*;
 use tempfile::TempDir;
 use volcomp_guard::barrier::{Barrier, Counts, FRAME_WORDS, Frame, Layout, REPORT_WORDS, Report};
 use volcomp_linuxcnc::{Flags, State};
-use volcomp_test_support::peers;
 use volcomp_vocabulary::{AxisName, PerChannel};
 
 use crate::{
@@ -83,19 +82,9 @@ impl Said {
 }
 
 impl Run {
-    /// The bridge in the servo thread; `None` where there is no compiler.
+    /// The bridge; `None` where there is no compiler.
     fn new() -> Option<Self> {
         Some(Self::of(&mut Command::new(bridge()?)))
-    }
-
-    /// The bridge in user space beside a LinuxCNC of the test's; `None` where there is no Python.
-    pub(crate) fn user() -> Option<Self> {
-        let here = Path::new(env!("CARGO_MANIFEST_DIR"));
-        let mut command = Command::new(peers::python()?);
-        command
-            .arg(here.join("tests/it/stand_in.py"))
-            .arg(here.join("bridge"));
-        Some(Self::of(&mut command).ready())
     }
 
     fn of(command: &mut Command) -> Self {
@@ -137,11 +126,6 @@ impl Run {
     }
 
     pub(crate) fn scan(&mut self, given: Given, frames: &[Vec<u16>]) -> Said {
-        self.look(given, frames).0.expect("a state")
-    }
-
-    /// A scan that may tell no state, and what is told behind it.
-    pub(crate) fn look(&mut self, given: Given, frames: &[Vec<u16>]) -> (Option<Said>, String) {
         let flag = u8::from;
         let mut line = format!(
             "scan {} {} {} {} {} {} {}",
@@ -162,21 +146,16 @@ impl Run {
         let [holds, counts, hex, _, probed, ..] = parts[..] else {
             panic!("{answer}");
         };
-        let more = parts[7..].join(" ");
-        if hex == "-" {
-            return (None, more);
-        }
         let bytes: Vec<u8> = (0..hex.len())
             .step_by(2)
             .map(|at| u8::from_str_radix(&hex[at..at + 2], 16).unwrap())
             .collect();
-        let said = Said {
+        Said {
             holds: holds == "1",
             counts: counts.parse().unwrap(),
             state: State::decode(&bytes).unwrap(),
             probed: probed.parse().unwrap(),
-        };
-        (Some(said), more)
+        }
     }
 
     /// Scans with a gateway that asks for this on X, counts. The last answer.
@@ -496,4 +475,56 @@ fn the_offset_at_the_contact_or_at_its_loss_is_kept() {
         let said = run.correct(GOOD, 1000, 20);
         assert_eq!(said.probed, 0.008);
     }
+}
+
+/// A small correction that never comes is seen as well as a large one, once what moved is forgotten; one that came is not lost.
+#[test]
+fn a_small_correction_that_does_not_come_is_lost() {
+    let Some(mut run) = Run::set() else { return };
+    assert!(!run.correct(GOOD, 0, 30).lost());
+    let still = Given { does: 2, ..GOOD };
+    let lost_after =
+        (0..4000).find(|_| run.correct(still, 300, 0).lost() || run.correct(still, 300, 1).lost());
+    // Three scans in each pass; what moved is forgotten by 23 to 1 in some times of the way.
+    let ms = 3 * lost_after.expect("lost");
+    assert!((500..2000).contains(&ms), "{ms} ms");
+    let said = run.correct(GOOD, 300, 20);
+    assert!(!said.lost());
+    assert_eq!(said.applied(), 300);
+}
+
+/// A disk that hangs: after as many time-outs as a start goes on by, no frame is taken, and that is told. Otherwise one of
+/// before could pass after a restart.
+#[test]
+fn frames_are_refused_while_the_epoch_cannot_be_written() {
+    let Some(mut run) = Run::set() else { return };
+    let mut said = run.correct(GOOD, 100, 30);
+    let (epoch, refusal) = (0, 4);
+    let begun = said.state.report.as_slice()[epoch];
+    assert_eq!(said.applied(), 100);
+    run.ask("disk 0");
+    let mut taken = 0;
+    for _ in 0..20 {
+        // The gateway is gone for longer than the time-out, and comes back.
+        for _ in 0..310 {
+            said = run.scan(GOOD, &[]);
+        }
+        assert_eq!(said.applied(), 0);
+        said = run.correct(GOOD, 100, 5);
+        if said.applied() == 0 {
+            break;
+        }
+        assert_eq!(said.state.report.as_slice()[refusal], 0);
+        taken += 1;
+    }
+    assert_eq!(taken, 15);
+    let words = said.state.report.as_slice();
+    assert_eq!(words[epoch].wrapping_sub(begun), 16);
+    assert_eq!(words[refusal], 2, "it is told");
+    run.ask("disk 1");
+    let said = run.correct(GOOD, 100, 5);
+    assert_eq!(
+        (said.applied(), said.state.report.as_slice()[refusal]),
+        (100, 0)
+    );
 }

@@ -1,11 +1,10 @@
 //! The causes that a bridge reports: README.md has their numbers, names and words in one table each, which the driver, the
-//! reference barrier and both bridges are held against.
+//! reference barrier and the bridge are held against.
 
-use std::{path::Path, process::Command};
+use std::path::Path;
 
 use volcomp_guard::barrier::Refusal;
 use volcomp_linuxcnc::Flags;
-use volcomp_test_support::peers;
 
 /// The rows below the table's head of this first column: cells without marks.
 fn table(first: &str) -> Vec<Vec<String>> {
@@ -56,29 +55,6 @@ fn of_component(first: &str, prefix: &str) -> Vec<(u16, String)> {
     found
 }
 
-/// The constants of these names in a module of the bridge in user space; `None` where there is no Python.
-fn of_python(module: &str, rows: &[Vec<String>]) -> Option<Vec<(u16, String)>> {
-    let program = format!(
-        "import sys; sys.dont_write_bytecode = True; sys.path.insert(0, sys.argv[1]); import {module}\n\
-         for name in sys.argv[2:]: print(getattr({module}, name), name)"
-    );
-    let output = Command::new(peers::python()?)
-        .args(["-c", &program])
-        .arg(of("bridge"))
-        .args(rows.iter().map(|row| &row[1]))
-        .output()
-        .unwrap();
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success(), "{said}");
-    let text = String::from_utf8(output.stdout).unwrap();
-    let lines = text.lines().map(|line| line.split_once(' ').unwrap());
-    Some(
-        lines
-            .map(|(number, name)| (number.parse().unwrap(), name.to_owned()))
-            .collect(),
-    )
-}
-
 #[test]
 fn flags_are_those_of_the_table() {
     let rows = table("flag");
@@ -86,9 +62,6 @@ fn flags_are_those_of_the_table() {
         .map(|flag| [&flag.bit.to_string(), flag.name, flag.set, flag.unset].map(str::to_owned));
     assert_eq!(rows, own);
     assert_eq!(of_component("EMERGENCY_STOP", ""), names(&rows));
-    if let Some(found) = of_python("datagram", &rows) {
-        assert_eq!(found, names(&rows));
-    }
     assert_eq!(
         Flags(Flags::ENABLED | Flags::LOST).to_string(),
         format!("on, not homed, {}", rows[5][2])
@@ -113,23 +86,4 @@ fn refusals_are_those_of_the_table() {
     });
     assert_eq!(rows, own);
     assert_eq!(of_component("NONE", "REFUSED_"), names(&rows));
-    if let Some(found) = of_python("barrier", &rows) {
-        assert_eq!(found, names(&rows));
-    }
-}
-
-/// What both bridges write into the log of LinuxCNC has the same words.
-#[test]
-fn both_bridges_say_the_same_in_the_log() {
-    for file in ["bridge/volcomp.comp", "bridge/volcomp_bridge.py"] {
-        let text = std::fs::read_to_string(of(file)).unwrap();
-        for words in [
-            "the control has lost an offset, or taken it into its position",
-            "nothing moves for a second, then the correction is ramped in anew",
-            ": the epoch in it is ",
-            " or more behind, and cannot be written; frames are refused until it is",
-        ] {
-            assert!(text.contains(words), "{file}: {words}");
-        }
-    }
 }

@@ -1,6 +1,6 @@
 //! INI files: the shipped ones are right, and each line that is missing or wrong is named.
 
-use volcomp_linuxcnc::{Expected, Ini, Least, LinuxCncConfig, PORT, Problem};
+use volcomp_linuxcnc::{Expected, Ini, Least, LinuxCncConfig, PORT};
 use volcomp_vocabulary::AxisName;
 
 pub(crate) fn control() -> LinuxCncConfig {
@@ -112,13 +112,8 @@ fn numbers_units_and_files_that_do_not_fit_are_named() {
         ),
         (
             "HALFILE = ../../drivers/linuxcnc/bridge/volcomp.tcl\n",
-            "HALFILE = PATH/volcomp-servo.tcl\nHALFILE = probe.hal\n",
-            "[HAL]HALFILE: found probe.hal behind volcomp-servo.tcl",
-        ),
-        (
-            "[HAL]\n",
-            "[HAL]\nTWOPASS = ON\n",
-            "[HAL]TWOPASS: found ON, expected none with volcomp.tcl",
+            "HALFILE = PATH/volcomp.tcl\nHALFILE = probe.hal\n",
+            "[HAL]HALFILE: found probe.hal after volcomp.tcl",
         ),
         (
             "LINEAR_UNITS = mm\n",
@@ -139,7 +134,7 @@ fn each_line_that_is_missing_or_wrong_is_named() {
         (
             "volcomp.tcl",
             "other.tcl",
-            "[HAL]HALFILE: volcomp.tcl or volcomp-servo.tcl is missing",
+            "[HAL]HALFILE: volcomp.tcl is missing",
         ),
         (
             "MACHINE = 1\n",
@@ -202,8 +197,7 @@ fn each_line_that_is_missing_or_wrong_is_named() {
             "[EMCMOT]SERVO_PERIOD: found 500000 ns",
         ),
     ]);
-    let servo = mill().replace("volcomp.tcl", "volcomp-servo.tcl");
-    let right = servo.replace("[HAL]\n", "[HAL]\nTWOPASS = ON\n");
+    let right = mill().replace("[HAL]\n", "[HAL]\nTWOPASS = ON\n");
     assert_eq!(told(&right), [""; 0]);
     let right = mill().replace(
         "[JOINT_2]\n",
@@ -291,14 +285,13 @@ fn files_of_the_display_are_looked_through() {
         ),
         (
             "net off axis.z.eoffset-counts",
-            "found axis.z.eoffset-counts connected to off, expected volcomp-whole-z",
+            "found axis.z.eoffset-counts connected to off, expected volcomp-counts-z",
         ),
     ] {
         let found = told(&mill, &format!("# of the display\n{line}\n")).join("\n");
         assert!(found.contains(says), "{says}: {found}");
     }
-    let servo = mill.replace("volcomp.tcl", "volcomp-servo.tcl");
-    let found = told(&servo, "net on motion.teleop-mode\n").join("\n");
+    let found = told(&mill, "net on motion.teleop-mode\n").join("\n");
     assert!(
         found.ends_with(
             "expected volcomp-teleop-mode: it has this signal already, and takes no other one"
@@ -319,57 +312,4 @@ proptest::proptest! {
     fn any_text_is_read(text in "(?s).{0,300}") {
         let _ = told(&text);
     }
-}
-
-/// LinuxCNC loads each component once: where the bridge's are loaded before, it stops.
-#[test]
-fn files_before_the_bridge_are_looked_through() {
-    let dir = tempfile::tempdir().unwrap();
-    let file = dir.path().join("mill.ini");
-    let told = |text: &str| told_of(&file, text);
-    std::fs::write(
-        dir.path().join("mill.hal"),
-        "loadrt trivkins\n# loadrt comp\nloadrt limit2 names=lim\nloadrt ddt count=3\n",
-    )
-    .unwrap();
-    let found = told(&mill()).join("\n");
-    assert!(
-        found.starts_with(
-            "[HAL]HALFILE: mill.hal, line 3: found loadrt limit2, expected none with volcomp.tcl"
-        ) && found.lines().count() == 1,
-        "{found}"
-    );
-    // That in the servo thread loads none of them.
-    let servo = mill().replace("volcomp.tcl", "volcomp-servo.tcl");
-    assert_eq!(told(&servo), [""; 0]);
-}
-
-/// The list of components is that of the HAL file.
-#[test]
-fn components_are_those_that_the_bridge_loads() {
-    let dir = tempfile::tempdir().unwrap();
-    let root = volcomp_test_support::root();
-    let ours = std::fs::read_to_string(root.join("drivers/linuxcnc/bridge/volcomp.tcl")).unwrap();
-    let loaded: Vec<&str> = ours
-        .lines()
-        .filter_map(|line| line.strip_prefix("load_component $once "))
-        .filter_map(|rest| rest.split(' ').next())
-        .collect();
-    assert_eq!(loaded.len(), 9, "{loaded:?}");
-    let lines: Vec<String> = loaded
-        .iter()
-        .map(|name| format!("loadrt {name}\n"))
-        .collect();
-    std::fs::write(dir.path().join("mill.hal"), lines.concat()).unwrap();
-    let file = dir.path().join("mill.ini");
-    std::fs::write(&file, mill()).unwrap();
-    let problems = Ini::read(&file).unwrap().problems(&expected(&control()));
-    let found: Vec<&str> = problems
-        .iter()
-        .filter_map(|problem| match problem {
-            Problem::Loaded { component, .. } => Some(component.as_str()),
-            _ => None,
-        })
-        .collect();
-    assert_eq!(found, loaded);
 }

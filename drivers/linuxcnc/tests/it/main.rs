@@ -1,7 +1,6 @@
 //! The protocol, and the driver against a bridge in this process.
 #![expect(clippy::unwrap_used, reason = "tests")]
 
-mod both_bridges;
 mod bridge;
 mod c_bridge;
 mod causes;
@@ -11,7 +10,6 @@ mod controller;
 mod frames;
 mod fuzz_corpus;
 mod ini;
-mod python_barrier;
 mod servo_barrier;
 mod settings;
 

@@ -1,4 +1,4 @@
-//! The barrier of the bridge in the servo thread against the reference, scan by scan and datagram by datagram: the component
+//! The barrier of the bridge against the reference, scan by scan and datagram by datagram: the component
 //! itself, compiled with what checks its memory and arithmetic, without LinuxCNC.
 
 use std::{

@@ -1,19 +1,13 @@
-//! What stands in an INI file is judged by one rule in `check`, in the bridge in user space and in the HAL files of both bridges.
+//! An INI file is judged by one rule in `check` and in the bridge's HAL file.
 
-use std::{
-    path::{Path, PathBuf},
-    process::Command,
-};
+use std::{path::Path, process::Command};
 
 use volcomp_linuxcnc::Ini;
-use volcomp_test_support::{peers, root};
+use volcomp_test_support::peers;
 
 use crate::ini::{control, expected, mill};
 
-/// The HAL files of both bridges.
-const HAL_FILES: [&str; 2] = ["volcomp.tcl", "volcomp-servo.tcl"];
-
-/// Units that may stand in an INI file, and whether the bridges take them. LinuxCNC 2.9 (`EmcIniFile`, tried with the library of
+/// Units that may stand in an INI file, and whether the bridge accepts them. LinuxCNC 2.9 (`EmcIniFile`, tried with the library of
 /// Debian 12) takes mm, metric, in, inch and imperial, deg, degree, grad, gon, rad and radian in any case, and numbers, whatever
 /// stands behind them; other words, and comments behind a word, stop it. It reads units in `[TRAJ]` alone.
 const UNITS: [(&str, &str, bool); 28] = [
@@ -110,8 +104,7 @@ const REFUSED: [(&str, &str, &str); 14] = [
     ),
 ];
 
-/// What only the bridges judge, or only the one in the servo thread and that in user space, but not `volcomp.tcl`, which
-/// needs it not.
+/// What only the bridge judges.
 const NEEDED: [(&str, &str, &str); 4] = [
     (
         "MACHINE = 1\n",
@@ -135,10 +128,6 @@ const NEEDED: [(&str, &str, &str); 4] = [
     ),
 ];
 
-fn bridge(file: &str) -> PathBuf {
-    root().join("drivers/linuxcnc/bridge").join(file)
-}
-
 /// What a program says of an INI file, and whether it takes it.
 fn said(command: &mut Command, ini: &str) -> (bool, String) {
     let dir = tempfile::tempdir().unwrap();
@@ -154,26 +143,17 @@ fn said(command: &mut Command, ini: &str) -> (bool, String) {
     (output.status.success(), said)
 }
 
-fn stand_in(file: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("tests/it")
-        .join(file)
-}
-
-fn of_python(ini: &str) -> Option<(bool, String)> {
-    let mut command = Command::new(peers::python()?);
-    command.arg(stand_in("settings.py")).arg(bridge(""));
-    Some(said(&mut command, ini))
-}
-
-fn of_tcl(hal_file: &str, ini: &str) -> Option<(bool, String)> {
+fn of_tcl(ini: &str) -> Option<(bool, String)> {
     const TCL: &str = "/usr/bin/tclsh";
     if !Path::new(TCL).exists() {
         peers::not_run("tclsh of linuxcnc-uspace");
         return None;
     }
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut command = Command::new(TCL);
-    command.arg(stand_in("stand_in.tcl")).arg(bridge(hal_file));
+    command
+        .arg(here.join("tests/it/stand_in.tcl"))
+        .arg(here.join("bridge/volcomp.tcl"));
     Some(said(&mut command, ini))
 }
 
@@ -183,14 +163,10 @@ fn of_check(ini: &str) -> (bool, String) {
     (said.is_empty(), said.join("\n"))
 }
 
-/// What all of them say, each with its name.
+/// What both say, each with its name.
 fn of_all(ini: &str) -> Vec<(&'static str, bool, String)> {
-    let hal_files = HAL_FILES.map(|file| (file, of_tcl(file, ini)));
-    let others = [
-        ("check", Some(of_check(ini))),
-        ("volcomp_bridge.py", of_python(ini)),
-    ];
-    let told = others.into_iter().chain(hal_files);
+    let told = [("check", Some(of_check(ini))), ("volcomp.tcl", of_tcl(ini))];
+    let told = told.into_iter();
     told.filter_map(|(who, told)| told.map(|(takes, said)| (who, takes, said)))
         .collect()
 }
@@ -222,17 +198,14 @@ fn units_are_judged_by_one_rule() {
     }
 }
 
-/// LinuxCNC's Python module lists no keys of a section, so that the bridge in user space leaves this to its HAL file.
 #[test]
-fn keys_that_nobody_knows_are_told_by_check_and_hal_files() {
+fn unknown_keys_are_reported_by_check_and_the_hal_file() {
     let ini = mill().replace("[VOLCOMP]\n", "[VOLCOMP]\nHOLDMS = 50\n");
     assert_ne!(ini, mill());
     let keys = "MACHINE, AXES, READS, PORT, LISTEN, STEP_NM, STEP_UDEG, LIMIT_UM, LIMIT_MDEG, RATE_UM_PER_S, RATE_MDEG_PER_S, HOLD_MS, TIME_OUT_MS, EPOCH_FILE";
     let says = format!("[VOLCOMP]HOLDMS: unknown key, expected one of {keys}");
     for (who, takes, said) in of_all(&ini) {
-        if who != "volcomp_bridge.py" {
-            assert!(!takes && said.contains(&says), "{who}: {said}");
-        }
+        assert!(!takes && said.contains(&says), "{who}: {said}");
     }
     // Each of these is a key.
     for key in keys.split(", ").filter(|key| !mill().contains(key)) {
@@ -256,8 +229,7 @@ fn what_is_missing_or_wrong_is_told_by_all() {
         let ini = mill();
         assert!(ini.contains(from), "{from}");
         let ini = ini.replace(from, to);
-        let told = [of_python(&ini), of_tcl("volcomp-servo.tcl", &ini)];
-        for (takes, said) in told.into_iter().flatten() {
+        if let Some((takes, said)) = of_tcl(&ini) {
             assert!(!takes && said.contains(says), "{says}: {said}");
         }
     }

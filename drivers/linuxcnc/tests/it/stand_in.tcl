@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-2.0-or-later
-# The HAL part of a bridge without LinuxCNC: arguments are that file and the INI file. It reads the INI file into arrays as
-# LinuxCNC's haltcl does, and commands of HAL do nothing. It sources files of the bridges, and is under their licence.
+# The HAL part of the bridge without LinuxCNC: arguments are that file and the INI file. It reads the INI file into arrays as
+# LinuxCNC's haltcl does, and commands of HAL do nothing. It sources a file of the bridge, and is under their licence.
 
 proc unknown {args} {}
 

@@ -3,20 +3,16 @@
 use std::time::Duration;
 
 use super::{
-    MOST, PORT,
-    alone::{alone, can_build, with_both},
-    corrected_at, gateway, no_jump, offsets,
-    peer::{Bridge, LinuxCnc},
-    wait_zero,
+    MOST, PORT, alone::alone, corrected_at, gateway, no_jump, offsets, peer::LinuxCnc, wait_zero,
 };
 use crate::online::{check, said};
 
-with_both!(adrift: in_joint_mode_nothing_is_asked_for, an_offset_that_does_not_come_is_an_alarm);
+alone!(adrift: settings_that_do_not_fit_start_nothing, in_joint_mode_nothing_is_asked_for, an_offset_that_does_not_come_is_an_alarm);
 
 /// LinuxCNC moves offsets by its own planner: not in joint mode, where what was asked for would come as a jump later.
-fn in_joint_mode_nothing_is_asked_for(kind: Bridge) {
+fn in_joint_mode_nothing_is_asked_for() {
     let dir = tempfile::tempdir().expect("writable");
-    let (mut control, mut program) = corrected_at("X300 Y40 Z-20", dir.path(), kind, |ini| ini);
+    let (mut control, mut program) = corrected_at("X300 Y40 Z-20", dir.path(), |ini| ini);
 
     // What `check --online` says of it.
     let config = super::configuration(dir.path(), PORT);
@@ -34,8 +30,8 @@ fn in_joint_mode_nothing_is_asked_for(kind: Bridge) {
     assert!(!text.contains("shift words"), "{text}");
 
     let held = offsets(&mut control);
-    let pin = control.of_x("counts");
-    let counts = control.pin(&pin);
+    let pin = "volcomp.counts-0";
+    let counts = control.pin(pin);
     control.do_it("joint_mode");
     let seen = program.wait(|state| state["reasons"].to_string().contains("alarm"));
     seen.unwrap_or_else(|state| panic!("nobody sees the mode: {state}"));
@@ -47,7 +43,7 @@ fn in_joint_mode_nothing_is_asked_for(kind: Bridge) {
     program.running.kill();
     std::thread::sleep(Duration::from_secs(2));
     assert_eq!(offsets(&mut control), held);
-    assert_eq!(control.pin(&pin), counts);
+    assert_eq!(control.pin(pin), counts);
     assert_eq!(control.pin("volcomp.holds"), 1.0);
     // Back in a mode in which offsets move, the barrier takes it out at its own rate.
     let cycles = control.record(|control| {
@@ -58,15 +54,11 @@ fn in_joint_mode_nothing_is_asked_for(kind: Bridge) {
 }
 
 /// Without its share of velocity the planner does not move: that is no correction.
-fn an_offset_that_does_not_come_is_an_alarm(kind: Bridge) {
+fn an_offset_that_does_not_come_is_an_alarm() {
     let dir = tempfile::tempdir().expect("writable");
-    let mut control = LinuxCnc::start(dir.path(), kind, |ini| {
+    let mut control = LinuxCnc::start(dir.path(), |ini| {
         // HAL files that are read twice do not matter to the component.
-        let passes = match kind {
-            Bridge::User => "[HAL]\n",
-            Bridge::Servo => "[HAL]\nTWOPASS = ON\n",
-        };
-        let ini = ini.replace("[HAL]\n", passes);
+        let ini = ini.replace("[HAL]\n", "[HAL]\nTWOPASS = ON\n");
         ini.replace("OFFSET_AV_RATIO = 0.02\n", "")
     });
     let program = gateway(dir.path(), PORT);
@@ -84,16 +76,7 @@ fn an_offset_that_does_not_come_is_an_alarm(kind: Bridge) {
 }
 
 /// Each is named in the log of LinuxCNC, which does not start.
-#[test]
 fn settings_that_do_not_fit_start_nothing() {
-    if !can_build() {
-        return;
-    }
-    let Some(_alone) = alone("adrift::settings_that_do_not_fit_start_nothing") else {
-        return;
-    };
-    // The component that was built lies in the folder of a start, and is that of the next one, too.
-    let mut folders = Vec::new();
     for (from, to, says) in [
         (
             "LINEAR_UNITS = mm",
@@ -123,7 +106,7 @@ fn settings_that_do_not_fit_start_nothing() {
     ] {
         let dir = tempfile::tempdir().expect("writable");
         let started = std::panic::catch_unwind(|| {
-            LinuxCnc::start(dir.path(), Bridge::Servo, |ini| {
+            LinuxCnc::start(dir.path(), |ini| {
                 assert!(ini.contains(from), "{from}");
                 ini.replace(from, to)
             })
@@ -131,6 +114,5 @@ fn settings_that_do_not_fit_start_nothing() {
         assert!(started.is_err(), "it started: {to}");
         let log = std::fs::read_to_string(dir.path().join("linuxcnc.log")).expect("a log");
         assert!(log.contains(says), "{says}: {log}");
-        folders.push(dir);
     }
 }

@@ -3,89 +3,95 @@
 use std::{
     path::Path,
     process::Command,
-    sync::{Mutex, MutexGuard, PoisonError},
+    sync::{Mutex, PoisonError},
 };
 
-use volcomp_test_support::peers;
+use tempfile::TempDir;
+use volcomp_test_support::{peers, root};
 
-/// What a test that has namespaces of its own finds in its environment.
-pub(crate) const ALONE: &str = "VOLCOMP_ALONE";
+/// The folder of LinuxCNC's components.
+const MODULES: &str = "/usr/lib/linuxcnc/modules";
 
-/// Whether a LinuxCNC can be started here at all.
-pub(crate) fn is_there() -> bool {
-    let there = Path::new("/usr/bin/linuxcnc").exists();
-    if !there {
-        peers::not_run("linuxcnc-uspace");
-    }
-    there
-}
+/// In the environment of such a test: a folder with the components of LinuxCNC and the bridge.
+const WITH_BRIDGE: &str = "VOLCOMP_MODULES";
 
-/// Runs each test with both bridges, in namespaces of their own.
-macro_rules! with_both {
+/// Declares tests that run with the computer's only LinuxCNC.
+macro_rules! alone {
     ($module:ident: $($name:ident),* $(,)?) => {
-        mod user {
+        mod on_linuxcnc {
             $(#[test]
             fn $name() {
-                let name = concat!(stringify!($module), "::user::", stringify!($name));
-                if let Some(_alone) = crate::linuxcnc::alone::alone(name) {
-                    super::$name(crate::linuxcnc::peer::Bridge::User);
-                }
-            })*
-        }
-        mod servo {
-            $(#[test]
-            fn $name() {
-                let name = concat!(stringify!($module), "::servo::", stringify!($name));
-                if crate::linuxcnc::alone::can_build()
-                    && let Some(_alone) = crate::linuxcnc::alone::alone(name)
-                {
-                    super::$name(crate::linuxcnc::peer::Bridge::Servo);
+                let name = concat!(stringify!($module), "::on_linuxcnc::", stringify!($name));
+                if crate::linuxcnc::alone::goes_on(name) {
+                    super::$name();
                 }
             })*
         }
     };
 }
-pub(crate) use with_both;
+pub(crate) use alone;
 
-/// Whether a component can be built, and put beside those of LinuxCNC for the time of a test.
-pub(crate) fn can_build() -> bool {
-    if !Path::new("/usr/bin/halcompile").exists() {
-        peers::not_run("linuxcnc-uspace-dev");
-        return false;
+/// Whether a LinuxCNC with the bridge can be started here.
+fn can_start() -> bool {
+    for (file, package) in [
+        ("/usr/bin/linuxcnc", "linuxcnc-uspace"),
+        ("/usr/bin/halcompile", "linuxcnc-uspace-dev"),
+    ] {
+        if !Path::new(file).exists() {
+            peers::not_run(package);
+            return false;
+        }
     }
     let is_root = rustix::process::geteuid().is_root();
     if !is_root {
-        eprintln!("not run: only root can put a component beside those of LinuxCNC");
+        eprintln!("not run: only root can place the bridge among the components of LinuxCNC");
     }
     is_root
 }
 
-/// One LinuxCNC at a time: its servo thread has what there is of real time.
-static ONE: Mutex<()> = Mutex::new(());
+/// The components of LinuxCNC and the bridge, built once for all tests of this run, and a lock: one LinuxCNC at a time, since its
+/// servo thread needs the real time that this computer has.
+static MODULES_WITH_BRIDGE: Mutex<Option<TempDir>> = Mutex::new(None);
 
-/// For as long as a test has the computer's only LinuxCNC, or one in namespaces of its own.
-pub(crate) struct Alone {
-    _one: Option<MutexGuard<'static, ()>>,
+fn run(command: &mut Command) {
+    let output = command.output().expect("a program of the system");
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{command:?}: {said}");
+}
+
+fn build() -> TempDir {
+    let dir = tempfile::tempdir().expect("writable");
+    let modules = dir.path().join("modules");
+    run(Command::new("cp").args(["-a", MODULES]).arg(&modules));
+    let component = root().join("drivers/linuxcnc/bridge/volcomp.comp");
+    std::fs::copy(component, modules.join("volcomp.comp")).expect("writable");
+    run(Command::new("halcompile")
+        .args(["--compile", "volcomp.comp"])
+        .current_dir(&modules));
+    dir
 }
 
 /// Whether the test of this name goes on. Two LinuxCNC on one computer share their memory, and the one that ends first kills
-/// the programs of the other, which it knows by their names: so, as root, a test is started once more in namespaces of its
-/// own, which end with it, and its end is that of the one here.
-pub(crate) fn alone(name: &str) -> Option<Alone> {
-    if !is_there() {
-        return None;
+/// the programs of the other, which it knows by their names: so a test is started once more in namespaces of its own, which end
+/// with it, and its result is that of the test here.
+pub(crate) fn goes_on(name: &str) -> bool {
+    if let Some(modules) = std::env::var_os(WITH_BRIDGE) {
+        run(Command::new("mount")
+            .arg("--bind")
+            .arg(modules)
+            .arg(MODULES));
+        return true;
     }
-    if std::env::var_os(ALONE).is_some() {
-        return Some(Alone { _one: None });
+    if !can_start() {
+        return false;
     }
-    // What a test that failed had is free again.
-    let one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
-    if !rustix::process::geteuid().is_root() {
-        // Nobody else may have one then.
-        return Some(Alone { _one: Some(one) });
-    }
+    // A test that failed has released it.
+    let mut built = MODULES_WITH_BRIDGE
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner);
+    let modules = built.get_or_insert_with(build).path().join("modules");
     for tried in 1.. {
-        let (succeeds, told) = inside(name);
+        let (succeeds, told) = inside(name, &modules);
         if succeeds {
             break;
         }
@@ -93,7 +99,7 @@ pub(crate) fn alone(name: &str) -> Option<Alone> {
         assert!(again, "in namespaces of its own it fails");
         println!("LinuxCNC itself stood still, see above: the test is started again");
     }
-    None
+    false
 }
 
 /// How often a test is started in which LinuxCNC itself stands still. What a test finds wrong of ours ends it the first time.
@@ -104,7 +110,7 @@ const TRIES: usize = 3;
 const STANDS: &str = "LinuxCNC stands:";
 
 /// Runs the test of this name in namespaces of its own: whether it succeeds, and what it told.
-fn inside(name: &str) -> (bool, String) {
+fn inside(name: &str, modules: &Path) -> (bool, String) {
     let inside = std::env::current_exe().expect("this program");
     let output = Command::new("unshare")
         .args(["--ipc", "--net", "--pid", "--fork", "--kill-child"])
@@ -113,7 +119,7 @@ fn inside(name: &str) -> (bool, String) {
         .arg("sh")
         .arg(inside)
         .args(["--exact", &format!("linuxcnc::{name}"), "--nocapture"])
-        .env(ALONE, "1")
+        .env(WITH_BRIDGE, modules)
         .output()
         .expect("unshare of util-linux");
     let told = String::from_utf8_lossy(&output.stdout).into_owned();

@@ -1,14 +1,8 @@
 //! A reversal error where the axis creeps, stands, and goes back and forth by less than counts as a reversal.
 
-use super::{
-    PORT,
-    alone::with_both,
-    configuration_of,
-    peer::{Bridge, LinuxCnc},
-    start,
-};
+use super::{PORT, alone::alone, configuration_of, peer::LinuxCnc, start};
 
-with_both!(creep: the_side_of_a_reversal_changes_once_and_only_after_its_way);
+alone!(creep: the_side_of_a_reversal_changes_once_and_only_after_its_way);
 
 const MACHINE: &str = r#"
 name = "mill"
@@ -41,9 +35,9 @@ fn sides(cycles: &[super::Cycle]) -> Vec<(i32, f64)> {
     found
 }
 
-fn the_side_of_a_reversal_changes_once_and_only_after_its_way(kind: Bridge) {
+fn the_side_of_a_reversal_changes_once_and_only_after_its_way() {
     let dir = tempfile::tempdir().expect("writable");
-    let mut control = LinuxCnc::start(dir.path(), kind, |ini| ini);
+    let mut control = LinuxCnc::start(dir.path(), |ini| ini);
     let config = configuration_of(dir.path(), PORT, MACHINE);
     let program = start(dir.path(), &config);
     control.do_it("up");

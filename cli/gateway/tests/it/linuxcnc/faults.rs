@@ -14,19 +14,20 @@ use std::{
 use rand::{RngExt, SeedableRng};
 
 use super::{
-    MOST, PORT,
-    alone::{alone, with_both},
-    corrected, corrected_at, gateway, no_jump,
-    peer::{Bridge, LinuxCnc},
+    MOST, PORT, alone::alone, corrected, corrected_at, gateway, no_jump, peer::LinuxCnc,
     wait_corrected, wait_zero,
 };
 use crate::program::{Program, path};
 
-with_both!(faults: a_gateway_that_dies_leaves_nothing, a_network_that_loses_doubles_and_delays_moves_nothing_wrongly);
+alone!(faults: a_gateway_that_dies_leaves_nothing, a_network_that_loses_doubles_and_delays_moves_nothing_wrongly);
 
-fn a_gateway_that_dies_leaves_nothing(kind: Bridge) {
+fn a_gateway_that_dies_leaves_nothing() {
     let dir = tempfile::tempdir().expect("writable");
-    let (mut control, mut program) = corrected_at("X50 Y40 Z-20", dir.path(), kind, |ini| ini);
+    let (mut control, mut program) = corrected_at("X50 Y40 Z-20", dir.path(), |ini| {
+        // The axes are those of the default.
+        assert!(ini.contains("AXES = XYZ\n"));
+        ini.replace("AXES = XYZ\n", "")
+    });
     let epoch = control.pin("volcomp.epoch");
     // The disk hangs: whoever writes the epoch waits, and nobody waits for that one.
     let hangs = dir.path().join("volcomp.epoch.new");
@@ -71,117 +72,6 @@ fn a_gateway_that_dies_leaves_nothing(kind: Bridge) {
     corrected("with a second gateway", &cycles);
     drop(second);
     relay.end();
-}
-
-#[test]
-fn a_bridge_in_user_space_that_dies_leaves_nothing() {
-    let Some(_alone) = alone("faults::a_bridge_in_user_space_that_dies_leaves_nothing") else {
-        return;
-    };
-    let dir = tempfile::tempdir().expect("writable");
-    // The axes are those of the default.
-    let (mut control, program) = corrected_at("X300 Y40 Z-20", dir.path(), Bridge::User, |ini| {
-        assert!(ini.contains("AXES = XYZ\n"));
-        ini.replace("AXES = XYZ\n", "")
-    });
-    // Each time the machine is switched on, LinuxCNC takes the offset into its position, and the counts are ahead by it.
-    for _ in 0..3 {
-        let lost = control.pin("volcomp.absorbed-x");
-        control.do_it("off");
-        control.do_it("on");
-        control.wait("volcomp.absorbed-x", |now| now != lost);
-        wait_corrected(&mut control, &program);
-    }
-    // The bridge is killed: the servo thread goes to zero by itself, on one line.
-    let epoch = control.pin("volcomp.epoch");
-    let before = super::offsets(&mut control);
-    let cycles = control.record(|control| {
-        control.kill_bridge();
-        wait_zero(control);
-        std::thread::sleep(Duration::from_millis(500));
-    });
-    no_jump(&cycles, MOST);
-    for cycle in &cycles {
-        // All axes by the same part of what they had, but for LinuxCNC's own ramps.
-        let parts = [0, 1, 2].map(|axis| cycle.offset[axis] / before[axis]);
-        let spread = (parts[0] - parts[1]).abs().max((parts[0] - parts[2]).abs());
-        assert!(spread < 0.3, "{parts:?}");
-        assert!(
-            parts.iter().all(|part| (-0.3..1.01).contains(part)),
-            "{parts:?}"
-        );
-    }
-    wait_zero(&mut control);
-    for joint in 0..3 {
-        let motor = control.pin(&format!("joint.{joint}.motor-pos-cmd"));
-        let nominal = control.pin(["axis.x.pos-cmd", "axis.y.pos-cmd", "axis.z.pos-cmd"][joint]);
-        assert!((motor - nominal).abs() < 2e-6, "{motor} mm, {nominal} mm");
-    }
-    // It is started again while LinuxCNC runs: a new epoch, and the gateway goes on.
-    let cycles = control.record(|control| {
-        control.start_bridge();
-        wait_corrected(control, &program);
-    });
-    no_jump(&cycles, MOST);
-    // The name of the one that was killed stays taken.
-    assert!(control.pin("volcomp-2.epoch") > epoch, "the epoch was kept");
-    control.mdi("G0 X40");
-    wait_corrected(&mut control, &program);
-}
-
-/// A program that is stopped while it has HAL's lock keeps everybody from it: LinuxCNC's own commands as well.
-#[test]
-fn a_bridge_in_user_space_can_be_stopped_at_any_moment() {
-    let Some(_alone) = alone("faults::a_bridge_in_user_space_can_be_stopped_at_any_moment") else {
-        return;
-    };
-    let dir = tempfile::tempdir().expect("writable");
-    let (mut control, mut program) =
-        corrected_at("X300 Y40 Z-20", dir.path(), Bridge::User, |ini| {
-            ini.replace("AXES = XYZ", "AXES = X Y Z")
-        });
-    let cycles = control.record(|control| {
-        for _ in 0..50 {
-            control.signal_bridge("STOP");
-            control.pin("volcomp.epoch");
-            control.signal_bridge("CONT");
-        }
-        // Longer than the servo thread waits for it: the offsets go to zero.
-        control.signal_bridge("STOP");
-        control.wait("volcomp-factor", |factor| factor == 0.0);
-        wait_zero(control);
-    });
-    no_jump(&cycles, MOST);
-    // Elsewhere, and with nobody who asks for anything, what it had is wrong: nothing of it comes back.
-    control.mdi("G0 X50");
-    program.running.kill();
-    let cycles = control.record(|control| {
-        control.signal_bridge("CONT");
-        control.wait("volcomp-factor", |factor| factor == 1.0);
-        std::thread::sleep(Duration::from_secs(1));
-    });
-    for cycle in &cycles {
-        assert!(
-            cycle.offset.iter().all(|has| has.abs() < 2e-6),
-            "{:?}",
-            cycle.offset
-        );
-    }
-    assert_eq!(control.pin("volcomp.absorbed-x"), 0.0);
-    drop(program);
-    let program = gateway(dir.path(), PORT);
-    let cycles = control.record(|control| wait_corrected(control, &program));
-    no_jump(&cycles, MOST);
-    // The same with a gateway: what comes is what it asks for here.
-    let cycles = control.record(|control| {
-        control.signal_bridge("STOP");
-        control.wait("volcomp-factor", |factor| factor == 0.0);
-        control.signal_bridge("CONT");
-        control.wait("volcomp-factor", |factor| factor == 1.0);
-        wait_corrected(control, &program);
-    });
-    no_jump(&cycles, MOST);
-    assert_eq!(control.pin("volcomp.absorbed-x"), 0.0);
 }
 
 /// Datagrams between a gateway and the bridge, some of them lost, doubled, late or in another order.
@@ -271,9 +161,9 @@ impl Relay {
     }
 }
 
-fn a_network_that_loses_doubles_and_delays_moves_nothing_wrongly(kind: Bridge) {
+fn a_network_that_loses_doubles_and_delays_moves_nothing_wrongly() {
     let dir = tempfile::tempdir().expect("writable");
-    let mut control = LinuxCnc::start(dir.path(), kind, |ini| ini);
+    let mut control = LinuxCnc::start(dir.path(), |ini| ini);
     let mut relay = Relay::start(47_100, PORT);
     let program = gateway(dir.path(), 47_100);
     control.do_it("up");

@@ -4,7 +4,6 @@ mod adrift;
 mod alone;
 mod creep;
 mod faults;
-mod in_user_space;
 mod ini;
 mod peer;
 mod tables;
@@ -14,7 +13,7 @@ mod whole;
 
 use std::path::{Path, PathBuf};
 
-use peer::{Bridge, Cycle, LinuxCnc};
+use peer::{Cycle, LinuxCnc};
 
 use crate::program::{Program, path, token_file};
 
@@ -108,13 +107,8 @@ fn start(dir: &Path, config: &Path) -> Program {
 }
 
 /// The mill with other lines in its INI file, and its gateway: on, homed and corrected at this point.
-fn corrected_at(
-    point: &str,
-    dir: &Path,
-    kind: Bridge,
-    edit: impl Fn(String) -> String,
-) -> (LinuxCnc, Program) {
-    let mut control = LinuxCnc::start(dir, kind, edit);
+fn corrected_at(point: &str, dir: &Path, edit: impl Fn(String) -> String) -> (LinuxCnc, Program) {
+    let mut control = LinuxCnc::start(dir, edit);
     let program = gateway(dir, PORT);
     control.do_it("up");
     control.mdi(&format!("G21 G90 G0 {point}"));

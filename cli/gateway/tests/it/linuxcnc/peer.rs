@@ -14,8 +14,6 @@ use std::{
 use serde_json::{Value, json};
 use volcomp_test_support::root;
 
-use super::alone::ALONE;
-
 /// How long LinuxCNC may take to start on a computer that is busy.
 const STARTS_WITHIN: Duration = Duration::from_secs(120);
 
@@ -25,40 +23,8 @@ const ANSWERS_WITHIN: Duration = Duration::from_secs(300);
 /// What tells the processes of a test from those of another one.
 const HERE: &str = "VOLCOMP_HERE";
 
-/// Which of the two bridges.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Bridge {
-    /// In user space.
-    User,
-    /// In the servo thread.
-    Servo,
-}
-
-/// Builds the bridge in the servo thread, and puts it beside the components of LinuxCNC: in this mount namespace alone.
-fn build(dir: &Path) {
-    const MODULES: &str = "/usr/lib/linuxcnc/modules";
-    let run = |command: &mut Command| {
-        let output = command.output().expect("a program of the system");
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(output.status.success(), "{command:?}: {said}");
-    };
-    let component = root().join("drivers/linuxcnc/bridge/volcomp.comp");
-    let modules = dir.join("modules");
-    run(Command::new("cp").args(["-a", MODULES]).arg(&modules));
-    std::fs::copy(component, modules.join("volcomp.comp")).expect("writable");
-    run(Command::new("halcompile")
-        .args(["--compile", "volcomp.comp"])
-        .current_dir(&modules));
-    run(Command::new("mount")
-        .arg("--bind")
-        .arg(&modules)
-        .arg(MODULES));
-}
-
 pub(crate) struct LinuxCnc {
     pub(crate) dir: PathBuf,
-    ini: PathBuf,
-    bridge: Bridge,
     child: Child,
     asks: UnixStream,
     hears: BufReader<UnixStream>,
@@ -74,17 +40,12 @@ pub(crate) struct Cycle {
 
 impl LinuxCnc {
     /// Starts the mill of the examples with other lines in its INI file.
-    pub(crate) fn start(dir: &Path, kind: Bridge, edit: impl Fn(String) -> String) -> Self {
-        Self::start_example("mill", dir, kind, edit)
+    pub(crate) fn start(dir: &Path, edit: impl Fn(String) -> String) -> Self {
+        Self::start_example("mill", dir, edit)
     }
 
     /// Starts a machine of the examples with other lines in its INI file.
-    pub(crate) fn start_example(
-        name: &str,
-        dir: &Path,
-        kind: Bridge,
-        edit: impl Fn(String) -> String,
-    ) -> Self {
+    pub(crate) fn start_example(name: &str, dir: &Path, edit: impl Fn(String) -> String) -> Self {
         let open = std::fs::Permissions::from_mode(0o1777);
         std::fs::set_permissions(dir, open).expect("ours");
         let examples = root().join("examples/linuxcnc");
@@ -92,14 +53,7 @@ impl LinuxCnc {
         std::fs::copy(examples.join(&hal), dir.join(&hal)).expect("shipped");
         std::fs::write(dir.join(tools), "").expect("writable");
         let ui = root().join("cli/gateway/tests/it/linuxcnc_ui.py");
-        let bridge = match kind {
-            Bridge::User => "volcomp.tcl",
-            Bridge::Servo => {
-                build(dir);
-                "volcomp-servo.tcl"
-            }
-        };
-        let bridge = root().join("drivers/linuxcnc/bridge").join(bridge);
+        let bridge = root().join("drivers/linuxcnc/bridge/volcomp.tcl");
         let ini = std::fs::read_to_string(examples.join(&file)).expect("shipped");
         let ini = ini
             .replace("DISPLAY = axis", &format!("DISPLAY = {}", ui.display()))
@@ -136,10 +90,8 @@ impl LinuxCnc {
             .stdout(log.try_clone().expect("a file"))
             .stderr(log)
             .process_group(0);
-        if rustix::process::geteuid().is_root() {
-            // The real-time part refuses to run as root; nobody has this number.
-            command.env("RTAPI_UID", "65533");
-        }
+        // The real-time part refuses to run as root; nobody has this number.
+        command.env("RTAPI_UID", "65533");
         let mut child = command.spawn().expect("linuxcnc");
         let end = Instant::now() + STARTS_WITHIN;
         let asks = loop {
@@ -157,8 +109,6 @@ impl LinuxCnc {
         let hears = BufReader::new(asks.try_clone().expect("a socket"));
         let mut control = Self {
             dir: dir.to_owned(),
-            ini: path,
-            bridge: kind,
             child,
             asks,
             hears,
@@ -204,14 +154,6 @@ impl LinuxCnc {
 
     pub(crate) fn pin(&mut self, pin: &str) -> f64 {
         self.get(&[pin])[0]
-    }
-
-    /// A pin of the bridge for the first axis.
-    pub(crate) fn of_x(&self, name: &str) -> String {
-        match self.bridge {
-            Bridge::User => format!("volcomp.{name}-x"),
-            Bridge::Servo => format!("volcomp.{name}-0"),
-        }
     }
 
     /// Whether the probe touches.
@@ -281,27 +223,6 @@ impl LinuxCnc {
             .filter_map(|entry| entry.file_name().to_str()?.parse().ok())
             .collect()
     }
-
-    /// Ends the bridge in user space at once.
-    pub(crate) fn kill_bridge(&self) {
-        self.signal_bridge("KILL");
-    }
-
-    /// Sends a signal to the bridge in user space.
-    pub(crate) fn signal_bridge(&self, name: &str) {
-        for pid in self.processes("volcomp_bridge.py") {
-            signal(name, pid);
-        }
-    }
-
-    /// Starts the bridge in user space again, as the book says.
-    pub(crate) fn start_bridge(&mut self) {
-        let bridge = root().join("drivers/linuxcnc/bridge/volcomp_bridge.py");
-        let arguments = [bridge, self.ini.clone()].map(|path| path.display().to_string());
-        self.ask("spawn", &json!({ "arguments": arguments }));
-        self.wait("volcomp-2.alive", |_| true);
-        self.ask("realtime", &json!({}));
-    }
 }
 
 fn signal(name: &str, pid: i32) {
@@ -332,10 +253,8 @@ impl Drop for LinuxCnc {
             std::thread::sleep(Duration::from_millis(50));
         }
         let _ = self.child.wait();
-        if std::env::var_os(ALONE).is_some() {
-            // What it shared goes with it, in the namespace that is ours alone: the next one finds no old state there.
-            let _ = Command::new("ipcrm").arg("--all").status();
-        }
+        // What it shared goes with it, in the namespace that is ours alone: the next one finds no old state there.
+        let _ = Command::new("ipcrm").arg("--all").status();
     }
 }
 

@@ -12,9 +12,11 @@ use volcomp_vocabulary::AxisName;
 use super::{
     alone::alone,
     configuration_of,
-    peer::{Bridge, Cycle, LinuxCnc},
+    peer::{Cycle, LinuxCnc},
     start,
 };
+
+alone!(tables: the_same_part_uncorrected_with_tables_and_live);
 
 /// The truth as a machine file; on the next page the same on paper.
 const MACHINE: &str = r#"
@@ -183,14 +185,10 @@ fn on_the_line(control: &mut LinuxCnc) -> f64 {
     worst
 }
 
-#[test]
 fn the_same_part_uncorrected_with_tables_and_live() {
-    let Some(_alone) = alone("tables::the_same_part_uncorrected_with_tables_and_live") else {
-        return;
-    };
     let dir = tempfile::tempdir().expect("writable");
     let (uncorrected, live) = {
-        let mut control = LinuxCnc::start(dir.path(), Bridge::User, |ini| ini);
+        let mut control = LinuxCnc::start(dir.path(), |ini| ini);
         control.do_it("up");
         let uncorrected = run(&mut control);
         let config = configuration_of(dir.path(), 47_001, MACHINE);
@@ -205,8 +203,7 @@ fn the_same_part_uncorrected_with_tables_and_live() {
     ] {
         let dir = tempfile::tempdir().expect("writable");
         let lines = tables(dir.path(), format);
-        let mut control =
-            LinuxCnc::start(dir.path(), Bridge::User, |ini| with_tables(&ini, &lines));
+        let mut control = LinuxCnc::start(dir.path(), |ini| with_tables(&ini, &lines));
         control.do_it("up");
         let worst = on_the_line(&mut control);
         println!("{name}: on its own line within {worst:.4} um");

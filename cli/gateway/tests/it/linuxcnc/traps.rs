@@ -5,24 +5,21 @@ use std::time::Duration;
 use serde_json::json;
 
 use super::{
-    MOST, PORT,
-    alone::{alone, with_both},
-    corrected_at, gateway, no_jump, offsets, oracle,
-    peer::{Bridge, LinuxCnc},
+    MOST, PORT, alone::alone, corrected_at, gateway, no_jump, offsets, oracle, peer::LinuxCnc,
     wait_corrected, wait_zero,
 };
 
-with_both!(traps: off_and_on_and_an_emergency_stop, an_offset_that_is_frozen_cleared_or_cut, nothing_is_written_before_the_axes_are_homed);
+alone!(traps: a_second_bridge_for_one_port_is_refused_by_name, off_and_on_and_an_emergency_stop, an_offset_that_is_frozen_cleared_or_cut, nothing_is_written_before_the_axes_are_homed);
 
 /// Counts that change while the machine is off are swallowed, and switching off and on takes the offset into the nominal position.
-fn off_and_on_and_an_emergency_stop(kind: Bridge) {
+fn off_and_on_and_an_emergency_stop() {
     let dir = tempfile::tempdir().expect("writable");
-    let (mut control, program) = corrected_at("X50 Y40 Z-20", dir.path(), kind, |ini| ini);
+    let (mut control, program) = corrected_at("X50 Y40 Z-20", dir.path(), |ini| ini);
 
     for stop in ["off", "estop"] {
         let held = offsets(&mut control);
-        let counts = control.of_x("counts");
-        let counted = control.pin(&counts);
+        let counts = "volcomp.counts-0";
+        let counted = control.pin(counts);
         let motor = control.pin("joint.0.motor-pos-cmd");
         // Nothing is written while the machine is off, for longer than any time-out.
         let cycles = control.record(|control| {
@@ -30,14 +27,14 @@ fn off_and_on_and_an_emergency_stop(kind: Bridge) {
             std::thread::sleep(Duration::from_secs(2));
         });
         no_jump(&cycles, 1e-6);
-        assert_eq!(control.pin(&counts), counted);
+        assert_eq!(control.pin(counts), counted);
         let state = program.state();
         assert_ne!(state["state"], "compensating", "{state}");
         // The motor stands, and its offset has become position.
-        let shown = control.of_x("absorbed");
-        let lost = control.pin(&shown);
+        let shown = "volcomp.absorbed-0";
+        let lost = control.pin(shown);
         control.do_it("on");
-        let absorbed = control.wait(&shown, |now| now != lost) - lost;
+        let absorbed = control.wait(shown, |now| now != lost) - lost;
         assert!((absorbed - held[0]).abs() < 2e-6, "{absorbed} mm, {held:?}");
         let cycles = control.record(|control| {
             wait_corrected(control, &program);
@@ -63,15 +60,15 @@ fn off_and_on_and_an_emergency_stop(kind: Bridge) {
 }
 
 /// An offset that somebody freezes or clears, and one that is cut at a soft limit.
-fn an_offset_that_is_frozen_cleared_or_cut(kind: Bridge) {
+fn an_offset_that_is_frozen_cleared_or_cut() {
     let dir = tempfile::tempdir().expect("writable");
-    let (mut control, program) = corrected_at("X50 Y40 Z-20", dir.path(), kind, |ini| ini);
+    let (mut control, program) = corrected_at("X50 Y40 Z-20", dir.path(), |ini| ini);
 
     // Cleared: the bridge sees it, says it, and the correction is ramped in anew.
-    let shown = control.of_x("absorbed");
-    let lost = control.pin(&shown);
+    let shown = "volcomp.absorbed-0";
+    let lost = control.pin(shown);
     control.hal(&["setp", "axis.x.eoffset-clear", "1"]);
-    control.wait(&shown, |now| now != lost);
+    control.wait(shown, |now| now != lost);
     control.hal(&["setp", "axis.x.eoffset-clear", "0"]);
     wait_corrected(&mut control, &program);
 
@@ -97,8 +94,8 @@ fn an_offset_that_is_frozen_cleared_or_cut(kind: Bridge) {
     // the offset. Told while it lasts, and nothing is left of it.
     control.mdi("G0 X-9.9");
     wait_corrected(&mut control, &program);
-    let shown = control.of_x("absorbed");
-    let lost = control.pin(&shown);
+    let shown = "volcomp.absorbed-0";
+    let lost = control.pin(shown);
     let cycles = control.record(|control| {
         control.ask(
             "begin_mdi",
@@ -124,47 +121,43 @@ fn an_offset_that_is_frozen_cleared_or_cut(kind: Bridge) {
     );
     wait_corrected(&mut control, &program);
     // What was cut is not taken for an offset that LinuxCNC has lost: nothing of it was taken into the position.
-    let taken = control.pin(&shown) - lost;
+    let taken = control.pin(shown) - lost;
     assert_eq!(taken, 0.0, "mm that the bridge takes for lost");
 }
 
 /// Two bridges for one port.
-#[test]
 fn a_second_bridge_for_one_port_is_refused_by_name() {
-    let Some(_alone) = alone("traps::a_second_bridge_for_one_port_is_refused_by_name") else {
-        return;
-    };
     let _taken = std::net::UdpSocket::bind(("127.0.0.1", PORT)).expect("free");
     let dir = tempfile::tempdir().expect("writable");
-    let started = std::panic::catch_unwind(|| LinuxCnc::start(dir.path(), Bridge::User, |ini| ini));
+    let started = std::panic::catch_unwind(|| LinuxCnc::start(dir.path(), |ini| ini));
     assert!(started.is_err(), "LinuxCNC started without its bridge");
     let log = std::fs::read_to_string(dir.path().join("linuxcnc.log")).expect("a log");
     assert!(
-        log.contains("volcomp bridge:") && log.contains("in use"),
+        log.contains("UDP port 127.0.0.1:47001: Address already in use"),
         "{log}"
     );
 }
 
 /// A machine that is switched on and not homed gets nothing, and after homing everything.
-fn nothing_is_written_before_the_axes_are_homed(kind: Bridge) {
+fn nothing_is_written_before_the_axes_are_homed() {
     let dir = tempfile::tempdir().expect("writable");
-    let mut control = LinuxCnc::start(dir.path(), kind, |ini| ini);
+    let mut control = LinuxCnc::start(dir.path(), |ini| ini);
     let program = gateway(dir.path(), PORT);
     control.do_it("on");
     // The gateway hears the bridge, and would correct: at X0 by 2 um.
     let seen = program.wait(|state| state["reasons"].to_string().contains("not referenced"));
     seen.unwrap_or_else(|state| panic!("it is not told: {state}"));
-    let counts = control.of_x("counts");
+    let counts = "volcomp.counts-0";
     let cycles = control.record(|_| std::thread::sleep(Duration::from_secs(1)));
     assert!(cycles.len() > 100, "{} cycles", cycles.len());
     assert!(cycles.iter().all(|cycle| cycle.offset == [0.0; 3]));
-    assert_eq!(control.pin(&counts), 0.0);
+    assert_eq!(control.pin(counts), 0.0);
     assert_eq!(control.pin("volcomp.holds"), 1.0);
     control.do_it("up");
     wait_corrected(&mut control, &program);
     // Nothing was asked for while LinuxCNC would have swallowed it.
-    let shown = control.of_x("absorbed");
-    assert_eq!(control.pin(&shown), 0.0);
+    let shown = "volcomp.absorbed-0";
+    assert_eq!(control.pin(shown), 0.0);
     let said = control.ask("said", &json!({}));
     assert_eq!(said, json!([]), "LinuxCNC complains");
     drop(program);

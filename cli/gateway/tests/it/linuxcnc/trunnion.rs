@@ -3,15 +3,11 @@
 use std::time::{Duration, Instant};
 
 use super::{
-    MOST, PORT,
-    alone::with_both,
-    corrected_by, no_jump,
-    peer::{Bridge, LinuxCnc},
-    start, write_configuration,
+    MOST, PORT, alone::alone, corrected_by, no_jump, peer::LinuxCnc, start, write_configuration,
 };
 use crate::program::Program;
 
-with_both!(trunnion: what_the_linear_axes_do_is_the_correction_for_the_table);
+alone!(trunnion: what_the_linear_axes_do_is_the_correction_for_the_table);
 
 /// Where the two centre lines cross; the tip of the tool is 100 mm below the spindle.
 const CROSSING: [f64; 3] = [200.0, 150.0, -300.0];
@@ -84,10 +80,10 @@ fn wait_corrected(control: &mut LinuxCnc, program: &Program) {
     }
 }
 
-fn what_the_linear_axes_do_is_the_correction_for_the_table(kind: Bridge) {
+fn what_the_linear_axes_do_is_the_correction_for_the_table() {
     let dir = tempfile::tempdir().expect("writable");
     // Counts of 1 nm, since it is nanometres that are measured.
-    let mut control = LinuxCnc::start_example("trunnion", dir.path(), kind, |ini| {
+    let mut control = LinuxCnc::start_example("trunnion", dir.path(), |ini| {
         let changed = ini.replace("STEP_NM = 10\nLIMIT_UM = 300", "STEP_NM = 1\nLIMIT_UM = 30");
         assert_ne!(changed, ini);
         changed

@@ -5,14 +5,11 @@ use std::time::Duration;
 use serde_json::json;
 
 use super::{
-    PORT,
-    alone::with_both,
-    corrected, gateway, offset_residuals, oracle, part,
-    peer::{Bridge, LinuxCnc},
+    PORT, alone::alone, corrected, gateway, offset_residuals, oracle, part, peer::LinuxCnc,
     wait_corrected,
 };
 
-with_both!(whole: what_the_motors_do_is_the_program_and_the_correction);
+alone!(whole: what_the_motors_do_is_the_program_and_the_correction);
 
 const PROGRAM: &str = "G21 G90 G17 G64
 G1 F600 X40 Y20 Z-10
@@ -22,9 +19,9 @@ G1 X60 Y60 Z-20
 M2
 ";
 
-fn what_the_motors_do_is_the_program_and_the_correction(kind: Bridge) {
+fn what_the_motors_do_is_the_program_and_the_correction() {
     let dir = tempfile::tempdir().expect("writable");
-    let mut control = LinuxCnc::start(dir.path(), kind, |ini| ini);
+    let mut control = LinuxCnc::start(dir.path(), |ini| ini);
     let program = gateway(dir.path(), PORT);
     // Not homed: nothing is corrected.
     program.watch();
