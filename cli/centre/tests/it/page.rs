@@ -8,10 +8,14 @@ use std::{
 };
 
 use volcomp_centre::{
+    clock::now_s,
     http::{PageSettings, PageState, router},
     store::Store,
     users::{Moment, Password, Role, Session, Token, hash},
 };
+use volcomp_test_support::until;
+
+use crate::shop::LONG;
 
 /// The password of every user of the tests.
 pub(crate) const PASSWORD: &str = "correct horse battery";
@@ -141,6 +145,22 @@ impl Page {
 
     pub(crate) fn get(&self, path: &str, cookie: &str) -> Answer {
         self.request("GET", path, &[format!("Cookie: {cookie}")], "")
+    }
+
+    /// The overview of what is stored by now: the second that is made from now on, since the first may have been begun before.
+    pub(crate) fn overview(&self, cookie: &str) -> serde_json::Value {
+        let (mut told, mut made_s) = (serde_json::Value::Null, now_s());
+        for _ in 0..2 {
+            until("an overview is made", LONG, || {
+                let answer = self.get("/api/overview", cookie);
+                if answer.status == 200 {
+                    told = answer.json();
+                }
+                told["made_s"].as_f64() > Some(made_s)
+            });
+            made_s = told["made_s"].as_f64().expect("a time");
+        }
+        told
     }
 
     /// A change as our own page makes it.

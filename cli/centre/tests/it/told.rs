@@ -1,15 +1,15 @@
 //! What the page is told: a history over its whole span, rules as they are configured; and how often a password is looked at.
 
-use std::time::Duration;
-
 use serde_json::json;
 use volcomp_centre::{
     clock::now_s, http::PageSettings, ingest::Ingest, rollout::Rules, users::Role,
 };
 use volcomp_fleet::Kind;
+use volcomp_test_support::until;
 
 use crate::{
     page::Page,
+    shop::LONG,
     support::{condition, envelope, machine, model, received},
 };
 
@@ -132,8 +132,7 @@ fn a_condition_of_an_hour_ago_is_not_told_as_one_of_now() {
         .unwrap();
     ingest.store_live(&page.store).unwrap();
     let cookie = page.session(Role::Viewer);
-    std::thread::sleep(Duration::from_millis(2500));
-    let overview = page.get("/api/overview", &cookie).json();
+    let overview = page.overview(&cookie);
     let row = &overview["machines"][0];
     assert!(
         row["state"] == "unknown" || row["age_s"].as_f64().unwrap() > 3000.0,
@@ -159,19 +158,21 @@ fn an_overview_that_cannot_be_made_is_not_told_as_of_now() {
         .unwrap();
     ingest.store_live(&page.store).unwrap();
     let cookie = page.session(Role::Viewer);
-    std::thread::sleep(Duration::from_millis(2500));
+    page.overview(&cookie);
     let raw = rusqlite::Connection::open(page.folder.path().join("centre.db")).unwrap();
     raw.execute_batch("ALTER TABLE live RENAME TO gone")
         .unwrap();
-    std::thread::sleep(Duration::from_secs(10));
-    let answer = page.get("/api/overview", &cookie);
+    let mut answer = page.get("/api/overview", &cookie);
+    until("it is not told any more", LONG, || {
+        answer = page.get("/api/overview", &cookie);
+        answer.status != 200
+    });
     assert_eq!(answer.status, 503, "{}", answer.body);
     let why = answer.json()["error"].as_str().unwrap().to_owned();
     assert!(why.contains("could not look at its machines for"), "{why}");
     raw.execute_batch("ALTER TABLE gone RENAME TO live")
         .unwrap();
-    std::thread::sleep(Duration::from_millis(2500));
-    let told = page.get("/api/overview", &cookie).json();
+    let told = page.overview(&cookie);
     let made_s = told["made_s"].as_f64().unwrap();
     assert!((now_s() - made_s).abs() < 5.0, "{made_s}");
 }
@@ -192,7 +193,7 @@ fn a_document_that_cannot_be_read_back_does_not_close_the_page_of_its_machine() 
         ingest.take(&page.store, &[message]).unwrap();
         ingest.store_live(&page.store).unwrap();
         let cookie = page.session(Role::Viewer);
-        std::thread::sleep(Duration::from_millis(1500));
+        page.overview(&cookie);
         let answer = page.get("/api/machines/mill-a", &cookie);
         assert_eq!(answer.status, 200, "{kind:?} {body}: {}", answer.body);
     }

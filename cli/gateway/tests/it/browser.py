@@ -11,8 +11,8 @@ url, token, screenshot = sys.argv[1:4]
 chromium = "/usr/bin/chromium"
 
 
-def state(page, name, seconds=15):
-    page.wait_for_selector(f"#banner[data-state={name}]", timeout=seconds * 1000)
+def state(page, name):
+    page.wait_for_selector(f"#banner[data-state={name}]")
     assert page.inner_text("#state").lower() == name.replace("-", " "), page.inner_text("#state")
 
 
@@ -27,6 +27,7 @@ def touches(page, selector, hold_ms):
 with sync_playwright() as playwright:
     browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
     page = browser.new_page(viewport={"width": 1024, "height": 768})
+    page.set_default_timeout(90_000)
     errors, foreign = [], []
     page.on("console", lambda m: errors.append(m.text) if m.type in ("error", "warning") else None)
     page.on("pageerror", lambda e: errors.append(str(e)))
@@ -55,7 +56,7 @@ with sync_playwright() as playwright:
         assert page.is_disabled(f"#{button}"), button
     page.fill("#token", token)
     page.click("#token-form button")
-    page.wait_for_selector("#disarm:not([disabled])", timeout=3000)
+    page.wait_for_selector("#disarm:not([disabled])")
     assert page.is_disabled("#arm") and page.is_disabled("#acknowledge")
     assert token not in page.url and token not in page.content()
     page.wait_for_timeout(4000)
@@ -91,9 +92,9 @@ with sync_playwright() as playwright:
     page.click("#disarm")
     state(page, "disarmed")
     # What may be left over in the control can still be ramped out.
-    page.wait_for_selector("#arm:not([disabled])", timeout=3000)
+    page.wait_for_selector("#arm:not([disabled])")
     assert page.is_enabled("#disarm")
-    page.wait_for_selector("#arm:not([disabled])", timeout=3000)
+    page.wait_for_selector("#arm:not([disabled])")
     touches(page, "#arm", 300)
     page.wait_for_timeout(500)
     assert page.get_attribute("#banner", "data-state") == "disarmed", "a short touch does nothing"
@@ -116,7 +117,7 @@ with sync_playwright() as playwright:
     errors.clear()
     page.fill("#token", "0" * 32)
     page.click("#token-form button")
-    page.wait_for_selector("#answer:has-text('refused')", timeout=3000)
+    page.wait_for_selector("#answer:has-text('refused')")
     for button in ("arm", "disarm", "acknowledge", "reload"):
         assert page.is_disabled(f"#{button}"), button
     assert "the cross is where" in page.inner_text("#map-scale")
@@ -127,7 +128,7 @@ with sync_playwright() as playwright:
     print("ready", flush=True)
     # The gateway ends now: the page must not go on showing its last words.
     sys.stdin.readline()
-    page.wait_for_selector("#banner[data-state=lost]", timeout=10000)
+    page.wait_for_selector("#banner[data-state=lost]")
     assert page.is_disabled("#disarm")
     # Nothing is told of a machine that is not heard.
     assert "where the machine stands is unknown" in page.inner_text("#map-scale")

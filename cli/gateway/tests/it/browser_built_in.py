@@ -11,12 +11,13 @@ url, token, screenshot = sys.argv[1:4]
 with sync_playwright() as playwright:
     browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"])
     page = browser.new_page(viewport={"width": 1280, "height": 900})
+    page.set_default_timeout(90_000)
     page.goto(f"{url}model")
     # Even before a token is given.
-    page.wait_for_selector("#no-files:not([hidden])", timeout=10000)
+    page.wait_for_selector("#no-files:not([hidden])")
     page.fill("#token", token)
     page.click("#token-form button")
-    page.wait_for_selector("#role:has-text('token of erna')", timeout=10000)
+    page.wait_for_selector("#role:has-text('token of erna')")
     # It looks at the gateway again and again.
     page.wait_for_timeout(2500)
     for control in ("#measurements", "#machine-file", "#configured"):

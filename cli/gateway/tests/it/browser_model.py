@@ -33,7 +33,7 @@ def fits(page):
     assert wide[0] <= wide[1], f"the page is wider than its window: {wide}"
 
 
-def until(page, what, seconds=20):
+def until(page, what, seconds=90):
     # The page's own rules forbid to wait by an expression in it.
     for _ in range(seconds * 10):
         if what():
@@ -70,6 +70,7 @@ def fill(page):
 with sync_playwright() as playwright:
     browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
     page = browser.new_page(viewport={"width": 1280, "height": 900})
+    page.set_default_timeout(90_000)
     errors, foreign = [], []
     # What is not confirmed yet is answered by 409, which the browser tells.
     page.on("console", lambda m: errors.append(m.text) if m.type in ("error", "warning") and "409" not in m.text else None)
@@ -83,28 +84,28 @@ with sync_playwright() as playwright:
         assert page.is_disabled(control), control
     page.fill("#token", token)
     page.click("#token-form button")
-    page.wait_for_selector("#measurements:not([disabled])", timeout=5000)
+    page.wait_for_selector("#measurements:not([disabled])")
     assert token not in page.url and token not in page.content()
     shot(page, "1280-begin")
     page.set_input_files("#measurements", files)
-    page.wait_for_selector("#draft:not([disabled])", timeout=20000)
+    page.wait_for_selector("#draft:not([disabled])")
     until(page, lambda: page.locator("#files li").count() == 5)
-    page.wait_for_selector("#draft:not([disabled])", timeout=20000)
+    page.wait_for_selector("#draft:not([disabled])")
     # One that cannot be used is told apart from conflicts and notes, and can be taken off.
     page.set_input_files("#measurements", {"name": "EYZ-Bericht.xlsx", "mimeType": "application/octet-stream", "buffer": b"rubbish"})
     until(page, lambda: page.locator("#files li").count() == 6)
-    page.wait_for_selector("#draft:not([disabled])", timeout=20000)
+    page.wait_for_selector("#draft:not([disabled])")
     page.click("#draft")
-    page.wait_for_selector("#questions fieldset", timeout=30000)
+    page.wait_for_selector("#questions fieldset")
     assert page.is_visible("text=Not used") and not page.is_visible("text=Conflicts")
     said = page.inner_text("#left-over")
     assert said.count("Bericht") == 1 and "it would have given EYZ" in said, said
     shot(page, "1280-not-used")
     page.click("#files li:has-text('Bericht') button")
     until(page, lambda: page.locator("#files li").count() == 5)
-    page.wait_for_selector("#draft:not([disabled])", timeout=20000)
+    page.wait_for_selector("#draft:not([disabled])")
     page.click("#draft")
-    page.wait_for_selector("#questions fieldset", timeout=30000)
+    page.wait_for_selector("#questions fieldset")
     assert not page.is_visible("text=Not used")
     # One field for many: it fills those that are empty, and no others.
     places = page.locator("#questions [data-key='at.Z']")
@@ -117,7 +118,7 @@ with sync_playwright() as playwright:
     assert page.locator("#questions [data-all=error]").count() == 0
     # Refused, the open fields are marked, and what was typed outlives a reload of the page: the gateway keeps it.
     page.click("#calibrate")
-    page.wait_for_selector("#questions .open-field", timeout=30000)
+    page.wait_for_selector("#questions .open-field")
     said = page.inner_text("#open")
     assert "open questions: leave none empty" in said and ".toml" not in said, said
     fields = page.locator("#questions [data-key]:not([data-key=leave_out])").all()
@@ -127,14 +128,14 @@ with sync_playwright() as playwright:
     shot(page, "1280-open")
     page.evaluate("sessionStorage.removeItem('typed')")
     page.reload()
-    page.wait_for_selector("#questions .open-field", timeout=30000)
+    page.wait_for_selector("#questions .open-field")
     assert [field.input_value() for field in places.all()] == ["-299"] + ["-300"] * (many - 1)
     # What was typed and not sent is kept by the tab.
     page.locator("#questions [data-key='at.Y']").first.fill("123")
     page.reload()
-    page.wait_for_selector("#questions .open-field", timeout=30000)
+    page.wait_for_selector("#questions .open-field")
     assert page.locator("#questions [data-key='at.Y']").first.input_value() == "123"
-    page.wait_for_selector("#calibrate:not([disabled])", timeout=10000)
+    page.wait_for_selector("#calibrate:not([disabled])")
     page.set_viewport_size({"width": 420, "height": 900})
     fits(page)
     shot(page, "420-open")
@@ -148,12 +149,12 @@ with sync_playwright() as playwright:
     fits(page)
     page.click("#calibrate")
     # The unit of the level says that it stood on a bridge: that is asked now, and said where the button is.
-    page.wait_for_selector("#questions [data-key=bridge_mm]", timeout=30000)
+    page.wait_for_selector("#questions [data-key=bridge_mm]")
     assert "open question" in page.inner_text("#open"), page.inner_text("#open")
     fill(page)
     page.click("#calibrate")
-    page.wait_for_selector("#result-panel:not([hidden])", timeout=60000)
-    page.wait_for_selector("#activate:not([disabled])", timeout=10000)
+    page.wait_for_selector("#result-panel:not([hidden])")
+    page.wait_for_selector("#activate:not([disabled])")
     assert page.locator("#curves svg").count() == page.locator("#fits tbody tr").count() > 0
     assert page.locator("#diagonals svg").count() == 4
     assert page.locator("#warnings li").count() > 0
@@ -201,26 +202,26 @@ with sync_playwright() as playwright:
     page.wait_for_timeout(700)
     assert page.inner_text("#in-force") == hash_before
     hold(page, "#activate")
-    page.wait_for_selector("#confirm-panel:not([hidden])", timeout=15000)
+    page.wait_for_selector("#confirm-panel:not([hidden])")
     assert "moves by" in page.inner_text("#confirm-lines")
     shot(page, "1280-confirm")
     hold(page, "#confirm", 300)
     page.wait_for_timeout(700)
     assert page.is_visible("#confirm-panel"), "a short touch confirms nothing"
     hold(page, "#confirm")
-    page.wait_for_selector("#result-panel", state="hidden", timeout=20000)
+    page.wait_for_selector("#result-panel", state="hidden")
     until(page, lambda: "erna" in page.inner_text("#in-force"))
     # Back to the configured file.
-    page.wait_for_selector("#configured:not([disabled])", timeout=5000)
+    page.wait_for_selector("#configured:not([disabled])")
     hold(page, "#configured")
-    page.wait_for_selector("#confirm-panel:not([hidden])", timeout=15000)
+    page.wait_for_selector("#confirm-panel:not([hidden])")
     hold(page, "#confirm")
     until(page, lambda: "erna" not in page.inner_text("#in-force"))
     # And forward again from the history.
-    page.wait_for_selector("#history td button:not([disabled])", timeout=5000)
+    page.wait_for_selector("#history td button:not([disabled])")
     assert "hold for 1 s" in page.locator("#history td button").first.inner_text()
     hold(page, "#history td button")
-    page.wait_for_selector("#confirm-panel:not([hidden])", timeout=15000)
+    page.wait_for_selector("#confirm-panel:not([hidden])")
     page.click("#not-now")
     assert page.is_hidden("#confirm-panel")
     shot(page, "1280-history")

@@ -46,19 +46,20 @@ def fits(page):
 with sync_playwright() as playwright:
     browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"])
     page = browser.new_page(viewport={"width": 1440, "height": 900})
+    page.set_default_timeout(90_000)
     errors, foreign = [], []
     page.on("console", lambda m: errors.append(m.text) if m.type in ("error", "warning") else None)
     page.on("pageerror", lambda e: errors.append(str(e)))
     page.on("request", lambda r: foreign.append(r.url) if not r.url.startswith(url) else None)
     page.goto(url)
-    page.wait_for_selector("#banner[data-state=compensating]", timeout=20000)
+    page.wait_for_selector("#banner[data-state=compensating]")
     assert page.inner_text("#summary") == "2 machines"
     assert page.inner_text("#counts") == "2 compensating"
     assert page.locator(".machine").count() == 2
     # The link leads to the machine's own dashboard.
     with page.expect_navigation():
         page.click(".machine >> nth=0")
-    page.wait_for_selector("#banner[data-state=compensating]", timeout=20000)
+    page.wait_for_selector("#banner[data-state=compensating]")
     assert page.is_visible("#disarm")
     foreign.clear()
     page.goto(url)
@@ -66,7 +67,7 @@ with sync_playwright() as playwright:
     # Forty.
     told = {"machines": [machine(number) for number in range(40)]}
     page.route("**/api/machines", lambda route: route.fulfill(status=200, content_type="application/json", body=json.dumps(told)))
-    page.wait_for_selector(".machine >> nth=39", timeout=20000)
+    page.wait_for_selector(".machine >> nth=39")
     assert page.inner_text("#summary") == "40 machines"
     assert page.inner_text("#counts").startswith("3 do not run, "), page.inner_text("#counts")
     assert page.get_attribute("#banner", "data-state") == "faulted"
@@ -82,7 +83,7 @@ with sync_playwright() as playwright:
     # Nothing is heard any more: nothing is claimed.
     page.unroute("**/api/machines")
     page.route("**/api/machines", lambda route: route.abort())
-    page.wait_for_selector("#banner[data-state=lost]", timeout=15000)
+    page.wait_for_selector("#banner[data-state=lost]")
     assert page.inner_text(".machine >> nth=0 >> .state") == "unknown"
     assert page.inner_text(".machine >> nth=0 >> .correction") == ""
     errors = [error for error in errors if "ERR_FAILED" not in error]

@@ -11,10 +11,11 @@ url, screenshot = sys.argv[1:3]
 with sync_playwright() as playwright:
     browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"])
     page = browser.new_page(viewport={"width": 1280, "height": 800})
+    page.set_default_timeout(90_000)
     errors = []
     page.on("pageerror", lambda e: errors.append(str(e)))
     page.goto(url)
-    page.wait_for_selector("#reasons:has-text('a standby path does not answer')", timeout=15000)
+    page.wait_for_selector("#reasons:has-text('a standby path does not answer')")
     assert page.is_visible("#no-barrier")
     assert "no barrier" not in page.inner_text("#reasons"), "it is told once"
     first, second = page.locator("#paths li").all_inner_texts()
@@ -22,18 +23,18 @@ with sync_playwright() as playwright:
     assert "2 stands by" in second and "has never answered" in second, second
     assert "what it applies is unknown, never confirmed" in second, second
     for axis in "XY":
-        assert page.inner_text(f".axis[data-axis={axis}] .shown").startswith("not proven"), axis
+        page.wait_for_selector(f".axis[data-axis={axis}] .shown:text-matches('^not proven')")
     # Without a token there is nothing to press, and it is said why.
     assert page.locator("button:visible").count() == 0
     assert page.is_visible("#not-operable")
     print("ready", flush=True)
     # The control is gone now: what it applies is not known.
     sys.stdin.readline()
-    page.wait_for_selector(".axis[data-axis=Y] .correction.unknown", timeout=10000)
-    page.wait_for_selector(".axis[data-axis=Y] .position.unknown", timeout=10000)
+    page.wait_for_selector(".axis[data-axis=Y] .correction.unknown")
+    page.wait_for_selector(".axis[data-axis=Y] .position.unknown")
     assert page.inner_text(".axis[data-axis=Y] .correction .value") == "unknown"
     # What is to be done stands first, what follows from it after.
-    page.wait_for_selector("#cause:has-text('look at the cable and the control')", timeout=10000)
+    page.wait_for_selector("#cause:has-text('look at the cable and the control')")
     assert page.inner_text("#further").startswith("controller does not answer"), page.inner_text("#further")
     assert "what it applies is unknown, last confirmed" in page.inner_text("#paths li:first-child")
     # Nothing jumps: the map keeps its place.

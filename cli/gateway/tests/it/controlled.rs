@@ -16,7 +16,7 @@ pub(crate) fn control() -> Simulator {
     Simulator::start("127.0.0.1:0", Options::default(), world).expect("loopback")
 }
 
-/// A configuration for a control, with its machine and tokens.
+/// A configuration for a control, with its machine and tokens. It arms as soon as it may: no test shift, and a short ramp.
 pub(crate) fn configuration(dir: &Path, control: &Simulator, more: &str) -> std::path::PathBuf {
     std::fs::write(dir.join("machine.toml"), MACHINE).expect("writable");
     token_file(dir);
@@ -32,6 +32,7 @@ slew_um_per_s = 500.0
 hold_ms = 200
 zero_after_ms = 3000
 confirm_um = 10.0
+ramp_s = 0.1
 # It moves all the time.
 test_shift_um = 0
 [[controller]]

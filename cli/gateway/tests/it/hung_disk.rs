@@ -17,7 +17,7 @@ use crate::{
     models::{
         activate, candidate, engineers, machine_file, model, post, upload, wait_model, with_y,
     },
-    program::{Answer, Program, change, path},
+    program::{Answer, PATIENCE, Program, change, path},
 };
 
 /// A gateway that corrects a machine at standstill, on a disk that hangs while a file is there.
@@ -39,7 +39,7 @@ impl Rig {
         let config = configuration(dir.path(), &control, "auto_arm = true");
         engineers(dir.path());
         // 20 µm in 20 cycles: every cycle of the ramp writes another value.
-        change(&config, "[guard]", "[guard]\nramp_s = 0.08\nstop_s = 2");
+        change(&config, "ramp_s = 0.1", "ramp_s = 0.08\nstop_s = 2");
         let hangs = dir.path().join("hangs");
         let mut command = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"));
         command.env("LD_PRELOAD", library).env("HANGS", &hangs);
@@ -190,7 +190,7 @@ fn an_upload_to_it_holds_nobody_up() {
     });
     // Nothing of it stays.
     let uploads = rig.dir.path().join("audit/models/uploads");
-    let end = Instant::now() + Duration::from_secs(10);
+    let end = Instant::now() + PATIENCE;
     while std::fs::read_dir(&uploads).expect("there").count() > 0 {
         assert!(Instant::now() < end);
         std::thread::sleep(Duration::from_millis(20));

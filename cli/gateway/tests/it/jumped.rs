@@ -15,7 +15,7 @@ use volcomp_focas::simulator::{Options, Simulator, World};
 
 use crate::{
     controlled::configuration,
-    program::{MACHINE, Program, path},
+    program::{MACHINE, PATIENCE, Program, path},
 };
 
 /// A module with one sensor, whose temperature a test sets, tenths of a degree.
@@ -88,7 +88,7 @@ fn a_sensor_that_jumped_keeps_a_restart_from_arming() {
     let mut program = Program::start(dir.path(), &["--config", path(&config)]);
     let_sensor_jump(&program, &tenths);
     let kept = dir.path().join("audit/standing.json");
-    volcomp_test_support::until("it is written down", Duration::from_secs(10), || {
+    volcomp_test_support::until("it is written down", PATIENCE, || {
         std::fs::read_to_string(&kept).is_ok_and(|text| text.contains("scale_x"))
     });
     program.running.kill();

@@ -10,7 +10,7 @@ use volcomp_focas::simulator::{Options, Simulator, World};
 
 use crate::{
     controlled::{configuration, control},
-    program::{Program, change, path},
+    program::{PATIENCE, Program, change, path},
 };
 
 /// Shifts of X over time while something is done.
@@ -145,9 +145,7 @@ fn the_service_manager_is_told() {
     let dir = tempfile::tempdir().expect("writable");
     let socket = dir.path().join("notify");
     let listener = std::os::unix::net::UnixDatagram::bind(&socket).expect("writable");
-    listener
-        .set_read_timeout(Some(Duration::from_secs(20)))
-        .expect("a time");
+    listener.set_read_timeout(Some(PATIENCE)).expect("a time");
     let mut command = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"));
     command
         .env("NOTIFY_SOCKET", &socket)
@@ -268,11 +266,7 @@ fn a_second_signal_leaves_at_once() {
     let dir = tempfile::tempdir().expect("writable");
     let control = control();
     let config = configuration(dir.path(), &control, "auto_arm = true");
-    change(
-        &config,
-        "hold_ms = 200",
-        "hold_ms = 200\nramp_s = 60\nstop_s = 60",
-    );
+    change(&config, "ramp_s = 0.1", "ramp_s = 60\nstop_s = 60");
     let mut program = Program::start(dir.path(), &["--config", path(&config)]);
     program
         .wait(|state| {

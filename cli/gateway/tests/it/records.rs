@@ -4,7 +4,7 @@ use std::process::Command;
 
 use crate::{
     controlled::{configuration, control},
-    program::{Program, change, path},
+    program::{Program, path},
 };
 
 #[test]
@@ -47,7 +47,6 @@ fn a_full_disk_forbids_arming_but_not_correcting_nor_disarming() {
     let dir = tempfile::tempdir().expect("writable");
     let control = control();
     let config = configuration(dir.path(), &control, "auto_arm = true");
-    change(&config, "hold_ms = 200", "hold_ms = 200\nramp_s = 0.1");
     let audit = dir.path().join("audit");
     let mut shell = Command::new("bash");
     // 8 blocks of a KiB; without the signal a write fails instead.

@@ -33,7 +33,7 @@ use volcomp_runtime::{Model, Realtime, start};
 
 use crate::{
     bench,
-    program::{Answer, OPERATE, answer},
+    program::{Answer, OPERATE, PATIENCE, answer},
 };
 
 /// A gateway in this process, whose controller hangs at a switch.
@@ -172,9 +172,7 @@ fn first() -> volcomp_gateway::documents::Status {
 impl Gateway {
     fn connect(&self) -> TcpStream {
         let stream = TcpStream::connect(self.address).expect("it listens");
-        stream
-            .set_read_timeout(Some(Duration::from_secs(20)))
-            .expect("a time");
+        stream.set_read_timeout(Some(PATIENCE)).expect("a time");
         stream
     }
 
@@ -198,7 +196,7 @@ impl Gateway {
     }
 
     fn wait(&self, done: impl Fn(&Value) -> bool) -> Value {
-        let end = Instant::now() + Duration::from_secs(20);
+        let end = Instant::now() + PATIENCE;
         loop {
             let state = self.state();
             if done(&state) {

@@ -89,7 +89,7 @@ fn disarming_while_it_stops_outlives_a_restart() {
     let dir = tempfile::tempdir().expect("writable");
     let control = control();
     let config = configuration(dir.path(), &control, "auto_arm = true");
-    change(&config, "hold_ms = 200", "hold_ms = 200\nramp_s = 2.0");
+    change(&config, "ramp_s = 0.1", "ramp_s = 2.0");
     let mut program = started(&config);
     program.wait_for("compensating");
     program.signal("TERM");

@@ -67,7 +67,7 @@ fn gateway(setting: Setting, dir: &Path) -> (Simulator, Program) {
             change(&config, "test_shift_um = 0", "test_shift_um = 5");
             change(&config, "axes =", "includes_correction = true\naxes =");
         }
-        RampingOut | RampingOutInAnAlarm => change(&config, "[guard]", "[guard]\nramp_s = 20"),
+        RampingOut | RampingOutInAnAlarm => change(&config, "ramp_s = 0.1", "ramp_s = 20"),
         Disarmed | Compensating | HoldingInAnAlarm => {}
     }
     let program = Program::start(dir, &["--config", path(&config)]);

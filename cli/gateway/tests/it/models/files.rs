@@ -10,7 +10,7 @@ use serde_json::json;
 
 use super::measured::{all_answers, answers, measured_rig, send_measurements};
 use super::{ENGINEER, Rig, activate, arms, candidate, post, settled, upload};
-use crate::program::{answer, change, path};
+use crate::program::{PATIENCE, answer, change, path};
 
 /// Names that lead elsewhere, two hundred files, one that is cut, one that is too large: nothing outside of the folder, nothing
 /// half there.
@@ -70,13 +70,13 @@ fn files_stay_in_their_folder_and_whole() {
     stream.shutdown(std::net::Shutdown::Write).expect("ours");
     let mut rest = String::new();
     let _ = stream.read_to_string(&mut rest);
-    let end = Instant::now() + Duration::from_secs(10);
+    let end = Instant::now() + PATIENCE;
     while names().len() > 3 {
         assert!(Instant::now() < end, "{:?}", names());
         std::thread::sleep(Duration::from_millis(20));
     }
     // The name is free again.
-    let end = Instant::now() + Duration::from_secs(10);
+    let end = Instant::now() + PATIENCE;
     let query = format!("kind=measurement&name=cut.csv&candidate={id}");
     while upload(&program, &query, b"1,2\n").status != 200 {
         assert!(Instant::now() < end);
@@ -165,7 +165,7 @@ fn nobody_goes_on_while_a_file_is_on_its_way() {
     );
     stream.write_all(head.as_bytes()).expect("it listens");
     let folder = rig.dir.path().join("audit/models/uploads").join(&id);
-    let end = Instant::now() + Duration::from_secs(20);
+    let end = Instant::now() + PATIENCE;
     while !folder.join("files/.late.csv.part").exists() {
         assert!(Instant::now() < end, "it does not begin");
         std::thread::sleep(Duration::from_millis(20));
@@ -214,7 +214,7 @@ fn files_on_their_way_count_for_what_all_may_be() {
     };
     // Three of a MiB each, and nothing comes of them.
     let streams: Vec<_> = ["a.csv", "b.csv", "c.csv"].into_iter().map(begin).collect();
-    let end = Instant::now() + Duration::from_secs(20);
+    let end = Instant::now() + PATIENCE;
     for name in ["a", "b", "c"] {
         while !files.join(format!("files/.{name}.csv.part")).exists() {
             assert!(Instant::now() < end, "{name} does not begin");
@@ -232,7 +232,7 @@ fn files_on_their_way_count_for_what_all_may_be() {
     assert_eq!(fits.status, 200, "{}", fits.body);
     // What is cut gives its share back.
     drop(streams);
-    let end = Instant::now() + Duration::from_secs(20);
+    let end = Instant::now() + PATIENCE;
     let query = format!("kind=measurement&name=d.csv&candidate={id}");
     while upload(&program, &query, &whole).status != 200 {
         assert!(Instant::now() < end);

@@ -16,7 +16,7 @@ use volcomp_focas::simulator::Simulator;
 
 use crate::{
     controlled::{configuration, control},
-    program::{Answer, MACHINE, Program, answer, path},
+    program::{Answer, MACHINE, PATIENCE, Program, answer, path},
 };
 
 pub(crate) const ENGINEER: &str = "00112233445566778899aabbccddeeff";
@@ -152,7 +152,7 @@ pub(crate) fn with_y(um: f64) -> String {
 
 /// Waits until the desk has taken something over.
 pub(crate) fn wait_model(program: &Program, done: impl Fn(&Value) -> bool) -> Value {
-    let end = Instant::now() + Duration::from_secs(20);
+    let end = Instant::now() + PATIENCE;
     loop {
         let now = model(program);
         if done(&now) {
@@ -165,7 +165,7 @@ pub(crate) fn wait_model(program: &Program, done: impl Fn(&Value) -> bool) -> Va
 
 /// It arms, and nobody is asked. On a busy computer the control thread may take longer than an answer waits for.
 fn arms(program: &Program) {
-    let end = Instant::now() + Duration::from_secs(20);
+    let end = Instant::now() + PATIENCE;
     loop {
         let armed = program.arm();
         if armed.status == 200 {
