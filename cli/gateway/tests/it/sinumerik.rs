@@ -282,9 +282,10 @@ fn a_sampler_that_stands_is_held_and_old_positions_are_ramped_out() {
             .as_f64()
             .is_some_and(|um| um < -27.0)
     });
+    let holds_old_positions =
+        |state: &Value| is("holding")(state) && state["reasons"].to_string().contains("stale");
     control.type_in("frozen-timestamps on");
-    let state = wait(&program, "it holds", is("holding"));
-    assert!(state["reasons"].to_string().contains("stale"), "{state}");
+    wait(&program, "it holds old positions", holds_old_positions);
     let um = control.um("setting_um", "X");
     assert!(um < -27.0);
     // Longer than `zero_after_ms`.
@@ -296,8 +297,7 @@ fn a_sampler_that_stands_is_held_and_old_positions_are_ramped_out() {
     control.type_in("frozen-timestamps off");
     wait(&program, "it goes on", is("compensating"));
     control.type_in("frozen-positions on");
-    let state = wait(&program, "it holds", is("holding"));
-    assert!(state["reasons"].to_string().contains("stale"), "{state}");
+    wait(&program, "it holds old positions", holds_old_positions);
     control.wait(&program, "it is ramped out", |report| {
         report["setting_um"]["X"] == 0.0
     });
