@@ -164,7 +164,7 @@ impl ControllerDevice {
         own: &ControllerConfig,
         limits: Option<&Limits>,
     ) -> Result<(), DeviceError> {
-        match (&self.kind, &own.ini) {
+        match (&self.kind, &own.linuxcnc.ini) {
             (Kind::LinuxCnc(config), Some(file)) => {
                 linuxcnc::check(&self.address, own, config, file, limits)
             }

@@ -5,9 +5,9 @@ use std::{
     time::{Duration, Instant},
 };
 
-use volcomp_devices::{Address, allows_remote_bridge};
+use volcomp_devices::{Address, allows_remote_bridge, bridge_key_file};
 use volcomp_guard::{AxisLimits, Limits, RATE_OVER_SLEW};
-use volcomp_linuxcnc::{Expected, Ini, Least, LinuxCncConfig, PORT, VERSION, look};
+use volcomp_linuxcnc::{Expected, Ini, Key, Least, LinuxCncConfig, PORT, VERSION, look};
 use volcomp_port::{Controller as _, DeviceError};
 use volcomp_vocabulary::AxisKind;
 
@@ -22,7 +22,7 @@ const COUNTED_FOR: Duration = Duration::from_millis(500);
 /// The control of a `[[controller]]`.
 ///
 /// # Errors
-/// No table of the barrier, steps that are no whole numbers.
+/// No table of the barrier, steps that are not whole numbers, no key.
 pub(crate) fn controller(
     address: &Address,
     config: &ControllerConfig,
@@ -42,6 +42,7 @@ pub(crate) fn controller(
     let control = LinuxCncConfig {
         host: address.host.clone(),
         port: address.port.unwrap_or(PORT),
+        key: key(address, config)?,
         remote: allows_remote_bridge(address)?,
         channel,
         machine,
@@ -52,6 +53,22 @@ pub(crate) fn controller(
     };
     control.describe()?;
     Ok(control)
+}
+
+/// The key that the gateway shares with the bridge.
+fn key(address: &Address, config: &ControllerConfig) -> Result<Key, DeviceError> {
+    if bridge_key_file(address).is_some() {
+        return Err(address.wrong("found key_file in the URL", "state it as linuxcnc.key_file"));
+    }
+    let expected = "expected a file with the key of the bridge, such as (umask 077; openssl rand -hex 16 > volcomp.key) makes it";
+    let Some(file) = &config.linuxcnc.key_file else {
+        return Err(address.wrong("found no linuxcnc.key_file", expected));
+    };
+    Key::read(file).map_err(|error| {
+        address
+            .wrong(format!("linuxcnc.key_file: {error}"), expected)
+            .caused_by(error)
+    })
 }
 
 /// Looks through the INI file of the control, and names everything that is wrong or missing.
@@ -112,7 +129,13 @@ pub(crate) fn online(
     own: &ControllerConfig,
     limits: Option<&Limits>,
 ) -> Result<OnlinePlan, DeviceError> {
-    let state = look(&config.host, config.port, config.remote, ANSWERS_WITHIN)?;
+    let state = look(
+        &config.host,
+        config.port,
+        config.remote,
+        &config.key,
+        ANSWERS_WITHIN,
+    )?;
     let axes = state.axes().map(|axis| axis.name.to_string()).collect();
     let barrier = match own.barrier.as_ref().zip(limits) {
         None => None,

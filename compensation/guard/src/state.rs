@@ -60,6 +60,8 @@ pub enum Cause {
     BeyondLimit,
     /// Positions contain the correction, and should not, or the other way round.
     Contradiction,
+    /// The barrier has accepted a frame of another gateway.
+    OtherGateway,
 }
 
 /// A request of a person or a program to a guard.
@@ -93,6 +95,8 @@ pub(crate) struct Facts {
     pub(crate) stale: bool,
     /// Positions or target are older than `zero_after`.
     pub(crate) lost: bool,
+    /// The barrier reports an owner, sequence or epoch that this gateway has not sent.
+    pub(crate) other_gateway: bool,
     /// The controller has changed the correction that it applies without being told to.
     pub(crate) changed: bool,
     /// Another path writes, and what it applies is seen for the first time, or not yet.
@@ -148,6 +152,7 @@ impl State {
             Self::Faulted(Cause::DoesNotStick) => Reasons::DOES_NOT_STICK,
             Self::Faulted(Cause::BeyondLimit) => Reasons::BEYOND_LIMIT,
             Self::Faulted(Cause::Contradiction) => Reasons::CONTRADICTION,
+            Self::Faulted(Cause::OtherGateway) => Reasons::OTHER_GATEWAY,
             _ => Reasons::NONE,
         }
     }
@@ -158,6 +163,9 @@ impl State {
             // Also while it is told to disarm: a correction beyond the limit is not led out without a person.
             if facts.beyond {
                 return Self::Faulted(Cause::BeyondLimit);
+            }
+            if facts.other_gateway {
+                return Self::Faulted(Cause::OtherGateway);
             }
             if matches!(facts.request, Some(Request::Disarm | Request::End)) {
                 return Self::RampingOut(End::Disarmed);
@@ -177,6 +185,9 @@ impl State {
             Self::Disarmed => self.disarmed(facts),
             Self::RampingOut(End::Disarmed) if facts.may_arm() => facts.arming(),
             Self::RampingOut(End::Disarmed) if facts.beyond => Self::Faulted(Cause::BeyondLimit),
+            Self::RampingOut(End::Disarmed) if facts.other_gateway => {
+                Self::Faulted(Cause::OtherGateway)
+            }
             Self::RampingOut(End::Disarmed) if facts.does_not_land => {
                 Self::Faulted(Cause::DoesNotStick)
             }
@@ -278,7 +289,7 @@ impl Facts {
 
     /// What follows when a person has looked at a fault: what is left of the correction is led out.
     fn acknowledged(&self, fault: State) -> State {
-        if self.interlocked || self.unconfirmed {
+        if self.interlocked || self.unconfirmed || self.other_gateway {
             fault
         } else if self.zero {
             State::Disarmed

@@ -395,7 +395,14 @@ impl Cycle {
         });
         if sent {
             self.report.sent = Some(path.in_machine(&output.correction));
-        } else {
+        }
+        // One barrier may report it to all paths that lead there.
+        if let Some(frame) = path.read_back.last_frame() {
+            for path in &mut self.paths {
+                path.read_back.also_sent(frame);
+            }
+        }
+        if !sent {
             self.guard.not_sent();
             self.report.faults += 1;
         }

@@ -44,7 +44,7 @@ impl Scheme {
             Self::Can => &["dbc"],
             Self::Gpio => &["position", "correction"],
             Self::OpcUa => &[],
-            Self::LinuxCnc => &["remote"],
+            Self::LinuxCnc => &["remote", "key_file"],
         }
     }
 }

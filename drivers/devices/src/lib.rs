@@ -31,7 +31,7 @@ pub use gpio::gpio_port;
 #[cfg(all(feature = "gpio", feature = "modbus"))]
 pub use lines::digital_lines;
 #[cfg(feature = "linuxcnc")]
-pub use linuxcnc::allows_remote_bridge;
+pub use linuxcnc::{allows_remote_bridge, bridge_key_file};
 pub use list::{CanInterface, GpioChip, GpioLine, LocalDevices, SerialPort, list};
 #[cfg(feature = "modbus")]
 pub use modbus::{MODBUS_PORT, digital_modules, thermometer, thermometer_names};

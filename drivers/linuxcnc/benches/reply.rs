@@ -10,11 +10,14 @@ use std::{
 use volcomp_guard::barrier::{
     Barrier, Counts, FRAME_WORDS, Layout, REPORT_WORDS, Report, Session, Settings,
 };
-use volcomp_linuxcnc::{AxisState, Flags, LinuxCncConfig, LinuxCncController, STATE_BYTES, State};
+use volcomp_linuxcnc::{
+    AxisState, Flags, Key, LinuxCncConfig, LinuxCncController, STATE_BYTES, State,
+};
 use volcomp_port::{Controller, Words};
 use volcomp_vocabulary::{AxisName, PerChannel};
 
 const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
+const KEY: Key = Key::new([1; 16]);
 const EVERY: Duration = Duration::from_millis(1);
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -34,6 +37,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let config = LinuxCncConfig {
         host: "127.0.0.1".to_owned(),
         port: bridge.local_addr()?.port(),
+        key: KEY,
         remote: false,
         channel: "linuxcnc".to_owned(),
         machine: 1,
@@ -75,7 +79,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         state.flags = Flags(Flags::ENABLED | Flags::HOMED);
         state.report = Words::new(&words[..length]).ok_or("few words")?;
         let mut bytes = [0; STATE_BYTES];
-        let length = state.encode(&mut bytes);
+        let length = state.encode(&KEY, &mut bytes);
 
         bridge.send_to(&bytes[..length], gateway)?;
         let begun = Instant::now();

@@ -25,6 +25,7 @@ pin out u32 owner "the gateway whose frames are taken";
 pin out u32 epoch "moves on at each start and time-out";
 pin out u32 refused "why the last frame was not taken: the numbers of the protocol";
 pin out u32 taken "frames that were taken";
+pin out u32 forged "datagrams that are no commands with the code of the key";
 function take fp "before motion-controller";
 function tell fp "after motion-controller";
 option singleton yes;
@@ -37,6 +38,7 @@ include <netinet/in.h>;
 include <arpa/inet.h>;
 include <errno.h>;
 include <fcntl.h>;
+include <sys/stat.h>;
 include <pthread.h>;
 include <stdio.h>;
 include <stdlib.h>;
@@ -50,6 +52,7 @@ static char *axes = "XYZ";            RTAPI_MP_STRING(axes, "axes of the barrier
 static char *reads = "";              RTAPI_MP_STRING(reads, "axes of which only the positions are told");
 static char *listen_on = "127.0.0.1"; RTAPI_MP_STRING(listen_on, "IPv4 address on which the bridge listens");
 static char *epoch_file = "";         RTAPI_MP_STRING(epoch_file, "file that keeps the epoch");
+static char *key_file = "";           RTAPI_MP_STRING(key_file, "file with the key that the gateway has, too");
 static int port = 47001;              RTAPI_MP_INT(port, "UDP port");
 static int machine = 0;               RTAPI_MP_INT(machine, "number of the machine");
 static int joints = 3;                RTAPI_MP_INT(joints, "number of joints");
@@ -67,8 +70,9 @@ static int time_out_scans = 300;      RTAPI_MP_INT(time_out_scans, "cycles witho
 #define FRAME_HEAD 4
 #define REPORT_HEAD 8
 #define MOST_COUNTS 32767
-/* Datagrams: bytes besides the words of a command, most words, and how many are read in a cycle. */
-#define COMMAND_BYTES 20
+/* Datagrams: bytes besides the words of a command, those of the code at the end, most words, and how many are read in a cycle. */
+#define COMMAND_BYTES 28
+#define MAC_BYTES 8
 #define MOST_WORDS 40
 #define DATAGRAM_BYTES 512
 #define DATAGRAMS_A_CYCLE 16
@@ -114,7 +118,12 @@ static uint32_t layout;
 
 static struct sender { struct sockaddr_in address; long long heard_ns; int is_there, has_frame, word_count; uint16_t frame[MOST_WORDS]; } senders[SENDERS];
 static int udp = -1;
-static uint32_t run_number, states_sent, crc_table[256];
+static uint32_t run_number, states_sent;
+/* The sender whose frame was accepted last: a place is kept for it. Those who get the next state alone, without a place. */
+static struct sockaddr_in writer, once[DATAGRAMS_A_CYCLE];
+static int once_count;
+/* Read at the start, constant afterwards. */
+static uint64_t key[2];
 
 /* What was applied in the last cycles: LinuxCNC's request may be any of these, since the last ones are still on their way. */
 static int sent[LANDS_WITHIN][MOST_AXES], sent_count;
@@ -137,10 +146,27 @@ static pthread_t keeper;
 static int seen(const int *word) { return __atomic_load_n(word, __ATOMIC_ACQUIRE); }
 static void show(int *word, int value) { __atomic_store_n(word, value, __ATOMIC_RELEASE); }
 
-static uint32_t crc32_of(const uint8_t *bytes, int length) {
-    uint32_t c = 0xffffffffu;
-    while (length--) c = crc_table[(c ^ *bytes++) & 0xff] ^ (c >> 8);
-    return ~c;
+/* SipHash-2-4 with 64 bits of output (Aumasson and Bernstein, "SipHash: a fast short-input PRF", 2012): the code of every datagram. */
+static uint64_t rotated(uint64_t x, int by) { return x << by | x >> (64 - by); }
+
+static void sip_rounds(uint64_t v[4], int rounds) {
+    while (rounds--) {
+        v[0] += v[1]; v[1] = rotated(v[1], 13) ^ v[0]; v[0] = rotated(v[0], 32);
+        v[2] += v[3]; v[3] = rotated(v[3], 16) ^ v[2];
+        v[0] += v[3]; v[3] = rotated(v[3], 21) ^ v[0];
+        v[2] += v[1]; v[1] = rotated(v[1], 17) ^ v[2]; v[2] = rotated(v[2], 32);
+    }
+}
+
+static uint64_t mac(const uint8_t *bytes, int length) {
+    uint64_t v[4] = {key[0] ^ 0x736f6d6570736575u, key[1] ^ 0x646f72616e646f6du, key[0] ^ 0x6c7967656e657261u, key[1] ^ 0x7465646279746573u};
+    uint64_t word, last = (uint64_t)length << 56;
+    int whole = length & ~7;
+    for (int i = 0; i < whole; i += 8) { memcpy(&word, bytes + i, 8); v[3] ^= word; sip_rounds(v, 2); v[0] ^= word; }
+    for (int i = whole; i < length; i++) last |= (uint64_t)bytes[i] << 8 * (i - whole);
+    v[3] ^= last; sip_rounds(v, 2); v[0] ^= last;
+    v[2] ^= 0xff; sip_rounds(v, 4);
+    return v[0] ^ v[1] ^ v[2] ^ v[3];
 }
 
 /* Fletcher modulo 65535, started from the numbers of the machine and of the layout. */
@@ -232,12 +258,39 @@ static int kept_before(void) {
     return -1;
 }
 
-static void fill_crc_table(void) {
-    for (uint32_t i = 0; i < 256; i++) {
-        uint32_t c = i;
-        for (int k = 0; k < 8; k++) c = c & 1 ? 0xedb88320u ^ (c >> 1) : c >> 1;
-        crc_table[i] = c;
+static int hex_digit(char c) {
+    return c >= '0' && c <= '9' ? c - '0' : c >= 'a' && c <= 'f' ? c - 'a' + 10 : c >= 'A' && c <= 'F' ? c - 'A' + 10 : -1;
+}
+
+/* Reads the key by the rule of the gateway: 32 hexadecimal digits, blanks after them, in a file that only its owner may read. */
+static int read_key(void) {
+    char text[64];
+    struct stat status;
+    FILE *file = fopen(key_file, "r");
+    if (!file || fstat(fileno(file), &status)) {
+        rtapi_print_msg(RTAPI_MSG_ERR, "volcomp: key_file (KEY_FILE): %s cannot be read: %s\n", key_file, strerror(errno));
+        if (file) fclose(file);
+        return -EIO;
     }
+    int length = fread(text, 1, sizeof text, file), bad = length < 32 || length == sizeof text;
+    fclose(file);
+    if (status.st_mode & 077) {
+        rtapi_print_msg(RTAPI_MSG_ERR, "volcomp: key_file (KEY_FILE): %s: found mode %03o, expected 600\n", key_file, (unsigned)status.st_mode & 0777);
+        return -EPERM;
+    }
+    uint8_t bytes[16] = {0};
+    for (int i = 0; i < length && !bad; i++) {
+        int digit = hex_digit(text[i]);
+        if (i >= 32) bad = !text[i] || !strchr(" \t\r\n", text[i]);
+        else if (digit < 0) bad = 1;
+        else bytes[i / 2] |= digit << (i % 2 ? 0 : 4);
+    }
+    if (bad) {
+        rtapi_print_msg(RTAPI_MSG_ERR, "volcomp: key_file (KEY_FILE): %s: expected 32 hexadecimal digits and nothing else\n", key_file);
+        return -EINVAL;
+    }
+    memcpy(key, bytes, sizeof key);
+    return 0;
 }
 
 /* Goes on from the epoch that was kept, further than by one: a run may have ended between a time-out and its writing down. */
@@ -272,7 +325,6 @@ static int open_socket(void) {
 
 EXTRA_SETUP() {
     (void)__comp_inst; (void)prefix; (void)extra_arg;
-    fill_crc_table();
     if (!axes_fit() || !is_within("joints ([KINS]JOINTS)", "", joints, "", 1, MOST_JOINTS)
         || !is_within("machine (MACHINE)", "", machine, "", 0, MOST_MACHINE)
         || !is_within("port (PORT)", "", port, "", 0, 65535)) return -EINVAL;
@@ -281,7 +333,8 @@ EXTRA_SETUP() {
         return -EINVAL;
     }
     if (!settings_fit()) return -EINVAL;
-    int failed = begin_epoch();
+    int failed = read_key();
+    if (!failed) failed = begin_epoch();
     if (!failed) failed = open_socket();
     if (failed) return failed;
     struct timespec now; clock_gettime(CLOCK_REALTIME, &now);
@@ -360,36 +413,58 @@ static int judge(int mailbox, const uint16_t *words, int word_count, int *goal) 
 static uint16_t le16(const uint8_t *p) { return p[0] | p[1] << 8; }
 static uint32_t le32(const uint8_t *p) { return le16(p) | (uint32_t)le16(p + 2) << 16; }
 
-/* The place of a sender, a new one where there is room: otherwise none. */
-static struct sender *place_of(const struct sockaddr_in *from) {
+static uint64_t le64(const uint8_t *p) { return le32(p) | (uint64_t)le32(p + 4) << 32; }
+
+static int is_same(const struct sockaddr_in *a, const struct sockaddr_in *b) {
+    return a->sin_port == b->sin_port && a->sin_addr.s_addr == b->sin_addr.s_addr;
+}
+
+/* The place of a sender, a new one where there is room: otherwise none. The last vacant place is for the writer or, while it has none,
+   for one that sends frames: however many listen, they leave the owner a place. */
+static struct sender *place_of(const struct sockaddr_in *from, int has_frame) {
     struct sender *vacant = NULL;
+    int vacancies = 0, keeps_one = !has_frame && !is_same(from, &writer);
     for (int i = 0; i < SENDERS; i++) {
         struct sender *known = &senders[i];
-        if (!known->is_there) { if (!vacant) vacant = known; continue; }
-        if (known->address.sin_port == from->sin_port && known->address.sin_addr.s_addr == from->sin_addr.s_addr) return known;
+        if (!known->is_there) { vacancies++; if (!vacant) vacant = known; continue; }
+        if (is_same(&known->address, from)) return known;
+        if (is_same(&known->address, &writer)) keeps_one = 0;
     }
-    if (vacant) memset(vacant, 0, sizeof *vacant);
+    if (!vacant || (vacancies == 1 && keeps_one)) return NULL;
+    memset(vacant, 0, sizeof *vacant);
     return vacant;
 }
 
-/* Datagrams that came: who listens, and the last frame of each since the last scan. */
-static void receive(void) {
+/* A command of our key: without it nothing of a datagram counts. */
+static int is_command(const uint8_t *bytes, int length) {
+    return length >= COMMAND_BYTES && !memcmp(bytes, "VCLF\2", 5) && le64(bytes + length - MAC_BYTES) == mac(bytes, length - MAC_BYTES);
+}
+
+/* Whether a command answers a state of this run that is a second old at most. One that was recorded and is sent again later does not. */
+static int is_fresh(const uint8_t *bytes, long period) {
+    long long age = (uint32_t)(states_sent - le32(bytes + 12));
+    return le32(bytes + 8) == run_number && age * period <= LISTENS_NS;
+}
+
+/* Datagrams that came: who listens, and the last frame of each since the last scan. A command that is not fresh gets one state, which the
+   next command can answer. */
+static void receive(PINS, long period) {
     uint8_t bytes[DATAGRAM_BYTES];
     long long now = now_ns();
     for (int heard = 0; heard < DATAGRAMS_A_CYCLE; heard++) {
         struct sockaddr_in from; socklen_t size = sizeof from;
         int length = recvfrom(udp, bytes, sizeof bytes, 0, (struct sockaddr *)&from, &size);
         if (length < 0) break;
-        if (length < COMMAND_BYTES || memcmp(bytes, "VCLF\1", 5) || le32(bytes + length - 4) != crc32_of(bytes, length - 4)) continue;
-        int kind = le16(bytes + 12), words = le16(bytes + 14);
+        if (!is_command(bytes, length)) { forged++; continue; }
+        int kind = le16(bytes + 16), words = le16(bytes + 18);
         if (words > MOST_WORDS || length != COMMAND_BYTES + 2 * words || kind > KIND_FRAME || (kind == KIND_LISTEN && words)) continue;
         if (kind == KIND_FRAME && le16(bytes + 6) != machine) continue;
-        struct sender *place = place_of(&from);
-        if (!place) continue;
+        struct sender *place = is_fresh(bytes, period) ? place_of(&from, kind == KIND_FRAME) : NULL;
+        if (!place) { if (once_count < DATAGRAMS_A_CYCLE) once[once_count++] = from; continue; }
         place->address = from; place->heard_ns = now; place->is_there = 1;
         if (kind == KIND_FRAME) {
             place->has_frame = 1; place->word_count = words;
-            for (int i = 0; i < words; i++) place->frame[i] = le16(bytes + 16 + 2 * i);
+            for (int i = 0; i < words; i++) place->frame[i] = le16(bytes + 20 + 2 * i);
         }
     }
     for (int i = 0; i < SENDERS; i++)
@@ -480,7 +555,7 @@ static int judge_frames(PINS, int *goal) {
         senders[i].has_frame = 0;
         if (is_behind) { barrier.refusal = REFUSED_EPOCH; continue; }
         int judged = judge(i, senders[i].frame, senders[i].word_count, found);
-        if (judged == 1) { has_goal = 1; taken++; memcpy(goal, found, sizeof found); }
+        if (judged == 1) { has_goal = 1; taken++; writer = senders[i].address; memcpy(goal, found, sizeof found); }
         else if (judged < 0) barrier.refusal = -judged;
     }
     return has_goal;
@@ -531,7 +606,7 @@ FUNCTION(take) {
     watch_request(__comp_inst, asked, is_on);
     holds = must_hold(__comp_inst, is_on, period);
     note_contact(__comp_inst);
-    receive();
+    receive(__comp_inst, period);
     memcpy(before, barrier.applied, sizeof before);
     scan_barrier(__comp_inst, holds);
     write_counts(__comp_inst, before, period);
@@ -553,6 +628,11 @@ static int report(uint16_t *words) {
     return count + 2;
 }
 
+static void send_to(const struct sockaddr_in *to, const uint8_t *bytes, int length) {
+    /* One that is lost is followed by the next. */
+    (void)!sendto(udp, bytes, length, 0, (const struct sockaddr *)to, sizeof *to);
+}
+
 /* All computers that LinuxCNC runs on are little-endian. */
 FUNCTION(tell) {
     uint8_t bytes[DATAGRAM_BYTES], *p = bytes;
@@ -560,7 +640,7 @@ FUNCTION(tell) {
     if (!has_begun) return;
     int word_count = report(words);
     states_sent++;
-    p = put(p, "VCLS\1", 5); *p++ = told_count;
+    p = put(p, "VCLS\2", 5); *p++ = told_count;
     p = put16(p, machine); p = put32(p, run_number); p = put32(p, states_sent);
     p = put16(p, flags); p = put16(p, word_count);
     uint64_t now = now_ns();
@@ -575,7 +655,9 @@ FUNCTION(tell) {
         p = put(p, &at, 8); p = put(p, &velocity, 8); p = put(p, &offset, 8);
     }
     p = put(p, words, 2 * word_count);
-    p = put32(p, crc32_of(bytes, p - bytes));
-    for (int i = 0; i < SENDERS; i++)
-        if (senders[i].is_there) (void)!sendto(udp, bytes, p - bytes, 0, (struct sockaddr *)&senders[i].address, sizeof senders[i].address);
+    uint64_t code = mac(bytes, p - bytes);
+    p = put(p, &code, MAC_BYTES);
+    for (int i = 0; i < SENDERS; i++) if (senders[i].is_there) send_to(&senders[i].address, bytes, p - bytes);
+    for (int i = 0; i < once_count; i++) send_to(&once[i], bytes, p - bytes);
+    once_count = 0;
 }

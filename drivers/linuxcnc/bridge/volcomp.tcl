@@ -103,7 +103,7 @@ proc units {} {
 
 # A key that is written wrongly would leave its default in force.
 proc known_keys {} {
-    set known {MACHINE AXES READS PORT LISTEN STEP_NM STEP_UDEG LIMIT_UM LIMIT_MDEG RATE_UM_PER_S RATE_MDEG_PER_S HOLD_MS TIME_OUT_MS EPOCH_FILE}
+    set known {MACHINE AXES READS PORT LISTEN STEP_NM STEP_UDEG LIMIT_UM LIMIT_MDEG RATE_UM_PER_S RATE_MDEG_PER_S HOLD_MS TIME_OUT_MS EPOCH_FILE KEY_FILE}
     foreach key [lsort [array names ::VOLCOMP]] {
         if {$key ni $known} {
             refuse "\[VOLCOMP\]$key: unknown key, expected one of [join $known {, }]"
@@ -170,6 +170,7 @@ if {$port < 0 || $port > 65535} {
 set arguments [list axes=[join $letters ""] machine=[whole MACHINE] port=$port]
 lappend arguments listen_on=[setting LISTEN 127.0.0.1] joints=$joints
 lappend arguments epoch_file=[file join $folder [setting EPOCH_FILE volcomp.epoch]]
+lappend arguments key_file=[file join $folder [setting KEY_FILE volcomp.key]]
 lappend arguments step=[join $steps ,] limit=[join $limits ,] rate=[join $rates ,] step_scans=$step_scans
 lappend arguments hold_scans=[expr {int(round([number HOLD_MS 100] * 1e-3 / $period_s))}]
 lappend arguments time_out_scans=[expr {int(round([number TIME_OUT_MS 300] * 1e-3 / $period_s))}]

@@ -3,25 +3,27 @@
 use volcomp_port::{MOST_WORDS, Words};
 
 use crate::{
-    Broken, VERSION,
-    datagram::{CHECK, Reader, Writer, opened},
+    Broken, Key, VERSION,
+    datagram::{Reader, Writer, opened},
+    key::MAC,
 };
 
 /// The first bytes: `VCLF`.
 const MAGIC: [u8; 4] = *b"VCLF";
 /// The bytes before the words.
-const HEAD: usize = 16;
+const HEAD: usize = 20;
 
 /// The room of the largest command.
-pub const COMMAND_BYTES: usize = HEAD + 2 * MOST_WORDS + CHECK;
+pub const COMMAND_BYTES: usize = HEAD + 2 * MOST_WORDS + MAC;
 
-/// What a gateway says to a bridge. Each makes the bridge send its states to the sender's address for a second.
+/// What a gateway sends to a bridge. The bridge sends its states to the sender's address for a second.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Command {
     /// The number of the machine.
     pub machine: u16,
-    /// The number of commands that the sender has sent; it wraps around.
-    pub sequence: u32,
+    /// Run and sequence of the state that it answers: the bridge refuses commands that answer none of its last second. Zeros before
+    /// the first state, which such a command requests.
+    pub answers: [u32; 2],
     /// What is said.
     pub content: Content,
 }
@@ -39,18 +41,18 @@ impl Command {
     /// Reads a datagram.
     ///
     /// # Errors
-    /// A datagram that is none of a gateway, torn, or of another version.
-    pub fn decode(bytes: &[u8]) -> Result<Self, Broken> {
-        let body = opened(bytes, MAGIC, HEAD)?;
+    /// A datagram that is not a command of this version and key.
+    pub fn decode(bytes: &[u8], key: &Key) -> Result<Self, Broken> {
+        let body = opened(bytes, MAGIC, HEAD, key)?;
         let mut reader = Reader(&body[6..]);
         let machine = reader.u16();
-        let sequence = reader.u32();
+        let answers = [reader.u32(), reader.u32()];
         let (kind, count) = (reader.u16(), usize::from(reader.u16()));
         if count > MOST_WORDS {
             return Err(Broken::Words { found: count });
         }
         let found = bytes.len();
-        let expected = HEAD + 2 * count + CHECK;
+        let expected = HEAD + 2 * count + MAC;
         if found != expected {
             return Err(Broken::Length { found, expected });
         }
@@ -61,7 +63,7 @@ impl Command {
         let content = match kind {
             0 if count == 0 => Content::Listen,
             0 => {
-                let expected = HEAD + CHECK;
+                let expected = HEAD + MAC;
                 return Err(Broken::Length { found, expected });
             }
             // Not more than there is room for.
@@ -70,13 +72,13 @@ impl Command {
         };
         Ok(Self {
             machine,
-            sequence,
+            answers,
             content,
         })
     }
 
     /// Writes the datagram, and tells how many bytes it has.
-    pub fn encode(&self, bytes: &mut [u8; COMMAND_BYTES]) -> usize {
+    pub fn encode(&self, key: &Key, bytes: &mut [u8; COMMAND_BYTES]) -> usize {
         let (kind, words): (u16, &[u16]) = match &self.content {
             Content::Listen => (0, &[]),
             Content::Frame(words) => (1, words.as_slice()),
@@ -86,12 +88,14 @@ impl Command {
         writer.put(&MAGIC);
         writer.put(&[VERSION, 0]);
         writer.put(&self.machine.to_le_bytes());
-        writer.put(&self.sequence.to_le_bytes());
+        for number in self.answers {
+            writer.put(&number.to_le_bytes());
+        }
         writer.put(&kind.to_le_bytes());
         writer.put(&count.to_le_bytes());
         for word in words {
             writer.put(&word.to_le_bytes());
         }
-        writer.seal()
+        writer.seal(key)
     }
 }

@@ -17,7 +17,7 @@ use volcomp_port::{
 use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement, Mm, PerChannel};
 
 use crate::{
-    COMMAND_BYTES, Command, Content, Flags, STATE_BYTES, State,
+    COMMAND_BYTES, Command, Content, Flags, Key, STATE_BYTES, State,
     adrift::Adrift,
     age::Clocks,
     look::{device, open},
@@ -40,8 +40,9 @@ pub struct LinuxCncConfig {
     pub host: String,
     /// The UDP port of the bridge.
     pub port: u16,
-    /// Whether the bridge may be on another computer. Datagrams are not encrypted, and anybody on that network can read
-    /// them; the barrier refuses what is not meant for it.
+    /// The key that the bridge has, too.
+    pub key: Key,
+    /// Whether the bridge may be on another computer. Datagrams are not encrypted: everyone on that network can read them.
     pub remote: bool,
     /// The name of the channel by which corrections get in.
     pub channel: String,
@@ -146,7 +147,7 @@ fn nano(kind: AxisKind, mm_or_rad: f64) -> f64 {
 /// What was noticed on the way to the bridge so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Health {
-    /// Datagrams that were torn, of another version, or no states.
+    /// Datagrams of another key or version, or no states.
     pub broken: u64,
     /// States of another machine, or of other axes or steps.
     pub foreign: u64,
@@ -163,9 +164,9 @@ pub struct LinuxCncController {
     socket: UdpSocket,
     description: Description,
     machine: u16,
-    sequence: u32,
-    /// When something was sent last.
-    said: Option<Instant>,
+    key: Key,
+    /// When the last command was sent, and the run that it answers.
+    said: Option<(Instant, u32)>,
     last: Option<(State, Instant)>,
     /// When the last state was read.
     heard: Option<Instant>,
@@ -187,7 +188,7 @@ impl LinuxCncController {
             socket,
             description,
             machine: config.machine,
-            sequence: 0,
+            key: config.key,
             said: None,
             last: None,
             heard: None,
@@ -209,15 +210,17 @@ impl LinuxCncController {
     }
 
     fn say(&mut self, content: Content) -> Result<(), Fault> {
-        self.sequence = self.sequence.wrapping_add(1);
-        self.said = Some(Instant::now());
+        let answers = self
+            .state()
+            .map_or([0; 2], |state| [state.run, state.sequence]);
+        self.said = Some((Instant::now(), answers[0]));
         let command = Command {
             machine: self.machine,
-            sequence: self.sequence,
+            answers,
             content,
         };
         let mut bytes = [0; COMMAND_BYTES];
-        let length = command.encode(&mut bytes);
+        let length = command.encode(&self.key, &mut bytes);
         // One that is refused was told by the system about the datagram before: the next one is on its way again.
         for _ in 0..2 {
             match self.socket.send(&bytes[..length]) {
@@ -230,6 +233,14 @@ impl LinuxCncController {
             }
         }
         Err(Fault::Disconnected)
+    }
+
+    /// Whether the bridge has to be told that its states are wanted: for some time nothing was sent, or nothing that answers the run
+    /// of the last state, without which the bridge sends no more of them.
+    fn must_listen(&self) -> bool {
+        let run = self.state().map_or(0, |state| state.run);
+        self.said
+            .is_none_or(|(at, answered)| answered != run || at.elapsed() >= LISTEN_EVERY)
     }
 
     /// Takes what there is.
@@ -247,7 +258,7 @@ impl LinuxCncController {
     }
 
     fn take(&mut self, bytes: &[u8], arrived: Instant) {
-        let Ok(state) = State::decode(bytes) else {
+        let Ok(state) = State::decode(bytes, &self.key) else {
             self.health.broken += 1;
             return;
         };
@@ -333,12 +344,11 @@ impl Controller for LinuxCncController {
 
     /// The last state of the bridge, however long ago it was sent; waits only until one has come at all.
     fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
-        let due = |said: Option<Instant>| said.is_none_or(|at| at.elapsed() >= LISTEN_EVERY);
         let (state, taken) = loop {
-            if due(self.said) {
+            self.drain();
+            if self.must_listen() {
                 self.say(Content::Listen)?;
             }
-            self.drain();
             if let Some(misfit) = self.misfit {
                 return Err(Fault::Protocol(misfit));
             }

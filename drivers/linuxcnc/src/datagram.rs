@@ -3,14 +3,7 @@
 use volcomp_port::MOST_WORDS;
 use volcomp_vocabulary::{AxisName, MAX_AXES};
 
-use crate::VERSION;
-
-/// The bytes of the checksum.
-pub(crate) const CHECK: usize = 4;
-
-/// The checksum of datagrams: CRC-32 as Ethernet and zip have it.
-const CRC: crc::Crc<u32, crc::Table<16>> =
-    crc::Crc::<u32, crc::Table<16>>::new(&crc::CRC_32_ISO_HDLC);
+use crate::{Key, VERSION, key::MAC};
 
 /// Why a datagram cannot be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -33,9 +26,11 @@ pub enum Broken {
         /// The version that was found.
         found: u8,
     },
-    /// The checksum does not fit.
-    #[error("the checksum does not fit the bytes before it")]
-    Checksum,
+    /// The message authentication code is not that of our key.
+    #[error(
+        "found another message authentication code than that of our key: the other side has another key, or bytes were changed on the way"
+    )]
+    Mac,
     /// The number of axes is beyond the largest.
     #[error("found {found} axes, expected {MAX_AXES} at the most")]
     Axes {
@@ -70,9 +65,13 @@ pub enum Broken {
     },
 }
 
-/// The datagram without its checksum, where it begins with these four bytes, is of our version and whole, and has at least its
-/// head.
-pub(crate) fn opened(bytes: &[u8], magic: [u8; 4], head: usize) -> Result<&[u8], Broken> {
+/// The datagram without its code, where it begins with these four bytes, is of our version and our key, and has at least its head.
+pub(crate) fn opened<'a>(
+    bytes: &'a [u8],
+    magic: [u8; 4],
+    head: usize,
+    key: &Key,
+) -> Result<&'a [u8], Broken> {
     if !bytes.starts_with(&magic) {
         return Err(Broken::Magic);
     }
@@ -81,11 +80,11 @@ pub(crate) fn opened(bytes: &[u8], magic: [u8; 4], head: usize) -> Result<&[u8],
     }
     let short = Broken::Length {
         found: bytes.len(),
-        expected: head + CHECK,
+        expected: head + MAC,
     };
-    let (body, check) = bytes.split_last_chunk::<CHECK>().ok_or(short)?;
-    if CRC.checksum(body) != u32::from_le_bytes(*check) {
-        return Err(Broken::Checksum);
+    let (body, code) = bytes.split_last_chunk::<MAC>().ok_or(short)?;
+    if key.mac(body) != *code {
+        return Err(Broken::Mac);
     }
     if body.len() < head {
         return Err(short);
@@ -113,10 +112,10 @@ impl<'a> Writer<'a> {
         }
     }
 
-    /// Appends the checksum. How many bytes there are.
-    pub(crate) fn seal(mut self) -> usize {
-        let check = CRC.checksum(&self.bytes[..self.length]);
-        self.put(&check.to_le_bytes());
+    /// Appends the code of this key. How many bytes there are.
+    pub(crate) fn seal(mut self, key: &Key) -> usize {
+        let code = key.mac(&self.bytes[..self.length]);
+        self.put(&code);
         self.length
     }
 }

@@ -6,6 +6,7 @@ mod command;
 mod controller;
 mod datagram;
 mod ini;
+mod key;
 mod look;
 mod state;
 
@@ -13,6 +14,7 @@ pub use command::{COMMAND_BYTES, Command, Content};
 pub use controller::{Health, LinuxCncConfig, LinuxCncController};
 pub use datagram::Broken;
 pub use ini::{Expected, Ini, Least, Problem};
+pub use key::{Key, KeyError};
 pub use look::look;
 pub use state::{AxisState, Flag, Flags, STATE_BYTES, State};
 
@@ -20,4 +22,4 @@ pub use state::{AxisState, Flag, Flags, STATE_BYTES, State};
 pub const PORT: u16 = 47_001;
 
 /// The version of the protocol.
-pub const VERSION: u8 = 1;
+pub const VERSION: u8 = 2;

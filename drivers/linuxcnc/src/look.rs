@@ -7,7 +7,7 @@ use std::{
 
 use volcomp_port::DeviceError;
 
-use crate::{COMMAND_BYTES, Command, Content, STATE_BYTES, State};
+use crate::{COMMAND_BYTES, Command, Content, Key, STATE_BYTES, State};
 
 /// How often a bridge that does not answer is asked again.
 const ASK_EVERY: Duration = Duration::from_millis(100);
@@ -64,11 +64,17 @@ fn resolve(host: &str, port: u16, remote: bool) -> Result<SocketAddr, DeviceErro
     })
 }
 
-/// What a bridge tells now, whatever its machine and axes are.
+/// One state of a bridge, whatever its machine and axes are.
 ///
 /// # Errors
-/// A host that cannot be found or is another computer, a bridge that does not answer or speaks another version.
-pub fn look(host: &str, port: u16, remote: bool, at_most: Duration) -> Result<State, DeviceError> {
+/// A host that cannot be found or is another computer, a bridge that does not answer or has another version or key.
+pub fn look(
+    host: &str,
+    port: u16,
+    remote: bool,
+    key: &Key,
+    at_most: Duration,
+) -> Result<State, DeviceError> {
     let socket = open(host, port, remote)?;
     let failed = |e: std::io::Error| {
         let found = format!("the socket fails: {e}");
@@ -82,11 +88,11 @@ pub fn look(host: &str, port: u16, remote: bool, at_most: Duration) -> Result<St
     socket.set_read_timeout(Some(ASK_EVERY)).map_err(failed)?;
     let command = Command {
         machine: 0,
-        sequence: 0,
+        answers: [0; 2],
         content: Content::Listen,
     };
     let mut bytes = [0; COMMAND_BYTES];
-    let length = command.encode(&mut bytes);
+    let length = command.encode(key, &mut bytes);
     let end = Instant::now() + at_most;
     let mut found = "the bridge does not answer".to_owned();
     while Instant::now() < end {
@@ -94,7 +100,7 @@ pub fn look(host: &str, port: u16, remote: bool, at_most: Duration) -> Result<St
         let _ = socket.send(&bytes[..length]);
         let mut state = [0; STATE_BYTES + 1];
         match socket.recv(&mut state) {
-            Ok(length) => match State::decode(&state[..length]) {
+            Ok(length) => match State::decode(&state[..length], key) {
                 Ok(state) => return Ok(state),
                 Err(broken) => found = broken.to_string(),
             },
@@ -108,6 +114,6 @@ pub fn look(host: &str, port: u16, remote: bool, at_most: Duration) -> Result<St
     Err(DeviceError::no_answer(
         device(host, port),
         found,
-        "start LinuxCNC with the bridge, and compare [VOLCOMP]PORT of its INI file",
+        "start LinuxCNC with the bridge, and compare [VOLCOMP]PORT and KEY_FILE of its INI file",
     ))
 }

@@ -6,8 +6,9 @@ use volcomp_port::{MOST_WORDS, Words};
 use volcomp_vocabulary::{AxisName, MAX_AXES};
 
 use crate::{
-    Broken, VERSION,
-    datagram::{CHECK, Reader, Writer, opened},
+    Broken, Key, VERSION,
+    datagram::{Reader, Writer, opened},
+    key::MAC,
 };
 
 /// The first bytes: `VCLS`.
@@ -18,7 +19,7 @@ const HEAD: usize = 36;
 const OF_AXIS: usize = 32;
 
 /// The room of the largest state.
-pub const STATE_BYTES: usize = HEAD + MAX_AXES * OF_AXIS + 2 * MOST_WORDS + CHECK;
+pub const STATE_BYTES: usize = HEAD + MAX_AXES * OF_AXIS + 2 * MOST_WORDS + MAC;
 
 /// What the control is doing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -167,9 +168,9 @@ impl State {
     /// Reads a datagram.
     ///
     /// # Errors
-    /// A datagram that is none of a bridge, torn, or of another version.
-    pub fn decode(bytes: &[u8]) -> Result<Self, Broken> {
-        let body = opened(bytes, MAGIC, HEAD)?;
+    /// A datagram that is not a state of this version and key.
+    pub fn decode(bytes: &[u8], key: &Key) -> Result<Self, Broken> {
+        let body = opened(bytes, MAGIC, HEAD, key)?;
         let mut reader = Reader(&body[5..]);
         let count = usize::from(reader.u8());
         let machine = reader.u16();
@@ -186,7 +187,7 @@ impl State {
         if words > MOST_WORDS {
             return Err(Broken::Words { found: words });
         }
-        let expected = HEAD + count * OF_AXIS + 2 * words + CHECK;
+        let expected = HEAD + count * OF_AXIS + 2 * words + MAC;
         if bytes.len() != expected {
             let found = bytes.len();
             return Err(Broken::Length { found, expected });
@@ -222,7 +223,7 @@ impl State {
     }
 
     /// Writes the datagram, and tells how many bytes it has.
-    pub fn encode(&self, bytes: &mut [u8; STATE_BYTES]) -> usize {
+    pub fn encode(&self, key: &Key, bytes: &mut [u8; STATE_BYTES]) -> usize {
         let words = self.report.as_slice();
         // Both are small numbers.
         let count = u8::try_from(self.axes().count()).unwrap_or(0);
@@ -251,7 +252,7 @@ impl State {
         for word in words {
             writer.put(&word.to_le_bytes());
         }
-        writer.seal()
+        writer.seal(key)
     }
 }
 

@@ -1,26 +1,30 @@
 #![no_main]
-//! Datagrams and INI files of LinuxCNC: no panic on any bytes, and what is read is written as it was.
+//! Datagrams (the input is one without its code) and INI files of LinuxCNC: no panic on any bytes, and what is read is written as it was.
 
 use libfuzzer_sys::fuzz_target;
 use volcomp_linuxcnc::{
-    COMMAND_BYTES, Command, Expected, Ini, Least, LinuxCncConfig, STATE_BYTES, State,
+    COMMAND_BYTES, Command, Expected, Ini, Key, Least, LinuxCncConfig, STATE_BYTES, State,
 };
 use volcomp_vocabulary::AxisName;
 
+const KEY: Key = Key::new([1; 16]);
+
 fuzz_target!(|bytes: &[u8]| {
-    if let Ok(state) = State::decode(bytes) {
+    let with_code = [bytes, &KEY.mac(bytes)].concat();
+    if let Ok(state) = State::decode(&with_code, &KEY) {
         let mut again = [0; STATE_BYTES];
-        let length = state.encode(&mut again);
-        assert_eq!(State::decode(&again[..length]), Ok(state));
+        let length = state.encode(&KEY, &mut again);
+        assert_eq!(State::decode(&again[..length], &KEY), Ok(state));
     }
-    if let Ok(command) = Command::decode(bytes) {
+    if let Ok(command) = Command::decode(&with_code, &KEY) {
         let mut again = [0; COMMAND_BYTES];
-        let length = command.encode(&mut again);
-        assert_eq!(Command::decode(&again[..length]), Ok(command));
+        let length = command.encode(&KEY, &mut again);
+        assert_eq!(Command::decode(&again[..length], &KEY), Ok(command));
     }
     let control = LinuxCncConfig {
         host: "127.0.0.1".to_owned(),
         port: 47_001,
+        key: KEY,
         remote: false,
         channel: "linuxcnc".to_owned(),
         machine: 1,

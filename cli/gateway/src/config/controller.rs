@@ -1,11 +1,6 @@
 //! The tables `[[controller]]` and `[[thermometer]]`.
 
-use std::{
-    collections::BTreeMap,
-    ops::RangeInclusive,
-    path::{Path, PathBuf},
-    time::Duration,
-};
+use std::{collections::BTreeMap, ops::RangeInclusive, path::Path, time::Duration};
 
 use volcomp_devices::{Address, Scheme};
 use volcomp_digital_io::{
@@ -18,8 +13,8 @@ use volcomp_port::ShownStates;
 use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement, MAX_AXES};
 
 use super::{
-    AreaConfig, BarrierConfig, ControllerConfig, ControllerKind, DigitalConfig, ThermometerConfig,
-    is_blank, kinds, sinumerik,
+    AreaConfig, BarrierConfig, ControllerConfig, ControllerKind, DigitalConfig, LinuxCncTable,
+    ThermometerConfig, is_blank, kinds, sinumerik,
 };
 
 pub(super) fn controller(
@@ -110,18 +105,21 @@ pub(super) fn controller(
             .transpose()?
             .unwrap_or_default(),
         sinumerik: table,
-        ini: ini(section, folder)?,
+        linuxcnc: linuxcnc(section, folder)?,
     })
 }
 
-/// The INI file of the table `linuxcnc`.
-fn ini(section: &Section<'_>, folder: &Path) -> Result<Option<PathBuf>, InputError> {
+/// The files of the table `linuxcnc`.
+fn linuxcnc(section: &Section<'_>, folder: &Path) -> Result<LinuxCncTable, InputError> {
     let Some(table) = section.section("linuxcnc")? else {
-        return Ok(None);
+        return Ok(LinuxCncTable::default());
     };
-    table.allow(&["ini"])?;
-    let file = table.require("ini")?;
-    Ok(Some(folder.join(file.text()?)))
+    table.allow(&["key_file", "ini"])?;
+    let file = |value: &Value<'_>| Ok(folder.join(value.text()?));
+    Ok(LinuxCncTable {
+        key_file: table.optional("key_file", file)?,
+        ini: table.optional("ini", file)?,
+    })
 }
 
 /// The words of the shifts, `{ pmc = "R", first = 100, width = 2 }`.

@@ -47,7 +47,7 @@ pub const CONTROLLER_KEYS: [(&str, &[ControllerKind]); 21] = [
 ];
 
 /// The keys that a controller which is only read can use.
-const KEYS_OF_A_READER: [&str; 7] = [
+const KEYS_OF_A_READER: [&str; 8] = [
     "url",
     "axes",
     "reads",
@@ -55,6 +55,7 @@ const KEYS_OF_A_READER: [&str; 7] = [
     "unseen",
     "digital",
     "sinumerik",
+    "linuxcnc",
 ];
 
 /// Refuses keys about corrections at a controller that writes none.

@@ -144,7 +144,16 @@ pub struct ControllerConfig {
     pub digital: DigitalConfig,
     /// SINUMERIK: how the server is reached, and its nodes.
     pub sinumerik: SinumerikTable,
-    /// LinuxCNC: the INI file of the control, which `check` looks through.
+    /// LinuxCNC: the files that gateway and control share.
+    pub linuxcnc: LinuxCncTable,
+}
+
+/// The table `linuxcnc` of a `[[controller]]`.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct LinuxCncTable {
+    /// The file with the key that the bridge has, too.
+    pub key_file: Option<PathBuf>,
+    /// The INI file of the control, which `check` reads.
     pub ini: Option<PathBuf>,
 }
 

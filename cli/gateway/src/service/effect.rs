@@ -51,6 +51,7 @@ mod tests {
             (State::Faulted(Cause::DoesNotStick), [false, true, false]),
             (State::Faulted(Cause::Contradiction), [false, true, false]),
             (State::Faulted(Cause::BeyondLimit), [false, true, false]),
+            (State::Faulted(Cause::OtherGateway), [false, true, false]),
         ];
         for (state, expected) in table {
             let found = [arm, disarm, acknowledge].map(|request| has_taken(request, state));

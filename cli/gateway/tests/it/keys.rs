@@ -46,7 +46,7 @@ fn value(key: &str, kind: ControllerKind) -> (&'static str, &'static str) {
         "heartbeat" => ("{ pmc = \"R\", at = 120 }", "X"),
         "referenced" => ("false", "X"),
         "sinumerik" => ("{ numbers = [1] }", "X"),
-        "linuxcnc" => ("{ ini = \"mill.ini\" }", "X"),
+        "linuxcnc" => ("{ key_file = \"volcomp.key\", ini = \"mill.ini\" }", "X"),
         "digital" => ("{ position_bits = 8 }", "X"),
         "unseen" => ("[\"alarm\", \"referenced\"]", "X"),
         other => panic!("no value for the key {other}"),
@@ -133,6 +133,7 @@ fn a_controller_that_is_only_read_has_no_keys_about_corrections() {
                 "unseen",
                 "digital",
                 "sinumerik",
+                "linuxcnc",
             ];
             if reads.contains(&key) || !kinds.contains(&kind) {
                 continue;

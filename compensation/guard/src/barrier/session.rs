@@ -8,7 +8,7 @@ pub enum Seen {
     /// The control's scans did not move on since the last report, or this one is from before it: it says nothing new.
     Old,
     /// Another sender holds the control, or this one did before its restart: nothing may be sent until the control's
-    /// time-out has set it free.
+    /// time-out has set it free. Also where the number is that of this sender, which has not sent that sequence in that epoch.
     Held {
         /// The number of the other sender.
         owner: u16,
@@ -34,6 +34,9 @@ pub struct Answered {
     pub sequence: u16,
 }
 
+/// The number of epochs whose frames a sender remembers: a report that was late is of one of these.
+const MOST_EPOCHS: usize = 4;
+
 /// What a sender knows of a barrier.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Session {
@@ -43,6 +46,9 @@ pub struct Session {
     pub last: Option<Answered>,
     /// Epoch and sequence of the last frame.
     pub sent: Option<(u16, u16)>,
+    /// The newest sequence of this sender's frames in each of the last epochs in which it sent any, by whatever path. Each epoch is
+    /// there once.
+    pub own: [Option<(u16, u16)>; MOST_EPOCHS],
 }
 
 impl Session {
@@ -54,6 +60,7 @@ impl Session {
             owner: owner.max(1),
             last: None,
             sent: None,
+            own: [None; MOST_EPOCHS],
         }
     }
 
@@ -72,7 +79,7 @@ impl Session {
         {
             return Seen::Old;
         }
-        if owner != 0 && owner != self.owner {
+        if owner != 0 && (owner != self.owner || !self.has_sent(epoch, sequence)) {
             self.last = None;
             self.sent = None;
             return Seen::Held { owner };
@@ -86,6 +93,38 @@ impl Session {
         Seen::Confirmed {
             landed: owner == self.owner && self.sent == Some((epoch, sequence)),
             epoch_began,
+        }
+    }
+
+    /// Records a frame of this sender, also one that went by another path.
+    pub fn sends(&mut self, epoch: u16, sequence: u16) {
+        if let Some((_, newest)) = self.own.iter_mut().flatten().find(|own| own.0 == epoch) {
+            if is_ahead(sequence, *newest) {
+                *newest = sequence;
+            }
+            return;
+        }
+        // The oldest epoch makes room, unless it is newer than this one.
+        let mut oldest = 0;
+        for place in 1..MOST_EPOCHS {
+            oldest = match (self.own[place], self.own[oldest]) {
+                (None, Some(_)) => place,
+                (Some((epoch, _)), Some((other, _))) if is_ahead(other, epoch) => place,
+                _ => oldest,
+            };
+        }
+        if self.own[oldest].is_none_or(|(known, _)| is_ahead(epoch, known)) {
+            self.own[oldest] = Some((epoch, sequence));
+        }
+    }
+
+    /// Whether this sender has sent this sequence in this epoch, as far as it remembers: frames that were lost count, and so does
+    /// what is older than all epochs that it remembers.
+    fn has_sent(&self, epoch: u16, sequence: u16) -> bool {
+        let mut own = self.own.iter().flatten();
+        match own.clone().find(|own| own.0 == epoch) {
+            Some((_, newest)) => !is_ahead(sequence, *newest),
+            None => own.clone().next().is_some() && !own.any(|(known, _)| is_ahead(epoch, *known)),
         }
     }
 
@@ -104,6 +143,7 @@ impl Session {
         } = self.last?;
         let sequence = sequence.wrapping_add(1);
         self.sent = Some((epoch, sequence));
+        self.sends(epoch, sequence);
         Some(Frame {
             epoch,
             tick,

@@ -6,7 +6,7 @@ use volcomp_vocabulary::PerChannel;
 
 use super::Guard;
 use crate::{
-    Inputs, Known, Reading, Reasons, ceiling,
+    Inputs, Known, Reading, Reasons, Scheme, ceiling,
     read_back::are_equal,
     state::{Facts, Phase, State},
 };
@@ -55,6 +55,8 @@ impl Guard {
             unconfirmed,
             does_not_land,
             beyond: values.as_ref().is_some_and(beyond),
+            other_gateway: known.scheme == Scheme::Barrier
+                && known.reasons.contains(Reasons::OTHER_GATEWAY),
             changed,
             took_over: false,
             forbidden: !is_number

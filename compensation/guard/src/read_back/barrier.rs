@@ -194,6 +194,16 @@ impl BarrierLink {
         Some(frame.encode(&settings, words))
     }
 
+    /// Epoch and sequence of the last frame.
+    pub(super) fn last_frame(&self) -> Option<(u16, u16)> {
+        self.session.sent
+    }
+
+    /// A frame of this gateway went by another path.
+    pub(super) fn also_sent(&mut self, (epoch, sequence): (u16, u16)) {
+        self.session.sends(epoch, sequence);
+    }
+
     /// The scans may take as long as is accepted, and the last frame as long as the path.
     pub(super) fn zero_by_itself(&self, limits: &Limits) -> Option<Duration> {
         let settings = self.settings?;

@@ -232,6 +232,22 @@ impl ReadBack {
         }
     }
 
+    /// Epoch and sequence of the last frame to a barrier.
+    #[must_use]
+    pub fn last_frame(&self) -> Option<(u16, u16)> {
+        match &self.kind {
+            Kind::Barrier(link) => link.last_frame(),
+            Kind::Echo(_) | Kind::NoReadBack(_) => None,
+        }
+    }
+
+    /// A frame with this epoch and sequence went to the barrier by another path of this gateway.
+    pub fn also_sent(&mut self, frame: (u16, u16)) {
+        if let Kind::Barrier(link) = &mut self.kind {
+            link.also_sent(frame);
+        }
+    }
+
     /// A correction (mm, rad) was sent; `ok`: without a failure. One that failed may have landed all the same, except on
     /// lines, where a write that failed does not count.
     pub fn sent(&mut self, now: Duration, values: &PerChannel<f64>, ok: bool) {

@@ -57,6 +57,7 @@ fn random_changes_of_limits_are_no_fault() {
         let mut world = World::in_motion(late, random.random_range(20..150));
         let takes_over = seed % 2 == 1;
         let mut standby = ReadBack::barrier(BarrierLink::new(99, MACHINE, layout(), SCAN));
+        standby.also_sent(world.read_back.last_frame().expect("it moves"));
         // What was on its way when a stop began has landed, and moved the axis.
         let settled = 2 * late + 6;
         let (mut word, mut written) = (Some(world.guard.output()[0]), 0);
@@ -96,12 +97,17 @@ fn random_changes_of_limits_are_no_fault() {
                 _ => {}
             }
             let output = world.cycle_after(PERIOD, request);
+            if let Some(frame) = world.read_back.last_frame() {
+                standby.also_sent(frame);
+            }
             let case = format!(
                 "seed {seed}, {late} late, cycle {cycle}, {:?}",
                 output.state
             );
             let beyond = State::Faulted(Cause::BeyondLimit);
             assert_ne!(output.state, beyond, "{case}");
+            let other = State::Faulted(Cause::OtherGateway);
+            assert_ne!(output.state, other, "{case}: there is one gateway");
             if output.write {
                 let now = output.correction[0];
                 let change = word.map_or(0.0, |word| (now - word).abs());

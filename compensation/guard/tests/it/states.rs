@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{Cause, Guard, LimitsError, Quantity, ReadBack, Reasons, Request, State};
+use volcomp_guard::{
+    Cause, Guard, LimitsError, Quantity, ReadBack, Reasons, Request, State, barrier::Barrier,
+};
 use volcomp_vocabulary::PerChannel;
 
 use crate::world::{PERIOD, STEP, World, axes, limits};
@@ -387,6 +389,49 @@ fn disarming_takes_no_other_gateways_correction_out() {
     world.request(Request::Disarm);
     assert_eq!(world.run(2 * SECOND).state, State::Disarmed);
     assert_eq!(world.applied, PerChannel::ZERO);
+}
+
+/// The barrier has accepted what this gateway has not sent: another owner, its own number with a later sequence, its own number in an
+/// epoch in which it has sent nothing. Otherwise it would ramp in again and again on what another program writes.
+#[test]
+fn what_another_gateway_sent_is_a_fault_until_it_is_gone() {
+    for (owner, ahead, epochs) in [(5, 0, 0), (99, 2, 0), (99, 30_000, 0), (99, 0, 1)] {
+        for disarms in [false, true] {
+            let mut world = World::guarded(&limits());
+            world.request(Request::Arm);
+            assert_eq!(world.run(2 * SECOND).state, State::Compensating);
+            if disarms {
+                assert_eq!(world.request(Request::Disarm).state.name(), "ramping-out");
+            }
+            let barrier = world.barrier.as_mut().expect("a barrier");
+            let (settings, mut memory) = (barrier.report().settings, barrier.memory());
+            memory.owner = owner;
+            memory.sequence = memory.sequence.wrapping_add(ahead);
+            memory.epoch += epochs;
+            *barrier = Barrier::resume(settings, memory).expect("good settings");
+            let seen = world.run(PERIOD);
+            assert_eq!(
+                seen.state,
+                State::Faulted(Cause::OtherGateway),
+                "{owner} {ahead} {epochs}"
+            );
+            assert!(seen.reasons.contains(Reasons::OTHER_GATEWAY));
+            assert!(!seen.write, "who reads another's does not send");
+            let kept = world.request(Request::Acknowledge).state;
+            assert_eq!(
+                kept,
+                State::Faulted(Cause::OtherGateway),
+                "it is still there"
+            );
+            // The other one falls silent: the barrier goes to zero by itself.
+            let gone = world.run(2 * SECOND);
+            assert_eq!(gone.state, State::Faulted(Cause::OtherGateway));
+            assert_eq!(world.applied, PerChannel::ZERO);
+            assert_eq!(world.request(Request::Acknowledge).state, State::Disarmed);
+            world.request(Request::Arm);
+            assert_eq!(world.run(2 * SECOND).state, State::Compensating);
+        }
+    }
 }
 
 /// A correction beyond the limit that a person has let out: on another path it was a fault again, in which it stayed.

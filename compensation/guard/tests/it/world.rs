@@ -218,7 +218,10 @@ impl World {
         let link = BarrierLink::new(99, MACHINE, layout(), SCAN);
         let places = same_places();
         self.guard.take_path(*limits, &places).expect("good limits");
-        self.read_back = ReadBack::barrier(link);
+        let before = std::mem::replace(&mut self.read_back, ReadBack::barrier(link));
+        if let Some(frame) = before.last_frame() {
+            self.read_back.also_sent(frame);
+        }
     }
 
     pub(crate) fn known(&self) -> &Known {

@@ -7,11 +7,15 @@ mod problem;
 pub use numbers::Least;
 pub use problem::Problem;
 
-use std::path::{Path, PathBuf};
+use std::{
+    io::ErrorKind,
+    path::{Path, PathBuf},
+};
 
+use volcomp_document::PrivateError;
 use volcomp_vocabulary::AxisKind;
 
-use crate::{LinuxCncConfig, PORT};
+use crate::{Key, KeyError, LinuxCncConfig, PORT};
 
 /// An INI file of LinuxCNC: sections, keys and values as they are written.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -38,7 +42,7 @@ pub struct Expected<'a> {
 const BRIDGE: &str = "volcomp.tcl";
 
 /// The keys of the bridge's section, as `volcomp.tcl` has them.
-const KEYS: [&str; 14] = [
+const KEYS: [&str; 15] = [
     "MACHINE",
     "AXES",
     "READS",
@@ -53,6 +57,7 @@ const KEYS: [&str; 14] = [
     "HOLD_MS",
     "TIME_OUT_MS",
     "EPOCH_FILE",
+    "KEY_FILE",
 ];
 
 /// The most joints that LinuxCNC has.
@@ -161,6 +166,7 @@ impl Ini {
         self.unknown(&mut problems);
         self.behind_the_display(&mut problems);
         self.bridge(expected, &mut problems);
+        self.key(expected, &mut problems);
         self.reads(expected, &mut problems);
         self.shares(expected, &mut problems);
         self.joints(&mut problems);
@@ -185,6 +191,24 @@ impl Ini {
             if section == "VOLCOMP" && !KEYS.contains(&key.as_str()) {
                 let (key, known) = (key.clone(), KEYS.join(", "));
                 problems.push(Problem::Unknown { key, known });
+            }
+        }
+    }
+
+    /// The key of the bridge is that of the gateway. One that belongs to another account cannot be compared.
+    fn key(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
+        let Some(folder) = &self.folder else {
+            return;
+        };
+        let file = folder.join(self.get("VOLCOMP", "KEY_FILE").unwrap_or("volcomp.key"));
+        match Key::read(&file) {
+            Ok(key) if key == expected.control.key => {}
+            Ok(_) => problems.push(Problem::OtherKey { file }),
+            Err(KeyError::Private(PrivateError::Read { source, .. }))
+                if source.kind() == ErrorKind::PermissionDenied => {}
+            Err(error) => {
+                let reason = error.to_string();
+                problems.push(Problem::Key { reason });
             }
         }
     }

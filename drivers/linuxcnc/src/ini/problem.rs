@@ -1,5 +1,7 @@
 //! What can be wrong with an INI file.
 
+use std::path::PathBuf;
+
 use volcomp_vocabulary::AxisName;
 
 use super::{BRIDGE, MOST_JOINTS};
@@ -115,6 +117,18 @@ pub enum Problem {
         key: String,
         /// The keys that there are.
         known: String,
+    },
+    /// The bridge has another key than the gateway.
+    #[error("[VOLCOMP]KEY_FILE: {}: found another key than the gateway's", .file.display())]
+    OtherKey {
+        /// The file with the key of the bridge.
+        file: PathBuf,
+    },
+    /// The key of the bridge is missing, or is not one.
+    #[error("[VOLCOMP]KEY_FILE: {reason}; expected a copy of the gateway's key")]
+    Key {
+        /// The file and what is wrong with it.
+        reason: String,
     },
     /// A file that is included cannot be read.
     #[error("#INCLUDE {file}: {reason}; expected a file that can be looked through")]

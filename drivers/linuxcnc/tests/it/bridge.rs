@@ -12,12 +12,15 @@ use std::{
 
 use volcomp_guard::barrier::{Barrier, Counts, Layout, REPORT_WORDS, Settings};
 use volcomp_linuxcnc::{
-    AxisState, COMMAND_BYTES, Command, Content, Flags, LinuxCncConfig, STATE_BYTES, State,
+    AxisState, COMMAND_BYTES, Command, Content, Flags, Key, LinuxCncConfig, STATE_BYTES, State,
 };
 use volcomp_port::Words;
 use volcomp_vocabulary::{AxisName, PerChannel};
 
 pub(crate) const MACHINE: u16 = 7;
+/// The same key as bytes and as a file has it.
+pub(crate) const KEY: Key = Key::new(*b"klmnopqrstuvwxyz");
+pub(crate) const KEY_TEXT: &str = "6b6c6d6e6f707172737475767778797a\n";
 pub(crate) const AXES: [AxisName; 2] = [AxisName::X, AxisName::C];
 
 pub(crate) fn settings() -> Settings {
@@ -99,7 +102,7 @@ impl Bridge {
             while !stop.load(Ordering::Relaxed) {
                 let mut frame = None;
                 if let Ok((length, from)) = socket.recv_from(&mut bytes)
-                    && let Ok(command) = Command::decode(&bytes[..length])
+                    && let Ok(command) = Command::decode(&bytes[..length], &KEY)
                 {
                     // States are told to everybody, and frames of another machine are not taken.
                     match command.content {
@@ -122,7 +125,7 @@ impl Bridge {
                 let report = Words::new(&words[..length]).unwrap();
                 let state = state(&told, sequence, start.elapsed(), report);
                 let mut out = [0; STATE_BYTES];
-                let length = state.encode(&mut out);
+                let length = state.encode(&KEY, &mut out);
                 if let Some(peer) = peer.filter(|_| !told.silent) {
                     let _ = socket.send_to(&out[..length], peer);
                 }
@@ -141,6 +144,7 @@ impl Bridge {
         LinuxCncConfig {
             host: self.address.ip().to_string(),
             port: self.address.port(),
+            key: KEY,
             remote: false,
             channel: "linuxcnc".to_owned(),
             machine: MACHINE,

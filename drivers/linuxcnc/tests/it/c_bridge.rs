@@ -12,7 +12,7 @@ use std::{
 use proptest::prelude::*;
 use tempfile::TempDir;
 use volcomp_guard::barrier::{Barrier, Counts, FRAME_WORDS, Frame, Layout, REPORT_WORDS, Report};
-use volcomp_linuxcnc::{Flags, State};
+use volcomp_linuxcnc::{Flags, Key, State};
 use volcomp_vocabulary::{AxisName, PerChannel};
 
 use crate::{
@@ -30,6 +30,9 @@ fn bridge() -> Option<&'static Path> {
     });
     built.as_ref().map(|(_, program)| program.as_path())
 }
+
+/// That of a component which has read none.
+const NO_KEY: Key = Key::new([0; 16]);
 
 pub(crate) struct Run {
     _child: Ended,
@@ -83,7 +86,7 @@ impl Said {
 
 impl Run {
     /// The bridge; `None` where there is no compiler.
-    fn new() -> Option<Self> {
+    pub(crate) fn new() -> Option<Self> {
         Some(Self::of(&mut Command::new(bridge()?)))
     }
 
@@ -153,7 +156,7 @@ impl Run {
         Said {
             holds: holds == "1",
             counts: counts.parse().unwrap(),
-            state: State::decode(&bytes).unwrap(),
+            state: State::decode(&bytes, &NO_KEY).unwrap(),
             probed: probed.parse().unwrap(),
         }
     }

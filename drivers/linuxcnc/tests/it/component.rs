@@ -2,11 +2,14 @@
 
 use std::{
     fmt::Write as _,
+    os::unix::fs::PermissionsExt as _,
     path::{Path, PathBuf},
     process::{Child, Command},
 };
 
 use volcomp_test_support::peers;
+
+use crate::bridge::KEY_TEXT;
 
 /// The pins, parameters and includes of a component in C, as halcompile declares them.
 fn pins(head: &str) -> String {
@@ -70,6 +73,18 @@ pub(crate) fn built(dir: &Path, driver: &str, sanitize: &str) -> Option<PathBuf>
         String::from_utf8_lossy(&cc.stderr)
     );
     Some(program)
+}
+
+/// A file with the key of the tests.
+pub(crate) fn key_file(dir: &Path) -> PathBuf {
+    let file = dir.join("volcomp.key");
+    write_key(&file, KEY_TEXT, 0o600);
+    file
+}
+
+pub(crate) fn write_key(file: &Path, text: &str, mode: u32) {
+    std::fs::write(file, text).unwrap();
+    std::fs::set_permissions(file, std::fs::Permissions::from_mode(mode)).unwrap();
 }
 
 /// A program that ends with the test, however that ends.

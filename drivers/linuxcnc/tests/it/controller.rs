@@ -11,7 +11,7 @@ use volcomp_linuxcnc::{Flags, LinuxCncConfig, LinuxCncController, STATE_BYTES};
 use volcomp_port::{Controller, DeviceError, Fault, Snapshot, Words, contract};
 use volcomp_vocabulary::{AxisName, Displacement, Mm, PerChannel};
 
-use crate::bridge::{Bridge, MACHINE, Told, settings, state};
+use crate::bridge::{Bridge, KEY, MACHINE, Told, settings, state};
 
 fn soon() -> Instant {
     Instant::now() + Duration::from_secs(5)
@@ -206,7 +206,7 @@ fn late_doubled_and_waiting_states_are_told_apart() {
             stuck: false,
         };
         let mut bytes = [0; STATE_BYTES];
-        let length = state(&told, sequence, time, Words::EMPTY).encode(&mut bytes);
+        let length = state(&told, sequence, time, Words::EMPTY).encode(&KEY, &mut bytes);
         socket.send_to(&bytes[..length], to).unwrap();
     };
     let base = Duration::from_secs(100);

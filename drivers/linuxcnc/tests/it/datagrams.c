@@ -15,8 +15,8 @@ int main(int count, char **arguments) {
     struct sockaddr_in own;
     socklen_t size = sizeof own;
     int at_start[MOST_AXES] = {0}, shall_hold, tick, many;
-    if (count != 2 || scanf("%15s", letters) != 1) return 3;
-    axes = letters; epoch_file = arguments[1]; port = 0; joints = 1;
+    if (count != 3 || scanf("%15s", letters) != 1) return 3;
+    axes = letters; epoch_file = arguments[1]; key_file = arguments[2]; port = 0; joints = 1;
     many = strlen(letters);
     machine = number(); step_scans = number(); hold_scans = number(); time_out_scans = number(); tick = number();
     for (int i = 0; i < many; i++) { limit[i] = number(); step[i] = 1; }

@@ -3,10 +3,16 @@
 use volcomp_linuxcnc::{Expected, Ini, Least, LinuxCncConfig, PORT};
 use volcomp_vocabulary::AxisName;
 
+use crate::{
+    bridge::{KEY, KEY_TEXT},
+    component::{key_file, write_key},
+};
+
 pub(crate) fn control() -> LinuxCncConfig {
     LinuxCncConfig {
         host: "127.0.0.1".to_owned(),
         port: PORT,
+        key: KEY,
         remote: false,
         channel: "linuxcnc".to_owned(),
         machine: 1,
@@ -37,6 +43,7 @@ pub(crate) fn mill() -> String {
 /// The same of a file, with those that it names beside it.
 fn told_of(file: &std::path::Path, text: &str) -> Vec<String> {
     std::fs::write(file, text).unwrap();
+    key_file(file.parent().unwrap());
     let problems = Ini::read(file).unwrap().problems(&expected(&control()));
     problems.iter().map(ToString::to_string).collect()
 }
@@ -311,5 +318,52 @@ proptest::proptest! {
     #[test]
     fn any_text_is_read(text in "(?s).{0,300}") {
         let _ = told(&text);
+    }
+}
+
+/// The bridge has the gateway's key.
+#[test]
+fn another_key_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let (file, key) = (dir.path().join("mill.ini"), dir.path().join("other.key"));
+    std::fs::write(
+        &file,
+        mill().replace("[VOLCOMP]\n", "[VOLCOMP]\nKEY_FILE = other.key\n"),
+    )
+    .unwrap();
+    let told = || {
+        let problems = Ini::read(&file).unwrap().problems(&expected(&control()));
+        let told: Vec<String> = problems.iter().map(ToString::to_string).collect();
+        told.join("\n")
+            .replace(&dir.path().display().to_string(), "DIR")
+    };
+    assert_eq!(
+        told(),
+        "[VOLCOMP]KEY_FILE: DIR/other.key: No such file or directory (os error 2); expected a copy of the gateway's key"
+    );
+    for (text, mode, says) in [
+        (KEY_TEXT, 0o600, ""),
+        (
+            "00112233445566778899aabbccddeeff",
+            0o600,
+            "[VOLCOMP]KEY_FILE: DIR/other.key: found another key than the gateway's",
+        ),
+        (
+            KEY_TEXT,
+            0o644,
+            "[VOLCOMP]KEY_FILE: DIR/other.key: found mode 644, expected 600",
+        ),
+        (
+            "secret",
+            0o600,
+            "[VOLCOMP]KEY_FILE: DIR/other.key: expected 32 hexadecimal digits",
+        ),
+    ] {
+        write_key(&key, text, mode);
+        let told = told();
+        assert!(
+            told.starts_with(says) && told.is_empty() == says.is_empty(),
+            "{told}"
+        );
     }
 }

@@ -10,6 +10,7 @@ mod controller;
 mod frames;
 mod fuzz_corpus;
 mod ini;
+mod key;
 mod servo_barrier;
 mod settings;
 

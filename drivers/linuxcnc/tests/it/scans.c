@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: GPL-2.0-or-later */
 /* The component without its socket, beside a LinuxCNC that does what the test says. A datagram is caught where it would be sent.
    Lines on standard input: `epoch PATH`, `set ...`, `at ...` (the requests, in counts), `disk 0|1` (whether the epoch can be written
-   down), `scan ...`; an answer to each. */
+   down), `key PATH` (0: it was read), `mac BYTES` (their code), `scan ...`; an answer to each. */
 #include "component.h"
 
 static int disk = 1;
@@ -17,7 +17,6 @@ static long caught(const uint8_t *bytes, long length) {
 int main(void) {
     static char line[8192], letters[16], file[4096];
     int old[9] = {0}, was = 0, size = 1;
-    fill_crc_table();
     while (fgets(line, sizeof line, stdin)) {
         if (line[0] == 'e') {
             sscanf(line, "epoch %4095s", file); epoch_file = file;
@@ -27,6 +26,13 @@ int main(void) {
             sscanf(line, "set %15s %d %d %d %d %d %d %d %d %d %d", letters, &machine, &step_scans, &hold_scans, &time_out_scans, &kept, &size, &limit[0], &limit[1], &rate[0], &rate[1]);
             axes = letters; joints = 1; kept_epoch = stored_epoch = kept; step[0] = step[1] = size;
             printf("%d\n", axes_fit() && settings_fit());
+        } else if (line[0] == 'k') {
+            sscanf(line, "key %4095s", file); key_file = file;
+            printf("%d\n", read_key());
+        } else if (line[0] == 'm') {
+            uint8_t bytes[1024]; int length = 0;
+            for (unsigned byte; sscanf(line + 4 + 2 * length, "%2x", &byte) == 1;) bytes[length++] = byte;
+            printf("%016llx\n", (unsigned long long)mac(bytes, length));
         } else if (line[0] == 'd') {
             sscanf(line, "disk %d", &disk);
             printf("0\n");

@@ -16,7 +16,8 @@ use volcomp_port::Words;
 use volcomp_vocabulary::PerChannel;
 
 use crate::{
-    component::{Ended, MEMORY, THREADS, built},
+    bridge::KEY,
+    component::{Ended, MEMORY, THREADS, built, key_file},
     frames::{Post, boxes_of, posts, settings},
 };
 
@@ -59,10 +60,10 @@ fn cases() -> impl Strategy<Value = Case> {
         )
 }
 
-/// A gateway's socket: sends, and hears the states.
+/// A gateway's socket: sends, and receives the states. State: run and sequence of the last one.
 struct Sender {
     socket: UdpSocket,
-    sequence: u32,
+    answers: [u32; 2],
 }
 
 impl Sender {
@@ -74,29 +75,30 @@ impl Sender {
             .unwrap();
         Self {
             socket,
-            sequence: 0,
+            answers: [0; 2],
         }
     }
 
     fn send(&mut self, machine: u16, words: Option<&Vec<u16>>) {
-        self.sequence += 1;
         let content = words.map_or(Content::Listen, |words| {
             Content::Frame(Words::new(words).unwrap())
         });
         let command = linuxcnc::Command {
             machine,
-            sequence: self.sequence,
+            answers: self.answers,
             content,
         };
         let mut bytes = [0; COMMAND_BYTES];
-        let length = command.encode(&mut bytes);
+        let length = command.encode(&KEY, &mut bytes);
         self.socket.send(&bytes[..length]).unwrap();
     }
 
-    fn hear(&self) -> State {
+    fn hear(&mut self) -> State {
         let mut bytes = [0; STATE_BYTES + 1];
         let length = self.socket.recv(&mut bytes).unwrap();
-        State::decode(&bytes[..length]).unwrap()
+        let state = State::decode(&bytes[..length], &KEY).unwrap();
+        self.answers = [state.run, state.sequence];
+        state
     }
 }
 
@@ -110,6 +112,7 @@ fn same(program: &Path, dir: &Path, case: &Case) -> Result<[usize; 2], TestCaseE
     let mut child = Ended(
         Command::new(program)
             .arg(&epoch_file)
+            .arg(key_file(dir))
             // It is not the component's memory that the system's libraries keep to the end.
             .env("ASAN_OPTIONS", "detect_leaks=0")
             .stdin(Stdio::piped())
@@ -137,7 +140,16 @@ fn same(program: &Path, dir: &Path, case: &Case) -> Result<[usize; 2], TestCaseE
     .unwrap();
     let port: u16 = answers.next().unwrap().unwrap().parse().unwrap();
     let mut senders = [Sender::new(port), Sender::new(port)];
-    let (mut scan, mut counts) = (0, [0; 2]);
+    // What answers no state gets one: the first scan takes no frame.
+    for sender in &mut senders {
+        sender.send(s.machine, None);
+    }
+    writeln!(asks, "0").unwrap();
+    answers.next().unwrap().unwrap();
+    barrier.scan(&[], true);
+    let first = senders.each_mut().map(Sender::hear);
+    prop_assert_eq!(first[0], first[1]);
+    let (mut scan, mut counts) = (1, [0; 2]);
     for (shall_hold, first, second, times) in &case.scans {
         for repeat in 0..*times {
             let last = barrier.report();
@@ -213,6 +225,7 @@ fn no_thread_of_the_component_races_another() {
     let run = |command: &mut Command| {
         let mut child = command
             .arg(dir.path().join("epoch"))
+            .arg(key_file(dir.path()))
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())

@@ -202,7 +202,7 @@ fn units_are_judged_by_one_rule() {
 fn unknown_keys_are_reported_by_check_and_the_hal_file() {
     let ini = mill().replace("[VOLCOMP]\n", "[VOLCOMP]\nHOLDMS = 50\n");
     assert_ne!(ini, mill());
-    let keys = "MACHINE, AXES, READS, PORT, LISTEN, STEP_NM, STEP_UDEG, LIMIT_UM, LIMIT_MDEG, RATE_UM_PER_S, RATE_MDEG_PER_S, HOLD_MS, TIME_OUT_MS, EPOCH_FILE";
+    let keys = "MACHINE, AXES, READS, PORT, LISTEN, STEP_NM, STEP_UDEG, LIMIT_UM, LIMIT_MDEG, RATE_UM_PER_S, RATE_MDEG_PER_S, HOLD_MS, TIME_OUT_MS, EPOCH_FILE, KEY_FILE";
     let says = format!("[VOLCOMP]HOLDMS: unknown key, expected one of {keys}");
     for (who, takes, said) in of_all(&ini) {
         assert!(!takes && said.contains(&says), "{who}: {said}");

@@ -19,7 +19,7 @@ fn in_joint_mode_nothing_is_asked_for() {
     let (text, errors, status) = said(&check(&config, &["--online"]));
     assert_eq!(status, Some(0), "{errors}");
     for line in [
-        "  protocol            version 1\n",
+        "  protocol            version 2\n",
         "  state               on, homed\n",
         "    oldest frame      100 ms\n",
         "    time-out          300 ms\n",
@@ -102,6 +102,11 @@ fn settings_that_do_not_fit_start_nothing() {
             "LIMIT_UM = 30",
             "LIMIT_UM = 40",
             "limit (LIMIT_UM, LIMIT_MDEG) of axis X: found 40000 counts, expected 1 to 32767",
+        ),
+        (
+            "LIMIT_UM = 30",
+            "LIMIT_UM = 30\nKEY_FILE = other.key",
+            "other.key cannot be read: No such file or directory",
         ),
     ] {
         let dir = tempfile::tempdir().expect("writable");

@@ -1,6 +1,6 @@
 //! `check` looks through the INI file of the control.
 
-use std::process::Command;
+use std::{os::unix::fs::PermissionsExt as _, process::Command};
 
 use volcomp_test_support::root;
 
@@ -18,6 +18,7 @@ fn check(from: &str, to: &str) -> (Option<i32>, String) {
         }
         std::fs::write(dir.path().join(file), text).expect("writable");
     }
+    super::key_file(dir.path());
     let output = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
         .args(["check", path(&dir.path().join("gateway.toml"))])
         .output()
@@ -70,9 +71,66 @@ fn check_names_what_is_missing_in_the_file() {
             "[JOINT_1]\n#INCLUDE comp.inc\n",
             "#INCLUDE comp.inc",
         ),
+        (
+            "LIMIT_UM = 30",
+            "LIMIT_UM = 30\nKEY_FILE = other.key",
+            "[VOLCOMP]KEY_FILE: ",
+        ),
     ] {
         let (status, said) = check(from, to);
         assert_eq!(status, Some(2), "{said}");
         assert!(said.contains(says) && said.contains("mill.ini"), "{said}");
+    }
+}
+
+/// A gateway without the key does not start, and `check` names what is wrong with the file.
+#[test]
+fn a_gateway_without_a_key_is_refused() {
+    let dir = tempfile::tempdir().expect("writable");
+    let config = super::configuration(dir.path(), super::PORT);
+    let run = |arguments: &[&str]| {
+        let output = Command::new(env!("CARGO_BIN_EXE_volcomp-gateway"))
+            .args(arguments)
+            .output()
+            .expect("it runs");
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        (output.status.code(), said)
+    };
+    let file = dir.path().join("volcomp.key");
+    let text = std::fs::read_to_string(&config).expect("written");
+    for (key, mode, table, says) in [
+        (Some("00"), 0o600, true, "expected 32 hexadecimal digits"),
+        (
+            Some("000102030405060708090a0b0c0d0e0f"),
+            0o644,
+            true,
+            "found mode 644, expected 600",
+        ),
+        (None, 0o600, true, "volcomp.key: No such file"),
+        (None, 0o600, false, "found no linuxcnc.key_file"),
+    ] {
+        match key {
+            Some(key) => {
+                std::fs::write(&file, key).expect("writable");
+                let mode = std::fs::Permissions::from_mode(mode);
+                std::fs::set_permissions(&file, mode).expect("ours");
+            }
+            None => _ = std::fs::remove_file(&file),
+        }
+        let line = "linuxcnc = { key_file = \"volcomp.key\" }\n";
+        assert!(text.contains(line), "{text}");
+        let with = if table {
+            text.clone()
+        } else {
+            text.replace(line, "")
+        };
+        std::fs::write(&config, with).expect("writable");
+        for arguments in [&["check", path(&config)], &["--config", path(&config)]] {
+            let (status, said) = run(arguments);
+            assert!(
+                status == Some(2) && said.contains(says),
+                "{says}: {status:?} {said}"
+            );
+        }
     }
 }

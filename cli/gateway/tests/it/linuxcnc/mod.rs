@@ -5,13 +5,17 @@ mod alone;
 mod creep;
 mod faults;
 mod ini;
+mod key;
 mod peer;
 mod tables;
 mod traps;
 mod trunnion;
 mod whole;
 
-use std::path::{Path, PathBuf};
+use std::{
+    os::unix::fs::PermissionsExt as _,
+    path::{Path, PathBuf},
+};
 
 use peer::{Cycle, LinuxCnc};
 
@@ -59,10 +63,19 @@ fn configuration_of(dir: &Path, port: u16, machine: &str) -> PathBuf {
     write_configuration(dir, port, machine, "")
 }
 
+/// The key of gateway and bridge.
+fn key_file(dir: &Path) {
+    let file = dir.join("volcomp.key");
+    std::fs::write(&file, "000102030405060708090a0b0c0d0e0f\n").expect("writable");
+    let own = std::fs::Permissions::from_mode(0o600);
+    std::fs::set_permissions(file, own).expect("ours");
+}
+
 /// One with further lines for its controller.
 fn write_configuration(dir: &Path, port: u16, machine: &str, more: &str) -> PathBuf {
     std::fs::write(dir.join("machine.toml"), machine).expect("writable");
     token_file(dir);
+    key_file(dir);
     let text = format!(
         r#"
 machine = "machine.toml"
@@ -80,6 +93,7 @@ test_shift_um = 0
 [[controller]]
 url = "linuxcnc://127.0.0.1:{port}"
 axes = ["X", "Y", "Z"]
+linuxcnc = {{ key_file = "volcomp.key" }}
 {more}[controller.barrier]
 machine = 1
 scan_ms = 1.0

@@ -17,6 +17,9 @@ use volcomp_test_support::root;
 /// How long LinuxCNC may take to start on a computer that is busy.
 const STARTS_WITHIN: Duration = Duration::from_secs(120);
 
+/// The user of the real-time part.
+const UID: u32 = 65_533;
+
 /// What takes longer hangs.
 const ANSWERS_WITHIN: Duration = Duration::from_secs(300);
 
@@ -74,6 +77,9 @@ impl LinuxCnc {
         let socket = dir.join("ui");
         let listener = UnixListener::bind(&socket).expect("writable");
         listener.set_nonblocking(true).expect("a socket");
+        super::key_file(dir);
+        // The real-time part refuses to run as root; nobody has this number. Root reads the key, too.
+        std::os::unix::fs::chown(dir.join("volcomp.key"), Some(UID), Some(UID)).expect("ours");
         let log = std::fs::File::create(dir.join("linuxcnc.log")).expect("writable");
         // Before it has real time, and where the computer is busy, its parts would wait for one another in vain: while it starts,
         // it loses commands to its own servo thread. Who may not do this starts it as it is.
@@ -90,8 +96,7 @@ impl LinuxCnc {
             .stdout(log.try_clone().expect("a file"))
             .stderr(log)
             .process_group(0);
-        // The real-time part refuses to run as root; nobody has this number.
-        command.env("RTAPI_UID", "65533");
+        command.env("RTAPI_UID", UID.to_string());
         let mut child = command.spawn().expect("linuxcnc");
         let end = Instant::now() + STARTS_WITHIN;
         let asks = loop {

@@ -63,6 +63,8 @@ enum Violation {
     TwoOwners,
     /// An axis moved by more than its rate, or stands beyond its limit.
     Step,
+    /// A sender has taken its own frame for that of another one.
+    OwnForOther,
 }
 
 struct Bounds {
@@ -184,11 +186,11 @@ fn acts(
     };
     for does in choices {
         let mut next = world.clone();
-        act(&mut next, place, *does, bounds);
+        let violation = act(&mut next, place, *does, bounds);
         next.air.sort_unstable();
         next.air.dedup();
         if next.air.len() <= bounds.air {
-            tell(next, None);
+            tell(next, violation);
         }
     }
 }
@@ -226,7 +228,8 @@ fn epoch_began(world: &mut World) {
     }
 }
 
-fn act(world: &mut World, place: usize, does: Does, bounds: &Bounds) {
+fn act(world: &mut World, place: usize, does: Does, bounds: &Bounds) -> Option<Violation> {
+    let mut violation = None;
     let owners = owners(world);
     let sender = &mut world.senders[place];
     match does {
@@ -242,7 +245,7 @@ fn act(world: &mut World, place: usize, does: Does, bounds: &Bounds) {
             });
         }
         Does::Reads | Does::Sends | Does::ReadsAndSends => {
-            let Some(sender) = sender else { return };
+            let sender = sender.as_mut()?;
             if does != Does::Sends {
                 let report = Barrier::resume(bounds.settings, world.barrier)
                     .expect("settings that make sense")
@@ -257,7 +260,11 @@ fn act(world: &mut World, place: usize, does: Does, bounds: &Bounds) {
                 };
                 match sender.session.read(&report) {
                     Seen::Confirmed { .. } => sender.knows = Some((0, false)),
-                    Seen::Held { .. } => sender.knows = None,
+                    Seen::Held { owner } => {
+                        sender.knows = None;
+                        violation =
+                            (owner == sender.session.owner).then_some(Violation::OwnForOther);
+                    }
                     Seen::Old => {}
                 }
             }
@@ -271,6 +278,7 @@ fn act(world: &mut World, place: usize, does: Does, bounds: &Bounds) {
             }
         }
     }
+    violation
 }
 
 fn owners(world: &World) -> HashSet<u16> {

@@ -1,6 +1,7 @@
 //! The barrier: single rules, random worlds, and every world within bounds.
 
 mod explored;
+mod foreign;
 mod frames;
 mod lines;
 mod mailboxes;

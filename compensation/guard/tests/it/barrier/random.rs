@@ -164,7 +164,11 @@ impl World {
         let sender = &mut self.senders[at];
         let begins = match sender.session.read(&report) {
             Seen::Old => return,
-            Seen::Held { .. } => {
+            Seen::Held { owner } => {
+                assert_ne!(
+                    owner, sender.session.owner,
+                    "it takes its own frame for that of another"
+                );
                 sender.output = None;
                 return;
             }

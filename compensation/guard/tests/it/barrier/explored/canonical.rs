@@ -104,6 +104,13 @@ pub(super) fn canonical(mut world: World, settings: &Settings) -> World {
     }
     for sender in world.senders.iter_mut().flatten() {
         sender.session.sent = None;
+        // What was sent in another epoch does not count any more: the first frame of this one is taken before it is reported.
+        for own in &mut sender.session.own {
+            *own = own
+                .filter(|(of, _)| *of == epoch)
+                .map(|(of, newest)| (epochs(of), sequences(newest)));
+        }
+        sender.session.own.sort_unstable();
         if let Some((age, _)) = &mut sender.knows {
             *age = (*age).min(bound);
         }

@@ -1,0 +1,206 @@
+//! Other programs on the control's computer: without the key they move nothing and shut nobody out, and one that has it is another
+//! gateway.
+
+use std::{
+    net::UdpSocket,
+    path::Path,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread::JoinHandle,
+    time::Duration,
+};
+
+use volcomp_guard::barrier::{FRAME_WORDS, Frame, Layout, Report};
+use volcomp_linuxcnc::{COMMAND_BYTES, Command, Content, Key, STATE_BYTES, State};
+use volcomp_port::Words;
+use volcomp_vocabulary::{AxisName, PerChannel};
+
+use super::{
+    MOST, PORT, alone::alone, corrected_at, gateway, no_jump, part, peer::LinuxCnc, residuals,
+    wait_corrected, wait_zero,
+};
+use crate::online::{check, said};
+
+alone!(key: without_the_key_nothing_moves_and_nobody_is_shut_out, a_program_with_the_key_is_another_gateway);
+
+const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
+/// Sockets that request states: many times the places that the bridge has.
+const LISTENERS: usize = 100;
+
+fn socket() -> UdpSocket {
+    let socket = UdpSocket::bind("127.0.0.1:0").expect("loopback");
+    socket.connect(("127.0.0.1", PORT)).expect("loopback");
+    let second = Some(Duration::from_secs(1));
+    socket.set_read_timeout(second).expect("a socket");
+    socket
+}
+
+fn encoded(answers: [u32; 2], content: Content, key: &Key) -> Vec<u8> {
+    let mut bytes = [0; COMMAND_BYTES];
+    let command = Command {
+        machine: 1,
+        answers,
+        content,
+    };
+    let length = command.encode(key, &mut bytes);
+    bytes[..length].to_vec()
+}
+
+/// A program that knows everything of the bridge, by its key, and sends frames under a key.
+struct Beside {
+    socket: UdpSocket,
+    key: Key,
+    last: Option<State>,
+}
+
+impl Beside {
+    fn new(dir: &Path) -> Self {
+        Self {
+            socket: socket(),
+            key: Key::read(&dir.join("volcomp.key")).expect("written"),
+            last: None,
+        }
+    }
+
+    fn answers(&self) -> [u32; 2] {
+        (self.last.as_ref()).map_or([0; 2], |state| [state.run, state.sequence])
+    }
+
+    /// The newest report of the barrier.
+    fn report(&mut self) -> Option<Report> {
+        let listen = encoded(self.answers(), Content::Listen, &self.key);
+        let _ = self.socket.send(&listen);
+        let mut bytes = [0; STATE_BYTES];
+        let length = self.socket.recv(&mut bytes).ok()?;
+        let state = State::decode(&bytes[..length], &self.key).expect("the bridge's");
+        let layout = Layout::of(AXES).expect("each once");
+        let report = Report::decode(1, layout, state.report.as_slice());
+        self.last = Some(state);
+        report
+    }
+
+    /// Asks for the whole limit of the bridge under the owner's number, as a frame that comes next.
+    fn send(&self, report: &Report, ahead: u16, key: &Key) {
+        let up = report.tick % 1000 < 500;
+        let frame = Frame {
+            epoch: report.epoch,
+            tick: report.tick,
+            sequence: report.sequence.wrapping_add(ahead),
+            owner: report.owner.max(1),
+            values: *PerChannel::leading([if up { 30_000 } else { -30_000 }; 3]),
+        };
+        let mut words = [0; FRAME_WORDS];
+        let length = frame.encode(&report.settings, &mut words);
+        let words = Words::new(&words[..length]).expect("few words");
+        let _ = self
+            .socket
+            .send(&encoded(self.answers(), Content::Frame(words), key));
+    }
+}
+
+/// Everything at once, until it ends.
+struct Attack {
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Attack {
+    fn start(dir: &Path) -> Self {
+        let stop = Arc::new(AtomicBool::new(false));
+        let stopped = Arc::clone(&stop);
+        let mut beside = Beside::new(dir);
+        let thread = std::thread::spawn(move || {
+            let other = Key::new([9; 16]);
+            let listeners: Vec<UdpSocket> = (0..LISTENERS).map(|_| socket()).collect();
+            // Right ones that were recorded are too old by the time they are sent again.
+            beside.report();
+            let recorded = encoded(beside.answers(), Content::Listen, &beside.key);
+            let mut round = 0_usize;
+            while !stopped.load(Ordering::Relaxed) {
+                if let Some(report) = beside.report() {
+                    beside.send(&report, 1, &other);
+                    beside.send(&report, 2, &other);
+                }
+                // Each 40 times a second.
+                for listener in listeners.iter().skip(round % 25).step_by(25) {
+                    let forged = encoded(beside.answers(), Content::Listen, &other);
+                    let _ = listener.send(&forged);
+                    let _ = listener.send(&recorded);
+                    // Bytes of any kind.
+                    let _ = listener.send(&recorded[..round % recorded.len()]);
+                }
+                round += 1;
+            }
+        });
+        Self {
+            stop,
+            thread: Some(thread),
+        }
+    }
+
+    fn end(mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        let thread = self.thread.take().expect("ended once");
+        thread.join().expect("no panic");
+    }
+}
+
+/// Frames with the owner's number, the right epoch, tick and sequence; a hundred listeners; recorded requests, sent again: before a
+/// gateway comes, and while it corrects.
+fn without_the_key_nothing_moves_and_nobody_is_shut_out() {
+    let dir = tempfile::tempdir().expect("writable");
+    let mut control = LinuxCnc::start(dir.path(), |ini| ini);
+    let attack = Attack::start(dir.path());
+    control.do_it("up");
+    control.mdi("G21 G90 G0 X20 Y10 Z-5");
+    control.wait("volcomp.forged", |forged| forged > 3000.0);
+    // Nobody corrects.
+    let cycles = control.record(|_| std::thread::sleep(Duration::from_secs(1)));
+    assert!(cycles.len() > 100, "{} cycles", cycles.len());
+    assert!(cycles.iter().all(|cycle| cycle.offset == [0.0; 3]));
+    assert_eq!(control.pin("volcomp.owner"), 0.0);
+    assert_eq!(control.pin("volcomp.taken"), 0.0);
+
+    let config = super::configuration(dir.path(), PORT);
+    let (text, errors, status) = said(&check(&config, &["--online"]));
+    assert_eq!(status, Some(0), "{errors}");
+    assert!(text.contains("  protocol            version 2\n"), "{text}");
+    let program = gateway(dir.path(), PORT);
+    wait_corrected(&mut control, &program);
+    let cycles = control.record(|control| control.mdi("G1 F600 X60 Y45 Z-25"));
+    no_jump(&cycles, MOST);
+    // Frames wait among the others, some cycles.
+    let found = residuals(&cycles);
+    let [median, most] = [50, 99].map(|of| part(&found, of));
+    println!("beside an attack: residual {median:.2} nm median, {most:.1} nm p99");
+    assert!(median < 20.0 && most < 200.0, "{median} nm, {most} nm");
+    let state = program.state();
+    assert_eq!(state["state"], "compensating", "{state}");
+    attack.end();
+}
+
+/// A frame of the gateway's own number that it has not sent: it does not take the barrier's word for its own, and is a fault.
+fn a_program_with_the_key_is_another_gateway() {
+    let dir = tempfile::tempdir().expect("writable");
+    let (mut control, program) = corrected_at("X50 Y40 Z-20", dir.path(), |ini| ini);
+    let mut beside = Beside::new(dir.path());
+    let cycles = control.record(|control| {
+        for _ in 0..1000 {
+            if let Some(report) = beside.report() {
+                beside.send(&report, 2, &beside.key);
+            }
+        }
+        let state = program.wait_for("faulted");
+        let reasons = state["reasons"].to_string();
+        assert!(reasons.contains("another gateway"), "{state}");
+        wait_zero(control);
+    });
+    no_jump(&cycles, MOST);
+    let state = program.state();
+    assert_eq!(
+        state["state"], "faulted",
+        "a person looks at it first: {state}"
+    );
+}
