@@ -32,7 +32,8 @@ Examples:
       A control whose axes stand still, on 127.0.0.1:8193, with the barrier of machine 4711.
   focas-sim --truth examples/table-tilting.toml --program examples/table-tilting-moves.csv
       Five axes that move, on a machine that has the errors of the machine file. Each second a line tells where they
-      are (mm, deg) and how far the tool misses without → with the correction: its tip (µm) and its axis (µrad).
+      are (mm, deg) and the error of the tool without → with the correction, tip (µm) and axis (µrad), before alignment:
+      a rigid motion of the whole work space, which the workpiece zero takes up, is in it.
   focas-sim --truth T.toml --program diagonals.csv --report targets.csv --wait
       Stands until `run` is typed, goes through the program once, and stands at each target until the correction has
       settled; targets.csv gets a row for each. `volcomp diagonals --targets diagonals.csv` writes such a program.";

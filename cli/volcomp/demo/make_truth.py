@@ -1,24 +1,18 @@
-"""Writes truth.toml: a gantry with irregular error curves of the size published for one.
+"""Writes truth.toml: a gantry with irregular error curves of the sizes published for one, 10.1177/0954405416645985.
 
-Every curve is a sum of a few waves, the shortest 2 travels / 9 long: below half the frequency of 21
-targets (2 travels / 20). Sizes after 10.3390/app15168863 and its data: positioning X 58.6 um, Y 42 um
-at Z = 1050 and 68 um at Z = 650 through the beam's pitch, Z 36.6 um, straightness 19 to 50 um.
+Every curve is a sum of a few waves, the shortest 2 travels / 9 long: longer than two intervals of 21
+targets (2 travels / 20). Positioning X 58.6 um, of which a polynomial of order 6 leaves about 5 um; Y 42 um
+at Z = 1050 and 68 um at Z = 650 through the beam's pitch, which is nearly linear in Y; Z 36.6 um; straightness EYX 19,
+EZX 33, EXY 34, EZY 50 um.
 
     python3 make_truth.py > truth.toml
-
-With `published` it writes the gantry of 10.1177/0954405416645985: straightness of the four sizes that are published with it, a
-pitch of the beam that is nearly linear in Y, and a positioning of X of which a polynomial of order 6 leaves about 5 um.
-
-    python3 make_truth.py published > published-truth.toml
 """
 
 import math
 import random
-import sys
 
-PUBLISHED = sys.argv[1:] == ["published"]
 TRAVEL = {"X": 8000.0, "Y": 4000.0, "Z": 2500.0}
-# Sizes of the waves of X and Z on the published gantry, um.
+# Sizes of the waves of X and Z, um.
 X_WAVE, Z_WAVE = 9.5, 8.0
 SHORTEST = 9  # half waves over the travel
 DEGREE = 40
@@ -83,7 +77,7 @@ def rising(wave, end):
 def pitch_and_positioning():
     """EAY and EYY that give 42 um at Z = 1050 and 68 um at Z = 650: EYY - 1e-3 EAY z."""
     high = scaled(rising(scaled(Wave(22, 0.6), 14.0), 36.0), 42.0)
-    bend = rising(scaled(Wave(24, 1.6), 1.5 if PUBLISHED else 12.0), 40.0)
+    bend = rising(scaled(Wave(24, 1.6), 1.5), 40.0)
     least, most = 0.0, 10.0
     while most - least > 1e-12:
         by = 0.5 * (least + most)
@@ -114,11 +108,10 @@ def main():
     eby = scaled(Wave(25, 1.3), 16.0)
     # The sizes are those of the lines as measured: at Y = 2000, Z = 1050 the tool, over the table that
     # moves along X under it, sees the table's tilts over the levers (x, 2000, 1050).
-    eyx, ezx, exy, ezy = (19.0, 33.0, 34.0, 50.0) if PUBLISHED else (50.0, 42.0, 33.0, 27.0)
-    wave_x, wave_z = (X_WAVE, Z_WAVE) if PUBLISHED else (26.0, 16.0)
+    eyx, ezx, exy, ezy = 19.0, 33.0, 34.0, 50.0
     curves = {
         "EXX": combined(
-            scaled(rising(scaled(Wave(41, 0.1), wave_x), -40.0), 58.6),
+            scaled(rising(scaled(Wave(41, 0.1), X_WAVE), -40.0), 58.6),
             (-1, lever(ebx, 1050.0)), (1, lever(ecx, 2000.0)),
         ),
         "EYX": combined(
@@ -140,14 +133,13 @@ def main():
         "ECY": scaled(Wave(26, 1.3), 14.0),
         "EXZ": scaled(straightened(Wave(31, 1.1)), 19.0),
         "EYZ": scaled(straightened(Wave(32, 1.1)), 23.0),
-        "EZZ": scaled(rising(scaled(Wave(33, 0.7), wave_z), 30.0), 36.6),
+        "EZZ": scaled(rising(scaled(Wave(33, 0.7), Z_WAVE), 30.0), 36.6),
         "EAZ": scaled(Wave(34, 1.3), 12.0),
         "EBZ": scaled(Wave(35, 1.3), 13.0),
         "ECZ": scaled(Wave(36, 1.3), 10.0),
     }
-    call = "volcomp demo --published" if PUBLISHED else "volcomp demo"
-    print(f"# The gantry of `{call}` as it really is; written by make_truth.py.")
-    print('name = "published-gantry"' if PUBLISHED else 'name = "demo-gantry"')
+    print("# The gantry of `volcomp demo` as it really is; written by make_truth.py.")
+    print('name = "demo-gantry"')
     print("structure = \"w X' b Y Z t\"\n")
     for axis, travel in TRAVEL.items():
         print(f"[axes.{axis}]\ntravel = [0.0, {travel}]")

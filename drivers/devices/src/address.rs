@@ -25,6 +25,18 @@ pub enum Scheme {
 }
 
 impl Scheme {
+    /// The feature of this crate that has the bus.
+    pub fn feature(self) -> &'static str {
+        match self {
+            Self::Focas => "focas",
+            Self::Modbus | Self::ModbusRtu => "modbus",
+            Self::Can => "can",
+            Self::Gpio => "gpio",
+            Self::OpcUa => "sinumerik",
+            Self::LinuxCnc => "linuxcnc",
+        }
+    }
+
     const NAMES: [(&'static str, Self); 7] = [
         ("focas", Self::Focas),
         ("modbus", Self::Modbus),

@@ -44,7 +44,11 @@ pub fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError>
         _ => {
             // Without any bus nothing waits.
             let _ = at_most;
-            Err(address.unsupported("this build has no such bus", "build it with its feature"))
+            let feature = address.scheme.feature();
+            Err(address.unsupported(
+                format!("this program was built without the feature `{feature}`"),
+                format!("a program built with `--features {feature}`"),
+            ))
         }
     }
 }

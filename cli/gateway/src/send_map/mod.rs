@@ -34,9 +34,11 @@ pub struct Checked {
 /// Reads the file of a sender and its map, and checks that the map is within the limits. No device is opened.
 ///
 /// # Errors
-/// A file that cannot be read or is wrong, a map that is damaged, of another machine, or beyond the limits.
+/// A file that cannot be read or is wrong, a build without the control's bus, a map that is damaged, of another machine, or beyond the limits.
 pub fn check(path: &Path) -> Result<Checked, GatewayError> {
     let config = MapSender::read(path)?;
+    // A build without the bus is refused here, before anything is prepared.
+    words::Place::of(&config)?;
     let shown = config.map.display().to_string();
     let bytes = std::fs::read(&config.map).map_err(|source| GatewayError::Read {
         file: shown.clone(),

@@ -39,9 +39,8 @@ pub(crate) struct Demo {
     pub(crate) irregular_curve: IrregularCurve,
     /// The curves that the calibration fitted, with their settings.
     pub(crate) curves: Vec<FittedCurve>,
-    /// These figures beside those of the paper on such a gantry; only with `--published`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) published: Option<Published>,
+    /// These figures beside those of the paper on such a gantry.
+    pub(crate) published: Published,
 }
 
 /// The figures of the demo beside those of the paper.

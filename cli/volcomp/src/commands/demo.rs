@@ -1,4 +1,4 @@
-//! `volcomp demo`: the whole way on the shipped gantry, from laser files to a corrected machine.
+//! `volcomp demo`: from laser files to a corrected machine, on a simulated gantry of published size.
 
 use std::path::{Path, PathBuf};
 
@@ -25,10 +25,8 @@ use crate::{
 
 const TRUTH: &str = include_str!("../../demo/truth.toml");
 const SHOP: &str = include_str!("../../demo/shop.toml");
-const PUBLISHED_TRUTH: &str = include_str!("../../demo/published-truth.toml");
-const PUBLISHED_SHOP: &str = include_str!("../../demo/published-shop.toml");
 
-/// The whole way on the shipped gantry: laser files, calibration, correction, before and after
+/// Measure, calibrate and correct a simulated gantry of published size, and compare with the published figures
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
     /// Keep the measurement files and both machine files in this folder
@@ -37,10 +35,6 @@ pub(crate) struct Arguments {
     /// Seed of the noise; default: the shop's
     #[arg(long)]
     seed: Option<u64>,
-    /// Measure as the paper on such a gantry did, with its sizes, and show its figures beside these: straightness from the
-    /// tilts of a bridge, Y at three heights
-    #[arg(long)]
-    published: bool,
     /// Kind of curve that every line is fitted with: chosen for each line by its leave-one-out error, or one for all:
     /// polynomials of order 6, Chebyshev series of order 6, moving least squares whose order and support are chosen for
     /// each line by its leave-one-out error, smoothing B-splines
@@ -82,14 +76,7 @@ struct Comparison {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
-    let texts = if arguments.published {
-        [
-            ("published-truth.toml", PUBLISHED_TRUTH),
-            ("published-shop.toml", PUBLISHED_SHOP),
-        ]
-    } else {
-        [("truth.toml", TRUTH), ("shop.toml", SHOP)]
-    };
+    let texts = [("truth.toml", TRUTH), ("shop.toml", SHOP)];
     let [(truth_name, truth), (shop_name, shop)] = texts;
     let mut shop = Shop::parse(shop, shop_name, |_| Ok(Machine::parse(truth, truth_name)?))?;
     shop.seed = arguments.seed.unwrap_or(shop.seed);
@@ -107,14 +94,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     };
     let machine = measure_and_calibrate(&shop, &texts, folder)?;
     let comparison = compare(&shop, &machine, folder)?;
-    let mut text = text(&shop, &comparison, arguments.output.as_deref());
-    let mut document = document(&comparison);
-    if arguments.published {
-        let published = published::published(&comparison.lines, folder)?;
-        text = published::text(&published) + "\n" + &text;
-        document.published = Some(published);
-    }
-    Answer::new(&document, text, Vec::new())
+    let published = published::published(&comparison.lines, folder)?;
+    let text = format!(
+        "{}\n{}",
+        published::text(&published),
+        text(&shop, &comparison, arguments.output.as_deref())
+    );
+    Answer::new(&document(&comparison, published), text, Vec::new())
 }
 
 /// Laser files of the truth machine, and the machine that their calibration finds.
@@ -228,7 +214,7 @@ impl Comparison {
     }
 }
 
-fn document(comparison: &Comparison) -> Document {
+fn document(comparison: &Comparison, published: answers::Published) -> Document {
     let lines = comparison.lines.iter().map(|line| answers::Line {
         error: line.error.to_string(),
         line: line.description.clone(),
@@ -266,7 +252,7 @@ fn document(comparison: &Comparison) -> Document {
             bspline_um: irregular.bspline_um,
         },
         curves: comparison.curves.clone(),
-        published: None,
+        published,
     }
 }
 

@@ -1,4 +1,4 @@
-//! `volcomp demo --published` beside the figures of the paper on the gantry (10.1177/0954405416645985).
+//! The demo beside the figures of the paper on such a gantry (10.1177/0954405416645985).
 
 use std::path::Path;
 
