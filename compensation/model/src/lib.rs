@@ -26,6 +26,7 @@ mod source;
 mod thermal;
 mod thermal_state;
 mod tool;
+mod volumetric;
 mod watch;
 
 pub use axis::Axis;
@@ -51,3 +52,4 @@ pub use volcomp_evaluator::{CompiledMachine, Tolerance};
 pub use volcomp_kinematics as kinematics;
 pub use volcomp_vocabulary as vocabulary;
 pub use volcomp_vocabulary::{Component, ErrorName, UnknownErrorName};
+pub use volumetric::{ErrorField, VolumetricError, Worst, poses_of_all_axes, volumetric};

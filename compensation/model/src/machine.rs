@@ -169,6 +169,28 @@ impl Machine {
         Ok(chain.tool_tip_mm())
     }
 
+    /// The tools of `[tools]` with the shortest and the longest reach: how far the tip lies along the tool axis from that of
+    /// [`tool`](Self::tool). One name where both are the same; none where the file states no tools.
+    ///
+    /// # Errors
+    /// A tool that makes no chain.
+    pub fn tool_range(&self) -> Result<Vec<&str>, ModelError> {
+        let mut reaches = Vec::new();
+        for name in self.tools.keys() {
+            let reach = -self.tip_of(name)?.dot(&self.chain.tool_axis());
+            reaches.push((reach, name.as_str()));
+        }
+        reaches.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut ends: Vec<&str> = reaches
+            .first()
+            .into_iter()
+            .chain(reaches.last())
+            .map(|end| end.1)
+            .collect();
+        ends.dedup();
+        Ok(ends)
+    }
+
     /// Puts a tool into the spindle; what it does not state is taken from `[tool]`.
     ///
     /// # Errors

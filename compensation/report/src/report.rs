@@ -386,9 +386,9 @@ pub struct Volume {
     pub travels_mm: [[f64; 2]; 3],
     /// Places in space with the error of each state.
     pub vectors: Vec<Vector>,
-    /// How many nodes the sizes are taken over.
-    pub nodes: usize,
-    /// The axes that stand still: what shows only as they move is in no number here.
+    /// Number of poses of all axes over which the workpiece was aligned.
+    pub poses: usize,
+    /// The axes that stand still in the maps and vectors, and where.
     pub standing: Vec<Standing>,
 }
 
@@ -401,19 +401,44 @@ pub struct Standing {
     pub at: f64,
 }
 
-/// How large the errors of position are.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// The volumetric error over poses of all axes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Size {
-    /// The largest, µm.
+    /// Largest error of the tip before alignment, µm.
     pub max_um: f64,
-    /// The root of the mean square, µm.
+    /// Root mean square before alignment, µm.
     pub rms_um: f64,
-    /// The largest beside the best rigid motion of the workpiece: where it lies is no error of the machine, µm.
+    /// Largest error of the tip after best-fit rigid-body alignment of the workpiece, µm.
     pub form_max_um: f64,
-    /// The root of the mean square beside that motion, µm.
+    /// Root mean square after alignment, µm.
     pub form_rms_um: f64,
-    /// Where the largest beside it is, mm.
-    pub at_mm: [f64; 3],
+    /// Largest tilt of the tool axis after alignment, µrad.
+    pub tilt_urad: f64,
+    /// The pose of the largest error of the tip after alignment.
+    pub at: Vec<Standing>,
+    /// The tool with which it is reached; empty: the one in the spindle.
+    pub tool: String,
+}
+
+impl Size {
+    /// The pose of the largest error of the tip and its tool, such as `X 500.0, C 90.0, T5`.
+    pub fn place(&self) -> String {
+        let pose = place(&self.at);
+        if self.tool.is_empty() {
+            pose
+        } else {
+            format!("{pose}, {}", self.tool)
+        }
+    }
+}
+
+/// A pose, such as `X 500.0, C 90.0`.
+pub(crate) fn place(at: &[Standing]) -> String {
+    let parts: Vec<String> = at
+        .iter()
+        .map(|Standing { axis, at }| format!("{axis} {at:.1}"))
+        .collect();
+    parts.join(", ")
 }
 
 /// The length of the error over a plane, beside the best rigid motion of the workpiece.
@@ -469,18 +494,18 @@ pub struct Contribution {
 }
 
 /// The spread of machines that the measurements allow.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Drawn {
     /// How many machines were drawn, 2 at the least.
     pub trials: u64,
     /// The seed of the draws.
     pub seed: u64,
-    /// Root of the mean square of the standard uncertainty (k = 1) of the position error over the nodes, µm.
+    /// Root mean square of the standard uncertainty (k = 1) of the position error over poses of all axes, µm.
     pub rms_um: f64,
     /// The largest, µm.
     pub max_um: f64,
-    /// Where the largest is, mm.
-    pub at_mm: [f64; 3],
+    /// The pose of the largest.
+    pub at: Vec<Standing>,
 }
 
 /// What was found from observations of the whole machine.

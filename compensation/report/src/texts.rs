@@ -155,9 +155,9 @@ table! {
         "P Positionsunsicherheit, Pa Positionsabweichung, U Umkehrspanne, Ps Positionsstreubreite (6 s); ein Strich ist das Mittel über die Zielpunkte.";
     u_expanded: "U (k = 2)", "U (k = 2)";
     no_u: "no uncertainty given", "keine Unsicherheit angegeben";
-    standing: "Stand still here:", "Stehen hier still:";
-    standing_note: "Errors that show only as these axes move, their location errors among them, are in no number of this section; what of them was not measured stands in its own section.",
-        "Abweichungen, die sich nur beim Bewegen dieser Achsen zeigen, darunter ihre Lageabweichungen, sind in keiner Zahl dieses Abschnitts; was davon nicht gemessen wurde, steht in einem eigenen Abschnitt.";
+    standing: "In the pictures stand still:", "In den Bildern stehen still:";
+    standing_note: "The table and the verdict cover poses of all axes; the pictures show this one.",
+        "Tabelle und Urteil gelten für Stellungen aller Achsen; die Bilder zeigen diese eine.";
     a_missing: "A and R need at least two runs in a direction.", "A und R brauchen mindestens zwei Läufe je Richtung.";
     table_cut: "targets in all; the table shows those with the extreme values and evenly spaced ones between.",
         "Zielpunkte insgesamt; die Tabelle zeigt die mit den Extremwerten und gleichmäßig verteilte dazwischen.";
@@ -191,17 +191,18 @@ table! {
     no_after: "What a compensation leaves is not shown: the model against itself would prove nothing. It needs a truth or a second measurement.",
         "Was eine Kompensation übrig lässt, ist nicht gezeigt: Das Modell gegen sich selbst bewiese nichts. Nötig sind eine Wahrheit oder eine zweite Messung.";
     measured_alone: "of the measured errors alone", "allein aus den gemessenen Abweichungen";
-    largest_volume: "largest volumetric error beside the best rigid motion, in the last state", "größter volumetrischer Fehler neben der besten Starrkörperbewegung, im letzten Zustand";
+    largest_volume: "largest volumetric error over all axes, after alignment, in the last state", "größter volumetrischer Fehler über alle Achsen, nach der Ausrichtung, im letzten Zustand";
     volume: "Volumetric error", "Volumetrischer Fehler";
     no_volume: "A map needs two of the axes X, Y and Z.", "Eine Karte braucht zwei der Achsen X, Y und Z.";
-    volume_lead: "Length of the error of the tool tip beside the best rigid motion of the workpiece, on planes through the middle of the working space. One colour scale for all maps.",
+    volume_lead: "Length of the error of the tool tip after best-fit rigid-body alignment of the workpiece, on planes through the middle of the working space. One colour scale for all maps.",
         "Länge des Fehlers der Werkzeugspitze neben der besten Starrkörperbewegung des Werkstücks, auf Ebenen durch die Mitte des Arbeitsraums. Eine Farbskala für alle Karten.";
     state: "state", "Zustand";
     max: "largest", "größter";
     at: "at", "bei";
-    whole_max: "with the rigid motion: largest", "mit der Starrkörperbewegung: größter";
-    rigid_note: "Errors are those beside the best rigid motion of the workpiece (three shifts and three small rotations by least squares over the nodes): where it lies is a convention and no error of the machine. The last two columns have that motion in them.",
-        "Fehler sind die neben der besten Starrkörperbewegung des Werkstücks (drei Verschiebungen und drei kleine Drehungen, kleinste Quadrate über die Knoten): Seine Lage ist Festlegung und kein Fehler der Maschine. Die letzten beiden Spalten enthalten diese Bewegung.";
+    tilt: "largest tilt of the tool axis", "größte Neigung der Werkzeugachse";
+    whole_max: "before alignment: largest", "vor der Ausrichtung: größter";
+    rigid_note: "The workpiece is aligned once for all poses and tools (best-fit rigid body: three shifts and three small rotations by least squares): where it lies is a convention and no error of the machine. Largest values are searched from the worst poses. The last two columns are before alignment.",
+        "Das Werkstück ist einmal für alle Stellungen und Werkzeuge ausgerichtet (Starrkörper: drei Verschiebungen und drei kleine Drehungen, kleinste Quadrate): Seine Lage ist Festlegung und kein Fehler der Maschine. Größte Werte werden von den schlechtesten Stellungen aus gesucht. Die letzten beiden Spalten sind vor der Ausrichtung.";
     plane: "plane", "Ebene";
     scale_word: "length of the error, µm", "Länge des Fehlers, µm";
     uncompensated: "uncompensated", "unkompensiert";
@@ -210,12 +211,12 @@ table! {
         "Jede Linie beginnt mit einem Punkt an ihrem Ort und zeigt in Richtung des Fehlers, vergrößert wie der Maßstab sagt.";
     vectors_turn: "Drag to turn, or use the arrow keys.", "Ziehen dreht, die Pfeiltasten auch.";
     arrow_word: "an error of", "ein Fehler von";
-    nodes: "nodes over the working space", "Knoten im Arbeitsraum";
+    nodes: "poses over the travels of all axes", "Stellungen über die Wege aller Achsen";
     uncertainty: "Uncertainty", "Unsicherheit";
     no_uncertainty: "Not evaluated: no contributions are stated and no machines were drawn.", "Nicht ausgewertet: Es sind keine Beiträge angegeben und keine Maschinen gezogen.";
     not_drawn: "The volumetric error's uncertainty was not computed (no machines were drawn).",
         "Die Unsicherheit des volumetrischen Fehlers wurde nicht berechnet (keine Maschinen gezogen).";
-    uncertainty_lead: "Of the position error over the working space: the readings are drawn again from their scatter and from the stated contributions, and the spread of the machines that they give is the standard uncertainty (JCGM 101).",
+    uncertainty_lead: "Of the position error over poses of all axes: the readings are drawn again from their scatter and from the stated contributions, and the spread of the machines that they give is the standard uncertainty (JCGM 101).",
         "Des Positionsfehlers im Arbeitsraum: Die Messwerte werden aus ihrer Streuung und den angegebenen Beiträgen neu gezogen; die Streuung der so erhaltenen Maschinen ist die Standardunsicherheit (JCGM 101).";
     expanded: "expanded, k = 2", "erweitert, k = 2";
     trials: "machines drawn", "gezogene Maschinen";

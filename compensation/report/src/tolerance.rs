@@ -7,7 +7,7 @@ use volcomp_vocabulary::{AxisName, ErrorName};
 
 use crate::report::{Check, CheckOf, Curve, Positioning, Report, Square, State};
 
-/// The largest error of position over the working space, beside the best rigid motion of the workpiece.
+/// The largest error of the tool tip over poses of all axes, after best-fit rigid-body alignment of the workpiece.
 pub const VOLUME: &str = "V";
 
 /// Reads `A=10,C.A=30,EC0Y=20`: µm of what is a length, µrad of what is an angle. A name is a symbol of ISO 230-2 or VDI/DGQ 3441, which is
@@ -160,9 +160,12 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
             }
         } else if symbol == VOLUME {
             let volume = report.volume.as_ref();
-            let last = volume.map(|volume| volume.after.unwrap_or(volume.before));
+            let last = volume.map(|volume| volume.after.as_ref().unwrap_or(&volume.before));
             // The machines that were drawn are those of the errors that were found.
-            let drawn = report.uncertainty.as_ref().and_then(|all| all.drawn);
+            let drawn = report
+                .uncertainty
+                .as_ref()
+                .and_then(|all| all.drawn.as_ref());
             let found = last.filter(|last| last.state == State::Found);
             let u = drawn
                 .filter(|_| found.is_some())

@@ -1,24 +1,26 @@
 //! The error of the tool over the working space, before and after.
 
 use volcomp_kinematics::{State as Pose, nalgebra::Vector3};
-use volcomp_model::{Ensemble, Lengths, Machine, MapGrid, ModelError, RigidMotion, RigidSums};
-use volcomp_vocabulary::AxisName;
+use volcomp_model::{
+    Ensemble, ErrorField, Lengths, Machine, MapGrid, ModelError, RigidMotion, VolumetricError,
+    poses_of_all_axes, volumetric,
+};
+use volcomp_vocabulary::{AxisName, Displacement};
 
 use crate::report::{Drawn, OfState, Size, Slice, Standing, State, Vector, Volume};
 
-/// Nodes along an axis over which the largest error and the root of the mean square are taken.
-const SIZES: usize = 9;
 /// Nodes along an axis of a plane that is drawn.
 const CELLS: usize = 25;
 /// Error vectors along an axis.
 const VECTORS: usize = 5;
-/// Nodes along an axis at which the uncertainty is evaluated, once for each machine that is drawn.
-const UNCERTAIN: usize = 5;
+/// Number of poses at which the uncertainty is evaluated, once for each Monte Carlo sample.
+const UNCERTAIN: usize = 128;
 
 /// What gives the error at a pose: position (mm) and rotation (rad) in workpiece axes.
 pub type ErrorAt<'a> = &'a dyn Fn(&Pose) -> [f64; 6];
 
-/// The error of one or of two states of a machine over its working space, other axes where `others` says (mm or deg);
+/// The errors of one or of two states of a machine: their size over poses of all axes, and pictures over the working space with
+/// other axes where `others` says (mm or deg). Each state has a field for each tool, the first for the tool of the pictures.
 /// `None` of a machine without two of the axes X, Y and Z.
 ///
 /// # Errors
@@ -26,33 +28,34 @@ pub type ErrorAt<'a> = &'a dyn Fn(&Pose) -> [f64; 6];
 pub fn volume(
     machine: &Machine,
     others: &[(AxisName, f64)],
-    before: (State, ErrorAt<'_>),
-    after: Option<(State, ErrorAt<'_>)>,
+    before: (State, &[ErrorField<'_>]),
+    after: Option<(State, &[ErrorField<'_>])>,
 ) -> Result<Option<Volume>, ModelError> {
-    let grid = MapGrid::over_travels(machine, [SIZES; 3], others)?;
-    if grid.axes.len() < 2 {
+    let grid = MapGrid::over_travels(machine, [VECTORS; 3], others)?;
+    let Some(first) = before.1.first().filter(|_| grid.axes.len() >= 2) else {
         return Ok(None);
-    }
-    let sized = |errors: ErrorAt<'_>| size(machine, &grid, errors);
-    let (size_before, rigid_before) = sized(before.1);
-    let of_after = after.map(|(state, errors)| {
-        let (size, rigid) = sized(errors);
-        (
-            state,
-            size,
-            Beside {
+    };
+    let (size_before, all_before) = size(before.1)?;
+    let of_after = match after {
+        Some((state, fields)) => {
+            let (size, all) = size(fields)?;
+            let errors = fields.first().unwrap_or(first).errors;
+            let rigid = all.alignment;
+            let aligned = Beside {
                 machine,
                 errors,
                 rigid,
-            },
-        )
-    });
+            };
+            Some((state, size, aligned))
+        }
+        None => None,
+    };
     let beside_before = Beside {
         machine,
-        errors: before.1,
-        rigid: rigid_before,
+        errors: first.errors,
+        rigid: all_before.alignment,
     };
-    let vectors_at = MapGrid::over_travels(machine, [VECTORS; 3], others)?;
+    let vectors_at = grid;
     let vectors = (0..vectors_at.len()).map(|index| {
         let (place, pose) = vectors_at.node(machine, index);
         Vector {
@@ -71,7 +74,7 @@ pub fn volume(
         },
         after: of_after.as_ref().map(|(state, size, _)| OfState {
             state: *state,
-            found: *size,
+            found: size.clone(),
         }),
         slices: slices(
             machine,
@@ -81,7 +84,7 @@ pub fn volume(
         )?,
         travels_mm: [AxisName::X, AxisName::Y, AxisName::Z].map(travel),
         vectors: vectors.collect(),
-        nodes: grid.len(),
+        poses: all_before.poses,
         standing: standing(machine, others),
     }))
 }
@@ -103,6 +106,16 @@ fn standing(machine: &Machine, others: &[(AxisName, f64)]) -> Vec<Standing> {
             }
         })
         .collect()
+}
+
+/// A pose in mm and deg.
+fn standing_at(machine: &Machine, pose: &Pose) -> Vec<Standing> {
+    let axes = machine.axes().iter().zip(&pose.q);
+    axes.map(|(axis, q)| Standing {
+        axis: axis.name.to_string(),
+        at: Displacement::new(axis.name.kind(), *q).mm_or_deg(),
+    })
+    .collect()
 }
 
 /// What the errors of a machine are beside the best rigid motion of the workpiece: where it lies is no error of the machine.
@@ -129,36 +142,22 @@ fn by_axis(grid: &MapGrid, place: [f64; 3]) -> [f64; 3] {
     at
 }
 
-fn size(machine: &Machine, grid: &MapGrid, errors: ErrorAt<'_>) -> (Size, RigidMotion) {
-    let (mut sums, mut lengths) = (RigidSums::default(), Lengths::default());
-    let mut all = Vec::with_capacity(grid.len());
-    for index in 0..grid.len() {
-        let (place, pose) = grid.node(machine, index);
-        let [x, y, z, ..] = errors(&pose);
-        let error = Vector3::new(x, y, z);
-        let tip = machine.chain().ideal_tip_mm(&pose);
-        sums.take(&tip, &error);
-        lengths.take(&error);
-        all.push((by_axis(grid, place), tip, error));
-    }
-    let motion = sums.motion();
-    let mut left = Lengths::default();
-    let mut most = (-1.0, [0.0; 3]);
-    for (place, tip, error) in &all {
-        let beside = motion.left_mm(tip, error);
-        left.take(&beside);
-        if beside.norm() > most.0 {
-            most = (beside.norm(), *place);
-        }
-    }
+fn size(fields: &[ErrorField<'_>]) -> Result<(Size, VolumetricError), ModelError> {
+    let found = volumetric(fields)?;
+    let stands = found.position.at.iter().map(|(name, at)| Standing {
+        axis: name.to_string(),
+        at: *at,
+    });
     let size = Size {
-        max_um: 1e3 * lengths.max(),
-        rms_um: 1e3 * lengths.rms(),
-        form_max_um: 1e3 * left.max(),
-        form_rms_um: 1e3 * left.rms(),
-        at_mm: most.1,
+        max_um: 1e3 * found.max_mm,
+        rms_um: 1e3 * found.rms_mm,
+        form_max_um: 1e3 * found.position.value,
+        form_rms_um: 1e3 * found.position_rms_mm,
+        tilt_urad: 1e6 * found.tilt.value,
+        at: stands.collect(),
+        tool: found.position.tool.clone(),
     };
-    (size, motion)
+    Ok((size, found))
 }
 
 /// Planes through the middle of the working space.
@@ -210,37 +209,41 @@ fn slices(
     Ok(found)
 }
 
-/// The standard uncertainty of the position error over the working space from machines that the measurements allow; `None` of a
-/// machine without one of the axes X, Y and Z.
+/// The standard uncertainty of the position error over poses of all axes, from Monte Carlo samples; `None` of a machine
+/// without one of the axes X, Y and Z.
 ///
 /// # Errors
-/// What [`Machine::state`] refuses of `others`.
+/// What [`Machine::state`] refuses.
 pub fn uncertainty(
     machine: &Machine,
-    others: &[(AxisName, f64)],
     ensemble: &Ensemble,
     (trials, seed): (u64, u64),
 ) -> Result<Option<Drawn>, ModelError> {
-    let grid = MapGrid::over_travels(machine, [UNCERTAIN; 3], others)?;
-    if grid.axes.is_empty() {
+    let is_linear = |name| machine.axis(name).is_some();
+    if ![AxisName::X, AxisName::Y, AxisName::Z]
+        .into_iter()
+        .any(is_linear)
+    {
         return Ok(None);
     }
     let mut lengths = Lengths::default();
-    let mut most = (-1.0, [0.0; 3]);
-    for index in 0..grid.len() {
-        let (place, pose) = grid.node(machine, index);
+    let mut most: Option<(f64, Pose)> = None;
+    for pose in poses_of_all_axes(machine)?.into_iter().take(UNCERTAIN) {
         let [x, y, z, ..] = ensemble.standard_uncertainty(&pose);
         let error = Vector3::new(x, y, z);
         lengths.take(&error);
-        if error.norm() > most.0 {
-            most = (error.norm(), by_axis(&grid, place));
+        if most
+            .as_ref()
+            .is_none_or(|(before, _)| error.norm() > *before)
+        {
+            most = Some((error.norm(), pose));
         }
     }
-    Ok(Some(Drawn {
+    Ok(most.map(|(max_mm, pose)| Drawn {
         trials,
         seed,
         rms_um: 1e3 * lengths.rms(),
-        max_um: 1e3 * most.0,
-        at_mm: most.1,
+        max_um: 1e3 * max_mm,
+        at: standing_at(machine, &pose),
     }))
 }

@@ -64,9 +64,7 @@ fn main() -> Result<(), Fault> {
             report: None,
             correction_taken: now,
         };
-        controller
-            .expect_read()
-            .returning(move |_| Ok(snapshot));
+        controller.expect_read().returning(move |_| Ok(snapshot));
         controller
             .expect_apply()
             .withf(move |corrections, _| (corrections[0] - expected_mm).abs() < 1e-12)

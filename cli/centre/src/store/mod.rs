@@ -45,7 +45,9 @@ pub enum StoreError {
     #[error("the database: {0}")]
     Sqlite(#[from] rusqlite::Error),
     /// The file of the database cannot be created, or kept from others.
-    #[error("the database: {file}: {why}; expected a file that this program can keep to its owner (mode 600)")]
+    #[error(
+        "the database: {file}: {why}; expected a file that this program can keep to its owner (mode 600)"
+    )]
     Private {
         /// The path of the file.
         file: String,

@@ -10,8 +10,8 @@ use std::{fmt, str::FromStr};
 use serde::{Deserialize, Serialize};
 
 pub use password::{Password, PasswordError, hash, is_right};
-pub use session::{Moment, Session, Token};
 pub(crate) use refusals::{Further, Refusal, Refusals, WINDOW as REFUSAL_WINDOW};
+pub use session::{Moment, Session, Token};
 pub use throttle::{Attempt, Throttle};
 
 /// What somebody may do; each role may what the ones before it may.

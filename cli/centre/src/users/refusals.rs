@@ -100,7 +100,11 @@ mod tests {
             assert_eq!(refusals.count(Refusal::Login, one, &object), None);
         }
         let quiet = refusals.count(Refusal::Login, other, "anna").unwrap();
-        assert!(refusals.count(Refusal::Forbidden, one, "/api/users").is_some());
+        assert!(
+            refusals
+                .count(Refusal::Forbidden, one, "/api/users")
+                .is_some()
+        );
         let further = refusals.take(key).unwrap();
         assert_eq!((further.count, further.tried.len()), (59, 8));
         assert_eq!(refusals.take(quiet), None);

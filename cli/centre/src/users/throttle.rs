@@ -168,7 +168,9 @@ mod tests {
     use super::{DELAY, Throttle};
 
     fn delay(throttle: &Throttle, from: IpAddr, account: &str) -> Option<Duration> {
-        throttle.attempt(from, account).map(|attempt| attempt.delay())
+        throttle
+            .attempt(from, account)
+            .map(|attempt| attempt.delay())
     }
 
     #[test]

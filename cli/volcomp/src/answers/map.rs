@@ -32,9 +32,8 @@ pub(crate) struct Map {
     pub(crate) form_rms_um: f64,
     /// Length of the largest position error beside that motion, µm.
     pub(crate) form_max_um: f64,
-    /// The errors over poses of all axes; only of a machine that has others than X, Y and Z.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) all_axes: Option<AllAxes>,
+    /// The volumetric error over poses of all axes.
+    pub(crate) all_axes: AllAxes,
     /// The largest standard uncertainty; only with `--uncertainty`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) uncertainty: Option<Uncertainty>,
@@ -65,7 +64,7 @@ pub(crate) struct Uncertainty {
     pub(crate) not_counted: Vec<NotCounted>,
 }
 
-/// The errors over poses of all axes, drawn over their travels, the same each time.
+/// The volumetric error over poses of all axes, the same ones each time.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct AllAxes {
     /// How many poses.
@@ -76,8 +75,12 @@ pub(crate) struct AllAxes {
     pub(crate) max_um: f64,
     /// Root of the mean square beside the best rigid motion of the workpiece, µm.
     pub(crate) form_rms_um: f64,
-    /// Length of the largest position error beside that motion, µm.
+    /// Largest error of the tool tip after alignment, searched from the worst poses, µm.
     pub(crate) form_max_um: f64,
+    /// The pose of that error, mm and deg.
+    pub(crate) at: ByAxis,
+    /// Largest tilt of the tool axis after alignment, µrad.
+    pub(crate) tilt_max_urad: f64,
     /// Root of the mean square of the rotation error, µrad.
     pub(crate) rms_urad: f64,
     /// The same beside that motion, µrad.

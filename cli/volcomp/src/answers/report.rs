@@ -1,5 +1,7 @@
 //! The JSON document of `volcomp report`; the report itself is the file that it wrote.
 
+use std::collections::BTreeMap;
+
 use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_report::{Check as ReportCheck, Verdict as Outcome};
@@ -17,6 +19,8 @@ pub(crate) struct Report {
     pub(crate) curves: usize,
     /// The warnings of the report, the gravest first.
     pub(crate) warnings: Vec<String>,
+    /// The volumetric error over poses of all axes in the last state; null without two of the axes X, Y and Z.
+    pub(crate) volumetric: Option<Volumetric>,
     /// The volumetric error before a compensation, or the only one that is known; null without two of the axes X, Y and Z.
     pub(crate) before: Option<Largest>,
     /// The volumetric error after a compensation; null without `--truth` or `--before`.
@@ -31,12 +35,10 @@ pub(crate) enum Verdict {
     Pass,
     /// One at least is beyond.
     Fail,
-    /// None is beyond, and one at least is not given by the measurements.
-    NotEvaluated,
-    /// None is beyond or missing, and one at least is nearer to its limit than its uncertainty.
+    /// None is beyond, and one at least is nearer to its limit than its uncertainty, or is not given by the measurements.
     Undecided,
     /// No tolerance is stated.
-    NotStated,
+    None,
 }
 
 impl Verdict {
@@ -45,9 +47,8 @@ impl Verdict {
         match self {
             Self::Pass => "all stated tolerances are met",
             Self::Fail => "not all stated tolerances are met",
-            Self::NotEvaluated => "not every stated tolerance could be evaluated",
             Self::Undecided => "not every stated tolerance is decided",
-            Self::NotStated => "no tolerance stated",
+            Self::None => "no tolerance stated",
         }
     }
 }
@@ -70,6 +71,19 @@ pub(crate) struct Check {
     /// `pass`, `fail`, `undecided` (nearer to the limit than the uncertainty) or `not_evaluated`: by ISO 14253-1 where an uncertainty is
     /// stated.
     pub(crate) outcome: &'static str,
+}
+
+/// The volumetric error over poses of all axes after one best-fit rigid-body alignment of the workpiece.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Volumetric {
+    /// Largest error of the tool tip, µm.
+    pub(crate) position_um: f64,
+    /// Largest tilt of the tool axis, µrad.
+    pub(crate) tilt_urad: f64,
+    /// The pose of the largest error of the tip, mm and deg.
+    pub(crate) worst_at: BTreeMap<String, f64>,
+    /// The tool with which it is reached; empty: the one in the spindle.
+    pub(crate) worst_tool: String,
 }
 
 /// How large the volumetric error is.

@@ -9,7 +9,7 @@ use volcomp_kinematics::State;
 use volcomp_model::{BODY_DIAGONALS, Machine, ModelError, diagonal_targets, diagonals};
 use volcomp_vocabulary::{AxisName, Displacement};
 
-use super::{Answer, fixed, machine_notes, table, table_text};
+use super::{Answer, fixed, machine_notes, rotary_note, table, table_text};
 use crate::{
     answers::diagonals::{Diagonal, Diagonals},
     compensation::{Compensation, CompensationArguments},
@@ -49,6 +49,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let source = actual.source(&temperatures);
     let points = arguments.points as usize;
     let mut notes = machine_notes(&machine, &temperatures);
+    notes.extend(rotary_note(&machine));
     let others = arguments.others.read(&machine, &mut notes)?;
     let command = |state: &State| compensation.command(state);
     if let Some(file) = &arguments.targets {

@@ -51,7 +51,7 @@ use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::{AxisKind, Displacement};
 
 pub(crate) use crate::table::{fixed, table, table_text};
-use crate::{failure::Failure, output::OutputFile};
+use crate::{answers::quantity::Decision, failure::Failure, output::OutputFile};
 
 /// The result of a command.
 pub(crate) struct Answer {
@@ -63,6 +63,8 @@ pub(crate) struct Answer {
     pub(crate) notes: Vec<String>,
     /// Why the program fails nevertheless, after it has said what it found.
     pub(crate) failed: Option<Failure>,
+    /// Whether every stated tolerance is met; otherwise the exit status is 3.
+    pub(crate) tolerances_met: bool,
 }
 
 impl Answer {
@@ -78,7 +80,17 @@ impl Answer {
             text,
             notes,
             failed: None,
+            tolerances_met: true,
         })
+    }
+
+    /// The same with the decision over stated tolerances.
+    pub(crate) fn decided(self, decision: Option<Decision>) -> Self {
+        let met = decision.is_none_or(|decision| decision.pass);
+        Self {
+            tolerances_met: self.tolerances_met && met,
+            ..self
+        }
     }
 }
 
@@ -137,6 +149,18 @@ fn machine_notes(machine: &Machine, temperatures: &Temperatures) -> Vec<String> 
     let mut notes = machine.notes();
     notes.extend(thermal.into_iter().flatten());
     notes
+}
+
+/// Names what a figure over X, Y and Z with standing rotary axes does not cover.
+fn rotary_note(machine: &Machine) -> Option<String> {
+    let rotary = machine.axes().iter().filter(|axis| axis.name.is_rotary());
+    let names: Vec<String> = rotary.map(|axis| axis.name.to_string()).collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "{} stand still here: their location errors move the workpiece as a rigid body and do not show; `volcomp map` gives the error over poses of all axes",
+            names.join(", ")
+        )
+    })
 }
 
 /// Names the temperatures beyond what thermal terms have seen.

@@ -10,10 +10,10 @@ use volcomp_calibrate::{CalibrationFile, not_observed};
 use volcomp_document::Document as Toml;
 use volcomp_identify::Observations;
 use volcomp_kinematics::{Form, State as Pose, volumetric_error};
-use volcomp_model::{Machine, Temperatures, diagonal_targets, diagonals};
+use volcomp_model::{ErrorField, Machine, Temperatures, diagonal_targets, diagonals};
 use volcomp_report::{
-    Diagonal, Diagonals, Edition, ErrorAt, Language, OfState, Report, Size, State, Stated,
-    Tolerance, Verdict as Outcome, checks, html, refuse_two_units, tolerances, uncertainty, volume,
+    Diagonal, Diagonals, Edition, Language, OfState, Report, Size, State, Stated, Tolerance,
+    Verdict as Outcome, checks, html, refuse_two_units, tolerances, uncertainty, volume,
 };
 use volcomp_vocabulary::AxisName;
 
@@ -22,7 +22,7 @@ use super::{
     uncertainty::UncertaintyArguments,
 };
 use crate::{
-    answers::report::{Largest, Report as Document, Verdict},
+    answers::report::{Largest, Report as Document, Verdict, Volumetric},
     compensation::{Compensation, CompensationArguments, refuse_other_geometry},
     failure::Failure,
     output::OutputFile,
@@ -53,7 +53,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "MACHINE")]
     truth: Option<PathBuf>,
     /// What is allowed, µm of lengths and µrad of angles: A, R, E, M, B of each positioning test, or a symbol of VDI/DGQ 3441, of one axis
-    /// C.A or one error EXX.A; V for the largest volumetric error beside the best rigid motion of the workpiece, or the name of an error: A=10,EC0Y=20
+    /// C.A or one error EXX.A; V for the largest error of the tool tip over poses of all axes after one alignment of the workpiece, or the name of an error: A=10,EC0Y=20
     #[arg(long, value_name = "NAME=LIMIT,…")]
     tolerance: Option<String>,
     /// Edition of ISO 230-2: 1997, 2006 or 2014, without it 2014
@@ -109,6 +109,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             path.display()
         )));
     }
+    refuse_other_endings(&arguments.output)?;
     let mut output = OutputFile::open(&arguments.output)?;
     let (machine, mut report) = source.report(arguments)?;
     refuse_two_units(&report, &limits).map_err(|error| Failure::Input(format!("--{error}")))?;
@@ -117,14 +118,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let others = arguments.others.read(&machine, &mut notes)?;
     working_space(&mut report, arguments, &machine, &others)?;
     if arguments.trials > 0 {
-        drawn(
-            &mut report,
-            arguments,
-            &source,
-            &machine,
-            &others,
-            &mut notes,
-        )?;
+        drawn(&mut report, arguments, &source, &machine, &mut notes)?;
     }
     report.checks = checks(&report, &limits);
     // Read from the words that clap allows.
@@ -139,6 +133,21 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     output.append(page.as_bytes())?;
     output.finish()?;
     answer(arguments, &report, &limits, notes)
+}
+
+/// The report is HTML; under the ending of another format a program that opens it would fail.
+fn refuse_other_endings(output: &Path) -> Result<(), Failure> {
+    let ending = output.extension().unwrap_or_default();
+    if ["html", "htm"]
+        .iter()
+        .any(|html| ending.eq_ignore_ascii_case(html))
+    {
+        return Ok(());
+    }
+    Err(Failure::Input(format!(
+        "--output {}: expected a file that ends in .html; a browser prints it as PDF: chromium --headless --print-to-pdf=report.pdf report.html",
+        output.display()
+    )))
 }
 
 impl Source {
@@ -296,20 +305,65 @@ fn working_space(
             after: second.map(of).transpose()?,
         });
     }
-    let of = |(state, actual): (State, &Machine), pose: &Pose| {
-        if state == State::TruthCorrected {
-            return truth.residual(pose);
+    // The tool of the pictures first, then both ends of the range of tools.
+    let mut tools = vec![("", Machine::clone(machine))];
+    for name in machine.tool_range()? {
+        let mut with_tool = Machine::clone(machine);
+        with_tool.select_tool(name)?;
+        tools.push((name, with_tool));
+    }
+    let mut cases = Vec::new();
+    for (name, with_tool) in &tools {
+        let truth = Compensation::new(&corrects, with_tool, &none)?;
+        let mut before = before.clone();
+        if let Some(before) = &mut before {
+            before.use_tool_of(with_tool)?;
         }
+        cases.push((*name, with_tool, truth, before));
+    }
+    let at = |state: State, (_, with_tool, truth, before): &Case<'_>, pose: &Pose| {
+        let actual = match state {
+            State::TruthCorrected => return truth.residual(pose),
+            State::Truth => truth.actual(),
+            State::GivenBefore => before.as_ref().unwrap_or(with_tool),
+            State::Found => with_tool,
+        };
         let source = actual.source(&none);
         let found = volumetric_error(actual.chain(), &source, pose, Form::Exact);
         let (p, r) = (found.position_mm, found.rotation_rad);
         [p.x, p.y, p.z, r.x, r.y, r.z]
     };
-    let errors_before = |pose: &Pose| of(first, pose);
-    let errors_after = |pose: &Pose| of(second.unwrap_or(first), pose);
-    let after = second.map(|(state, _)| (state, &errors_after as ErrorAt<'_>));
-    report.volume = volume(machine, others, (first.0, &errors_before), after)?;
+    let errors_of = |state: State| {
+        let errors = cases
+            .iter()
+            .map(|case| move |pose: &Pose| at(state, case, pose));
+        errors.collect::<Vec<_>>()
+    };
+    let (errors_before, errors_after) = (
+        errors_of(first.0),
+        second.map_or_else(Vec::new, |(state, _)| errors_of(state)),
+    );
+    let before = fields(&cases, &errors_before);
+    let after = fields(&cases, &errors_after);
+    let second = second.map(|(state, _)| (state, &after[..]));
+    report.volume = volume(machine, others, (first.0, &before), second)?;
     Ok(())
+}
+
+/// A tool by name with the machine that has it, its correction on the truth, and the machine before.
+type Case<'a> = (&'a str, &'a Machine, Compensation<'a>, Option<Machine>);
+
+fn fields<'a, F: Fn(&Pose) -> [f64; 6]>(
+    cases: &'a [Case<'a>],
+    errors: &'a [F],
+) -> Vec<ErrorField<'a>> {
+    let all = cases.iter().zip(errors);
+    all.map(|((tool, machine, ..), errors)| ErrorField {
+        tool,
+        machine,
+        errors,
+    })
+    .collect()
 }
 
 /// Adds the uncertainty of the position error from machines that the measurements allow.
@@ -318,7 +372,6 @@ fn drawn(
     arguments: &Arguments,
     source: &Source,
     machine: &Machine,
-    others: &[(AxisName, f64)],
     notes: &mut Vec<String>,
 ) -> Result<(), Failure> {
     if matches!(source, Source::Machine(_)) {
@@ -336,7 +389,7 @@ fn drawn(
     if let Some(measured) = from.read(machine, &mut told)? {
         let (ensemble, _) = from.ensemble(&measured, machine, &mut told)?;
         let trials = (from.trials, from.seed);
-        if let Some(found) = uncertainty(machine, others, &ensemble, trials)? {
+        if let Some(found) = uncertainty(machine, &ensemble, trials)? {
             let all = report.uncertainty.get_or_insert_default();
             all.drawn = Some(found);
             all.not_counted.clone_from(&told);
@@ -354,10 +407,9 @@ fn answer(
 ) -> Result<Answer, Failure> {
     let whole = Outcome::of_all(report.checks.iter().map(|check| check.outcome));
     let verdict = match whole {
-        _ if limits.is_empty() => Verdict::NotStated,
+        _ if limits.is_empty() => Verdict::None,
         Outcome::Fail => Verdict::Fail,
-        Outcome::NotEvaluated => Verdict::NotEvaluated,
-        Outcome::Undecided => Verdict::Undecided,
+        Outcome::NotEvaluated | Outcome::Undecided => Verdict::Undecided,
         Outcome::Pass => Verdict::Pass,
     };
     let largest = |size: &Size| Largest {
@@ -377,6 +429,16 @@ fn answer(
             .iter()
             .map(|warning| warning.text.clone())
             .collect(),
+        volumetric: volume.map(|volume| {
+            let last = &volume.after.as_ref().unwrap_or(&volume.before).found;
+            let at = last.at.iter().map(|of| (of.axis.clone(), of.at));
+            Volumetric {
+                position_um: last.form_max_um,
+                tilt_urad: last.tilt_urad,
+                worst_at: at.collect(),
+                worst_tool: last.tool.clone(),
+            }
+        }),
         before: volume.map(|volume| largest(&volume.before.found)),
         after: volume
             .and_then(|volume| volume.after.as_ref())
@@ -414,12 +476,21 @@ fn answer(
         let um = fixed(before.form_max_um, 2);
         let _ = writeln!(
             text,
-            "largest volumetric error beside the best rigid motion: {um} µm"
+            "largest volumetric error over all axes, after alignment: {um} µm"
         );
     }
     if let Some(after) = &document.after {
         let um = fixed(after.form_max_um, 2);
         let _ = writeln!(text, "after the compensation: {um} µm");
+    }
+    if let Some(volume) = volume {
+        let last = &volume.after.as_ref().unwrap_or(&volume.before).found;
+        let _ = writeln!(
+            text,
+            "  at {}; largest tilt of the tool axis {} µrad",
+            last.place(),
+            fixed(last.tilt_urad, 2)
+        );
     }
     let (curves, warnings) = (document.curves, document.warnings.len());
     let _ = writeln!(
@@ -427,5 +498,9 @@ fn answer(
         "wrote {}: {curves} curves, {warnings} warnings",
         document.file
     );
-    Answer::new(&document, text, notes)
+    let met = limits.is_empty() || matches!(verdict, Verdict::Pass);
+    Ok(Answer {
+        tolerances_met: met,
+        ..Answer::new(&document, text, notes)?
+    })
 }

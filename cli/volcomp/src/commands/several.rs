@@ -51,10 +51,11 @@ pub(crate) fn evaluated<D: Serialize>(
     };
     if let [only] = files {
         let one = one(only)?;
+        let decision = one.found.1;
         if let Some(output) = csv {
             rows::write(output, &[row(only, Ok(one.found))])?;
         }
-        return Answer::new(&one.document, one.text, one.notes);
+        return Ok(Answer::new(&one.document, one.text, one.notes)?.decided(decision));
     }
     let (mut all, mut texts, mut rows) = (Vec::new(), Vec::new(), Vec::new());
     let (mut refused, mut said) = (Vec::new(), Vec::new());
@@ -87,7 +88,9 @@ pub(crate) fn evaluated<D: Serialize>(
     let said: Vec<(String, &Metadata)> =
         (said.iter()).map(|(file, of)| (file.clone(), of)).collect();
     let document = (documents.many)(all);
+    let decisions = rows.iter().filter_map(|row| row.found.as_ref().ok()?.1);
     let answer = Answer::new(&document, texts.join("\n"), different_machines(&said))?;
+    let answer = decisions.fold(answer, |answer, decision| answer.decided(Some(decision)));
     Ok(Answer {
         failed: some_refused(&refused, files.len()),
         ..answer

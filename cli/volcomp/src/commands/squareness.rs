@@ -150,7 +150,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         notes: notes.clone(),
     };
     let text = text(&document);
-    Answer::new(&document, text, notes)
+    Ok(Answer::new(&document, text, notes)?.decided(decision))
 }
 
 /// What is not in the uncertainty, and a squareness that no machine tool has.

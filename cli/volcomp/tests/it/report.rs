@@ -117,6 +117,63 @@ fn people_read_the_verdict() {
     assert!(said.contains("wrote "), "{said}");
 }
 
+/// At one rotary pose wrong rotary axes are a rigid motion of the workpiece, which alignment takes away; over all axes they are not.
+#[test]
+fn wrong_rotary_axes_do_not_pass() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let machine = folder.path().join("rotary.toml").display().to_string();
+    let text = "structure = \"w C' A' b X Y Z t\"\n[axes]\nX.travel = [-300.0, 300.0]\nY.travel = [-200.0, 200.0]\nZ.travel = [-150.0, 150.0]\nA.travel = [-110.0, 30.0]\nC.travel = [-360.0, 360.0]\n[errors]\nEX0C = 200.0\nEY0A = 150.0\nEZ0A = 80.0\nEA0C = 300.0\nEXX = { poly = [0.0, 0.001] }\n";
+    fs::write(&machine, text).expect("written");
+    let (document, _) = report(&[&machine, "--tolerance", "V=5"]);
+    assert_eq!(document["verdict"], "fail", "{document}");
+    let of = &document["volumetric"];
+    assert!(of["position_um"].as_f64() > Some(300.0), "{document}");
+    assert!(of["tilt_urad"].as_f64() > Some(200.0), "{document}");
+    for axis in ["X", "Y", "Z", "A", "C"] {
+        assert!(of["worst_at"][axis].is_number(), "{document}");
+    }
+    // The figure of `map`, whatever its grid, to the last digit.
+    let map = json(&["map", "-m", &machine, "--grid", "3x3x3"]);
+    assert_eq!(map["all_axes"]["form_max_um"], of["position_um"]);
+    assert_eq!(map["all_axes"]["tilt_max_urad"], of["tilt_urad"]);
+}
+
+/// The body diagonals of the report are those of the command.
+#[test]
+fn the_volume_of_a_gantry_has_one_figure() {
+    let (document, _) = report(&["examples/gantry.toml"]);
+    let map = json(&["map", "-m", "examples/gantry.toml", "--grid", "5x5x5"]);
+    assert_eq!(
+        map["all_axes"]["form_max_um"],
+        document["volumetric"]["position_um"]
+    );
+}
+
+#[test]
+fn the_exit_status_is_that_of_the_verdict() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let output = folder.path().join("report.html").display().to_string();
+    for (limit, status) in [("1000", 0), ("0.001", 3)] {
+        let tolerance = format!("V={limit}");
+        let call = [
+            "report",
+            "examples/gantry.toml",
+            "-o",
+            &output,
+            "--tolerance",
+            &tolerance,
+        ];
+        assert_eq!(crate::volcomp(&call).status.code(), Some(status), "{limit}");
+        assert!(fs::exists(&output).expect("a folder"));
+    }
+    for ending in ["pdf", "txt", "svg"] {
+        let output = folder.path().join("report").with_extension(ending);
+        let output = output.display().to_string();
+        let message = refused(&["report", "examples/gantry.toml", "-o", &output]);
+        assert!(message.contains("--print-to-pdf"), "{message}");
+    }
+}
+
 /// A machine of which no error is known meets no tolerance, and of one of which some are known it is told that they are some.
 #[test]
 fn what_was_not_measured_is_not_met() {
@@ -126,7 +183,7 @@ fn what_was_not_measured_is_not_met() {
     fs::write(&machine, axes).expect("written");
     let bare = machine.display().to_string();
     let (document, _) = report(&[&bare, "--tolerance", "V=10"]);
-    assert_eq!(document["verdict"], "not_evaluated", "{document}");
+    assert_eq!(document["verdict"], "undecided", "{document}");
     assert_eq!(document["checks"][0]["value"], Value::Null);
     fs::write(
         &machine,

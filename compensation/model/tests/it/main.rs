@@ -16,6 +16,7 @@ mod round_trip;
 #[cfg(feature = "serde")]
 mod serialised;
 mod thermal;
+mod volumetric;
 
 /// Ends the run on an allocation where one is forbidden.
 #[global_allocator]

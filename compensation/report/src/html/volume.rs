@@ -223,30 +223,31 @@ pub(super) fn volume(page: &mut Page, report: &Report, t: &Texts) {
     states(
         page,
         volume.before.state,
-        volume.after.map(|after| after.state),
+        volume.after.as_ref().map(|after| after.state),
         t,
     );
     let columns = [
         t.state.to_owned(),
         format!(">{}, µm", t.max),
-        format!("{}, mm", t.at),
+        t.at.to_owned(),
         format!(">{}, µm", t.rms),
+        format!(">{}, µrad", t.tilt),
         format!(">{}, µm", t.whole_max),
         format!(">{}, µm", t.rms),
     ];
     let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
-    let mut states = vec![(t.before, volume.before.found)];
-    states.extend(volume.after.map(|after| (t.after, after.found)));
+    let mut states = vec![(t.before, &volume.before.found)];
+    states.extend(volume.after.iter().map(|after| (t.after, &after.found)));
     if volume.after.is_none() {
         states[0].0 = t.uncompensated;
     }
     let rows = states.into_iter().map(|(name, size)| {
-        let at = size.at_mm.map(|at| short(at, 0));
         vec![
             Cell::Fixed(name.to_owned()),
             Cell::number(size.form_max_um, 2),
-            Cell::Fixed(at.join(", ")),
+            Cell::Fixed(size.place()),
             Cell::number(size.form_rms_um, 2),
+            Cell::number(size.tilt_urad, 2),
             Cell::number(size.max_um, 2),
             Cell::number(size.rms_um, 2),
         ]
@@ -254,7 +255,7 @@ pub(super) fn volume(page: &mut Page, report: &Report, t: &Texts) {
     page.table(&columns, rows);
     page.paragraph(
         "note",
-        &format!("{} {}. {}", volume.nodes, t.nodes, t.rigid_note),
+        &format!("{} {}. {}", volume.poses, t.nodes, t.rigid_note),
     );
     standing(page, volume, t);
     maps(page, volume, t);

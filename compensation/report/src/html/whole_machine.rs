@@ -3,7 +3,7 @@
 use super::write::{Cell, Page};
 use crate::{
     plot::{escaped, short},
-    report::{Report, Weighted},
+    report::{Report, Weighted, place},
     texts::{Language, Texts},
 };
 
@@ -36,10 +36,10 @@ pub(super) fn uncertainty(page: &mut Page, report: &Report, t: &Texts) {
             String::new(),
             format!(">{}, µm", t.uncertainty_k1),
             format!(">{}, µm", t.expanded),
-            format!("{}, mm", t.at),
+            t.at.to_owned(),
         ];
         let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
-        let at = drawn.at_mm.map(|at| short(at, 0)).join(", ");
+        let at = place(&drawn.at);
         let row = |name: &str, um: f64, at: String| {
             vec![
                 Cell::text(name),

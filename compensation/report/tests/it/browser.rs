@@ -8,7 +8,7 @@ use volcomp_model::Temperatures;
 use volcomp_report::{Language, Report, State, checks, html, tolerances, volume};
 use volcomp_test_support::{peers, root};
 
-use crate::Shop;
+use crate::{Shop, data::field};
 
 pub(crate) fn whole() -> Report {
     let shop = Shop::new();
@@ -25,8 +25,8 @@ pub(crate) fn whole() -> Report {
     report.volume = volume(
         machine,
         &[],
-        (State::Truth, &errors),
-        Some((State::TruthCorrected, &less)),
+        (State::Truth, &[field(machine, &errors)]),
+        Some((State::TruthCorrected, &[field(machine, &less)])),
     )
     .expect("three axes");
     report.checks = checks(&report, &tolerances("A=100,B=1,V=30").expect("three"));

@@ -302,7 +302,18 @@ fn an_outlier_is_named_with_its_file_run_and_target() {
     );
 }
 
-/// An error that is (x/1000, 0, 0) mm along X: 0.8 at the end of 800 mm, its root mean square over 9 nodes √(Σ(i/8)²/9).
+pub(crate) fn field<'a>(
+    machine: &'a volcomp_model::Machine,
+    errors: &'a dyn Fn(&volcomp_kinematics::State) -> [f64; 6],
+) -> volcomp_model::ErrorField<'a> {
+    volcomp_model::ErrorField {
+        tool: "",
+        machine,
+        errors,
+    }
+}
+
+/// An error that is (x/1000, 0, 0) mm along X: 0.8 at the end of 800 mm.
 #[test]
 fn the_working_space_has_the_sizes_of_its_errors() {
     let shop = Shop::new();
@@ -324,8 +335,8 @@ fn the_working_space_has_the_sizes_of_its_errors() {
     let found = volume(
         machine,
         &[],
-        (State::Truth, &errors),
-        Some((State::TruthCorrected, &half)),
+        (State::Truth, &[field(machine, &errors)]),
+        Some((State::TruthCorrected, &[field(machine, &half)])),
     )
     .expect("no other axes")
     .expect("three axes");
@@ -333,9 +344,13 @@ fn the_working_space_has_the_sizes_of_its_errors() {
     assert!((size.max_um - 800.0).abs() < 1e-9);
     // A shift is no error: 400 µm are left at both ends.
     assert!((size.form_max_um - 400.0).abs() < 1e-6, "{size:?}");
-    assert!([0.0, 800.0].contains(&size.at_mm[0]));
-    let rms = 800.0 * ((0..=8).map(|i| f64::from(i * i) / 64.0).sum::<f64>() / 9.0).sqrt();
-    assert!((size.rms_um - rms).abs() < 1e-9);
+    assert_eq!(size.at[0].axis, "X");
+    assert!([0.0, 800.0].contains(&size.at[0].at));
+    // Uniform over the travel.
+    assert!(
+        (size.rms_um / (800.0 / 3.0_f64.sqrt()) - 1.0).abs() < 1e-3,
+        "{size:?}"
+    );
     assert!((found.after.expect("after").found.max_um - 400.0).abs() < 1e-9);
     assert_eq!(found.slices.len(), 3);
     assert!(
@@ -378,12 +393,18 @@ fn axes_that_stand_still_are_named() {
     let mut report = Report::of_machine("five-axis.toml", &machine, &Stated::default());
     let nothing = |_: &volcomp_kinematics::State| [0.0; 6];
     let others = [(volcomp_vocabulary::AxisName::C, 90.0)];
-    report.volume = volume(&machine, &others, (State::Found, &nothing), None).expect("three axes");
+    report.volume = volume(
+        &machine,
+        &others,
+        (State::Found, &[field(&machine, &nothing)]),
+        None,
+    )
+    .expect("three axes");
     let standing = &report.volume.as_ref().expect("a map").standing;
     let standing: Vec<_> = (standing.iter())
         .map(|axis| (axis.axis.as_str(), axis.at))
         .collect();
     assert_eq!(standing, [("C", 90.0), ("B", 0.0)]);
     let page = volcomp_report::html(&report, volcomp_report::Language::En);
-    assert!(page.contains("Stand still here: C 90.000°, B 0.000°."));
+    assert!(page.contains("In the pictures stand still: C 90.000°, B 0.000°."));
 }

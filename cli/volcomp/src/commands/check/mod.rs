@@ -13,7 +13,7 @@ use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::{AxisKind, AxisName};
 
 use self::{sizes::sizes, sketch::sketch};
-use super::{Answer, in_degrees, machine_notes, micrometres, microradians};
+use super::{Answer, in_degrees, machine_notes, micrometres, microradians, rotary_note};
 use crate::{
     answers::check::{Assembly, Axis, Check, Place, Thermal, Tool},
     failure::Failure,
@@ -41,6 +41,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let document = document(arguments, &machine, &temperatures);
     let text = text::text(&document);
     let mut notes = machine_notes(&machine, &temperatures);
+    notes.extend(rotary_note(&machine));
     notes.extend(no_point_note(&machine));
     notes.extend(document.provenance.iter().flat_map(provenance::notes));
     Answer::new(&document, text, notes)

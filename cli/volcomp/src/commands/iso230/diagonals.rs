@@ -136,7 +136,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let failed = some_refused(&said, arguments.files.len());
     let document = document(&found, quantities, refused, notes.clone(), &file_of);
     let text = text(&document) + &decision_text(decision, &document.quantities);
-    let answer = Answer::new(&document, text, notes)?;
+    let answer = Answer::new(&document, text, notes)?.decided(decision);
     Ok(Answer { failed, ..answer })
 }
 

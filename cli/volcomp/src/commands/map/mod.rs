@@ -39,9 +39,9 @@ use crate::{
 /// The volumetric map: the error on a grid over the travels of X, Y and Z
 ///
 /// Other axes stand at 0, or where --at says. The compiled machine is used unless --exact or another --model is given: its curves are
-/// within 1 nm and 1 nrad of the machine file's, and products of two errors are neglected. The root of
-/// the mean square is told as it is and beside the best rigid motion of the workpiece, since where it lies is no error of the machine; with
-/// other axes than X, Y and Z also over 1000 poses of all axes, with --uncertainty also how uncertain it is there. Ctrl-C leaves no unfinished file.
+/// within 1 nm and 1 nrad of the machine file's, and products of two errors are neglected. The figures of the grid are followed by the
+/// volumetric error over poses of all axes, after one best-fit rigid-body alignment of the workpiece: it is that of `report`, does not depend on
+/// the grid, and with --uncertainty has its uncertainty. Ctrl-C leaves no unfinished file.
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
     #[command(flatten)]
@@ -128,19 +128,23 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         work.go_through(pass, &mut field, &mut found)?;
     }
     let beside = work.beside(&found);
-    let all_axes = all_axes(&machine, &work.errors, ensemble.as_ref())?;
+    // Exact where the map is compiled: the figure is that of the report, to the last digit.
+    let exact = match model {
+        Model::Compiled => Some(Model::Form(Form::Exact).errors(&machine, &temperatures)?),
+        Model::Form(_) => None,
+    };
+    let errors = exact.as_ref().unwrap_or(&work.errors);
+    let all_axes = all_axes(&machine, errors, ensemble.as_ref())?;
     drop(work);
     field.finish()?;
-    let document = Map {
+    let document = document(
+        arguments,
+        model,
+        &grid,
+        (&found.largest, beside, not_counted),
         all_axes,
-        ..document(
-            arguments,
-            model,
-            &grid,
-            (&found.largest, beside, not_counted),
-            &compensation,
-        )?
-    };
+        &compensation,
+    )?;
     let text = text(arguments, &document, &compensation);
     Answer::new(&document, text, notes)
 }
@@ -150,6 +154,7 @@ fn document(
     model: Model,
     grid: &MapGrid,
     (largest, beside, not_counted): (&Largest, Beside, Vec<NotCounted>),
+    all_axes: AllAxes,
     compensation: &Compensation<'_>,
 ) -> Result<Map, Failure> {
     let (length, node) = largest.error.ok_or_else(|| {
@@ -168,7 +173,7 @@ fn document(
         rms_um: 1e3 * beside.as_they_are.rms(),
         form_rms_um: 1e3 * beside.left.rms(),
         form_max_um: 1e3 * beside.left.max(),
-        all_axes: None,
+        all_axes,
         uncertainty: largest.uncertainty.map(|(length, node)| {
             let [x, y, z, a, b, c] = node.uncertainty_in_file_units();
             Uncertainty {
@@ -207,9 +212,7 @@ fn text(arguments: &Arguments, map: &Map, compensation: &Compensation<'_>) -> St
         text,
         "root mean square {rms} µm; beside the best rigid motion of the workpiece\n  root mean square {form} µm, largest {most} µm"
     );
-    if let Some(of) = &map.all_axes {
-        text += &over_all_axes(of);
-    }
+    text += &over_all_axes(&map.all_axes);
     if let Some(u) = &map.uncertainty {
         let what = "largest standard uncertainty";
         describe(&mut text, what, u.largest_um, u.position_um, &u.at);
@@ -242,26 +245,30 @@ fn over_all_axes(of: &AllAxes) -> String {
         of.about_tool_rms_urad,
         of.form_about_tool_rms_urad,
     ];
+    let tilt_max = fixed(of.tilt_max_urad, 3);
     let [tilt, tilt_left, about, about_left] = urad.map(|urad| fixed(urad, 3));
     let mut text = format!(
-        "{} poses of all axes over their travels:\n  root mean square {rms} µm, largest {max} µm\n  beside the best rigid motion {form} µm, largest {most} µm\n  tilt of the tool axis {tilt} µrad, beside that motion {tilt_left} µrad\n  rotation about it {about} µrad, beside that motion {about_left} µrad\n",
-        of.poses
+        "volumetric error over {} poses of all axes:\n  root mean square {rms} µm, largest {max} µm\n  after alignment of the workpiece {form} µm, largest {most} µm\n    at {}\n  tilt of the tool axis {tilt} µrad, after alignment {tilt_left} µrad,\n    largest {tilt_max} µrad\n  rotation about it {about} µrad, after alignment {about_left} µrad\n",
+        of.poses,
+        pose_text(&of.at)
     );
     if let Some(u) = &of.uncertainty {
         let [rms, largest, turn] = [u.rms_um, u.largest_um, u.rms_urad].map(|size| fixed(size, 3));
-        let at =
-            u.at.0
-                .iter()
-                .map(|(name, q)| format!("{name}={}", fixed(*q, 3)));
-        let at: Vec<String> = at.collect();
         // Writing to a String cannot fail.
         let _ = writeln!(
             text,
             "  standard uncertainty: root mean square {rms} µm, largest {largest} µm\n    of the whole rotation {turn} µrad; the largest at {}",
-            at.join(" ")
+            pose_text(&u.at)
         );
     }
     text
+}
+
+fn pose_text(at: &ByAxis) -> String {
+    let at =
+        at.0.iter()
+            .map(|(name, q)| format!("{name}={}", fixed(*q, 3)));
+    at.collect::<Vec<_>>().join(" ")
 }
 
 fn describe(text: &mut String, what: &str, length_um: f64, [x, y, z]: [f64; 3], at: &ByAxis) {

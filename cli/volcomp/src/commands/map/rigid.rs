@@ -1,11 +1,8 @@
 //! The errors beside the best rigid motion of the workpiece: over the nodes of a map, and over poses of all axes.
 
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use volcomp_kinematics::{State, nalgebra::Vector3};
-use volcomp_model::{Ensemble, Lengths, Machine, RigidSums};
-use volcomp_vocabulary::AxisName;
+use volcomp_model::{Ensemble, ErrorField, Lengths, Machine, poses_of_all_axes, volumetric};
 
 use super::work::ErrorAt;
 use crate::{
@@ -18,10 +15,8 @@ use crate::{
     progress,
 };
 
-/// Poses of all axes.
-const POSES: usize = 1000;
-/// Seed of the poses: they are the same each time.
-const SEED: u64 = 1;
+/// Number of poses of all axes at which the uncertainty is evaluated.
+const UNCERTAIN: usize = 1000;
 
 /// How large errors of position are as they are, and beside one rigid motion, mm.
 #[derive(Clone, Copy)]
@@ -52,66 +47,50 @@ pub(super) fn position([x, y, z, ..]: &[f64; 6]) -> Vector3<f64> {
     Vector3::new(*x, *y, *z)
 }
 
-/// The errors over poses of all axes, drawn over their travels, and with an ensemble their uncertainty; `None` of a machine that has no axes but X, Y and Z.
+/// The errors over poses of all axes, and with an ensemble their uncertainty.
 pub(super) fn all_axes(
     machine: &Machine,
     errors: &ErrorAt<'_>,
     ensemble: Option<&Ensemble>,
-) -> Result<Option<AllAxes>, Failure> {
-    let on_grid = [AxisName::X, AxisName::Y, AxisName::Z];
-    if machine
-        .axes()
-        .iter()
-        .all(|axis| on_grid.contains(&axis.name))
-    {
-        return Ok(None);
-    }
-    let mut random = ChaCha8Rng::seed_from_u64(SEED);
-    let mut drawn = || {
-        let axes = machine.axes().iter();
-        let at = axes.map(|axis| {
-            let [low, high] = axis.travel;
-            (axis.name, low + (high - low) * random.random::<f64>())
-        });
-        machine.state(&at.collect::<Vec<_>>())
+) -> Result<AllAxes, Failure> {
+    let field = ErrorField {
+        tool: "",
+        machine,
+        errors,
     };
-    let poses: Vec<State> = (0..POSES).map(|_| drawn()).collect::<Result<_, _>>()?;
+    let volumetric = volumetric(&[field])?;
+    let motion = volumetric.alignment;
+    let poses = poses_of_all_axes(machine)?;
     let found: Vec<[f64; 6]> = poses.par_iter().map(errors).collect();
     let chain = machine.chain();
-    let tools = poses.iter().map(|pose| {
-        let tool_axis = chain.ideal_pose(pose).rotation * chain.tool_axis();
-        (chain.ideal_tip_mm(pose), tool_axis)
-    });
-    let found: Vec<_> = tools.zip(found).collect();
-    let mut sums = RigidSums::default();
-    for ((tip, _), error) in &found {
-        sums.take(tip, &position(error));
-    }
-    let motion = sums.motion();
-    let [mut lengths, mut left] = [Lengths::default(); 2];
+    let tools = poses
+        .iter()
+        .map(|pose| chain.ideal_pose(pose).rotation * chain.tool_axis());
     let [mut turns, mut turns_left] = [Turns::default(); 2];
-    for ((tip, tool_axis), error) in &found {
+    for (tool_axis, error) in tools.zip(&found) {
         let [.., a, b, c] = *error;
         let turn = Vector3::new(a, b, c);
-        lengths.take(&position(error));
-        left.take(&motion.left_mm(tip, &position(error)));
+        let tool_axis = &tool_axis;
         turns.take(&turn, tool_axis);
         turns_left.take(&motion.left_rad(&turn), tool_axis);
     }
-    Ok(Some(AllAxes {
-        poses: POSES,
-        rms_um: 1e3 * lengths.rms(),
-        max_um: 1e3 * lengths.max(),
-        form_rms_um: 1e3 * left.rms(),
-        form_max_um: 1e3 * left.max(),
+    Ok(AllAxes {
+        poses: volumetric.poses,
+        rms_um: 1e3 * volumetric.rms_mm,
+        max_um: 1e3 * volumetric.max_mm,
+        form_rms_um: 1e3 * volumetric.position_rms_mm,
+        form_max_um: 1e3 * volumetric.position.value,
+        at: volumetric.position.at.into_iter().collect::<ByAxis>(),
+        tilt_max_urad: 1e6 * volumetric.tilt.value,
         rms_urad: 1e6 * turns.whole.rms(),
         form_rms_urad: 1e6 * turns_left.whole.rms(),
         tilt_rms_urad: 1e6 * turns.tilt.rms(),
         form_tilt_rms_urad: 1e6 * turns_left.tilt.rms(),
         about_tool_rms_urad: 1e6 * turns.about_tool.rms(),
         form_about_tool_rms_urad: 1e6 * turns_left.about_tool.rms(),
-        uncertainty: ensemble.map(|ensemble| uncertainty(machine, ensemble, &poses)),
-    }))
+        uncertainty: ensemble
+            .map(|ensemble| uncertainty(machine, ensemble, &poses[..UNCERTAIN.min(poses.len())])),
+    })
 }
 
 /// How uncertain the errors are over poses of all axes.

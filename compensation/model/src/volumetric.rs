@@ -1,0 +1,267 @@
+//! The volumetric error: how far the tool is off over poses of all axes, once the workpiece is aligned.
+//!
+//! The workpiece is aligned once, by the rigid motion that fits the errors of all poses and tools best. An error that moves the
+//! workpiece in the same way at every pose is no error of the parts that the machine makes; a location error of a rotary axis
+//! moves it in another way at every angle and is one. At a single rotary pose the two cannot be told apart, so poses cover the
+//! travels of all axes.
+
+use volcomp_kinematics::{State, nalgebra::Vector3};
+use volcomp_vocabulary::AxisName;
+
+use crate::{Lengths, Machine, ModelError, RigidMotion, RigidSums};
+
+/// Half the number of poses over which the workpiece is aligned; the other half are their mirror images about the middle of the
+/// travels, so that an error that is linear over a travel is aligned exactly.
+const HALF_POSES: u32 = 2048;
+/// Poses from which the largest error is searched.
+const STARTS: usize = 6;
+/// Coordinates at which an axis is sampled in the search.
+const SAMPLES: u32 = 33;
+/// Step of the search, as a share of the travel, below which it ends.
+const MIN_STEP: f64 = 1e-4;
+/// Bases of the Halton sequence, one for each axis.
+const BASES: [u32; 9] = [2, 3, 5, 7, 11, 13, 17, 19, 23];
+
+/// The errors of a machine with one tool.
+pub struct ErrorField<'a> {
+    /// The name of the tool in `[tools]`; empty: the one in the spindle.
+    pub tool: &'a str,
+    /// The machine whose ideal tip and tool axis are meant.
+    pub machine: &'a Machine,
+    /// Position (mm) and rotation (rad) of the error at a pose, in workpiece axes.
+    pub errors: &'a dyn Fn(&State) -> [f64; 6],
+}
+
+/// A figure of the volumetric error and the pose at which it is reached.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Worst {
+    /// mm of a position, rad of a tilt.
+    pub value: f64,
+    /// The pose, mm and deg.
+    pub at: Vec<(AxisName, f64)>,
+    /// The tool, as its field names it.
+    pub tool: String,
+}
+
+/// The volumetric error over poses of all axes.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct VolumetricError {
+    /// Number of poses over which the workpiece was aligned, of each tool.
+    pub poses: usize,
+    /// Largest error of the tip before alignment, over these poses and the corners of the travels, mm.
+    pub max_mm: f64,
+    /// Root mean square of the error of the tip before alignment, mm.
+    pub rms_mm: f64,
+    /// Largest error of the tip after alignment, found by a search from the worst poses.
+    pub position: Worst,
+    /// Root mean square of the error of the tip after alignment, mm.
+    pub position_rms_mm: f64,
+    /// Largest tilt of the tool axis after alignment, found in the same way.
+    pub tilt: Worst,
+    /// Root mean square of the tilt after alignment, rad.
+    pub tilt_rms_rad: f64,
+    /// The alignment.
+    pub alignment: RigidMotion,
+}
+
+/// Poses that cover the travels of all axes evenly, the same ones each time.
+///
+/// # Errors
+/// What [`Machine::state`] refuses.
+pub fn poses_of_all_axes(machine: &Machine) -> Result<Vec<State>, ModelError> {
+    shares(machine.axes().len())
+        .map(|shares| state(machine, &shares))
+        .collect()
+}
+
+/// The volumetric error of a machine with one or several tools, `fields`, which have the same axes.
+///
+/// # Errors
+/// No field, or what [`Machine::state`] refuses.
+pub fn volumetric(fields: &[ErrorField<'_>]) -> Result<VolumetricError, ModelError> {
+    let axes = fields.first().map_or(0, |of| of.machine.axes().len());
+    let all: Vec<Vec<f64>> = shares(axes).collect();
+    let corners = (0..1_usize << axes).map(|corner| {
+        let end = |axis: usize| f64::from(u8::from(corner >> axis & 1 == 1));
+        (0..axes).map(end).collect::<Vec<f64>>()
+    });
+    let (mut sums, mut before) = (RigidSums::default(), Lengths::default());
+    let mut found = Vec::new();
+    for (index, field) in fields.iter().enumerate() {
+        for shares in &all {
+            let at = field.at(shares)?;
+            sums.take(&at.tip_mm, &at.error_mm);
+            before.take(&at.error_mm);
+            found.push((index, shares.clone(), at));
+        }
+    }
+    let alignment = sums.motion();
+    let (mut position, mut tilt) = (Lengths::default(), Lengths::default());
+    for (_, _, at) in &found {
+        position.take(&at.left_mm(&alignment));
+        tilt.take(&at.tilt_rad(&alignment));
+    }
+    let mut max_mm = before.max();
+    for shares in corners {
+        for (index, field) in fields.iter().enumerate() {
+            let at = field.at(&shares)?;
+            max_mm = max_mm.max(at.error_mm.norm());
+            found.push((index, shares.clone(), at));
+        }
+    }
+    let worst = |size: &dyn Fn(&At) -> f64| worst(fields, &found, size);
+    Ok(VolumetricError {
+        poses: all.len(),
+        max_mm,
+        rms_mm: before.rms(),
+        position: worst(&|at| at.left_mm(&alignment).norm())?,
+        position_rms_mm: position.rms(),
+        tilt: worst(&|at| at.tilt_rad(&alignment).norm())?,
+        tilt_rms_rad: tilt.rms(),
+        alignment,
+    })
+}
+
+/// The largest value of a figure, searched from the poses where it is largest. It is not a number where the figure is none.
+fn worst(
+    fields: &[ErrorField<'_>],
+    found: &[(usize, Vec<f64>, At)],
+    size: &dyn Fn(&At) -> f64,
+) -> Result<Worst, ModelError> {
+    let mut starts: Vec<(f64, usize, &Vec<f64>)> = found
+        .iter()
+        .map(|(field, shares, at)| (size(at), *field, shares))
+        .collect();
+    // Descending; in the total order NaN comes first.
+    starts.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut best = (f64::NAN, 0, Vec::new());
+    for (value, field, shares) in starts.into_iter().take(STARTS) {
+        let (value, shares) = if value.is_nan() {
+            (value, shares.clone())
+        } else {
+            ascend(&fields[field], shares, value, size)?
+        };
+        if best.2.is_empty() || value > best.0 {
+            best = (value, field, shares);
+        }
+    }
+    let (value, field, shares) = best;
+    let field = fields.get(field);
+    Ok(Worst {
+        value,
+        at: field.map_or_else(Vec::new, |of| coordinates(of.machine, &shares)),
+        tool: field.map_or("", |of| of.tool).to_owned(),
+    })
+}
+
+/// Coordinate ascent: each axis is sampled over its whole travel, then moved by ever smaller steps.
+fn ascend(
+    field: &ErrorField<'_>,
+    start: &[f64],
+    value: f64,
+    size: &dyn Fn(&At) -> f64,
+) -> Result<(f64, Vec<f64>), ModelError> {
+    let (mut best, mut at) = (value, start.to_vec());
+    let mut moved = |axis: usize, to: f64, at: &mut Vec<f64>| {
+        let before = at[axis];
+        at[axis] = to.clamp(0.0, 1.0);
+        let value = size(&field.at(at)?);
+        let better = value > best;
+        if better {
+            best = value;
+        } else {
+            at[axis] = before;
+        }
+        Ok::<_, ModelError>(better)
+    };
+    for axis in 0..start.len() {
+        for sample in 0..SAMPLES {
+            moved(axis, f64::from(sample) / f64::from(SAMPLES - 1), &mut at)?;
+        }
+    }
+    let mut step = 1.0 / f64::from(SAMPLES - 1);
+    while step > MIN_STEP {
+        let mut better = false;
+        for axis in 0..start.len() {
+            for to in [at[axis] + step, at[axis] - step] {
+                better |= moved(axis, to, &mut at)?;
+            }
+        }
+        if !better {
+            step *= 0.5;
+        }
+    }
+    Ok((best, at))
+}
+
+/// The error at a pose, with what it is aligned by.
+struct At {
+    tip_mm: Vector3<f64>,
+    tool_axis: Vector3<f64>,
+    error_mm: Vector3<f64>,
+    rotation_rad: Vector3<f64>,
+}
+
+impl At {
+    fn left_mm(&self, alignment: &RigidMotion) -> Vector3<f64> {
+        alignment.left_mm(&self.tip_mm, &self.error_mm)
+    }
+
+    /// The rotation across the tool axis; a tool that turns does not show the one about it.
+    fn tilt_rad(&self, alignment: &RigidMotion) -> Vector3<f64> {
+        let left = alignment.left_rad(&self.rotation_rad);
+        left - self.tool_axis * self.tool_axis.dot(&left)
+    }
+}
+
+impl ErrorField<'_> {
+    fn at(&self, shares: &[f64]) -> Result<At, ModelError> {
+        let pose = state(self.machine, shares)?;
+        let [x, y, z, a, b, c] = (self.errors)(&pose);
+        let chain = self.machine.chain();
+        Ok(At {
+            tip_mm: chain.ideal_tip_mm(&pose),
+            tool_axis: chain.ideal_pose(&pose).rotation * chain.tool_axis(),
+            error_mm: Vector3::new(x, y, z),
+            rotation_rad: Vector3::new(a, b, c),
+        })
+    }
+}
+
+/// Shares of the travels of all axes: the Halton sequence and its mirror image.
+fn shares(axes: usize) -> impl Iterator<Item = Vec<f64>> {
+    let bases = BASES.into_iter().cycle().take(axes);
+    (1..=HALF_POSES).flat_map(move |index| {
+        let drawn: Vec<f64> = bases
+            .clone()
+            .map(|base| radical_inverse(index, base))
+            .collect();
+        let mirrored = drawn.iter().map(|share| 1.0 - share).collect();
+        [drawn, mirrored]
+    })
+}
+
+/// The digits of an index, mirrored about the point.
+fn radical_inverse(mut index: u32, base: u32) -> f64 {
+    let (mut value, mut weight) = (0.0, 1.0);
+    while index > 0 {
+        weight /= f64::from(base);
+        value += weight * f64::from(index % base);
+        index /= base;
+    }
+    value
+}
+
+fn coordinates(machine: &Machine, shares: &[f64]) -> Vec<(AxisName, f64)> {
+    let axes = machine.axes().iter().zip(shares);
+    axes.map(|(axis, share)| {
+        let [low, high] = axis.travel;
+        (axis.name, low + (high - low) * share)
+    })
+    .collect()
+}
+
+fn state(machine: &Machine, shares: &[f64]) -> Result<State, ModelError> {
+    machine.state(&coordinates(machine, shares))
+}
