@@ -51,13 +51,20 @@ async fn proven(
         None => None,
     };
     let stored = user.as_ref().map(|(_, stored)| stored.clone());
+    let mut place = page.passwords.acquire().await;
+    // Asked with the place in hand, so that attempts at one time are counted one after the other.
     let Some(attempt) = page.throttle.attempt(from.ip(), &tried) else {
+        drop(place);
         page.refused(Refusal::Throttled, from.ip(), &tried).await;
         let why = "too many attempts at once after wrong passwords: try again in some seconds";
         return Err(Refused::new(StatusCode::TOO_MANY_REQUESTS, why));
     };
-    tokio::time::sleep(attempt.delay()).await;
-    let place = page.passwords.acquire().await;
+    if !attempt.delay().is_zero() {
+        // Without the place: others log in meanwhile.
+        drop(place);
+        tokio::time::sleep(attempt.delay()).await;
+        place = page.passwords.acquire().await;
+    }
     let right = match Password::entered(password) {
         Ok(password) => {
             let compared =

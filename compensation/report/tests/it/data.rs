@@ -342,8 +342,8 @@ fn the_working_space_has_the_sizes_of_its_errors() {
     .expect("three axes");
     let size = found.before.found;
     assert!((size.max_um - 800.0).abs() < 1e-9);
-    // A shift is no error: 400 µm are left at both ends.
-    assert!((size.form_max_um - 400.0).abs() < 1e-6, "{size:?}");
+    // A shift is no error: 400 µm are left at both ends, but for what a finite number of poses lets a rotation take.
+    assert!((size.form_max_um - 400.0).abs() < 1.0, "{size:?}");
     assert_eq!(size.at[0].axis, "X");
     assert!([0.0, 800.0].contains(&size.at[0].at));
     // Uniform over the travel.
@@ -354,7 +354,7 @@ fn the_working_space_has_the_sizes_of_its_errors() {
     assert!((found.after.expect("after").found.max_um - 400.0).abs() < 1e-9);
     assert_eq!(found.slices.len(), 3);
     assert!(
-        (found.slices[0].before_um[24] - 400.0).abs() < 1e-6,
+        (found.slices[0].before_um[24] - 400.0).abs() < 1.0,
         "the last node of the first row"
     );
     assert_eq!(found.vectors.len(), 125);
