@@ -101,7 +101,8 @@ fn wrong_passwords_that_come_at_one_time_are_counted() {
     });
     let looked_at = statuses.iter().filter(|status| **status == 401).count();
     let turned_away = statuses.iter().filter(|status| **status == 429).count();
-    assert!((5..=6).contains(&looked_at), "{statuses:?}");
+    // Five at once, one beside the fifth, and the two that may wait for their delay.
+    assert!((7..=8).contains(&looked_at), "{statuses:?}");
     assert_eq!(looked_at + turned_away, statuses.len(), "{statuses:?}");
 }
 

@@ -268,43 +268,7 @@ fn working_space(
         (None, Some(_)) => ((State::Truth, truth.actual()), Some(corrected)),
         (None, None) => (found, None),
     };
-    let is_linear = |name| machine.axis(name).is_some();
-    if [AxisName::X, AxisName::Y, AxisName::Z]
-        .into_iter()
-        .all(is_linear)
-    {
-        let of = |(state, actual): (State, &Machine)| {
-            let command = |pose: &Pose| match state {
-                State::TruthCorrected => truth.command(pose),
-                _ => *pose,
-            };
-            let along = diagonals(
-                actual,
-                &actual.source(&none),
-                DIAGONAL_TARGETS,
-                others,
-                command,
-            )?;
-            let targets = diagonal_targets(actual, DIAGONAL_TARGETS, others)?;
-            let named = along.into_iter().zip(targets).map(|(found, (_, poses))| {
-                let tips = poses.iter().map(|pose| machine.chain().ideal_tip_mm(pose));
-                let tips: Vec<_> = tips.collect();
-                let from = tips.first().copied().unwrap_or_default();
-                let places = tips.iter().map(|tip| (tip - from).norm());
-                Diagonal {
-                    name: found.name.to_owned(),
-                    points: places.zip(found.deviation_um).collect(),
-                    range_um: found.range_um,
-                }
-            });
-            let found = named.collect();
-            Ok::<_, Failure>(OfState { state, found })
-        };
-        report.diagonals = Some(Diagonals {
-            before: of(first)?,
-            after: second.map(of).transpose()?,
-        });
-    }
+    report.diagonals = body_diagonals(machine, others, &truth, first, second)?;
     // The tool of the pictures first, then both ends of the range of tools.
     let mut tools = vec![("", Machine::clone(machine))];
     for name in machine.tool_range()? {
@@ -348,6 +312,55 @@ fn working_space(
     let second = second.map(|(state, _)| (state, &after[..]));
     report.volume = volume(machine, others, (first.0, &before), second)?;
     Ok(())
+}
+
+/// The body diagonals of one or two states; `None` of a machine without one of the axes X, Y and Z.
+fn body_diagonals(
+    machine: &Machine,
+    others: &[(AxisName, f64)],
+    truth: &Compensation<'_>,
+    first: (State, &Machine),
+    second: Option<(State, &Machine)>,
+) -> Result<Option<Diagonals>, Failure> {
+    let is_linear = |name| machine.axis(name).is_some();
+    if ![AxisName::X, AxisName::Y, AxisName::Z]
+        .into_iter()
+        .all(is_linear)
+    {
+        return Ok(None);
+    }
+    let none = Temperatures::new();
+    let of = |(state, actual): (State, &Machine)| {
+        let command = |pose: &Pose| match state {
+            State::TruthCorrected => truth.command(pose),
+            _ => *pose,
+        };
+        let along = diagonals(
+            actual,
+            &actual.source(&none),
+            DIAGONAL_TARGETS,
+            others,
+            command,
+        )?;
+        let targets = diagonal_targets(actual, DIAGONAL_TARGETS, others)?;
+        let named = along.into_iter().zip(targets).map(|(found, (_, poses))| {
+            let tips = poses.iter().map(|pose| machine.chain().ideal_tip_mm(pose));
+            let tips: Vec<_> = tips.collect();
+            let from = tips.first().copied().unwrap_or_default();
+            let places = tips.iter().map(|tip| (tip - from).norm());
+            Diagonal {
+                name: found.name.to_owned(),
+                points: places.zip(found.deviation_um).collect(),
+                range_um: found.range_um,
+            }
+        });
+        let found = named.collect();
+        Ok::<_, Failure>(OfState { state, found })
+    };
+    Ok(Some(Diagonals {
+        before: of(first)?,
+        after: second.map(of).transpose()?,
+    }))
 }
 
 /// A tool by name with the machine that has it, its correction on the truth, and the machine before.

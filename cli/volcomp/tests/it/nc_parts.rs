@@ -55,7 +55,7 @@ fn a_bed_and_a_worktable_become_straight() {
         let [before, after] = number(&found, name, "minimum_zone_um");
         println!("{name}: {before:.2} {after:.2}");
         assert!(
-            before > 15.0 && after < 0.15 * before,
+            before > 10.0 && after < 0.15 * before,
             "{name}: {before} {after}"
         );
     }

@@ -48,6 +48,7 @@ fn live_documents_follow_their_schemas() {
     let fit = format!("{demo}/exx.rtl");
     let angular = format!("{demo}/eay.rta");
     let (found, lasers) = (path("found.toml"), path("lasers"));
+    let report = path("report.html");
     let (program, worn) = (path("part-out.ngc"), path("worn.toml"));
     json(&["demo", "-o", &demo]);
     let calls: &[&[&str]] = &[
@@ -176,7 +177,7 @@ fn live_documents_follow_their_schemas() {
         &["inspect", POSITIONING],
         &["inspect", &fit, POSITIONING],
         &["calibrate", &calibration, "-o", &found],
-        &["report", &calibration, "--truth", &truth, "-o", &found],
+        &["report", &calibration, "--truth", &truth, "-o", &report],
         &[
             "identify",
             "examples/identification/observations.toml",
