@@ -13,6 +13,7 @@ use sha2::{Digest, Sha256};
 use volcomp_runtime::monotonic;
 
 pub mod clerk;
+pub(crate) mod slots;
 
 use crate::documents::{Details, Record};
 
@@ -84,6 +85,11 @@ pub struct AuditLog {
 }
 
 impl AuditLog {
+    /// The file of what outlives a restart, beside the log.
+    pub(crate) fn standing_file(&self) -> PathBuf {
+        standing_file(&self.dir)
+    }
+
     /// Opens the log in a folder, which is made where it is missing. A torn tail is cut; a file whose chain is
     /// broken is put aside and a new one begun.
     ///
@@ -215,16 +221,27 @@ impl AuditLog {
     }
 }
 
+/// The file of what outlives a restart, in a folder of the log.
+pub(crate) fn standing_file(dir: &Path) -> PathBuf {
+    dir.join("standing.json")
+}
+
 /// Writes a small file whole or not at all, on disk.
 ///
 /// # Errors
 /// A disk that is full or gone.
 pub fn replace_file(path: &Path, text: &str) -> io::Result<()> {
     let temporary = path.with_extension("new");
-    let mut file = File::create(&temporary)?;
-    file.write_all(text.as_bytes())?;
-    file.sync_all()?;
-    fs::rename(&temporary, path)?;
+    let placed = File::create(&temporary).and_then(|mut file| {
+        file.write_all(text.as_bytes())?;
+        file.sync_all()?;
+        fs::rename(&temporary, path)
+    });
+    if placed.is_err() {
+        // What is left of it would take the last room of a full disk.
+        let _ = fs::remove_file(&temporary);
+    }
+    placed?;
     path.parent().map_or(Ok(()), sync_folder)
 }
 

@@ -13,7 +13,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use super::{AuditLog, Entry, replace_file};
+use super::{AuditLog, Entry, replace_file, slots::Slots};
 
 /// The largest number of records and files that wait for the disk.
 const WAITING: usize = 256;
@@ -25,6 +25,7 @@ enum Task {
     Record(Box<Entry>, SyncSender<bool>),
     Again(Box<Entry>),
     Keep(PathBuf, String, SyncSender<bool>),
+    Stand(String, SyncSender<bool>),
 }
 
 /// The side of whoever has something to be written. No call waits for the disk but [`settle`](Self::settle).
@@ -72,6 +73,7 @@ impl Clerk {
         let (tasks, work) = sync_channel(WAITING);
         let health = Arc::new(Health::default());
         let desk = Desk {
+            standing: Slots::new(log.standing_file()),
             log,
             health: Arc::clone(&health),
         };
@@ -115,6 +117,13 @@ impl Clerk {
         Receipt(taken.then_some(receipt))
     }
 
+    /// Hands over what stands. Once it was written there is room for it, also on a disk that is full.
+    pub fn stand(&self, text: String) -> Receipt {
+        let (tell, receipt) = sync_channel(1);
+        let taken = self.hand_over(Task::Stand(text, tell));
+        Receipt(taken.then_some(receipt))
+    }
+
     fn hand_over(&self, task: Task) -> bool {
         self.health.open.fetch_add(1, Ordering::Relaxed);
         let taken = self.tasks.try_send(task).is_ok();
@@ -154,6 +163,7 @@ impl Clerk {
 /// The side of the thread.
 struct Desk {
     log: AuditLog,
+    standing: Slots,
     health: Arc<Health>,
 }
 
@@ -182,6 +192,13 @@ impl Desk {
                 let _ = tell.try_send(kept.is_ok());
                 if let Err(e) = kept {
                     tracing::error!("{}: {e}", path.display());
+                }
+            }
+            Task::Stand(text, tell) => {
+                let kept = self.standing.keep(&text);
+                let _ = tell.try_send(kept.is_ok());
+                if let Err(e) = kept {
+                    tracing::error!("{}: {e}", self.log.standing_file().display());
                 }
             }
         }

@@ -199,6 +199,8 @@ impl Service {
             version: env!("CARGO_PKG_VERSION").to_owned(),
         };
         let _ = self.log("gateway", "started", Event::Start(start));
+        // This takes the room for all that may have to be kept later; without it nothing arms.
+        self.write_standing();
         // Nothing is armed yet, so that there is time for it; a disk that hangs delays the start no longer than this.
         self.clerk.settle(END);
         self.ask_whether_confirmed();

@@ -1,27 +1,22 @@
 //! What outlives a restart: a fault that nobody has acknowledged, and that a person disarmed it.
 
-use std::{
-    path::{Path, PathBuf},
-    time::Instant,
-};
+use std::{path::Path, time::Instant};
 
 use volcomp_guard::{Reasons, SensorFlaw, State};
 use volcomp_runtime::Report;
 
 use super::{RETRY, Service};
-use crate::{audit::clerk::Receipt, documents::Standing};
+use crate::{
+    audit::{clerk::Receipt, slots, standing_file},
+    documents::Standing,
+};
 
 /// Who disarmed it, where the file does not tell.
 const SOMEBODY: &str = "somebody";
 
-/// The file of a folder of the audit log.
-pub(crate) fn file(dir: &Path) -> PathBuf {
-    dir.join("standing.json")
-}
-
 /// What stands since before the start. A file that cannot be read is no proof that a person wants it armed.
 pub(crate) fn read(dir: &Path) -> Standing {
-    let path = file(dir);
+    let path = standing_file(dir);
     let unread = |error: String| {
         tracing::error!("{}: {error}: it does not arm by itself", path.display());
         Standing {
@@ -29,8 +24,13 @@ pub(crate) fn read(dir: &Path) -> Standing {
             ..Standing::default()
         }
     };
-    let standing = match std::fs::read_to_string(&path) {
-        Ok(text) => serde_json::from_str(&text).unwrap_or_else(|e| unread(e.to_string())),
+    let standing = match std::fs::read(&path)
+        .map(|bytes| String::from_utf8_lossy(&bytes).into_owned())
+    {
+        Ok(text) => match slots::latest(&text) {
+            Some((_, text)) => serde_json::from_str(text).unwrap_or_else(|e| unread(e.to_string())),
+            None => unread("no whole record".to_owned()),
+        },
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => Standing::default(),
         Err(e) => unread(e.to_string()),
     };
@@ -66,8 +66,7 @@ impl Service {
     /// Writes it down. Where that fails it is tried again until it is written, and told meanwhile.
     pub(super) fn write_standing(&mut self) {
         if let Ok(text) = serde_json::to_string(&self.standing) {
-            let kept = self.clerk.keep(file(&self.parts.config.audit_dir), text);
-            self.standing_kept = Some(kept);
+            self.standing_kept = Some(self.clerk.stand(text));
         }
     }
 

@@ -7,6 +7,7 @@ use volcomp_focas::simulator::{Options, Simulator, World};
 use crate::{
     controlled::configuration,
     program::{Program, change, path},
+    standing::kept,
 };
 
 /// The control thread is in the middle of an exchange when it is disarmed: the service still sees the state of before, takes the
@@ -41,7 +42,7 @@ fn a_persons_disarming_right_after_arming_outlives_a_restart() {
         });
         std::thread::sleep(Duration::from_millis(400));
         let state = program.state();
-        let text = std::fs::read_to_string(&standing).expect("written");
+        let text = kept(&standing);
         if state["state"] != "disarmed" && state["state"] != "ramping-out" {
             program.post("/api/disarm", "");
         } else if disarmed.status == 200 && !text.contains("\"disarmed_by\":\"") {
@@ -53,7 +54,7 @@ fn a_persons_disarming_right_after_arming_outlives_a_restart() {
     program.wait_for("disarmed");
     program.running.kill();
     drop(program);
-    let text = std::fs::read_to_string(&standing).expect("written");
+    let text = kept(&standing);
     let program = Program::start(dir.path(), &arguments);
     std::thread::sleep(Duration::from_secs(4));
     let state = program.state();

@@ -34,6 +34,7 @@ use volcomp_runtime::{Model, Realtime, start};
 use crate::{
     bench,
     program::{Answer, OPERATE, PATIENCE, answer},
+    standing::kept,
 };
 
 /// A gateway in this process, whose controller hangs at a switch.
@@ -313,12 +314,7 @@ fn disarming_is_written_down_whatever_waits() {
     let disarming = ask("disarm");
     std::thread::sleep(Duration::from_millis(100));
     gateway.stands.store(false, Ordering::Relaxed);
-    let state = gateway.wait(|_| gateway.dir.path().join("standing.json").exists());
-    let standing = std::fs::read_to_string(gateway.dir.path().join("standing.json"));
-    let standing = standing.expect("written");
-    assert!(
-        standing.contains("\"disarmed_by\":\"anna\""),
-        "{standing} {state}"
-    );
+    let file = gateway.dir.path().join("standing.json");
+    gateway.wait(|_| kept(&file).contains("\"disarmed_by\":\"anna\""));
     drop((waiting, disarming));
 }

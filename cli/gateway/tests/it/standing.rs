@@ -1,8 +1,16 @@
 //! What outlives a restart: that a person disarmed it, and a fault that nobody has acknowledged.
 
-use std::{path::Path, sync::Arc, time::Duration};
+use std::{
+    fs::File,
+    io::Write,
+    path::{Path, PathBuf},
+    process::Command,
+    sync::Arc,
+    time::Duration,
+};
 
 use volcomp_focas::simulator::{Options, Simulator, World};
+use volcomp_test_support::{peers, until};
 
 use crate::{
     controlled::{configuration, control},
@@ -18,6 +26,55 @@ fn started(config: &Path) -> Program {
         .wait(|state| state["error_um"].is_array())
         .expect("it sees the machine");
     program
+}
+
+/// What stands by the file: the text with the highest count of its two slots.
+pub(crate) fn kept(file: &Path) -> String {
+    let text = std::fs::read_to_string(file).expect("written");
+    let slots = text.lines().filter_map(|line| {
+        let mut words = line.trim_end().splitn(3, ' ').skip(1);
+        Some((words.next()?.parse::<u64>().ok()?, words.next()?.to_owned()))
+    });
+    let latest = slots.max_by_key(|(count, _)| *count);
+    latest.expect("a slot").1
+}
+
+/// A file system of 512 KiB in memory; `None` for a user who may not mount one.
+struct SmallDisk(PathBuf);
+
+impl SmallDisk {
+    fn at(folder: PathBuf) -> Option<Self> {
+        std::fs::create_dir(&folder).expect("writable");
+        let mount = Command::new("mount")
+            .args(["-t", "tmpfs", "-o", "size=512k", "tmpfs", path(&folder)])
+            .output();
+        if mount.is_ok_and(|mount| mount.status.success()) {
+            return Some(Self(folder));
+        }
+        peers::not_run("tmpfs");
+        None
+    }
+
+    /// Fills it but for some room.
+    fn fill(&self, left: u64) {
+        let path = self.0.join("filler");
+        let mut filler = File::create(&path).expect("writable");
+        let mut bytes = 0;
+        while let Ok(more) = filler.write(&[1; 4096]) {
+            bytes += more as u64;
+        }
+        filler.set_len(bytes - left).expect("shorter");
+    }
+
+    fn make_room(&self) {
+        std::fs::remove_file(self.0.join("filler")).expect("there");
+    }
+}
+
+impl Drop for SmallDisk {
+    fn drop(&mut self) {
+        let _ = Command::new("umount").args(["-l", path(&self.0)]).status();
+    }
 }
 
 fn says(state: &serde_json::Value, words: &str) -> bool {
@@ -65,7 +122,8 @@ fn a_persons_disarming_is_written_as_soon_as_it_can_be() {
     program.wait_for("compensating");
     // A folder of this name: the file cannot take its place.
     let file = dir.path().join("audit/standing.json");
-    std::fs::create_dir(&file).expect("nothing stood");
+    std::fs::remove_file(&file).expect("it took its room at the start");
+    std::fs::create_dir(&file).expect("nothing stands");
     assert_eq!(program.post("/api/disarm", "").status, 200);
     program.wait_for("disarmed");
     let told = program.wait(|state| says(state, "audit log cannot be written"));
@@ -75,11 +133,63 @@ fn a_persons_disarming_is_written_as_soon_as_it_can_be() {
     past.expect("it is written then");
     program.running.kill();
     drop(program);
-    let text = std::fs::read_to_string(&file).expect("written");
-    assert!(text.contains("disarmed_by"), "{text}");
+    let text = kept(&file);
+    assert!(text.contains("\"disarmed_by\":\"anna\""), "{text}");
     let program = started(&config);
     std::thread::sleep(Duration::from_millis(2500));
     assert_eq!(program.state()["state"], "disarmed");
+}
+
+/// A person disarmed on a full disk and was answered 200; after a power failure the gateway armed itself again.
+#[test]
+fn a_persons_disarming_is_kept_on_a_full_disk() {
+    let dir = tempfile::tempdir().expect("writable");
+    let Some(disk) = SmallDisk::at(dir.path().join("audit")) else {
+        return;
+    };
+    let file = disk.0.join("standing.json");
+    let control = control();
+    let config = configuration(dir.path(), &control, "auto_arm = true");
+    let mut program = started(&config);
+    program.wait_for("compensating");
+    disk.fill(0);
+    assert_eq!(program.post("/api/disarm", "").status, 200);
+    program.wait_for("disarmed");
+    let disarmed = "\"disarmed_by\":\"anna\"";
+    until("it is written down", Duration::from_secs(10), || {
+        kept(&file).contains(disarmed)
+    });
+    program.running.kill();
+    drop(program);
+    disk.make_room();
+    let program = started(&config);
+    let told = program.wait(|state| says(state, "disarmed by a person"));
+    assert_eq!(told.expect("it is remembered")["state"], "disarmed");
+    assert!(kept(&file).contains(disarmed));
+}
+
+/// Where there is no room for what may have to be kept, nothing is armed; once there is, it arms.
+#[test]
+fn without_room_for_what_stands_it_does_not_arm() {
+    let dir = tempfile::tempdir().expect("writable");
+    let Some(disk) = SmallDisk::at(dir.path().join("audit")) else {
+        return;
+    };
+    // Enough for some records.
+    disk.fill(24 * 1024);
+    let control = control();
+    let config = configuration(dir.path(), &control, "auto_arm = true");
+    let program = started(&config);
+    let told = program.wait(|state| says(state, "audit log cannot be written"));
+    told.expect("it is told");
+    let refused = program.arm();
+    assert_eq!(refused.status, 409, "{}", refused.body);
+    assert_eq!(program.state()["state"], "disarmed");
+    disk.make_room();
+    let past = program.wait(|state| !says(state, "audit log cannot be written"));
+    past.expect("there is room");
+    assert_eq!(program.arm().status, 200);
+    program.wait_for("compensating");
 }
 
 /// A person who disarms while the gateway already stops (it still ramps out, and still listens) has disarmed: before, the
