@@ -1,7 +1,7 @@
 "use strict";
 /* global drawLines, drawBars, drawMap, clearMap */
 
-const HOLD_MS = 1000, LOST_AFTER_MS = 2000, SILENT_MS = 2000, ANSWER_MS = 5000;
+const HOLD_MS = 1000, LOST_AFTER_MS = 2000, SILENT_MS = 2000, ANSWER_MS = 5000, POLL_MS = 3000;
 // A reduction in % of an error below this says nothing: µm.
 const LEAST_FOR_PERCENT_UM = 1;
 const LETTERS = "XYZABCUVW";
@@ -239,13 +239,11 @@ function showMap() {
 }
 
 function showButtons(state) {
-  for (const part of document.querySelectorAll("#at-hand, #operate > button, #token-form")) part.hidden = !state.operable;
+  for (const part of document.querySelectorAll("#acknowledge, #operate > button, #token-form")) part.hidden = !state.operable;
   element("not-operable").hidden = state.operable;
   const may = mayOperate;
   const jumped = state.temperatures.some((temperature) => temperature.reason === "jumped");
   element("arm").disabled = !may || state.armed || state.state === "faulted";
-  // Also while it is disarmed: something may be left over in the control, which disarming ramps out.
-  element("disarm").disabled = !may;
   // The gateway knows what waits to be acknowledged besides, and answers where nothing does.
   element("acknowledge").disabled = !may || (state.state === "compensating" && !jumped);
   element("reload").disabled = !may;
@@ -299,7 +297,7 @@ function lost(why) {
   for (const line of document.querySelectorAll("#fleet li")) line.textContent = "";
   for (const cell of document.querySelectorAll("#temperatures td:last-child")) cell.textContent = "unknown";
   for (const id of ["reduction", "axis-reduction", "cycle"]) text(id, "unknown");
-  for (const button of document.querySelectorAll("button[id]")) button.disabled = true;
+  for (const button of document.querySelectorAll("button[id]:not(#disarm)")) button.disabled = true;
   showMap();
 }
 
@@ -331,6 +329,8 @@ async function listen() {
       const response = await fetch("/api/events", { headers: headers(), cache: "no-store" });
       if (response.status === 401 || response.status === 403) {
         lost("a token is needed to look: enter it below");
+      } else if (response.status === 503) {
+        await poll();
       } else if (!response.ok) {
         lost(`the gateway answers ${response.status}`);
       } else {
@@ -341,6 +341,17 @@ async function listen() {
       lost("the gateway does not answer; what the machine does now is not known here");
     }
     await new Promise((done) => setTimeout(done, 1000));
+  }
+}
+
+/** As many event streams as there may be are open: asks for the state until one has ended. */
+async function poll() {
+  const end = Date.now() + POLL_MS;
+  while (Date.now() < end) {
+    const response = await fetch("/api/state", { headers: headers(), cache: "no-store" });
+    if (!response.ok) return lost(`the gateway answers ${response.status}`);
+    show(await response.json());
+    await new Promise((done) => setTimeout(done, 500));
   }
 }
 
@@ -387,7 +398,13 @@ async function refreshMap() {
 async function operate(what, body) {
   text("answer", `${what} …`);
   try {
-    const response = await fetch(`/api/${what}`, { method: "POST", headers: headers(), body });
+    const send = (headers) => fetch(`/api/${what}`, { method: "POST", headers, body });
+    let response = await send(headers());
+    // On the gateway's own computer disarming needs no token, also where the one that was entered does not allow it.
+    if (what === "disarm" && !response.ok && token()) {
+      const without = await send({});
+      if (without.ok) response = without;
+    }
     const answer = await response.json();
     if (response.status === 409 && answer.model) return confirmModel(what, answer);
     const said = [answer.error, (answer.reasons || []).join(", ")].filter(Boolean).join(": ") || answer.state || "done";

@@ -88,7 +88,7 @@ pub struct Status {
     pub simulated: bool,
     /// The machine whose model corrects.
     pub machine: MachineState,
-    /// Whether a token that may operate is configured: without one nothing can be operated over HTTP.
+    /// Whether a token that may operate is configured: without one, disarming on its own computer is all that can be done over HTTP.
     #[serde(default)]
     pub operable: bool,
     /// The controller that corrects.

@@ -121,6 +121,17 @@ pub(super) fn bearer(headers: &HeaderMap) -> Option<&str> {
         .then_some(token.trim())
 }
 
+/// Whether a browser sends this for a page of another origin: then the person at it may know nothing of it.
+pub(super) fn is_of_another_page(headers: &HeaderMap) -> bool {
+    let text = |name| headers.get(name).map(|value| value.to_str().unwrap_or(""));
+    let host = text(header::HOST).unwrap_or("");
+    // What is no browser states no origin.
+    text(header::ORIGIN).is_some_and(|origin| {
+        let at = origin.split_once("://").map(|(_, at)| at);
+        !at.is_some_and(|at| at.eq_ignore_ascii_case(host))
+    })
+}
+
 /// A refusal in words.
 pub(super) fn refuse(status: StatusCode, why: &str) -> Response {
     (status, Json(Refusal::new(why))).into_response()

@@ -76,7 +76,7 @@ pub(super) fn notes(
     }
     if plan.tokens.is_empty() {
         notes.push(if plan.config.auto_arm {
-            "warning: no token: it arms itself, and nobody can disarm it over HTTP: state [dashboard] token_file".to_owned()
+            "warning: no token: it arms itself, and only this computer can disarm it: state [dashboard] token_file".to_owned()
         } else {
             "no token: nobody can arm over HTTP: state [dashboard] token_file, start with --token-file FILE, or state auto_arm = true above the first table".to_owned()
         });

@@ -4,11 +4,22 @@ Every assertion is about what a person sees or touches.
 """
 import sys
 import time
+import urllib.error
+import urllib.request
 
 from playwright.sync_api import sync_playwright
 
 url, token, screenshot = sys.argv[1:4]
 chromium = "/usr/bin/chromium"
+
+
+def streams_left(url):
+    try:
+        urllib.request.urlopen(url + "api/events").close()
+    except urllib.error.HTTPError as refused:
+        assert refused.code == 503, refused
+        return False
+    return True
 
 
 def state(page, name):
@@ -51,12 +62,13 @@ with sync_playwright() as playwright:
     assert "barrier" in path and "no barrier" not in path and "answered" in path, path
     assert page.is_hidden("#no-barrier")
     assert all("proven" in shown for shown in page.locator(".axis .shown").all_inner_texts())
-    # Nothing can be pressed without a token.
-    for button in ("arm", "disarm", "acknowledge", "reload"):
+    # Nothing but Disarm can be pressed without a token.
+    for button in ("arm", "acknowledge", "reload"):
         assert page.is_disabled(f"#{button}"), button
+    assert page.is_enabled("#disarm")
     page.fill("#token", token)
     page.click("#token-form button")
-    page.wait_for_selector("#disarm:not([disabled])")
+    page.wait_for_selector("#reload:not([disabled])")
     assert page.is_disabled("#arm") and page.is_disabled("#acknowledge")
     assert token not in page.url and token not in page.content()
     page.wait_for_timeout(4000)
@@ -118,18 +130,34 @@ with sync_playwright() as playwright:
     page.fill("#token", "0" * 32)
     page.click("#token-form button")
     page.wait_for_selector("#answer:has-text('refused')")
-    for button in ("arm", "disarm", "acknowledge", "reload"):
+    for button in ("arm", "acknowledge", "reload"):
         assert page.is_disabled(f"#{button}"), button
+    assert page.is_enabled("#disarm")
     assert "the cross is where" in page.inner_text("#map-scale")
     assert "corrects:" in page.inner_text("#paths")
     # A refused request is an error to the browser, not of the page.
     assert all("401" in error for error in errors), errors
     errors.clear()
+    # Others keep every event stream open: the page goes on showing what is so, and disarms, without a token here.
+    streams = [urllib.request.urlopen(url + "api/events") for _ in range(15)]
+    assert not streams_left(url)
+    late = browser.new_page(viewport={"width": 1024, "height": 768})
+    late.goto(url)
+    state(late, "compensating")
+    shown = late.inner_text(".axis[data-axis=X] .position .value")
+    late.wait_for_function("shown => document.querySelector('.axis[data-axis=X] .position .value').innerText !== shown", arg=shown)
+    assert late.is_enabled("#disarm") and not streams_left(url)
+    late.click("#disarm")
+    state(late, "disarmed")
+    late.close()
+    for stream in streams:
+        stream.close()
     print("ready", flush=True)
     # The gateway ends now: the page must not go on showing its last words.
     sys.stdin.readline()
     page.wait_for_selector("#banner[data-state=lost]")
-    assert page.is_disabled("#disarm")
+    # Whatever the page hears, Disarm can be pressed.
+    assert page.is_enabled("#disarm") and page.is_disabled("#arm")
     # Nothing is told of a machine that is not heard.
     assert "where the machine stands is unknown" in page.inner_text("#map-scale")
     assert "corrects" not in page.inner_text("#paths"), page.inner_text("#paths")

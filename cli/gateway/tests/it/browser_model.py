@@ -80,8 +80,9 @@ with sync_playwright() as playwright:
     page.click("#to-model a")
     page.wait_for_selector("#in-force dd")
     # Without an engineer's token nothing can be done.
-    for control in ("#measurements", "#machine-file", "#configured", "#disarm"):
+    for control in ("#measurements", "#machine-file", "#configured"):
         assert page.is_disabled(control), control
+    assert page.is_enabled("#disarm")
     page.fill("#token", token)
     page.click("#token-form button")
     page.wait_for_selector("#measurements:not([disabled])")

@@ -124,14 +124,14 @@ fn axes_that_do_not_correct_are_told_as_held() {
     assert!(asks, "{notes:?}");
 }
 
-/// What arms itself and has no token cannot be disarmed over HTTP either.
+/// What arms itself and has no token can be disarmed at its own computer only.
 #[test]
 fn arming_itself_without_a_token_is_a_warning() {
     let document = plan(&format!("auto_arm = true\n{TEXT}")).document();
     let told = document
         .notes
         .iter()
-        .any(|note| note.contains("nobody can disarm it"));
+        .any(|note| note.contains("only this computer can disarm it"));
     assert!(told, "{:?}", document.notes);
 }
 

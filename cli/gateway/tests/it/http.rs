@@ -75,7 +75,8 @@ fn tokens_decide() {
     let (dir, program) = simulated();
     program.wait_for("compensating");
     let post = |path: &str, token: Option<&str>| program.request("POST", path, token, "").status;
-    assert_eq!(post("/api/disarm", None), 401);
+    assert_eq!(post("/api/arm", None), 401);
+    assert_eq!(post("/api/acknowledge", None), 401);
     assert_eq!(
         post("/api/disarm", Some("ffffffffffffffffffffffffffffffff")),
         401
@@ -150,6 +151,50 @@ fn a_token_is_told_what_it_allows() {
         assert_eq!(answer.status, status, "{token:?}");
         assert_eq!(answer.json()["role"].as_str(), role, "{token:?}");
         assert!(!answer.body.contains(OPERATE), "never the token itself");
+    }
+}
+
+/// At the computer of the gateway disarming needs no token; a page of another origin that a browser there shows cannot disarm.
+#[test]
+fn at_its_own_computer_disarming_needs_no_token() {
+    for has_tokens in [true, false] {
+        let dir = tempfile::tempdir().expect("writable");
+        let audit = dir.path().join("audit");
+        let program = if has_tokens {
+            Program::simulated(dir.path())
+        } else {
+            let arguments = ["--simulate", "--audit-dir", crate::program::path(&audit)];
+            Program::start(dir.path(), &arguments)
+        };
+        program.wait_for("compensating");
+        let disarm = |host: &str, headers: &str| {
+            let head = format!("POST /api/disarm HTTP/1.1\r\nHost: {host}\r\n{headers}");
+            let text = format!("{head}Content-Length: 0\r\nConnection: close\r\n\r\n");
+            answer(&program.raw(text.as_bytes())).status
+        };
+        let own = program.address.to_string();
+        let foreign = [
+            "http://evil.example",
+            "https://localhost",
+            "http://127.0.0.1:1",
+            "null",
+            "",
+            "http://evil.example/127.0.0.1",
+        ];
+        for origin in foreign {
+            let status = disarm(&own, &format!("Origin: {origin}\r\n"));
+            assert_eq!(status, 403, "{origin}");
+        }
+        // A name that a foreign page lets point here.
+        let rebound = disarm("evil.example", "Origin: http://evil.example\r\n");
+        assert_eq!(rebound, 421);
+        assert_eq!(program.state()["state"], "compensating");
+        assert_eq!(disarm(&own, &format!("Origin: http://{own}\r\n")), 200);
+        program.wait_for("disarmed");
+        assert_eq!(disarm(&own, ""), 200);
+        let log = std::fs::read_to_string(audit.join("audit.log")).expect("a log");
+        let record = "\"who\":\"somebody at this computer\",\"what\":\"disarm\"";
+        assert!(log.contains(record), "{log}");
     }
 }
 
