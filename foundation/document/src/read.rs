@@ -1,8 +1,12 @@
 //! Texts and documents from files of the disk.
 
-use std::{fs, io, path::Path};
+use std::{
+    fs::File,
+    io::{self, Read},
+    path::Path,
+};
 
-use crate::toml_file::Document;
+use crate::toml_file::{Document, MOST_BYTES};
 
 /// A file that cannot be read as text.
 #[derive(Debug, thiserror::Error)]
@@ -32,7 +36,9 @@ impl Document {
     /// # Errors
     /// [`ReadError`]: the file cannot be read, or is not UTF-8.
     pub fn read(path: &Path) -> Result<Self, ReadError> {
-        Ok(Self::new(&path.display().to_string(), &read_text(path)?))
+        // No more than what `decode` refuses.
+        let text = text_of(path, MOST_BYTES as u64 + 1)?;
+        Ok(Self::new(&path.display().to_string(), &text))
     }
 }
 
@@ -41,13 +47,28 @@ impl Document {
 /// # Errors
 /// [`ReadError`]: the file cannot be read, or is not UTF-8.
 pub fn read_text(path: &Path) -> Result<String, ReadError> {
+    text_of(path, u64::MAX)
+}
+
+/// At most so many bytes of a file, as text.
+fn text_of(path: &Path, most: u64) -> Result<String, ReadError> {
     let file = path.display().to_string();
-    let bytes = fs::read(path).map_err(|source| ReadError::System {
-        file: file.clone(),
-        source,
-    })?;
-    String::from_utf8(bytes).map_err(|error| ReadError::Encoding {
-        file,
-        offset: error.utf8_error().valid_up_to(),
+    let mut bytes = Vec::new();
+    File::open(path)
+        .and_then(|open| open.take(most).read_to_end(&mut bytes))
+        .map_err(|source| ReadError::System {
+            file: file.clone(),
+            source,
+        })?;
+    let is_cut = bytes.len() as u64 == most;
+    String::from_utf8(bytes).or_else(|error| match error.utf8_error() {
+        // Cut in the middle of a letter.
+        end if is_cut && end.error_len().is_none() => {
+            Ok(String::from_utf8_lossy(error.as_bytes()).into_owned())
+        }
+        wrong => Err(ReadError::Encoding {
+            file,
+            offset: wrong.valid_up_to(),
+        }),
     })
 }

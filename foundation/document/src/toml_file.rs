@@ -37,6 +37,10 @@ pub struct Value<'a> {
     node: &'a Spanned<DeValue<'a>>,
 }
 
+/// The largest TOML file, bytes. Of a broken one the parser keeps some fifty times its size, which must not be the end of
+/// a program that corrects a machine.
+pub(crate) const MOST_BYTES: usize = 4 * 1024 * 1024;
+
 impl Document {
     /// A document from the text of `file`.
     pub fn new(file: &str, text: &str) -> Self {
@@ -49,11 +53,16 @@ impl Document {
     /// Parses the text and hands its root table to `decode`.
     ///
     /// # Errors
-    /// TOML syntax (repeated keys included), and what `decode` finds.
+    /// A text of more than 4 MiB, TOML syntax (repeated keys included), and what `decode` finds.
     pub fn decode<T, E: From<InputError>>(
         &self,
         decode: impl FnOnce(Section<'_>) -> Result<T, E>,
     ) -> Result<T, E> {
+        if self.text.len() > MOST_BYTES {
+            let message =
+                "found a file of more than 4 MiB, expected a TOML file of 4 MiB at the most";
+            return Err(self.error(0..0, String::new(), message).into());
+        }
         let root = DeTable::parse(&self.text).map_err(|e| {
             let span = e.span().unwrap_or(0..0);
             let message = syntax::message(&self.text, &span, e.message());

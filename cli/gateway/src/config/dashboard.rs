@@ -50,7 +50,7 @@ pub(super) fn dashboard(
         token_file: path("token_file")?,
         tls,
         hosts: hosts.into_iter().map(str::to_owned).collect(),
-        upload_mib: section.whole_or("upload_mib", 1..=1024, 64)?,
+        upload_mib: section.whole_or("upload_mib", 1..=4, 4)?,
     })
 }
 

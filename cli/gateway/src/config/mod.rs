@@ -247,7 +247,7 @@ impl Default for DashboardConfig {
             token_file: None,
             tls: None,
             hosts: Vec::new(),
-            upload_mib: 64,
+            upload_mib: 4,
         }
     }
 }

@@ -113,6 +113,16 @@ fn files_that_cannot_be_read_are_told_apart() {
         assert!(matches!(error, ReadError::System { .. }), "{error}");
         assert!(error.to_string().starts_with(&path.display().to_string()));
     }
+    // Broken ones of many times the size that a machine file can have ended the program that read them.
+    let large = folder.path().join("large.toml");
+    for unit in ["[", "ä", "#"] {
+        std::fs::write(&large, unit.repeat(6 * 1024 * 1024)).unwrap();
+        let read = Document::read(&large)
+            .unwrap()
+            .decode(|_| Ok::<(), InputError>(()));
+        let told = read.expect_err("too large").to_string();
+        assert!(told.contains("4 MiB at the most"), "{told}");
+    }
     let good = folder.path().join("good.toml");
     std::fs::write(&good, "a = 3").unwrap();
     let read = Document::read(&good)

@@ -174,3 +174,26 @@ fn two_engineers_do_not_mix_their_files() {
     assert_eq!(late.status, 409, "{}", late.body);
     assert_eq!(activate(&program, &json!({ "id": id }), None).status, 409);
 }
+
+/// One permitted upload ended the process that corrects: a model of 59 MiB of readings takes thirty times that in memory, a
+/// broken machine file of 60 MiB fifty times.
+#[test]
+fn no_upload_is_too_large_for_the_program_that_corrects() {
+    let rig = Rig::new("");
+    let program = rig.start();
+    let most = 4 * 1024 * 1024;
+    for query in ["kind=measurement&name=m.csv", "kind=machine&name=m.toml"] {
+        let refused = upload(&program, query, &vec![b'['; most + 1]);
+        assert_eq!(refused.status, 413, "{query}: {}", refused.body);
+    }
+    let sent = upload(&program, "kind=machine&name=m.toml", &vec![b'['; most]);
+    assert_eq!(sent.status, 200, "{}", sent.body);
+    assert!(settled(&program)["error"].is_string());
+    let status = std::fs::read_to_string(format!("/proc/{}/status", program.running.id()));
+    let status = status.expect("it runs");
+    let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+    let peak = peak.and_then(|peak| peak.trim().strip_suffix(" kB")?.parse().ok());
+    let peak: u32 = peak.expect("a number");
+    println!("4 MiB of brackets: {} MiB at the most", peak / 1024);
+    assert!(peak < 512 * 1024, "{peak} kB");
+}
