@@ -1,4 +1,4 @@
-//! What the whole process asks of the operating system: locked memory, processors that stay awake, and what the service
+//! What the whole process asks of the operating system: locked memory, processors that stay awake, descriptors, and what the service
 //! manager hears.
 
 use std::{
@@ -7,7 +7,10 @@ use std::{
     time::{Duration, Instant},
 };
 
-use rustix::mm::{MlockAllFlags, mlockall};
+use rustix::{
+    mm::{MlockAllFlags, mlockall},
+    process::{Resource, Rlimit, getrlimit, setrlimit},
+};
 use sd_notify::NotifyState;
 
 /// Life is proven as often without a service manager that waits for it.
@@ -21,12 +24,20 @@ pub struct Process {
 }
 
 impl Process {
-    /// Asks the operating system for both.
+    /// Asks the operating system for both, and for as many descriptors as it may have.
     pub fn prepare() -> Self {
         let mut lacking = Vec::new();
         let flags = MlockAllFlags::CURRENT | MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT;
         if let Err(e) = mlockall(flags) {
             lacking.push(format!("memory is not locked: {e} (LimitMEMLOCK)"));
+        }
+        let maximum = getrlimit(Resource::Nofile).maximum;
+        let all = Rlimit {
+            current: maximum,
+            maximum,
+        };
+        if let Err(e) = setrlimit(Resource::Nofile, all) {
+            lacking.push(format!("no more descriptors: {e} (LimitNOFILE)"));
         }
         let awake = std::fs::OpenOptions::new()
             .write(true)

@@ -1,6 +1,11 @@
 //! Connections: how many at one time, how slow, and with TLS where others can listen.
 
-use std::{collections::VecDeque, net::SocketAddr, time::Duration};
+use std::{
+    collections::VecDeque,
+    net::SocketAddr,
+    sync::{Mutex, PoisonError},
+    time::Duration,
+};
 
 use axum::{Extension, Router};
 use hyper::server::conn::http1;
@@ -20,6 +25,11 @@ use crate::Tls;
 /// The largest number of connections at one time. With another one the oldest ends: clients that do not read, or send
 /// nothing, so keep nobody else out.
 const MAX_CONNECTIONS: usize = 64;
+/// The largest number of connections of all servers of the program together: the descriptors above belong to what the program
+/// does besides.
+const MAX_OF_ALL: usize = 256;
+/// The connections of all servers of the program, the oldest first.
+static OF_ALL: Mutex<VecDeque<AbortHandle>> = Mutex::new(VecDeque::new());
 /// The header of a request must be whole after so long; between requests a connection may idle as long.
 const HEADER_WITHIN: Duration = Duration::from_secs(5);
 /// The handshake of TLS must be done after so long.
@@ -38,15 +48,23 @@ pub async fn serve(listener: TcpListener, tls: Option<Tls>, router: Router) {
                 continue;
             }
         };
-        open.retain(|connection| !connection.is_finished());
-        if open.len() >= MAX_CONNECTIONS
-            && let Some(oldest) = open.pop_front()
-        {
-            oldest.abort();
-        }
+        make_place(&mut open, MAX_CONNECTIONS);
         let (router, tls) = (router.clone().layer(Extension(from)), tls.clone());
         let served = tokio::spawn(connection(stream, from, tls, router).in_current_span());
         open.push_back(served.abort_handle());
+        let mut all = OF_ALL.lock().unwrap_or_else(PoisonError::into_inner);
+        make_place(&mut all, MAX_OF_ALL);
+        all.push_back(served.abort_handle());
+    }
+}
+
+/// Ends the oldest connection where there are as many as there may be.
+fn make_place(open: &mut VecDeque<AbortHandle>, most: usize) {
+    open.retain(|connection| !connection.is_finished());
+    if open.len() >= most
+        && let Some(oldest) = open.pop_front()
+    {
+        oldest.abort();
     }
 }
 

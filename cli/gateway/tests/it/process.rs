@@ -317,3 +317,20 @@ fn its_end_leaves_alone_what_it_has_only_found() {
     program.wait(is_zero).expect("ramped out");
     assert_eq!(control.world().shifts(), [0.0; 3]);
 }
+
+/// The usual soft limit of descriptors is 1024, which the dashboards of 17 machines took, where far more are allowed.
+#[test]
+fn it_takes_as_many_descriptors_as_it_may_have() {
+    let dir = tempfile::tempdir().expect("writable");
+    let mut shell = Command::new("sh");
+    let program = env!("CARGO_BIN_EXE_volcomp-gateway");
+    shell.args(["-c", "ulimit -S -n 256; exec \"$0\" \"$@\"", program]);
+    let program = Program::spawn(shell, dir.path(), &["--simulate"]);
+    let limits = std::fs::read_to_string(format!("/proc/{}/limits", program.running.id()));
+    let limits = limits.expect("it runs");
+    let files = limits
+        .lines()
+        .find_map(|line| line.strip_prefix("Max open files"));
+    let files: Vec<&str> = files.expect("told").split_whitespace().collect();
+    assert!(files[0] == files[1] && files[0] != "256", "{files:?}");
+}

@@ -1,0 +1,40 @@
+//! The bound over all servers of a program, which others that run in the same one would feel.
+
+use std::time::Duration;
+
+use axum::{Router, routing::get};
+use tokio::{
+    io::{AsyncReadExt, AsyncWriteExt},
+    net::{TcpListener, TcpStream},
+};
+
+/// Seventeen dashboards of 64 connections each took every descriptor of the program: a control that had been off was not
+/// reached again. With more than 256 the oldest ones end, whatever server they belong to, and the newest is answered.
+#[tokio::test]
+async fn all_servers_together_have_a_bound() {
+    let mut hang = Vec::new();
+    for _ in 0..6 {
+        let listener = TcpListener::bind("127.0.0.1:0").await.expect("free");
+        let address = listener.local_addr().expect("bound");
+        let router = Router::new().route("/", get(async || "here"));
+        tokio::spawn(volcomp_web::serve(listener, None, router));
+        // As many as one server may have, but for the one that is answered.
+        for _ in 0..63 {
+            hang.push(TcpStream::connect(address).await.expect("served"));
+        }
+        let mut asks = TcpStream::connect(address).await.expect("served");
+        let ask = b"GET / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n";
+        asks.write_all(ask).await.expect("sent");
+        let mut answer = String::new();
+        asks.read_to_string(&mut answer).await.expect("an answer");
+        assert!(answer.ends_with("here"), "{answer}");
+    }
+    // 378 hang, 256 at the most are open.
+    let (older, newer) = hang.split_at_mut(378 - 256);
+    for ended in older {
+        assert_eq!(ended.read(&mut [0]).await.unwrap_or(0), 0);
+    }
+    let newest = newer.last_mut().expect("256");
+    let waits = tokio::time::timeout(Duration::from_millis(1), newest.read(&mut [0])).await;
+    assert!(waits.is_err(), "the newest is open");
+}
