@@ -6,6 +6,8 @@ mod compensation;
 mod demo;
 mod examples;
 mod failure;
+mod finite;
+mod limit;
 mod output;
 mod points;
 mod progress;

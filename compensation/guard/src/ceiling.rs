@@ -3,12 +3,12 @@
 
 use core::time::Duration;
 
-use volcomp_vocabulary::{AxisKind, Mm, Rad};
+use volcomp_vocabulary::{AxisKind, Mm, Rad, bounds};
 
 /// The largest limit of the correction of a linear axis.
-pub const LIMIT: Mm = Mm(2.0);
+pub const LIMIT: Mm = bounds::LARGEST_CORRECTION;
 /// The largest limit of the correction of a rotary axis.
-pub const LIMIT_ROTARY: Rad = Rad(0.002);
+pub const LIMIT_ROTARY: Rad = bounds::LARGEST_CORRECTION_ROTARY;
 /// The largest rate of the correction of a linear axis, in a second.
 pub const SLEW_PER_S: Mm = Mm(5.0);
 /// The largest rate of the correction of a rotary axis, in a second.

@@ -124,8 +124,9 @@ pub enum ErrorRefusal {
     /// One number is given as the location error of a name that stands for an error motion.
     #[error("is an error motion, expected a location error E?0N")]
     ErrorMotion,
-    /// A number of the curve, or the location error, is NaN or infinite.
-    #[error("expected finite numbers")]
+    /// A number of the curve, its value at an end of the travel, or the location error is NaN, infinite or beyond
+    /// [`LARGEST_NUMBER`](volcomp_document::LARGEST_NUMBER).
+    #[error("expected finite numbers, also for its values within the travel")]
     NotFinite,
     /// A location error that moves nothing.
     #[error(transparent)]

@@ -1,6 +1,7 @@
 //! Which errors a machine can have: the rules by which an error motion or a location error is refused.
 
 use volcomp_curve::{Curve, ErrorCurve, Field, Grid};
+use volcomp_document::LARGEST_NUMBER;
 use volcomp_kinematics::Joint;
 use volcomp_vocabulary::{ErrorName, brought_into};
 
@@ -20,7 +21,7 @@ pub(crate) fn location_refusal(name: ErrorName, value: f64, joint: &Joint) -> Op
     if !name.location {
         return Some(ErrorRefusal::ErrorMotion);
     }
-    if !value.is_finite() {
+    if !is_number(value) {
         return Some(ErrorRefusal::NotFinite);
     }
     joint.no_effect(name.component).map(ErrorRefusal::NoEffect)
@@ -36,7 +37,7 @@ pub(crate) fn curve_refusal(
     if name.location {
         return Some(ErrorRefusal::CurveOfLocation);
     }
-    if !curve.is_finite() {
+    if !curve.is_finite() || !is_finite_within_travel(curve, own, axes) {
         return Some(ErrorRefusal::NotFinite);
     }
     let goes_round = |axis: usize| axes.get(axis).is_some_and(|axis| axis.modulo.is_some());
@@ -51,6 +52,23 @@ pub(crate) fn curve_refusal(
             let period = axis.modulo?;
             open_ends(curve).or_else(|| jump(curve, axis.travel, period))
         }),
+    })
+}
+
+/// Whether a number is one that a file may state; all that is computed from such numbers stays finite.
+pub(crate) fn is_number(value: f64) -> bool {
+    value.abs() <= LARGEST_NUMBER
+}
+
+/// Whether the values at both ends of the travel are numbers. A power of a coordinate is largest there; curves of other
+/// kinds stay near their coefficients.
+fn is_finite_within_travel(curve: &ErrorCurve, own: usize, axes: &[Axis]) -> bool {
+    let Some(axis) = axes.get(own) else {
+        return true;
+    };
+    curve.fields().all(|field| match field {
+        Field::Curve(curve) => axis.travel.iter().all(|end| is_number(curve.value(*end))),
+        Field::Grid(_) => true,
     })
 }
 

@@ -12,6 +12,7 @@ mod evaluation;
 mod file_names;
 mod free_axis;
 mod inverse;
+mod largest;
 mod machine;
 mod machine_file;
 mod map;

@@ -9,7 +9,7 @@ use volcomp_vocabulary::{AxisKind, AxisName, Component, Displacement, ErrorName,
 use crate::{
     axis::Axis,
     error::{CorrectRefusal, ModelError},
-    error_rules::{curve_refusal, location_refusal},
+    error_rules::{curve_refusal, is_number, location_refusal},
     odd,
     provenance::{Provenance, ProvenanceRefusal},
     thermal::Thermal,
@@ -294,7 +294,7 @@ impl Machine {
     /// An axis that is not there, or [`ModelError::Assembly`]: numbers that are not finite.
     pub fn set_assembly(&mut self, axis: AxisName, six: [f64; 6]) -> Result<(), ModelError> {
         let index = self.index_of(axis)?;
-        if let Some(&found) = six.iter().find(|x| !x.is_finite()) {
+        if let Some(&found) = six.iter().find(|x| !is_number(**x)) {
             return Err(ModelError::Assembly { axis, found });
         }
         self.assembly[index] = six;

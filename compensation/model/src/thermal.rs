@@ -67,9 +67,8 @@ pub struct Drift {
     pub lag_s: f64,
 }
 
-/// The temperatures that a machine or its surroundings can have, °C: from absolute zero up to well above what any
-/// part of a machine tool survives. What is stated outside of them is a mistake.
-pub const POSSIBLE_DEGC: RangeInclusive<f64> = -273.15..=1000.0;
+/// Temperatures that a machine or its surroundings can have, °C: [`PLAUSIBLE_DEGC`](volcomp_vocabulary::bounds::PLAUSIBLE_DEGC).
+pub const POSSIBLE_DEGC: RangeInclusive<f64> = volcomp_vocabulary::bounds::PLAUSIBLE_DEGC;
 
 impl Default for Thermal {
     fn default() -> Self {

@@ -40,6 +40,7 @@ impl Rewriter {
             self.is_uncorrected(motion);
             return Ok(());
         }
+        self.check_arc_bounds(motion, arc);
         let stretches = self.stretches(arc, [&from, &to], line)?;
         let splits = stretches.len() > 1;
         if splits {

@@ -10,6 +10,7 @@ use volcomp_model::{
 
 use crate::{
     Job, NcError,
+    bounds::Bounds,
     coordinates::{Axes, LETTERS},
     correction::Corrector,
     dialect::Dialect,
@@ -20,7 +21,7 @@ use crate::{
     script::{NewWord, Script},
     setup::name_of_offset,
     verify::{WAITING, is_end, motions},
-    words::Number,
+    words::{Number, each},
 };
 
 /// The mean correction over the places where a program cuts with one work offset in force: the ends of its lines and arcs, and
@@ -154,7 +155,10 @@ pub fn average(
         ));
     }
     let mut sums = [Sums::default(); SYSTEMS];
-    at_places(program, job, |system, delta| sums[system].take(delta))?;
+    at_places(program, job, |place| {
+        sums[place.system].take(place.delta);
+        Ok(())
+    })?;
     let measured = match of {
         MeanOf::Places => None,
         MeanOf::Readings(readings) => {
@@ -167,8 +171,15 @@ pub fn average(
         Some((mean, _)) => (-mean).into(),
     });
     let mut left = [Sums::default(); SYSTEMS];
-    at_places(program, job, |system, delta| {
-        left[system].take(std::array::from_fn(|i| delta[i] - means[system][i]));
+    let bounds = Bounds::new(job.corrector, job.limit);
+    at_places(program, job, |place| {
+        let mean = means[place.system];
+        let by = each(|axis| mean.get(axis).copied().unwrap_or(0.0));
+        if let Some(refusal) = bounds.refusal(&[true; 9], &place.at, &by) {
+            return Err(refusal.at_line(place.line));
+        }
+        left[place.system].take(std::array::from_fn(|i| place.delta[i] - mean[i]));
+        Ok(())
     })?;
     let (mut averages, mut offsets) = (Vec::new(), Vec::new());
     let unit = job.setup.modal().unit_mm;
@@ -208,11 +219,22 @@ pub fn average(
     Ok(averages)
 }
 
-/// Executes the program: `take` gets the work offset and the correction of X, Y and Z (mm) of each place where it cuts.
+/// A place where a program cuts.
+struct CutPlace {
+    line: usize,
+    /// The work offset.
+    system: usize,
+    /// The axes of the machine, mm.
+    at: Axes,
+    /// The correction of X, Y and Z, mm.
+    delta: [f64; 3],
+}
+
+/// Executes the program: `take` gets each place where it cuts.
 fn at_places(
     program: &[u8],
     job: Job<'_>,
-    mut take: impl FnMut(usize, [f64; 3]),
+    mut take: impl FnMut(CutPlace) -> Result<(), NcError>,
 ) -> Result<(), NcError> {
     let mut ideal = (**job.corrector.machine()).clone();
     ideal.clear_errors();
@@ -281,7 +303,16 @@ fn at_places(
                 break;
             }
             let delta = corrector.at(&at).delta;
-            take(made.system, std::array::from_fn(|i| delta[i]));
+            let taken = take(CutPlace {
+                line: made.line,
+                system: made.system,
+                at,
+                delta: std::array::from_fn(|i| delta[i]),
+            });
+            if taken.is_err() {
+                found = taken;
+                break;
+            }
         }
         // Whoever still sends is told that nobody listens.
         drop(all);

@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use volcomp_model::vocabulary::{AxisName, Coordinate, Displacement};
+
 use crate::fault::Fault;
 
 /// Why a program is not compensated: the line, what was found, and what was expected.
@@ -67,6 +69,37 @@ pub enum NcError {
         /// The byte.
         byte: u8,
     },
+    /// A correction beyond the limit of the [`Job`](crate::Job).
+    #[error(
+        "line {line}: the correction of {axis} is {found:.1}, expected at most {limit}: check the units in the machine file, or allow more with --limit-um"
+    )]
+    BeyondLimit {
+        /// Counted from 1.
+        line: usize,
+        /// The axis.
+        axis: AxisName,
+        /// The correction.
+        found: Displacement,
+        /// The limit of the job.
+        limit: Displacement,
+    },
+    /// A corrected coordinate outside the travel that the programmed one keeps.
+    #[error(
+        "line {line}: the correction moves {axis} from {from} to {to} in machine coordinates, outside its travel of {} to {}",
+        travel[0], travel[1]
+    )]
+    LeavesTravel {
+        /// Counted from 1.
+        line: usize,
+        /// The axis.
+        axis: AxisName,
+        /// The programmed machine coordinate.
+        from: Coordinate,
+        /// The corrected machine coordinate.
+        to: Coordinate,
+        /// The ends of the travel that the machine file states.
+        travel: [Coordinate; 2],
+    },
     /// The O-words do not fit together, or never end.
     #[error("line {line}: {what}")]
     Flow {
@@ -109,6 +142,8 @@ impl NcError {
             | Self::OnlyAtMachine { line, .. }
             | Self::LongLine { line, .. }
             | Self::Binary { line, .. }
+            | Self::BeyondLimit { line, .. }
+            | Self::LeavesTravel { line, .. }
             | Self::Flow { line, .. } => *line = number,
             Self::NoCentrePoint | Self::InFile { .. } | Self::Io(_) | Self::Machine(_) => {}
         }

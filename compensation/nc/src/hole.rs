@@ -246,6 +246,15 @@ impl Rewriter {
         };
         let (ground, of_bottom) = self.in_cycle(&ground, depth, (line, in_own_line));
         self.carried_by_cycle = [of_bottom, of_clearance];
+        let heights = [
+            (bottom, of_bottom + carried_at_plane),
+            (clearance, of_clearance + carried_at_zero),
+        ];
+        for (height, by) in heights {
+            let mut there = *carried;
+            there[depth] = by;
+            self.check_bounds(&at_height(&end, depth, height), &there);
+        }
         let is_up = self.interpreter.modal.comes_back && clearance <= initial;
         carried[depth] = if is_up {
             at_initial

@@ -75,6 +75,7 @@ impl Rewriter {
                 this.numbers(leg, axes, delta, carried, &mut numbers);
             },
         );
+        self.check_bounds(&leg.to, carried);
         numbers
     }
 

@@ -10,6 +10,7 @@ mod arcs;
 mod average;
 mod basis;
 mod block;
+mod bounds;
 mod bow;
 mod canned;
 mod carriage;

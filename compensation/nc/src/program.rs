@@ -3,6 +3,7 @@
 use std::io::{BufRead, Read, Write};
 
 use memchr::memchr;
+use volcomp_model::vocabulary::CorrectionLimit;
 
 use crate::{
     Counts, Decimals, NcError, Notes,
@@ -34,6 +35,8 @@ pub struct Summary {
     pub notes: Notes,
     /// Whether the program ended by itself, by M2, M30 or a percent sign.
     pub ended: bool,
+    /// Motions with other numbers than [`Strategy::Plain`] gives; 0: the result is the same, byte for byte.
+    pub rounded_otherwise: u64,
     /// In which parts each motion was written: where each part ends, from 0 to 1 of the motion, one motion after the other;
     /// only where [`Job::keep_shares`] asks for it.
     pub shares: Vec<f64>,
@@ -54,12 +57,15 @@ pub struct Job<'a> {
     pub strategy: Strategy,
     /// A program with O-words is executed: so many of its lines at the most.
     pub most_blocks: u64,
+    /// No axis is corrected by more: a program that needs it is refused. Where rotary axes correct, the limit is always
+    /// [`CorrectionLimit::LARGEST`]: near singular poses their shares are large, and linear axes follow them.
+    pub limit: CorrectionLimit,
     /// Keep [`Summary::shares`]: 8 bytes for each motion.
     pub keep_shares: bool,
 }
 
 impl<'a> Job<'a> {
-    /// With the usual decimals, and ten million blocks at the most.
+    /// With the default decimals and limit (250 µm, 250 µrad), and at most ten million blocks.
     #[must_use]
     pub fn new(corrector: &'a Corrector, setup: &'a SetUp) -> Self {
         Self {
@@ -69,6 +75,7 @@ impl<'a> Job<'a> {
             decimals: Decimals::default(),
             strategy: Strategy::Plain,
             most_blocks: 10_000_000,
+            limit: CorrectionLimit::default(),
             keep_shares: false,
         }
     }
@@ -87,7 +94,13 @@ pub fn compensate(
     job: Job<'_>,
     seen: impl FnMut(u64) -> Result<(), NcError>,
 ) -> Result<Summary, NcError> {
-    let mut rewriter = Rewriter::new(job.setup, job.corrector.clone(), job.decimals, job.dialect)?;
+    let mut rewriter = Rewriter::new(
+        job.setup,
+        job.corrector.clone(),
+        job.decimals,
+        job.dialect,
+        job.limit,
+    )?;
     rewriter.strategy = job.strategy;
     rewriter.shares = job.keep_shares.then(Vec::new);
     execute(input, output, rewriter, job.most_blocks, seen)
@@ -225,6 +238,7 @@ fn summary(rewriter: Rewriter, ended: bool) -> Summary {
         counts: rewriter.counts,
         notes: rewriter.interpreter.notes,
         ended,
+        rounded_otherwise: rewriter.rounded_otherwise,
         shares: rewriter.shares.unwrap_or_default(),
     }
 }

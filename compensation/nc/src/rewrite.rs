@@ -6,9 +6,12 @@ use std::{
     sync::{Arc, mpsc::SyncSender},
 };
 
+use volcomp_model::vocabulary::CorrectionLimit;
+
 use crate::{
     NcError,
     block::{Begins, Block},
+    bounds::Bounds,
     carried::Settled,
     contour::Contour,
     coordinates::{Axes, LETTERS},
@@ -55,8 +58,11 @@ pub(crate) struct Rewriter {
     pub(crate) corrector: Corrector,
     /// What was computed last.
     pub(crate) seen: Seen,
+    pub(crate) bounds: Bounds,
     pub(crate) decimals: Decimals,
     pub(crate) strategy: Strategy,
+    /// Motions with other numbers than [`Strategy::Plain`] gives.
+    pub(crate) rounded_otherwise: u64,
     /// The correction that the axes of the machine have, mm and deg.
     pub(crate) carried: Axes,
     pub(crate) settled: Settled,
@@ -102,16 +108,19 @@ impl Rewriter {
         corrector: Corrector,
         decimals: Decimals,
         dialect: Dialect,
+        limit: CorrectionLimit,
     ) -> Result<Self, NcError> {
         let interpreter = Interpreter::new(setup, Arc::clone(corrector.machine()), dialect)?;
         let mut corrector = corrector;
         corrector.begins(&interpreter.position);
         Ok(Self {
             interpreter,
+            bounds: Bounds::new(&corrector, limit),
             corrector,
             seen: Seen::default(),
             decimals,
             strategy: Strategy::Plain,
+            rounded_otherwise: 0,
             carried: [0.0; 9],
             settled: Settled::No,
             turns: Turns::default(),
@@ -265,6 +274,9 @@ impl Rewriter {
             self.switches_radius &= !self.moves_in_plane(motion);
         }
         self.after_cycles(&outcome, line)?;
+        if let Some(refusal) = self.bounds.take_refusal() {
+            return Err(refusal.at_line(line.number));
+        }
         if let Some(motion) = &outcome.motion
             && line.block.begins == Begins::Slash
         {

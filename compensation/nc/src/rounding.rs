@@ -131,6 +131,9 @@ impl Rewriter {
             let (a, b) = (&layers[layer][from].1, &layers[layer + 1][to].1);
             lengths[layer] * (dot(a, a) + dot(a, b) + dot(b, b)) / 3.0
         })?;
+        // The first candidate of each layer has the nearest numbers.
+        let differs = found.nodes.iter().skip(1).any(|node| *node != 0);
+        self.rounded_otherwise += u64::from(differs);
         let nodes = layers.iter().zip(&found.nodes).skip(1);
         Some(nodes.map(|(layer, node)| layer[*node].0).collect())
     }

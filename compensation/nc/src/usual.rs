@@ -283,6 +283,10 @@ impl Rewriter {
                 (numbers[axis], carried[axis]) = this.on_its_way(axis, &way, 0).word();
             }
         });
+        // The way of all lines refuses it.
+        if self.bound_refusal(&after, &carried).is_some() {
+            return None;
+        }
         let begins = out.len();
         let script = Script {
             dialect: Dialect::Rs274,

@@ -6,7 +6,7 @@ use std::{
     thread,
 };
 
-use volcomp_model::{Machine, Temperatures, Thermal};
+use volcomp_model::{Machine, Temperatures, Thermal, vocabulary::CorrectionLimit};
 
 use crate::{
     Decimals, NcError,
@@ -166,7 +166,13 @@ pub(crate) fn motions(
     (dialect, most_blocks): (Dialect, u64),
     to: SyncSender<Made>,
 ) -> Result<(), NcError> {
-    let mut rewriter = Rewriter::new(setup, ideal.clone(), Decimals::default(), dialect)?;
+    let mut rewriter = Rewriter::new(
+        setup,
+        ideal.clone(),
+        Decimals::default(),
+        dialect,
+        CorrectionLimit::default(),
+    )?;
     rewriter.tells = Some(to);
     execute(program, &mut io::sink(), rewriter, most_blocks, |_| Ok(()))?;
     Ok(())

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use csv::{ReaderBuilder, StringRecord, Trim};
 
-use crate::{error::InputError, quoted};
+use crate::{bound::bounded, error::InputError, quoted};
 
 /// A table with a header, read from CSV text.
 ///
@@ -253,15 +253,15 @@ impl<'t> Cell<'t> {
         }
     }
 
-    /// The cell as a finite number.
+    /// The cell as a finite number up to [`LARGEST_NUMBER`](crate::LARGEST_NUMBER).
     ///
     /// # Errors
     /// Anything else, `nan` and `inf` included.
     pub fn number(&self) -> Result<f64, InputError> {
         let number = self.decimal_text()?.parse::<f64>().ok();
-        number.filter(|number| number.is_finite()).ok_or_else(|| {
+        bounded(number).map_err(|expected| {
             let found = quoted(self.text());
-            self.error(format!("found {found}, expected a finite number"))
+            self.error(format!("found {found}, expected {expected}"))
         })
     }
 

@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+mod bound;
 mod csv_file;
 mod error;
 mod file_kind;
@@ -13,6 +14,7 @@ mod syntax;
 mod toml_file;
 mod written;
 
+pub use bound::LARGEST_NUMBER;
 pub use csv_file::{Cell, Column, CsvRow, CsvTable};
 pub use error::InputError;
 pub use file_kind::FileKind;

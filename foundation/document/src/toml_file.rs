@@ -11,7 +11,7 @@ use toml::{
     de::{DeTable, DeValue},
 };
 
-use crate::{error::InputError, nearest::near, syntax};
+use crate::{bound::bounded, error::InputError, nearest::near, syntax};
 
 /// The text of a file and its name.
 #[derive(Clone, Debug)]
@@ -194,7 +194,7 @@ impl<'a> Value<'a> {
         self.error(format!("found {found}, expected {expected}"))
     }
 
-    /// A finite number; integers count.
+    /// A finite number up to [`LARGEST_NUMBER`](crate::LARGEST_NUMBER); integers count.
     ///
     /// # Errors
     /// Anything else, `nan` and `inf` included.
@@ -206,9 +206,7 @@ impl<'a> Value<'a> {
                 .map(|integer| integer as f64),
             _ => None,
         };
-        number
-            .filter(|number| number.is_finite())
-            .ok_or_else(|| self.mismatch("a finite number"))
+        bounded(number).map_err(|expected| self.mismatch(expected))
     }
 
     /// Whether the value is a number (of any kind).

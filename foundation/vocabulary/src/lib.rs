@@ -2,6 +2,7 @@
 #![doc = include_str!("../README.md")]
 
 mod axis;
+pub mod bounds;
 mod direction;
 mod error_name;
 mod per_axis;
@@ -11,6 +12,7 @@ mod serialised;
 mod units;
 
 pub use axis::{AxisKind, AxisName, MAX_AXES, UnknownAxis};
+pub use bounds::{CorrectionLimit, CorrectionLimitError};
 pub use direction::{Direction, TURNED_AFTER, TURNED_AFTER_ROTARY, UnknownDirection};
 pub use error_name::{Component, ErrorName, UnknownErrorName};
 pub use per_axis::{PerAxis, PerChannel};

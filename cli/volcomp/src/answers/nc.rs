@@ -18,6 +18,9 @@ pub(crate) struct Nc {
     pub(crate) changed: u64,
     /// Lines that were added, since a motion was split.
     pub(crate) added: u64,
+    /// Whether the result is byte for byte that of `--strategy plain`; only with `--strategy floyd`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) same_as_plain: Option<bool>,
     /// Whether the program says where it ends (M2, M30 or a second percent sign).
     pub(crate) ended: bool,
     /// How far the tool is from where the program wants it; only with --verify.

@@ -16,6 +16,7 @@ use crate::{
         export::{self, CategoryLoss, Export, Loss, Made},
     },
     failure::{Failure, FileFailure},
+    limit::LimitArgument,
     output::OutputFile,
     points::{MachineArguments, axis_numbers, parse_at},
     table::{folded, to_the_left},
@@ -47,6 +48,8 @@ pub(crate) struct Arguments {
     /// Where the axes stand that a table does not go over: X=400,Z=-100 (mm, deg); axes not named stand at 0
     #[arg(long, allow_hyphen_values = true)]
     at: Option<String>,
+    #[command(flatten)]
+    limit: LimitArgument,
     #[command(flatten)]
     control: ControlArguments,
 }
@@ -80,6 +83,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         step_mm: arguments.step,
         step_deg: arguments.step_deg,
         at: at.unwrap_or_default(),
+        limit: arguments.limit.limit()?,
     };
     let reference = options.reference(&machine)?;
     let stated: Vec<String> = temperatures

@@ -51,7 +51,7 @@ use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::{AxisKind, Displacement};
 
 pub(crate) use crate::table::{fixed, table, table_text};
-use crate::{answers::quantity::Decision, failure::Failure, output::OutputFile};
+use crate::{answers::quantity::Decision, failure::Failure, finite::first_not_finite, output::OutputFile};
 
 /// The result of a command.
 pub(crate) struct Answer {
@@ -74,6 +74,11 @@ impl Answer {
         text: String,
         notes: Vec<String>,
     ) -> Result<Self, Failure> {
+        if let Some(key) = first_not_finite(document) {
+            return Err(Failure::Input(format!(
+                "the result `{key}` is not a finite number: check the numbers in the input files, which are too large or do not determine it"
+            )));
+        }
         Ok(Self {
             json: serde_json::to_value(document)
                 .map_err(|e| Failure::Work(format!("the JSON document: {e}")))?,

@@ -17,6 +17,7 @@ use super::{Answer, machine_notes, nc_ball_row, nc_part, nc_verified, nc_verifie
 use crate::{
     answers::nc::{AverageOffset, Nc, NcAverage, NcNote, Verified},
     failure::Failure,
+    limit::LimitArgument,
     output::OutputFile,
     points::MachineArguments,
     progress::byte_bar,
@@ -62,6 +63,8 @@ pub(crate) struct Arguments {
     /// the nearest ones (floyd)
     #[arg(long, value_enum, default_value_t)]
     strategy: Rounding,
+    #[command(flatten)]
+    limit: LimitArgument,
     /// Blocks that are executed at the most where the program has O-words
     #[arg(long, value_name = "N", default_value_t = 10_000_000)]
     pub(super) max_blocks: u64,
@@ -128,7 +131,7 @@ impl Arguments {
 }
 
 /// How the numbers of split lines are rounded.
-#[derive(Clone, Copy, Debug, Default, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 enum Rounding {
     #[default]
     Plain,
@@ -157,6 +160,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             "--tolerance: found {tolerance_um}, expected µm from 0.001 to 1000"
         )));
     }
+    let limit = arguments.limit.limit()?;
     let (machine, temperatures) = arguments.machine.read()?;
     let setup = match &arguments.setup {
         Some(path) => SetUp::parse(&read_text(path)?, &path.display().to_string())?,
@@ -195,6 +199,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             Rounding::Floyd => Strategy::Floyd,
         },
         most_blocks: arguments.max_blocks,
+        limit,
         keep_shares: arguments.verify,
     };
     let mut notes = machine_notes(&machine, &temperatures);
@@ -239,10 +244,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         picture.finish()?;
     }
     match made {
-        Written::Compensated(summary) => {
-            let dialect = arguments.dialect();
-            answer(&arguments.output, dialect, &summary, verified, notes)
-        }
+        Written::Compensated(summary) => answer(arguments, &summary, verified, notes),
         Written::Averaged(found) => averaged(&arguments.output, &found, verified, notes),
     }
 }
@@ -321,20 +323,21 @@ pub(super) fn failure(program: &Path, error: NcError) -> Failure {
 }
 
 fn answer(
-    output: &Path,
-    dialect: Dialect,
+    arguments: &Arguments,
     summary: &Summary,
     verified: Option<Verified>,
     more: Vec<String>,
 ) -> Result<Answer, Failure> {
     let counts = &summary.counts;
     let document = Nc {
-        file: output.display().to_string(),
-        dialect: dialect.name().to_owned(),
+        file: arguments.output.display().to_string(),
+        dialect: arguments.dialect().name().to_owned(),
         lines: counts.lines,
         motions: counts.motions,
         changed: counts.changed,
         added: counts.added,
+        same_as_plain: (arguments.strategy == Rounding::Floyd)
+            .then_some(summary.rounded_otherwise == 0),
         ended: summary.ended,
         verified,
         notes: (summary.notes.by_line().into_iter())
@@ -348,6 +351,13 @@ fn answer(
         "{}: {} lines with {} motions read, {} lines changed, {} added\n",
         document.file, document.lines, document.motions, document.changed, document.added
     );
+    if let Some(same) = document.same_as_plain {
+        text += if same {
+            "--strategy floyd: same as plain, byte for byte\n"
+        } else {
+            "--strategy floyd: other numbers than plain\n"
+        };
+    }
     if let Some(verified) = &document.verified {
         text += &nc_verified::text(verified);
     }

@@ -1,6 +1,7 @@
 //! The real program: what it prints, its JSON, its exit status.
 
 mod answers;
+mod bounds;
 mod check;
 mod correct;
 mod evaluation;

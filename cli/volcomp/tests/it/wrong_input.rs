@@ -69,7 +69,7 @@ const WRONG_CALLS: &[(&[&str], &str)] = &[
             "--temperature",
             "scale_x=-300",
         ],
-        "found `scale_x=-300`, expected -273.15 to 1000 °C",
+        "found `scale_x=-300`, expected -200 to 850 °C",
     ),
     (
         &[
@@ -81,7 +81,7 @@ const WRONG_CALLS: &[(&[&str], &str)] = &[
             "--temperature",
             "scale_x=1e308",
         ],
-        "found `scale_x=1e308`, expected -273.15 to 1000 °C",
+        "found `scale_x=1e308`, expected -200 to 850 °C",
     ),
     (
         &[
@@ -93,11 +93,11 @@ const WRONG_CALLS: &[(&[&str], &str)] = &[
             "--temperature",
             "scale_x=1000.1",
         ],
-        "found `scale_x=1000.1`, expected -273.15 to 1000 °C",
+        "found `scale_x=1000.1`, expected -200 to 850 °C",
     ),
     (
         &["fit-thermal", "no.csv", "--reference", "-300"],
-        "--reference: found -300, expected -273.15 to 1000 °C",
+        "--reference: found -300, expected -200 to 850 °C",
     ),
     (
         &["error", "-m", GANTRY, "--at", "X=1", "--tool", "T9"],

@@ -308,7 +308,7 @@ fn a_rotary_word_that_the_machine_lacks_is_refused_where_the_tip_is_followed() {
 #[test]
 fn another_length_at_a_tilt_names_no_axis() {
     let machine = machine(LENGTH);
-    let program = "M428\nG43.1 Z93\nG0 X320 Y260 Z-300 A0 C0\nG1 Z-350 A30 C45 F100\nG43.1 Z120\nG1 Z-340\nG1 X330\nY250\nM2\n";
+    let program = "M428\nG43.1 Z93\nG0 X320 Y260 Z-300 A0 C0\nG1 Z-350 A29 C45 F100\nG43.1 Z120\nG1 Z-340\nG1 X330\nY250\nM2\n";
     let (result, _) = run(&machine, "", program, Decimals::default());
     let behind: Vec<&str> = result
         .lines()

@@ -1,6 +1,6 @@
 //! A machine without errors changes no byte, whatever the program.
 
-use volcomp_model::{Machine, Temperatures};
+use volcomp_model::{Machine, Temperatures, vocabulary::CorrectionLimit};
 use volcomp_nc::{
     Corrector, Dialect, Job, NcError, SetUp, Strategy, Summary, Verification, Virtual, compensate,
     verify,
@@ -24,6 +24,7 @@ pub(crate) fn compensated_in(
     let mut out = Vec::new();
     let job = Job {
         most_blocks: 1_000_000,
+        limit: CorrectionLimit::LARGEST,
         ..Job::new(&corrector, setup)
     };
     let summary = compensate(&mut &program[..], &mut out, job, |_| Ok(()))?;
@@ -45,6 +46,7 @@ pub(crate) fn verified_in(
         dialect,
         strategy,
         keep_shares: true,
+        limit: CorrectionLimit::LARGEST,
         ..Job::new(&corrector, &setup)
     };
     let summary = compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(()))?;

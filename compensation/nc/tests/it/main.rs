@@ -2,6 +2,7 @@
 
 mod arcs;
 mod average;
+mod bounds;
 mod drawn;
 mod five_axes;
 mod flow;

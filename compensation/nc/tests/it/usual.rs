@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use volcomp_model::{Machine, Temperatures};
+use volcomp_model::{Machine, Temperatures, vocabulary::CorrectionLimit};
 use volcomp_nc::{Corrector, Job, NcError, SetUp, Strategy, Summary, compensate};
 
 const THREE: &str = "structure = \"w X' b Y Z t\"\naxes.X.travel = [0.0, 600.0]\naxes.Y.travel = [0.0, 500.0]\naxes.Z.travel = [-400.0, 0.0]\n[errors]\nEXX = { poly = [0.0, 0.2] }\nEYX = { poly = [0.0, 0.0, 0.0004] }\nECX = { poly = [0.0, 0.3] }\nEYY = { poly = [0.0, -0.1] }\nEAY = { poly = [0.0, 0.1] }\nEC0Y = 20.0\n";
@@ -93,6 +93,7 @@ fn compensated(
     let job = Job {
         strategy,
         keep_shares: true,
+        limit: CorrectionLimit::LARGEST,
         ..Job::new(corrector, setup)
     };
     let summary = compensate(&mut text.as_bytes(), &mut out, job, |_| Ok(()));

@@ -1,6 +1,8 @@
 //! Tables into files and back, by format.
 
-use volcomp_vocabulary::{AxisName, Displacement};
+use volcomp_vocabulary::{
+    AxisKind, AxisName, Coordinate, CorrectionLimit, Displacement, bounds::is_plausible_error,
+};
 
 use super::{
     AxisNumbers, AxisTable, ErrorTables, ExchangeError, Facts, Format, GridTable, TextFile, csv,
@@ -16,6 +18,88 @@ pub enum Content {
     Errors(ErrorTables),
     /// A grid.
     Grid(GridTable),
+}
+
+/// A value of tables, and where it is.
+pub(super) struct Entry {
+    pub(super) what: String,
+    pub(super) value: Displacement,
+}
+
+impl Content {
+    /// The first value that is not allowed; NaN is for the caller to refuse.
+    pub(super) fn first_refused(&self, allows: impl Fn(Displacement) -> bool) -> Option<Entry> {
+        let refused = |kind: AxisKind, value: &f64| {
+            let value = Displacement::new(kind, *value);
+            (!allows(value)).then_some(value)
+        };
+        match self {
+            Self::Axes(tables) => tables.iter().find_map(|table| {
+                let kind = table.output.kind();
+                let sides = [Some(&table.forward), table.backward.as_ref()];
+                let mut values = (sides.into_iter().flatten())
+                    .flat_map(|side| side.iter().zip(&table.positions));
+                values.find_map(|(value, at)| {
+                    let at = Coordinate(Displacement::new(table.input.kind(), *at));
+                    Some(Entry {
+                        value: refused(kind, value)?,
+                        what: format!("the deviation of {} at {} {at}", table.output, table.input),
+                    })
+                })
+            }),
+            Self::Errors(errors) => {
+                let mut curves = errors.curves.iter();
+                let of_curves = curves.find_map(|table| {
+                    let kind = table.name.component.kind();
+                    let mut values = table.values.iter().zip(&table.positions);
+                    values.find_map(|(value, at)| {
+                        let axis = table.name.axis;
+                        let at = Coordinate(Displacement::new(axis.kind(), *at));
+                        Some(Entry {
+                            value: refused(kind, value)?,
+                            what: format!("{} at {axis} {at}", table.name),
+                        })
+                    })
+                });
+                let mut locations = errors.locations.iter();
+                of_curves.or_else(|| {
+                    locations.find_map(|(name, value)| {
+                        Some(Entry {
+                            value: refused(name.component.kind(), value)?,
+                            what: name.to_string(),
+                        })
+                    })
+                })
+            }
+            Self::Grid(grid) => grid.by_output().find_map(|(output, mut values)| {
+                let node = values.position(|value| refused(output.kind(), value).is_some())?;
+                let places = grid.axes().iter().zip(grid.node(node));
+                let at: Vec<String> = places.map(|(axis, at)| format!("{axis} {at} mm")).collect();
+                let value = grid
+                    .by_output()
+                    .find(|(of, _)| *of == output)?
+                    .1
+                    .nth(node)?;
+                Some(Entry {
+                    value: refused(output.kind(), value)?,
+                    what: format!("the deviation of {output} at {}", at.join(" ")),
+                })
+            }),
+        }
+    }
+
+    /// Refuses values that no machine tool has.
+    fn check_plausible(&self, files: &[&TextFile]) -> Result<(), ExchangeError> {
+        self.first_refused(is_plausible_error)
+            .map_or(Ok(()), |entry| {
+                Err(ExchangeError::Implausible {
+                    files: files.iter().map(|file| file.name.clone()).collect(),
+                    most: CorrectionLimit::LARGEST.of(entry.value.kind()),
+                    what: entry.what,
+                    found: entry.value,
+                })
+            })
+    }
 }
 
 /// What a writer has to know besides the tables.
@@ -155,6 +239,7 @@ pub fn write(
     if let Some(refusal) = refusal {
         return Err(ExchangeError::NoCurves(refusal));
     }
+    content.check_plausible(&[])?;
     let options = &WriteOptions {
         facts: options.facts.with_tables(content),
         ..options.clone()
@@ -273,6 +358,7 @@ pub fn read(
             names.join(", ")
         )));
     }
+    content.check_plausible(&files)?;
     let is_empty = match &content {
         Content::Axes(tables) => tables.is_empty(),
         Content::Errors(errors) => errors.curves.is_empty() && errors.locations.is_empty(),

@@ -2,7 +2,7 @@
 
 use core::fmt::Write;
 
-use volcomp_vocabulary::AxisName;
+use volcomp_vocabulary::{AxisName, CorrectionLimit, Displacement, bounds::is_plausible_error};
 
 use super::{
     AxisTable, ExchangeError, Format, LineError, TextFile, Warning, Written,
@@ -190,11 +190,29 @@ fn read_file(
         if table.positions.len() == MOST_LINES {
             return Err(LineError::too_many(file, number, MOST_LINES));
         }
+        let deviations =
+            [forward, back].map(|value| deviation_from_edge(axis, kind.deviation(nominal, value)));
+        let implausible = (deviations.into_iter())
+            .map(|deviation| Displacement::new(axis.kind(), deviation))
+            .find(|deviation| !is_plausible_error(*deviation));
+        if let Some(deviation) = implausible {
+            let (this, other) = match kind {
+                Type::Positions => ("positions (type 0)", "trims (type 1)"),
+                Type::Trims => ("trims (type 1)", "positions (type 0)"),
+            };
+            return Err(LineError::at(
+                file,
+                number,
+                format!("a deviation of {deviation:.1}, read as {this}"),
+                format!(
+                    "at most {}; does the file have {other}?",
+                    CorrectionLimit::LARGEST.of(axis.kind())
+                ),
+            ));
+        }
         table.positions.push(at);
-        table
-            .forward
-            .push(deviation_from_edge(axis, kind.deviation(nominal, forward)));
-        backward.push(deviation_from_edge(axis, kind.deviation(nominal, back)));
+        table.forward.push(deviations[0]);
+        backward.push(deviations[1]);
     }
     if table.positions.len() < 2 {
         return Err(LineError::whole(
@@ -209,21 +227,6 @@ fn read_file(
         .any(|(a, b)| (a - b).abs() > 1e-12)
     {
         table.backward = Some(backward);
-    }
-    if kind == Type::Trims
-        && table
-            .forward
-            .iter()
-            .zip(&table.positions)
-            .all(|(deviation, at)| {
-                // The sum of what is added and where it is added to would be 0.
-                (deviation + at).abs() < 0.1 * at.abs().max(1e-3)
-            })
-    {
-        warnings.push(Warning::whole(
-            file,
-            "the trims are as large as the nominals: is this a file of type 0?",
-        ));
     }
     Ok(table)
 }

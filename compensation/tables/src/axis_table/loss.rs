@@ -3,7 +3,9 @@
 use volcomp_curve::ErrorCurve;
 use volcomp_kinematics::{CorrectionOptions, State};
 use volcomp_model::{Axis, Machine, Temperatures, Thermal};
-use volcomp_vocabulary::{AxisName, Direction, Displacement, MAX_AXES, PerAxis, brought_into};
+use volcomp_vocabulary::{
+    AxisName, CorrectionLimit, Direction, Displacement, MAX_AXES, PerAxis, brought_into,
+};
 
 use super::{
     AxisNumbers, Content, ExchangeError, Format, ReadOptions, TableOptions, WriteOptions,
@@ -94,6 +96,11 @@ pub fn loss(
     format: Format,
     write: &WriteOptions,
 ) -> Result<Loss, ExchangeError> {
+    // A category alone may need more than all together.
+    let options = &TableOptions {
+        limit: CorrectionLimit::LARGEST,
+        ..options.clone()
+    };
     let correction = machine.correction_options();
     let correctors = correction.correctors(machine.chain());
     let mut outputs: Vec<usize> = (0..machine.axes().len())

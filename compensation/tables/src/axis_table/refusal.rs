@@ -2,6 +2,7 @@
 
 use volcomp_document::InputError;
 use volcomp_model::ModelError;
+use volcomp_vocabulary::Displacement;
 
 use super::{format::Format, grid_table::GridTableError, text::TextFile};
 use crate::TablesError;
@@ -80,6 +81,30 @@ pub enum ExchangeError {
         found: String,
         /// What can be.
         expected: String,
+    },
+    /// A correction or an error beyond the limit of the options.
+    #[error(
+        "{what} is {found:.1}, expected at most {limit}: check the units in the machine file, or allow more with --limit-um"
+    )]
+    BeyondLimit {
+        /// Which table, and where in it.
+        what: String,
+        /// The value.
+        found: Displacement,
+        /// The limit.
+        limit: Displacement,
+    },
+    /// A value in a file, or in tables that are to be written, that no machine tool has.
+    #[error("{}{what} is {found:.1}, expected at most {most}", if files.is_empty() { String::new() } else { format!("{}: ", files.join(", ")) })]
+    Implausible {
+        /// The files that were read; none where tables are to be written.
+        files: Vec<String>,
+        /// Which table, and where in it.
+        what: String,
+        /// The value.
+        found: Displacement,
+        /// The largest plausible value.
+        most: Displacement,
     },
     /// The format cannot hold what there is.
     #[error("{format}: {what}: found {found}, expected {expected}")]

@@ -3,7 +3,7 @@
 use volcomp_kinematics::State;
 use volcomp_model::{Axis, Machine, Temperatures};
 use volcomp_vocabulary::{
-    AxisName, Component, Direction, Displacement, ErrorName, PerAxis, brought_into,
+    AxisName, Component, CorrectionLimit, Direction, Displacement, ErrorName, PerAxis, brought_into,
 };
 
 use super::{
@@ -27,15 +27,18 @@ pub struct TableOptions {
     pub step_deg: f64,
     /// Where the axes stand that a table does not go over, mm or deg; those that are not named at 0 or the nearest end of travel.
     pub at: Vec<(AxisName, f64)>,
+    /// No value of a table is larger: a machine that needs it is refused.
+    pub limit: CorrectionLimit,
 }
 
 impl Default for TableOptions {
-    /// Every 50 mm and 15 deg, the others at 0.
+    /// Every 50 mm and 15 deg, the others at 0; the limit is 250 µm and 250 µrad.
     fn default() -> Self {
         Self {
             step_mm: 50.0,
             step_deg: 15.0,
             at: Vec::new(),
+            limit: CorrectionLimit::default(),
         }
     }
 }
@@ -70,7 +73,7 @@ impl TableOptions {
 ///
 /// # Errors
 /// A step that is no number above 0 or does not divide a turn, a reference position beyond the travel or, of an axis with modulo,
-/// beside the nodes that the format can have.
+/// beside the nodes that the format can have; a value beyond the limit.
 pub fn sampled(
     machine: &Machine,
     temperatures: &Temperatures,
@@ -96,11 +99,19 @@ pub fn sampled(
         format,
         reference: machine.state(&options.reference(machine)?)?,
     };
-    Ok(match format.holds() {
+    let content = match format.holds() {
         Holds::Axes => Content::Axes(lines.axis_tables()?),
         Holds::Errors => Content::Errors(lines.error_tables()?),
         Holds::Grid => Content::Grid(GridTable::of(machine, temperatures, options)?),
-    })
+    };
+    match content.first_refused(|value| options.limit.allows(value)) {
+        Some(entry) => Err(ExchangeError::BeyondLimit {
+            limit: options.limit.of(entry.value.kind()),
+            what: entry.what,
+            found: entry.value,
+        }),
+        None => Ok(content),
+    }
 }
 
 /// Where along each axis tables have their positions, mm or deg, in the order of the chain.

@@ -3,7 +3,7 @@
 mod csv_file;
 
 use proptest::prelude::*;
-use volcomp_document::{Document, InputError, ReadError, Section};
+use volcomp_document::{CsvTable, Document, InputError, ReadError, Section};
 
 fn first_number(text: &str) -> Result<f64, InputError> {
     Document::new("f.toml", text).decode(|root| {
@@ -259,4 +259,46 @@ fn a_file_of_another_kind_is_named_with_the_key_that_tells() {
     let told = Document::new("f.toml", "unknown = []\nmachin = 1").decode(decode);
     let message = told.expect_err("a wrong key").to_string();
     assert!(message.contains("did you mean `machine`?"), "{message}");
+}
+
+/// Numbers beyond any quantity of a machine are refused where they stand: what is computed from them would overflow.
+#[test]
+fn numbers_that_overflow_are_refused() {
+    for (text, expected) in [
+        ("x = 1e15", None),
+        ("x = -1e15", None),
+        ("x = 1e-300", None),
+        (
+            "x = 1.1e15",
+            Some("f.toml:1: x: found 1.1e15, expected a number from -1e15 to 1e15"),
+        ),
+        (
+            "x = -1e308",
+            Some("f.toml:1: x: found -1e308, expected a number from -1e15 to 1e15"),
+        ),
+        (
+            "x = 9223372036854775807",
+            Some("f.toml:1: x: found 9223372036854775807, expected a number from -1e15 to 1e15"),
+        ),
+        (
+            "x = inf",
+            Some("f.toml:1: x: found inf, expected a finite number"),
+        ),
+    ] {
+        let found = Document::new("f.toml", text)
+            .decode(|root| -> Result<f64, InputError> { root.require("x")?.number() });
+        assert_eq!(
+            found.err().map(|e| e.to_string()).as_deref(),
+            expected,
+            "{text}"
+        );
+    }
+    let table = CsvTable::parse("t.csv", "x\n1e308\n").expect("a table");
+    let column = table.column("x").expect("a header").expect("it is there");
+    let cell = table.rows().next().expect("a row").cell(column).number();
+    let message = cell.expect_err("refused").to_string();
+    assert!(
+        message.contains("expected a number from -1e15 to 1e15"),
+        "{message}"
+    );
 }

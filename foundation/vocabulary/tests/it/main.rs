@@ -1,5 +1,7 @@
 //! Tests of the vocabulary.
 
+mod bounds;
+
 use proptest::prelude::*;
 use volcomp_vocabulary::{
     AxisKind, AxisName, Component, Coordinate, Deg, Direction, Displacement, ErrorName, Mm,

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 
 use volcomp_kinematics::{Form, MotionFrame, Side, State};
 use volcomp_model::{Machine, Temperatures};
-use volcomp_vocabulary::{AxisKind, AxisName};
+use volcomp_vocabulary::{AxisKind, AxisName, CorrectionLimit};
 
 use self::{sizes::sizes, sketch::sketch};
 use super::{Answer, in_degrees, machine_notes, micrometres, microradians, rotary_note};
@@ -43,6 +43,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let mut notes = machine_notes(&machine, &temperatures);
     notes.extend(rotary_note(&machine));
     notes.extend(no_point_note(&machine));
+    notes.extend(limit_notes(&machine, &temperatures)?);
     notes.extend(document.provenance.iter().flat_map(provenance::notes));
     Answer::new(&document, text, notes)
 }
@@ -75,6 +76,28 @@ fn document(arguments: &Arguments, machine: &Machine, temperatures: &Temperature
         home: place(&State::default()),
         corners: corners(machine).iter().map(place).collect(),
     }
+}
+
+/// Warns of corrections that `nc` and `export` refuse.
+fn limit_notes(machine: &Machine, temperatures: &Temperatures) -> Result<Vec<String>, Failure> {
+    let usual = CorrectionLimit::default();
+    let largest = machine.largest_corrections(temperatures)?.into_iter();
+    let beyond = largest.filter(|(_, most)| !usual.allows(*most));
+    Ok(beyond
+        .map(|(axis, most)| {
+            let kind = axis.kind();
+            let (limit, ceiling) = (usual.of(kind), CorrectionLimit::LARGEST.of(kind));
+            if CorrectionLimit::LARGEST.allows(most) {
+                format!(
+                    "WARNING: the correction of {axis} reaches {most:.1} within the travels, more than the {limit} that nc and export allow without --limit-um: check the units of the errors"
+                )
+            } else {
+                format!(
+                    "WARNING: the correction of {axis} reaches {most:.1} within the travels, more than the {ceiling} that no command and no gateway applies: check the units of the errors"
+                )
+            }
+        })
+        .collect())
 }
 
 /// Where measurement files are looked for.

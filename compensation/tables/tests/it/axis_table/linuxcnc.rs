@@ -126,13 +126,6 @@ fn its_limits() {
             .contains("found 257 positions, expected 256 at the most"),
         "{told}"
     );
-    // A file of type 0 read as trims.
-    let (_, warnings) = tables(
-        Format::LinuxcncType1,
-        "X.comp",
-        "10 10.01 10\n20 20.01 20\n",
-    );
-    assert!(warnings[0].contains("type 0"), "{warnings:?}");
 }
 
 /// control.c and usrmotintf.cc in a few lines: what LinuxCNC adds to the motor's command.

@@ -5,6 +5,7 @@ mod fanuc;
 mod grid_table;
 mod heidenhain;
 mod isg;
+mod limits;
 mod linuxcnc;
 mod loss;
 mod machine;

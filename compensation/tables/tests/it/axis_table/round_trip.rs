@@ -32,6 +32,7 @@ fn table(input: AxisName, output: AxisName) -> impl Strategy<Value = AxisTable> 
                 let each = |values: Vec<f64>| {
                     values
                         .into_iter()
+                        // A machine has at most 2 mm and 2 mrad, with the halves of a reversal and lines beyond the ends.
                         .map(|value| inside(output, value))
                         .collect::<Vec<_>>()
                 };

@@ -1,0 +1,167 @@
+//! Slips of units and numbers that overflow: refused by every command, and nothing is written.
+
+use std::{fs, path::Path};
+
+use crate::{refused, root, volcomp};
+
+/// `examples/mill.toml` with another line EXX or EC0Y.
+fn mill(folder: &Path, name: &str, line: &str) -> String {
+    let text = fs::read_to_string(root().join("examples/mill.toml")).expect("the example");
+    let key = line.split(' ').next().expect("a key");
+    let lines = text.lines().map(|old| {
+        if old.starts_with(&format!("{key} =")) {
+            line
+        } else {
+            old
+        }
+    });
+    let path = folder.join(name);
+    fs::write(&path, lines.collect::<Vec<_>>().join("\n")).expect("written");
+    path.to_str().expect("a path in UTF-8").to_owned()
+}
+
+fn said(output: &std::process::Output) -> String {
+    String::from_utf8_lossy(&output.stderr)
+        .split_whitespace()
+        .collect::<Vec<_>>()
+        .join(" ")
+}
+
+const SLIPS: [&str; 2] = ["EXX = { poly = [0.0, 20] }", "EXX = { poly = [1e7, 0.02] }"];
+
+#[test]
+fn a_slip_of_units_writes_no_program_and_no_table() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (place, slip) in SLIPS.iter().enumerate() {
+        let machine = mill(folder.path(), &format!("{place}.toml"), slip);
+        for (program, limit) in [
+            ("part.ngc", "250"),
+            ("part.ngc", "2000"),
+            ("part.mpf", "250"),
+            ("part.h", "250"),
+        ] {
+            let result = folder.path().join("result");
+            let result = result.to_str().expect("a path in UTF-8");
+            let program = format!("examples/{program}");
+            let output = volcomp(&[
+                "nc",
+                &program,
+                "-o",
+                result,
+                "-m",
+                &machine,
+                "--setup",
+                "examples/setup.toml",
+                "--limit-um",
+                limit,
+            ]);
+            assert_eq!(output.status.code(), Some(2), "{output:?}");
+            let said = said(&output);
+            assert!(
+                said.contains("the correction of X is -")
+                    && said.contains(&format!("expected at most {limit} µm")),
+                "{said}"
+            );
+            assert!(!Path::new(result).exists(), "{program}");
+        }
+        for format in [
+            "csv",
+            "linuxcnc",
+            "fanuc",
+            "fanuc-3d",
+            "siemens-840d",
+            "heidenhain",
+            "isg-csv",
+        ] {
+            let result = folder.path().join("tables");
+            let result = result.to_str().expect("a path in UTF-8");
+            let output = volcomp(&["export", "-m", &machine, "--format", format, "-o", result]);
+            assert_eq!(output.status.code(), Some(2), "{format}: {output:?}");
+            assert!(
+                said(&output).contains("expected at most 250 µm"),
+                "{output:?}"
+            );
+            assert!(!Path::new(result).exists(), "{format}");
+        }
+        let output = volcomp(&["check", &machine]);
+        assert!(output.status.success(), "{output:?}");
+        let said = said(&output);
+        assert!(
+            said.contains("WARNING: the correction of X reaches")
+                && said.contains("more than the 2000 µm that no command and no gateway applies"),
+            "{said}"
+        );
+    }
+    // Between the limit and the ceiling.
+    let machine = mill(folder.path(), "large.toml", "EXX = { poly = [0.0, 1] }");
+    let checked = said(&volcomp(&["check", &machine]));
+    assert!(
+        checked.contains("more than the 250 µm that nc and export allow"),
+        "{checked}"
+    );
+    let result = folder.path().join("large");
+    let result = result.to_str().expect("a path in UTF-8");
+    let call = [
+        "export",
+        "-m",
+        &machine,
+        "--format",
+        "csv",
+        "-o",
+        result,
+        "--limit-um",
+        "700",
+    ];
+    let output = volcomp(&call);
+    assert!(output.status.success(), "{output:?}");
+    let checked = said(&volcomp(&["check", "examples/mill.toml"]));
+    assert!(!checked.contains("WARNING"), "{checked}");
+}
+
+#[test]
+fn limits_above_the_ceiling_are_refused() {
+    for limit in ["0", "-5", "2001", "inf"] {
+        let call = [
+            "export",
+            "-m",
+            "examples/mill.toml",
+            "--format",
+            "csv",
+            "-o",
+            "x",
+        ];
+        let message = refused(&[&call[..], &["--limit-um", limit]].concat());
+        let expected = format!("--limit-um: found {limit}, expected µm above 0, at most 2000");
+        assert!(message.contains(&expected), "{message}");
+    }
+}
+
+/// Whatever key holds it: a number that overflows is refused where it stands.
+#[test]
+fn numbers_that_overflow_are_refused_by_every_command() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for line in [
+        "EC0Y = 1e308",
+        "EXX = { poly = [0.0, 1e308] }",
+        "EXX = { poly = [1e14, 1e14] }",
+    ] {
+        let machine = mill(folder.path(), "m.toml", line);
+        for call in [
+            vec!["check", &machine],
+            vec!["error", "-m", &machine, "--at", "X=100"],
+            vec!["correct", "-m", &machine, "--at", "X=100"],
+            vec!["diagonals", "-m", &machine],
+            vec!["map", "-m", &machine, "--grid", "3x3x3"],
+            vec!["dh", "-m", &machine],
+        ] {
+            let output = volcomp(&call);
+            assert_eq!(output.status.code(), Some(2), "{call:?} {line}: {output:?}");
+            assert!(output.stdout.is_empty(), "{call:?} {line}: {output:?}");
+            let said = said(&output);
+            assert!(
+                said.contains("m.toml:") && said.contains("expected"),
+                "{said}"
+            );
+        }
+    }
+}

@@ -1,0 +1,200 @@
+//! What no corrected coordinate may do, whatever the machine file says: move by more than a limit, or leave its travel.
+
+use std::f64::consts::{FRAC_PI_2, TAU};
+
+use volcomp_model::{
+    Axis,
+    vocabulary::{
+        AxisName, Coordinate, CorrectionLimit, Displacement, bounds::LARGEST_CORRECTION, is_within,
+    },
+};
+
+use crate::{
+    NcError,
+    coordinates::{Axes, is_rotary, name_of},
+    correction::Corrector,
+    motion::{Arc, Move},
+    rewrite::Rewriter,
+    words::each,
+};
+
+/// Coordinates nearer to an end of travel than the largest correction can leave it.
+const NEAR_MM: f64 = LARGEST_CORRECTION.0;
+
+/// Why an axis may not have a correction.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Refusal {
+    BeyondLimit {
+        axis: AxisName,
+        found: Displacement,
+        limit: Displacement,
+    },
+    LeavesTravel {
+        axis: AxisName,
+        from: Coordinate,
+        to: Coordinate,
+        travel: [Coordinate; 2],
+    },
+}
+
+impl Refusal {
+    pub(crate) fn at_line(self, line: usize) -> NcError {
+        match self {
+            Self::BeyondLimit { axis, found, limit } => NcError::BeyondLimit {
+                line,
+                axis,
+                found,
+                limit,
+            },
+            Self::LeavesTravel {
+                axis,
+                from,
+                to,
+                travel,
+            } => NcError::LeavesTravel {
+                line,
+                axis,
+                from,
+                to,
+                travel,
+            },
+        }
+    }
+}
+
+/// The bounds of the coordinates of each axis that a machine has.
+///
+/// State: the first corrected coordinate of the line that is being written that is beyond them. Nothing of such a line is
+/// written.
+#[derive(Clone, Debug)]
+pub(crate) struct Bounds {
+    limit: CorrectionLimit,
+    axes: Axes<Option<AxisName>>,
+    /// Travel, mm and deg; infinite for an axis without ends.
+    travels: Axes<[f64; 2]>,
+    refused: Option<Refusal>,
+}
+
+/// A rotary axis that goes round, or turns by a whole turn or more, has no end that a correction could reach.
+fn has_ends(axis: &Axis) -> bool {
+    let [low, high] = axis.travel;
+    axis.modulo.is_none() && !(axis.name.is_rotary() && high - low >= 360.0)
+}
+
+impl Bounds {
+    pub(crate) fn new(corrector: &Corrector, limit: CorrectionLimit) -> Self {
+        let machine = corrector.machine();
+        let axis = |axis: usize| name_of(axis).and_then(|name| machine.axis(name));
+        // Near a singular pose a small error of the tool axis turns a rotary axis far, and the linear axes follow it.
+        let rotary_corrects = (0..9).any(|axis| is_rotary(axis) && corrector.corrects(axis));
+        Self {
+            limit: if rotary_corrects {
+                CorrectionLimit::LARGEST
+            } else {
+                limit
+            },
+            axes: each(|of| axis(of).map(|axis| axis.name)),
+            travels: each(|of| match axis(of) {
+                Some(axis) if has_ends(axis) => axis.travel,
+                _ => [f64::NEG_INFINITY, f64::INFINITY],
+            }),
+            refused: None,
+        }
+    }
+
+    /// Why axes that are `known` to be at this place, mm and deg of the machine, may not get this correction.
+    pub(crate) fn refusal(&self, known: &Axes<bool>, at: &Axes, by: &Axes) -> Option<Refusal> {
+        for (axis, name) in self.axes.iter().enumerate() {
+            let (Some(name), true) = (*name, by[axis] != 0.0) else {
+                continue;
+            };
+            let coordinate = |at: f64| Displacement::from_coordinate(name.kind(), at);
+            let correction = coordinate(by[axis]);
+            if !self.limit.allows(correction) {
+                return Some(Refusal::BeyondLimit {
+                    axis: name,
+                    found: correction,
+                    limit: self.limit.of(name.kind()),
+                });
+            }
+            let (travel, from, to) = (self.travels[axis], at[axis], at[axis] + by[axis]);
+            if known[axis] && is_within(travel, from) && !is_within(travel, to) {
+                return Some(Refusal::LeavesTravel {
+                    axis: name,
+                    from: Coordinate(coordinate(from)),
+                    to: Coordinate(coordinate(to)),
+                    travel: travel.map(|end| Coordinate(coordinate(end))),
+                });
+            }
+        }
+        None
+    }
+
+    /// Keeps the first refusal of a line.
+    fn check(&mut self, known: &Axes<bool>, at: &Axes, by: &Axes) {
+        if self.refused.is_none() {
+            self.refused = self.refusal(known, at, by);
+        }
+    }
+
+    /// The refusal of the line that has been written.
+    pub(crate) fn take_refusal(&mut self) -> Option<Refusal> {
+        self.refused.take()
+    }
+
+    /// Whether an axis is so near to an end of its travel that a correction within every limit may lead it out.
+    fn is_near_end(&self, axis: usize, at: f64) -> bool {
+        let near = |end: &f64| (at - end).abs() <= NEAR_MM;
+        !is_rotary(axis) && self.travels[axis].iter().any(near)
+    }
+}
+
+impl Rewriter {
+    /// Why the axes may not have this correction at a place, both in the coordinates of the program.
+    pub(crate) fn bound_refusal(&self, at: &Axes, carried: &Axes) -> Option<Refusal> {
+        let (frame, known) = (&self.interpreter.frame, &self.interpreter.known);
+        let by = frame.moved_in_machine(at, carried);
+        self.bounds.refusal(known, &frame.to_machine(at), &by)
+    }
+
+    /// Checks the correction that the axes get at a place, both in the coordinates of the program: the line is refused where
+    /// it is beyond the bounds.
+    pub(crate) fn check_bounds(&mut self, at: &Axes, carried: &Axes) {
+        let frame = &self.interpreter.frame;
+        let (machine, by) = (frame.to_machine(at), frame.moved_in_machine(at, carried));
+        self.bounds.check(&self.interpreter.known, &machine, &by);
+    }
+
+    /// Checks the places of an arc where an axis of its plane turns, near an end of travel.
+    pub(crate) fn check_arc_bounds(&mut self, motion: &Move, arc: &Arc) {
+        let frame = &self.interpreter.frame;
+        let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
+        let (_, start) = arc.start(&from);
+        let [first, second, _] = arc.axes;
+        let rotation = frame.rotation_deg.to_radians();
+        // One turn is enough: a helix goes through the same places of its plane.
+        let sweep = arc.turns_by.clamp(-TAU, TAU);
+        let places: Vec<Axes> = (-8..=8)
+            .filter_map(|quarter| {
+                let angle = f64::from(quarter) * FRAC_PI_2 - rotation - start;
+                let share = angle / arc.turns_by;
+                (share > 0.0 && share < sweep / arc.turns_by).then(|| arc.place(&from, &to, share))
+            })
+            .collect();
+        for place in places {
+            let machine = self.interpreter.frame.to_machine(&place);
+            let is_near = |axis: usize| self.bounds.is_near_end(axis, machine[axis]);
+            if is_near(first) || is_near(second) {
+                let delta = self.corrector.at(&machine).delta;
+                let by = each(|axis| {
+                    if self.corrector.corrects(axis) {
+                        delta[axis]
+                    } else {
+                        0.0
+                    }
+                });
+                self.bounds.check(&self.interpreter.known, &machine, &by);
+            }
+        }
+    }
+}
