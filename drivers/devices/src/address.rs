@@ -51,8 +51,17 @@ impl Scheme {
     fn keys(self) -> &'static [&'static str] {
         match self {
             Self::Focas => &["path", "axes"],
-            Self::Modbus => &["unit", "profile", "names"],
-            Self::ModbusRtu => &["unit", "profile", "names", "baud", "parity", "stop"],
+            Self::Modbus => &["unit", "profile", "names", "byte_order", "answer_ms"],
+            Self::ModbusRtu => &[
+                "unit",
+                "profile",
+                "names",
+                "byte_order",
+                "answer_ms",
+                "baud",
+                "parity",
+                "stop",
+            ],
             Self::Can => &["dbc"],
             Self::Gpio => &["position", "correction"],
             Self::OpcUa => &[],

@@ -6,10 +6,12 @@ use std::{
 };
 
 use volcomp_modbus::{
-    ANSWER_WITHIN, Bus, DigitalModule, ModbusDigital, ModbusThermometer, Parity, Profile,
-    ThermometerConfig, ThermometerUnit,
+    ANSWER_WITHIN, Bus, ByteOrder, DigitalModule, ModbusDigital, ModbusThermometer, Parity,
+    Profile, ThermometerConfig, ThermometerUnit,
 };
-use volcomp_port::{Backoff, DeviceError, DigitalIo, Reason, Thermometer};
+use volcomp_port::{
+    Backoff, DeviceError, DigitalIo, Fault, Quality, Reason, Temperature, Thermometer,
+};
 
 use crate::{
     address::{Address, Scheme},
@@ -37,11 +39,39 @@ fn profile(address: &Address) -> Result<Profile, DeviceError> {
     } else {
         Profile::named(name)
     };
-    found.map_err(|e| {
+    let mut found = found.map_err(|e| {
         address
             .wrong(e.to_string(), "correct the profile")
             .caused_by(e)
-    })
+    })?;
+    if let Some(order) = address.get("byte_order") {
+        let order = match order {
+            "high" => ByteOrder::HighFirst,
+            "low" => ByteOrder::LowFirst,
+            other => {
+                let what = format!("found byte_order={other}");
+                return Err(address.wrong(what, "expected high or low"));
+            }
+        };
+        match &mut found.channels {
+            Some(channels) if channels.number.registers() == 2 => channels.byte_order = order,
+            _ => {
+                let what = format!(
+                    "found byte_order, and profile {} has no numbers of two registers",
+                    found.name
+                );
+                return Err(address.wrong(what, "leave it out"));
+            }
+        }
+    }
+    Ok(found)
+}
+
+/// How long the module may take for an answer.
+fn answer_within(address: &Address) -> Result<Duration, DeviceError> {
+    let usual = u32::try_from(ANSWER_WITHIN.as_millis()).unwrap_or(u32::MAX);
+    let ms = address.number("answer_ms", [10, 10_000], usual)?;
+    Ok(Duration::from_millis(ms.into()))
 }
 
 fn bus(address: &Address, profile: &Profile) -> Result<Bus, DeviceError> {
@@ -89,7 +119,10 @@ fn thermometer_config(
         profile,
         names,
     };
-    Ok(ThermometerConfig::new(bus, unit))
+    Ok(ThermometerConfig {
+        answer_within: answer_within(address)?,
+        ..ThermometerConfig::new(bus, unit)
+    })
 }
 
 /// The thermometer of a URL. `names` of its channels; without any those of the URL, else numbers.
@@ -114,7 +147,7 @@ pub fn thermometer_names(address: &Address, names: &[String]) -> Result<Vec<Stri
 /// Keys that make no sense, a profile without digital lines.
 pub fn digital_modules(address: &Address) -> Result<ModbusDigital, DeviceError> {
     let (bus, module) = module(address)?;
-    ModbusDigital::new(bus, &[module], ANSWER_WITHIN, Backoff::default())
+    ModbusDigital::new(bus, &[module], answer_within(address)?, Backoff::default())
 }
 
 /// The port that [`digital_modules`] would open, described without connecting.
@@ -159,19 +192,41 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
         };
         address.no_answer("the module does not answer", remedy)
     };
+    let refused = |what: &str| {
+        let remedy = "check function, address and count in the profile, and the unit";
+        address.no_answer(what.replace("the device", "the module"), remedy)
+    };
+    let echo = || {
+        let remedy = "the adapter repeats every request (local echo), which is skipped: check the wire, unit, speed and parity behind it";
+        address.no_answer("only the echo of the request comes back", remedy)
+    };
     if profile.channels.is_some() {
         let mut thermometer = thermometer(address, &[])?;
-        let unheard = |t: &volcomp_port::Temperature| {
-            use volcomp_port::Quality::Bad;
-            matches!(t.quality, Bad(Reason::NotRead | Reason::NoAnswer))
+        let unheard = |t: &Temperature| {
+            let Quality::Bad(reason) = t.quality else {
+                return false;
+            };
+            matches!(reason, Reason::NotRead | Reason::NoAnswer | Reason::Echo)
         };
         while thermometer.latest().iter().all(unheard) {
             if Instant::now() >= deadline {
-                return Err(nobody());
+                let is_echo =
+                    (thermometer.latest().iter()).any(|t| t.quality == Quality::Bad(Reason::Echo));
+                return Err(if is_echo { echo() } else { nobody() });
             }
             std::thread::sleep(Duration::from_millis(5));
         }
         let latest = thermometer.latest().to_vec();
+        if let [
+            Temperature {
+                quality: Quality::Bad(reason @ Reason::Refused { .. }),
+                ..
+            },
+            ..,
+        ] = latest[..]
+        {
+            return Err(refused(&reason.to_string()));
+        }
         probe.temperatures = thermometer.names().iter().cloned().zip(latest).collect();
     }
     if let Some(digital) = profile.digital.filter(|digital| digital.inputs > 0) {
@@ -179,6 +234,10 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
         let levels = loop {
             match lines.read(deadline) {
                 Ok(found) => break found.levels,
+                Err(Fault::Refused { code, .. }) => {
+                    let code = u8::try_from(code).unwrap_or(0);
+                    return Err(refused(&Reason::Refused { code }.to_string()));
+                }
                 Err(_) if Instant::now() < deadline => std::thread::sleep(Duration::from_millis(5)),
                 Err(_) => return Err(nobody()),
             }

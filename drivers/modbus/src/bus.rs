@@ -1,6 +1,7 @@
 //! The line to the modules: serial or TCP, one question at a time, drained after one that was not answered.
 
 use std::{
+    collections::VecDeque,
     io,
     pin::Pin,
     sync::{Arc, Mutex, MutexGuard, PoisonError},
@@ -18,7 +19,7 @@ use tokio_modbus::{
     prelude::{Client, Request, Response, Slave, SlaveContext},
 };
 use tokio_serial::{SerialPortBuilderExt, SerialStream};
-use volcomp_port::{DeviceError, Fault};
+use volcomp_port::{DeviceError, Fault, Reason, exception_name};
 
 /// How long a module may take for an answer where nothing else is asked for. This judges no age: a module that is slower does
 /// not answer.
@@ -125,7 +126,7 @@ impl Bus {
                     let remedy = "check its name (volcomp probe lists the ports) and that this user is in the group dialout";
                     failed(format!("the port cannot be opened: {e}"), remedy).caused_by(e)
                 })?;
-                let shared = Shared(Arc::new(Mutex::new(stream)));
+                let shared = Shared(Arc::new(Mutex::new(Port::new(stream))));
                 let context = rtu::attach_slave(shared.clone(), Slave(0));
                 Ok(Line {
                     context,
@@ -149,6 +150,8 @@ pub(crate) fn no_thread(device: &str, error: io::Error) -> DeviceError {
 pub(crate) enum Unanswered {
     /// No answer in time. The line was drained: a late answer is gone.
     Silent,
+    /// The request came back, and no answer in time: an adapter with local echo, and a silent module.
+    Echoed,
     /// The module refused the request with an exception of this code; 0: it answered another request.
     Refused(u8),
     /// The line is broken.
@@ -156,13 +159,22 @@ pub(crate) enum Unanswered {
 }
 
 impl Unanswered {
+    /// Why there is no temperature.
+    pub(crate) fn reason(self) -> Reason {
+        match self {
+            Self::Silent | Self::Broken | Self::Refused(0) => Reason::NoAnswer,
+            Self::Echoed => Reason::Echo,
+            Self::Refused(code) => Reason::Refused { code },
+        }
+    }
+
     /// The fault of a write that was answered so.
     pub(crate) fn fault(self) -> Fault {
         match self {
-            Self::Silent => Fault::TimedOut,
+            Self::Silent | Self::Echoed => Fault::TimedOut,
             Self::Refused(code) => Fault::Refused {
                 code: code.into(),
-                what: "outputs of a module",
+                what: exception_name(code),
             },
             Self::Broken => Fault::Disconnected,
         }
@@ -198,18 +210,22 @@ impl Line {
             // The line must have been silent before a new frame.
             tokio::time::sleep(self.gap).await;
         }
+        if let Some(serial) = &self.serial {
+            serial.port().begin_request();
+        }
         self.context.set_slave(Slave(unit));
         match timeout(at_most, self.context.call(request)).await {
             Ok(Ok(Ok(response))) => Ok(response),
             Ok(Ok(Err(exception))) => Err(Unanswered::Refused(exception.into())),
-            Ok(Err(_)) => {
-                // On a serial line a disturbed frame; on TCP a connection that is gone.
+            // Nothing in time; on a serial line also a disturbed frame, on TCP a connection that is gone.
+            Ok(Err(_)) | Err(_) => {
+                let echoed = (self.serial.as_ref()).is_some_and(|serial| serial.port().echoed);
                 self.drain(at_most).await?;
-                Err(Unanswered::Silent)
-            }
-            Err(_) => {
-                self.drain(at_most).await?;
-                Err(Unanswered::Silent)
+                Err(if echoed {
+                    Unanswered::Echoed
+                } else {
+                    Unanswered::Silent
+                })
             }
         }
     }
@@ -235,12 +251,62 @@ impl Line {
     }
 }
 
+/// A serial port that takes the echo of its own requests out of what it receives: adapters with local echo send every
+/// request back before the answer. No answer to the requests of this crate begins with the whole request.
+///
+/// State: `sent` is the request as far as it may still be echoed, and `matched` of its bytes have come back. A byte that
+/// differs proves that there is no echo: what was taken for one goes to `received`, which is read first.
+struct Port {
+    stream: SerialStream,
+    sent: Vec<u8>,
+    matched: usize,
+    /// The whole request came back.
+    echoed: bool,
+    received: VecDeque<u8>,
+}
+
+impl Port {
+    fn new(stream: SerialStream) -> Self {
+        Self {
+            stream,
+            sent: Vec::new(),
+            matched: 0,
+            echoed: false,
+            received: VecDeque::new(),
+        }
+    }
+
+    /// What was received before belongs to another request.
+    fn begin_request(&mut self) {
+        self.sent.clear();
+        self.received.clear();
+        self.matched = 0;
+        self.echoed = false;
+    }
+
+    fn take(&mut self, bytes: &[u8]) {
+        for byte in bytes {
+            if self.matched < self.sent.len() {
+                if *byte == self.sent[self.matched] {
+                    self.matched += 1;
+                    self.echoed = self.matched == self.sent.len();
+                    continue;
+                }
+                self.received.extend(&self.sent[..self.matched]);
+                self.sent.clear();
+                self.matched = 0;
+            }
+            self.received.push_back(*byte);
+        }
+    }
+}
+
 /// A serial port that is used by a context and drained beside it.
 #[derive(Clone)]
-struct Shared(Arc<Mutex<SerialStream>>);
+struct Shared(Arc<Mutex<Port>>);
 
 impl Shared {
-    fn port(&self) -> MutexGuard<'_, SerialStream> {
+    fn port(&self) -> MutexGuard<'_, Port> {
         // One thread drives the line, so nobody waits here.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -258,7 +324,20 @@ impl AsyncRead for Shared {
         task: &mut Task<'_>,
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
-        Pin::new(&mut *self.port()).poll_read(task, buffer)
+        let mut port = self.port();
+        while port.received.is_empty() {
+            let mut bytes = [0; 256];
+            let mut into = ReadBuf::new(&mut bytes);
+            match Pin::new(&mut port.stream).poll_read(task, &mut into) {
+                Poll::Ready(Ok(())) if !into.filled().is_empty() => port.take(into.filled()),
+                other => return other,
+            }
+        }
+        let count = buffer.remaining().min(port.received.len());
+        for byte in port.received.drain(..count) {
+            buffer.put_slice(&[byte]);
+        }
+        Poll::Ready(Ok(()))
     }
 }
 
@@ -268,14 +347,19 @@ impl AsyncWrite for Shared {
         task: &mut Task<'_>,
         bytes: &[u8],
     ) -> Poll<io::Result<usize>> {
-        Pin::new(&mut *self.port()).poll_write(task, bytes)
+        let mut port = self.port();
+        let written = Pin::new(&mut port.stream).poll_write(task, bytes);
+        if let Poll::Ready(Ok(count)) = written {
+            port.sent.extend_from_slice(&bytes[..count]);
+        }
+        written
     }
 
     fn poll_flush(self: Pin<&mut Self>, task: &mut Task<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut *self.port()).poll_flush(task)
+        Pin::new(&mut self.port().stream).poll_flush(task)
     }
 
     fn poll_shutdown(self: Pin<&mut Self>, task: &mut Task<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut *self.port()).poll_shutdown(task)
+        Pin::new(&mut self.port().stream).poll_shutdown(task)
     }
 }

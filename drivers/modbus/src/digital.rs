@@ -12,7 +12,7 @@ use triple_buffer::{Input, Output, triple_buffer};
 use volcomp_port::{Backoff, DeviceError, DigitalIo, Fault, InputLevels, UnopenedLines};
 
 use crate::{
-    bus::{Bus, no_thread},
+    bus::{Bus, Unanswered, no_thread},
     exchange::{Exchanger, Image, Wanted},
     profile::{Digital, Profile},
 };
@@ -203,7 +203,10 @@ impl DigitalIo for ModbusDigital {
     fn read(&mut self, _deadline: Instant) -> Result<InputLevels, Fault> {
         let image = *self.images.read();
         let inputs = image.inputs.filter(|_| image.connected);
-        inputs.ok_or(Fault::NotConnected)
+        inputs.ok_or_else(|| match image.refused {
+            Some(code) => Unanswered::Refused(code).fault(),
+            None => Fault::NotConnected,
+        })
     }
 
     /// Hands the outputs to the next exchange. A fault tells that a write before did not arrive; these are on their way

@@ -45,6 +45,8 @@ pub(crate) struct Image {
     pub(crate) connected: bool,
     /// The inputs, and when the oldest part of them came.
     pub(crate) inputs: Option<InputLevels>,
+    /// The exception with which a module refused the last reading of its inputs.
+    pub(crate) refused: Option<u8>,
     /// The levels that the modules confirmed last: those of the last write that all of them took, before it those that
     /// they told of themselves.
     pub(crate) outputs: Option<u64>,
@@ -85,7 +87,7 @@ impl Exchanger {
                     match self.exchange(&mut line).await {
                         Ok(()) => lived = born.elapsed(),
                         Err(Unanswered::Broken) => break,
-                        Err(Unanswered::Silent | Unanswered::Refused(_)) => {}
+                        Err(Unanswered::Silent | Unanswered::Echoed | Unanswered::Refused(_)) => {}
                     }
                 }
             }
@@ -135,7 +137,7 @@ impl Exchanger {
             let found = match self.outputs(line).await {
                 Ok(found) => found,
                 Err(Unanswered::Broken) => return Err(Unanswered::Broken),
-                Err(Unanswered::Silent) => return Ok(()),
+                Err(Unanswered::Silent | Unanswered::Echoed) => return Ok(()),
                 Err(Unanswered::Refused(code)) => {
                     self.image.cannot_tell = NO_SUCH_FUNCTION.contains(&code);
                     before = None;
@@ -170,6 +172,10 @@ impl Exchanger {
     /// Reads all inputs, and writes all outputs where that was asked for since.
     async fn exchange(&mut self, line: &mut Line) -> Result<(), Unanswered> {
         let read = self.inputs(line).await;
+        self.image.refused = match read {
+            Err(Unanswered::Refused(code)) => Some(code),
+            _ => None,
+        };
         let asked = match read {
             Ok(()) => self.ask_outputs(line).await,
             Err(_) => Ok(()),
@@ -179,7 +185,10 @@ impl Exchanger {
         } else {
             self.write(line).await
         };
-        if [read, written].contains(&Err(Unanswered::Silent)) {
+        let is_silent = |found: &Result<(), Unanswered>| {
+            matches!(found, Err(Unanswered::Silent | Unanswered::Echoed))
+        };
+        if [read, written].iter().any(is_silent) {
             // A module that was silent may have been without power: what its outputs are it is asked anew.
             self.image.outputs = None;
             self.tries = 0;

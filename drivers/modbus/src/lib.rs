@@ -10,6 +10,8 @@ mod thermometer;
 
 pub use bus::{ANSWER_WITHIN, Bus, Parity};
 pub use digital::{DigitalModule, ModbusDigital};
-pub use profile::{Channels, Digital, Fault, NumberType, Profile, ProfileError, Unit, WordOrder};
+pub use profile::{
+    ByteOrder, Channels, Digital, Fault, NumberType, Profile, ProfileError, Unit, WordOrder,
+};
 pub use registers::read_channel;
 pub use thermometer::{ModbusThermometer, ThermometerConfig, ThermometerUnit};

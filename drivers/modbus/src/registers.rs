@@ -3,10 +3,11 @@
 use std::time::Instant;
 
 use volcomp_port::{Reason, Temperature};
+use volcomp_vocabulary::bounds::is_plausible_reading;
 
 use crate::{
     iec60751,
-    profile::{Channels, NumberType, Unit, WordOrder},
+    profile::{ByteOrder, Channels, NumberType, Unit, WordOrder},
 };
 
 /// The temperature of one channel among the registers that were read from the first channel's on. `status` are its fault
@@ -32,6 +33,10 @@ pub fn read_channel(
 fn number(channels: &Channels, words: &[u16]) -> Option<f64> {
     let wide = || {
         let [first, second] = *words else { return None };
+        let [first, second] = match channels.byte_order {
+            ByteOrder::HighFirst => [first, second],
+            ByteOrder::LowFirst => [first, second].map(u16::swap_bytes),
+        };
         let [high, low] = match channels.word_order {
             WordOrder::HighFirst => [first, second],
             WordOrder::LowFirst => [second, first],
@@ -56,6 +61,9 @@ fn temperature(channels: &Channels, raw: f64, status: Option<u16>, taken: Instan
     }
     if status.is_some_and(|bits| bits != 0) {
         return Temperature::bad(Reason::Reported, taken);
+    }
+    if channels.number == NumberType::F32 && raw.is_finite() && !is_plausible_reading(raw) {
+        return Temperature::bad(Reason::Implausible, taken);
     }
     let value = raw * channels.scale + channels.offset;
     let degc = match channels.unit {

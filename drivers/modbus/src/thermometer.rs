@@ -220,7 +220,7 @@ impl Poller {
                         self.all_bad();
                         return;
                     }
-                    Err(Unanswered::Silent | Unanswered::Refused(_)) => {
+                    Err(Unanswered::Silent | Unanswered::Echoed | Unanswered::Refused(_)) => {
                         silence.rounds += 1;
                         let skip = 1_u32.checked_shl(silence.rounds - 1).unwrap_or(u32::MAX) - 1;
                         // With one module alone nobody is held up by asking it.
@@ -253,7 +253,7 @@ impl Poller {
         let taken = Instant::now();
         for sensor in 0..unit.names.len() {
             self.temperatures[first + sensor] = match &read {
-                Err(_) => Temperature::bad(Reason::NoAnswer, taken),
+                Err(unanswered) => Temperature::bad(unanswered.reason(), taken),
                 Ok((registers, status)) => {
                     let bits = status.as_ref().and_then(|bits| bits.get(sensor).copied());
                     read_channel(channels, registers, sensor, bits, taken)

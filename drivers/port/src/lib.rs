@@ -24,7 +24,9 @@ pub use device_error::{DeviceError, DeviceProblem};
 pub use digital::{DigitalIo, InputLevels};
 pub use fault::Fault;
 pub use supply::{Backoff, Supply};
-pub use thermometer::{Published, Publisher, Quality, Reason, Temperature, Thermometer, published};
+pub use thermometer::{
+    Published, Publisher, Quality, Reason, Temperature, Thermometer, exception_name, published,
+};
 pub use unopened::UnopenedLines;
 pub use words::{MOST_WORDS, Words};
 

@@ -13,6 +13,18 @@ pub enum Reason {
     /// The device does not answer.
     #[error("the device does not answer")]
     NoAnswer,
+    /// The device refuses the request with this Modbus exception.
+    #[error("the device refuses: exception {code:02}, {}", exception_name(*code))]
+    Refused {
+        /// The code of the exception.
+        code: u8,
+    },
+    /// The device repeats the request and sends no answer: the local echo of an RS-485 adapter alone.
+    #[error("only the echo of the request came back, no answer")]
+    Echo,
+    /// A floating-point number that no thermometer sends.
+    #[error("no number of a thermometer: another byte_order or word_order?")]
+    Implausible,
     /// The device reports a fault, or gives a value that stands for one.
     #[error("the device reports a fault")]
     Reported,
@@ -28,6 +40,22 @@ pub enum Reason {
     /// The value is not a number.
     #[error("not a number")]
     NotANumber,
+}
+
+/// The name of a Modbus exception.
+pub fn exception_name(code: u8) -> &'static str {
+    match code {
+        1 => "illegal function",
+        2 => "illegal data address",
+        3 => "illegal data value",
+        4 => "server device failure",
+        5 => "acknowledge, still at work",
+        6 => "server device busy",
+        8 => "memory parity error",
+        10 => "gateway path unavailable",
+        11 => "gateway target device failed to respond",
+        _ => "a code without a name in the standard",
+    }
 }
 
 /// The quality that a device reports of a temperature. Whether the temperature is plausible is not decided by drivers.

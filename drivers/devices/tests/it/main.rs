@@ -60,6 +60,14 @@ fn wrong_urls_say_what_is_expected() {
             "found parity=odd1; expected none, even or odd",
         ),
         (
+            "modbus://h?profile=PTA8C04&byte_order=low",
+            "found byte_order, and profile PTA8C04 has no numbers of two registers",
+        ),
+        (
+            "modbus://h?profile=PTA8C04&answer_ms=5",
+            "found answer_ms=5; expected a whole number from 10 to 10000",
+        ),
+        (
             "modbus-rtu:///dev/none?profile=PTA8C04",
             "the module does not answer; check wire",
         ),

@@ -3,7 +3,7 @@
 use volcomp_document::{FileKind, InputError, Section, Value};
 use volcomp_port::Reason;
 
-use super::{Channels, Digital, Fault, NumberType, Profile, Status, Unit, WordOrder};
+use super::{ByteOrder, Channels, Digital, Fault, NumberType, Profile, Status, Unit, WordOrder};
 
 pub(super) fn profile(root: &Section<'_>) -> Result<Profile, InputError> {
     root.allow_in(
@@ -38,6 +38,7 @@ fn channels(section: &Section<'_>) -> Result<Channels, InputError> {
         "count",
         "type",
         "word_order",
+        "byte_order",
         "scale",
         "offset",
         "unit",
@@ -70,12 +71,14 @@ fn channels(section: &Section<'_>) -> Result<Channels, InputError> {
         )));
     }
     let word_orders = [("high", WordOrder::HighFirst), ("low", WordOrder::LowFirst)];
+    let byte_orders = [("high", ByteOrder::HighFirst), ("low", ByteOrder::LowFirst)];
     Ok(Channels {
         function: section.whole_or("function", 3..=4, 3)?,
         address,
         count,
         number,
         word_order: section.one_of("word_order", &word_orders, WordOrder::HighFirst)?,
+        byte_order: section.one_of("byte_order", &byte_orders, ByteOrder::HighFirst)?,
         scale: scale.unwrap_or(1.0),
         offset: section.optional("offset", Value::number)?.unwrap_or(0.0),
         unit: unit(section)?,

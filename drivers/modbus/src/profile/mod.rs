@@ -80,6 +80,17 @@ pub enum WordOrder {
     LowFirst,
 }
 
+/// Which byte of a register comes first, where two registers make one number.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum ByteOrder {
+    /// The high byte comes first, as the standard has it.
+    #[default]
+    HighFirst,
+    /// The low byte comes first.
+    LowFirst,
+}
+
 /// The quantity and unit of a scaled number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -131,6 +142,8 @@ pub struct Channels {
     pub number: NumberType,
     /// Which of two registers comes first.
     pub word_order: WordOrder,
+    /// Which byte of each of two registers comes first.
+    pub byte_order: ByteOrder,
     /// The value is the raw number times this …
     pub scale: f64,
     /// … plus this, in the unit.

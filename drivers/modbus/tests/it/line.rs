@@ -42,7 +42,12 @@ struct Modules {
 }
 
 impl Modules {
-    fn start(wire: &Wire, mut behaviour: Box<Behaviour>) -> Self {
+    fn start(wire: &Wire, behaviour: Box<Behaviour>) -> Self {
+        Self::start_behind(wire, false, behaviour)
+    }
+
+    /// The same behind an adapter that sends every question back where it `echoes`.
+    fn start_behind(wire: &Wire, echoes: bool, mut behaviour: Box<Behaviour>) -> Self {
         let mut port: File = OpenOptions::new()
             .read(true)
             .write(true)
@@ -58,6 +63,9 @@ impl Modules {
                     return;
                 }
                 question.push(byte[0]);
+                if echoes {
+                    port.write_all(&byte).unwrap();
+                }
                 // Reading questions have eight bytes; writing ones state their length.
                 let length = match question.get(1) {
                     Some(15) => question.get(6).map_or(usize::MAX, |n| 9 + usize::from(*n)),
@@ -99,6 +107,72 @@ fn registers(question: &[u8]) -> Vec<u8> {
         answer.extend((200 + 10 * u16::from(unit) + channel).to_be_bytes());
     }
     answer
+}
+
+/// An adapter with local echo: the question that comes back is skipped, also in outputs, and named where nothing else comes.
+#[test]
+fn the_echo_of_an_adapter_is_no_answer() {
+    let Some(wire) = Wire::new() else { return };
+    let silent = Arc::new(AtomicBool::new(false));
+    let is_silent = Arc::clone(&silent);
+    let _modules = Modules::start_behind(
+        &wire,
+        true,
+        Box::new(move |question| {
+            if is_silent.load(Ordering::Relaxed) {
+                return None;
+            }
+            Some((Duration::ZERO, registers(question)))
+        }),
+    );
+    let mut thermometer = ModbusThermometer::new(config(wire.bus(), &[1])).unwrap();
+    until("it is good", || {
+        thermometer.latest()[0].quality == Quality::Good
+    });
+    let degc = thermometer.latest()[0].degc.unwrap();
+    assert!((degc - 21.1).abs() < 1e-9, "{degc}");
+    silent.store(true, Ordering::Relaxed);
+    until("the echo is named", || {
+        thermometer.latest()[0].quality == Quality::Bad(Reason::Echo)
+    });
+    silent.store(false, Ordering::Relaxed);
+    until("it is good again", || {
+        thermometer.latest()[0].quality == Quality::Good
+    });
+}
+
+/// A module that refuses the question is no silent one: its exception has a name.
+#[test]
+fn exceptions_are_named() {
+    let Some(wire) = Wire::new() else { return };
+    let code = Arc::new(Mutex::new(0));
+    let coded = Arc::clone(&code);
+    let _modules = Modules::start(
+        &wire,
+        Box::new(move |question| {
+            let code = *coded.lock().unwrap();
+            let refusal = vec![question[0], question[1] | 0x80, code];
+            Some((Duration::ZERO, refusal))
+        }),
+    );
+    let mut thermometer = ModbusThermometer::new(config(wire.bus(), &[1])).unwrap();
+    for (exception, name) in [
+        (1, "the device refuses: exception 01, illegal function"),
+        (2, "the device refuses: exception 02, illegal data address"),
+        (3, "the device refuses: exception 03, illegal data value"),
+        (6, "the device refuses: exception 06, server device busy"),
+        (
+            11,
+            "the device refuses: exception 11, gateway target device failed to respond",
+        ),
+    ] {
+        *code.lock().unwrap() = exception;
+        let reason = Reason::Refused { code: exception };
+        until("it is told", || {
+            thermometer.latest()[0].quality == Quality::Bad(reason)
+        });
+        assert_eq!(reason.to_string(), name);
+    }
 }
 
 #[test]

@@ -292,7 +292,7 @@ fn a_write_that_was_not_acknowledged_has_failed() {
     for _ in 0..3 {
         let refused = Err(Fault::Refused {
             code: 4,
-            what: "outputs of a module",
+            what: "server device failure",
         });
         assert_eq!(port.write(1, soon()), refused);
         std::thread::sleep(Duration::from_millis(60));

@@ -105,6 +105,59 @@ fn numbers_of_two_registers() {
     assert_eq!(second("f32", "high", [0x7fc0, 0]), None, "NaN");
 }
 
+/// The four usual orders of four bytes, for both types; in another order a float is no temperature of a good quality.
+#[test]
+fn bytes_of_two_registers_come_in_four_orders() {
+    let profile = |kind: &str, [word, byte]: [&str; 2]| {
+        let text = format!(
+            "name = \"T\"\n[channels]\naddress = 0\ncount = 1\ntype = \"{kind}\"\nword_order = \"{word}\"\nbyte_order = \"{byte}\"\n"
+        );
+        Profile::parse(&text).unwrap().channels.unwrap()
+    };
+    let orders = [
+        (["high", "high"], [0, 1, 2, 3]),
+        (["low", "high"], [2, 3, 0, 1]),
+        (["high", "low"], [1, 0, 3, 2]),
+        (["low", "low"], [3, 2, 1, 0]),
+    ];
+    for degc in [21.5, -10.5, 22.6, 225.0, 0.0] {
+        for (keys, places) in orders {
+            let registers = |bytes: [u8; 4]| {
+                let [a, b, c, d] = places.map(|place| bytes[place]);
+                [u16::from_be_bytes([a, b]), u16::from_be_bytes([c, d])]
+            };
+            let float = registers((degc as f32).to_be_bytes());
+            let read = |kind, registers: [u16; 2]| {
+                read_channel(&profile(kind, keys), &registers, 0, None, Instant::now())
+            };
+            let found = read("f32", float);
+            assert_eq!(found.quality, Quality::Good, "{keys:?}");
+            assert!(
+                (found.degc.unwrap() - degc).abs() < 1e-5,
+                "{keys:?}: {found:?}"
+            );
+            #[expect(clippy::cast_possible_truncation, reason = "whole")]
+            let whole = registers((degc.trunc() as i32).to_be_bytes());
+            assert_eq!(read("i32", whole).degc, Some(degc.trunc()), "{keys:?}");
+        }
+        // As it came from a module with swapped bytes: "-0.00 °C, good".
+        let [a, b, c, d] = (degc as f32).to_be_bytes();
+        let swapped = [u16::from_be_bytes([b, a]), u16::from_be_bytes([d, c])];
+        let found = read_channel(
+            &profile("f32", ["high", "high"]),
+            &swapped,
+            0,
+            None,
+            Instant::now(),
+        );
+        let expected = match degc {
+            0.0 => Quality::Good,
+            _ => Quality::Bad(Reason::Implausible),
+        };
+        assert_eq!(found.quality, expected, "{degc}: {found:?}");
+    }
+}
+
 /// What is wrong, where, and what would be right.
 #[test]
 fn wrong_profiles_are_named() {
