@@ -3,7 +3,7 @@
 use volcomp_document::{CsvTable, quoted};
 
 use super::columns::{Kind, TraceColumns};
-use super::trace::{least_squares_circle, senses};
+use super::trace::{least_squares_circle, one_turn, senses};
 use super::{CircularPlane, CircularTrace, LARGEST_RADIUS_MM, Sense, TracePoint};
 use crate::MetrologyError;
 use crate::csv_head::unit_of;
@@ -78,9 +78,27 @@ pub fn parse_trace(
             "at least 16 around the circle",
         ));
     }
-    let mut radial = pairs;
+    let is_positions = matches!(columns.kind, Kind::Positions(_));
+    let angles: Vec<f64> = if is_positions {
+        let (centre, _) = least_squares_circle(&pairs, name)?;
+        let angle = |[x, y]: &[f64; 2]| (y - centre[1]).atan2(x - centre[0]);
+        pairs.iter().map(angle).collect()
+    } else {
+        pairs.iter().map(|pair| pair[0]).collect()
+    };
+    let senses = if stated.is_empty() {
+        notes.push("the sense of the motion is taken from the order of the rows".to_owned());
+        senses(&angles)
+    } else {
+        stated
+    };
+    let one_turn = one_turn(&angles, &senses);
+    notes.extend(one_turn.notes);
+    let kept = pairs.into_iter().zip(senses).zip(one_turn.keeps);
+    let kept = kept.filter_map(|(point, keeps)| keeps.then_some(point));
+    let (mut radial, senses): (Vec<[f64; 2]>, Vec<Sense>) = kept.unzip();
     let mut radius = radius_mm;
-    if let Kind::Positions(_) = columns.kind {
+    if is_positions {
         let (centre, mean_mm) = least_squares_circle(&radial, name)?;
         let nominal = *radius.get_or_insert(mean_mm);
         for pair in &mut radial {
@@ -104,12 +122,6 @@ pub fn parse_trace(
         let expected = "deviations below a hundredth of the radius";
         return Err(refuse(name, "deviation", found, expected));
     }
-    let senses = if stated.is_empty() {
-        notes.push("the sense of the motion is taken from the order of the rows".to_owned());
-        senses(&radial.iter().map(|pair| pair[0]).collect::<Vec<_>>())
-    } else {
-        stated
-    };
     let points = radial.iter().zip(senses);
     Ok(CircularTrace {
         name: name.to_owned(),

@@ -1,5 +1,7 @@
 //! A trace of a circle as plain data, and how positions become one.
 
+use std::f64::consts::TAU;
+
 use nalgebra::{Matrix3, Vector3};
 
 use super::LARGEST_RADIUS_MM;
@@ -171,6 +173,88 @@ pub(super) fn senses(angles_rad: &[f64]) -> Vec<Sense> {
         }
     }
     found
+}
+
+/// The points of each sense that make one turn, and notes on the others.
+pub(super) struct OneTurn {
+    pub(super) keeps: Vec<bool>,
+    pub(super) notes: Vec<String>,
+}
+
+/// Keeps one turn of each sense: a part of the circle that is run twice would count twice in the least-squares circle. Of a
+/// run beyond one turn the middle is kept, since its ends hold starting and stopping; of several runs that together make
+/// more than one turn, the longest. Points whose angles do not go on in their sense have no order, and all are kept.
+pub(super) fn one_turn(angles_rad: &[f64], senses: &[Sense]) -> OneTurn {
+    let mut found = OneTurn {
+        keeps: vec![true; angles_rad.len()],
+        notes: Vec::new(),
+    };
+    for sense in Sense::BOTH {
+        let Some(runs) = runs(angles_rad, senses, sense) else {
+            continue;
+        };
+        let turned: f64 = runs.iter().map(Run::turned).sum();
+        let longest = runs
+            .iter()
+            .rev()
+            .max_by(|a, b| a.turned().total_cmp(&b.turned()));
+        let Some(longest) = longest.filter(|_| turned > TAU + LEAST_TURN_RAD) else {
+            continue;
+        };
+        let from = (0.5 * (longest.turned() - TAU)).max(0.0) - 1e-9;
+        for run in &runs {
+            for (index, angle) in run.angles.iter().enumerate() {
+                // Half open: the point that closes the turn is its first one again.
+                let is_inside = (from..from + TAU).contains(angle);
+                found.keeps[run.first + index] = run.first == longest.first && is_inside;
+            }
+        }
+        found.notes.push(format!(
+            "{}: {:.0}° were run; one turn is evaluated, and {:.0}° are left out",
+            sense.key(),
+            turned.to_degrees(),
+            (turned - longest.turned().min(TAU)).to_degrees(),
+        ));
+    }
+    found
+}
+
+/// Points in a row that were run in one sense.
+struct Run {
+    /// The place of the first one.
+    first: usize,
+    /// How far each is from the first one in the sense, rad, beyond one turn, too.
+    angles: Vec<f64>,
+}
+
+impl Run {
+    fn turned(&self) -> f64 {
+        self.angles.last().copied().unwrap_or(0.0)
+    }
+}
+
+/// The runs of a sense; `None` where its angles do not go on in it.
+fn runs(angles_rad: &[f64], senses: &[Sense], sense: Sense) -> Option<Vec<Run>> {
+    let mut runs: Vec<Run> = Vec::new();
+    for (index, here) in senses.iter().enumerate() {
+        if *here != sense {
+            continue;
+        }
+        match runs.last_mut() {
+            Some(run) if run.first + run.angles.len() == index => {
+                let way = sense.sign() * turn(&angles_rad[index - 1..=index]);
+                if way < -LEAST_TURN_RAD {
+                    return None;
+                }
+                run.angles.push(run.turned() + way);
+            }
+            _ => runs.push(Run {
+                first: index,
+                angles: vec![0.0],
+            }),
+        }
+    }
+    Some(runs)
 }
 
 /// From one angle to the next, the shorter way round.

@@ -130,6 +130,88 @@ fn recovered(machine: &Machine, noise_um: f64, seed: u64) -> Signatures {
     signatures
 }
 
+/// Beyond one turn a part of the circle comes twice: one turn is evaluated, whatever the overshoot, the form of the table and
+/// the number of senses, and the rest is named.
+#[test]
+fn one_turn_is_evaluated_and_the_rest_is_named() {
+    let machine = Machine {
+        centre_um: [20.0, -5.0],
+        squareness: 40.0,
+        scales: [30.0, -10.0],
+        backlash: [3.0, 1.0],
+        ..NONE
+    };
+    // Degrees from the beginning to the end, in steps of a half.
+    let table = |turned: [f64; 2], by_angle: bool, stated: bool| {
+        let mut text = if by_angle { "angle,deviation" } else { "x,y" }.to_owned();
+        text += if stated { ",direction\n" } else { "\n" };
+        for (sense, turned) in Sense::BOTH.into_iter().zip(turned) {
+            let mut at = 0.0;
+            while at <= turned {
+                // A ballbar feeds in before 0°.
+                let degrees = if sense == Sense::CounterClockwise {
+                    at + 0.25 - 0.5 * (turned - 360.0)
+                } else {
+                    360.25 + 0.5 * (turned - 360.0) - at
+                };
+                let angle = degrees.to_radians();
+                let [x, y] = machine.position(angle, sense);
+                let deviation = (x.hypot(y) - RADIUS_MM) * 1e3;
+                let row = if by_angle {
+                    format!("{degrees:.2},{deviation:.5}")
+                } else {
+                    format!("{x:.8},{y:.8}")
+                };
+                let direction = if stated {
+                    format!(",{}", sense.key())
+                } else {
+                    String::new()
+                };
+                writeln!(text, "{row}{direction}").unwrap();
+                at += 0.5;
+            }
+        }
+        text
+    };
+    let evaluated = |turned, by_angle, stated| {
+        let text = table(turned, by_angle, stated);
+        let radius = Some(RADIUS_MM);
+        let trace = parse_trace(text.as_bytes(), "c.csv", CircularPlane::Xy, radius).unwrap();
+        (circular_deviations(&trace).unwrap(), trace)
+    };
+    for by_angle in [true, false] {
+        for stated in [true, false] {
+            let (one, trace) = evaluated([360.0; 2], by_angle, stated);
+            assert_eq!(trace.points.len(), 1442);
+            assert!(!trace.notes.iter().any(|note| note.contains("left out")));
+            for turned in [450.0, 540.0, 720.0, 800.0] {
+                let (found, trace) = evaluated([turned, turned], by_angle, stated);
+                for (found, one) in found.g_um.into_iter().zip(one.g_um) {
+                    near(found.unwrap(), one.unwrap(), 0.02);
+                }
+                near(found.g_b_um.unwrap(), one.g_b_um.unwrap(), 0.01);
+                for (found, one) in found.centre_um.into_iter().zip(one.centre_um) {
+                    near(found, one, 0.02);
+                }
+                let left_out = turned - 360.0;
+                let note = format!(
+                    "cw: {turned:.0}° were run; one turn is evaluated, and {left_out:.0}° are left out"
+                );
+                assert!(trace.notes.contains(&note), "{:?}", trace.notes);
+                assert!(
+                    trace.notes.contains(&format!("c{note}")),
+                    "{:?}",
+                    trace.notes
+                );
+            }
+        }
+    }
+    // One sense beyond a turn, and half a turn of the other.
+    let (_, trace) = evaluated([450.0, 180.0], true, true);
+    let count = |sense| trace.points.iter().filter(|p| p.sense == sense).count();
+    assert_eq!(Sense::BOTH.map(count), [720, 361]);
+}
+
 const NONE: Machine = Machine {
     centre_um: [0.0; 2],
     squareness: 0.0,
