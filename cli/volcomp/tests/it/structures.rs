@@ -201,7 +201,7 @@ fn a_printed_table_makes_the_same_machine() {
         "trunnion",
         "five-axis",
         "gantry",
-        "poe-mill-head",
+        "poe-mill-table",
         "blade-mill",
     ] {
         let file = format!("examples/{machine}.toml");
