@@ -51,7 +51,9 @@ use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::{AxisKind, Displacement};
 
 pub(crate) use crate::table::{fixed, table, table_text};
-use crate::{answers::quantity::Decision, failure::Failure, finite::first_not_finite, output::OutputFile};
+use crate::{
+    answers::quantity::Decision, failure::Failure, finite::first_not_finite, output::OutputFile,
+};
 
 /// The result of a command.
 pub(crate) struct Answer {
