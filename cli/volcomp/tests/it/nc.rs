@@ -192,6 +192,8 @@ fn a_part_that_lies_elsewhere_is_judged_by_its_form() {
             "--json",
             "--setup",
             "examples/parts/old-mill-setup.toml",
+            "--limit-um",
+            "1000",
         ])
     };
     let ran = compensated("examples/parts/test-piece.ngc", &shifted, TRUTH);
