@@ -189,7 +189,7 @@ impl Report {
         }
         if let (Some(error), Some(residual)) = (self.error, self.residual) {
             items.push(format!(
-                " tool error before alignment {:.1} → {:.1} µm, {:.1} → {:.1} µrad",
+                " tool error, unaligned {:.1} → {:.1} µm, {:.1} → {:.1} µrad",
                 error.distance_um(),
                 residual.distance_um(),
                 error.tool_axis_urad,

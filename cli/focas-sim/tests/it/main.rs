@@ -242,7 +242,7 @@ fn it_tells_what_the_tool_misses() {
     simulator.type_line("report");
     let line = simulator.line();
     assert!(
-        line.contains("X 0.0 Y 0.0 Z 0.0  tool misses 5.0 → 5.0 µm, 0.0 → 0.0 µrad"),
+        line.contains("X 0.0 Y 0.0 Z 0.0  tool error, unaligned 5.0 → 5.0 µm, 0.0 → 0.0 µrad"),
         "{line}"
     );
     let mut simulator = Simulator::start(&["--at", "Y=7.25", "--no-barrier"]);
@@ -339,7 +339,10 @@ fn five_axes_come_from_the_machine_file() {
     // In two lines, since one has 80 columns.
     let [places, misses] = [simulator.line(), simulator.line()];
     assert!(places.contains(" A 0.0 C 0.0"), "{places}");
-    assert!(misses.starts_with("            tool misses "), "{misses}");
+    assert!(
+        misses.starts_with("            tool error, unaligned "),
+        "{misses}"
+    );
 }
 
 #[test]

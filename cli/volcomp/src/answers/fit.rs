@@ -15,10 +15,10 @@ pub(crate) struct Fit {
     /// Readings minus curve, µrad.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) residual_urad: Option<Spread>,
-    /// Root mean square of the leave-one-out errors, µm.
+    /// Root mean square of the leave-one-out errors, µm; absent where a target cannot be predicted from the others.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) leave_one_out_um: Option<f64>,
-    /// Root mean square of the leave-one-out errors, µrad.
+    /// Root mean square of the leave-one-out errors, µrad; absent where a target cannot be predicted from the others.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) leave_one_out_urad: Option<f64>,
     /// The curve at the coordinates of `--at`.
@@ -128,10 +128,10 @@ pub(crate) struct Trial {
     /// Largest magnitude of a residual, µrad.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) largest_residual_urad: Option<f64>,
-    /// Root mean square of the leave-one-out errors, µm; null where a target cannot be predicted from the others.
+    /// Root mean square of the leave-one-out errors, µm; absent where a target cannot be predicted from the others.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) leave_one_out_um: Option<f64>,
-    /// Root mean square of the leave-one-out errors, µrad; null where a target cannot be predicted from the others.
+    /// Root mean square of the leave-one-out errors, µrad; absent where a target cannot be predicted from the others.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) leave_one_out_urad: Option<f64>,
     /// Whether the curve of this document is the one of this setting.
@@ -141,8 +141,7 @@ pub(crate) struct Trial {
 impl Trial {
     /// The leave-one-out error in the unit of the file; `None` where a target cannot be predicted from the others.
     pub(crate) fn leave_one_out(&self) -> Option<f64> {
-        let found = self.leave_one_out_um.or(self.leave_one_out_urad);
-        found.filter(|error| error.is_finite())
+        self.leave_one_out_um.or(self.leave_one_out_urad)
     }
 }
 

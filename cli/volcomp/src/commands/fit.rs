@@ -166,14 +166,17 @@ fn scan(trials: &[MlsTrial], curve: &Curve, unit: DeviationUnit) -> Vec<Trial> {
         }
         _ => false,
     };
-    let row = |trial: &MlsTrial| Trial {
-        order: trial.order,
-        support: trial.support,
-        largest_residual_um: (!angular).then_some(trial.max_residual),
-        largest_residual_urad: angular.then_some(trial.max_residual),
-        leave_one_out_um: (!angular).then_some(trial.leave_one_out_rms),
-        leave_one_out_urad: angular.then_some(trial.leave_one_out_rms),
-        shown: is_shown(trial),
+    let row = |trial: &MlsTrial| {
+        let left_out = Some(trial.leave_one_out_rms).filter(|error| error.is_finite());
+        Trial {
+            order: trial.order,
+            support: trial.support,
+            largest_residual_um: (!angular).then_some(trial.max_residual),
+            largest_residual_urad: angular.then_some(trial.max_residual),
+            leave_one_out_um: left_out.filter(|_| !angular),
+            leave_one_out_urad: left_out.filter(|_| angular),
+            shown: is_shown(trial),
+        }
     };
     trials.iter().map(row).collect()
 }
@@ -308,12 +311,13 @@ fn document(fit: &Fit, values: &[(f64, f64)], unit: DeviationUnit) -> Result<Doc
         value_urad: angular.then_some(value),
         outside_range: !fit.curve.contains(at),
     };
+    let left_out = Some(fit.leave_one_out_rms).filter(|error| error.is_finite());
     Ok(Document {
         curve: curve_json(&fit.curve)?,
         residual_um: (!angular).then_some(residual),
         residual_urad: angular.then_some(residual),
-        leave_one_out_um: (!angular).then_some(fit.leave_one_out_rms),
-        leave_one_out_urad: angular.then_some(fit.leave_one_out_rms),
+        leave_one_out_um: left_out.filter(|_| !angular),
+        leave_one_out_urad: left_out.filter(|_| angular),
         values: values.iter().map(point).collect(),
         meets_required: fit.meets_required,
         scan: None,
