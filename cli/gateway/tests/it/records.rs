@@ -49,8 +49,8 @@ fn a_full_disk_forbids_arming_but_not_correcting_nor_disarming() {
     let config = configuration(dir.path(), &control, "auto_arm = true");
     let audit = dir.path().join("audit");
     let mut shell = Command::new("bash");
-    // 8 blocks of a KiB; without the signal a write fails instead.
-    let limited = "trap '' XFSZ; ulimit -f 8; exec \"$0\" \"$@\"";
+    // 40 blocks of a KiB, of which what outlives a restart takes 32; without the signal a write fails instead.
+    let limited = "trap '' XFSZ; ulimit -f 40; exec \"$0\" \"$@\"";
     shell.args(["-c", limited, env!("CARGO_BIN_EXE_volcomp-gateway")]);
     let mut program = Program::spawn(shell, dir.path(), &["--config", path(&config)]);
     program.wait_for("compensating");

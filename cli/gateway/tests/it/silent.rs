@@ -315,6 +315,6 @@ fn disarming_is_written_down_whatever_waits() {
     std::thread::sleep(Duration::from_millis(100));
     gateway.stands.store(false, Ordering::Relaxed);
     let file = gateway.dir.path().join("standing.json");
-    gateway.wait(|_| kept(&file).contains("\"disarmed_by\":\"anna\""));
+    gateway.wait(|_| file.exists() && kept(&file).contains("\"disarmed_by\":\"anna\""));
     drop((waiting, disarming));
 }

@@ -119,7 +119,7 @@ fn a_comment_changes_no_number() {
     let (mut changed, mut finished) = (0, 0);
     for (place, (machine, axes)) in machines.into_iter().enumerate() {
         let machine = Machine::parse(machine, "m.toml").expect("a good machine");
-        for seed in 0..60 {
+        for seed in 0..120 {
             let mut draw = ChaCha8Rng::seed_from_u64(seed + 1000 * place as u64);
             let tolerance_mm = [0.001, 0.0001][draw.random_range(0..2)];
             let corrector =

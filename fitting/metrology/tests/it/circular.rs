@@ -187,9 +187,10 @@ fn one_turn_is_evaluated_and_the_rest_is_named() {
             for turned in [450.0, 540.0, 720.0, 800.0] {
                 let (found, trace) = evaluated([turned, turned], by_angle, stated);
                 for (found, one) in found.g_um.into_iter().zip(one.g_um) {
-                    near(found.unwrap(), one.unwrap(), 0.02);
+                    // Reversal spikes are sampled every 0.5°, and at other angles of each turn.
+                    near(found.unwrap(), one.unwrap(), 0.05);
                 }
-                near(found.g_b_um.unwrap(), one.g_b_um.unwrap(), 0.01);
+                near(found.g_b_um.unwrap(), one.g_b_um.unwrap(), 0.02);
                 for (found, one) in found.centre_um.into_iter().zip(one.centre_um) {
                     near(found, one, 0.02);
                 }
