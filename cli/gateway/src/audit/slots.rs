@@ -96,8 +96,7 @@ fn slot(count: u64, text: &str) -> io::Result<String> {
 }
 
 fn checksum(content: &str) -> String {
-    let digest = Sha256::digest(content.as_bytes());
-    digest.iter().map(|byte| format!("{byte:02x}")).collect()
+    crate::hex(&Sha256::digest(content.as_bytes()))
 }
 
 /// The text that was written last and is whole, with its count; `None` where none is.

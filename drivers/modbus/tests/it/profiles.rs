@@ -120,13 +120,14 @@ fn bytes_of_two_registers_come_in_four_orders() {
         (["high", "low"], [1, 0, 3, 2]),
         (["low", "low"], [3, 2, 1, 0]),
     ];
-    for degc in [21.5, -10.5, 22.6, 225.0, 0.0] {
+    for single in [21.5_f32, -10.5, 22.6, 225.0, 0.0] {
+        let degc = f64::from(single);
         for (keys, places) in orders {
             let registers = |bytes: [u8; 4]| {
                 let [a, b, c, d] = places.map(|place| bytes[place]);
                 [u16::from_be_bytes([a, b]), u16::from_be_bytes([c, d])]
             };
-            let float = registers((degc as f32).to_be_bytes());
+            let float = registers(single.to_be_bytes());
             let read = |kind, registers: [u16; 2]| {
                 read_channel(&profile(kind, keys), &registers, 0, None, Instant::now())
             };
@@ -141,7 +142,7 @@ fn bytes_of_two_registers_come_in_four_orders() {
             assert_eq!(read("i32", whole).degc, Some(degc.trunc()), "{keys:?}");
         }
         // As it came from a module with swapped bytes: "-0.00 °C, good".
-        let [a, b, c, d] = (degc as f32).to_be_bytes();
+        let [a, b, c, d] = single.to_be_bytes();
         let swapped = [u16::from_be_bytes([b, a]), u16::from_be_bytes([d, c])];
         let found = read_channel(
             &profile("f32", ["high", "high"]),

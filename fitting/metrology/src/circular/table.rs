@@ -79,13 +79,7 @@ pub fn parse_trace(
         ));
     }
     let is_positions = matches!(columns.kind, Kind::Positions(_));
-    let angles: Vec<f64> = if is_positions {
-        let (centre, _) = least_squares_circle(&pairs, name)?;
-        let angle = |[x, y]: &[f64; 2]| (y - centre[1]).atan2(x - centre[0]);
-        pairs.iter().map(angle).collect()
-    } else {
-        pairs.iter().map(|pair| pair[0]).collect()
-    };
+    let angles = angles(&pairs, is_positions, name)?;
     let senses = if stated.is_empty() {
         notes.push("the sense of the motion is taken from the order of the rows".to_owned());
         senses(&angles)
@@ -136,6 +130,16 @@ pub fn parse_trace(
             .collect(),
         notes,
     })
+}
+
+/// The angles of the points, rad: of positions about their least-squares centre.
+fn angles(pairs: &[[f64; 2]], is_positions: bool, name: &str) -> Result<Vec<f64>, MetrologyError> {
+    if !is_positions {
+        return Ok(pairs.iter().map(|pair| pair[0]).collect());
+    }
+    let (centre, _) = least_squares_circle(pairs, name)?;
+    let angle = |[x, y]: &[f64; 2]| (y - centre[1]).atan2(x - centre[0]);
+    Ok(pairs.iter().map(angle).collect())
 }
 
 /// Whether the heads of a table are those of a trace in one of the planes, and neither a third coordinate nor a target
