@@ -29,8 +29,8 @@ use crate::{
     points::OthersArguments,
 };
 
-/// Targets on a body diagonal.
-const DIAGONAL_TARGETS: usize = 21;
+/// Targets on a body diagonal: the default of `volcomp diagonals`.
+const DIAGONAL_TARGETS: usize = 20;
 
 /// The report of a calibration: one HTML file that needs nothing else
 ///
