@@ -3,6 +3,7 @@
 use crate::{
     NcError,
     block::{Manner, Word},
+    carried::Settled,
     circle::Written,
     contour::Contour,
     coordinates::Axes,
@@ -14,7 +15,7 @@ use crate::{
     polar::polar_writes,
     rewrite::Rewriter,
     script::Shape,
-    stretches::in_plane,
+    stretches::{in_plane, shifted},
     words::{Number, each},
 };
 
@@ -36,8 +37,7 @@ impl Rewriter {
             .all(|axis| motion.known[axis] && self.interpreter.known[axis]);
         let (radius, _) = arc.start(&from);
         if !known || radius == 0.0 {
-            self.puts_pole_back(line, out);
-            self.is_uncorrected(motion);
+            self.arc_as_a_whole(motion, arc, [&from, &to], line, out);
             return Ok(());
         }
         self.check_arc_bounds(motion, arc);
@@ -138,6 +138,61 @@ impl Rewriter {
         self.carried = frame.moved_in_machine(&to, &carried);
         self.has_moved(motion);
         Ok(())
+    }
+
+    /// An arc that cannot be corrected, since it is not known where it is: it goes with the correction that its axes have where it begins,
+    /// and so do its end and its centre, or it was another arc.
+    fn arc_as_a_whole(
+        &mut self,
+        motion: &Move,
+        arc: &Arc,
+        [from, to]: [&Axes; 2],
+        line: Line<'_>,
+        out: &mut Vec<u8>,
+    ) {
+        let frame = self.interpreter.frame.clone();
+        let mut carried = frame.moved_in_program(&motion.from, &self.carried);
+        if in_plane(arc, &carried) == [0.0; 2] {
+            self.puts_pole_back(line, out);
+            self.is_uncorrected(motion);
+            return;
+        }
+        let start = shifted(arc, from, &carried);
+        let centre = in_plane(arc, &carried);
+        let centre = std::array::from_fn(|i| arc.centre[i] + centre[i]);
+        let leg = Leg {
+            motion,
+            line,
+            from: *from,
+            to: *to,
+            at: motion.to,
+            writes: each(|axis| match axis {
+                0 | 1 if motion.polar.is_some() => polar_writes(false),
+                _ => Writes::IfChanged,
+            }),
+            keeps: [true; 9],
+            rounded: None,
+        };
+        let words = self.words_to(&leg, &mut carried);
+        let mut circle = self.circle_about(arc, start, centre, line);
+        let (shape, before) = self.shape_of_arc(false, arc, &mut circle, line);
+        circle.edit(&mut self.edits);
+        let part = Part {
+            place: 0,
+            share: 1.0,
+            numbers: &words,
+            words: &motion.words,
+            others: &circle.others,
+            code: None,
+            feed: None,
+            shape,
+            polar: motion.polar,
+            before: &before,
+        };
+        self.write_part(&part, line, out);
+        self.carried = frame.moved_in_machine(to, &carried);
+        self.corrector.goes(&motion.to);
+        self.settled = Settled::No;
     }
 
     /// Where the axes lack a correction at the beginning of an arc, a line before it takes that up, in what holds before the codes of the

@@ -127,6 +127,28 @@ impl Rewriter {
         is_good(centre, OFF_BY_CENTRE).then_some(words)
     }
 
+    /// The words of an arc that is moved as a whole: its radius stays, its centre is this one.
+    pub(crate) fn circle_about(
+        &self,
+        arc: &Arc,
+        start: [f64; 2],
+        centre: [f64; 2],
+        line: Line<'_>,
+    ) -> CircleWords {
+        if arc.by_radius {
+            return CircleWords::default();
+        }
+        let written = Written {
+            arc,
+            ends: [&[0.0; 9]; 2],
+            part: Stretch { from: 0.0, to: 1.0 },
+            place: None,
+            carried: [&[0.0; 9]; 2],
+        };
+        let words = self.by_centre(&written, start, centre, line);
+        words.map(|(words, _)| words).unwrap_or_default()
+    }
+
     /// R, and the radius that it says, mm.
     fn by_radius(
         &self,

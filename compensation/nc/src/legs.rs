@@ -160,11 +160,11 @@ impl Rewriter {
             false => 0.0,
         };
         if !known || !self.corrector.has(axis) {
-            if self.corrector.has(axis) && delta.abs() >= half_step(decimals) {
+            if self.corrector.has(axis) && !way.keeps && delta.abs() >= half_step(decimals) {
                 let note = Note::LeftOut(char::from(LETTERS[axis]));
                 self.interpreter.notes.add(note, line);
             }
-            delta = if way.incremental || way.written.is_none() {
+            delta = if way.keeps || way.incremental || way.written.is_none() {
                 way.carried
             } else {
                 0.0

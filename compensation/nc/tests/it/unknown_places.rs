@@ -338,3 +338,39 @@ fn behind_a_tool_change_no_place_is_known() {
         "G0 X100 Y0 Z4.990\nT2 M6\nG0 X200\nG0 Z4.980\nX300 Z4.970\n"
     );
 }
+
+/// Beginning, end and centre of an arc that cannot be corrected go by one and the same correction: X is 0.05 mm in each metre too long.
+#[test]
+fn an_arc_of_which_one_axis_is_unknown_goes_as_a_whole() {
+    let errors = "[errors]\nEXX = { poly = [0.0, 0.05] }\n";
+    let result = |program: &str| {
+        let (out, _) =
+            compensated_in(&SetUp::default(), errors, program.as_bytes()).expect(program);
+        String::from_utf8(out).expect("text")
+    };
+    // The place of Y is not known until it is named: X is known, and carries -0.020 at 400 mm.
+    for (arc, expected) in [
+        ("G2 X420 I10 J0 F100", "G2 X419.980 I10 J0 F100"),
+        ("G3 X420 R10 F100", "G3 X419.980 R10 F100"),
+        ("G3 X420 Y0 R-10 F100", "G3 X419.980 Y0 R-10 F100"),
+        (
+            "G90.1 G2 X420 I410 J0 F100",
+            "G90.1 G2 X419.980 I409.980 J0 F100",
+        ),
+        ("G91 G2 X20 I10 J0 F100", "G91 G2 X20 I10 J0 F100"),
+        ("G2 X420 Z-5 I10 J0 F100", "G2 X419.980 Z-5 I10 J0 F100"),
+        ("G2 I10 J0 F100", "G2 I10 J0 F100"),
+    ] {
+        let out = result(&format!("G0 X400\n{arc}\n"));
+        assert_eq!(out, format!("G0 X399.980\n{expected}\n"), "{arc}");
+    }
+    // In every plane.
+    let out = result("G0 X400\nG18 G2 X420 I10 K0 F100\n");
+    assert_eq!(out, "G0 X399.980\nG18 G2 X419.980 I10 K0 F100\n");
+    // Behind it each axis that is known is corrected again.
+    let out = result("G0 X400\nG2 X420 Y0 I10 J0 F100\nG1 X500 Y1\n");
+    assert!(
+        out.ends_with("G2 X419.980 Y0 I10 J0 F100\nG1 X499.975 Y1\n"),
+        "{out}"
+    );
+}
