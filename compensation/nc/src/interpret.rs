@@ -235,8 +235,14 @@ impl Interpreter {
                 "G53 in G91, which LinuxCNC refuses and FANUC controls ignore: write G90 before",
             ));
         }
-        if given.has(b'H')
-            && codes.tool_length().is_none()
+        let has_own_h = given.has(b'H') && codes.tool_length().is_none();
+        if has_own_h && (codes.polar().is_some() || codes.work_offset().is_some()) {
+            return Err(given.refused("H beside G15, G16 or G54 to G59, with which Okuma controls choose a work offset, machine coordinates or the length of a tool: programs of these controls are not followed"));
+        }
+        if has_own_h && matches!(codes.radius(), Some(410 | 420)) {
+            return Err(given.refused("H beside G41 or G42, which older FANUC controls take for the number of the radius of the tool: write D"));
+        }
+        if has_own_h
             // Of G76 it is the angle of a thread.
             && codes.motion() != Some(760)
             && self.modal.length.is_some()

@@ -229,6 +229,11 @@ fn what_controls_read_in_different_ways_is_refused() {
         ("G10 L2 P0 X5\n", "line 1: G10 L2 without a P from 1 to 9"),
         ("G91 G53 G0 X5\n", "line 1: G53 in G91"),
         ("G43 H1\nG0 X0\nH2\n", "line 3: H without G43"),
+        ("G15 H1\n", "line 1: H beside G15, G16 or G54 to G59"),
+        ("G0 X0 Y0\nG16 H0\nX300 Y200\n", "line 2: H beside G15"),
+        ("G56 Z50 H5\n", "line 1: H beside G15"),
+        ("G43 H1\nG1 G42 H19 X5 F1\n", "line 2: H beside G41 or G42"),
+        ("G1 G41 H19 X5 F1\n", "line 1: H beside G41 or G42"),
         (
             "M428\nG1 X1 A5 F1\n",
             "line 2: a motion of A, which the machine file does not have",
@@ -244,6 +249,7 @@ fn what_controls_read_in_different_ways_is_refused() {
     for good in [
         "M1001\nM12345678\n",
         "G43 H1\nG0 X0\nH1\n",
+        "G54 G43 H1\n",
         "G91\nG90 G53 G0 X5\n",
         "H2\n",
     ] {
