@@ -213,9 +213,8 @@ impl Rewriter {
         if way.incremental || self.interpreter.says_place(axis) {
             return true;
         }
-        let decimals = self.decimals.of(axis, self.interpreter.modal.unit_mm);
         let needed = (way.delta - way.carried) / self.interpreter.modal.scale(axis);
-        if way.written.is_none() && needed.abs() >= half_step(decimals) {
+        if way.written.is_none() && needed.abs() >= half_step(way.numerals.decimals) {
             let note = Note::LeftOut(char::from(LETTERS[axis]));
             self.interpreter.notes.add(note, line);
         }

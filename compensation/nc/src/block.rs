@@ -23,6 +23,8 @@ pub(crate) struct Word {
     /// The decimals of a plain number; `None`: it was computed.
     pub(crate) decimals: Option<u8>,
     pub(crate) manner: Manner,
+    /// It stands there as a number of least increments.
+    pub(crate) counts: bool,
 }
 
 /// What the value of a coordinate is, where its word says so itself.
@@ -88,6 +90,8 @@ pub(crate) struct Block {
     pub(crate) keyword: Range<usize>,
     /// Numbers have decimal commas; `None`: it has no decimals.
     pub(crate) comma: Option<bool>,
+    /// Whether the last coordinate of the program so far was a number of least increments; `None`: that is not known.
+    pub(crate) counts: Option<bool>,
     /// The mark with which the operator may have it skipped.
     pub(crate) skip: Range<usize>,
     /// Where a further word may be put: behind the last one.
@@ -143,6 +147,7 @@ impl Block {
                         value,
                         decimals,
                         manner: Manner::Modal,
+                        counts: false,
                     });
                 }
                 other => {
@@ -166,6 +171,7 @@ impl Block {
         self.number = None;
         self.keyword = 0..0;
         self.comma = None;
+        self.counts = None;
         self.end = 0;
     }
 

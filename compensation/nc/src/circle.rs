@@ -210,17 +210,17 @@ impl Rewriter {
         line: Line<'_>,
         words: &mut CircleWords,
     ) -> Option<f64> {
-        let decimals = self.decimals.of(0, self.interpreter.modal.unit_mm);
         let word = line.word(place);
+        let numerals = self.numerals(0, word);
         let said = self.pole_along(letter);
         let before = word.and_then(|word| word.value).or(said).unwrap_or(0.0);
-        let changes = (value - before).abs() >= half_step(decimals);
+        let changes = (value - before).abs() >= half_step(numerals.decimals);
         let is_missing = letter != b'R' && written.arc.by_radius;
         if !changes && written.place.is_none() && !is_missing {
             return Some(before);
         }
         let of_word = word.and_then(|word| word.decimals).unwrap_or(0);
-        let number = Number::nearest(value, decimals.max(of_word))?;
+        let number = numerals.nearest(value, of_word)?;
         if written.place.is_some_and(|part| part > 0) {
             words.others.push((letter, number));
         } else if changes || place.is_some() || is_missing {

@@ -6,8 +6,8 @@
 use std::path::Path;
 
 use crate::{
-    NcError, block::Block, expression::Expressions, fault::Fault, heidenhain,
-    interpret::Interpreter, siemens,
+    NcError, block::Block, control::read_increments, expression::Expressions, fault::Fault,
+    heidenhain, interpret::Interpreter, siemens,
 };
 
 /// The language of a program.
@@ -73,6 +73,7 @@ impl Dialect {
                 block
                     .read(text, &expressions)
                     .map_err(|of| fault(hint(text).unwrap_or(of)))?;
+                read_increments(block, text, interpreter).map_err(fault)?;
                 Ok(Reads {
                     axes: expressions.axes_read(),
                     returned: expressions.has_read_returned(),

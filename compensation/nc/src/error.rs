@@ -51,6 +51,18 @@ pub enum NcError {
         "coordinates of the tool's centre point need a machine with X, Y and Z, with rotary axes, and with none of these between X, Y and Z"
     )]
     NoCentrePoint,
+    /// The control of the set-up reads another language than that of the program.
+    #[error(
+        "control of the set-up file: found {control}, whose programs are in the language {expected}, but the program is read as {found}"
+    )]
+    OtherLanguage {
+        /// The control.
+        control: &'static str,
+        /// Its language.
+        expected: &'static str,
+        /// That of the program.
+        found: &'static str,
+    },
     /// A line longer than [`LONGEST_LINE`](crate::LONGEST_LINE).
     #[error("line {line}: longer than {most} bytes; this is no NC program")]
     LongLine {
@@ -145,7 +157,11 @@ impl NcError {
             | Self::BeyondLimit { line, .. }
             | Self::LeavesTravel { line, .. }
             | Self::Flow { line, .. } => *line = number,
-            Self::NoCentrePoint | Self::InFile { .. } | Self::Io(_) | Self::Machine(_) => {}
+            Self::NoCentrePoint
+            | Self::OtherLanguage { .. }
+            | Self::InFile { .. }
+            | Self::Io(_)
+            | Self::Machine(_) => {}
         }
         self
     }

@@ -60,6 +60,19 @@ pub enum Fault {
         /// What it does, or why it is not known.
         why: &'static str,
     },
+    /// Coordinates with and without a decimal point, on a control where that is not the same.
+    #[error(
+        "column {column}: {word} has {} decimal point, unlike coordinates before it, and controls read a number without one as millimetres or as least increments: state which with without_point in the set-up file",
+        if *.without_point { "no" } else { "a" }
+    )]
+    MixedPoints {
+        /// Counted from 1.
+        column: usize,
+        /// As it is written.
+        word: String,
+        /// It has none.
+        without_point: bool,
+    },
     /// A letter twice in a block, or two codes of the same group.
     #[error("{found} stands beside {other} in one block, of which only one may")]
     Twice {

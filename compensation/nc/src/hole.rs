@@ -278,9 +278,10 @@ impl Rewriter {
         if ((word.delta - carried) / scale).abs() < self.half_step(depth) {
             return (None, carried);
         }
-        let of_word = line.word(place).and_then(|word| word.decimals).unwrap_or(0);
-        let decimals = self.decimals.of(depth, self.interpreter.modal.unit_mm);
-        match Number::nearest((word.is + word.delta) / scale, decimals.max(of_word)) {
+        let written = line.word(line.place_of(word.letter));
+        let of_word = written.and_then(|word| word.decimals).unwrap_or(0);
+        let numerals = self.numerals(depth, written);
+        match numerals.nearest((word.is + word.delta) / scale, of_word) {
             Some(number) => (
                 Some((word.letter, number)),
                 number.value() * scale - word.is,
@@ -291,7 +292,7 @@ impl Rewriter {
 
     /// Half a step of the words of an axis, in the unit of the program.
     fn half_step(&self, axis: usize) -> f64 {
-        half_step(self.decimals.of(axis, self.interpreter.modal.unit_mm))
+        half_step(self.numerals(axis, None).decimals)
     }
 }
 

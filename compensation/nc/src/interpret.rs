@@ -9,6 +9,7 @@ use crate::{
     basis::Rests,
     block::{Block, Parameter},
     codes::{Codes, Refusal, UnknownCode, text},
+    control::{Control, Points},
     coordinates::{Axes, Frame, name_of},
     cycles::Cycle,
     dialect::Dialect,
@@ -64,6 +65,9 @@ pub(crate) struct Interpreter {
     pub(crate) tools: HashMap<u32, Axes>,
     pub(crate) notes: Notes,
     pub(crate) dialect: Dialect,
+    /// The control that runs the program, if it is stated.
+    pub(crate) control: Option<Control>,
+    pub(crate) points: Points,
     /// The tool that M6 has put into the spindle, and whether the program has an M6.
     pub(crate) in_spindle: Option<u32>,
     pub(crate) changes_tools: bool,
@@ -79,6 +83,15 @@ impl Interpreter {
         machine: Arc<Machine>,
         dialect: Dialect,
     ) -> Result<Self, NcError> {
+        if let Some(control) = setup.control()
+            && control.dialect() != dialect
+        {
+            return Err(NcError::OtherLanguage {
+                control: control.name(),
+                expected: control.dialect().name(),
+                found: dialect.name(),
+            });
+        }
         let (position, known) = setup.start();
         let mut modal = setup.modal();
         match dialect {
@@ -100,6 +113,8 @@ impl Interpreter {
             tools: setup.tools(),
             notes: Notes::default(),
             dialect,
+            control: setup.control(),
+            points: setup.points(),
             in_spindle: None,
             changes_tools: false,
             machine,
@@ -127,6 +142,15 @@ impl Interpreter {
     /// Takes up what was switched: from now on coordinates mean what it says.
     pub(crate) fn update_frame(&mut self) {
         self.frame = self.frame_of(&self.modal);
+    }
+
+    /// Whether a block drills: with a cycle of its own, or with the one that holds.
+    pub(crate) fn in_cycle(&self, block: &Block) -> bool {
+        let is_cycle = |code: Code| (730..=890).contains(&code) && code != 800;
+        match Codes::of(block) {
+            Ok(codes) => codes.motion().or(self.modal.motion).is_some_and(is_cycle),
+            Err(_) => false,
+        }
     }
 
     /// Whether the machine has the axis at a place.

@@ -10,7 +10,7 @@ use crate::{
     notes::Note,
     number::half_step,
     rewrite::Rewriter,
-    words::{Number, OnItsWay, Written},
+    words::{Number, Numerals, OnItsWay, Written},
 };
 
 /// A motion or a part of it.
@@ -59,6 +59,7 @@ pub(crate) struct AxisWay {
     pub(crate) keeps: bool,
     /// `None`: no word stands there.
     pub(crate) written: Option<Written>,
+    pub(crate) numerals: Numerals,
 }
 
 impl Rewriter {
@@ -141,6 +142,7 @@ impl Rewriter {
                 manner: leg.line.manner(leg.motion.words[axis]),
                 keeps: leg.keeps[axis],
                 written,
+                numerals: self.numerals(axis, word),
             };
             let way = self.on_its_way(axis, &way, leg.line.number);
             (numbers[axis], carried[axis]) = way.word();
@@ -150,8 +152,6 @@ impl Rewriter {
     /// One axis on its way, with the correction that belongs to its end and the one that it has before.
     #[inline]
     pub(crate) fn on_its_way(&mut self, axis: usize, way: &AxisWay, line: usize) -> OnItsWay {
-        let modal = &self.interpreter.modal;
-        let decimals = self.decimals.of(axis, modal.unit_mm);
         let known = self.interpreter.known[axis];
         let corrects = self.corrects(axis);
         let mut delta = match corrects {
@@ -160,7 +160,10 @@ impl Rewriter {
             false => 0.0,
         };
         if !known || !self.corrector.has(axis) {
-            if self.corrector.has(axis) && !way.keeps && delta.abs() >= half_step(decimals) {
+            if self.corrector.has(axis)
+                && !way.keeps
+                && delta.abs() >= half_step(way.numerals.decimals)
+            {
                 let note = Note::LeftOut(char::from(LETTERS[axis]));
                 self.interpreter.notes.add(note, line);
             }
@@ -177,7 +180,7 @@ impl Rewriter {
             delta,
             carried: way.carried,
             scale: self.interpreter.modal.scale(axis),
-            decimals,
+            numerals: way.numerals,
             incremental: way.incremental,
             in_one_turn: way.manner == Manner::Shortest,
             written: way.written,

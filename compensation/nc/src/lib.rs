@@ -20,6 +20,7 @@ mod codes;
 mod command;
 mod comparison;
 mod contour;
+mod control;
 mod control_values;
 mod coordinates;
 mod correction;
@@ -81,6 +82,7 @@ mod words;
 mod written_out;
 
 pub use average::{Average, MeanOf, Reading, average};
+pub use control::Control;
 pub use correction::Corrector;
 pub use deviation::{Deviation, Place};
 pub use dialect::Dialect;

@@ -200,7 +200,7 @@ impl Rewriter {
             return false;
         };
         let unit_mm = self.interpreter.modal.unit_mm;
-        let half_mm = 0.5 * unit_mm * of_steps(1, self.decimals.of(0, unit_mm));
+        let half_mm = 0.5 * unit_mm * of_steps(1, self.numerals(0, None).decimals);
         let is_small = |by: &Axes| by[..2].iter().all(|by| by.abs() < half_mm);
         // What counts from where the tool is goes on with what it is off there.
         let begins = if polar.from_here {

@@ -177,6 +177,8 @@ impl Rewriter {
                 let reads_correction =
                     self.carries(&reads.axes) || self.computed != Computed::Kept && reads.returned;
                 self.comma = block.comma.unwrap_or(self.comma);
+                let points = &mut self.interpreter.points;
+                points.last_counts = block.counts.or(points.last_counts);
                 let line = Line {
                     block: &block,
                     text,

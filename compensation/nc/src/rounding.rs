@@ -46,14 +46,11 @@ impl Rewriter {
             return None;
         }
         let [from, end] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
-        let unit_mm = self.interpreter.modal.unit_mm;
         // The step of each axis whose words are free; of the others the nearest number is taken.
         let step: Axes<Option<f64>> = each(|axis| {
             let word = line.word(motion.words[axis])?;
-            let decimals = self
-                .decimals
-                .of(axis, unit_mm)
-                .max(word.decimals.unwrap_or(0));
+            let decimals = self.numerals(axis, Some(word)).decimals;
+            let decimals = decimals.max(word.decimals.unwrap_or(0));
             let is_free = self.corrector.corrects(axis) && end[axis] != from[axis];
             is_free.then(|| self.interpreter.modal.scale(axis) * of_steps(1, decimals))
         });

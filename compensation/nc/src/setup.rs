@@ -9,6 +9,7 @@ use volcomp_model::document::{Document, InputError, Section};
 
 use crate::{
     codes::text,
+    control::{CONTROLS, Control, Points, WithoutPoint},
     coordinates::{Axes, axis_of},
     modal::{CentrePoint, G500, G505, Modal, SYSTEMS, WORK_OFFSETS, WorkOffset},
 };
@@ -36,6 +37,8 @@ pub struct SetUp {
     inch: bool,
     centre_point: bool,
     folders: Vec<PathBuf>,
+    control: Option<Control>,
+    without_point: Option<WithoutPoint>,
 }
 
 impl Default for SetUp {
@@ -50,6 +53,8 @@ impl Default for SetUp {
             inch: false,
             centre_point: false,
             folders: Vec::new(),
+            control: None,
+            without_point: None,
         }
     }
 }
@@ -62,6 +67,8 @@ impl SetUp {
     pub fn parse(text: &str, file: &str) -> Result<Self, InputError> {
         Document::new(file, text).decode(|root| {
             root.allow(&[
+                "control",
+                "without_point",
                 "units",
                 "tool_centre_point",
                 "work_offset",
@@ -70,6 +77,21 @@ impl SetUp {
                 "start",
             ])?;
             let mut setup = Self::default();
+            if let Some(control) = root.get("control") {
+                setup.control = Some(control.one_of(&CONTROLS)?);
+            }
+            if let Some(without_point) = root.get("without_point") {
+                if let Some(control) = (setup.control).filter(|of| !of.counts_increments()) {
+                    return Err(without_point.error(format!(
+                        "found it beside control = \"{}\", for which a number without a decimal point is always in the unit of the program: expected it with fanuc, haas or mazak, or without control",
+                        control.name()
+                    )));
+                }
+                setup.without_point = Some(without_point.one_of(&[
+                    ("unit", WithoutPoint::Unit),
+                    ("increment", WithoutPoint::Increment),
+                ])?);
+            }
             if let Some(units) = root.get("units") {
                 setup.inch = units.one_of(&[("mm", false), ("inch", true)])?;
             }
@@ -135,6 +157,24 @@ impl SetUp {
 
     pub(crate) fn folders(&self) -> &[PathBuf] {
         &self.folders
+    }
+
+    /// The control that runs the program, if it is stated.
+    #[must_use]
+    pub fn control(&self) -> Option<Control> {
+        self.control
+    }
+
+    /// What a decimal point means.
+    pub(crate) fn points(&self) -> Points {
+        let by_control = self.control.is_some_and(Control::counts_increments);
+        Points {
+            counts: self
+                .without_point
+                .map_or(by_control, |of| of == WithoutPoint::Increment),
+            may_mix: self.without_point.is_some(),
+            last_counts: None,
+        }
     }
 
     pub(crate) fn modal(&self) -> Modal {

@@ -86,7 +86,7 @@ impl Rewriter {
     /// One step of the words of lengths, mm.
     pub(crate) fn step_mm(&self) -> f64 {
         let unit = self.interpreter.modal.unit_mm;
-        of_steps(1, self.decimals.of(0, unit)) * unit
+        of_steps(1, self.numerals(0, None).decimals) * unit
     }
 
     /// A part of less than a turn through its corrected beginning, middle and end. Where the correction bends more than the arc

@@ -54,7 +54,7 @@ impl UsualLine {
     /// `None`: it is not a usual one.
     #[expect(clippy::cast_possible_truncation, reason = "said beside them")]
     #[inline]
-    fn read(text: &[u8]) -> Option<Self> {
+    fn read(text: &[u8], needs_points: bool) -> Option<Self> {
         if text.len() > LONGEST {
             return None;
         }
@@ -81,7 +81,8 @@ impl UsualLine {
                 }
                 continue;
             };
-            if line.names(axis) {
+            let has_point = decimals > 0 || number[..length].ends_with(b".");
+            if line.names(axis) || needs_points && !has_point && value != 0.0 {
                 return None;
             }
             line.named |= 1 << axis;
@@ -152,6 +153,7 @@ impl Interpreter {
         let Self {
             modal,
             dialect,
+            points,
             frame: _,
             position: _,
             known: _,
@@ -202,6 +204,7 @@ impl Interpreter {
             homes: _,
         } = modal;
         *dialect == Dialect::Rs274
+            && (!points.counts || points.last_counts == Some(false))
             && *absolute
             && !*shorter
             && !*goes_on
@@ -228,7 +231,7 @@ impl Rewriter {
         if !is_plain {
             return None;
         }
-        let line = UsualLine::read(text)?;
+        let line = UsualLine::read(text, self.interpreter.points.counts)?;
         let code = line.code.or(self.interpreter.modal.motion);
         let code = code.filter(|code| matches!(code, 0 | 10))?;
         let (interpreter, corrector) = (&self.interpreter, &self.corrector);
@@ -278,6 +281,7 @@ impl Rewriter {
                         decimals: line.words[axis].decimals,
                         anew: false,
                     }),
+                    numerals: this.numerals(axis, None),
                 };
                 // All axes are known, so that there is nothing to be noted of the line.
                 (numbers[axis], carried[axis]) = this.on_its_way(axis, &way, 0).word();

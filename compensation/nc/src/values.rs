@@ -29,6 +29,11 @@ impl Rewriter {
         for (place, word) in block.words.iter().enumerate() {
             let value = word.value.filter(|_| word.decimals.is_none());
             let number = value.and_then(|value| Number::shortest(value, 6));
+            let is_coordinate = b"XYZABCUVWIJKR".contains(&word.letter);
+            let number = number.map(|number| match is_coordinate {
+                true if self.interpreter.points.counts => number.with_point(),
+                _ => number,
+            });
             self.edits
                 .replaced
                 .extend(number.map(|number| (place, number)));
@@ -71,15 +76,20 @@ impl Rewriter {
                 continue;
             };
             // The control keeps what is rounded here for all motions behind it.
-            let decimals = self.decimals.of(axis, modal.unit_mm);
-            let finest = (decimals + FINER).max(word.decimals.unwrap_or(0));
+            let numerals = self.numerals(axis, Some(word));
+            let decimals = numerals.decimals;
+            let finest = if numerals.increments {
+                decimals
+            } else {
+                (decimals + FINER).max(word.decimals.unwrap_or(0))
+            };
             let carried = carried[axis] / modal.scale(axis);
             let Some(value) = word.value.filter(|_| carried.abs() >= half_step(finest)) else {
                 continue;
             };
             let number = Number::shortest_of(value + carried, decimals, finest);
             if let Some(number) = number {
-                self.edits.set(LETTERS[axis], words[axis], number);
+                (self.edits).set(LETTERS[axis], words[axis], numerals.form(number));
             }
         }
     }

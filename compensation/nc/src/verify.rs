@@ -174,6 +174,8 @@ pub(crate) fn motions(
         CorrectionLimit::default(),
     )?;
     rewriter.tells = Some(to);
+    // Both programs have been read by now.
+    rewriter.interpreter.points.may_mix = true;
     execute(program, &mut io::sink(), rewriter, most_blocks, |_| Ok(()))?;
     Ok(())
 }

@@ -52,6 +52,18 @@ pub(crate) struct Written {
 pub(crate) struct Number {
     steps: i64,
     decimals: u8,
+    form: Form,
+}
+
+/// How a number is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Form {
+    /// With a point where it has decimals.
+    Plain,
+    /// With a point in any case.
+    Point,
+    /// As the number of its steps, which are least increments.
+    Increments,
 }
 
 impl Number {
@@ -61,6 +73,7 @@ impl Number {
         Some(Self {
             steps: steps(value, decimals)?,
             decimals,
+            form: Form::Plain,
         })
     }
 
@@ -77,6 +90,22 @@ impl Number {
             number.decimals -= 1;
         }
         Some(number)
+    }
+
+    /// The same number, written with a point also where it has no decimals.
+    pub(crate) fn with_point(self) -> Self {
+        Self {
+            form: Form::Point,
+            ..self
+        }
+    }
+
+    /// The same number, written as a number of steps.
+    pub(crate) fn in_increments(self) -> Self {
+        Self {
+            form: Form::Increments,
+            ..self
+        }
     }
 
     /// The same place of an axis that turns, from 0 to less than 360.
@@ -97,7 +126,45 @@ impl Number {
     }
 
     pub(crate) fn write(self, to: &mut Vec<u8>) {
-        write_steps(to, self.steps, self.decimals);
+        let decimals = match self.form {
+            Form::Increments => 0,
+            Form::Plain | Form::Point => self.decimals,
+        };
+        write_steps(to, self.steps, decimals);
+        if self.form == Form::Point && decimals == 0 {
+            to.push(b'.');
+        }
+    }
+}
+
+/// How the coordinates of a word are written.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Numerals {
+    pub(crate) decimals: u8,
+    /// As least increments.
+    pub(crate) increments: bool,
+    /// With a point in any case.
+    pub(crate) point: bool,
+}
+
+impl Numerals {
+    /// The nearest number, with so many decimals at least; `None` where it is too large to be exact.
+    #[inline]
+    pub(crate) fn nearest(self, value: f64, least: u8) -> Option<Number> {
+        let number = Number::nearest(value, self.decimals.max(least))?;
+        Some(self.form(number))
+    }
+
+    /// The same number as it is written.
+    #[inline]
+    pub(crate) fn form(self, number: Number) -> Number {
+        match self {
+            Self {
+                increments: true, ..
+            } => number.in_increments(),
+            Self { point: true, .. } => number.with_point(),
+            _ => number,
+        }
     }
 }
 
@@ -113,7 +180,7 @@ pub(crate) struct OnItsWay {
     pub(crate) carried: f64,
     /// mm or deg for each unit of a word.
     pub(crate) scale: f64,
-    pub(crate) decimals: u8,
+    pub(crate) numerals: Numerals,
     pub(crate) incremental: bool,
     /// Its word is a place within one turn.
     pub(crate) in_one_turn: bool,
@@ -137,7 +204,7 @@ impl OnItsWay {
             0.0
         };
         let wanted = self.to + self.delta - base;
-        let half = half_step(self.decimals);
+        let half = half_step(self.numerals.decimals);
         let carried_by = |value: f64| base + value * self.scale - self.to;
         let Some(written) = self.written else {
             // The axis stays where it is, with what is in it.
@@ -145,7 +212,7 @@ impl OnItsWay {
             if !self.may_be_added || (needed / self.scale).abs() < half {
                 return (None, self.carried + self.from - self.to);
             }
-            let number = Number::nearest(wanted / self.scale, self.decimals);
+            let number = self.numerals.nearest(wanted / self.scale, 0);
             let carried = number.map_or(self.carried, |number| carried_by(number.value()));
             return (number, carried);
         };
@@ -154,8 +221,7 @@ impl OnItsWay {
             let kept = if self.incremental { self.carried } else { 0.0 };
             return (None, kept);
         }
-        let decimals = self.decimals.max(written.decimals);
-        let number = Number::nearest(wanted / self.scale, decimals);
+        let number = (self.numerals).nearest(wanted / self.scale, written.decimals);
         let carried = number.map_or(self.carried, |number| carried_by(number.value()));
         let number = match number {
             Some(number) if self.in_one_turn => number.in_one_turn(),

@@ -44,7 +44,7 @@ pub(crate) struct Arguments {
     /// M98 P1000; may be given several times
     #[arg(long, value_name = "DIR")]
     subroutines: Vec<PathBuf>,
-    /// The language of the program; by default by the end of its name: siemens for .mpf and .spf, heidenhain for .h, otherwise
+    /// The language of the program; by default that of `control` in the set-up file, or by the end of its name: siemens for .mpf and .spf, heidenhain for .h, otherwise
     /// rs274
     #[arg(long, value_enum)]
     dialect: Option<Language>,
@@ -120,12 +120,16 @@ impl Arguments {
         inputs
     }
 
-    pub(super) fn dialect(&self) -> Dialect {
+    /// The language of the program: that of the call, that of the control, or that of the name of the file.
+    pub(super) fn dialect(&self, setup: &SetUp) -> Dialect {
         match self.dialect {
             Some(Language::Rs274) => Dialect::Rs274,
             Some(Language::Siemens) => Dialect::Siemens,
             Some(Language::Heidenhain) => Dialect::Heidenhain,
-            None => Dialect::of_file(&self.program),
+            None => match setup.control() {
+                Some(control) => control.dialect(),
+                None => Dialect::of_file(&self.program),
+            },
         }
     }
 }
@@ -192,7 +196,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let job = Job {
         corrector: &corrector,
         setup: &setup,
-        dialect: arguments.dialect(),
+        dialect: arguments.dialect(&setup),
         decimals: arguments.decimals,
         strategy: match arguments.strategy {
             Rounding::Plain => Strategy::Plain,
@@ -244,7 +248,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         picture.finish()?;
     }
     match made {
-        Written::Compensated(summary) => answer(arguments, &summary, verified, notes),
+        Written::Compensated(summary) => {
+            let dialect = arguments.dialect(&setup);
+            answer(arguments, dialect, &summary, verified, notes)
+        }
         Written::Averaged(found) => averaged(&arguments.output, &found, verified, notes),
     }
 }
@@ -324,6 +331,7 @@ pub(super) fn failure(program: &Path, error: NcError) -> Failure {
 
 fn answer(
     arguments: &Arguments,
+    dialect: Dialect,
     summary: &Summary,
     verified: Option<Verified>,
     more: Vec<String>,
@@ -331,7 +339,7 @@ fn answer(
     let counts = &summary.counts;
     let document = Nc {
         file: arguments.output.display().to_string(),
-        dialect: arguments.dialect().name().to_owned(),
+        dialect: dialect.name().to_owned(),
         lines: counts.lines,
         motions: counts.motions,
         changed: counts.changed,

@@ -77,7 +77,7 @@ impl OnTruth<'_> {
             temperatures,
             setup: self.setup,
             most_blocks: arguments.max_blocks,
-            dialect: arguments.dialect(),
+            dialect: arguments.dialect(self.setup),
             part: self.part,
         };
         let open = |path: &Path| {

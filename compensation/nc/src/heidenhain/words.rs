@@ -33,6 +33,7 @@ impl Reader<'_, '_> {
             value,
             decimals,
             manner,
+            counts: false,
         });
     }
 

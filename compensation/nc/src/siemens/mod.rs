@@ -191,6 +191,7 @@ impl Reader<'_, '_> {
             value,
             decimals,
             manner,
+            counts: false,
         });
     }
 

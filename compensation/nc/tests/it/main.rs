@@ -3,6 +3,7 @@
 mod arcs;
 mod average;
 mod bounds;
+mod controls;
 mod drawn;
 mod five_axes;
 mod flow;
