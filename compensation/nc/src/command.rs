@@ -39,6 +39,16 @@ pub(crate) enum Command {
     Cycle(Cycle),
     /// Such a cycle is done behind each motion from now on, or none any more.
     EachMotion(Option<Cycle>),
+    /// It passes on, and may leave the axes somewhere else.
+    Elsewhere(String),
+    /// A printer homes: what G92 has shifted is as it was.
+    Homes {
+        all: bool,
+    },
+    /// E words are ways from now on, or places (M83, M82).
+    Extrudes {
+        relative: bool,
+    },
     /// The program ends here.
     Ends,
     /// The words of its block say the centre of arcs and of polar coordinates (CC).
@@ -110,6 +120,19 @@ impl Interpreter {
                 Command::Cycle(cycle) => outcome.cycle = Some(cycle.clone()),
                 Command::EachMotion(cycle) => self.modal.each_motion.clone_from(cycle),
                 Command::Ends => outcome.ends = true,
+                Command::Elsewhere(name) => {
+                    self.is_elsewhere();
+                    self.extruder.is_elsewhere();
+                    self.notes.add(Note::Elsewhere(name.clone()), given.line);
+                }
+                Command::Homes { all } => {
+                    if !all && self.modal.shifted && self.modal.shift != [0.0; 9] {
+                        return Err(given.refused("G28 of some axes while a shift (G92) is in force, which it ends for these axes: write G28 alone"));
+                    }
+                    self.modal.shift = [0.0; 9];
+                    self.rests.shift_is_zero();
+                }
+                Command::Extrudes { relative } => self.extruder.switch(*relative),
                 Command::Pole => {
                     takes_words = true;
                     outcome.pole = Some(self.take_pole(given)?);

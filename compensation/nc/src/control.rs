@@ -64,6 +64,11 @@ impl Control {
         found.map_or("", |(name, _)| name)
     }
 
+    /// Whether a line is one command of a printer, and E its filament.
+    pub(crate) fn is_printer(self) -> bool {
+        matches!(self, Self::Marlin | Self::Klipper)
+    }
+
     /// Whether a coordinate without a decimal point is a number of least increments, unless a parameter of the control says otherwise.
     pub(crate) fn counts_increments(self) -> bool {
         matches!(self, Self::Fanuc | Self::Haas | Self::Mazak)

@@ -6,8 +6,8 @@
 use std::path::Path;
 
 use crate::{
-    NcError, block::Block, control::read_increments, expression::Expressions, fault::Fault,
-    heidenhain, interpret::Interpreter, siemens,
+    NcError, block::Block, control::read_increments, control_lines, expression::Expressions,
+    fault::Fault, heidenhain, interpret::Interpreter, siemens,
 };
 
 /// The language of a program.
@@ -69,6 +69,11 @@ impl Dialect {
         };
         match self {
             Self::Rs274 => {
+                if let Some(control) = interpreter.control
+                    && control_lines::read(control, block, text).map_err(fault)?
+                {
+                    return Ok(Reads::default());
+                }
                 let expressions = Expressions::new(interpreter);
                 block
                     .read(text, &expressions)

@@ -13,6 +13,7 @@ use crate::{
     coordinates::{Axes, Frame, name_of},
     cycles::Cycle,
     dialect::Dialect,
+    extruder::{Extruder, Extrusion},
     given::{Given, whole},
     modal::{CentrePoint, Code, FeedMode, G500, Modal, Plane, WORK_OFFSETS},
     motion::Move,
@@ -49,6 +50,8 @@ pub(crate) struct Outcome {
     pub(crate) pole: Option<[bool; 2]>,
     /// A cycle that passes on as it is.
     pub(crate) cycle: Option<Cycle>,
+    /// The filament that a printer takes for its motion.
+    pub(crate) extrusion: Option<Extrusion>,
 }
 
 /// State: everything that a program has set, and where its axes are.
@@ -68,6 +71,7 @@ pub(crate) struct Interpreter {
     /// The control that runs the program, if it is stated.
     pub(crate) control: Option<Control>,
     pub(crate) points: Points,
+    pub(crate) extruder: Extruder,
     /// The tool that M6 has put into the spindle, and whether the program has an M6.
     pub(crate) in_spindle: Option<u32>,
     pub(crate) changes_tools: bool,
@@ -115,6 +119,7 @@ impl Interpreter {
             dialect,
             control: setup.control(),
             points: setup.points(),
+            extruder: Extruder::default(),
             in_spindle: None,
             changes_tools: false,
             machine,
@@ -142,6 +147,11 @@ impl Interpreter {
     /// Takes up what was switched: from now on coordinates mean what it says.
     pub(crate) fn update_frame(&mut self) {
         self.frame = self.frame_of(&self.modal);
+    }
+
+    /// Whether the control is that of a printer.
+    pub(crate) fn is_printer(&self) -> bool {
+        self.control.is_some_and(Control::is_printer)
     }
 
     /// Whether a block drills: with a cycle of its own, or with the one that holds.
@@ -234,6 +244,9 @@ impl Interpreter {
             self.motion(&codes, &given, outcome)?;
         } else if let Some(motion) = codes.motion() {
             self.set_motion(motion);
+        }
+        if self.is_printer() {
+            self.extrude(&codes, &given, outcome)?;
         }
         for assignment in &block.assignments {
             let value = assignment.value;

@@ -3,6 +3,7 @@
 use crate::{
     block::{Block, Manner, Word},
     script::Script,
+    words::Number,
 };
 
 /// A line that is compensated.
@@ -40,6 +41,13 @@ impl<'a> Line<'a> {
         } else {
             b" DR+"
         }
+    }
+
+    /// The code of its motion, G0 to G3.
+    pub(crate) fn motion_code(self) -> Option<Number> {
+        let mut codes = (self.block.words.iter()).filter(|word| word.letter == b'G');
+        let code = codes.find_map(|word| word.value.filter(|code| (0.0..=3.0).contains(code)));
+        Number::nearest(code?, 0)
     }
 
     /// The place of the first word with this letter.

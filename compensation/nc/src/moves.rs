@@ -35,6 +35,11 @@ impl Interpreter {
     ) -> Result<(), NcError> {
         let polar = given.polar.is_some();
         self.check_polar(codes, given)?;
+        if self.is_printer() && codes.motion().is_none() && given.names_axes() {
+            return Err(given.refused(
+                "coordinates without a code, which Klipper does not execute: write G0, G1, G2 or G3 before them",
+            ));
+        }
         let motion_before = self.modal.motion;
         if let Some(code) = codes.motion() {
             self.set_motion(code);

@@ -37,6 +37,8 @@ pub enum Note {
     NoStart,
     /// Behind a cycle it is not known in which plane the axis of its depth is.
     ReturnPlane(char),
+    /// A command of the control passes on, which may move the axes.
+    Elsewhere(String),
     /// Motions in machine coordinates pass on as they are.
     InMachine,
     /// A motion is not split, or not corrected, as it is not known where this axis stands.
@@ -93,6 +95,10 @@ impl fmt::Display for Note {
             Self::ReturnPlane(axis) => write!(
                 f,
                 "a cycle before G98 or G99: LinuxCNC leaves the tool in the plane R, FANUC controls where it began, so that corrections of {axis} are left out behind it until the program names that axis"
+            ),
+            Self::Elsewhere(name) => write!(
+                f,
+                "{name} passes on as it is: where X, Y and Z are counts as unknown after it, until the program names them"
             ),
             Self::InMachine => write!(
                 f,

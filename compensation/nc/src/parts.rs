@@ -33,8 +33,9 @@ pub(crate) struct Part<'a> {
 
 impl Rewriter {
     /// # Errors
-    /// The F of the parts of a motion (G93) is not known.
-    pub(crate) fn knows_feed(&self, line: Line<'_>) -> Result<(), NcError> {
+    /// The F of the parts of a motion (G93) is not known, or their E.
+    pub(crate) fn knows_shares(&self, line: Line<'_>) -> Result<(), NcError> {
+        self.knows_extrusion(line)?;
         let modal = &self.interpreter.modal;
         if modal.feed_mode == FeedMode::InverseTime && modal.feed.is_none() {
             return Err(NcError::NotCompensated {
@@ -75,6 +76,12 @@ impl Rewriter {
                 self.edits.set(b'F', line.place_of(b'F'), feed);
             }
             if part.share < 1.0 {
+                let extruded = self.extrusion_up_to(part.share);
+                let place = line.place_of(b'E');
+                match extruded {
+                    Some(number) => self.edits.set(b'E', place, number),
+                    None => self.edits.removed.extend(place),
+                }
                 let words = line.block.words.iter().enumerate();
                 let stops = words.filter(|(_, word)| stops(word));
                 self.edits.removed.extend(stops.map(|(place, _)| place));
@@ -97,7 +104,12 @@ impl Rewriter {
         self.begin_line(line, out);
         out.extend_from_slice(script.keyword(part.shape));
         // Where each motion says how it goes, its keyword has said it.
-        if let Some(code) = part.code.filter(|_| !script.is_heidenhain()) {
+        let code = if script.says_each {
+            line.motion_code()
+        } else {
+            part.code
+        };
+        if let Some(code) = code.filter(|_| !script.is_heidenhain()) {
             script.write_word(&NewWord::plain((b'G', code)), out);
         }
         let manners = part.words.map(|place| line.manner(place));
@@ -112,6 +124,9 @@ impl Rewriter {
                 number,
             };
             script.write_word(&word, out);
+        }
+        if let Some(number) = self.extrusion_up_to(part.share) {
+            script.write_word(&NewWord::plain((b'E', number)), out);
         }
         if part.shape != Shape::Straight {
             out.extend_from_slice(line.direction());

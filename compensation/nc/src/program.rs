@@ -207,7 +207,7 @@ impl Stream {
             return Ok(Next::Line);
         }
         check_line(line, self.number)?;
-        if rewriter.dialect() == Dialect::Rs274 {
+        if rewriter.dialect() == Dialect::Rs274 && !rewriter.interpreter.is_printer() {
             match o_line(line) {
                 Some(OLine::Program(_)) => {
                     rewriter.counts.lines += 1;

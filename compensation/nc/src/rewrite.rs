@@ -18,6 +18,7 @@ use crate::{
     correction::{Corrector, Seen},
     dialect::Dialect,
     edits::Edits,
+    extruder::Extrusion,
     heidenhain::{block_number, renumber},
     hole::InRow,
     interpret::{Interpreter, Outcome},
@@ -56,6 +57,9 @@ pub struct Counts {
 pub(crate) struct Rewriter {
     pub(crate) interpreter: Interpreter,
     pub(crate) corrector: Corrector,
+    /// The E word of the motion that is being written, and up to which share of it E is written.
+    pub(crate) extrusion: Option<Extrusion>,
+    pub(crate) extruded: f64,
     /// What was computed last.
     pub(crate) seen: Seen,
     pub(crate) bounds: Bounds,
@@ -117,6 +121,8 @@ impl Rewriter {
             interpreter,
             bounds: Bounds::new(&corrector, limit),
             corrector,
+            extrusion: None,
+            extruded: 0.0,
             seen: Seen::default(),
             decimals,
             strategy: Strategy::Plain,
@@ -187,6 +193,7 @@ impl Rewriter {
                     script: Script {
                         dialect,
                         comma: self.comma,
+                        says_each: self.interpreter.is_printer(),
                     },
                 };
                 self.block(line, reads_correction, out)
@@ -254,6 +261,7 @@ impl Rewriter {
         if let Some(relative) = outcome.pole {
             self.takes_pole(relative);
         }
+        (self.extrusion, self.extruded) = (outcome.extrusion, 0.0);
         self.edits.clear();
         if self.computed == Computed::Written || reads_correction {
             self.write_values(line.block, reads_correction);

@@ -8,6 +8,8 @@ pub(crate) struct Script {
     pub(crate) dialect: Dialect,
     /// Numbers have decimal commas.
     pub(crate) comma: bool,
+    /// Each line with coordinates has its code.
+    pub(crate) says_each: bool,
 }
 
 /// How a part of a motion goes to its end.

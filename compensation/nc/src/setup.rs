@@ -121,6 +121,10 @@ impl SetUp {
                     }
                 }
             }
+            if setup.control.is_some_and(Control::is_printer) {
+                // Printers have none, or zero is its place.
+                setup.stated[0] = true;
+            }
             if let Some(tools) = root.section("tool")? {
                 for (name, _) in tools.values() {
                     let Some(tool) = tools.section(name)? else {

@@ -154,6 +154,8 @@ impl Interpreter {
             modal,
             dialect,
             points,
+            control: _,
+            extruder: _,
             frame: _,
             position: _,
             known: _,
@@ -232,6 +234,9 @@ impl Rewriter {
             return None;
         }
         let line = UsualLine::read(text, self.interpreter.points.counts)?;
+        if line.code.is_none() && self.interpreter.is_printer() {
+            return None;
+        }
         let code = line.code.or(self.interpreter.modal.motion);
         let code = code.filter(|code| matches!(code, 0 | 10))?;
         let (interpreter, corrector) = (&self.interpreter, &self.corrector);
@@ -295,6 +300,7 @@ impl Rewriter {
         let script = Script {
             dialect: Dialect::Rs274,
             comma: false,
+            says_each: false,
         };
         line.write(text, &numbers, script, out);
         if out.len() - begins > LONGEST {

@@ -14,6 +14,7 @@ mod inspect;
 mod offsets;
 mod play;
 mod polar;
+mod printers;
 mod rows;
 mod siemens;
 mod skipped;

@@ -1,0 +1,366 @@
+//! Programs of printers: E words, commands of Klipper and Marlin, and settings of Grbl.
+
+use rand::{RngExt as _, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use volcomp_nc::{NcError, SetUp, Summary};
+
+use crate::identity::compensated_in;
+
+const PRINTERS: [&str; 2] = ["klipper", "marlin"];
+/// A bend at 50 mm of X in Y: lines over it are split there.
+const BENT: &str = "[errors]\nEXX = { poly = [0.0, 0.1] }\nEYX = { table = [[-1000, 0], [0, 0], [50, 20], [100, 0], [1000, 0]], interpolation = \"linear\" }\n";
+/// X needs 1 µm for each millimetre of Y.
+const SKEW: &str = "[errors]\nEC0Y = 1000.0\n";
+
+fn run(control: &str, errors: &str, program: &str) -> Result<(String, Summary), NcError> {
+    let setup =
+        SetUp::parse(&format!("control = \"{control}\"\n"), "setup.toml").expect("a set-up");
+    let (out, summary) = compensated_in(&setup, errors, program.as_bytes())?;
+    Ok((String::from_utf8(out).expect("text"), summary))
+}
+
+fn result(control: &str, errors: &str, program: &str) -> Result<String, String> {
+    let result = run(control, errors, program);
+    result
+        .map(|(text, _)| text)
+        .map_err(|error| error.to_string())
+}
+
+/// The filament of a split motion is shared by its length; each line has its code, without which a printer does nothing.
+#[test]
+fn filament_is_shared_over_the_parts() {
+    let start = "G21\nG90\nG28\n";
+    for (program, expected) in [
+        (
+            "M82\nG0 X0 Y0 Z0.2\nG92 E0\nG1 X100 Y100 E5.0 F1200\nG1 X0 Y100 E10.0\n",
+            "M82\nG0 X0 Y0 Z0.2\nG92 E0\nG1 X49.995 Y49.980 E2.5 F1200\nG1 X99.990 Y100.000 E5.0\nG1 X49.995 Y99.980 E7.5\nG1 X0.000 Y100.000 E10.0\n",
+        ),
+        (
+            "M83\nG0 X0 Y0 Z0.2\nG1 X100 Y100 E5.00001 ; comment\nG1 E-.8\nG1 X0\n",
+            "M83\nG0 X0 Y0 Z0.2\nG1 X49.995 Y49.980 E2.50000 ; comment\nG1 X99.990 Y100.000 E2.50001\nG1 E-.8\nG1 X49.995 Y99.980\nG1 X0.000 Y100.000\n",
+        ),
+        // Ways, also of E.
+        (
+            "M83\nG0 X0 Y0 Z0.2\nG91\nG1 X100 E4\n",
+            "M83\nG0 X0 Y0 Z0.2\nG91\nG1 X49.995 E2 Y-0.020\nG1 X49.995 Y0.020 E2\n",
+        ),
+        // What does not move takes what it takes.
+        (
+            "M82\nG0 X0 Y0 Z0.2\nG92 E0\nG1 E5\nG1 X100 E5\n",
+            "M82\nG0 X0 Y0 Z0.2\nG92 E0\nG1 E5\nG1 X49.995 Y-0.020\nG1 X99.990 Y0.000\n",
+        ),
+    ] {
+        for control in PRINTERS {
+            let found = result(control, BENT, &format!("{start}{program}"));
+            assert_eq!(found, Ok(format!("{start}{expected}")), "{control}");
+        }
+    }
+}
+
+/// The numbers of the words with a letter, in units of the ninth decimal.
+fn numbers(text: &str, letter: char) -> Vec<i64> {
+    let lines = text
+        .lines()
+        .filter(|line| line.starts_with("G1") || line.starts_with('G'));
+    let words = lines.flat_map(|line| line.split_whitespace());
+    (words.filter_map(|word| word.strip_prefix(letter)))
+        .map(|number| {
+            let (sign, number) = match number.strip_prefix('-') {
+                Some(number) => (-1, number),
+                None => (1, number),
+            };
+            let (whole, decimals) = number.split_once('.').unwrap_or((number, ""));
+            let digits = format!("{whole}{decimals:0<9}");
+            sign * digits.parse::<i64>().expect("a number")
+        })
+        .collect()
+}
+
+/// Random prints: by ways the filament of all parts of a motion comes to what its word said, to the last digit; by places each motion
+/// ends at its word, and E grows along it by the share of the way.
+#[test]
+fn no_filament_is_lost() {
+    let mut draw = ChaCha8Rng::seed_from_u64(12);
+    let mut split = 0;
+    for case in 0..300 {
+        let control = PRINTERS[case % 2];
+        let relative = case % 4 < 2;
+        let decimals = draw.random_range(0..8_usize);
+        let mut program = format!(
+            "G90\n{}\nG0 X0 Y0 Z0.2\nG92 E0\n",
+            ["M82", "M83"][usize::from(relative)]
+        );
+        let mut e = 0.0;
+        let mut words = Vec::new();
+        for _ in 0..12 {
+            let [x, y]: [f64; 2] = [(); 2].map(|()| draw.random_range(-100.0..100.0));
+            let way = draw.random_range(-1.0..6.0);
+            e = if relative { way } else { e + way };
+            let word = format!("{e:.decimals$}");
+            e = word.parse().expect("a number");
+            let motion = match draw.random_range(0..4) {
+                0 => format!("G2 X{x:.3} Y{y:.3} R900.0 E{word}\n"),
+                _ => format!("G1 X{x:.3} Y{y:.3} E{word} F1800\n"),
+            };
+            program += &motion;
+            words.push(word);
+        }
+        // Motion by motion: each with what is before it.
+        let lines: Vec<&str> = program.lines().collect();
+        let mut before = numbers(
+            &result(control, BENT, &(lines[..4].join("\n") + "\n")).expect("taken"),
+            'E',
+        )
+        .len();
+        let mut e_before = 0;
+        for (place, word) in words.iter().enumerate() {
+            let part = lines[..5 + place].join("\n") + "\n";
+            let text = result(control, BENT, &part).expect("taken");
+            let all = numbers(&text, 'E');
+            let parts = &all[before..];
+            before = all.len();
+            split += usize::from(parts.len() > 1);
+            let said = numbers(&format!("G1 E{word}"), 'E')[0];
+            if relative {
+                assert_eq!(parts.iter().sum::<i64>(), said, "{text}");
+                // No part goes the other way.
+                assert!(
+                    parts.iter().all(|part| part.signum() * said.signum() >= 0),
+                    "{text}"
+                );
+                continue;
+            }
+            if said == e_before && parts.is_empty() {
+                continue;
+            }
+            assert_eq!(parts.last(), Some(&said), "{text}");
+            let rises = said >= e_before;
+            let mut last = e_before;
+            for part in parts {
+                assert!(if rises { *part >= last } else { *part <= last }, "{text}");
+                last = *part;
+            }
+            e_before = said;
+        }
+    }
+    assert!(split > 500, "{split}");
+}
+
+/// How much of the way each part has, on a line of which half lies on either side of the bend, and on a half circle.
+#[test]
+fn filament_goes_with_the_way() {
+    for relative in [false, true] {
+        let mode = ["M82", "M83"][usize::from(relative)];
+        let program =
+            format!("G90\n{mode}\nG0 X100 Y0 Z0.2\nG92 E0\nG3 X-100 Y0 I-100 J0 E3.14159\n");
+        let text = result("klipper", BENT, &program).expect("taken");
+        let [x, y, e] = ['X', 'Y', 'E'].map(|letter| numbers(&text, letter));
+        // The first two are those of G0 and G92.
+        let (mut angle, mut filament) = (0.0_f64, 0.0);
+        assert!(e.len() > 6, "{text}");
+        for ((x, y), e) in x[1..].iter().zip(&y[1..]).zip(&e[1..]) {
+            let e = *e as f64 * 1e-9;
+            filament = if relative { filament + e } else { e };
+            angle = (*y as f64).atan2(*x as f64).max(angle);
+            assert!(
+                (filament - 3.14159 * angle / std::f64::consts::PI).abs() < 2e-3,
+                "{angle} {filament}\n{text}"
+            );
+        }
+        assert!((filament - 3.14159).abs() < 1e-9, "{filament}");
+    }
+}
+
+/// Of which motions the filament is not known.
+#[test]
+fn unknown_filament_is_refused_where_it_has_to_be_shared() {
+    let line = "G1 X100 Y0 E5\n";
+    for (control, program, expected) in [
+        (
+            "klipper",
+            "G90\nG0 X0 Y0 Z0\n",
+            "line 3: a motion that is split: it is not known where its E begins",
+        ),
+        (
+            "marlin",
+            "G90\nG0 X0 Y0 Z0\n",
+            "line 3: a motion that is split: it is not known where its E begins",
+        ),
+        (
+            "marlin",
+            "M83\nG90\nG0 X0 Y0 Z0\n",
+            "line 4: a motion that is split: whether its E is a place or a way",
+        ),
+        (
+            "marlin",
+            "G91\nM82\nG90\nG0 X0 Y0 Z0\nG91\nM82\n",
+            "line 7: a motion that is split: whether its E",
+        ),
+        ("klipper", "G92\n", "line 1: G92 alone"),
+    ] {
+        let error = result(control, BENT, &format!("{program}{line}")).expect_err(program);
+        assert!(error.starts_with(expected), "{error}");
+    }
+    for (control, program) in [
+        ("klipper", "M83\nG90\nG0 X0 Y0 Z0\n"),
+        ("marlin", "G90\nM83\nG0 X0 Y0 Z0\n"),
+        // It is not split.
+        ("marlin", "M83\nG90\nG0 X0 Y0 Z0\nG1 X10 E5\nM83\n"),
+        ("klipper", "M82\nG0 X0 Y0 Z0\nG1 X1 E3\n"),
+    ] {
+        let found = result(control, BENT, &format!("{program}{line}"));
+        assert!(found.is_ok(), "{control} {program} {found:?}");
+    }
+}
+
+/// Lines that are no coordinates come out as they are, whatever letters and numbers are in them; whether the axes are known afterwards.
+#[test]
+fn commands_of_printers_pass_on() {
+    let harmless = [
+        "M73 P0 R12",
+        "M104 S215",
+        "M106 S127.5",
+        "M107",
+        "M109 S215",
+        "M140 S60",
+        "M190 S60",
+        "M204 P1000 T1500",
+        "M205 X8 Y8 Z0.4 E5",
+        "M201 X9000 Y9000 Z500 E10000",
+        "M203 X500 Y500 Z12 E120",
+        "M220 S100",
+        "M221 S95",
+        "M117 Layer 3 of 7 (X10 Y20",
+        "M117 100% done",
+        "M118 E1 done: X=3",
+        "M900 K0.04",
+        "M115 U3.10.1",
+        "M400",
+        "M486 S-1",
+        "G4 P100",
+        "G4 S1",
+        "G10",
+        "G11",
+        "; X1 Y2",
+        "  m117 hi",
+        "N12 M105",
+        "SET_PRESSURE_ADVANCE ADVANCE=0.05",
+        "set_velocity_limit accel=3000",
+        "EXCLUDE_OBJECT_START NAME=part_0",
+        "SET_PRINT_STATS_INFO CURRENT_LAYER=3",
+        "M30 file.gco",
+    ];
+    let moves = [
+        "PRINT_START BED=60 EXTRUDER=215",
+        "_HOME_XY",
+        "BED_MESH_CALIBRATE",
+        "M600",
+        "T0",
+        "Tx",
+        "M92 X80 Y80 Z400 E93",
+        "M206 X1.5",
+        "G28",
+        "G28 X Y",
+        "G28 W",
+        "G29",
+        "G80",
+        "G61 S0",
+        "G27 P2",
+        "M420 S1",
+        "M84 X Y E",
+        "M702 C",
+        "M851 Z-1.2",
+    ];
+    for control in PRINTERS {
+        for (lines, known) in [(&harmless[..], true), (&moves[..], false)] {
+            for line in lines {
+                let program = format!("G90\nG0 X0 Y100 Z0.2\n{line}\nG1 Y200\nG1 X20\n");
+                let (text, summary) = run(control, SKEW, &program).expect(line);
+                // Behind what may have moved X no word of it is added.
+                let added = if known { " X0.200" } else { "" };
+                let expected =
+                    format!("G90\nG0 X0.100 Y100 Z0.2\n{line}\nG1 Y200{added}\nG1 X20.200\n");
+                assert_eq!(text, expected, "{control}");
+                let elsewhere = summary.notes.by_line().iter().any(|(line, note)| {
+                    *line == 3 && note.to_string().contains("counts as unknown")
+                });
+                assert_eq!(elsewhere, !known, "{line} {:?}", summary.notes);
+            }
+        }
+        for (line, expected) in [
+            ("G81 X1 Y1 Z1 R1", "line 1: column 1: G81 is not followed"),
+            (
+                "SET_GCODE_OFFSET X=10",
+                "line 1: column 1: SET_GCODE_OFFSET is not followed",
+            ),
+            (
+                "RESTORE_GCODE_STATE NAME=a",
+                "line 1: column 1: RESTORE_GCODE_STATE is not followed",
+            ),
+            ("G1 X0 Y0\nX10", "line 2: coordinates without a code"),
+            ("G1 X0 Y0\nG92 X10\nG28 Y", "line 3: G28 of some axes"),
+            ("N3 G1 X10 Y5*71", "line 1: column 13: found '*'"),
+        ] {
+            let error = result(control, SKEW, &format!("{line}\n")).expect_err(line);
+            assert!(error.starts_with(expected), "{error}");
+        }
+    }
+    // Elsewhere a word is a word.
+    assert!(result("linuxcnc", SKEW, "PRINT_START BED=60\n").is_err());
+    assert!(result("linuxcnc", SKEW, "M117 Layer\n").is_err());
+}
+
+/// A way behind homing is not split, and a shift that homing ends is gone.
+#[test]
+fn homing_ends_what_was_known() {
+    let text = result(
+        "klipper",
+        BENT,
+        "G90\nM83\nG0 X0 Y0 Z0\nG28\nG1 X100 E1\nG1 Y1\nG1 X0 E1\n",
+    )
+    .expect("taken");
+    assert_eq!(
+        text,
+        "G90\nM83\nG0 X0 Y0 Z0\nG28\nG1 X99.990 E1\nG1 Y1\nG1 X49.995 E0.5 Y0.980\nG1 X0.000 Y1.000 E0.5\n"
+    );
+    let text = result(
+        "klipper",
+        SKEW,
+        "G90\nG0 X0 Y0\nG92 Y100\nG0 Y200\nG28\nG0 X0 Y200\n",
+    )
+    .expect("taken");
+    assert_eq!(
+        text,
+        "G90\nG0 X0 Y0\nG92 Y100\nG0 Y200 X0.100\nG28\nG0 X0.200 Y200\n"
+    );
+}
+
+/// Settings and commands of Grbl.
+#[test]
+fn settings_of_grbl_pass_on() {
+    for (line, known) in [
+        ("$X", true),
+        ("$$", true),
+        ("$110=5000", true),
+        ("$10=1", true),
+        ("$I", true),
+        ("$H", false),
+        ("$100=80", false),
+        ("$RST=$", false),
+    ] {
+        let program = format!("G90\nG0 X0 Y100\n{line}\nX20\n");
+        let (text, summary) = run("grbl", SKEW, &program).expect(line);
+        assert_eq!(text, format!("G90\nG0 X0.100 Y100\n{line}\nX20.100\n"));
+        let elsewhere = summary
+            .notes
+            .by_line()
+            .iter()
+            .any(|(_, note)| note.to_string().contains("counts as unknown"));
+        assert_eq!(elsewhere, !known, "{line}");
+    }
+    let error = result("grbl", SKEW, "$J=G91 X10 F100\n").expect_err("a jog");
+    assert!(
+        error.starts_with("line 1: column 1: $J is not followed"),
+        "{error}"
+    );
+}
