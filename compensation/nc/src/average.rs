@@ -15,6 +15,7 @@ use crate::{
     correction::Corrector,
     dialect::Dialect,
     flow::{OLine, o_line},
+    line_ends::{end_of_added, leader_of, split_lines},
     made::Made,
     modal::SYSTEMS,
     motion::{Path, half_deep},
@@ -352,22 +353,20 @@ fn write(
     offsets: &[(usize, [Option<Number>; 3])],
     unit_mm: f64,
 ) -> Result<(), NcError> {
-    let mut lines = program.split_inclusive(|byte| *byte == b'\n').peekable();
+    let (leader, program) = program.split_at(leader_of(program));
+    output.write_all(leader)?;
+    let mut lines = split_lines(program).into_iter().peekable();
     let mut end: &[u8] = b"\n";
-    while let Some(line) = lines.next_if(|line| {
+    while let Some((line, of_line)) = lines.next_if(|(line, end)| {
         let text = line.trim_ascii();
         let is_comment = text.starts_with(b"(") && text.ends_with(b")");
         // On FANUC controls nothing before the number of a program belongs to it.
         let is_number = matches!(o_line(text), Some(OLine::Program(_)));
-        line.ends_with(b"\n")
-            && (text.is_empty() || text.starts_with(b"%") || is_comment || is_number)
+        !end.is_empty() && (text.is_empty() || text.starts_with(b"%") || is_comment || is_number)
     }) {
         output.write_all(line)?;
-        end = if line.ends_with(b"\r\n") {
-            b"\r\n"
-        } else {
-            b"\n"
-        };
+        output.write_all(of_line)?;
+        end = end_of_added(of_line).unwrap_or(end);
     }
     let mut text = Vec::new();
     if !offsets.is_empty() {
@@ -392,8 +391,9 @@ fn write(
         text.extend_from_slice(end);
     }
     output.write_all(&text)?;
-    for line in lines {
+    for (line, end) in lines {
         output.write_all(line)?;
+        output.write_all(end)?;
     }
     Ok(())
 }

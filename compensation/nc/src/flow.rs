@@ -82,7 +82,20 @@ pub(crate) fn o_line(line: &[u8]) -> Option<OLine> {
     if scanner.takes(b'N') {
         scanner.number();
     }
-    if !scanner.takes(b'O') {
+    if scanner.peek() == Some(b'<') && !may_be_skipped {
+        // The name of a program, as newer FANUC controls have it.
+        let is_name = scanner.takes(b'<') && scanner.name().is_ok();
+        return is_name.then(|| {
+            is_end(&mut scanner)
+                .then_some(OLine::Program(None))
+                .unwrap_or(OLine::Wrong(
+                    "expected nothing but a comment after the name of a program",
+                ))
+        });
+    }
+    // A colon is what the ISO code has for the O of the EIA code.
+    let colon = scanner.peek() == Some(b':');
+    if !scanner.takes(b'O') && !scanner.takes(b':') {
         return None;
     }
     if may_be_skipped {
@@ -90,14 +103,24 @@ pub(crate) fn o_line(line: &[u8]) -> Option<OLine> {
             "an O-word in a block that may be skipped (/): what follows can be corrected for one of the two only. Take the slash away, or the block",
         ));
     }
-    let name = if scanner.takes(b'<') {
+    let name = if scanner.takes(b'<') && !colon {
         match scanner.name() {
             Ok(name) => name,
             Err(_) => return Some(OLine::Wrong("the name of this O-word does not end with >")),
         }
     } else if let Some((number, 0)) = scanner.number() {
-        if matches!(scanner.peek(), None | Some(b'(' | b';')) {
+        // O0001<NAME>
+        let before = scanner.clone();
+        if scanner.takes(b'<') && scanner.name().is_err() {
+            scanner = before;
+        }
+        if is_end(&mut scanner) {
             return Some(OLine::Program(program_number(number)));
+        }
+        if colon {
+            return Some(OLine::Wrong(
+                "expected nothing but a comment after the number of a program",
+            ));
         }
         format!("{number}")
     } else {
@@ -118,6 +141,11 @@ pub(crate) fn o_line(line: &[u8]) -> Option<OLine> {
         keyword,
         rest: scanner.at(),
     }))
+}
+
+/// Nothing but a comment is left.
+fn is_end(scanner: &mut Scanner<'_>) -> bool {
+    matches!(scanner.peek(), None | Some(b'(' | b';'))
 }
 
 /// A number of a program, which is whole and has up to eight digits.

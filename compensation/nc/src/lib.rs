@@ -42,6 +42,7 @@ mod inspect;
 mod interpret;
 mod legs;
 mod line;
+mod line_ends;
 mod loops;
 mod made;
 mod meaning;

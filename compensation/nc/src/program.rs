@@ -2,14 +2,16 @@
 
 use std::io::{BufRead, Read, Write};
 
-use memchr::memchr;
+use memchr::{memchr, memchr2};
 use volcomp_model::vocabulary::CorrectionLimit;
 
 use crate::{
     Counts, Decimals, NcError, Notes,
     correction::Corrector,
     dialect::Dialect,
+    fault::Fault,
     flow::{OLine, o_line, program_line},
+    line_ends::{Ends, goes_on, is_trailer, leader_of, length_of, lines_of, split_lines},
     rewrite::Rewriter,
     rounding::Strategy,
     run::run,
@@ -117,6 +119,9 @@ pub(crate) fn execute(
     let mut stream = Stream {
         rewriter,
         number: 0,
+        leader: 0,
+        has_begun: false,
+        ends: Ends::default(),
         percents: 0,
         ended: false,
         written: Vec::with_capacity(PIECE),
@@ -135,6 +140,7 @@ pub(crate) fn execute(
             Err(error) => break Err(error),
         };
         if next == Next::Followed {
+            text.drain(..stream.leader);
             break Ok(Some(text));
         }
         if stream.written.len() >= PIECE - PIECE / 8 {
@@ -161,7 +167,8 @@ pub(crate) fn execute(
     let rest = read_rest(input, text, number)?;
     let mut lines = split_lines(&rest);
     let by_percent = end_by_percent(&lines, percents);
-    let not_read = lines.split_off(by_percent.unwrap_or(lines.len()));
+    let trailer = lines.iter().rev().take_while(|(line, _)| is_trailer(line));
+    let not_read = lines.split_off(by_percent.unwrap_or(lines.len() - trailer.count()));
     let files = load(&lines, &rewriter.folders)?;
     let lines = Listing::new(lines, number, &files)?;
     let (after, ends) = run(rewriter, &lines, most_blocks, output)?;
@@ -184,6 +191,10 @@ enum Next {
 /// State: a program that is streamed.
 struct Stream {
     rewriter: Rewriter,
+    /// Bytes before the program in the line that was read last, and whether the program has begun.
+    leader: usize,
+    has_begun: bool,
+    ends: Ends,
     /// Lines read so far, and percent signs among them.
     number: usize,
     percents: usize,
@@ -195,11 +206,41 @@ struct Stream {
 impl Stream {
     /// Takes a line with its end.
     fn line(&mut self, text: &[u8]) -> Result<Next, NcError> {
-        self.number += 1;
         let (line, end) = text.split_at(length_of(text));
+        self.number += 1;
+        let next = self.line_and_end(text, line, end);
+        self.number += lines_of(end) - 1;
+        next
+    }
+
+    fn line_and_end(&mut self, text: &[u8], line: &[u8], end: &[u8]) -> Result<Next, NcError> {
+        let mut line = line;
+        self.leader = 0;
+        if !self.has_begun {
+            self.leader = leader_of(line);
+            self.written.extend_from_slice(&line[..self.leader]);
+            line = &line[self.leader..];
+            self.has_begun = self.leader == 0 || !line.is_empty();
+        }
         let (rewriter, written) = (&mut self.rewriter, &mut self.written);
         if self.ended {
-            rewriter.after_end(text, written);
+            rewriter.after_end(&text[self.leader..], written);
+            return Ok(Next::Line);
+        }
+        self.ends.check(line, end, self.number)?;
+        if rewriter.dialect() == Dialect::Heidenhain && !matches!(end, b"" | b"\n" | b"\r\n") {
+            // The blocks of such lines are not numbered anew.
+            return Err(NcError::Block {
+                line: self.number,
+                fault: Fault::Character {
+                    column: line.len() + 1,
+                    found: '\r',
+                },
+            });
+        }
+        if is_trailer(line) {
+            written.extend_from_slice(line);
+            written.extend_from_slice(end);
             return Ok(Next::Line);
         }
         if rewriter.usual(line, written).is_some() {
@@ -211,7 +252,8 @@ impl Stream {
             match o_line(line) {
                 Some(OLine::Program(_)) => {
                     rewriter.counts.lines += 1;
-                    written.extend_from_slice(text);
+                    written.extend_from_slice(line);
+                    written.extend_from_slice(end);
                     return Ok(Next::Line);
                 }
                 Some(_) => return Ok(Next::Followed),
@@ -276,32 +318,32 @@ fn end_by_percent(lines: &[(&[u8], &[u8])], before: usize) -> Option<usize> {
     last.map(|place| place + 1)
 }
 
-/// Each line and its end.
-pub(crate) fn split_lines(text: &[u8]) -> Vec<(&[u8], &[u8])> {
-    let lines = text.split_inclusive(|byte| *byte == b'\n');
-    lines.map(|line| line.split_at(length_of(line))).collect()
-}
-
 /// A line with its end; false: there is none any more.
 fn read_line(input: &mut impl BufRead, text: &mut Vec<u8>, number: usize) -> Result<bool, NcError> {
     text.clear();
+    // Where the line ends, once that is found.
+    let mut length = None;
     loop {
         let buffer = match input.fill_buf() {
             Ok(buffer) => buffer,
             Err(error) if error.kind() == std::io::ErrorKind::Interrupted => continue,
             Err(error) => return Err(error.into()),
         };
-        if buffer.is_empty() {
+        let Some(first) = buffer.first() else {
             return Ok(!text.is_empty());
-        }
-        let found = memchr(b'\n', buffer);
-        let taken = found.map_or(buffer.len(), |place| place + 1);
+        };
+        let taken = match length {
+            Some(length) if !goes_on(&text[length..], *first) => return Ok(true),
+            Some(_) => 1,
+            None => {
+                let found = memchr2(b'\n', b'\r', buffer);
+                length = found.map(|place| text.len() + place);
+                found.map_or(buffer.len(), |place| place + 1)
+            }
+        };
         text.extend_from_slice(&buffer[..taken]);
         input.consume(taken);
         check_length(text, number)?;
-        if found.is_some() {
-            return Ok(true);
-        }
     }
 }
 
@@ -326,10 +368,4 @@ fn check_length(line: &[u8], number: usize) -> Result<(), NcError> {
         });
     }
     Ok(())
-}
-
-/// How long a line is without its end of line.
-fn length_of(text: &[u8]) -> usize {
-    let line = text.strip_suffix(b"\n").unwrap_or(text);
-    line.strip_suffix(b"\r").unwrap_or(line).len()
 }

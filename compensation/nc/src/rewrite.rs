@@ -23,6 +23,7 @@ use crate::{
     hole::InRow,
     interpret::{Interpreter, Outcome},
     line::Line,
+    line_ends::end_of_added,
     made::Made,
     meaning::Meaning,
     motion::{Move, Path},
@@ -92,8 +93,8 @@ pub(crate) struct Rewriter {
     pub(crate) computed: Computed,
     /// Where files with subroutines are.
     pub(crate) folders: Arc<[PathBuf]>,
-    /// Lines end with a carriage return, too.
-    crlf: bool,
+    /// The end of lines that are added.
+    more: &'static [u8],
     pub(crate) counts: Counts,
     /// Where the parts of each motion end, from 0 to 1, one motion after the other; `None`: nobody asks.
     pub(crate) shares: Option<Vec<f64>>,
@@ -141,7 +142,7 @@ impl Rewriter {
             comma: false,
             computed: Computed::Kept,
             folders: setup.folders().into(),
-            crlf: false,
+            more: b"\n",
             counts: Counts::default(),
             shares: None,
             tells: None,
@@ -174,7 +175,7 @@ impl Rewriter {
         self.counts.lines += 1;
         let mut block = self.block.take().unwrap_or_default();
         if !end.is_empty() {
-            self.crlf = end.len() == 2;
+            self.more = end_of_added(end).unwrap_or(self.more);
         }
         let dialect = self.dialect();
         let (begins, added) = (out.len(), self.counts.added);
@@ -188,7 +189,7 @@ impl Rewriter {
                 let line = Line {
                     block: &block,
                     text,
-                    more: if self.crlf { b"\r\n" } else { b"\n" },
+                    more: self.more,
                     number,
                     script: Script {
                         dialect,
@@ -298,7 +299,7 @@ impl Rewriter {
         }
         if out.len() - length > LONGEST && line.text.len() <= LONGEST {
             let longest = out[length..]
-                .split(|byte| *byte == b'\n')
+                .split(|byte| matches!(byte, b'\r' | b'\n'))
                 .map(<[u8]>::len)
                 .max();
             if longest > Some(LONGEST) {

@@ -61,7 +61,7 @@ impl Script {
 
     /// Writes a word behind what is there: with a blank, unless it begins a line.
     pub(crate) fn write_word(self, word: &NewWord, out: &mut Vec<u8>) {
-        if !matches!(out.last(), None | Some(b'\n' | b'/')) {
+        if !matches!(out.last(), None | Some(b'\r' | b'\n' | b'/')) {
             out.push(b' ');
         }
         let opens: &[u8] = match (self.dialect, word.manner) {

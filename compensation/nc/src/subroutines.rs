@@ -8,7 +8,8 @@ use std::{
 use crate::{
     NcError,
     flow::{Keyword, OLine, Statement, o_line, program_line},
-    program::{MOST_IN_MEMORY, check_line, split_lines},
+    line_ends::{Ends, leader_of, split_lines},
+    program::{MOST_IN_MEMORY, check_line},
 };
 
 /// A file with subroutines.
@@ -38,8 +39,10 @@ impl<'t> Listing<'t> {
         first: usize,
         files: &'t [SubFile],
     ) -> Result<Self, NcError> {
-        for (place, (line, _)) in own.iter().enumerate() {
+        let mut ends = Ends::default();
+        for (place, (line, end)) in own.iter().enumerate() {
             check_line(line, first + place)?;
+            ends.check(line, end, first + place)?;
         }
         let mut lines = Self {
             own: own.len(),
@@ -175,7 +178,8 @@ pub(crate) fn load(own: &[(&[u8], &[u8])], folders: &[PathBuf]) -> Result<Vec<Su
         let Some(path) = path.filter(|_| !is_there) else {
             continue;
         };
-        let text = std::fs::read(path).map_err(|error| NcError::from(error).in_file(path))?;
+        let mut text = std::fs::read(path).map_err(|error| NcError::from(error).in_file(path))?;
+        text.drain(..leader_of(&text));
         size += text.len();
         if size > MOST_IN_MEMORY {
             let what = format!(

@@ -125,7 +125,7 @@ impl Reader<'_, '_> {
         all
     }
 
-    /// `LBL5`, `QS3`: a name that goes on with a number.
+    /// `LBL5`, `QS3`, `FN0`: a name that goes on with a number.
     fn takes_prefix(&mut self, word: &str) -> bool {
         let at = self.scanner.at();
         let rest = self.scanner.bytes().get(at..).unwrap_or_default();
@@ -133,7 +133,7 @@ impl Reader<'_, '_> {
             .get(..word.len())
             .is_some_and(|next| next.eq_ignore_ascii_case(word.as_bytes()));
         let then_digit = rest.get(word.len()).is_some_and(u8::is_ascii_digit);
-        let is_taken = matches!(word, "LBL" | "QS") && is_next && then_digit;
+        let is_taken = matches!(word, "LBL" | "QS" | "FN") && is_next && then_digit;
         if is_taken {
             self.scanner.go_to(at + word.len());
         }

@@ -541,7 +541,7 @@ fn odd_programs_come_out_byte_for_byte() {
         b"0  BEGIN PGM PART MM \r\n1  BLK FORM 0.1 Z X+0 Y+0 Z-20\r\n2  BLK FORM 0.2 X+100 Y+100 Z+0\r\n3  ; caf\xe9\r\n4  * - HEADING\r\n5  TOOL CALL 5 Z S3000 F500 DL+0.2 DR-0.1\r\n6  L  Z+100 R0 FMAX M3\r\n7  L X+10 Y+5,5 RL F AUTO M8\r\n8  END PGM PART MM\r\nrest",
         b"L X+1 Y+5\nCC X+5 Y+5\nC X+9 Y+5 DR+ F100\nCP IPA+90 DR+\nCP PA-30 IZ-2 DR-\nLP PR+10 PA+45 Z-5\nLP IPR+5 IPA+10\nCC\nCC IX+1 IY+2\nCP IPA-30 DR-\n",
         b"CR X+10 Y+0 R+10 DR+\nCR X+0 R-10 DR-\nL IX+5 IY-3 IZ+1 R0\n",
-        b"Q1 = +5\nQ2=Q1*2+SQRT 16^2\nQS1 = \"a;b\"\nFN 0: Q5 = +60\nFN 2: Q6 = +Q5 - -3\nFN 4: Q7 = +Q5 DIV +2\nFN 5: Q8 = SQRT +Q7\nL X+Q1 Y-Q6 FQ5\n",
+        b"Q1 = +5\nQ2=Q1*2+SQRT 16^2\nQS1 = \"a;b\"\nFN 0: Q5 = +60\nFN2: Q6 = +Q5 - -3\nfn4 : Q7 = +Q5 DIV +2\nFN 5: Q8 = SQRT +Q7\nL X+Q1 Y-Q6 FQ5\n",
         b"5 LBL 1\n6 TOOL DEF \"MILL\"\n7 TOOL CALL \"MILL\" Z S500\n8 STOP M6\n9 M5 M9\n10 L M126\n11 L A+5 M91\n12 FUNCTION MODE MILL\n",
         b"CYCL DEF 7.0 DATUM SHIFT\nCYCL DEF 7.1 X+60\nCYCL DEF 7.2 IY+40\nCYCL DEF 32.0 TOLERANCE\nCYCL DEF 32.1 T0.05\nCYCL DEF 200 DRILLING ~\nQ200=2 ;x ~\nQ201=-5\nL X+1 FMAX M99\nTRANS DATUM RESET\n",
         b"L X+1 Y+1 RL F100\nL X+5\nCC X+5 Y+2\nC X+6 Y+2 DR+\nL R0 X+0\nM30\n77 nonsense",

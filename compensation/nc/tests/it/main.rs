@@ -5,6 +5,7 @@ mod average;
 mod bounds;
 mod controls;
 mod drawn;
+mod files;
 mod five_axes;
 mod flow;
 mod floyd;

@@ -1,0 +1,145 @@
+//! Where the lines of a file end, and what is around a program and is none of it: as editors, controls and punches write files.
+
+use crate::{NcError, fault::Fault};
+
+/// Whether a byte goes on with the end of a line that these bytes have begun: a line feed and the carriage returns behind it (a punch
+/// needed the time), carriage returns with a line feed behind them, or carriage returns alone.
+pub(crate) fn goes_on(end: &[u8], byte: u8) -> bool {
+    match end {
+        [] => matches!(byte, b'\r' | b'\n'),
+        [b'\n', ..] => byte == b'\r',
+        [.., last] => *last == b'\r' && matches!(byte, b'\r' | b'\n'),
+    }
+}
+
+/// How long a line is without its end.
+pub(crate) fn length_of(text: &[u8]) -> usize {
+    let is_end = |byte: &u8| matches!(byte, b'\r' | b'\n');
+    let end = text.iter().rev().take_while(|byte| is_end(byte)).count();
+    text.len() - end
+}
+
+/// Each line and its end.
+pub(crate) fn split_lines(text: &[u8]) -> Vec<(&[u8], &[u8])> {
+    let mut lines = Vec::new();
+    let mut rest = text;
+    while !rest.is_empty() {
+        let length = memchr::memchr2(b'\r', b'\n', rest).unwrap_or(rest.len());
+        let (line, behind) = rest.split_at(length);
+        let mut of_end = 0;
+        while let Some(byte) = behind.get(of_end)
+            && goes_on(&behind[..of_end], *byte)
+        {
+            of_end += 1;
+        }
+        if lines_of(&behind[..of_end]) > 1 {
+            // Carriage returns alone: each ends a line.
+            of_end = 1;
+        }
+        let (end, behind) = behind.split_at(of_end);
+        lines.push((line, end));
+        rest = behind;
+    }
+    lines
+}
+
+/// How many lines end with this end of a line.
+pub(crate) fn lines_of(end: &[u8]) -> usize {
+    if end.contains(&b'\n') {
+        1
+    } else {
+        end.len().max(1)
+    }
+}
+
+/// The end of an added line in a file that has this end; `None`: it says nothing of that.
+pub(crate) fn end_of_added(end: &[u8]) -> Option<&'static [u8]> {
+    match end {
+        b"\n" => Some(b"\n"),
+        b"\r\n" => Some(b"\r\n"),
+        b"\r\r\n" => Some(b"\r\r\n"),
+        b"\n\r" => Some(b"\n\r"),
+        b"\n\r\r" => Some(b"\n\r\r"),
+        [b'\r', ..] if !end.contains(&b'\n') => Some(b"\r"),
+        _ => None,
+    }
+}
+
+/// State: whether the lines of a file end with carriage returns alone.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Ends {
+    only_returns: Option<bool>,
+}
+
+impl Ends {
+    /// # Errors
+    /// A carriage return alone in a file that has line feeds: what a control makes of it is not known.
+    pub(crate) fn check(&mut self, line: &[u8], end: &[u8], number: usize) -> Result<(), NcError> {
+        if end.is_empty() {
+            return Ok(());
+        }
+        let only_returns = !end.contains(&b'\n');
+        if *self.only_returns.get_or_insert(only_returns) == only_returns {
+            return Ok(());
+        }
+        Err(NcError::Block {
+            line: number,
+            fault: Fault::Character {
+                column: line.len() + 1,
+                found: char::from(end[0]),
+            },
+        })
+    }
+}
+
+/// The mark with which some editors begin a text.
+const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
+
+/// How many bytes at the beginning of a text are none of the program: the mark of an editor, the empty leader of a tape, and the
+/// characters that switch a reader on.
+pub(crate) fn leader_of(text: &[u8]) -> usize {
+    let mark = if text.starts_with(BYTE_ORDER_MARK) {
+        BYTE_ORDER_MARK.len()
+    } else {
+        0
+    };
+    mark + (text[mark..].iter())
+        .take_while(|byte| is_of_tape(**byte))
+        .count()
+}
+
+/// Whether a line is nothing but such characters, or the end of a file of CP/M and DOS.
+pub(crate) fn is_trailer(line: &[u8]) -> bool {
+    !line.is_empty() && (line.iter()).all(|byte| is_of_tape(*byte) || *byte == 0x1a)
+}
+
+/// NUL, DC1 to DC4, DEL.
+fn is_of_tape(byte: u8) -> bool {
+    matches!(byte, 0 | 0x11..=0x14 | 0x7f)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_end_as_files_have_it() {
+        for (text, expected) in [
+            ("A\nB\n", &["A|\n", "B|\n"][..]),
+            ("A\r\n\r\nB", &["A|\r\n", "|\r\n", "B|"]),
+            ("A\r\r\nB\r\r\n", &["A|\r\r\n", "B|\r\r\n"]),
+            ("A\n\r\rB\n\r\r", &["A|\n\r\r", "B|\n\r\r"]),
+            ("A\r\rB\r", &["A|\r", "|\r", "B|\r"]),
+            ("\n\n", &["|\n", "|\n"]),
+            ("", &[]),
+        ] {
+            let found: Vec<String> = (split_lines(text.as_bytes()).iter())
+                .map(|(line, end)| {
+                    let [line, end] = [line, end].map(|of| String::from_utf8_lossy(of));
+                    format!("{line}|{end}")
+                })
+                .collect();
+            assert_eq!(found, expected, "{text:?}");
+        }
+    }
+}
