@@ -5,7 +5,7 @@ mod points;
 mod statement;
 mod write;
 
-use std::collections::BTreeMap;
+use std::{cell::RefCell, collections::BTreeMap};
 
 use volcomp_vocabulary::AxisName;
 
@@ -28,6 +28,7 @@ pub(crate) fn read(
     let names = Names {
         options: &options.axes,
         stated,
+        numbered: RefCell::default(),
     };
     let mut tables = Vec::new();
     leadscrews(&found, &names, options.encoder, &mut tables, warnings)?;
@@ -39,6 +40,8 @@ pub(crate) fn read(
 struct Names<'a> {
     options: &'a AxisNumbers,
     stated: AxisNumbers,
+    /// The machine axes with a letter and a number (X1) so far.
+    numbered: RefCell<BTreeMap<AxisName, String>>,
 }
 
 impl Names<'_> {
@@ -46,6 +49,21 @@ impl Names<'_> {
         let bare = name.trim_matches(['(', ')', ' ']).to_ascii_uppercase();
         if let Ok(axis) = bare.parse() {
             return Ok(axis);
+        }
+        // The names of machine axes as delivered: X1, Y1, Z1.
+        let letter = bare.trim_end_matches(|c: char| c.is_ascii_digit());
+        if let Ok(axis) = letter.parse() {
+            let mut numbered = self.numbered.borrow_mut();
+            let other = numbered.entry(axis).or_insert_with(|| bare.clone());
+            if *other == bare {
+                return Ok(axis);
+            }
+            return Err(LineError::at(
+                file,
+                line,
+                format!("axis `{bare}` besides `{other}`"),
+                "one machine axis of each letter",
+            ));
         }
         let number = bare
             .strip_prefix("AX")
@@ -60,7 +78,7 @@ impl Names<'_> {
                 file,
                 line,
                 format!("axis `{bare}`"),
-                "a letter, or a number whose letter is stated (--axis-numbers X=1,Y=2)",
+                "a letter, a letter with a number (X1), or a number whose letter is stated (--axis-numbers X=1,Y=2)",
             )
         })
     }

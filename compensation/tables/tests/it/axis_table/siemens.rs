@@ -210,6 +210,57 @@ fn tables_for_single_directions_become_one() {
     );
 }
 
+/// Machine axes have the names that a control is delivered with; the example is that of the manual.
+#[test]
+fn machine_axes_may_be_named_by_letter_and_number() {
+    let leadscrew = |axis: &str| {
+        format!(
+            "%_N_AX_EEC_INI\nCHANDATA(1)\n$AA_ENC_COMP[0,0,{axis}]=0.003\n$AA_ENC_COMP[0,1,{axis}]=0.01\n$AA_ENC_COMP[0,2,{axis}]=0.012\n$AA_ENC_COMP[0,3,{axis}]=-0.0\n$AA_ENC_COMP_STEP[0,{axis}]=100.0\n$AA_ENC_COMP_MIN[0,{axis}]=-200.0\n$AA_ENC_COMP_MAX[0,{axis}]=100.0\n$AA_ENC_COMP_IS_MODULO[0,{axis}]=0\nM17\n"
+        )
+    };
+    for (name, letter) in [
+        ("X1", AxisName::X),
+        ("Z1", AxisName::Z),
+        ("C12", AxisName::C),
+        ("Y", AxisName::Y),
+    ] {
+        let (found, _) = tables(F, "AX_EEC.INI", &leadscrew(name));
+        assert_eq!(
+            (found.len(), found[0].input, found[0].output),
+            (1, letter, letter)
+        );
+        for (at, mm) in [
+            (-200.0, 0.003),
+            (-100.0, 0.01),
+            (0.0, 0.012),
+            (50.0, 0.006),
+            (100.0, 0.0),
+        ] {
+            let unit = |of: f64| {
+                if letter == AxisName::C {
+                    of.to_radians()
+                } else {
+                    of
+                }
+            };
+            close(found[0].deviation(unit(at), None), unit(mm), 1e-12);
+        }
+    }
+    let cross = framed(&cec(0, &[0.0, 1.0], ["Y1", "X1"], [1.0, 0.0, 1.0], ""));
+    let (found, _) = tables(F, "a.ini", &cross);
+    assert_eq!(
+        (found[0].input, found[0].output),
+        (AxisName::Y, AxisName::X)
+    );
+    let both = format!("{}{}", leadscrew("X1"), leadscrew("X2"));
+    let error = refused(F, "a.ini", &both);
+    assert!(error.contains("axis `X2` besides `X1`"), "{error}");
+    for name in ["Q1", "X1Y", "1", "XX1"] {
+        let error = refused(F, "a.ini", &leadscrew(name));
+        assert!(error.contains("a letter with a number"), "{name}: {error}");
+    }
+}
+
 #[test]
 fn refusals_name_line_found_and_expected() {
     let inch = refused(F, "a.ini", "INCH\n");
