@@ -11,13 +11,14 @@ use volcomp_model::{
 use crate::{
     Job, NcError,
     bounds::Bounds,
+    control::Control,
     coordinates::{Axes, LETTERS},
     correction::Corrector,
     dialect::Dialect,
     flow::{OLine, o_line},
     line_ends::{end_of_added, leader_of, split_lines},
     made::Made,
-    modal::SYSTEMS,
+    modal::{NUMBERED, SYSTEMS},
     motion::{Path, half_deep},
     script::{NewWord, Script},
     setup::name_of_offset,
@@ -149,13 +150,14 @@ pub fn average(
             "a mean correction needs a machine without rotary axes: with them it is another one at each angle",
         ));
     }
-    if job.dialect != Dialect::Rs274 {
+    let is_printer = job.setup.control().is_some_and(Control::is_printer);
+    if job.dialect != Dialect::Rs274 || is_printer {
         return Err(refused(
             1,
-            "a mean correction is put into work offsets by G10, which only RS-274 has",
+            "a mean correction is put into work offsets by G10, which only RS-274 has, and no printer",
         ));
     }
-    let mut sums = [Sums::default(); SYSTEMS];
+    let mut sums = vec![Sums::default(); SYSTEMS];
     at_places(program, job, |place| {
         sums[place.system].take(place.delta);
         Ok(())
@@ -167,11 +169,12 @@ pub fn average(
             Some(mean_of(readings, corrects))
         }
     };
-    let means = sums.map(|of| match &measured {
+    let mean = |of: &Sums| match &measured {
         None => of.sum.map(|sum| sum / (of.places as f64).max(1.0)),
         Some((mean, _)) => (-mean).into(),
-    });
-    let mut left = [Sums::default(); SYSTEMS];
+    };
+    let means: Vec<[f64; 3]> = sums.iter().map(mean).collect();
+    let mut left = vec![Sums::default(); SYSTEMS];
     let bounds = Bounds::new(job.corrector, job.limit);
     at_places(program, job, |place| {
         let mean = means[place.system];
@@ -381,7 +384,11 @@ fn write(
         text.extend_from_slice(end);
     }
     for (system, words) in offsets {
-        text.extend_from_slice(format!("G10 L2 P{}", system + 1).as_bytes());
+        let code = match system.checked_sub(NUMBERED) {
+            Some(place) => format!("G10 L20 P{}", place + 1),
+            None => format!("G10 L2 P{}", system + 1),
+        };
+        text.extend_from_slice(code.as_bytes());
         for (letter, number) in LETTERS.into_iter().zip(words) {
             if let Some(number) = number {
                 let word = NewWord::plain((letter, *number));

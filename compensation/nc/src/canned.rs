@@ -12,13 +12,14 @@ use crate::{
 };
 
 impl Interpreter {
-    /// The hole of a block, or the row of them.
+    /// The hole of a block, or the row of them; false: there is none, and the cycle is stored for the next block.
     pub(crate) fn hole(
         &mut self,
         given: &Given<'_>,
         motion: &mut Move,
         outcome: &mut Outcome,
-    ) -> Result<(), NcError> {
+    ) -> Result<bool, NcError> {
+        let (letter, may_store) = self.repeats_by();
         let [_, _, depth] = self.modal.plane.axes();
         let before = self.program_position();
         let [of_r, of_depth] =
@@ -42,17 +43,37 @@ impl Interpreter {
         } else {
             [clearance, way]
         };
-        if given.has(b'K') {
+        if letter == b'K' && given.has(b'L') {
+            return Err(given.refused(
+                "a cycle with L, which FANUC controls read as the number of holes in the format of series 10 and 11 only: write K",
+            ));
+        }
+        if letter != b'K' && given.has(b'K') {
             return Err(given.refused(
                 "a cycle with K, which some controls read as the number of holes: write L, or each hole in a line of its own",
             ));
         }
-        let repeats = match given.letter(b'L')? {
+        let repeats = match given.letter(letter)? {
             Some(repeats) => whole(repeats, 100_000)
-                .filter(|repeats| *repeats > 0)
-                .ok_or_else(|| given.refused("a cycle with an L that is no number of holes"))?,
+                .filter(|repeats| *repeats > 0 || may_store)
+                .ok_or_else(|| {
+                    let letter = char::from(letter);
+                    given.refused(&format!(
+                        "a cycle with {letter} that is not a number of holes"
+                    ))
+                })?,
             None => 1,
         };
+        if repeats == 0 {
+            // Whether the control goes to the place of the hole is not known.
+            for axis in (0..9).filter(|axis| *axis != depth) {
+                let in_plane = axis < 2 && given.polar.is_some();
+                if given.places[axis].is_some() || in_plane {
+                    self.is_assumed(axis);
+                }
+            }
+            return Ok(false);
+        }
         motion.path = Path::Hole {
             bottom,
             clearance,
@@ -67,7 +88,7 @@ impl Interpreter {
         motion.to = self.frame.to_machine(&end);
         if !incremental {
             // Each of them is the same hole.
-            return Ok(());
+            return Ok(true);
         }
         let way = each(|axis| match given.places[axis] {
             Some(_) if axis != depth => end[axis] - before[axis],
@@ -91,7 +112,7 @@ impl Interpreter {
                 ..motion.clone()
             });
         }
-        Ok(())
+        Ok(true)
     }
 
     /// The tool is in the plane R of a hole, or where it was before the first one, which may be unknown.

@@ -2,6 +2,7 @@
 
 use crate::{
     block::Block,
+    control::Control,
     fault::Fault,
     modal::{Code, WORK_OFFSETS},
 };
@@ -66,6 +67,8 @@ pub(crate) struct Codes {
     pub(crate) calls: Option<Code>,
     /// M70 to M73, which save and restore what is switched, and M97 and M198, which call what is elsewhere.
     pub(crate) not_followed: Option<Code>,
+    /// A code of this control that moves nothing and changes no coordinate.
+    pub(crate) harmless: Option<Code>,
     /// M6: the tool that was chosen comes into the spindle.
     pub(crate) changes_tool: bool,
     /// M430: the kinematics that a user of LinuxCNC has written are switched on.
@@ -88,8 +91,11 @@ pub(crate) enum Refusal {
 }
 
 impl Codes {
-    pub(crate) fn of(block: &Block) -> Result<Self, Refusal> {
+    /// As a control reads them; `None`: as all do.
+    pub(crate) fn of(block: &Block, control: Option<Control>) -> Result<Self, Refusal> {
         let mut codes = Self::default();
+        // These are LinuxCNC's; elsewhere the builder of the machine has given them a meaning.
+        let has_own_m = control.is_some_and(Control::counts_increments);
         for (place, word) in block.words.iter().enumerate() {
             if word.letter != b'G' && word.letter != b'M' {
                 continue;
@@ -107,7 +113,9 @@ impl Codes {
                     20 | 300 => codes.ends = true,
                     60 => codes.changes_tool = true,
                     980 | 990 => codes.calls = Some(code),
-                    700 | 710 | 720 | 730 | 970 | 1980 => codes.not_followed = Some(code),
+                    970 | 1980 => codes.not_followed = Some(code),
+                    _ if has_own_m => {}
+                    700 | 710 | 720 | 730 => codes.not_followed = Some(code),
                     4280 => codes.centre_point = Some(true),
                     4290 => codes.centre_point = Some(false),
                     4300 => codes.own_kinematics = true,
@@ -119,9 +127,18 @@ impl Codes {
                 codes.in_machine = true;
                 continue;
             }
+            if let Some(control) = control
+                && control.has_harmless(code)
+            {
+                codes.harmless = Some(code);
+                continue;
+            }
+            let refused = control.and_then(|control| control.refuses(code));
             let group = GROUPS.iter().find(|(_, codes)| codes.contains(&code));
-            match group {
-                Some(&(group, _)) => {
+            let group = group.map(|(group, _)| *group).filter(|_| refused.is_none());
+            let numbered = control.is_some_and(|control| control.has_numbered_offset(code));
+            match group.or(numbered.then_some(Group::WorkOffset)) {
+                Some(group) => {
                     let other = codes.groups[group as usize].replace(code);
                     // FANUC programs end cycles in the block of the next motion: G80 G0.
                     if let (Some(800), 0..=30) | (Some(0..=30), 800) = (other, code)

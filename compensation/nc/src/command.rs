@@ -6,7 +6,7 @@ use crate::{
     cycles::Cycle,
     given::{Given, whole},
     interpret::{Interpreter, Outcome},
-    modal::{CentrePoint, Programmed},
+    modal::{CentrePoint, MOST_NUMBERED, NUMBERED, Programmed},
     notes::Note,
     parameters::Value,
 };
@@ -27,6 +27,9 @@ pub(crate) enum Command {
     CentrePoint(bool),
     /// One of the work offsets.
     WorkOffset(usize),
+    /// The number of a preset stands in one of the lines behind it (CYCL DEF 247), or is this.
+    AwaitsPreset,
+    Preset(Value),
     /// The words of its block are machine coordinates.
     InMachine,
     /// The cutting edge of the tool whose length holds from now on; 0: none.
@@ -111,6 +114,18 @@ impl Interpreter {
                 }
                 Command::CentrePoint(false) => self.modal.centre_point = CentrePoint::Off,
                 Command::WorkOffset(system) => self.modal.system = *system,
+                Command::AwaitsPreset => self.modal.awaits_preset = true,
+                Command::Preset(number) => {
+                    let number = number.and_then(|number| whole(number, MOST_NUMBERED));
+                    let place = number.and_then(|number| (number as usize).checked_sub(1));
+                    let place = place.ok_or_else(|| {
+                        given.refused(
+                            "a preset other than 1 to 300, whose place the set-up file could state",
+                        )
+                    })?;
+                    self.modal.system = NUMBERED + place;
+                    (self.modal.pole, self.modal.awaits_preset) = (None, false);
+                }
                 Command::InMachine => outcome.in_machine = true,
                 Command::ChangeTool
                 | Command::NamedTool

@@ -1,10 +1,14 @@
 //! The control that runs a program, where controls that read the same language differ in what they make of it.
 
 use crate::{
+    NcError,
     block::{Block, Word},
+    codes::Codes,
     dialect::Dialect,
     fault::Fault,
+    given::Given,
     interpret::Interpreter,
+    modal::{Code, MOST_NUMBERED, NUMBERED, WORK_OFFSETS},
     rewrite::Rewriter,
     words::{Decimals, Numerals},
 };
@@ -69,6 +73,58 @@ impl Control {
         matches!(self, Self::Marlin | Self::Klipper)
     }
 
+    /// Whether a G code moves nothing and changes no coordinate on this control: what looks ahead, smooths, stops exactly, or switches off
+    /// what is refused where it is switched on.
+    pub(crate) fn has_harmless(self, code: Code) -> bool {
+        let codes: &[Code] = match self {
+            // Look-ahead, corners, tapping, limits of the stored area off, spindle watch, and the ends of G41.1, G12.1, G51, G51.1, G66.
+            Self::Fanuc => &[
+                80, 110, 131, 230, 250, 260, 401, 500, 501, 620, 630, 670, 1130,
+            ],
+            // Look-ahead, smoothness, and the ends of G51 and G101.
+            Self::Haas => &[500, 1000, 1030, 1870],
+            Self::Mazak => &[80, 131, 230, 401, 500, 501, 620, 630, 670, 1130],
+            _ => &[],
+        };
+        codes.contains(&code)
+    }
+
+    /// Why a G code that others have is refused for this control.
+    pub(crate) fn refuses(self, code: Code) -> Option<&'static str> {
+        match (self, code) {
+            (Self::Fanuc | Self::Mazak, 70) => {
+                Some("it makes an axis hypothetical on this control")
+            }
+            (Self::Haas, 70 | 80) => Some("it is not known for this control"),
+            (Self::Fanuc | Self::Haas | Self::Mazak, 591..=593) => {
+                Some("it is not known for this control")
+            }
+            _ => None,
+        }
+    }
+
+    /// Whether a G code chooses one of the work offsets that have numbers.
+    pub(crate) fn has_numbered_offset(self, code: Code) -> bool {
+        match self {
+            Self::Fanuc | Self::Mazak => code == 541,
+            // G112 and G113 are polar interpolation on some of them.
+            Self::Haas => {
+                let is_short = (1100..=1290).contains(&code) && code.is_multiple_of(10);
+                code == 1540 || is_short && !matches!(code, 1120 | 1130)
+            }
+            _ => false,
+        }
+    }
+
+    /// The letter that says how often a cycle is done, and whether 0 stores the cycle without a hole.
+    pub(crate) fn repeats_by(self) -> (u8, bool) {
+        match self {
+            Self::Fanuc => (b'K', true),
+            Self::Haas => (b'L', true),
+            _ => (b'L', false),
+        }
+    }
+
     /// Whether a coordinate without a decimal point is a number of least increments, unless a parameter of the control says otherwise.
     pub(crate) fn counts_increments(self) -> bool {
         matches!(self, Self::Fanuc | Self::Haas | Self::Mazak)
@@ -125,6 +181,104 @@ impl Rewriter {
             increments,
             point: points.counts,
         }
+    }
+}
+
+/// Why a G code is refused that is not known, or known for other controls only.
+pub(crate) fn why_refused(code: Code, control: Option<Control>) -> Option<String> {
+    if let Some(why) = control.and_then(|control| control.refuses(code)) {
+        return Some(why.to_owned());
+    }
+    let why = match code {
+        70 | 71 | 1070 => "it makes an axis hypothetical, or wraps coordinates round a cylinder",
+        120 | 130 | 1500 | 700 | 710 | 720 => "a cycle that moves by a rule of its own",
+        121 | 1120 | 1130 => "polar interpolation",
+        310 | 311..=313 | 370 | 360 | 350 | 1360 => {
+            "it ends where a signal comes, which only the machine knows"
+        }
+        440 => {
+            "it takes a length off: state the length with the other sign in the set-up file and write G43"
+        }
+        510 | 511 | 501 | 500 | 1010 => "it scales or mirrors coordinates",
+        542 | 2540 => "an offset that turns with the table",
+        600 => "it comes to its place from one side, by a motion of its own",
+        650 | 660 | 661 => "it calls a macro, whose motions are not in the program",
+        682..=684 | 531 | 2680 => "a tilted plane",
+        435 => "directions of the tool are followed as angles of the rotary axes only",
+        _ => "",
+    };
+    if !why.is_empty() {
+        return Some(why.to_owned());
+    }
+    let known = |control: &Control| control.has_harmless(code) || control.has_numbered_offset(code);
+    let names: Vec<&str> = (CONTROLS.iter())
+        .filter(|(_, control)| known(control))
+        .map(|(name, _)| *name)
+        .collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "it is known with control = \"{}\" in the set-up file",
+            names.join("\" or \"")
+        )
+    })
+}
+
+impl Interpreter {
+    /// The work offset that a code of a block chooses.
+    pub(crate) fn system_of(
+        &self,
+        code: Code,
+        codes: &Codes,
+        given: &Given<'_>,
+    ) -> Result<usize, NcError> {
+        let control = self.control;
+        let is_numbered = control.is_some_and(|control| control.has_numbered_offset(code));
+        // FANUC controls read G54 P2 as G54.1 P2.
+        let with_p = code == 540
+            && given.has(b'P')
+            && matches!(control, Some(Control::Fanuc | Control::Mazak));
+        if !is_numbered && !with_p {
+            let found = WORK_OFFSETS.iter().position(|of| *of == code);
+            return Ok(found.unwrap_or(self.modal.system));
+        }
+        if (1100..=1290).contains(&code) {
+            return Ok(NUMBERED + usize::from(code / 10 - 110));
+        }
+        let is_elsewhere = codes.not_modal().is_some()
+            || codes
+                .motion()
+                .or(self.modal.motion)
+                .is_some_and(|code| code > 30 && given.names_axes());
+        let most = if control == Some(Control::Haas) {
+            99
+        } else {
+            MOST_NUMBERED
+        };
+        match given.whole(b'P')? {
+            Some(number) if (1..=most).contains(&number) && !is_elsewhere => {
+                Ok(NUMBERED + number as usize - 1)
+            }
+            _ => Err(given.refused(&format!(
+                "{} without a P from 1 to {most} of its own, the number of the work offset",
+                crate::codes::text(code)
+            ))),
+        }
+    }
+
+    /// Whether a dwell has its time in X or U: seconds, on FANUC and Mazak controls.
+    pub(crate) fn dwells_by_axis(&self, codes: &Codes, given: &Given<'_>) -> bool {
+        let has_time = given.has(b'X') || given.has(b'U');
+        let others = (0..9).any(|axis| given.word(axis).is_some() && !matches!(axis, 0 | 6));
+        codes.not_modal() == Some(40)
+            && codes.motion().is_none()
+            && has_time
+            && !others
+            && matches!(self.control, Some(Control::Fanuc | Control::Mazak))
+    }
+
+    /// The letter that says how often a cycle is done, and whether 0 stores the cycle without a hole.
+    pub(crate) fn repeats_by(&self) -> (u8, bool) {
+        self.control.map_or((b'L', false), Control::repeats_by)
     }
 }
 

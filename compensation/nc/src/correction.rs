@@ -224,7 +224,13 @@ impl Corrector {
     pub(crate) fn is_within_travel(&self, axis: usize, at: f64) -> bool {
         let [low, high] = self.travels[axis];
         let rounding = 1e-9 * (1.0 + at.abs());
-        (low - rounding..=high + rounding).contains(&at)
+        (low - rounding..=high + rounding).contains(&at) || self.goes_round_to(axis, at)
+    }
+
+    /// Whether an axis stands in its travel after whole periods of its `modulo`.
+    fn goes_round_to(&self, axis: usize, at: f64) -> bool {
+        let axis = name_of(axis).and_then(|name| self.machine.axis(name));
+        axis.is_some_and(|axis| axis.modulo.is_some() && axis.may_stand_at(at))
     }
 
     /// How far a line may be from where it belongs before it is split, mm.

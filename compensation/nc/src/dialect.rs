@@ -77,7 +77,7 @@ impl Dialect {
                 let expressions = Expressions::new(interpreter);
                 block
                     .read(text, &expressions)
-                    .map_err(|of| fault(hint(text).unwrap_or(of)))?;
+                    .map_err(|of| fault(corner(text, &of).or_else(|| hint(text)).unwrap_or(of)))?;
                 read_increments(block, text, interpreter).map_err(fault)?;
                 Ok(Reads {
                     axes: expressions.axes_read(),
@@ -138,6 +138,25 @@ const OTHERS: [(&str, &str); 31] = [
 ];
 /// What stands only in lines of SINUMERIK.
 const IN_SIEMENS: [&str; 5] = ["=IC(", "=AC(", "=DC(", "CR=", "SUPA"];
+
+/// Why a comma cannot be read, where it is that of a corner.
+fn corner(text: &[u8], fault: &Fault) -> Option<Fault> {
+    let Fault::Character { column, found: ',' } = *fault else {
+        return None;
+    };
+    let letter = (text.get(column..)?.iter()).find(|byte| !byte.is_ascii_whitespace())?;
+    let why = match letter.to_ascii_uppercase() {
+        b'R' => "a rounded corner is a motion of its own",
+        b'C' => "a bevelled corner is a motion of its own",
+        b'A' => "a line by its direction",
+        _ => return None,
+    };
+    Some(Fault::NotFollowed {
+        column,
+        found: format!(",{}", char::from(*letter).to_ascii_uppercase()),
+        why,
+    })
+}
 
 /// Why a line that RS-274 does not know cannot be read, where it plainly is of another language.
 fn hint(text: &[u8]) -> Option<Fault> {

@@ -85,13 +85,12 @@ pub(crate) fn o_line(line: &[u8]) -> Option<OLine> {
     if scanner.peek() == Some(b'<') && !may_be_skipped {
         // The name of a program, as newer FANUC controls have it.
         let is_name = scanner.takes(b'<') && scanner.name().is_ok();
-        return is_name.then(|| {
-            is_end(&mut scanner)
-                .then_some(OLine::Program(None))
-                .unwrap_or(OLine::Wrong(
-                    "expected nothing but a comment after the name of a program",
-                ))
-        });
+        let what = "expected nothing but a comment after the name of a program";
+        return match is_end(&mut scanner) {
+            _ if !is_name => None,
+            true => Some(OLine::Program(None)),
+            false => Some(OLine::Wrong(what)),
+        };
     }
     // A colon is what the ISO code has for the O of the EIA code.
     let colon = scanner.peek() == Some(b':');

@@ -166,7 +166,8 @@ impl Rewriter {
                 self.edits.set(letter, line.place_of(letter), number);
             }
             if !stays {
-                self.edits.removed.extend(line.place_of(b'L'));
+                let (letter, _) = self.interpreter.repeats_by();
+                self.edits.removed.extend(line.place_of(letter));
             }
         }
         let part = Part {

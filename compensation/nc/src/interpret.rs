@@ -9,13 +9,13 @@ use crate::{
     basis::Rests,
     block::{Block, Parameter},
     codes::{Codes, Refusal, UnknownCode, text},
-    control::{Control, Points},
+    control::{Control, Points, why_refused},
     coordinates::{Axes, Frame, name_of},
     cycles::Cycle,
     dialect::Dialect,
     extruder::{Extruder, Extrusion},
     given::{Given, whole},
-    modal::{CentrePoint, Code, FeedMode, G500, Modal, Plane, WORK_OFFSETS},
+    modal::{CentrePoint, Code, FeedMode, G500, Modal, Plane},
     motion::Move,
     notes::Notes,
     parameters::Parameters,
@@ -157,7 +157,7 @@ impl Interpreter {
     /// Whether a block drills: with a cycle of its own, or with the one that holds.
     pub(crate) fn in_cycle(&self, block: &Block) -> bool {
         let is_cycle = |code: Code| (730..=890).contains(&code) && code != 800;
-        match Codes::of(block) {
+        match Codes::of(block, self.control) {
             Ok(codes) => codes.motion().or(self.modal.motion).is_some_and(is_cycle),
             Err(_) => false,
         }
@@ -201,7 +201,8 @@ impl Interpreter {
         line: usize,
         outcome: &mut Outcome,
     ) -> Result<(), NcError> {
-        let mut codes = Codes::of(block).map_err(|refusal| refused(refusal, block, line))?;
+        let mut codes = Codes::of(block, self.control)
+            .map_err(|refusal| refused(refusal, block, line, self.control))?;
         match codes.polar() {
             Some(160) => self.modal.polar = Some([None; 2]),
             Some(150) => self.modal.polar = None,
@@ -224,8 +225,16 @@ impl Interpreter {
             );
             return Err(given.refused(&what));
         }
-        if codes.not_modal() == Some(40) && given.names_axes() {
+        let dwells_by_axis = self.dwells_by_axis(&codes, &given);
+        if codes.not_modal() == Some(40) && given.names_axes() && !dwells_by_axis {
             return Err(given.refused("a dwell (G4) with the word of an axis, which FANUC controls read as its time: write P"));
+        }
+        if let Some(code) = codes
+            .harmless
+            .filter(|_| given.names_axes() && codes.motion().is_none())
+        {
+            let what = format!("{} with the word of an axis", text(code));
+            return Err(given.refused(&what));
         }
         self.check_meaning(&codes, &given)?;
         codes.ends_smoothing(given.names_axes());
@@ -239,7 +248,7 @@ impl Interpreter {
         if is_longer && self.modal.centre_point != CentrePoint::Off {
             self.has_other_centre_point();
         }
-        uses_words |= self.not_modal(&codes, &given, outcome)?;
+        uses_words |= self.not_modal(&codes, &given, outcome)? || dwells_by_axis;
         if !uses_words && codes.calls.is_none() {
             self.motion(&codes, &given, outcome)?;
         } else if let Some(motion) = codes.motion() {
@@ -391,8 +400,7 @@ impl Interpreter {
             None => {}
         }
         if let Some(code) = codes.work_offset() {
-            let found = WORK_OFFSETS.iter().position(|of| *of == code);
-            self.modal.system = found.unwrap_or(self.modal.system);
+            self.modal.system = self.system_of(code, codes, given)?;
         }
         match codes.rotation() {
             Some(680) => self.rotation(given)?,
@@ -410,12 +418,18 @@ impl Interpreter {
     }
 }
 
-fn refused(refusal: Refusal, block: &Block, line: usize) -> NcError {
+fn refused(refusal: Refusal, block: &Block, line: usize, control: Option<Control>) -> NcError {
     match refusal {
         Refusal::Fault(fault) => NcError::Block { line, fault },
-        Refusal::Unknown(UnknownCode(code)) => NcError::UnknownCode {
-            line,
-            code: text(code),
+        Refusal::Unknown(UnknownCode(code)) => match why_refused(code, control) {
+            Some(why) => NcError::NotCompensated {
+                line,
+                what: format!("{} is not followed: {why}", text(code)),
+            },
+            None => NcError::UnknownCode {
+                line,
+                code: text(code),
+            },
         },
         Refusal::NoCode(place) => match block.words.get(place) {
             Some(word) if word.value.is_none() => NcError::OnlyAtMachine {

@@ -113,9 +113,9 @@ pub(crate) fn is_trailer(line: &[u8]) -> bool {
     !line.is_empty() && (line.iter()).all(|byte| is_of_tape(*byte) || *byte == 0x1a)
 }
 
-/// NUL, DC1 to DC4, DEL.
+/// NUL, DC1 to DC4.
 fn is_of_tape(byte: u8) -> bool {
-    matches!(byte, 0 | 0x11..=0x14 | 0x7f)
+    matches!(byte, 0 | 0x11..=0x14)
 }
 
 #[cfg(test)]

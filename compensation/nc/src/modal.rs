@@ -16,8 +16,12 @@ pub(crate) const WORK_OFFSETS: [Code; RS274_SYSTEMS] =
 /// Behind them those that SINUMERIK has: G505 to G599, and G500.
 pub(crate) const G505: usize = RS274_SYSTEMS;
 pub(crate) const G500: usize = G505 + 95;
+/// Behind them those that have numbers from 1 on: `G54.1 P1` of FANUC, `G154 P1` of Haas, the presets of HEIDENHAIN.
+pub(crate) const NUMBERED: usize = G500 + 1;
+/// The largest of these numbers.
+pub(crate) const MOST_NUMBERED: u32 = 300;
 /// All of them.
-pub(crate) const SYSTEMS: usize = G500 + 1;
+pub(crate) const SYSTEMS: usize = NUMBERED + MOST_NUMBERED as usize;
 
 /// A G or M code in tenths: 431 is G43.1.
 pub(crate) type Code = u16;
@@ -126,7 +130,7 @@ pub(crate) struct Modal {
     pub(crate) feed: Option<f64>,
     /// Which of the work offsets holds.
     pub(crate) system: usize,
-    pub(crate) offsets: [WorkOffset; SYSTEMS],
+    pub(crate) offsets: Vec<WorkOffset>,
     /// The offset of G92 or G52, whether it holds or not.
     pub(crate) shift: Axes,
     pub(crate) shifted: bool,
@@ -153,6 +157,8 @@ pub(crate) struct Modal {
     pub(crate) shorter: bool,
     /// The block goes on in the next line.
     pub(crate) goes_on: bool,
+    /// The number of a preset stands in one of the next lines.
+    pub(crate) awaits_preset: bool,
     /// The cycle that is done where one is called.
     pub(crate) defined: Option<Cycle>,
     /// A cycle that is done behind each motion.
@@ -182,7 +188,7 @@ impl Default for Modal {
             feed_mode: FeedMode::PerMinute,
             feed: None,
             system: 0,
-            offsets: [WorkOffset::default(); SYSTEMS],
+            offsets: vec![WorkOffset::default(); SYSTEMS],
             shift: [0.0; 9],
             shifted: false,
             shift_is_said: false,
@@ -197,6 +203,7 @@ impl Default for Modal {
             polar: None,
             shorter: false,
             goes_on: false,
+            awaits_preset: false,
             defined: None,
             each_motion: None,
             radius: None,

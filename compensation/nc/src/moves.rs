@@ -35,11 +35,7 @@ impl Interpreter {
     ) -> Result<(), NcError> {
         let polar = given.polar.is_some();
         self.check_polar(codes, given)?;
-        if self.is_printer() && codes.motion().is_none() && given.names_axes() {
-            return Err(given.refused(
-                "coordinates without a code, which Klipper does not execute: write G0, G1, G2 or G3 before them",
-            ));
-        }
+        self.check_code(codes, given)?;
         let motion_before = self.modal.motion;
         if let Some(code) = codes.motion() {
             self.set_motion(code);
@@ -103,16 +99,7 @@ impl Interpreter {
             known: self.known_before(given, code),
             wraps: [0.0; 9],
         };
-        if self.modal.centre_point != CentrePoint::Off
-            && let Some(axis) = (3..9).find(|axis| {
-                is_rotary(*axis) && motion.words[*axis].is_some() && !self.machine_has(*axis)
-            })
-        {
-            return Err(given.refused(&format!(
-                "a motion of {}, which the machine file does not have, while the control keeps the tip of the tool in its place (M428, G43.4, TRAORI, M128)",
-                char::from(LETTERS[axis])
-            )));
-        }
+        self.check_axes_of_tip(&motion, given)?;
         for axis in 0..9 {
             let shorter = self.modal.shorter && is_rotary(axis) && motion.words[axis].is_some();
             if manner(axis) == Manner::Shortest || shorter && !motion.incremental[axis] {
@@ -121,8 +108,8 @@ impl Interpreter {
         }
         if matches!(code, 20 | 30) {
             motion.path = Path::Arc(self.arc(code, given, &motion.to)?);
-        } else if (730..=890).contains(&code) {
-            self.hole(given, &mut motion, outcome)?;
+        } else if (730..=890).contains(&code) && !self.hole(given, &mut motion, outcome)? {
+            return Ok(());
         }
         if polar {
             self.knows_polar(given)?;
@@ -138,6 +125,33 @@ impl Interpreter {
             self.suppresses(&motion, given)?;
         }
         outcome.motion = Some(motion);
+        Ok(())
+    }
+
+    /// # Errors
+    /// Coordinates of a printer without a code.
+    fn check_code(&self, codes: &Codes, given: &Given<'_>) -> Result<(), NcError> {
+        if self.is_printer() && codes.motion().is_none() && given.names_axes() {
+            return Err(given.refused(
+                "coordinates without a code, which Klipper does not execute: write G0, G1, G2 or G3 before them",
+            ));
+        }
+        Ok(())
+    }
+
+    /// # Errors
+    /// A rotary axis that the machine file lacks moves while the tip of the tool is to keep its place.
+    fn check_axes_of_tip(&self, motion: &Move, given: &Given<'_>) -> Result<(), NcError> {
+        if self.modal.centre_point != CentrePoint::Off
+            && let Some(axis) = (3..9).find(|axis| {
+                is_rotary(*axis) && motion.words[*axis].is_some() && !self.machine_has(*axis)
+            })
+        {
+            return Err(given.refused(&format!(
+                "a motion of {}, which the machine file does not have, while the control keeps the tip of the tool in its place (M428, G43.4, TRAORI, M128)",
+                char::from(LETTERS[axis])
+            )));
+        }
         Ok(())
     }
 

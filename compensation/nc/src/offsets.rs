@@ -4,9 +4,10 @@
 use crate::{
     NcError,
     codes::Codes,
+    control::Control,
     given::Given,
     interpret::{Interpreter, Outcome},
-    modal::{Code, Plane, RS274_SYSTEMS},
+    modal::{Code, MOST_NUMBERED, NUMBERED, Plane, RS274_SYSTEMS},
     motion::{Move, Path},
     notes::Note,
     words::each,
@@ -167,7 +168,31 @@ impl Interpreter {
     /// G10.
     fn set_table(&mut self, given: &Given<'_>, outcome: &mut Outcome) -> Result<(), NcError> {
         let (kind, place) = (given.whole(b'L')?, given.whole(b'P')?);
+        // On these controls L20 sets one of the offsets that have numbers; the others are tables of the control.
+        let has_own = self.control.is_some_and(Control::counts_increments);
         match kind {
+            Some(20) if has_own => {
+                if !self.modal.absolute {
+                    return Err(given.refused(
+                        "G10 L20 in G91, where the control adds to the offset: write G90 before",
+                    ));
+                }
+                let number = place.filter(|number| (1..=MOST_NUMBERED).contains(number));
+                let system = number.map(|number| NUMBERED + number as usize - 1);
+                let system = system.ok_or_else(|| {
+                    given
+                        .refused("G10 L20 without a P from 1 to 300, the number of the work offset")
+                })?;
+                for (axis, value) in given.axes()? {
+                    self.modal.offsets[system].offset[axis] = value * self.modal.scale(axis);
+                    self.rests.offset_is_stated(system, axis);
+                }
+            }
+            // Geometry and wear of the radius of a tool, which the control compensates by itself.
+            Some(12 | 13) if has_own => {}
+            Some(1 | 10 | 11) | None if has_own => {
+                return Err(given.refused("G10 that sets the length of a tool in the table of the control: state the length in the set-up file"));
+            }
             Some(2 | 20) => {
                 if kind == Some(2) && !self.modal.absolute {
                     return Err(given.refused("G10 L2 in G91, where FANUC controls add to the offset and LinuxCNC replaces it: write G90 before"));

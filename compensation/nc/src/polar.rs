@@ -333,7 +333,10 @@ impl Rewriter {
         motion: &Move,
         line: Line<'_>,
     ) {
-        let is_new = |axis: usize| words[axis].is_some() && motion.words[axis].is_none();
+        // A helix in polar coordinates gets X and Y, and an arc that had none a further word.
+        let is_new = |axis: usize| {
+            words[axis].is_some() && (motion.words[axis].is_none() || motion.polar.is_some())
+        };
         if line.script.is_heidenhain() && (2..9).any(is_new) {
             self.interpreter.notes.add(Note::Superposed, line.number);
         }

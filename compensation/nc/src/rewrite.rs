@@ -53,7 +53,6 @@ pub struct Counts {
 }
 
 /// State: a program that is read, and the correction that its axes carry.
-#[expect(clippy::struct_excessive_bools, reason = "each is a state of its own")]
 #[derive(Clone, Debug)]
 pub(crate) struct Rewriter {
     pub(crate) interpreter: Interpreter,

@@ -11,7 +11,7 @@ use crate::{
     codes::text,
     control::{CONTROLS, Control, Points, WithoutPoint},
     coordinates::{Axes, axis_of},
-    modal::{CentrePoint, G500, G505, Modal, SYSTEMS, WORK_OFFSETS, WorkOffset},
+    modal::{CentrePoint, G500, G505, Modal, NUMBERED, SYSTEMS, WORK_OFFSETS, WorkOffset},
 };
 
 /// The name of a work offset.
@@ -19,6 +19,7 @@ pub(crate) fn name_of_offset(system: usize) -> String {
     match WORK_OFFSETS.get(system) {
         Some(code) => text(*code),
         None if system == G500 => "G500".to_owned(),
+        None if system >= NUMBERED => format!("P{}", system - NUMBERED + 1),
         None => format!("G{}", 505 + system - G505),
     }
 }
@@ -26,7 +27,7 @@ pub(crate) fn name_of_offset(system: usize) -> String {
 /// What a program relies on and does not say itself. Lengths are mm, angles deg; what is not given is zero.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SetUp {
-    offsets: [WorkOffset; SYSTEMS],
+    offsets: Vec<WorkOffset>,
     /// Which of them it states.
     stated: [bool; SYSTEMS],
     tools: BTreeMap<u32, Axes>,
@@ -44,7 +45,7 @@ pub struct SetUp {
 impl Default for SetUp {
     fn default() -> Self {
         Self {
-            offsets: [WorkOffset::default(); SYSTEMS],
+            offsets: vec![WorkOffset::default(); SYSTEMS],
             stated: [false; SYSTEMS],
             tools: BTreeMap::new(),
             homes: [[0.0; 9]; 2],
@@ -105,7 +106,7 @@ impl SetUp {
                 for (key, _) in offsets.values() {
                     if !allowed.contains(&key) {
                         return Err(offsets.error(format!(
-                            "there is no work offset {key}; expected G54 to G59 or G59.1 to G59.3 (SINUMERIK: G500, G54 to G57, G505 to G599; HEIDENHAIN: G54)"
+                            "there is no work offset {key}; expected G54 to G59 or G59.1 to G59.3 or, by their numbers, P1 to P300 (SINUMERIK: G500, G54 to G57, G505 to G599; HEIDENHAIN: G54, P1 to P300)"
                         )));
                     }
                 }
@@ -184,7 +185,7 @@ impl SetUp {
     pub(crate) fn modal(&self) -> Modal {
         Modal {
             unit_mm: if self.inch { 25.4 } else { 1.0 },
-            offsets: self.offsets,
+            offsets: self.offsets.clone(),
             homes: self.homes,
             centre_point: if self.centre_point {
                 CentrePoint::Switched

@@ -198,6 +198,7 @@ impl Interpreter {
             feed_mode: _,
             feed: _,
             pole: _,
+            awaits_preset: _,
             defined: _,
             comes_back: _,
             says_return: _,

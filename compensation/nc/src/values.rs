@@ -30,9 +30,13 @@ impl Rewriter {
             let value = word.value.filter(|_| word.decimals.is_none());
             let number = value.and_then(|value| Number::shortest(value, 6));
             let is_coordinate = b"XYZABCUVWIJKR".contains(&word.letter);
-            let number = number.map(|number| match is_coordinate {
-                true if self.interpreter.points.counts => number.with_point(),
-                _ => number,
+            let needs_point = is_coordinate && self.interpreter.points.counts;
+            let number = number.map(|number| {
+                if needs_point {
+                    number.with_point()
+                } else {
+                    number
+                }
             });
             self.edits
                 .replaced

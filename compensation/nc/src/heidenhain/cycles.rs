@@ -79,6 +79,10 @@ impl Reader<'_, '_> {
                 }
                 None => return Err(not_followed(column, &found, TILTED)),
             },
+            247 if self.has_tilde() => {
+                self.block.commands.push(Command::AwaitsPreset);
+                self.skips();
+            }
             8 | 10 | 11 | 19 | 26 | 247 => return Err(not_followed(column, &found, TILTED)),
             12 => return Err(not_followed(column, &found, FLOW)),
             // A dwell, the angle of the spindle, the tolerance of contours; data of contours.

@@ -12,7 +12,7 @@ mod words;
 pub(crate) use numbering::{block_number, renumber};
 
 use crate::{
-    block::{Assignment, Block, Manner},
+    block::{Assignment, Block, Manner, Parameter},
     command::Command,
     expression::{Operator, finite, operate},
     fault::Fault,
@@ -52,6 +52,9 @@ impl Reader<'_, '_> {
         if self.values.interpreter.modal.goes_on {
             // Parameters of a cycle.
             self.goes_on();
+            if self.values.interpreter.modal.awaits_preset {
+                return self.preset();
+            }
             return Ok(());
         }
         self.block.number = block_number(text);
@@ -167,6 +170,26 @@ impl Reader<'_, '_> {
         if self.has_tilde() {
             self.block.commands.push(Command::GoesOn);
         }
+    }
+
+    /// `Q339=+1`, the number of the preset that cycle 247 chooses.
+    fn preset(&mut self) -> Result<(), Fault> {
+        let column = self.scanner.column();
+        if q_parameter(&mut self.scanner) == Some(Parameter::Numbered(339))
+            && self.scanner.takes(b'=')
+        {
+            let value = self.value("expected the number of a preset here")?;
+            self.block.commands.push(Command::Preset(value));
+            return Ok(());
+        }
+        if self.has_tilde() {
+            return Ok(());
+        }
+        Err(not_followed(
+            column,
+            "CYCL DEF 247",
+            "expected the number of its preset, Q339",
+        ))
     }
 
     /// Whether the line ends with a tilde before its comment.

@@ -88,10 +88,12 @@ fn increments_and_points_give_the_same_numbers() {
             for (text, has_points) in [(&mut points, true), (&mut increments, false)] {
                 text.push_str(code);
                 for (letter, value) in words {
-                    let _ = match has_points {
-                        true => write!(text, " {letter}{:.3}", *value as f64 / 1000.0),
-                        false => write!(text, " {letter}{value}"),
-                    }; // writing to a String cannot fail
+                    let number = if has_points {
+                        format!("{:.3}", *value as f64 / 1000.0)
+                    } else {
+                        format!("{value}")
+                    };
+                    let _ = write!(text, " {letter}{number}"); // writing to a String cannot fail
                 }
                 text.push('\n');
             }
@@ -279,4 +281,388 @@ fn the_control_is_stated_in_the_set_up() {
         error,
         "control of the set-up file: found heidenhain, whose programs are in the language heidenhain, but the program is read as rs274"
     );
+}
+
+/// A program around a line.
+fn around(line: &str) -> String {
+    format!("O0001\nG21 G90 G17 G54\nG0 X0 Y100. Z10.\n{line}\nG1 X10. F100.\nX20. F100.\nM30\n")
+}
+
+/// Codes that move nothing and change no coordinate pass on, for the controls that have them.
+#[test]
+fn everyday_codes_pass_on() {
+    let expected = |line: &str| {
+        around(line)
+            .replace("X0 Y", "X0.100 Y")
+            .replace("X10. F", "X10.100 F")
+            .replace("X20. F", "X20.100 F")
+    };
+    for (controls, lines) in [
+        (
+            &[FANUC][..],
+            &[
+                "G8 P1",
+                "G11",
+                "G13.1",
+                "G23",
+                "G25",
+                "G26",
+                "G40.1",
+                "G50",
+                "G50.1",
+                "G62",
+                "G63",
+                "G67",
+                "G04 X2.",
+                "G4 U1.5",
+                "G4 X2",
+                "M70",
+                "M73",
+                "M430",
+                "G10 L12 P1 R5.",
+                "G10 L13 P1 R0.02",
+            ][..],
+        ),
+        (
+            &[HAAS],
+            &[
+                "G50",
+                "G100",
+                "G103 P1",
+                "G103",
+                "G187 P1 E0.005",
+                "G187 P3",
+                "M70",
+                "G10 L12 P1 R5.",
+            ],
+        ),
+        (
+            &[MAZAK],
+            &[
+                "G8 P1", "G23", "G50", "G62", "G67", "G61.1", "G5 P2", "G04 X2.",
+            ],
+        ),
+        (
+            &COUNTING,
+            &[
+                "G05.1 Q1",
+                "G5 P10000",
+                "M29 S500",
+                "G61",
+                "G64",
+                "G9",
+                "M428",
+                "G80",
+            ],
+        ),
+    ] {
+        for control in controls {
+            for line in lines {
+                assert_eq!(
+                    result(control, &around(line)),
+                    Ok(expected(line)),
+                    "{control}"
+                );
+            }
+        }
+    }
+}
+
+/// Controls, lines, and why these are refused for them.
+const REFUSED: &[(&str, &str, &str)] = &[
+    (
+        "",
+        "G187 P1 E0.005",
+        "G187 is not followed: it is known with control = \"haas\" in the set-up file",
+    ),
+    (
+        "",
+        "G154 P3",
+        "G154 is not followed: it is known with control = \"haas\"",
+    ),
+    (
+        "",
+        "G54.1 P2",
+        "G54.1 is not followed: it is known with control = \"fanuc\" or \"mazak\"",
+    ),
+    (
+        FANUC,
+        "G103 P1",
+        "G103 is not followed: it is known with control = \"haas\"",
+    ),
+    (FANUC, "G223", "G223 is not known here: it may move an axis"),
+    (
+        FANUC,
+        "G7 X0",
+        "G7 is not followed: it makes an axis hypothetical",
+    ),
+    (HAAS, "G112", "G112 is not followed: polar interpolation"),
+    (
+        HAAS,
+        "G8",
+        "G8 is not followed: it is not known for this control",
+    ),
+    (FANUC, "G59.1", "G59.1 is not followed"),
+    (
+        "",
+        "G31 Z-5. F50.",
+        "G31 is not followed: it ends where a signal comes",
+    ),
+    (
+        FANUC,
+        "G44 H1 Z10.",
+        "G44 is not followed: it takes a length off",
+    ),
+    (
+        "",
+        "G51.1 X0",
+        "G51.1 is not followed: it scales or mirrors",
+    ),
+    (FANUC, "G50 X0", "G50 with the word of an axis"),
+    (HAAS, "G51 P2.", "G51 is not followed: it scales or mirrors"),
+    (
+        FANUC,
+        "G65 P9810 Z5. F1000.",
+        "G65 is not followed: it calls a macro",
+    ),
+    (
+        FANUC,
+        "G68.2 X0 Y0 Z0 I0 J30. K0",
+        "G68.2 is not followed: a tilted plane",
+    ),
+    (
+        FANUC,
+        "G60 X10.",
+        "G60 is not followed: it comes to its place from one side",
+    ),
+    (
+        FANUC,
+        "G10 L10 P1 R50.",
+        "G10 that sets the length of a tool",
+    ),
+    (FANUC, "G10 P1 R50.", "G10 that sets the length of a tool"),
+    ("", "G10 L12 P1 R5.", "G10 with another L"),
+    (FANUC, "G10 L50", "G10 with another L"),
+    (FANUC, "G10 L20 X5.", "G10 L20 without a P from 1 to 300"),
+    ("", "G04 X2.", "a dwell (G4) with the word of an axis"),
+    (HAAS, "G04 X2.", "a dwell (G4) with the word of an axis"),
+    (
+        FANUC,
+        "G04 X2. Y1.",
+        "a dwell (G4) with the word of an axis",
+    ),
+    (FANUC, "G54.1", "G54.1 without a P from 1 to 300"),
+    (FANUC, "G54.1 P301", "G54.1 without a P from 1 to 300"),
+    (HAAS, "G154 P100", "G154 without a P from 1 to 99"),
+    (FANUC, "G54 P0", "G54 without a P from 1 to 300"),
+    (
+        FANUC,
+        "G54.1 P2 G81 X1. Y1. Z-1. R1. F1.",
+        "G54.1 without a P from 1 to 300 of its own",
+    ),
+    (
+        "",
+        "G1 X10. Y110. ,R5. F100.",
+        "column 15: ,R is not followed: a rounded corner",
+    ),
+    (
+        FANUC,
+        "G1 X10. Y110. , C2. F100.",
+        "column 15: ,C is not followed: a bevelled corner",
+    ),
+    (FANUC, "M97 P1000", "M97, which is not followed"),
+    ("", "M73", "M73, which is not followed"),
+];
+
+/// What is refused says why, or for which control it is known.
+#[test]
+fn other_codes_are_refused_with_their_reason() {
+    for (control, line, expected) in REFUSED {
+        let error = result(control, &around(line)).expect_err(line);
+        assert!(
+            error.starts_with(&format!("line 4: {expected}")),
+            "{control}{error}"
+        );
+    }
+}
+
+/// Work offsets by their numbers: X is 1 µm further for each millimetre of Y of the machine.
+#[test]
+fn work_offsets_have_numbers() {
+    let setup = |control: &str, number: u32| {
+        format!(
+            "{control}[work_offset.P{number}]\nX = 100.0\nY = 400.0\n[work_offset.G54]\nX = 0.0\n"
+        )
+    };
+    for (control, line, number) in [
+        (FANUC, "G54.1 P300", 300),
+        (MAZAK, "G54.1 P3", 3),
+        (FANUC, "G54 P3", 3),
+        (HAAS, "G154 P99", 99),
+        (HAAS, "G110", 1),
+        (HAAS, "G114", 5),
+        (HAAS, "G129", 20),
+    ] {
+        let found = result(
+            &setup(control, number),
+            &format!("G90\nG0 X0 Y100. Z0\n{line}\nX10. Y100.\nG54\nX10. Y100.\n"),
+        );
+        let expected =
+            format!("G90\nG0 X0.100 Y100. Z0\n{line}\nX10.500 Y100.\nG54\nX10.100 Y100.\n");
+        assert_eq!(found, Ok(expected), "{control}");
+    }
+    // Set by the program itself.
+    for (control, code) in [(FANUC, "G54.1 P7"), (HAAS, "G154 P7"), (MAZAK, "G54.1 P7")] {
+        let found = result(
+            control,
+            &format!("G90\nG10 L20 P7 X0 Y400. Z0\n{code}\nG0 X0 Y100. Z0\n"),
+        );
+        assert_eq!(
+            found,
+            Ok(format!(
+                "G90\nG10 L20 P7 X0 Y400. Z0\n{code}\nG0 X0.500 Y100. Z0\n"
+            )),
+            "{control}"
+        );
+    }
+    // One that is not stated is zero, and a note says so.
+    let set = SetUp::parse(FANUC, "setup.toml").expect("a set-up");
+    let (_, summary) = compensated_in(&set, ERRORS, b"G54.1 P12\nG0 X0 Y100. Z0\n").expect("taken");
+    let notes: Vec<String> = summary
+        .notes
+        .by_line()
+        .iter()
+        .map(|(_, note)| note.to_string())
+        .collect();
+    assert!(
+        notes
+            .iter()
+            .any(|note| note.starts_with("work offset P12 is not in the set-up")),
+        "{notes:?}"
+    );
+    for (text, expected) in [
+        ("[work_offset.P0]\nX = 1\n", "there is no work offset P0"),
+        (
+            "[work_offset.P301]\nX = 1\n",
+            "there is no work offset P301",
+        ),
+    ] {
+        let error = result(text, "").expect_err(text);
+        assert!(error.contains(expected), "{error}");
+    }
+}
+
+/// A cycle that is stored without a hole: the holes behind it are those of one that has them.
+#[test]
+fn cycles_are_stored_by_k0_and_l0() {
+    const DEEP: &str = "[errors]\nEC0Y = 1000.0\nEZZ = { poly = [0.0, 1.0] }\n";
+    let run = |setup: &str, program: &str| {
+        let setup = SetUp::parse(setup, "setup.toml").expect("a set-up");
+        let (out, _) =
+            compensated_in(&setup, DEEP, program.as_bytes()).map_err(|error| error.to_string())?;
+        Ok::<_, String>(String::from_utf8(out).expect("text"))
+    };
+    for (control, zero) in [(FANUC, "K0"), (HAAS, "L0")] {
+        let stored = |line: &str| format!("G90 G0 X0 Y100. Z10.\n{line}\nX30. Y100.\nX40.\nG80\n");
+        for (line, deep) in [
+            (format!("G99 G81 Z-5. R2. F100. {zero}"), " Z-4.995 R1.998"),
+            (
+                format!("G98 G81 X10. Y100. Z-5. R2. F100. {zero}"),
+                " Z-4.995 R1.998",
+            ),
+        ] {
+            let found = run(control, &stored(&line));
+            let expected =
+                format!("G90 G0 X0.100 Y100. Z9.990\n{line}\nX30.100 Y100.{deep}\nX40.100\nG80\n");
+            assert_eq!(found, Ok(expected), "{control}");
+        }
+        // An axis that is named beside it is not known: the control may have gone there or not.
+        let found = run(control, &format!("G90 G0 X0 Y100. Z10.\nG99 G81 X10. Y50. Z-5. R2. F100. {zero}\nX30.\nG80\nG0 Y200.\n")).expect("taken");
+        assert!(
+            found.ends_with("\nG80\nG0 Y200. X30.200\n")
+                && !found.contains("Y50. Z-5. R2. F100. {zero} X"),
+            "{found}"
+        );
+    }
+    for (control, line, expected) in [
+        (
+            "",
+            "G81 X10. Y100. Z-5. R2. F100. L0",
+            "a cycle with L that is not a number of holes",
+        ),
+        ("", "G81 X10. Y100. Z-5. R2. F100. K0", "a cycle with K"),
+        (
+            MAZAK,
+            "G81 X10. Y100. Z-5. R2. F100. L0",
+            "a cycle with L that is not a number of holes",
+        ),
+        (HAAS, "G81 X10. Y100. Z-5. R2. F100. K2", "a cycle with K"),
+        (
+            FANUC,
+            "G81 X10. Y100. Z-5. R2. F100. L2",
+            "a cycle with L, which FANUC controls",
+        ),
+        (
+            FANUC,
+            "G81 X10. Y100. Z-5. R2. F100. K1.5",
+            "a cycle with K that is not a number of holes",
+        ),
+    ] {
+        let error = run(control, &around(line)).expect_err(line);
+        assert!(error.starts_with(&format!("line 4: {expected}")), "{error}");
+    }
+}
+
+/// FANUC counts the holes of a row by K as Haas does by L.
+#[test]
+fn rows_by_k_are_rows_by_l() {
+    let program = |letter: char| {
+        format!(
+            "G90 G0 X0 Y100. Z10.\nG91 G99 G81 X10. Y5. Z-7. R-8. F100. {letter}3\nG80 G90\nG0 X0 Y0\n"
+        )
+    };
+    let [fanuc, haas] = [result(FANUC, &program('K')), result(HAAS, &program('L'))]
+        .map(|found| found.expect("taken"));
+    assert_eq!(fanuc.replace("K3", "L3"), haas);
+    assert!(fanuc.contains("(G91 G99 G81 X10. Y5. Z-7. R-8. F100. K3)\nG91 G99 G81 X10.005 Y5. Z-7. R-8. F100.\nX10.005"), "{fanuc}");
+}
+
+/// HEIDENHAIN presets are work offsets by their numbers.
+#[test]
+fn presets_are_work_offsets() {
+    let machine = format!("{LINEAR}{ERRORS}");
+    let program = "0 BEGIN PGM PART MM\n1 CYCL DEF 247 BEZUGSPUNKT SETZEN ~\n    Q339=+3    ;BEZUGSPUNKT-NUMMER\n2 TOOL CALL 5 Z S8000\n3 L X+10 Y+100 Z+0 R0 FMAX M3\n4 END PGM PART MM\n";
+    let setup = "control = \"heidenhain\"\n[work_offset.P3]\nY = 400\n[tool.5]\nZ = 0\n";
+    let (text, summary, _) = verified_in(
+        Dialect::Heidenhain,
+        [&machine, setup, program],
+        Strategy::Plain,
+    )
+    .expect("taken");
+    assert_eq!(text, program.replace("X+10 Y", "X+10.500 Y"));
+    assert!(summary.notes.by_line().is_empty(), "{:?}", summary.notes);
+    for (line, expected) in [
+        (
+            "1 CYCL DEF 247 BEZUGSPUNKT SETZEN\n",
+            "line 2: column 3: CYCL DEF 247 is not followed",
+        ),
+        (
+            "1 CYCL DEF 247 ~\nQ340=+1\n",
+            "line 3: column 1: CYCL DEF 247 is not followed: expected the number",
+        ),
+        (
+            "1 CYCL DEF 247 ~\nQ339=+0\n",
+            "line 3: a preset other than 1 to 300",
+        ),
+    ] {
+        let program = format!("0 BEGIN PGM PART MM\n{line}");
+        let error = verified_in(
+            Dialect::Heidenhain,
+            [&machine, setup, &program],
+            Strategy::Plain,
+        )
+        .expect_err(line)
+        .to_string();
+        assert!(error.starts_with(expected), "{error}");
+    }
 }

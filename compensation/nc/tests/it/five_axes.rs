@@ -392,3 +392,37 @@ fn centre_lines_of_linuxcnc_are_points_of_the_machine_file() {
         }
     }
 }
+
+/// An axis that goes round has no end of its travel to leave; one that does not has.
+#[test]
+fn an_axis_with_modulo_does_not_leave_its_travel() {
+    let turns = "G0 X10 Y20 Z0 A0 C0\nG1 C370 F500\nC-900.5\nC12345\n";
+    for (modulo, expected) in [
+        ("modulo = 360.0\n", None),
+        ("", Some("C leaves its travel")),
+    ] {
+        let text = format!(
+            "structure = \"w C' A' X' Y' b Z t\"\n[axes.X]\ntravel = [-300, 300]\n[axes.Y]\ntravel = [-300, 300]\n[axes.Z]\ntravel = [-300, 300]\n[axes.A]\ntravel = [-100, 100]\n[axes.C]\ntravel = [0, 360]\n{modulo}[errors]\nEC0Y = 20.0\n"
+        );
+        let machine = Machine::parse(&text, "m.toml").expect("a good machine");
+        let (_, summary) = run(&machine, "", turns, Decimals::default());
+        let notes: Vec<String> = (summary.notes.by_line().iter())
+            .map(|(_, note)| note.to_string())
+            .filter(|note| note.contains("leaves its travel"))
+            .collect();
+        match expected {
+            None => assert!(notes.is_empty(), "{notes:?}"),
+            Some(expected) => assert!(notes[0].starts_with(expected), "{notes:?}"),
+        }
+    }
+    // A cradle goes round no further than its travel.
+    let text = "structure = \"w C' A' X' Y' b Z t\"\n[axes.X]\ntravel = [-300, 300]\n[axes.Y]\ntravel = [-300, 300]\n[axes.Z]\ntravel = [-300, 300]\n[axes.A]\ntravel = [-100, 100]\nmodulo = 360.0\n[axes.C]\ntravel = [0, 360]\nmodulo = 360.0\n[errors]\nEC0Y = 20.0\n";
+    let machine = Machine::parse(text, "m.toml").expect("a good machine");
+    let program = "G0 X10 Y20 Z0 A0 C0\nA300\nA150\n";
+    let (_, summary) = run(&machine, "", program, Decimals::default());
+    let lines: Vec<usize> = (summary.notes.by_line().iter())
+        .filter(|(_, note)| note.to_string().contains("A leaves its travel"))
+        .map(|(line, _)| *line)
+        .collect();
+    assert_eq!(lines, [3]);
+}

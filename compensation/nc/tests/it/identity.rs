@@ -167,8 +167,8 @@ fn what_cannot_be_read_says_where_and_why() {
             "line 1: G1 stands beside G0 in one block, of which only one may",
         ),
         (
-            b"G123 X1\n",
-            "line 1: G123 is not known here: it may move an axis, so that the program cannot be compensated",
+            b"G223 X1\n",
+            "line 1: G223 is not known here: it may move an axis, so that the program cannot be compensated",
         ),
         (
             b"X1\n",

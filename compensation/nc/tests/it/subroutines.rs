@@ -127,9 +127,9 @@ fn what_is_wrong_names_the_file_and_its_line() {
             "O0007: line 1: the subprogram ends here without M99",
         ),
         (
-            "\0",
+            "G0 X1\0",
             "M98 P7\nM30\n",
-            "O0007: line 1: byte 0x00 at column 1; this is no NC program",
+            "O0007: line 1: byte 0x00 at column 6; this is no NC program",
         ),
     ];
     for (file, program, expected) in cases {
