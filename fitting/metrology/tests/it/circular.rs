@@ -141,13 +141,14 @@ fn one_turn_is_evaluated_and_the_rest_is_named() {
         backlash: [3.0, 1.0],
         ..NONE
     };
-    // Degrees from the beginning to the end, in steps of a half.
+    // No sum of steps ends in half a degree, which a message tells as the whole one below or above.
+    const STEP_DEG: f64 = 0.4;
     let table = |turned: [f64; 2], by_angle: bool, stated: bool| {
         let mut text = if by_angle { "angle,deviation" } else { "x,y" }.to_owned();
         text += if stated { ",direction\n" } else { "\n" };
         for (sense, turned) in Sense::BOTH.into_iter().zip(turned) {
-            let mut at = 0.0;
-            while at <= turned {
+            for step in 0..=(turned / STEP_DEG).round() as u32 {
+                let at = f64::from(step) * STEP_DEG;
                 // A ballbar feeds in before 0°.
                 let degrees = if sense == Sense::CounterClockwise {
                     at + 0.25 - 0.5 * (turned - 360.0)
@@ -168,7 +169,6 @@ fn one_turn_is_evaluated_and_the_rest_is_named() {
                     String::new()
                 };
                 writeln!(text, "{row}{direction}").unwrap();
-                at += 0.5;
             }
         }
         text
@@ -182,12 +182,12 @@ fn one_turn_is_evaluated_and_the_rest_is_named() {
     for by_angle in [true, false] {
         for stated in [true, false] {
             let (one, trace) = evaluated([360.0; 2], by_angle, stated);
-            assert_eq!(trace.points.len(), 1442);
+            assert_eq!(trace.points.len(), 1802);
             assert!(!trace.notes.iter().any(|note| note.contains("left out")));
             for turned in [450.0, 540.0, 720.0, 800.0] {
                 let (found, trace) = evaluated([turned, turned], by_angle, stated);
                 for (found, one) in found.g_um.into_iter().zip(one.g_um) {
-                    // Reversal spikes are sampled every 0.5°, and at other angles of each turn.
+                    // Reversal spikes are sampled every 0.4°, and at other angles of each turn.
                     near(found.unwrap(), one.unwrap(), 0.05);
                 }
                 near(found.g_b_um.unwrap(), one.g_b_um.unwrap(), 0.02);
@@ -210,7 +210,7 @@ fn one_turn_is_evaluated_and_the_rest_is_named() {
     // One sense beyond a turn, and half a turn of the other.
     let (_, trace) = evaluated([450.0, 180.0], true, true);
     let count = |sense| trace.points.iter().filter(|p| p.sense == sense).count();
-    assert_eq!(Sense::BOTH.map(count), [720, 361]);
+    assert_eq!(Sense::BOTH.map(count), [900, 451]);
 }
 
 const NONE: Machine = Machine {
