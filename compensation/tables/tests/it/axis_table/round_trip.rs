@@ -183,11 +183,12 @@ fn several_of_one() -> impl Strategy<Value = Vec<AxisTable>> {
             backward: None,
             ..own.clone()
         };
+        // At 1950 mm 0.68 mrad; a machine has at most 2 mrad.
         let to_rotary = AxisTable {
             forward: own
                 .positions
                 .iter()
-                .map(|at| (at * 1e-4).to_radians())
+                .map(|at| (at * 2e-5).to_radians())
                 .collect(),
             ..along(C)
         };
