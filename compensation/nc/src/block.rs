@@ -23,7 +23,7 @@ pub(crate) struct Word {
     /// The decimals of a plain number; `None`: it was computed.
     pub(crate) decimals: Option<u8>,
     pub(crate) manner: Manner,
-    /// It stands there as a number of least increments.
+    /// It is written as a number of least increments.
     pub(crate) counts: bool,
 }
 
@@ -90,7 +90,7 @@ pub(crate) struct Block {
     pub(crate) keyword: Range<usize>,
     /// Numbers have decimal commas; `None`: it has no decimals.
     pub(crate) comma: Option<bool>,
-    /// Whether the last coordinate of the program so far was a number of least increments; `None`: that is not known.
+    /// Whether the last coordinate of the program so far was a number of least increments; `None`: there was none yet, or the control does not count in them.
     pub(crate) counts: Option<bool>,
     /// The mark with which the operator may have it skipped.
     pub(crate) skip: Range<usize>,

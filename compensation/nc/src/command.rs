@@ -27,8 +27,9 @@ pub(crate) enum Command {
     CentrePoint(bool),
     /// One of the work offsets.
     WorkOffset(usize),
-    /// The number of a preset stands in one of the lines behind it (CYCL DEF 247), or is this.
+    /// CYCL DEF 247: one of the next lines has the number of the preset.
     AwaitsPreset,
+    /// The number of that preset.
     Preset(Value),
     /// The words of its block are machine coordinates.
     InMachine,
@@ -42,13 +43,13 @@ pub(crate) enum Command {
     Cycle(Cycle),
     /// Such a cycle is done behind each motion from now on, or none any more.
     EachMotion(Option<Cycle>),
-    /// It passes on, and may leave the axes somewhere else.
+    /// A command that is copied and may move the axes: their positions are unknown after it.
     Elsewhere(String),
-    /// A printer homes: what G92 has shifted is as it was.
+    /// A printer homes (G28), which clears the shift of G92.
     Homes {
         all: bool,
     },
-    /// E words are ways from now on, or places (M83, M82).
+    /// E words are relative (M83) or absolute (M82) from now on.
     Extrudes {
         relative: bool,
     },

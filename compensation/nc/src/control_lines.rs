@@ -64,7 +64,7 @@ const WORDS_G: [f64; 21] = [
 ];
 /// Those that retract the filament without a coordinate.
 const HARMLESS_G: [f64; 2] = [10.0, 11.0];
-/// Those that move the axes by a rule of their own: homing, probing, parking, cleaning, a place that was saved.
+/// Those whose motions are not in the program: homing, probing, parking, cleaning, a saved position.
 const MOVES_G: [f64; 16] = [
     12.0, 26.0, 27.0, 28.0, 29.0, 30.0, 31.0, 32.0, 33.0, 34.0, 35.0, 42.0, 60.0, 61.0, 76.0, 80.0,
 ];
@@ -107,7 +107,7 @@ const HARMLESS_COMMANDS: [&str; 35] = [
     "TURN_OFF_HEATERS",
 ];
 
-/// Reads a line that is none of G-code words; false: it is one of them.
+/// Reads a line that does not consist of G-code words; false if it does.
 pub(crate) fn read(control: Control, block: &mut Block, text: &[u8]) -> Result<bool, Fault> {
     block.clear();
     match control {
@@ -133,7 +133,7 @@ fn of_printer(block: &mut Block, text: &[u8]) -> Result<bool, Fault> {
     if !matches!(first, b'G' | b'M' | b'T') {
         return Ok(false);
     }
-    // Blanks end the number: what is behind may be a text.
+    // A blank ends the number: text may follow (M117).
     let digits = text[at + 1..].iter();
     let digits = digits.take_while(|byte| byte.is_ascii_digit() || **byte == b'.');
     let end = at + 1 + digits.count();

@@ -20,7 +20,7 @@ const DECIMALS: u8 = 5;
 pub(crate) struct Extruder {
     /// M83 is on, whatever G90 and G91 are.
     says_relative: bool,
-    /// The last of G90, G91, M82 and M83 has switched to ways.
+    /// The last of G90, G91, M82 and M83 was a relative one (G91, M83).
     last_relative: bool,
     /// E at the end of the last motion, mm; `None`: it is not known.
     at: Option<f64>,
@@ -29,7 +29,7 @@ pub(crate) struct Extruder {
 /// The E word of a motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Extrusion {
-    /// Where it begins, in the unit of the program; `None`: it is a way.
+    /// Its absolute start, in the unit of the program; `None`: the word is relative, or the start is unknown.
     from: Option<f64>,
     /// Its value.
     to: f64,
@@ -106,7 +106,7 @@ impl Extrusion {
         let decimals = self.decimals.clamp(DECIMALS, MOST_DECIMALS);
         let written = self.decimals.min(MOST_DECIMALS);
         let Some(begins) = self.from else {
-            // So many steps at a share of the way: what the parts have comes to the whole of it.
+            // Differences of rounded sums, so that the parts add up to the whole word exactly.
             let all = steps(self.to, decimals)?;
             let at = |share: f64| steps(of_steps(all, decimals) * share, decimals);
             let part = at(to)? - at(from)?;

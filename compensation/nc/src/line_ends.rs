@@ -1,9 +1,9 @@
-//! Where the lines of a file end, and what is around a program and is none of it: as editors, controls and punches write files.
+//! Line ends, leaders and trailers of program files, as editors, controls and tape punches write them.
 
 use crate::{NcError, fault::Fault};
 
-/// Whether a byte goes on with the end of a line that these bytes have begun: a line feed and the carriage returns behind it (a punch
-/// needed the time), carriage returns with a line feed behind them, or carriage returns alone.
+/// Whether a byte belongs to the line end that `end` has begun: a line feed and the carriage returns after it (a tape punch
+/// needed the time), carriage returns and the line feed after them, or carriage returns alone.
 pub(crate) fn goes_on(end: &[u8], byte: u8) -> bool {
     match end {
         [] => matches!(byte, b'\r' | b'\n'),
@@ -52,7 +52,7 @@ pub(crate) fn lines_of(end: &[u8]) -> usize {
     }
 }
 
-/// The end of an added line in a file that has this end; `None`: it says nothing of that.
+/// The end of an added line after a line with this end; `None`: keep the one before (an unusual end, or the end of the file).
 pub(crate) fn end_of_added(end: &[u8]) -> Option<&'static [u8]> {
     match end {
         b"\n" => Some(b"\n"),
@@ -95,8 +95,8 @@ impl Ends {
 /// The mark with which some editors begin a text.
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
-/// How many bytes at the beginning of a text are none of the program: the mark of an editor, the empty leader of a tape, and the
-/// characters that switch a reader on.
+/// Number of bytes before the program: a byte order mark, the empty leader of a tape, and the characters that switch a tape
+/// reader on.
 pub(crate) fn leader_of(text: &[u8]) -> usize {
     let mark = if text.starts_with(BYTE_ORDER_MARK) {
         BYTE_ORDER_MARK.len()

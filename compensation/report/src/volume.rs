@@ -209,8 +209,8 @@ fn slices(
     Ok(found)
 }
 
-/// The standard uncertainty of the position error over poses of all axes, from Monte Carlo samples; `None` of a machine
-/// without one of the axes X, Y and Z.
+/// The standard uncertainty of the position error over poses of all axes, from Monte Carlo samples; `None` for a machine
+/// with none of the axes X, Y and Z.
 ///
 /// # Errors
 /// What [`Machine::state`] refuses.

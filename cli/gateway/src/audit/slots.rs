@@ -1,7 +1,7 @@
-//! What must be kept on a disk that is full, too: a file whose room is taken beforehand, written in place.
+//! A file that can be written on a full disk: it is allocated once and then written in place.
 //!
 //! Two slots of one size are written in turn, each with a checksum and a count. A power failure while one is written leaves
-//! the other, which says what stood before.
+//! the other, with the previous text.
 
 use std::{
     fs::{self, File, OpenOptions},
@@ -14,7 +14,7 @@ use sha2::{Digest, Sha256};
 
 use super::replace_file;
 
-/// The size of a slot, bytes: more than what is kept can need.
+/// Size of a slot, bytes: above the largest text.
 const SLOT: usize = 16 * 1024;
 const SLOTS: u64 = 2;
 
@@ -35,13 +35,13 @@ impl Slots {
         Self { path, open: None }
     }
 
-    /// Writes a text, on disk; the first time it takes the room for all that follow.
+    /// Writes a text and syncs it to disk. The first call allocates the file.
     ///
     /// # Errors
-    /// A text that is too long, a disk that is gone, and one that is full while the file has no room yet.
+    /// A text that is too long, a disk that fails, or one that is full before the file is allocated.
     pub(crate) fn keep(&mut self, text: &str) -> io::Result<()> {
         let mut open = match self.open.take() {
-            // Somebody may have removed it, or put another in its place.
+            // The file may have been removed or replaced.
             Some(open) if self.is_in_place(&open.file) => open,
             _ => self.take_room(text)?,
         };
@@ -65,7 +65,7 @@ impl Slots {
         (ours.dev(), ours.ino()) == (there.dev(), there.ino()) && ours.len() == SLOTS * SLOT as u64
     }
 
-    /// Opens the file. One that is not there, or not of our making, is made whole before it takes its place.
+    /// Opens the file. A missing or foreign one is created complete under another name and then renamed.
     fn take_room(&self, text: &str) -> io::Result<Open> {
         let kept = fs::read(&self.path).unwrap_or_default();
         let whole = kept.len() as u64 == SLOTS * SLOT as u64;
@@ -99,7 +99,7 @@ fn checksum(content: &str) -> String {
     crate::hex(&Sha256::digest(content.as_bytes()))
 }
 
-/// The text that was written last and is whole, with its count; `None` where none is.
+/// The intact text with the largest count, and that count; `None` if no slot is intact.
 pub(crate) fn latest(file: &str) -> Option<(u64, &str)> {
     let whole = file.lines().filter_map(|line| {
         let (sum, content) = line.trim_end().split_once(' ')?;

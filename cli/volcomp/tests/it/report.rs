@@ -138,7 +138,7 @@ fn wrong_rotary_axes_do_not_pass() {
     assert_eq!(map["all_axes"]["tilt_max_urad"], of["tilt_urad"]);
 }
 
-/// The body diagonals of the report are those of the command.
+/// The volumetric error of the report is that of the command `map`.
 #[test]
 fn the_volume_of_a_gantry_has_one_figure() {
     let (document, _) = report(&["examples/gantry.toml"]);
