@@ -97,7 +97,7 @@ test_shift_urad = 0";
         state["machine"]["axes"],
         serde_json::json!(["X", "Y", "Z", "B", "C"])
     );
-    assert_eq!(program.arm().status, 200);
+    program.must_arm();
     let armed = program.wait_for("compensating");
     assert!(
         length(&armed["residual_um"]) < 0.2 * length(&armed["error_um"]),
@@ -169,7 +169,7 @@ fn the_last_digit_of_a_table_that_stands_turns_nothing() {
         })
         .expect("it sees the table where it stands");
     std::thread::sleep(Duration::from_secs(3));
-    assert_eq!(program.arm().status, 200);
+    program.must_arm();
     program.wait_for("compensating");
     let mut found: Vec<f64> = Vec::new();
     let until = Instant::now() + Duration::from_secs(3);

@@ -226,7 +226,7 @@ fn partition(lost: Lost) {
                 .to_string()
                 .contains("disabled by the centre")
         });
-        assert_eq!(program.arm().status, 200);
+        program.must_arm();
         program.wait_for("compensating");
         corrects_y(&program, -25.0);
     });

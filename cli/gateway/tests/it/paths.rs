@@ -105,7 +105,7 @@ fn an_unknown_correction_is_shown_as_unknown() {
     program
         .wait(|state| state["error_um"].is_array())
         .expect("it sees the machine");
-    assert_eq!(program.arm().status, 200);
+    program.must_arm();
     let state = program.wait_for("compensating");
     assert_eq!(state["correction_known"], true);
     assert_eq!(

@@ -165,6 +165,24 @@ impl Program {
         self.post("/api/arm", "")
     }
 
+    /// Arms it. On a busy computer the control thread may be late once, and arming is refused until it is on time again.
+    pub(crate) fn must_arm(&self) -> Answer {
+        let end = Instant::now() + PATIENCE;
+        loop {
+            let answer = self.arm();
+            if answer.status == 200 {
+                return answer;
+            }
+            assert!(
+                !answer.body.contains("worst_corner_um"),
+                "a confirmation is asked for: {}",
+                answer.body
+            );
+            assert!(Instant::now() < end, "{}\n{}", answer.body, self.log());
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
     /// Waits until it has watched the control for long enough.
     pub(crate) fn watch(&self) {
         self.wait(|state| !state["reasons"].to_string().contains("watching"))

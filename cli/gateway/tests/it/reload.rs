@@ -125,8 +125,8 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
     let says = |answer: &serde_json::Value| says(answer, told);
     assert_eq!(program.post("/api/disarm", "").status, 200);
     program.wait_for("disarmed");
-    let armed = program.arm();
-    assert!(armed.status == 200 && says(&armed.json()), "{}", armed.body);
+    let armed = program.must_arm();
+    assert!(says(&armed.json()), "{}", armed.body);
     assert!(says(&program.wait_for("compensating")));
     change(&machine, "travel = [250.0, 0.0]", "travel = [0.0, 250.0]");
     assert_eq!(program.post("/api/reload", "").status, 200);
@@ -158,7 +158,7 @@ fn another_machines_file_is_not_armed_unasked() {
         program
             .wait(|state| state["cycle"]["count"].as_u64() > Some(20))
             .expect("it runs");
-        assert_eq!(program.arm().status, 200);
+        program.must_arm();
         program.signal("TERM");
         assert_eq!(program.end(), Some(0));
     }

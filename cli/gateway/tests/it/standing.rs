@@ -100,7 +100,7 @@ fn a_persons_disarming_outlives_a_restart() {
     assert_eq!(program.state()["state"], "disarmed");
     assert_eq!(control.world().shifts(), [0.0; 3]);
     // Armed by a person again it arms by itself after the next restart.
-    assert_eq!(program.arm().status, 200);
+    program.must_arm();
     program.wait_for("compensating");
     program
         .wait(|state| !says(state, "disarmed by a person"))
@@ -188,7 +188,7 @@ fn without_room_for_what_stands_it_does_not_arm() {
     disk.make_room();
     let past = program.wait(|state| !says(state, "audit log cannot be written"));
     past.expect("there is room");
-    assert_eq!(program.arm().status, 200);
+    program.must_arm();
     program.wait_for("compensating");
 }
 
@@ -232,7 +232,7 @@ fn a_fault_outlives_a_restart_until_it_is_acknowledged() {
     program
         .wait(|state| state["positions_mm"]["X"].as_f64() > begun)
         .expect("X moves");
-    assert_eq!(program.arm().status, 200);
+    program.must_arm();
     program.wait_for("faulted");
     std::thread::sleep(Duration::from_millis(300));
     program.running.kill();
@@ -270,7 +270,7 @@ fn a_fault_outlives_a_restart_until_it_is_acknowledged() {
     program
         .wait(|state| state["state"] != "faulted")
         .expect("past");
-    assert_eq!(program.arm().status, 200);
+    program.must_arm();
     program.wait_for("compensating");
 }
 

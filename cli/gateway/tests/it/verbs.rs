@@ -83,8 +83,7 @@ fn gateway(setting: Setting, dir: &Path) -> (Simulator, Program) {
         program.watch();
         return (control, program);
     }
-    let armed = program.arm();
-    assert_eq!(armed.status, 200, "{setting:?}: {}", armed.body);
+    program.must_arm();
     match setting {
         Disarmed | Arming => {}
         Compensating => drop(program.wait_for("compensating")),

@@ -109,7 +109,11 @@ fn candump_sees_what_is_sent() {
             .stdout(Stdio::piped()),
     );
     // It must have opened its socket.
-    std::thread::sleep(Duration::from_millis(300));
+    while !std::fs::read_to_string("/proc/net/can/rcvlist_all")
+        .is_ok_and(|list| list.contains("raw"))
+    {
+        std::thread::sleep(Duration::from_millis(10));
+    }
     let mut socket = CanSocket::open("vcan0").unwrap();
     let classic = Frame::new(0x110, false, false, &[1, 2, 0xff]).unwrap();
     let fd = Frame::new(0x1000_0111, true, true, &[7; 16]).unwrap();

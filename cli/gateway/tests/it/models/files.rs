@@ -9,7 +9,7 @@ use std::{
 use serde_json::json;
 
 use super::measured::{all_answers, answers, measured_rig, send_measurements};
-use super::{ENGINEER, Rig, activate, arms, candidate, post, settled, upload};
+use super::{ENGINEER, Rig, activate, candidate, post, settled, upload};
 use crate::program::{PATIENCE, answer, change, path};
 
 /// Names that lead elsewhere, two hundred files, one that is cut, one that is too large: nothing outside of the folder, nothing
@@ -139,7 +139,7 @@ fn a_full_disk_refuses_files_and_keeps_the_log() {
     let program = rig.start();
     // Less than what the audit log needs is free from the start.
     let refused = upload(&program, "kind=measurement&name=a.csv", b"1,2\n");
-    arms(&program);
+    program.must_arm();
     drop(program);
     // Nothing else can be done where it fails.
     let _ = Command::new("umount").arg("-l").arg(&folder).status();

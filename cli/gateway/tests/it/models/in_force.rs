@@ -7,7 +7,7 @@ use std::{
 
 use serde_json::{Value, json};
 
-use super::{ENGINEER, Rig, activate, arms, machine_file, model, post, wait_model, with_y, y};
+use super::{ENGINEER, Rig, activate, machine_file, model, post, wait_model, with_y, y};
 use crate::{
     documents::validate,
     program::{Program, answer, change},
@@ -170,7 +170,7 @@ fn a_kill_at_any_moment_leaves_one_of_the_two_models() {
             assert_eq!(now["hash"], after, "round {round}: the answer had come");
         }
         // Whichever it is: it corrects.
-        arms(&program);
+        program.must_arm();
     }
     println!("{answered} of 8 were answered before the kill");
     assert!(answered > 0, "none was ever put in force");

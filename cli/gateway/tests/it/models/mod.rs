@@ -163,20 +163,6 @@ pub(crate) fn wait_model(program: &Program, done: impl Fn(&Value) -> bool) -> Va
     }
 }
 
-/// It arms, and nobody is asked. On a busy computer the control thread may take longer than an answer waits for.
-fn arms(program: &Program) {
-    let end = Instant::now() + PATIENCE;
-    loop {
-        let armed = program.arm();
-        if armed.status == 200 {
-            return;
-        }
-        assert!(!armed.body.contains("worst_corner_um"), "{}", armed.body);
-        assert!(Instant::now() < end, "{}\n{}", armed.body, program.log());
-        std::thread::sleep(Duration::from_millis(200));
-    }
-}
-
 /// The machine of the example's measurements, and an engineer.
 pub(crate) fn measured_rig_in(dir: &Path, control: &Simulator) -> PathBuf {
     let config = configuration(dir, control, "auto_arm = true");

@@ -3,8 +3,8 @@
 use serde_json::json;
 
 use super::{
-    ENGINEER, OTHER_ENGINEER, Rig, activate, arms, candidate, machine_file, model, post, settled,
-    upload, upload_as, wait_model, with_y,
+    ENGINEER, OTHER_ENGINEER, Rig, activate, candidate, machine_file, model, post, settled, upload,
+    upload_as, wait_model, with_y,
 };
 use crate::{
     documents::validate,
@@ -115,7 +115,7 @@ fn a_model_of_another_machine_is_asked_about() {
     let back = post(&program, "back", &json!({ "hash": null }));
     assert_eq!(back.status, 409, "{}", back.body);
     assert!(back.body.contains("gantry-8000"), "{}", back.body);
-    arms(&program);
+    program.must_arm();
 }
 
 fn without_name(machine: &str) -> String {
