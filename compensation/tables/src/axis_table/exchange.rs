@@ -71,17 +71,14 @@ impl Content {
                     })
                 })
             }
-            Self::Grid(grid) => grid.by_output().find_map(|(output, mut values)| {
-                let node = values.position(|value| refused(output.kind(), value).is_some())?;
+            Self::Grid(grid) => grid.by_output().find_map(|(output, values)| {
+                let (node, value) = values
+                    .enumerate()
+                    .find_map(|(node, value)| Some((node, refused(output.kind(), value)?)))?;
                 let places = grid.axes().iter().zip(grid.node(node));
                 let at: Vec<String> = places.map(|(axis, at)| format!("{axis} {at} mm")).collect();
-                let value = grid
-                    .by_output()
-                    .find(|(of, _)| *of == output)?
-                    .1
-                    .nth(node)?;
                 Some(Entry {
-                    value: refused(output.kind(), value)?,
+                    value,
                     what: format!("the deviation of {output} at {}", at.join(" ")),
                 })
             }),
