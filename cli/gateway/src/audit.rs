@@ -223,7 +223,7 @@ impl AuditLog {
 
 /// The file of what outlives a restart, in a folder of the log.
 pub(crate) fn standing_file(dir: &Path) -> PathBuf {
-    dir.join("standing.json")
+    dir.join("standing.slots")
 }
 
 /// Writes a small file whole or not at all, on disk.

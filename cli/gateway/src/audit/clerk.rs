@@ -117,7 +117,7 @@ impl Clerk {
         Receipt(taken.then_some(receipt))
     }
 
-    /// Queues the text of `standing.json`. After the first write its file is allocated, so that later writes succeed on a full disk.
+    /// Queues the text of `standing.slots`. After the first write its file is allocated, so that later writes succeed on a full disk.
     pub fn stand(&self, text: String) -> Receipt {
         let (tell, receipt) = sync_channel(1);
         let taken = self.hand_over(Task::Stand(text, tell));

@@ -124,7 +124,7 @@ mod tests {
     #[test]
     fn what_was_written_last_is_read_also_after_another_start() {
         let dir = tempfile::tempdir().expect("writable");
-        let path = dir.path().join("standing.json");
+        let path = dir.path().join("standing.slots");
         for start in 0..3 {
             let mut slots = Slots::new(path.clone());
             for n in 0..5 {
@@ -141,7 +141,7 @@ mod tests {
     #[test]
     fn a_torn_slot_leaves_the_text_before() {
         let dir = tempfile::tempdir().expect("writable");
-        let path = dir.path().join("standing.json");
+        let path = dir.path().join("standing.slots");
         let mut slots = Slots::new(path.clone());
         for (before, after) in [("[1]", "[22]"), ("[22]", "[333]")] {
             slots.keep(before).expect("writable");
@@ -175,7 +175,7 @@ mod tests {
     #[test]
     fn a_file_that_is_removed_cut_or_foreign_is_made_anew() {
         let dir = tempfile::tempdir().expect("writable");
-        let path = dir.path().join("standing.json");
+        let path = dir.path().join("standing.slots");
         let mut slots = Slots::new(path.clone());
         slots.keep("[1]").expect("writable");
         fs::remove_file(&path).expect("there");

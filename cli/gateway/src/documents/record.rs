@@ -176,7 +176,7 @@ impl LastOutput {
     }
 }
 
-/// What outlives a restart of the gateway: the text in the slots of the file `standing.json` beside the log.
+/// What outlives a restart of the gateway: the text in the slots of the file `standing.slots` beside the log.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Standing {
     /// The name of the token of the person who disarmed it last; null once a person has armed it again.

@@ -29,7 +29,7 @@ fn a_persons_disarming_right_after_arming_outlives_a_restart() {
     program.wait_for("compensating");
     assert_eq!(program.post("/api/disarm", "").status, 200);
     program.wait_for("disarmed");
-    let standing = dir.path().join("audit/standing.json");
+    let standing = dir.path().join("audit/standing.slots");
     let mut lost = None;
     for delay_ms in (200..=300).step_by(20) {
         let delay = Duration::from_millis(delay_ms);

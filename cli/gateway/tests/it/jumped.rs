@@ -87,7 +87,7 @@ fn a_sensor_that_jumped_keeps_a_restart_from_arming() {
     let (control, tenths, config) = bench(dir.path());
     let mut program = Program::start(dir.path(), &["--config", path(&config)]);
     let_sensor_jump(&program, &tenths);
-    let kept = dir.path().join("audit/standing.json");
+    let kept = dir.path().join("audit/standing.slots");
     volcomp_test_support::until("it is written down", PATIENCE, || {
         std::fs::read_to_string(&kept).is_ok_and(|text| text.contains("scale_x"))
     });

@@ -314,7 +314,7 @@ fn disarming_is_written_down_whatever_waits() {
     let disarming = ask("disarm");
     std::thread::sleep(Duration::from_millis(100));
     gateway.stands.store(false, Ordering::Relaxed);
-    let file = gateway.dir.path().join("standing.json");
+    let file = gateway.dir.path().join("standing.slots");
     gateway.wait(|_| file.exists() && kept(&file).contains("\"disarmed_by\":\"anna\""));
     drop((waiting, disarming));
 }

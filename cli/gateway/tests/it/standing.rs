@@ -121,7 +121,7 @@ fn a_persons_disarming_is_written_as_soon_as_it_can_be() {
     let mut program = started(&config);
     program.wait_for("compensating");
     // A folder of this name: the file cannot take its place.
-    let file = dir.path().join("audit/standing.json");
+    let file = dir.path().join("audit/standing.slots");
     std::fs::remove_file(&file).expect("it took its room at the start");
     std::fs::create_dir(&file).expect("nothing stands");
     assert_eq!(program.post("/api/disarm", "").status, 200);
@@ -147,7 +147,7 @@ fn a_persons_disarming_is_kept_on_a_full_disk() {
     let Some(disk) = SmallDisk::at(dir.path().join("audit")) else {
         return;
     };
-    let file = disk.0.join("standing.json");
+    let file = disk.0.join("standing.slots");
     let control = control();
     let config = configuration(dir.path(), &control, "auto_arm = true");
     let mut program = started(&config);
