@@ -4,9 +4,11 @@
 //! workpiece in the same way at every pose is no error of the parts that the machine makes; a location error of a rotary axis
 //! moves it in another way at every angle and is one. At a single rotary pose the two cannot be told apart, so poses cover the
 //! travels of all axes.
+//!
+//! Each axis comes from one of its two sides, so that the play of a reversal is part of the error.
 
 use volcomp_kinematics::{State, nalgebra::Vector3};
-use volcomp_vocabulary::AxisName;
+use volcomp_vocabulary::{AxisName, Direction};
 
 use crate::{Lengths, Machine, ModelError, RigidMotion, RigidSums};
 
@@ -33,7 +35,7 @@ pub struct ErrorField<'a> {
 }
 
 /// A figure of the volumetric error and the pose at which it is reached.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Worst {
     /// mm of a position, rad of a tilt.
     pub value: f64,
@@ -70,8 +72,8 @@ pub struct VolumetricError {
 /// # Errors
 /// What [`Machine::state`] refuses.
 pub fn poses_of_all_axes(machine: &Machine) -> Result<Vec<State>, ModelError> {
-    shares(machine.axes().len())
-        .map(|shares| state(machine, &shares))
+    places(machine.axes().len())
+        .map(|place| place.state(machine))
         .collect()
 }
 
@@ -81,19 +83,22 @@ pub fn poses_of_all_axes(machine: &Machine) -> Result<Vec<State>, ModelError> {
 /// No field, or what [`Machine::state`] refuses.
 pub fn volumetric(fields: &[ErrorField<'_>]) -> Result<VolumetricError, ModelError> {
     let axes = fields.first().map_or(0, |of| of.machine.axes().len());
-    let all: Vec<Vec<f64>> = shares(axes).collect();
-    let corners = (0..1_usize << axes).map(|corner| {
-        let end = |axis: usize| f64::from(u8::from(corner >> axis & 1 == 1));
-        (0..axes).map(end).collect::<Vec<f64>>()
+    let all: Vec<Place> = places(axes).collect();
+    // The search tries the other approach of each.
+    let corners = (0..1_usize << axes).map(|corner| Place {
+        shares: (0..axes)
+            .map(|axis| f64::from(u8::from(corner >> axis & 1 == 1)))
+            .collect(),
+        approach: vec![Direction::Positive; axes],
     });
     let (mut sums, mut before) = (RigidSums::default(), Lengths::default());
     let mut found = Vec::new();
     for (index, field) in fields.iter().enumerate() {
-        for shares in &all {
-            let at = field.at(shares)?;
+        for place in &all {
+            let at = field.at(place)?;
             sums.take(&at.tip_mm, &at.error_mm);
             before.take(&at.error_mm);
-            found.push((index, shares.clone(), at));
+            found.push((index, place.clone(), at));
         }
     }
     let alignment = sums.motion();
@@ -103,11 +108,11 @@ pub fn volumetric(fields: &[ErrorField<'_>]) -> Result<VolumetricError, ModelErr
         tilt.take(&at.tilt_rad(&alignment));
     }
     let mut max_mm = before.max();
-    for shares in corners {
+    for place in corners {
         for (index, field) in fields.iter().enumerate() {
-            let at = field.at(&shares)?;
+            let at = field.at(&place)?;
             max_mm = max_mm.max(at.error_mm.norm());
-            found.push((index, shares.clone(), at));
+            found.push((index, place.clone(), at));
         }
     }
     let worst = |size: &dyn Fn(&At) -> f64| worst(fields, &found, size);
@@ -126,66 +131,72 @@ pub fn volumetric(fields: &[ErrorField<'_>]) -> Result<VolumetricError, ModelErr
 /// The largest value of a figure, searched from the poses where it is largest. It is not a number where the figure is none.
 fn worst(
     fields: &[ErrorField<'_>],
-    found: &[(usize, Vec<f64>, At)],
+    found: &[(usize, Place, At)],
     size: &dyn Fn(&At) -> f64,
 ) -> Result<Worst, ModelError> {
-    let mut starts: Vec<(f64, usize, &Vec<f64>)> = found
+    let mut starts: Vec<(f64, usize, &Place)> = found
         .iter()
-        .map(|(field, shares, at)| (size(at), *field, shares))
+        .map(|(field, place, at)| (size(at), *field, place))
         .collect();
     // Descending; in the total order NaN comes first.
     starts.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let mut best = (f64::NAN, 0, Vec::new());
-    for (value, field, shares) in starts.into_iter().take(STARTS) {
-        let (value, shares) = if value.is_nan() {
-            (value, shares.clone())
+    let mut best: Option<(f64, usize, Place)> = None;
+    for (value, field, place) in starts.into_iter().take(STARTS) {
+        let (value, place) = if value.is_nan() {
+            (value, place.clone())
         } else {
-            ascend(&fields[field], shares, value, size)?
+            ascend(&fields[field], place, value, size)?
         };
-        if best.2.is_empty() || value > best.0 {
-            best = (value, field, shares);
+        if best.as_ref().is_none_or(|(most, ..)| value > *most) {
+            best = Some((value, field, place));
         }
     }
-    let (value, field, shares) = best;
-    let field = fields.get(field);
-    Ok(Worst {
-        value,
-        at: field.map_or_else(Vec::new, |of| coordinates(of.machine, &shares)),
-        tool: field.map_or("", |of| of.tool).to_owned(),
-    })
+    Ok(
+        best.map_or_else(Worst::default, |(value, field, place)| Worst {
+            value,
+            at: place.coordinates(fields[field].machine),
+            tool: fields[field].tool.to_owned(),
+        }),
+    )
 }
 
-/// Coordinate ascent: each axis is sampled over its whole travel, then moved by ever smaller steps.
+/// Coordinate ascent: each axis is sampled over its whole travel from both sides, then moved by ever smaller steps.
 fn ascend(
     field: &ErrorField<'_>,
-    start: &[f64],
+    start: &Place,
     value: f64,
     size: &dyn Fn(&At) -> f64,
-) -> Result<(f64, Vec<f64>), ModelError> {
-    let (mut best, mut at) = (value, start.to_vec());
-    let mut moved = |axis: usize, to: f64, at: &mut Vec<f64>| {
-        let before = at[axis];
-        at[axis] = to.clamp(0.0, 1.0);
+) -> Result<(f64, Place), ModelError> {
+    let (mut best, mut at) = (value, start.clone());
+    let mut moved = |axis: usize, to: f64, approach: Direction, at: &mut Place| {
+        let before = (at.shares[axis], at.approach[axis]);
+        (at.shares[axis], at.approach[axis]) = (to.clamp(0.0, 1.0), approach);
         let value = size(&field.at(at)?);
         let better = value > best;
         if better {
             best = value;
         } else {
-            at[axis] = before;
+            (at.shares[axis], at.approach[axis]) = before;
         }
         Ok::<_, ModelError>(better)
     };
-    for axis in 0..start.len() {
+    let axes = 0..start.shares.len();
+    for axis in axes.clone() {
         for sample in 0..SAMPLES {
-            moved(axis, f64::from(sample) / f64::from(SAMPLES - 1), &mut at)?;
+            let to = f64::from(sample) / f64::from(SAMPLES - 1);
+            for approach in Direction::BOTH {
+                moved(axis, to, approach, &mut at)?;
+            }
         }
     }
     let mut step = 1.0 / f64::from(SAMPLES - 1);
     while step > MIN_STEP {
         let mut better = false;
-        for axis in 0..start.len() {
-            for to in [at[axis] + step, at[axis] - step] {
-                better |= moved(axis, to, &mut at)?;
+        for axis in axes.clone() {
+            for by in [0.0, step, -step] {
+                for approach in Direction::BOTH {
+                    better |= moved(axis, at.shares[axis] + by, approach, &mut at)?;
+                }
             }
         }
         if !better {
@@ -216,8 +227,8 @@ impl At {
 }
 
 impl ErrorField<'_> {
-    fn at(&self, shares: &[f64]) -> Result<At, ModelError> {
-        let pose = state(self.machine, shares)?;
+    fn at(&self, place: &Place) -> Result<At, ModelError> {
+        let pose = place.state(self.machine)?;
         let [x, y, z, a, b, c] = (self.errors)(&pose);
         let chain = self.machine.chain();
         Ok(At {
@@ -229,15 +240,51 @@ impl ErrorField<'_> {
     }
 }
 
-/// Shares of the travels of all axes: the Halton sequence and its mirror image.
-fn shares(axes: usize) -> impl Iterator<Item = Vec<f64>> {
-    let bases = BASES.into_iter().cycle().take(axes);
+/// A pose by shares of the travels, and the side from which each axis comes.
+#[derive(Clone)]
+struct Place {
+    shares: Vec<f64>,
+    approach: Vec<Direction>,
+}
+
+impl Place {
+    fn coordinates(&self, machine: &Machine) -> Vec<(AxisName, f64)> {
+        let axes = machine.axes().iter().zip(&self.shares);
+        axes.map(|(axis, share)| {
+            let [low, high] = axis.travel;
+            (axis.name, low + (high - low) * share)
+        })
+        .collect()
+    }
+
+    fn state(&self, machine: &Machine) -> Result<State, ModelError> {
+        let mut state = machine.state(&self.coordinates(machine))?;
+        for (to, from) in state.approach.iter_mut().zip(&self.approach) {
+            *to = Some(*from);
+        }
+        Ok(state)
+    }
+}
+
+/// Shares of the travels of all axes: the Halton sequence and its mirror image, which comes from the other sides.
+fn places(axes: usize) -> impl Iterator<Item = Place> {
     (1..=HALF_POSES).flat_map(move |index| {
-        let drawn: Vec<f64> = bases
-            .clone()
-            .map(|base| radical_inverse(index, base))
-            .collect();
-        let mirrored = drawn.iter().map(|share| 1.0 - share).collect();
+        let bases = BASES.into_iter().cycle().take(axes);
+        // Multiples of irrational roots fall as often above a half as below it, whatever the shares are.
+        let side = |base: u32| (f64::from(index) * f64::from(base).sqrt()).fract() - 0.5;
+        let drawn = Place {
+            shares: bases
+                .clone()
+                .map(|base| radical_inverse(index, base))
+                .collect(),
+            approach: bases
+                .map(|base| Direction::of(side(base)).unwrap_or(Direction::Positive))
+                .collect(),
+        };
+        let mirrored = Place {
+            shares: drawn.shares.iter().map(|share| 1.0 - share).collect(),
+            approach: drawn.approach.iter().map(|side| -*side).collect(),
+        };
         [drawn, mirrored]
     })
 }
@@ -251,17 +298,4 @@ fn radical_inverse(mut index: u32, base: u32) -> f64 {
         index /= base;
     }
     value
-}
-
-fn coordinates(machine: &Machine, shares: &[f64]) -> Vec<(AxisName, f64)> {
-    let axes = machine.axes().iter().zip(shares);
-    axes.map(|(axis, share)| {
-        let [low, high] = axis.travel;
-        (axis.name, low + (high - low) * share)
-    })
-    .collect()
-}
-
-fn state(machine: &Machine, shares: &[f64]) -> Result<State, ModelError> {
-    machine.state(&coordinates(machine, shares))
 }

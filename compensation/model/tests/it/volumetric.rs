@@ -6,7 +6,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_kinematics::{Form, State, nalgebra::Vector3, volumetric_error};
 use volcomp_model::{ErrorField, Lengths, Machine, RigidSums, Temperatures, volumetric};
-use volcomp_vocabulary::AxisName;
+use volcomp_vocabulary::{AxisName, Direction};
 
 /// Random poses of the brute force.
 const POSES: usize = 20_000;
@@ -58,7 +58,12 @@ fn random_machine(structure: &str, random: &mut ChaCha8Rng) -> Machine {
                     c()
                 )
             };
-            writeln!(text, "{component}{axis} = {{ {curve} }}").unwrap();
+            let reversal: f64 = random.random_range(-8.0..8.0);
+            writeln!(
+                text,
+                "{component}{axis} = {{ mean = {{ {curve} }}, reversal = {reversal} }}"
+            )
+            .unwrap();
         }
     }
     for axis in axes.iter().filter(|axis| axis.is_rotary()) {
@@ -103,7 +108,10 @@ fn brute_force(machine: &Machine, random: &mut ChaCha8Rng) -> [f64; 2] {
             let [low, high] = axis.travel;
             (axis.name, random.random_range(low..=high))
         });
-        let pose = machine.state(&at.collect::<Vec<_>>()).unwrap();
+        let mut pose = machine.state(&at.collect::<Vec<_>>()).unwrap();
+        for side in &mut pose.approach {
+            *side = Some(Direction::BOTH[usize::from(random.random::<bool>())]);
+        }
         let [x, y, z, a, b, c] = error_at(&pose);
         let tip = machine.chain().ideal_tip_mm(&pose);
         let axis = machine.chain().ideal_pose(&pose).rotation * machine.chain().tool_axis();
@@ -167,6 +175,22 @@ fn an_offset_of_a_rotary_axis_is_an_error_over_its_angles() {
     assert!((found.position_rms_mm - 0.2).abs() < 1e-3, "{found:?}");
     assert!(found.tilt.value < 1e-5, "{found:?}");
     assert_eq!(found.position.at.len(), 4);
+}
+
+/// Play is an error of the parts: half of it to each side, which no alignment takes away.
+#[test]
+fn play_is_part_of_the_volumetric_error() {
+    let text = "structure = \"w b X Y Z t\"\n[axes]\nX.travel = [0.0, 500.0]\nY.travel = [0.0, 500.0]\nZ.travel = [0.0, 500.0]\n[errors]\nEXX = { mean = { poly = [0.0] }, reversal = 100.0 }\n";
+    let machine = Machine::parse(text, "play.toml").unwrap();
+    let error_at = errors(&machine);
+    let field = ErrorField {
+        tool: "",
+        machine: &machine,
+        errors: &error_at,
+    };
+    let found = volumetric(&[field]).unwrap();
+    assert!((found.position.value - 0.05).abs() < 1e-3, "{found:?}");
+    assert!((found.position_rms_mm - 0.05).abs() < 1e-3, "{found:?}");
 }
 
 /// A tilt that is constant is aligned away with one tool; with tools of two lengths its lever differs by the same shift, which

@@ -182,8 +182,8 @@ pub(super) struct OneTurn {
 }
 
 /// Keeps one turn of each sense: a part of the circle that is run twice would count twice in the least-squares circle. Of a
-/// run beyond one turn the middle is kept, since its ends hold starting and stopping; of several runs that together make
-/// more than one turn, the longest. Points whose angles do not go on in their sense have no order, and all are kept.
+/// run beyond one turn the middle is kept, since its ends hold starting and stopping; of several runs of which one is a whole
+/// turn, the longest. Arcs that overlap are all kept, and named. Points whose angles do not go on in their sense have no order, and all are kept.
 pub(super) fn one_turn(angles_rad: &[f64], senses: &[Sense]) -> OneTurn {
     let mut found = OneTurn {
         keeps: vec![true; angles_rad.len()],
@@ -201,6 +201,14 @@ pub(super) fn one_turn(angles_rad: &[f64], senses: &[Sense]) -> OneTurn {
         let Some(longest) = longest.filter(|_| turned > TAU + LEAST_TURN_RAD) else {
             continue;
         };
+        if !longest.is_whole_turn() {
+            found.notes.push(format!(
+                "{}: arcs of together {:.0}° overlap; what was run twice is evaluated twice",
+                sense.key(),
+                turned.to_degrees(),
+            ));
+            continue;
+        }
         let from = (0.5 * (longest.turned() - TAU)).max(0.0) - 1e-9;
         for run in &runs {
             for (index, angle) in run.angles.iter().enumerate() {
@@ -230,6 +238,12 @@ struct Run {
 impl Run {
     fn turned(&self) -> f64 {
         self.angles.last().copied().unwrap_or(0.0)
+    }
+
+    /// Whether the step after its last point would close it.
+    fn is_whole_turn(&self) -> bool {
+        let steps = self.angles.windows(2).map(|pair| pair[1] - pair[0]);
+        self.turned() + steps.fold(LEAST_TURN_RAD, f64::max) >= TAU
     }
 }
 

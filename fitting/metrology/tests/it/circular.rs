@@ -213,6 +213,41 @@ fn one_turn_is_evaluated_and_the_rest_is_named() {
     assert_eq!(Sense::BOTH.map(count), [900, 451]);
 }
 
+/// Arcs that overlap make more than one turn together, and none of them is one: no quadrant stands for the circle.
+#[test]
+fn overlapping_arcs_are_all_evaluated() {
+    let [square, overlapping] = [90, 95].map(|degrees| {
+        let mut text = "x,y,direction\n".to_owned();
+        for quadrant in 0..4 {
+            for sense in Sense::BOTH {
+                for step in 0..=degrees {
+                    let step = match sense {
+                        Sense::CounterClockwise => step,
+                        Sense::Clockwise => degrees - step,
+                    };
+                    let angle = f64::from(90 * quadrant + step).to_radians();
+                    let (x, y) = (RADIUS_MM * angle.cos(), RADIUS_MM * angle.sin());
+                    let y = y * (1.0 + 20e-6) + 50e-6 * x;
+                    writeln!(text, "{x:.6},{y:.6},{}", sense.key()).unwrap();
+                }
+            }
+        }
+        let radius = Some(RADIUS_MM);
+        let trace = parse_trace(text.as_bytes(), "c.csv", CircularPlane::Xy, radius).unwrap();
+        (circular_deviations(&trace).unwrap(), trace)
+    });
+    for (found, expected) in overlapping.0.g_um.into_iter().zip(square.0.g_um) {
+        near(found.unwrap(), expected.unwrap(), 0.1);
+    }
+    assert!(square.0.g_um[0].unwrap() > 3.0, "{square:?}");
+    let note = "ccw: arcs of together 380° overlap; what was run twice is evaluated twice";
+    assert!(
+        overlapping.1.notes.iter().any(|told| told == note),
+        "{:?}",
+        overlapping.1.notes
+    );
+}
+
 const NONE: Machine = Machine {
     centre_um: [0.0; 2],
     squareness: 0.0,
