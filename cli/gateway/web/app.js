@@ -185,13 +185,13 @@ function showTrend(canvas, without, with_) {
   ]);
 }
 
-/** "without → with correction: now 12.3 → 0.8 µm; mean of what is shown 10.1 → 0.9 µm, −91 %": no percentage of what is hardly an error. */
+/** "without → with correction, before alignment: now 12.3 → 0.8 µm; mean of what is shown 10.1 → 0.9 µm, −91 %": no percentage of what is hardly an error. */
 function inWords(now, without, with_, unit, least) {
   if (!Number.isFinite(now[without])) return "unknown: a position is missing";
   if (!Number.isFinite(now[with_])) return `now ${fixed(now[without], 1)} ${unit} without correction; what is left is unknown, since the correction is not confirmed`;
   const [b, a] = [mean(without), mean(with_)];
   const percent = b > least ? `, ${signed(100 * (a / b - 1), 0)} %` : "";
-  return `without → with correction: now ${fixed(now[without], 1)} → ${fixed(now[with_], 1)} ${unit}; mean of what is shown ${fixed(b, 1)} → ${fixed(a, 1)} ${unit}${percent}`;
+  return `without → with correction, before alignment: now ${fixed(now[without], 1)} → ${fixed(now[with_], 1)} ${unit}; mean of what is shown ${fixed(b, 1)} → ${fixed(a, 1)} ${unit}${percent}`;
 }
 
 function showError(state) {
