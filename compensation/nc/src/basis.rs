@@ -22,6 +22,8 @@ pub(crate) type Basis = [u32; 3];
 const OF_MACHINE: Basis = [0; 3];
 /// The place rests on something that no work offset, length or shift stands for: a home that is not stated.
 const ASSUMED: Basis = [u32::MAX >> 1; 3];
+/// A code that is not known has had the words of the axis, whose place may have been reached, without a correction.
+const UNCLAIMED: Basis = [u32::MAX >> 2; 3];
 /// What was set where nobody knew where the axis stood: machine coordinates would be made up.
 const LOST: u32 = 1 << 31;
 
@@ -133,6 +135,22 @@ impl Interpreter {
         for axis in 0..3 {
             self.is_assumed(axis);
         }
+    }
+
+    /// A code that is not known has the words of these axes: it may have moved any of them.
+    pub(crate) fn may_have_moved(&mut self, named: &Axes<bool>) {
+        for (axis, named) in named.iter().enumerate() {
+            self.is_assumed(axis);
+            if *named {
+                self.rests.places[axis] = UNCLAIMED;
+                self.known[axis] = false;
+            }
+        }
+    }
+
+    /// Whether a code that is not known has had the words of an axis, which was not named since.
+    pub(crate) fn is_unclaimed(&self, axis: usize) -> bool {
+        self.rests.places[axis] == UNCLAIMED
     }
 
     /// The place of G28 or G30 is where the axes are.

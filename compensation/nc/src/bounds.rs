@@ -5,7 +5,8 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 use volcomp_model::{
     Axis,
     vocabulary::{
-        AxisName, Coordinate, CorrectionLimit, Displacement, bounds::LARGEST_CORRECTION, is_within,
+        AxisKind, AxisName, Coordinate, CorrectionLimit, Displacement, bounds::LARGEST_CORRECTION,
+        is_within,
     },
 };
 
@@ -15,6 +16,7 @@ use crate::{
     correction::Corrector,
     motion::{Arc, Move},
     rewrite::Rewriter,
+    vector::dot,
     words::each,
 };
 
@@ -26,6 +28,10 @@ const NEAR_MM: f64 = LARGEST_CORRECTION.0;
 pub(crate) enum Refusal {
     BeyondLimit {
         axis: AxisName,
+        found: Displacement,
+        limit: Displacement,
+    },
+    ToolBeyondLimit {
         found: Displacement,
         limit: Displacement,
     },
@@ -46,6 +52,9 @@ impl Refusal {
                 found,
                 limit,
             },
+            Self::ToolBeyondLimit { found, limit } => {
+                NcError::ToolBeyondLimit { line, found, limit }
+            }
             Self::LeavesTravel {
                 axis,
                 from,
@@ -69,6 +78,8 @@ impl Refusal {
 #[derive(Clone, Debug)]
 pub(crate) struct Bounds {
     limit: CorrectionLimit,
+    /// How far the corrections of all axes together may move the tool, where rotary axes correct.
+    at_tool: Option<CorrectionLimit>,
     axes: Axes<Option<AxisName>>,
     /// Travel, mm and deg; infinite for an axis without ends.
     travels: Axes<[f64; 2]>,
@@ -85,7 +96,8 @@ impl Bounds {
     pub(crate) fn new(corrector: &Corrector, limit: CorrectionLimit) -> Self {
         let machine = corrector.machine();
         let axis = |axis: usize| name_of(axis).and_then(|name| machine.axis(name));
-        // Near a singular pose a small error of the tool axis turns a rotary axis far, and the linear axes follow it.
+        // Near a singular pose a small error of the tool axis turns a rotary axis far, and the linear axes follow it: what they do together
+        // at the tool is bounded instead.
         let rotary_corrects = (0..9).any(|axis| is_rotary(axis) && corrector.corrects(axis));
         Self {
             limit: if rotary_corrects {
@@ -93,6 +105,7 @@ impl Bounds {
             } else {
                 limit
             },
+            at_tool: rotary_corrects.then_some(limit),
             axes: each(|of| axis(of).map(|axis| axis.name)),
             travels: each(|of| match axis(of) {
                 Some(axis) if has_ends(axis) => axis.travel,
@@ -130,11 +143,14 @@ impl Bounds {
         None
     }
 
-    /// Keeps the first refusal of a line.
-    fn check(&mut self, known: &Axes<bool>, at: &Axes, by: &Axes) {
-        if self.refused.is_none() {
-            self.refused = self.refusal(known, at, by);
-        }
+    /// Why the tool may not move so far.
+    fn refusal_of_tool(&self, moves_mm: impl FnOnce() -> f64) -> Option<Refusal> {
+        let limit = self.at_tool?;
+        let found = Displacement::from_coordinate(AxisKind::Linear, moves_mm());
+        (!limit.allows(found)).then(|| Refusal::ToolBeyondLimit {
+            found,
+            limit: limit.of(AxisKind::Linear),
+        })
     }
 
     /// The refusal of the line that has been written.
@@ -152,17 +168,30 @@ impl Bounds {
 impl Rewriter {
     /// Why the axes may not have this correction at a place, both in the coordinates of the program.
     pub(crate) fn bound_refusal(&self, at: &Axes, carried: &Axes) -> Option<Refusal> {
-        let (frame, known) = (&self.interpreter.frame, &self.interpreter.known);
+        let frame = &self.interpreter.frame;
         let by = frame.moved_in_machine(at, carried);
-        self.bounds.refusal(known, &frame.to_machine(at), &by)
+        self.machine_refusal(&frame.to_machine(at), &by)
+    }
+
+    /// The same in the coordinates of the machine.
+    fn machine_refusal(&self, at: &Axes, by: &Axes) -> Option<Refusal> {
+        let of_axes = self.bounds.refusal(&self.interpreter.known, at, by);
+        of_axes.or_else(|| {
+            self.bounds.refusal_of_tool(|| {
+                let moved = each(|axis| at[axis] + by[axis]);
+                let [from, to] = [at, &moved].map(|at| self.corrector.ideal_tip_mm(at));
+                let way: [f64; 3] = std::array::from_fn(|i| to[i] - from[i]);
+                dot(way, way).sqrt()
+            })
+        })
     }
 
     /// Checks the correction that the axes get at a place, both in the coordinates of the program: the line is refused where
     /// it is beyond the bounds.
     pub(crate) fn check_bounds(&mut self, at: &Axes, carried: &Axes) {
-        let frame = &self.interpreter.frame;
-        let (machine, by) = (frame.to_machine(at), frame.moved_in_machine(at, carried));
-        self.bounds.check(&self.interpreter.known, &machine, &by);
+        if self.bounds.refused.is_none() {
+            self.bounds.refused = self.bound_refusal(at, carried);
+        }
     }
 
     /// Checks the places of an arc where an axis of its plane turns, near an end of travel.
@@ -193,7 +222,9 @@ impl Rewriter {
                         0.0
                     }
                 });
-                self.bounds.check(&self.interpreter.known, &machine, &by);
+                if self.bounds.refused.is_none() {
+                    self.bounds.refused = self.machine_refusal(&machine, &by);
+                }
             }
         }
     }

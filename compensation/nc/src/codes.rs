@@ -55,6 +55,9 @@ const GROUPS: [(Group, &[Code]); 14] = [
 /// Codes that move nothing and mean nothing for coordinates: the path mode, the speed of the spindle, an exact stop.
 const HARMLESS: [Code; 6] = [90, 610, 611, 640, 960, 970];
 
+/// G64, whose Q is how straight a path may be made.
+const PATH_MODE: Code = 640;
+
 /// The codes of a block. `None`: none of the group.
 #[expect(clippy::struct_excessive_bools, reason = "each is a code of its own")]
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -71,6 +74,10 @@ pub(crate) struct Codes {
     pub(crate) harmless: Option<Code>,
     /// M6: the tool that was chosen comes into the spindle.
     pub(crate) changes_tool: bool,
+    /// The place of an M code of which nobody knows what it does.
+    unknown: Option<usize>,
+    /// One of its codes has words of its own, or may have: E, K, Q and R are no mistake.
+    pub(crate) has_words: bool,
     /// M430: the kinematics that a user of LinuxCNC has written are switched on.
     pub(crate) own_kinematics: bool,
     /// M428, M429: coordinates are those of the centre point of the tool from now on, or of the axes.
@@ -103,6 +110,7 @@ impl Codes {
             // Those of machine builders, up to eight digits.
             let is_high = |value: f64| (1000.0..1e8).contains(&value) && value.fract() == 0.0;
             if word.letter == b'M' && word.value.is_some_and(is_high) {
+                codes.unknown = Some(place);
                 continue;
             }
             let Some(code) = word.value.and_then(code_of) else {
@@ -121,6 +129,11 @@ impl Codes {
                     4300 => codes.own_kinematics = true,
                     _ => {}
                 }
+                match m_code(code, control) {
+                    MCode::Alone => {}
+                    MCode::WithWords => codes.has_words = true,
+                    MCode::Unknown => codes.unknown = Some(place),
+                }
                 continue;
             }
             if code == 530 {
@@ -131,8 +144,10 @@ impl Codes {
                 && control.has_harmless(code)
             {
                 codes.harmless = Some(code);
+                codes.has_words = true;
                 continue;
             }
+            codes.has_words |= code == PATH_MODE;
             let refused = control.and_then(|control| control.refuses(code));
             let group = GROUPS.iter().find(|(_, codes)| codes.contains(&code));
             let group = group.map(|(group, _)| *group).filter(|_| refused.is_none());
@@ -157,7 +172,19 @@ impl Codes {
                 None => return Err(Refusal::Unknown(UnknownCode(code))),
             }
         }
+        codes.has_words |= codes.unknown.is_some();
         Ok(codes)
+    }
+
+    /// The place of an M code that is not known, where no other code of the block takes the words of axes: they may be its arguments, as
+    /// in `M92 X80` of a printer and in a macro that a control calls by an M code.
+    pub(crate) fn with_arguments(&self) -> Option<usize> {
+        let are_taken = self.motion().is_some()
+            || self.not_modal().is_some()
+            || self.calls.is_some()
+            || self.tool_length() == Some(431)
+            || self.rotation() == Some(680);
+        self.unknown.filter(|_| !are_taken)
     }
 
     /// G5 and G5.1 without axes are no splines: FANUC controls look ahead with G05 P10000 and G05.1 Q1.
@@ -209,6 +236,30 @@ impl Codes {
     }
     pub(crate) fn polar(&self) -> Option<Code> {
         self.groups[Group::Polar as usize]
+    }
+}
+
+/// What is known of an M code.
+enum MCode {
+    /// It has no words but S.
+    Alone,
+    /// It has words of its own.
+    WithWords,
+    Unknown,
+}
+
+/// What is known of an M code in RS-274. What builders of machines have added nobody knows here.
+fn m_code(code: Code, control: Option<Control>) -> MCode {
+    let is_builders = control.is_some_and(Control::counts_increments);
+    match code {
+        0..=90 | 300 | 480 | 490 | 600 | 980 | 990 if code.is_multiple_of(10) => MCode::Alone,
+        190 => MCode::WithWords,
+        _ if is_builders => MCode::Unknown,
+        700..=730 | 4280..=4300 => MCode::Alone,
+        500..=530 | 610..=680 => MCode::WithWords,
+        // Programs of the user, with P and Q.
+        1000..=1990 if control == Some(Control::LinuxCnc) => MCode::WithWords,
+        _ => MCode::Unknown,
     }
 }
 

@@ -312,6 +312,11 @@ pub(crate) fn read_increments(
         (_, true) => 1.0,
         _ => interpreter.modal.unit_mm,
     };
+    let codes = Codes::of(block, interpreter.control);
+    if codes.is_ok_and(|codes| codes.with_arguments().is_some()) {
+        // What an M code that is not known makes of its words nobody knows.
+        return Ok(());
+    }
     let is_cycle = interpreter.in_cycle(block);
     let names_axes = (block.words.iter()).any(|word| b"XYZABCUVW".contains(&word.letter));
     let (is_table, is_rotation) = (has(&[10.0]), has(&[68.0]));

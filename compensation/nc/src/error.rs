@@ -95,6 +95,18 @@ pub enum NcError {
         /// The limit of the job.
         limit: Displacement,
     },
+    /// Corrections that move the tool beyond the limit of the [`Job`](crate::Job), on a machine whose rotary axes correct.
+    #[error(
+        "line {line}: the corrections of all axes together move the tool by {found:.1}, expected at most {limit}: check the units in the machine file, or allow more with --limit-um"
+    )]
+    ToolBeyondLimit {
+        /// Counted from 1.
+        line: usize,
+        /// How far they move it.
+        found: Displacement,
+        /// The limit of the job.
+        limit: Displacement,
+    },
     /// A corrected coordinate outside the travel that the programmed one keeps.
     #[error(
         "line {line}: the correction moves {axis} from {from} to {to} in machine coordinates, outside its travel of {} to {}",
@@ -155,6 +167,7 @@ impl NcError {
             | Self::LongLine { line, .. }
             | Self::Binary { line, .. }
             | Self::BeyondLimit { line, .. }
+            | Self::ToolBeyondLimit { line, .. }
             | Self::LeavesTravel { line, .. }
             | Self::Flow { line, .. } => *line = number,
             Self::NoCentrePoint

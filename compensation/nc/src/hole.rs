@@ -116,8 +116,15 @@ impl Rewriter {
         let keeps_polar =
             !in_own_line && self.keeps_polar(motion, &[half_deep(&end, depth, places)], &carried);
         let mut writes = if in_own_line {
+            // A line without any word is no hole.
+            let across = |axis: &usize| *axis != depth;
+            let names = (0..9)
+                .filter(across)
+                .any(|axis| motion.words[axis].is_some());
+            let stands = (0..9).filter(across).find(|axis| self.corrector.has(*axis));
             each(|axis| match motion.words[axis] {
                 Some(_) => Writes::Anew,
+                None if !names && stands == Some(axis) => Writes::Always,
                 None => Writes::IfMoves,
             })
         } else {

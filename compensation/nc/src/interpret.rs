@@ -17,10 +17,11 @@ use crate::{
     given::{Given, whole},
     modal::{CentrePoint, Code, FeedMode, G500, Modal, Plane},
     motion::Move,
-    notes::Notes,
+    notes::{Note, Notes},
     parameters::Parameters,
     setup::SetUp,
     tip::{Tip, with_tool},
+    words::each,
 };
 
 /// What a block did.
@@ -249,6 +250,7 @@ impl Interpreter {
             self.has_other_centre_point();
         }
         uses_words |= self.not_modal(&codes, &given, outcome)? || dwells_by_axis;
+        uses_words |= self.leaves_arguments(&codes, &given);
         if !uses_words && codes.calls.is_none() {
             self.motion(&codes, &given, outcome)?;
         } else if let Some(motion) = codes.motion() {
@@ -265,6 +267,25 @@ impl Interpreter {
             }
         }
         Ok(())
+    }
+
+    /// Whether the words of axes may be the arguments of an M code that is not known: they pass on as they are.
+    fn leaves_arguments(&mut self, codes: &Codes, given: &Given<'_>) -> bool {
+        let names = given.names_axes() || given.polar.is_some();
+        let code = codes
+            .with_arguments()
+            .and_then(|place| given.block.words.get(place))
+            .and_then(|word| word.value)
+            .filter(|_| names && self.dialect == Dialect::Rs274);
+        let Some(code) = code else {
+            return false;
+        };
+        let is_named = |axis: usize| given.word(axis).is_some();
+        let of_polar = |axis: usize| axis < 2 && given.polar.is_some();
+        self.may_have_moved(&each(|axis| is_named(axis) || of_polar(axis)));
+        self.notes
+            .add(Note::Elsewhere(format!("M{code}")), given.line);
+        true
     }
 
     /// # Errors

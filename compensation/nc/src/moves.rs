@@ -8,7 +8,7 @@ use crate::{
     dialect::Dialect,
     given::Given,
     interpret::{Interpreter, Outcome},
-    modal::{CentrePoint, Code, Sticky},
+    modal::{CentrePoint, Code, Plane, Sticky},
     motion::{Move, Path},
     notes::Note,
     words::each,
@@ -41,6 +41,7 @@ impl Interpreter {
             self.set_motion(code);
         }
         let has_words = given.names_axes() || polar;
+        self.check_words(codes, given, has_words)?;
         if self.modal.motion_unsure && codes.motion().is_none() && has_words {
             return Err(given.refused(
                 "a motion without a G code behind a block that may be skipped (/) and has another one: write the code into this block",
@@ -107,6 +108,7 @@ impl Interpreter {
             }
         }
         if matches!(code, 20 | 30) {
+            self.check_beginning(given)?;
             motion.path = Path::Arc(self.arc(code, given, &motion.to)?);
         } else if (730..=890).contains(&code) && !self.hole(given, &mut motion, outcome)? {
             return Ok(());
@@ -137,6 +139,64 @@ impl Interpreter {
             ));
         }
         Ok(())
+    }
+
+    /// # Errors
+    /// A word beside a motion that does not use it: LinuxCNC refuses such, and another control may mean something by it.
+    fn check_words(
+        &self,
+        codes: &Codes,
+        given: &Given<'_>,
+        has_words: bool,
+    ) -> Result<(), NcError> {
+        let motion = self
+            .modal
+            .motion
+            .filter(|_| has_words || codes.motion().is_some());
+        let (Some(motion @ (0 | 10 | 20 | 30)), Dialect::Rs274, false) =
+            (motion, self.dialect, codes.has_words)
+        else {
+            return Ok(());
+        };
+        let is_arc = motion >= 20;
+        let uses = |letter: u8| match letter {
+            b'E' => self.is_printer(),
+            b'K' => is_arc && self.modal.plane != Plane::Xy,
+            b'R' => is_arc,
+            _ => false,
+        };
+        let Some(letter) = b"EKQR"
+            .iter()
+            .find(|letter| given.has(**letter) && !uses(**letter))
+        else {
+            return Ok(());
+        };
+        let why = match letter {
+            b'E' => {
+                "which is the filament of a printer: state control = \"marlin\" or \"klipper\" in the set-up file"
+            }
+            b'R' => "with which some controls round a corner",
+            b'K' if is_arc => "which is no part of the centre in the plane of X and Y (G17)",
+            _ => "which no code of the block uses, so that LinuxCNC refuses it",
+        };
+        let (letter, code) = (char::from(*letter), text(motion));
+        Err(given.refused(&format!("{letter} beside {code}, {why}")))
+    }
+
+    /// # Errors
+    /// An arc that begins where an M code with the words of axes may have left them, with a correction or without.
+    fn check_beginning(&self, given: &Given<'_>) -> Result<(), NcError> {
+        let [first, second, _] = self.modal.plane.axes();
+        let Some(axis) = [first, second]
+            .into_iter()
+            .find(|axis| self.is_unclaimed(*axis))
+        else {
+            return Ok(());
+        };
+        Err(given.refused(&format!(
+            "an arc behind an M code that is not known and has a word of {}, which may have moved the axis: write G0 or G1 into the block of the M code if it has, or name the axis before the arc",
+            char::from(LETTERS[axis])
+        )))
     }
 
     /// # Errors

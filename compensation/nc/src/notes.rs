@@ -98,7 +98,7 @@ impl fmt::Display for Note {
             ),
             Self::Elsewhere(name) => write!(
                 f,
-                "{name} passes on as it is: where X, Y and Z are counts as unknown after it, until the program names them"
+                "{name} passes on as it is: where the axes are counts as unknown after it, until the program names them"
             ),
             Self::InMachine => write!(
                 f,

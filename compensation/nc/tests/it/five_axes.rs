@@ -3,9 +3,12 @@
 use volcomp_model::{
     Machine, Temperatures,
     kinematics::Form,
-    vocabulary::AxisName::{self, A, C, X, Y, Z},
+    vocabulary::{
+        AxisName::{self, A, C, X, Y, Z},
+        CorrectionLimit,
+    },
 };
-use volcomp_nc::{Corrector, Decimals, Job, SetUp, Summary, Virtual, compensate, verify};
+use volcomp_nc::{Corrector, Decimals, Job, NcError, SetUp, Summary, Virtual, compensate, verify};
 
 const EXAMPLE: &str = include_str!("../../../../examples/table-tilting.toml");
 /// Where the centre lines of the table cross, and the length of the machine's own tool, mm.
@@ -425,4 +428,56 @@ fn an_axis_with_modulo_does_not_leave_its_travel() {
         .map(|(line, _)| *line)
         .collect();
     assert_eq!(lines, [3]);
+}
+
+/// What the corrections of all axes do together at the tool is bounded, by kinematics that are written out here: near a singular pose C
+/// turns by more than the limit of an axis, and X and Y follow it.
+#[test]
+fn the_limit_holds_at_the_tool() {
+    let machine = machine(LENGTH);
+    let corrector = Corrector::new(&machine, &Temperatures::new(), 0.001).expect("compiles");
+    let setup = SetUp::default();
+    let run = |text: &str, limit_um: f64| {
+        let mut out = Vec::new();
+        let job = Job {
+            limit: CorrectionLimit::new(limit_um).expect("a limit"),
+            ..Job::new(&corrector, &setup)
+        };
+        compensate(&mut text.as_bytes(), &mut out, job, |_| Ok(()))?;
+        Ok::<_, NcError>(String::from_utf8(out).expect("text"))
+    };
+    let tip = |[x, y, z, a, c]: [f64; 5]| seen_from_table([x, y, z - LENGTH], a, c);
+    let mut beyond_of_axis = 0;
+    for wanted in random_places(200).into_iter().chain((0..20).map(|i| {
+        [
+            310.0 + 5.0 * f64::from(i),
+            260.0,
+            -160.0,
+            -2.0,
+            20.0 * f64::from(i),
+        ]
+    })) {
+        let text = program("G90 G54", [wanted].into_iter());
+        let out = run(&text, 250.0).expect("the tool moves by less than 250 µm");
+        let commanded = places(&out)[1];
+        let off: f64 = (tip(wanted).into_iter().zip(tip(commanded)))
+            .map(|(from, to)| (to - from).powi(2))
+            .sum();
+        let moved_um = 1e3 * off.sqrt();
+        assert!(moved_um > 1.0, "{wanted:?} {moved_um}");
+        // Whatever the words are rounded to.
+        run(&text, moved_um + 0.1).expect("within the limit");
+        let refused = run(&text, moved_um - 0.1).expect_err("beyond the limit");
+        let told = "line 2: the corrections of all axes together move the tool by ";
+        let message = refused.to_string();
+        assert!(
+            matches!(refused, NcError::ToolBeyondLimit { .. }) && message.starts_with(told),
+            "{message}"
+        );
+        let turns = (commanded[4] - wanted[4])
+            .abs()
+            .max((commanded[3] - wanted[3]).abs());
+        beyond_of_axis += usize::from(1e6 * turns.to_radians() > 250.0);
+    }
+    assert!(beyond_of_axis > 5, "{beyond_of_axis}");
 }

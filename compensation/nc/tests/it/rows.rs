@@ -142,3 +142,16 @@ fn depth_and_plane_have_the_correction_of_their_height() {
         "G0 X-0.001 Y0 Z20\nG81 X10.005 R0 Z-200 F100\nG80\nM2\n"
     );
 }
+
+/// A row at one place, of which each hole gets a line: a line without a word would be no hole.
+#[test]
+fn each_hole_of_a_row_at_one_place_has_a_word() {
+    let tilt = "[errors]\nEYZ = { poly = [0.0, 0.4] }\n";
+    assert_eq!(
+        text(
+            tilt,
+            "G0 X0 Y0 Z20\nG91 G99 G81 R-10 Z-10 L3 F100\nG80\nM2\n"
+        ),
+        "G0 X0 Y-0.008 Z20\n(G91 G99 G81 R-10 Z-10 L3 F100)\nG91 G99 G81 R-10 Z-10 F100 Y0.006\nX0.000\nX0.000\nG80\nM2\n"
+    );
+}

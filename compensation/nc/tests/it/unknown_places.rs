@@ -380,3 +380,140 @@ fn an_arc_of_which_one_axis_is_unknown_goes_as_a_whole() {
         "{out}"
     );
 }
+
+/// Steps for each mm, accelerations, the arguments of a macro: nobody says that they are coordinates, so none of them changes, and where
+/// the axes are behind them nobody knows. X needs 1 µm for each mm of Y.
+#[test]
+fn words_that_no_code_claims_are_no_coordinates() {
+    let skew = "[errors]\nEC0Y = 1000.0\n";
+    let run = |control: &str, program: &str| {
+        let control = match control {
+            "" => String::new(),
+            control => format!("control = \"{control}\"\n"),
+        };
+        let setup = SetUp::parse(&control, "s.toml").expect("a good set-up");
+        let (out, summary) =
+            compensated_in(&setup, skew, program.as_bytes()).map_err(|error| error.to_string())?;
+        let notes: Vec<String> = (summary.notes.by_line().iter())
+            .map(|(line, note)| format!("{line}: {note}\n"))
+            .collect();
+        Ok::<_, String>((String::from_utf8(out).expect("text"), notes.concat()))
+    };
+    for control in ["", "linuxcnc", "fanuc", "haas", "mazak", "grbl"] {
+        for block in [
+            "M92 X80. Y80.",
+            "M201 X1000. Y1000.",
+            "M203 Y9.",
+            "M205 X30. Y30. Z1. E5.",
+            "M206 X1.5",
+            "N5 Y50. M92 (steps)",
+            "M92 X80",
+            "M12345678 X1. Q2. R3.",
+            "G90 F200 M203 Y#1",
+        ] {
+            let begins = "G90 G1 X0. Y100. Z0. F100\n";
+            let program = format!("{begins}{block}\nX50.\nY200.\nX100.\nG91 X1. Y1.\n");
+            let (out, notes) = run(control, &program).expect(block);
+            let begins = "G90 G1 X0.100 Y100. Z0. F100\n";
+            let behind = "X50.100\nY200. X50.200\nX100.200\nG91 X1.001 Y1.\n";
+            let expected = format!("{begins}{block}\n{behind}");
+            assert_eq!(out, expected, "{control} {block}");
+            let name = block.split_whitespace().find(|word| word.starts_with('M'));
+            let told = format!("2: {} passes on as it is", name.expect("an M code"));
+            assert!(notes.contains(&told), "{control} {block}: {notes}");
+        }
+        // What is known, or has a motion of its own, moves the axes; so does an unknown one without words of axes.
+        for block in ["M8 X50.", "X50. M3 S100", "G1 M205 X50.", "M19 X50."] {
+            let program = format!("G90 G1 X0. Y100. Z0. F100\n{block}\nY200.\n");
+            let (out, _) = run(control, &program).expect(block);
+            assert!(out.contains("X50.100"), "{control} {block}: {out}");
+            assert!(out.ends_with("Y200. X50.200\n"), "{control} {block}: {out}");
+        }
+        let (out, _) = run(control, "G1 X0. Y100. Z0. F100\nM205\nY200.\n").expect("taken");
+        assert_eq!(out, "G1 X0.100 Y100. Z0. F100\nM205\nY200. X0.200\n");
+        // An arc may begin with the correction or without.
+        let arc = "G90 G1 X0. Y100. F100\nX10. M205\nG2 X20. I5.\n";
+        let message = run(control, arc).expect_err(arc);
+        assert!(
+            message.starts_with("line 3: an arc behind an M code that is not known"),
+            "{message}"
+        );
+        let named = "G90 G1 X0. Y100. F100\nX10. M205\nG1 X10.\nG2 X20. I5.\n";
+        run(control, named).expect(named);
+        // Ways are as they are until the place is named.
+        let ways = "G90 G1 X0. Y100. F100\nM205 X1. Y1.\nG91 X5. Y5.\n";
+        let (out, _) = run(control, ways).expect(ways);
+        assert!(out.ends_with("M205 X1. Y1.\nG91 X5. Y5.\n"), "{out}");
+    }
+    // Programs of the user of LinuxCNC have P and Q: coordinates beside them are a motion.
+    let (out, _) = run("linuxcnc", "G1 X0 Y100 F100\nM101 P1 Q2 X50\n").expect("taken");
+    assert!(out.ends_with("M101 P1 Q2 X50.100\n"), "{out}");
+    let (out, _) = run("", "G1 X0 Y100 F100\nM101 P1 Q2 X50\n").expect("taken");
+    assert!(out.ends_with("M101 P1 Q2 X50\n"), "{out}");
+    // Numbers of an M code count for no manner of writing coordinates.
+    for control in ["fanuc", "haas", "mazak"] {
+        let (out, _) = run(control, "G1 X0. Y100. F100.\nM92 X80 Y80\nX50.\n").expect("taken");
+        assert!(out.ends_with("M92 X80 Y80\nX50.100\n"), "{out}");
+    }
+}
+
+/// What `rs274` says of each: "R word with no g code that uses it" and such.
+#[test]
+fn words_beside_a_motion_that_does_not_use_them_are_refused() {
+    for (line, why) in [
+        (
+            "G1 X1 E1",
+            "E beside G1, which is the filament of a printer",
+        ),
+        ("G0 X1 E1", "E beside G0, which is"),
+        ("G2 X1 I.5 E1", "E beside G2, which is"),
+        (
+            "G1 X1 R1",
+            "R beside G1, with which some controls round a corner",
+        ),
+        ("X1 R1", "R beside G1"),
+        ("G1 R5", "R beside G1"),
+        ("G53 G1 X1 R1", "R beside G1"),
+        ("G1 X1 Q1", "Q beside G1, which no code of the block uses"),
+        ("G3 X1 I.5 Q1", "Q beside G3"),
+        ("G1 X1 K1", "K beside G1"),
+        (
+            "G2 X1 I.5 K1",
+            "K beside G2, which is no part of the centre",
+        ),
+        ("G1 X1 M8 R5", "R beside G1"),
+    ] {
+        for control in ["", "linuxcnc", "fanuc", "haas", "mazak", "grbl"] {
+            let control = match control {
+                "" => String::new(),
+                control => format!("control = \"{control}\"\nwithout_point = \"unit\"\n"),
+            };
+            let control = control.replace("linuxcnc\"\nwithout_point = \"unit\"", "linuxcnc\"");
+            let control = control.replace("grbl\"\nwithout_point = \"unit\"", "grbl\"");
+            let program = format!("G90 G17 G0 X0 Y0 Z0\nG1 F100\n{line}\n");
+            let message = run(&control, &program).expect_err(line).to_string();
+            let expected = format!("line 3: {why}");
+            assert!(message.starts_with(&expected), "{control}{line}: {message}");
+        }
+    }
+    for line in [
+        "G1 X1 G64 P.01 Q.01",
+        "G1 X1 M19 R5",
+        "G1 X1 M67 E0 Q1",
+        "G1 X1 M66 P0 L0 Q1",
+        "G1 X1 M61 Q0",
+        "G18 G2 X1 I.5 K0",
+        "G19 G2 Y1 R1",
+        "G81 X1 Z-1 R1",
+        "G5.1 Q1 R2",
+        "G1 X1 M777 E1 Q1 R1 K1",
+    ] {
+        run("", &format!("G90 G17 G0 X0 Y0 Z0\nG1 F100\n{line}\n")).expect(line);
+    }
+    for control in ["marlin", "klipper"] {
+        let setup = format!("control = \"{control}\"\n");
+        run(&setup, "M83\nG1 X1 E1\n").expect("filament");
+        let message = run(&setup, "G1 X1 Q1\n").expect_err("refused").to_string();
+        assert!(message.starts_with("line 1: Q beside G1"), "{message}");
+    }
+}
