@@ -89,7 +89,8 @@ pub struct Correction {
     /// How many Newton steps were taken.
     pub iterations: usize,
     /// Whether what the axes can correct was brought below the tolerances of the options within their number of
-    /// steps. `false` also where a position or an error is no finite number.
+    /// steps. `false` also where a position or an error is no finite number. The correction is then the first or the last
+    /// step, whichever is larger: with errors that grow faster than the coordinate, steps swing back to almost nothing.
     pub converged: bool,
     /// A direction of the tool axis is corrected in part only or not at all: the pose is within about 1° of a singular one,
     /// or fewer than two rotary axes may move.
@@ -119,9 +120,10 @@ pub fn correct<S: ErrorSource>(
     let mut left_out = None;
     let linear = LinearColumns::new(nominal.linear, correctors.linear().len());
     let mut corrected = *state;
+    let mut first = *state;
     let mut iterations = 0;
     loop {
-        let miss = goal.miss(chain, &actual_pose(chain, source, &corrected));
+        let mut miss = goal.miss(chain, &actual_pose(chain, source, &corrected));
         let columns = Columns::at(chain, &corrected, &goal, &correctors);
         let axis = goal.normal_components(&miss.axis);
         // What is not to be corrected stays as it is at the command.
@@ -132,6 +134,10 @@ pub fn correct<S: ErrorSource>(
         let done =
             seen_rad <= options.axis_tolerance_rad && seen_mm <= options.position_tolerance_mm;
         if done || iterations >= options.max_iterations {
+            if !done && size(&first, state) > size(&corrected, state) {
+                corrected = first;
+                miss = goal.miss(chain, &actual_pose(chain, source, &corrected));
+            }
             return Correction {
                 delta: PerAxis::from_fn(|i| corrected.q[i] - state.q[i]),
                 residual_mm: miss.position_mm,
@@ -152,7 +158,16 @@ pub fn correct<S: ErrorSource>(
         for (&index, share) in correctors.linear().iter().zip(shares) {
             corrected.q[index] -= share;
         }
+        if iterations == 1 {
+            first = corrected;
+        }
     }
+}
+
+/// The largest way of an axis between two states, mm or rad.
+fn size(a: &State, b: &State) -> f64 {
+    let ways = a.q.iter().zip(&b.q).map(|(a, b)| (a - b).abs());
+    ways.fold(0.0, f64::max)
 }
 
 /// The ideal tool pose at the command.

@@ -96,10 +96,7 @@ impl Tooled {
         }
         if neglected_mm > most_mm {
             let options = machine.correction_options();
-            let exact = machine.correction_at(state, temperatures, &options);
-            if exact.converged {
-                delta = exact.delta;
-            }
+            delta = machine.correction_at(state, temperatures, &options).delta;
         }
         let rotary = compiled.correctors().rotary();
         let follow = (!rotary.is_empty()).then(|| {

@@ -10,6 +10,7 @@ use toml::{
     Spanned,
     de::{DeTable, DeValue},
 };
+use toml_parser::lexer::TokenKind;
 
 use crate::{bound::bounded, error::InputError, nearest::near, syntax};
 
@@ -41,6 +42,43 @@ pub struct Value<'a> {
 /// a program that corrects a machine.
 pub(crate) const MOST_BYTES: usize = 4 * 1024 * 1024;
 
+/// The most keys, headers and their parts between dots. Each becomes a table or a value of some hundred bytes: without a
+/// bound 4 MiB of them take 2 GB.
+const MOST_KEYS: usize = 100_000;
+
+/// The number of keys, headers and their parts; numbers in arrays are none.
+fn key_count(text: &str) -> usize {
+    let (mut keys, mut parts, mut is_header, mut is_first) = (0, 1, false, true);
+    for token in toml_parser::Source::new(text).lex() {
+        match token.kind() {
+            TokenKind::Whitespace | TokenKind::Comment => continue,
+            TokenKind::Dot => parts += 1,
+            TokenKind::Equals => {
+                keys += parts;
+                parts = 1;
+            }
+            TokenKind::RightSquareBracket if is_header => {
+                keys += parts;
+                (parts, is_header) = (1, false);
+            }
+            TokenKind::Newline => {
+                (parts, is_header, is_first) = (1, false, true);
+                continue;
+            }
+            TokenKind::LeftSquareBracket => {
+                (parts, is_header) = (1, is_first || is_header);
+            }
+            TokenKind::Comma => (parts, is_header) = (1, false),
+            TokenKind::RightSquareBracket
+            | TokenKind::LeftCurlyBracket
+            | TokenKind::RightCurlyBracket => parts = 1,
+            _ => {}
+        }
+        is_first = false;
+    }
+    keys
+}
+
 impl Document {
     /// A document from the text of `file`.
     pub fn new(file: &str, text: &str) -> Self {
@@ -53,7 +91,7 @@ impl Document {
     /// Parses the text and hands its root table to `decode`.
     ///
     /// # Errors
-    /// A text of more than 4 MiB, TOML syntax (repeated keys included), and what `decode` finds.
+    /// A text of more than 4 MiB or of too many keys, TOML syntax (repeated keys included), and what `decode` finds.
     pub fn decode<T, E: From<InputError>>(
         &self,
         decode: impl FnOnce(Section<'_>) -> Result<T, E>,
@@ -61,6 +99,11 @@ impl Document {
         if self.text.len() > MOST_BYTES {
             let message =
                 "found a file of more than 4 MiB, expected a TOML file of 4 MiB at the most";
+            return Err(self.error(0..0, String::new(), message).into());
+        }
+        if key_count(&self.text) > MOST_KEYS {
+            let message =
+                format!("found more than {MOST_KEYS} keys, expected {MOST_KEYS} at the most");
             return Err(self.error(0..0, String::new(), message).into());
         }
         let root = DeTable::parse(&self.text).map_err(|e| {

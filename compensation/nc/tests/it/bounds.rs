@@ -50,10 +50,12 @@ fn a_correction_beyond_the_limit_is_refused() {
         "G16\nG0 X200 Y0",
     ];
     for program in rs274 {
-        // 20 µm/mm for 0.02, and a constant of 10 m.
+        // 20 µm/mm for 0.02, a constant of 10 m, and positions where deviations belong: the steps of the correction swing back.
         for errors in [
             "EXX = { poly = [0.0, 20] }\n",
             "EXX = { poly = [1e7, 0.02] }\n",
+            "EXX = { table = [[0, 0], [300, 299994], [600, 599988]] }\n",
+            "EXX = { table = [[0, 0], [300, 300006], [600, 600012]] }\n",
         ] {
             let program = format!("G21 G90 G0 X0 Y0\n{program}\n");
             let message = message(errors, &program);

@@ -123,6 +123,29 @@ fn files_that_cannot_be_read_are_told_apart() {
         let told = read.expect_err("too large").to_string();
         assert!(told.contains("4 MiB at the most"), "{told}");
     }
+    // Small on disk, large once it is parsed.
+    let dotted = "a.".repeat(70);
+    for (count, form) in [
+        (1500, "{dotted}a{n} = 1\n"),
+        (1500, "[{dotted}a{n}]\n"),
+        (1500, "[[{dotted}a{n}]] # .\n"),
+        (1500, "t{n} = { {dotted}a = 1 }\n"),
+        (101_000, "a{n} = 1\n"),
+    ] {
+        let lines = (0..count).map(|n| {
+            form.replace("{dotted}", &dotted)
+                .replace("{n}", &n.to_string())
+        });
+        let text: String = lines.collect();
+        let told = Document::new("many.toml", &text)
+            .decode(|_| Ok::<(), InputError>(()))
+            .expect_err("too many keys")
+            .to_string();
+        assert!(told.contains("100000 at the most"), "{told}");
+    }
+    let points = "[1.25, -0.5],\n".repeat(120_000);
+    let points = Document::new("points.toml", &format!("points = [\n{points}]\n"));
+    points.decode(|_| Ok::<(), InputError>(())).unwrap();
     let good = folder.path().join("good.toml");
     std::fs::write(&good, "a = 3").unwrap();
     let read = Document::read(&good)

@@ -41,6 +41,8 @@ fn a_slip_of_units_makes_no_table_of_any_format() {
         for errors in [
             "EXX = { poly = [0.0, 20] }\n",
             "EXX = { poly = [1e7, 0.02] }\n",
+            // Positions where deviations belong.
+            "EXX = { table = [[0, 0], [300, 299994], [600, 599988]] }\n",
         ] {
             for limit_um in [250.0, 2000.0] {
                 let found = made(errors, format, limit_um);
