@@ -77,14 +77,14 @@ pub(crate) struct Arguments {
     /// Time of one such movement to and fro, s
     #[arg(long, value_name = "S", default_value_t = 10.0)]
     pub(crate) period_s: f64,
-    /// Machine file with the errors that the simulated machine really has; each second a line tells how far its tool
-    /// misses without and with the correction, at the reference temperature
+    /// Machine file with the errors that the simulated machine really has; each second a line shows the error of its
+    /// tool without and with the correction, before alignment, at the reference temperature
     #[arg(long, value_name = "MACHINE")]
     pub(crate) truth: Option<PathBuf>,
     /// Go through the program once, stand at each target until the correction has settled, and write into this file
-    /// where the axes are, what is applied, and how far the tool misses: a CSV table, or JSON documents, one a line, where
-    /// the name ends in .json. Then the range of the deviation along each line (rows with the same name in the column
-    /// line) is printed, as ISO 230-6 has it for diagonals
+    /// where the axes are, what is applied, and the error of the tool, before alignment: a CSV table, or JSON
+    /// documents, one a line, where the name ends in .json. Then the range of the deviation along each line (rows with
+    /// the same name in the column line) is printed, as ISO 230-6 has it for diagonals
     #[arg(long, value_name = "FILE", requires = "program", requires = "truth")]
     pub(crate) report: Option<PathBuf>,
     /// Stand at the first target until the command run is typed
