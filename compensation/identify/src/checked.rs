@@ -40,8 +40,7 @@ pub fn standard_uncertainty_um(found: f64) -> Result<f64, String> {
 
 /// The direction of a vector of any length.
 pub(crate) fn unit_vector(value: &Value<'_>) -> Result<Vector3<f64>, InputError> {
-    let direction = Vector3::from(value.vector::<3>()?);
-    direction
+    Vector3::from(value.vector::<3>()?)
         .try_normalize(1e-12)
         .ok_or_else(|| value.error("found a zero direction, expected a vector of any other length"))
 }
