@@ -2,11 +2,11 @@
 
 use std::{collections::BTreeMap, time::Duration};
 
-use volcomp_guard::Scheme;
+use volcomp_guard::{Reasons, Scheme};
 use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_port::Description;
 use volcomp_runtime::{Model, Report, ToolError};
-use volcomp_vocabulary::{AxisKind, AxisName, Displacement, PerAxis};
+use volcomp_vocabulary::{AxisKind, AxisName, Coordinate, Displacement, PerAxis};
 
 use crate::{
     documents::{
@@ -40,7 +40,7 @@ pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times) -> Statu
     axes.sort_unstable();
     let mut status = Status {
         state: report.state.into(),
-        reasons: report.reasons.texts().map(str::to_owned).collect(),
+        reasons: reasons(model, report),
         armed: report.state.is_armed(),
         auto_arm: facts.auto_arm,
         simulated: facts.truth.is_some(),
@@ -102,6 +102,25 @@ pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times) -> Statu
     [status.wanted_um, status.wanted_urad] = by_kind(model, &report.wanted, known, micro);
     errors(&mut status, facts, report);
     status
+}
+
+/// Why the state is what it is; where a position is not believed, with its axis.
+fn reasons(model: &Model, report: &Report) -> Vec<String> {
+    let outside = (0..model.axes.len()).filter(|index| report.outside_travel >> index & 1 == 1);
+    let places: Vec<String> = outside
+        .map(|index| {
+            let axis = model.axes[index];
+            let at = Displacement::new(axis.kind(), report.positions[index]);
+            format!("{axis} {}", Coordinate(at))
+        })
+        .collect();
+    let texts = report.reasons.texts().map(str::to_owned);
+    texts
+        .map(|text| match Reasons::with_text(&text) {
+            Some(Reasons::OUTSIDE_TRAVEL) => format!("{text}: {}", places.join(", ")),
+            _ => text,
+        })
+        .collect()
 }
 
 /// Takes back what a state says of the present, after `silence` without a cycle: where the machine is and what is

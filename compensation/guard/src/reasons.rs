@@ -72,6 +72,8 @@ reasons! {
     NO_CONTROLLER = forbids, "controller does not answer";
     /// An axis of the machine has a position from no controller.
     AXIS_UNKNOWN = forbids, "a machine axis has no position";
+    /// A position is farther outside the travel of its axis than an axis can be.
+    OUTSIDE_TRAVEL = forbids, "position outside the travel";
     /// What the control tells is no report of a barrier of this machine and these axes, in this order.
     BARRIER_STRANGE = forbids, "no barrier for this machine and these axes";
     /// The barrier's limits, rates or times do not fit those of the guard, or its scans are not as long as configured.

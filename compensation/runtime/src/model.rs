@@ -12,6 +12,8 @@ mod nodes;
 
 pub use largest_move::LargestMove;
 
+/// How far outside its travel an axis may be told to stand, mm or °: end switches and reference points lie there.
+const OVERTRAVEL_MM_OR_DEG: f64 = 5.0;
 /// At so many places over its travel a rotary axis is tried, the ends included.
 const PLACES: u32 = 25;
 
@@ -148,6 +150,19 @@ impl Model {
             || travel.is_some_and(|travel| {
                 is_within(travel.map(Displacement::mm_or_deg), position.mm_or_deg())
             })
+    }
+
+    /// Which axes are farther outside their travel than an axis overtravels, as bits: bit 0 is the first axis. Such a position
+    /// is not one of this machine: another unit, another axis, or a device that tells nonsense.
+    pub(crate) fn far_outside_travel(&self, state: &State) -> u16 {
+        let mut outside = 0;
+        for (index, (travel, q)) in self.travel.iter().zip(&state.q).enumerate() {
+            let [low, high] = travel.map(Displacement::mm_or_deg);
+            let at = Displacement::new(self.axes[index].kind(), *q).mm_or_deg();
+            let is_far = at < low - OVERTRAVEL_MM_OR_DEG || at > high + OVERTRAVEL_MM_OR_DEG;
+            outside |= u16::from(self.turn_of(index).is_none() && is_far) << index;
+        }
+        outside
     }
 
     /// After how much travel (rad) the coordinates of the axis at a place in machine order begin anew; `None`: never.

@@ -50,6 +50,8 @@ pub struct Report {
     pub positions: PerAxis<f64>,
     /// Which positions are known: bit 0 is the first axis of the machine.
     pub known: u16,
+    /// Which of them are too far outside the travel to be believed: bit 0 is the first axis of the machine.
+    pub outside_travel: u16,
     /// The correction that the model asks for, mm and rad.
     pub wanted: PerAxis<f64>,
     /// The correction that the control is known to apply, mm and rad; see `correction_known`. It is told of the axes in
@@ -91,6 +93,7 @@ impl Default for Report {
             active: 0,
             positions: PerAxis::ZERO,
             known: 0,
+            outside_travel: 0,
             wanted: PerAxis::ZERO,
             correction: PerAxis::ZERO,
             written: 0,

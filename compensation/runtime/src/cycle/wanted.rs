@@ -17,8 +17,13 @@ impl Cycle {
         for (q, position) in state.q.iter_mut().zip(&place.positions) {
             *q = *position;
         }
-        self.approach(&mut state, place);
         (self.report.positions, self.report.known) = (place.positions, place.known);
+        self.report.outside_travel = place.known & self.model.far_outside_travel(&state);
+        if self.report.outside_travel != 0 {
+            self.commanded = None;
+            return (None, Reasons::OUTSIDE_TRAVEL);
+        }
+        self.approach(&mut state, place);
         self.commanded = place.is_complete(self.model.axes.len()).then_some(state);
         if self.commanded.is_none() {
             let unknown = Reasons::AXIS_UNKNOWN.when(place.oldest.is_some());

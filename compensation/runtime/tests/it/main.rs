@@ -17,6 +17,7 @@ mod limited;
 mod old_positions;
 mod only_thermal;
 mod order_of_axes;
+mod outside_travel;
 mod plan;
 mod quiet;
 mod raised_slew;

@@ -52,7 +52,7 @@ impl Moving {
         let clock = Clock::manual();
         let guard = guard();
         let model = Model::new(&machine(), guard.fading).expect("compiles");
-        let linear = [[150.0, -80.0, 250.0], [250.0, -300.0, 380.0]];
+        let linear = [[-80.0, 150.0, 250.0], [-300.0, 250.0, 380.0]];
         let rotary = [[-70.0, 20.0], [120.0, 75.0]];
         let described = |control: &dyn Controller| control.description().clone();
         let plan = |description| {

@@ -4,7 +4,7 @@ use std::{
     path::Path,
     sync::{
         Arc,
-        atomic::{AtomicBool, Ordering},
+        atomic::{AtomicBool, AtomicU64, Ordering},
     },
     time::{Duration, Instant},
 };
@@ -172,7 +172,15 @@ impl<C: Controller> Controller for Writes<C> {
 
 /// What a test does to a controller that a cycle holds.
 #[derive(Clone, Default)]
-pub(crate) struct Injected(Arc<[AtomicBool; 2]>);
+pub(crate) struct Injected(Arc<Injections>);
+
+#[derive(Default)]
+struct Injections {
+    silent: AtomicBool,
+    stopped: AtomicBool,
+    /// How far from where it stands the first axis is told, mm, as bits.
+    displaced: AtomicU64,
+}
 
 impl Injected {
     pub(crate) fn disturb<C: Controller>(&self, inner: C) -> impl Controller + use<C> {
@@ -184,12 +192,17 @@ impl Injected {
 
     /// It does not answer.
     pub(crate) fn set_silent(&self, silent: bool) {
-        self.0[0].store(silent, Ordering::Relaxed);
+        self.0.silent.store(silent, Ordering::Relaxed);
     }
 
     /// It says that the emergency stop is pressed.
     pub(crate) fn set_stopped(&self, stopped: bool) {
-        self.0[1].store(stopped, Ordering::Relaxed);
+        self.0.stopped.store(stopped, Ordering::Relaxed);
+    }
+
+    /// It tells its first axis so far, mm, from where that stands.
+    pub(crate) fn displace(&self, by_mm: f64) {
+        self.0.displaced.store(by_mm.to_bits(), Ordering::Relaxed);
     }
 }
 
@@ -204,11 +217,12 @@ impl<C: Controller> Controller for Disturbed<C> {
     }
 
     fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
-        if self.by.0[0].load(Ordering::Relaxed) {
+        if self.by.0.silent.load(Ordering::Relaxed) {
             return Err(Fault::TimedOut);
         }
         let mut snapshot = self.inner.read(deadline)?;
-        snapshot.state.emergency_stop |= self.by.0[1].load(Ordering::Relaxed);
+        snapshot.positions[0] += f64::from_bits(self.by.0.displaced.load(Ordering::Relaxed));
+        snapshot.state.emergency_stop |= self.by.0.stopped.load(Ordering::Relaxed);
         Ok(snapshot)
     }
 
@@ -236,6 +250,13 @@ pub(crate) struct Rig {
 impl Rig {
     pub(crate) fn at(place: [f64; 5]) -> Self {
         Self::writing(place, &NAMES)
+    }
+
+    /// With a control to which a test does something.
+    pub(crate) fn injected(place: [f64; 5], by: &Injected) -> Self {
+        let clock = Clock::manual();
+        let control = by.disturb(control(place, &clock));
+        Self::on(&machine(), &guard(), control, clock)
     }
 
     /// With a control that writes only the axes named; where the others stand it tells.
