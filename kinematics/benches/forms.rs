@@ -29,7 +29,17 @@ fn forms(c: &mut Criterion) {
         *set = ErrorMotion::from_um_urad([n, -2.0 * n, 3.0, 4.0, 5.0 * n, -6.0]);
         errors.location[index] = ErrorMotion::from_um_urad([0.0, 0.0, 0.0, 3.0, 2.0, n]);
     }
-    let state = State::from_coordinates(&[0.7, -0.4, 120.0, -80.0, 60.0]);
+    let state = State::new(
+        &chain,
+        [
+            (AxisName::C, 0.7),
+            (AxisName::A, -0.4),
+            (AxisName::X, 120.0),
+            (AxisName::Y, -80.0),
+            (AxisName::Z, 60.0),
+        ],
+    )
+    .expect("the axes of the chain");
     let ours = volumetric_error(&chain, &errors, &state, Form::Htm);
     let [position, _] = by_hand(&chain, &errors, &state);
     assert!(
@@ -73,7 +83,17 @@ fn sixty(c: &mut Criterion) {
         errors.motion[index] = ErrorMotion::from_um_urad([n, -2.0 * n, 3.0, 4.0, 5.0 * n, -6.0]);
         errors.assembly[index] = ErrorMotion::from_um_urad([-n, 2.0, n, 7.0, -3.0 * n, 2.0]);
     }
-    let state = State::from_coordinates(&[120.0, -80.0, 60.0, 0.7, -0.4]);
+    let state = State::new(
+        &chain,
+        [
+            (AxisName::X, 120.0),
+            (AxisName::Y, -80.0),
+            (AxisName::Z, 60.0),
+            (AxisName::A, 0.7),
+            (AxisName::B, -0.4),
+        ],
+    )
+    .expect("the axes of the chain");
     let mut group = c.benchmark_group("sixty_errors");
     for form in [Form::Exact, Form::Htm, Form::Twist] {
         group.bench_function(form.to_string(), |b| {

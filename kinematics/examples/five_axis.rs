@@ -21,14 +21,16 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         errors.set(&chain, name.parse()?, value)?;
     }
 
-    // Chain order: C, A in rad, then X, Y, Z in mm.
-    let state = State::from_coordinates(&[
-        30_f64.to_radians(),
-        -40_f64.to_radians(),
-        100.0,
-        50.0,
-        -20.0,
-    ]);
+    let state = State::new(
+        &chain,
+        [
+            (AxisName::X, 100.0),
+            (AxisName::Y, 50.0),
+            (AxisName::Z, -20.0),
+            (AxisName::A, -40_f64.to_radians()),
+            (AxisName::C, 30_f64.to_radians()),
+        ],
+    )?;
     let error = volumetric_error(&chain, &errors, &state, Form::Exact);
     let [x, y, z]: [f64; 3] = (error.position_mm * 1e3).into();
     println!("position error: {x:.2} {y:.2} {z:.2} µm in workpiece axes");

@@ -11,7 +11,7 @@ use crate::{
     structure::{Side, Structure},
     twist::Screw,
 };
-use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
+use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES, PerAxis};
 
 /// The frame in which the error motions of a rotary axis stay.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -203,6 +203,42 @@ impl Chain {
     /// Workpiece origin at machine zero, mm in MCS.
     pub fn workpiece_origin_mm(&self) -> Vector3<f64> {
         self.workpiece_origin_mm
+    }
+
+    /// One value for each axis, in any order, put into the order of the chain.
+    ///
+    /// # Errors
+    /// [`ChainError::NoSuchAxis`], [`ChainError::AxisTwice`], [`ChainError::AxisMissing`].
+    pub fn by_axis<T: Copy + Default>(
+        &self,
+        values: impl IntoIterator<Item = (AxisName, T)>,
+    ) -> Result<PerAxis<T>, ChainError> {
+        let mut found = PerAxis::<Option<T>>::default();
+        for (axis, value) in values {
+            let Some(index) = self.structure.index_of(axis) else {
+                return Err(ChainError::NoSuchAxis {
+                    axis,
+                    structure: self.structure.clone(),
+                });
+            };
+            if found[index].replace(value).is_some() {
+                return Err(ChainError::AxisTwice { axis });
+            }
+        }
+        let missing = self.joints.iter().zip(&found).find(|of| of.1.is_none());
+        if let Some((joint, _)) = missing {
+            return Err(ChainError::AxisMissing {
+                axis: joint.name,
+                structure: self.structure.clone(),
+            });
+        }
+        Ok(found.map(Option::unwrap_or_default))
+    }
+
+    /// The value of an axis, of values in the order of the chain such as a correction; `None` for an axis that the chain does not
+    /// have.
+    pub fn of_axis<T: Copy>(&self, axis: AxisName, values: &PerAxis<T>) -> Option<T> {
+        self.structure.index_of(axis).map(|index| values[index])
     }
 
     /// T_ideal(q): tool side to workpiece side, in workpiece axes.

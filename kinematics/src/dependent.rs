@@ -5,7 +5,7 @@ use arrayvec::ArrayVec;
 use nalgebra::SMatrix;
 
 use crate::{chain::Chain, source::State};
-use volcomp_vocabulary::{AxisKind, MAX_AXES};
+use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis};
 
 /// Moves that take the tip by less than this share of themselves leave it where it is: 1 µm in a metre.
 const DEPENDENT_BELOW: f64 = 1e-6;
@@ -19,7 +19,7 @@ const ANYWHERE: [[f64; MAX_AXES]; 3] = [
 impl Chain {
     /// The moves of linear axes, in chain order, that leave the ideal tip where it is with the rotary axes as in `state`: the
     /// largest is 1. None where there are no more of them than elsewhere, so that two axes in one direction (U beside X) are none.
-    pub fn dependent_moves(&self, state: &State) -> ArrayVec<[f64; MAX_AXES], MAX_AXES> {
+    pub fn dependent_moves(&self, state: &State) -> ArrayVec<PerAxis<f64>, MAX_AXES> {
         let found = self.moves_of_nothing(state);
         let elsewhere = ANYWHERE.map(|q| {
             let mut at = State::default();
@@ -36,7 +36,7 @@ impl Chain {
         }
     }
 
-    fn moves_of_nothing(&self, state: &State) -> ArrayVec<[f64; MAX_AXES], MAX_AXES> {
+    fn moves_of_nothing(&self, state: &State) -> ArrayVec<PerAxis<f64>, MAX_AXES> {
         let columns = self.linear_columns(state);
         let is_linear = |place: usize| {
             let joint = self.joints().get(place);
@@ -68,7 +68,7 @@ impl Chain {
                 let share = vector[place] / scale;
                 if share.abs() < 1e-9 { 0.0 } else { share }
             };
-            found.push(core::array::from_fn(moves)); // one for each axis at the most
+            found.push(PerAxis::from_fn(moves)); // one for each axis at the most
         }
         found
     }

@@ -18,6 +18,20 @@ pub enum ChainError {
         /// The structure that was searched.
         structure: Structure,
     },
+    /// An axis of the chain without a value.
+    #[error("axis {axis} has no value, expected one for each axis of `{structure}`")]
+    AxisMissing {
+        /// The axis that is not named.
+        axis: AxisName,
+        /// The structure whose axes were asked for.
+        structure: Structure,
+    },
+    /// An axis with two values.
+    #[error("axis {axis} has two values, expected one")]
+    AxisTwice {
+        /// The axis that is named twice.
+        axis: AxisName,
+    },
     /// A direction that is zero or not finite.
     #[error("{what} is [{}, {}, {}], expected finite numbers, not all zero", found[0], found[1], found[2])]
     Direction {

@@ -2,7 +2,9 @@
 
 use nalgebra::Vector3;
 
-use volcomp_vocabulary::{Direction, PerAxis};
+use volcomp_vocabulary::{AxisName, Direction, PerAxis};
+
+use crate::{chain::Chain, error::ChainError};
 
 /// Where every axis of a chain stands, in chain order.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -16,14 +18,18 @@ pub struct State {
 }
 
 impl State {
-    /// A state from the coordinates (mm, rad) of the first axes, the others at 0, approach unknown.
-    /// Coordinates beyond [`volcomp_vocabulary::MAX_AXES`] are not looked at.
-    pub fn from_coordinates(coordinates: &[f64]) -> Self {
-        let mut state = Self::default();
-        for (place, &q) in state.q.iter_mut().zip(coordinates) {
-            *place = q;
-        }
-        state
+    /// A state from the coordinate (mm, rad) of every axis of a chain, in any order; approach unknown.
+    ///
+    /// # Errors
+    /// What [`Chain::by_axis`] refuses.
+    pub fn new(
+        chain: &Chain,
+        coordinates: impl IntoIterator<Item = (AxisName, f64)>,
+    ) -> Result<Self, ChainError> {
+        Ok(Self {
+            q: chain.by_axis(coordinates)?,
+            ..Self::default()
+        })
     }
 }
 

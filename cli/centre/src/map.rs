@@ -105,7 +105,7 @@ pub fn error_map(machine: &Machine) -> Result<ErrorMap, ModelError> {
     let options = machine.correction_options();
     let commanded = |state: &State| {
         let correction = machine.correction_at(state, &none, &options);
-        let delta = quantised(machine, &correction.delta.0, STEP_MM, STEP_RAD);
+        let delta = quantised(machine, &correction.delta, STEP_MM, STEP_RAD);
         corrected(state, &delta)
     };
     let chain = machine.chain();

@@ -74,7 +74,10 @@ impl Truth {
             .cloned()
             .zip(degc.iter().copied())
             .collect();
-        let state = State::from_coordinates(&positions[..]);
+        let state = State {
+            q: *positions,
+            ..State::default()
+        };
         let place = Vector3::new(positions[0], positions[1], positions[2]);
         let error = self.machine.error_at(&state, Form::Exact, &temperatures);
         self.datum.left_mm(&place, &error.position_mm)

@@ -89,7 +89,7 @@ impl<'a> Compensation<'a> {
             .correction_at(target, self.temperatures, &self.options);
         let delta = match (asked.resolution_um, asked.resolution_urad) {
             (Some(um), Some(urad)) => quantised(self.machine, &found.delta, um * 1e-3, urad * 1e-6),
-            _ => *found.delta,
+            _ => found.delta,
         };
         corrected(target, &delta)
     }

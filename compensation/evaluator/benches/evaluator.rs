@@ -245,11 +245,14 @@ fn scattered(c: &mut Criterion) {
         group.throughput(Throughput::Elements(COUNT as u64));
         group.sample_size(10);
         let approach = PerAxis([None; 9]);
+        let order = compiled.chain().structure().axes();
         group.bench_function("batch", |b| {
-            b.iter(|| compiled.evaluate_batch(&poses, approach, black_box(&mut errors)));
+            b.iter(|| compiled.evaluate_batch(order, &poses, approach, black_box(&mut errors)));
         });
         group.bench_function("batch_all_cores", |b| {
-            b.iter(|| compiled.evaluate_batch_parallel(&poses, approach, black_box(&mut errors)));
+            b.iter(|| {
+                compiled.evaluate_batch_parallel(order, &poses, approach, black_box(&mut errors))
+            });
         });
         group.bench_function("one_pose_path", |b| {
             b.iter(|| one_by_one(&compiled, &poses, black_box(&mut errors)));
@@ -268,8 +271,12 @@ fn scattered(c: &mut Criterion) {
 }
 
 fn one_by_one(compiled: &CompiledMachine, poses: &[f64], errors: &mut [[f64; 6]]) {
-    for (pose, error) in poses.chunks_exact(3).zip(errors) {
-        let found = compiled.evaluate(&State::from_coordinates(pose));
+    for (pose, error) in poses.as_chunks::<3>().0.iter().zip(errors) {
+        let state = State {
+            q: PerAxis::leading(*pose),
+            ..State::default()
+        };
+        let found = compiled.evaluate(&state);
         error[..3].copy_from_slice(&found.position_mm);
         error[3..].copy_from_slice(&found.rotation_rad);
     }
@@ -285,9 +292,9 @@ fn grid(c: &mut Criterion) {
             .collect()
     };
     let axes = [
-        (0, nodes(203, 8000.0)),
-        (1, nodes(203, 4000.0)),
-        (2, nodes(203, 2500.0)),
+        (AxisName::X, nodes(203, 8000.0)),
+        (AxisName::Y, nodes(203, 4000.0)),
+        (AxisName::Z, nodes(203, 2500.0)),
     ];
     let grid = compiled
         .linear_grid(&axes, &State::default())

@@ -28,10 +28,14 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let machine = CompiledMachine::from_blob(&at_a_desk()?)?;
     // In the cycle: positions in mm in, corrections in mm out.
     for x in [0.0, 250.0, 500.0, 1000.0] {
-        let state = State::from_coordinates(&[x, 400.0, 100.0]);
+        let state = State::new(
+            machine.chain(),
+            [(AxisName::X, x), (AxisName::Y, 400.0), (AxisName::Z, 100.0)],
+        )?;
         let correction = machine.first_order(&state).delta;
-        let um: Vec<String> = correction[..3]
-            .iter()
+        let um: Vec<String> = [AxisName::X, AxisName::Y, AxisName::Z]
+            .into_iter()
+            .filter_map(|axis| machine.chain().of_axis(axis, &correction))
             .map(|mm| format!("{:7.2}", mm * 1e3))
             .collect();
         println!("at X {x:6.1}: add {} µm", um.join(" "));

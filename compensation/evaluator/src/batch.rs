@@ -3,18 +3,43 @@
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use volcomp_kinematics::State;
-use volcomp_vocabulary::{Direction, PerAxis};
+use volcomp_vocabulary::{AxisName, Direction, PerAxis};
 
-use crate::{machine::CompiledMachine, table::Wide};
+use crate::{error::EvaluatorError, machine::CompiledMachine, table::Wide};
 
 /// Poses that one core takes at a time.
 const CHUNK: usize = 4096;
 
 impl CompiledMachine {
-    /// Evaluates scattered poses on one core: `poses` holds the coordinates (mm, rad) of every axis,
+    /// Evaluates scattered poses on one core: `poses` holds the coordinates (mm, rad) of `axes`,
     /// pose after pose; `errors` gets ΔP (mm) and ρ (rad) of each. The same numbers as
     /// [`evaluate`](Self::evaluate). As many as both slices hold.
+    ///
+    /// # Errors
+    /// [`EvaluatorError::AxisOrder`] where `axes` are not those of the machine in chain order.
     pub fn evaluate_batch(
+        &self,
+        axes: &[AxisName],
+        poses: &[f64],
+        approach: PerAxis<Option<Direction>>,
+        errors: &mut [[f64; 6]],
+    ) -> Result<(), EvaluatorError> {
+        self.check_order(axes)?;
+        self.dispatch(poses, approach, errors);
+        Ok(())
+    }
+
+    fn check_order(&self, axes: &[AxisName]) -> Result<(), EvaluatorError> {
+        if axes == self.chain.structure().axes() {
+            return Ok(());
+        }
+        Err(EvaluatorError::AxisOrder {
+            found: axes.to_vec(),
+            structure: self.chain.structure().clone(),
+        })
+    }
+
+    fn dispatch(
         &self,
         poses: &[f64],
         approach: PerAxis<Option<Direction>>,
@@ -29,17 +54,23 @@ impl CompiledMachine {
     }
 
     /// The same on all cores.
+    ///
+    /// # Errors
+    /// [`EvaluatorError::AxisOrder`].
     pub fn evaluate_batch_parallel(
         &self,
+        axes: &[AxisName],
         poses: &[f64],
         approach: PerAxis<Option<Direction>>,
         errors: &mut [[f64; 6]],
-    ) {
+    ) -> Result<(), EvaluatorError> {
+        self.check_order(axes)?;
         let stride = self.axes.len().max(1);
         errors
             .par_chunks_mut(CHUNK)
             .zip(poses.par_chunks(CHUNK * stride))
-            .for_each(|(errors, poses)| self.evaluate_batch(poses, approach, errors));
+            .for_each(|(errors, poses)| self.dispatch(poses, approach, errors));
+        Ok(())
     }
 }
 

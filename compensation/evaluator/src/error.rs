@@ -1,8 +1,11 @@
 //! Why a machine cannot be compiled.
 
-use alloc::string::String;
+use alloc::{
+    string::{String, ToString},
+    vec::Vec,
+};
 
-use volcomp_kinematics::{Chain, ChainError};
+use volcomp_kinematics::{Chain, ChainError, Structure};
 use volcomp_vocabulary::{AxisName, ErrorName};
 
 /// Why a machine cannot be compiled or its bytes cannot be read.
@@ -47,6 +50,17 @@ pub enum EvaluatorError {
         /// A description of the values that are accepted.
         expected: &'static str,
     },
+    /// Coordinates that are not in the order of the chain.
+    #[error(
+        "found coordinates in the order {}, expected the chain order of `{structure}`",
+        names(found)
+    )]
+    AxisOrder {
+        /// The order of the coordinates.
+        found: Vec<AxisName>,
+        /// The structure of the machine.
+        structure: Structure,
+    },
     /// An axis of the chain that was not added.
     #[error("axis {axis} of the chain was not added, expected every axis once")]
     MissingAxis {
@@ -67,6 +81,11 @@ pub enum EvaluatorError {
     /// Bytes that are no compiled machine.
     #[error("compiled machine: {0}")]
     Blob(#[from] BlobError),
+}
+
+fn names(axes: &[AxisName]) -> String {
+    let words: Vec<String> = axes.iter().map(ToString::to_string).collect();
+    words.join(" ")
 }
 
 /// Why bytes are no compiled machine.

@@ -5,7 +5,7 @@ use std::vec::Vec;
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 use volcomp_kinematics::{State, nalgebra::Vector3};
-use volcomp_vocabulary::AxisKind;
+use volcomp_vocabulary::{AxisKind, AxisName};
 
 use crate::machine::CompiledMachine;
 
@@ -35,11 +35,16 @@ pub struct LinearGrid {
 }
 
 impl CompiledMachine {
-    /// A grid over linear axes: place in the chain and nodes (mm) of each, in chain order; the others
+    /// A grid over linear axes: the nodes (mm) of each, the axes in chain order; the others
     /// stand as in `held`, whose approach counts for all. `None` for an axis that is not linear or
     /// not there, repeated or out of order, for more than three or none, an axis without nodes, or a
     /// machine with errors over two coordinates.
-    pub fn linear_grid(&self, grid: &[(usize, Vec<f64>)], held: &State) -> Option<LinearGrid> {
+    pub fn linear_grid(&self, grid: &[(AxisName, Vec<f64>)], held: &State) -> Option<LinearGrid> {
+        let place = |axis: AxisName| self.chain.structure().index_of(axis);
+        let grid: Vec<(usize, &Vec<f64>)> = grid
+            .iter()
+            .map(|(axis, nodes)| Some((place(*axis)?, nodes)))
+            .collect::<Option<_>>()?;
         let fits = (1..=3).contains(&grid.len())
             && grid.windows(2).all(|pair| pair[0].0 < pair[1].0)
             && grid.iter().all(|(index, nodes)| {
@@ -51,7 +56,7 @@ impl CompiledMachine {
             return None;
         }
         let mut zero = *held;
-        for (index, _) in grid {
+        for (index, _) in &grid {
             zero.q[*index] = 0.0;
         }
         let at = |state: &State| self.evaluate(state).into_six();
@@ -77,9 +82,9 @@ impl CompiledMachine {
                 self.chain.ideal_pose(&moved).translation_mm - origin
             })
             .collect();
-        let (row, row_mm) = row(&adds, grid);
+        let (row, row_mm) = row(&adds, &grid);
         Some(LinearGrid {
-            nodes_mm: grid.iter().map(|(_, nodes)| nodes.clone()).collect(),
+            nodes_mm: grid.iter().map(|(_, nodes)| (*nodes).clone()).collect(),
             adds,
             directions,
             base,
@@ -90,7 +95,7 @@ impl CompiledMachine {
 }
 
 /// The innermost axis node after node, padded to whole blocks.
-fn row(adds: &[Vec<[f64; NODE]>], grid: &[(usize, Vec<f64>)]) -> (Vec<f64>, Vec<f64>) {
+fn row(adds: &[Vec<[f64; NODE]>], grid: &[(usize, &Vec<f64>)]) -> (Vec<f64>, Vec<f64>) {
     let (Some(adds), Some((_, nodes))) = (adds.last(), grid.last()) else {
         return (Vec::new(), Vec::new());
     };

@@ -1,7 +1,7 @@
 //! The body diagonals of ISO 230-6 on the model.
 
 use volcomp_kinematics::{ErrorSource, State, actual_pose};
-use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES, PerAxis};
+use volcomp_vocabulary::{AxisKind, AxisName, PerAxis};
 
 use crate::{error::ModelError, machine::Machine};
 
@@ -120,7 +120,7 @@ fn range(values: &[f64]) -> f64 {
 }
 
 /// The state with a correction added (mm and rad), approach kept.
-pub fn corrected(state: &State, delta: &[f64; MAX_AXES]) -> State {
+pub fn corrected(state: &State, delta: &PerAxis<f64>) -> State {
     State {
         q: PerAxis::from_fn(|index| state.q[index] + delta[index]),
         approach: state.approach,
@@ -129,7 +129,7 @@ pub fn corrected(state: &State, delta: &[f64; MAX_AXES]) -> State {
 
 /// A correction rounded to a controller's resolution: `mm` on linear and `rad` on rotary axes. A resolution that is not
 /// positive rounds nothing.
-pub fn quantised(machine: &Machine, delta: &[f64; MAX_AXES], mm: f64, rad: f64) -> [f64; MAX_AXES] {
+pub fn quantised(machine: &Machine, delta: &PerAxis<f64>, mm: f64, rad: f64) -> PerAxis<f64> {
     let mut rounded = *delta;
     for (place, joint) in rounded.iter_mut().zip(machine.chain().joints()) {
         let step = match joint.kind {

@@ -89,7 +89,7 @@ impl Machine {
             .errors()
             .filter(|(name, curve)| {
                 let own = self.chain().structure().index_of(name.axis).unwrap_or(0);
-                !curve.contains(own, &coordinates)
+                !curve.contains(own, &coordinates[..])
             })
             .map(|(name, _)| name)
             .collect();

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use volcomp_curve::ErrorCurve;
 use volcomp_kinematics::{Chain, ErrorMotion, MotionFrame, State, Structure, nalgebra::Vector3};
-use volcomp_vocabulary::{AxisKind, AxisName, Component, Displacement, ErrorName, MAX_AXES};
+use volcomp_vocabulary::{AxisKind, AxisName, Component, Displacement, ErrorName, PerAxis};
 
 use crate::{
     axis::Axis,
@@ -391,8 +391,8 @@ impl Machine {
 
     /// The coordinates of a state in the units of the curves (mm, deg), brought into travel where an
     /// axis has a `modulo`.
-    pub fn curve_coordinates(&self, state: &State) -> [f64; MAX_AXES] {
-        let mut coordinates = [0.0; MAX_AXES];
+    pub fn curve_coordinates(&self, state: &State) -> PerAxis<f64> {
+        let mut coordinates = PerAxis::ZERO;
         for ((place, axis), &q) in coordinates.iter_mut().zip(&self.axes).zip(&state.q) {
             *place = axis.looked_up(Displacement::new(axis.name.kind(), q).mm_or_deg());
         }

@@ -56,7 +56,7 @@ impl ErrorSource for MachineErrors<'_> {
             let [offset, slope] = self.thermal[axis][component];
             *value = offset + slope * coordinates[axis];
             if let Some(curve) = self.machine.curve(axis, component) {
-                *value += curve.value(axis, &coordinates, branch);
+                *value += curve.value(axis, &coordinates[..], branch);
             }
         }
         ErrorMotion::from_um_urad(six)

@@ -6,13 +6,14 @@ use std::hint::black_box;
 use criterion::{Criterion, criterion_group, criterion_main};
 use volcomp_kinematics::{Chain, ErrorMotion, Form, GivenErrors, volumetric_error};
 use volcomp_sensitivity::{ErrorTerm, Poses, sensitivity, terms};
+use volcomp_vocabulary::AxisName;
 
-const TRAVELS: [[f64; 2]; 5] = [
-    [0.0, 500.0],
-    [0.0, 400.0],
-    [0.0, 300.0],
-    [-1.0, 1.0],
-    [-0.5, 1.5],
+const TRAVELS: [(AxisName, [f64; 2]); 5] = [
+    (AxisName::X, [0.0, 500.0]),
+    (AxisName::Y, [0.0, 400.0]),
+    (AxisName::Z, [0.0, 300.0]),
+    (AxisName::A, [-1.0, 1.0]),
+    (AxisName::B, [-0.5, 1.5]),
 ];
 
 /// Every entry by its own evaluation: the error is 1 there and all others are 0.
@@ -47,14 +48,14 @@ fn sixty(c: &mut Criterion) {
     assert_eq!(errors.len(), 60);
     let mut group = c.benchmark_group("sixty_errors");
     group.sample_size(10);
-    let few = Poses::over(&TRAVELS, 5);
+    let few = Poses::over(&chain, TRAVELS, 5).expect("the axes of the chain");
     group.bench_function("grid_5", |b| {
         b.iter(|| sensitivity(black_box(&chain), black_box(&errors), black_box(&few)));
     });
     group.bench_function("grid_5_entry_by_entry", |b| {
         b.iter(|| entry_by_entry(black_box(&chain), black_box(&errors), black_box(&few)));
     });
-    let many = Poses::over(&TRAVELS, 9);
+    let many = Poses::over(&chain, TRAVELS, 9).expect("the axes of the chain");
     group.bench_function("grid_9", |b| {
         b.iter(|| sensitivity(black_box(&chain), black_box(&errors), black_box(&many)));
     });

@@ -1,6 +1,7 @@
 //! The poses over which errors are judged.
 
-use volcomp_kinematics::State;
+use volcomp_kinematics::{Chain, ChainError, State};
+use volcomp_vocabulary::AxisName;
 
 /// Poses of a chain: coordinates in mm and rad, in chain order.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,11 +22,19 @@ pub enum Poses {
 impl Poses {
     /// A grid of `count` evenly spaced nodes over the travel (mm, rad) of each axis, both ends included; one node is the
     /// middle.
-    pub fn over(travels: &[[f64; 2]], count: usize) -> Self {
-        Self::Even {
-            travels: travels.to_vec(),
+    ///
+    /// # Errors
+    /// What [`Chain::by_axis`] refuses.
+    pub fn over(
+        chain: &Chain,
+        travels: impl IntoIterator<Item = (AxisName, [f64; 2])>,
+        count: usize,
+    ) -> Result<Self, ChainError> {
+        let travels = chain.by_axis(travels)?;
+        Ok(Self::Even {
+            travels: travels[..chain.joints().len()].to_vec(),
             count,
-        }
+        })
     }
 
     /// How many poses there are; `None` where they are more than can be counted.

@@ -134,7 +134,8 @@ fn two_links_in_a_plane() {
     let mut chain = table.to_chain(structure).unwrap();
     chain.set_tool([500.0, 0.0, 0.0], [0.0, 0.0, 1.0]).unwrap();
     let (q1, q2) = (0.3, -1.1_f64);
-    let tip = chain.ideal_tip_mm(&State::from_coordinates(&[q1, q2]));
+    let tip =
+        chain.ideal_tip_mm(&State::new(&chain, [(AxisName::A, q1), (AxisName::C, q2)]).unwrap());
     let x = 300.0 * q1.cos() + 200.0 * (q1 + q2).cos();
     let y = 300.0 * q1.sin() + 200.0 * (q1 + q2).sin();
     assert!((tip - Vector3::new(x, y, 0.0)).norm() < 1e-9, "{tip}");
@@ -158,7 +159,11 @@ fn opposite_and_coinciding_axes_have_a_table() {
     assert_eq!(table.rows[0].alpha_rad, PI);
     assert_eq!(table.rows[0].a_mm, 0.0);
     assert!((table.rows[1].a_mm - 50.0).abs() < 1e-12);
-    let state = State::from_coordinates(&[0.4, 1.2, -0.7]);
+    let state = State::new(
+        &chain,
+        [(AxisName::C, 0.4), (AxisName::A, 1.2), (AxisName::B, -0.7)],
+    )
+    .unwrap();
     let moved = plain_product(&table, &chain, &state);
     assert!(difference(&moved, &chain.ideal_pose(&state)) < 1e-9);
 }

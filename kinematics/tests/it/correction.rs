@@ -239,7 +239,15 @@ fn a_correction_says_whether_it_converged() {
     base.motion[0] = ErrorMotion::from_um_urad([300.0, 0.0, 0.0, 0.0, 0.0, 900.0]);
     let waves = [1.0; MAX_AXES];
     let source = Wavy { base, waves };
-    let state = State::from_coordinates(&[20.0, 100.0, 0.0]);
+    let state = State::new(
+        &chain,
+        [
+            (AxisName::X, 20.0),
+            (AxisName::Y, 100.0),
+            (AxisName::Z, 0.0),
+        ],
+    )
+    .unwrap();
     let found = |options: &CorrectionOptions| correct(&chain, &source, &state, options);
     let exact = found(&CorrectionOptions::default());
     assert!(
@@ -280,7 +288,17 @@ fn a_pose_that_is_no_number_has_no_correction() {
     let mut errors = GivenErrors::default();
     errors.motion[1] = motion(&mut seeded(7));
     for q in [f64::NAN, f64::INFINITY] {
-        let state = State::from_coordinates(&[q, 1.0, 2.0, 3.0, 0.5]);
+        let state = State::new(
+            &chain,
+            [
+                (AxisName::C, q),
+                (AxisName::X, 1.0),
+                (AxisName::Y, 2.0),
+                (AxisName::Z, 3.0),
+                (AxisName::B, 0.5),
+            ],
+        )
+        .unwrap();
         let found = correct(&chain, &errors, &state, &CorrectionOptions::default());
         assert!(
             found.delta[..5].iter().all(|delta| !delta.is_finite()),

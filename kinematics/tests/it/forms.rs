@@ -39,7 +39,7 @@ fn errors_in_the_turning_frame_turn_with_the_axis() {
         let c = chain.structure().axes()[0];
         let mut errors = GivenErrors::default();
         errors.motion[0] = ErrorMotion::from_um_urad([10.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
-        let quarter = State::from_coordinates(&[std::f64::consts::FRAC_PI_2]);
+        let quarter = State::new(&chain, [(c, std::f64::consts::FRAC_PI_2)]).unwrap();
         let moved = |chain: &Chain, form| {
             volumetric_error(chain, &errors, &quarter, form).position_mm * 1e3
         };

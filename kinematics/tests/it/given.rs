@@ -45,7 +45,17 @@ fn a_location_error_is_refused_where_it_moves_nothing() {
         .set_tool([10.0, 20.0, -150.0], [0.0, 0.0, 1.0])
         .unwrap();
     chain.set_direction(AxisName::Y, [0.1, 1.0, 0.0]).unwrap();
-    let state = State::from_coordinates(&[0.5, 100.0, 200.0, -50.0, 0.7]);
+    let state = State::new(
+        &chain,
+        [
+            (AxisName::C, 0.5),
+            (AxisName::X, 100.0),
+            (AxisName::Y, 200.0),
+            (AxisName::Z, -50.0),
+            (AxisName::B, 0.7),
+        ],
+    )
+    .unwrap();
     let at_zero = GivenErrors::default();
     for (index, joint) in chain.joints().iter().enumerate() {
         for component in Component::ALL {
@@ -97,7 +107,17 @@ fn the_constant_that_is_named_says_the_same() {
     chain
         .set_tool([10.0, 20.0, -150.0], [0.0, 0.0, 1.0])
         .unwrap();
-    let state = State::from_coordinates(&[0.5, 100.0, 200.0, -50.0, 0.7]);
+    let state = State::new(
+        &chain,
+        [
+            (AxisName::C, 0.5),
+            (AxisName::X, 100.0),
+            (AxisName::Y, 200.0),
+            (AxisName::Z, -50.0),
+            (AxisName::B, 0.7),
+        ],
+    )
+    .unwrap();
     let mut named = Vec::new();
     for (index, joint) in chain.joints().iter().enumerate() {
         for component in Component::ALL {

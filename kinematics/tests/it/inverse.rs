@@ -95,7 +95,10 @@ fn a_singular_pose_names_the_axis_that_is_free() {
     ] {
         let chain = Chain::new(structure.parse().unwrap());
         let places = rotary(&chain);
-        let mut at = State::from_coordinates(&[10.0, 20.0, 30.0, 40.0, 50.0]);
+        let mut at = State {
+            q: PerAxis::leading([10.0, 20.0, 30.0, 40.0, 50.0]),
+            ..State::default()
+        };
         (at.q[places[0]], at.q[places[1]]) = (b_or_a[0], b_or_a[1]);
         let free = chain.structure().index_of(free);
         held.q[free.unwrap()] = 0.25;

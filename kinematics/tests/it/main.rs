@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod algebra;
+mod by_name;
 mod conversions;
 mod correction;
 mod forms;
@@ -72,6 +73,7 @@ pub(crate) fn every_error(chain: &Chain, rng: &mut ChaCha8Rng) -> GivenErrors {
 #[test]
 fn plain_data_goes_to_json_and_back() {
     use volcomp_kinematics::{Correction, CorrectionOptions};
+    use volcomp_vocabulary::AxisName;
     let structure: Structure = "w C' X' b Y Z B t".parse().unwrap();
     let json = serde_json::to_string(&structure).unwrap();
     assert_eq!(json, "\"w C' X' b Y Z B t\"");
@@ -80,7 +82,17 @@ fn plain_data_goes_to_json_and_back() {
     let chain = Chain::new(structure);
     let mut errors = GivenErrors::default();
     errors.set(&chain, "EZB".parse().unwrap(), 5.0).unwrap();
-    let state = State::from_coordinates(&[1.0, 2.0]);
+    let state = State::new(
+        &chain,
+        [
+            (AxisName::C, 1.0),
+            (AxisName::X, 2.0),
+            (AxisName::Y, 0.0),
+            (AxisName::Z, 0.0),
+            (AxisName::B, 0.0),
+        ],
+    )
+    .unwrap();
     let correction =
         volcomp_kinematics::correct(&chain, &errors, &state, &CorrectionOptions::default());
     let read: Correction =

@@ -2,6 +2,7 @@
 
 use rand::RngExt;
 use volcomp_kinematics::{Chain, Form, GivenErrors, State, volumetric_error};
+use volcomp_vocabulary::AxisName;
 
 use crate::{motion, seeded};
 
@@ -30,7 +31,7 @@ fn twist_gives_the_two_axis_equations() {
                 - (x + xt) * cx.y
                 + yt * ay.x,
         ];
-        let state = State::from_coordinates(&[x, y]);
+        let state = State::new(&chain, [(AxisName::X, x), (AxisName::Y, y)]).unwrap();
         let ours = volumetric_error(&chain, &errors, &state, Form::Twist);
         for (k, expected) in expected.into_iter().enumerate() {
             let um = (ours.position_mm[k] - expected).abs() * 1e3;

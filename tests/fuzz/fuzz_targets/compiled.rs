@@ -5,6 +5,7 @@ use libfuzzer_sys::fuzz_target;
 use sha2::{Digest, Sha256};
 use volcomp_evaluator::{BLOB_VERSION, CompiledMachine};
 use volcomp_kinematics::State;
+use volcomp_vocabulary::PerAxis;
 
 fuzz_target!(|body: &[u8]| {
     let mut blob = b"VOLCOMPM".to_vec();
@@ -13,7 +14,7 @@ fuzz_target!(|body: &[u8]| {
     blob.extend(body);
     if let Ok(machine) = CompiledMachine::from_blob(&blob) {
         for q in [-1e9, 0.0, 400.0, f64::INFINITY, f64::NAN] {
-            let state = State::from_coordinates(&[q; 9]);
+            let state = State { q: PerAxis([q; 9]), ..State::default() };
             let _ = (machine.evaluate(&state), machine.first_order(&state), machine.outside_range(&state));
         }
         assert!(CompiledMachine::from_blob(&machine.to_blob()).is_ok());

@@ -16,7 +16,7 @@ use core::sync::atomic::{AtomicUsize, Ordering};
 use volcomp_curve::{Curve, MovingLeastSquares, Polynomial, Table};
 use volcomp_evaluator::CompiledMachine;
 use volcomp_guard::{AxisLimits, Guard, Inputs, Limits, ReadBack, Reading, Told, Wanted};
-use volcomp_guard::vocabulary::{AxisKind, MAX_AXES, PerChannel};
+use volcomp_guard::vocabulary::{AxisKind, AxisName, MAX_AXES, PerAxis, PerChannel};
 use volcomp_kinematics::{Chain, CorrectionOptions, ErrorMotion, Form, GivenErrors, State, correct, volumetric_error};
 
 const ARENA_BYTES: usize = 1 << 20;
@@ -157,7 +157,8 @@ unsafe fn nodes(pairs: *const f64, count: usize) -> Vec<[f64; 2]> {
 }
 
 /// Error (mm) and correction (mm, rad) of a five-axis machine whose X axis has the six error motions
-/// `um_urad`, at the coordinates `q` (mm, rad). Returns 0, or −1 if the structure is refused.
+/// `um_urad`, at the coordinates `q` (mm, rad) of X, Y, Z, B and C; the correction is in the same order. Returns 0, or −1 if
+/// the structure is refused.
 ///
 /// # Safety
 /// `q` points to 5 numbers, `um_urad` to 6, `error_mm` to 3 writable ones, `delta` to 5.
@@ -178,17 +179,24 @@ pub unsafe extern "C" fn volcomp_five_axis(
         unsafe { (slice::from_raw_parts_mut(error_mm, 3), slice::from_raw_parts_mut(delta, 5)) };
     let chain = Chain::new(structure);
     let mut errors = GivenErrors::default();
-    errors.motion[1] = ErrorMotion::from_um_urad(core::array::from_fn(|i| six[i]));
-    let state = State::from_coordinates(q);
+    if let Some(x) = chain.structure().index_of(AxisName::X) {
+        errors.motion[x] = ErrorMotion::from_um_urad(core::array::from_fn(|i| six[i]));
+    }
+    let axes = [AxisName::X, AxisName::Y, AxisName::Z, AxisName::B, AxisName::C];
+    let Ok(state) = State::new(&chain, axes.into_iter().zip(q.iter().copied())) else {
+        return -1;
+    };
     let error = volumetric_error(&chain, &errors, &state, Form::Exact);
     error_mm.copy_from_slice(error.position_mm.as_slice());
     let correction = correct(&chain, &errors, &state, &CorrectionOptions::default());
-    delta.copy_from_slice(&correction.delta[..5]);
+    for (delta, axis) in delta.iter_mut().zip(axes) {
+        *delta = chain.of_axis(axis, &correction.delta).unwrap_or_default();
+    }
     0
 }
 
 /// First-order correction (mm, rad) of a compiled machine from its bytes, at the coordinates `q` (mm, rad) of
-/// its axes. Returns how many axes it has, or −1 if the bytes are refused.
+/// its axes, both in the order of its chain. Returns how many axes it has, or −1 if the bytes are refused.
 ///
 /// # Safety
 /// `blob` points to `length` bytes, `q` to 9 numbers, `delta` to 9 writable ones.
@@ -206,7 +214,11 @@ pub unsafe extern "C" fn volcomp_compiled_correction(
     let Ok(machine) = CompiledMachine::from_blob(blob) else {
         return -1;
     };
-    delta.copy_from_slice(&machine.first_order(&State::from_coordinates(q)).delta.0);
+    let state = State {
+        q: PerAxis::from_fn(|axis| q[axis]),
+        ..State::default()
+    };
+    delta.copy_from_slice(&machine.first_order(&state).delta.0);
     machine.chain().joints().len() as i32
 }
 

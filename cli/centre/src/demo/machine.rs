@@ -249,8 +249,7 @@ impl Simulated {
         for (place, (from, to)) in applied.0.iter_mut().zip(from.into_iter().zip(to)) {
             *place = from + share * (to - from);
         }
-        applied.0 = quantised(&self.truth, &applied.0, 1e-3, 1e-6);
-        applied
+        quantised(&self.truth, &applied, 1e-3, 1e-6)
     }
 
     /// The error of the tool tip that the model in force leaves with the correction that is applied, µm: what a gateway can know.
@@ -350,7 +349,7 @@ fn correction(model: Option<&Model>, state: &State) -> [f64; 9] {
 fn left_um(model: &Model, factor: f64, state: &State, applied: &PerAxis<f64>) -> [f64; 3] {
     let error = model.error_at(state, Form::Exact, &Temperatures::new());
     let chain = model.chain();
-    let moved = chain.ideal_tip_mm(&corrected(state, &applied.0)) - chain.ideal_tip_mm(state);
+    let moved = chain.ideal_tip_mm(&corrected(state, applied)) - chain.ideal_tip_mm(state);
     let left = error.position_mm * factor + moved;
     [left.x, left.y, left.z].map(|mm| mm * 1e3)
 }

@@ -2,6 +2,7 @@
 
 use std::{fmt::Write, path::PathBuf};
 
+use volcomp_kinematics::ChainError;
 use volcomp_model::{Axis, Machine, Temperatures};
 use volcomp_sensitivity::{
     DEPENDENT_BELOW, Effect, ErrorTerm, Poses, Sensitivity, effects_of_with_progress,
@@ -52,7 +53,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         (Poses::List(states.states().to_vec()), states.note())
     } else {
         let count = usize::from(arguments.grid);
-        (grid(&machine, count), too_few(&machine, count))
+        let poses = grid(&machine, count).map_err(Failure::input)?;
+        (poses, too_few(&machine, count))
     };
     let errors = errors_of(&machine, arguments.assembly);
     let bar = progress::bar(0, "positions");
@@ -98,7 +100,7 @@ fn is_zero(effect: &Effect) -> bool {
 }
 
 /// Evenly spaced nodes over all poses of each axis, as `Axis::nodes` has them: both ends of a turn are the same place.
-fn grid(machine: &Machine, count: usize) -> Poses {
+fn grid(machine: &Machine, count: usize) -> Result<Poses, ChainError> {
     let inside = |axis: &Axis| {
         let end = |end: f64| Displacement::from_coordinate(axis.name.kind(), end).mm_or_rad();
         let [low, high] = axis.all_poses().map(end);
@@ -108,10 +110,9 @@ fn grid(machine: &Machine, count: usize) -> Poses {
         } else {
             0.0
         };
-        [low, high - step]
+        (axis.name, [low, high - step])
     };
-    let travels: Vec<[f64; 2]> = machine.axes().iter().map(inside).collect();
-    Poses::over(&travels, count)
+    Poses::over(machine.chain(), machine.axes().iter().map(inside), count)
 }
 
 /// A note where an axis that turns all the way round has so few nodes that a run-out, one wave in a turn, may be missed.

@@ -2,10 +2,11 @@
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use volcomp_evaluator::EvaluatorError;
 use volcomp_kinematics::State;
 use volcomp_model::{Machine, Tolerance};
 use volcomp_test_support::structures::all_types;
-use volcomp_vocabulary::{AxisKind, Direction, PerAxis};
+use volcomp_vocabulary::{AxisKind, AxisName, Direction, PerAxis};
 
 use crate::{
     EXAMPLE,
@@ -26,8 +27,13 @@ fn batches_are_the_same_as_single_poses() {
         let approach = PerAxis([Some(Direction::Positive); 9]);
         let mut one = vec![[0.0; 6]; states.len()];
         let mut all = one.clone();
-        compiled.evaluate_batch(&poses, approach, &mut one);
-        compiled.evaluate_batch_parallel(&poses, approach, &mut all);
+        let order = compiled.chain().structure().axes();
+        compiled
+            .evaluate_batch(order, &poses, approach, &mut one)
+            .unwrap();
+        compiled
+            .evaluate_batch_parallel(order, &poses, approach, &mut all)
+            .unwrap();
         assert_eq!(one, all);
         let largest = one.iter().flatten().fold(0.0_f64, |m, e| m.max(e.abs()));
         for (state, found) in states.iter().zip(&one) {
@@ -37,6 +43,27 @@ fn batches_are_the_same_as_single_poses() {
                 assert!((single.rotation_rad[k] - found[k + 3]).abs() <= 1e-12 * largest);
             }
         }
+    }
+}
+
+/// Coordinates of X before those of C are refused where C comes first in the chain.
+#[test]
+fn a_batch_in_another_order_is_refused() {
+    let machine = Machine::parse(EXAMPLE, "m").unwrap();
+    let compiled = machine.compile(Tolerance::default()).unwrap();
+    let mut order = compiled.chain().structure().axes().to_vec();
+    order.swap(0, 1);
+    let mut errors = [[0.0; 6]; 1];
+    let approach = PerAxis([None; 9]);
+    for found in [
+        compiled.evaluate_batch(&order, &[0.0; 5], approach, &mut errors),
+        compiled.evaluate_batch_parallel(&order, &[0.0; 5], approach, &mut errors),
+        compiled.evaluate_batch(&order[1..], &[0.0; 5], approach, &mut errors),
+    ] {
+        assert!(
+            matches!(found, Err(EvaluatorError::AxisOrder { .. })),
+            "{found:?}"
+        );
     }
 }
 
@@ -52,12 +79,12 @@ fn grids_are_the_same_as_single_poses() {
             .filter(|&i| machine.chain().joints()[i].kind == AxisKind::Linear)
             .collect();
         let counts = [5, 3, 7];
-        let grid: Vec<(usize, Vec<f64>)> = linear
+        let grid: Vec<(AxisName, Vec<f64>)> = linear
             .iter()
             .zip(counts)
             .map(|(&axis, count)| {
                 (
-                    axis,
+                    machine.axes()[axis].name,
                     (0..count).map(|i| 97.0 * f64::from(i) - 300.0).collect(),
                 )
             })
@@ -72,9 +99,9 @@ fn grids_are_the_same_as_single_poses() {
         let largest = errors.iter().fold(0.0_f64, |m, e| m.max(e.abs()));
         for (node, found) in errors.chunks(6).enumerate() {
             let mut state = held;
-            state.q[grid[0].0] = grid[0].1[node / 21];
-            state.q[grid[1].0] = grid[1].1[node / 7 % 3];
-            state.q[grid[2].0] = grid[2].1[node % 7];
+            state.q[linear[0]] = grid[0].1[node / 21];
+            state.q[linear[1]] = grid[1].1[node / 7 % 3];
+            state.q[linear[2]] = grid[2].1[node % 7];
             let single = compiled.evaluate(&state);
             for k in 0..3 {
                 assert!(
@@ -87,9 +114,15 @@ fn grids_are_the_same_as_single_poses() {
         assert!(compiled.linear_grid(&[], &held).is_none());
         assert!(
             compiled
-                .linear_grid(&[(linear[0], vec![])], &held)
+                .linear_grid(&[(grid[0].0, vec![])], &held)
                 .is_none()
         );
-        assert!(compiled.linear_grid(&[(8, vec![1.0])], &held).is_none());
+        assert!(
+            compiled
+                .linear_grid(&[(AxisName::W, vec![1.0])], &held)
+                .is_none()
+        );
+        let turned = [grid[1].clone(), grid[0].clone()];
+        assert!(compiled.linear_grid(&turned, &held).is_none());
     }
 }

@@ -5,6 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use volcomp_kinematics::State;
 use volcomp_model::{CompiledMachine, Machine, Tolerance};
 use volcomp_test_support::structures::all_types;
+use volcomp_vocabulary::PerAxis;
 
 use crate::{
     EXAMPLE,
@@ -70,7 +71,7 @@ proptest::proptest! {
         blob[12..44].copy_from_slice(&sum);
         if let Ok(machine) = CompiledMachine::from_blob(&blob) {
             for q in [-1e9, -1.0, 0.0, 400.0, 1e300, f64::NAN] {
-                let state = State::from_coordinates(&[q; 9]);
+                let state = State { q: PerAxis([q; 9]), ..State::default() };
                 let _ = (machine.evaluate(&state), machine.first_order(&state));
             }
         }

@@ -4,6 +4,7 @@ use sha2::{Digest, Sha256};
 use volcomp_evaluator::{BlobError, CompiledMachine, EvaluatorError};
 use volcomp_kinematics::{ErrorMotion, MotionFrame, State};
 use volcomp_model::{Machine, Tolerance};
+use volcomp_vocabulary::PerAxis;
 
 use crate::EXAMPLE;
 
@@ -22,7 +23,10 @@ fn compiled() -> CompiledMachine {
 fn places() -> impl Iterator<Item = State> {
     (0..50).map(|step| {
         let q = f64::from(step);
-        State::from_coordinates(&[0.01 * q, 80.0 * q, 40.0 * q, 25.0 * q])
+        State {
+            q: PerAxis::leading([0.01 * q, 80.0 * q, 40.0 * q, 25.0 * q]),
+            ..State::default()
+        }
     })
 }
 

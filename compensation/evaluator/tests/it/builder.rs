@@ -162,7 +162,13 @@ fn a_function_is_compiled_over_the_travel() {
         let parts = without(AxisName::X).axis(AxisName::X, x).unwrap();
         let machine = CompiledMachine::new(parts, Tolerance::default()).unwrap();
         for (x, expected_um) in [(-100.0, -1.0), (30.0, 0.3), (100.0, 1.0), (120.0, 1.0)] {
-            let found = machine.evaluate(&State::from_coordinates(&[x, 0.0, 0.0]));
+            let found = machine.evaluate(
+                &State::new(
+                    machine.chain(),
+                    [(AxisName::X, x), (AxisName::Y, 0.0), (AxisName::Z, 0.0)],
+                )
+                .unwrap(),
+            );
             let um = found.position_mm[0] * 1e3;
             assert!(
                 (um - expected_um).abs() < 1e-6,
@@ -215,13 +221,29 @@ fn parts_mean_what_they_say() {
         )
         .unwrap();
     let machine = CompiledMachine::new(parts, Tolerance::default()).unwrap();
-    let found = machine.evaluate(&State::from_coordinates(&[50.0, 40.0, 10.0]));
+    let found = machine.evaluate(
+        &State::new(
+            machine.chain(),
+            [
+                (AxisName::X, 50.0),
+                (AxisName::Y, 40.0),
+                (AxisName::Z, 10.0),
+            ],
+        )
+        .unwrap(),
+    );
     // EXX + expansion − squareness·y, assembly, the constant.
     let expected = [0.0005 + 0.001 - 20e-6 * 40.0, 0.007, 0.003];
     for (found, expected) in found.position_mm.iter().zip(expected) {
         assert!((found - expected).abs() < 1e-9, "{found} {expected}");
     }
-    let outside = machine.outside_range(&State::from_coordinates(&[101.0]));
+    let outside = machine.outside_range(
+        &State::new(
+            machine.chain(),
+            [(AxisName::X, 101.0), (AxisName::Y, 0.0), (AxisName::Z, 0.0)],
+        )
+        .unwrap(),
+    );
     assert_eq!(
         outside
             .iter()
@@ -254,9 +276,10 @@ proptest! {
         let mut state = State::default();
         state.q[axis] = q;
         let _ = (machine.evaluate(&state), machine.first_order(&state), machine.error_motion(index, &state));
-        let _ = machine.linear_grid(&[(index, vec![q, number])], &state).map(|grid| grid.len());
+        let _ = machine.linear_grid(&[(name, vec![q, number])], &state).map(|grid| grid.len());
         let bigger = Chain::new("w A' B' C' X' Y' Z' b U V W t".parse().unwrap());
         let _ = machine.first_order_of(&state, &volcomp_kinematics::Correctors::all(&bigger));
-        machine.evaluate_batch(&[q; 7], state.approach, &mut [[0.0; 6]; 3]);
+        let order = machine.chain().structure().axes();
+        let _ = machine.evaluate_batch(order, &[q; 7], state.approach, &mut [[0.0; 6]; 3]);
     }
 }

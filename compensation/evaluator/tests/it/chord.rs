@@ -5,6 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use volcomp_kinematics::State;
 use volcomp_model::{Machine, Tolerance};
 use volcomp_test_support::structures::all_types;
+use volcomp_vocabulary::AxisName;
 
 use crate::machines::{machine, random_state};
 
@@ -62,10 +63,19 @@ fn the_bound_is_as_tight_as_the_curves_are() {
             "name = \"m\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0, 1000]\n[axes.Y]\ntravel = [0, 500]\n[axes.Z]\ntravel = [0, 500]\n[errors]\n{curve}"
         )
     };
+    let chain = volcomp_kinematics::Chain::new("w X' b Y Z t".parse().unwrap());
     let ends = |x: f64| {
         [
-            State::from_coordinates(&[0.0, 0.0, 50.0]),
-            State::from_coordinates(&[x, x, 50.0]),
+            State::new(
+                &chain,
+                [(AxisName::X, 0.0), (AxisName::Y, 0.0), (AxisName::Z, 50.0)],
+            )
+            .unwrap(),
+            State::new(
+                &chain,
+                [(AxisName::X, x), (AxisName::Y, x), (AxisName::Z, 50.0)],
+            )
+            .unwrap(),
         ]
     };
     let straight = text(

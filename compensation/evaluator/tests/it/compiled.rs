@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use volcomp_kinematics::{CorrectionOptions, ErrorSource, Form, State, correct, volumetric_error};
 use volcomp_model::{Machine, Temperatures, Tolerance};
-use volcomp_vocabulary::Direction;
+use volcomp_vocabulary::{Direction, PerAxis};
 
 use crate::EXAMPLE;
 
@@ -19,8 +19,10 @@ proptest! {
         let compiled = machine.compile(Tolerance::default()).unwrap();
         let none = Temperatures::new();
         let source = machine.source(&none);
-        let mut state = State::from_coordinates(&[c, x, y, z]);
-        state.approach = [[Some(Direction::Positive), Some(Direction::Negative), None][approach]; 9].into();
+        let state = State {
+            q: PerAxis::leading([c, x, y, z]),
+            approach: [[Some(Direction::Positive), Some(Direction::Negative), None][approach]; 9].into(),
+        };
         for axis in 0..5 {
             let difference = source.error_motion(axis, &state).linear_mm
                 - compiled.error_motion(axis, &state).linear_mm;
@@ -92,7 +94,10 @@ fn a_cycle_allocates_nothing() {
     let mut sum = 0.0;
     for step in 0..100 {
         let q = f64::from(step);
-        let state = State::from_coordinates(&[0.01 * q, 80.0 * q, 40.0 * q, 25.0 * q]);
+        let state = State {
+            q: PerAxis::leading([0.01 * q, 80.0 * q, 40.0 * q, 25.0 * q]),
+            ..State::default()
+        };
         assert_no_alloc::assert_no_alloc(|| {
             let error = volumetric_error(compiled.chain(), &compiled, &state, Form::Twist);
             let correction = correct(compiled.chain(), &compiled, &state, &options);

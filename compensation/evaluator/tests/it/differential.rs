@@ -332,7 +332,16 @@ fn axes_that_turn_into_one_direction_do_not_take_shares_without_bounds() {
     let (errors, compiled) = tiny_errors(&chain, &mut rng);
     for quarter in [0.0, 0.5, 0.99, 0.999, 0.999_999, 1.0] {
         let angle = std::f64::consts::FRAC_PI_2 * quarter;
-        let state = State::from_coordinates(&[100.0, angle, 50.0, -20.0]);
+        let state = State::new(
+            &chain,
+            [
+                (AxisName::Y, 100.0),
+                (AxisName::C, angle),
+                (AxisName::X, 50.0),
+                (AxisName::Z, -20.0),
+            ],
+        )
+        .unwrap();
         let exact = correct(&chain, &errors, &state, &options);
         let first = compiled.first_order(&state);
         for (e, f) in exact.delta.iter().zip(&first.delta) {

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use volcomp_kinematics::{CorrectionOptions, Form, State, Structure, correct};
 use volcomp_model::{CompiledMachine, Machine, Temperatures, Tolerance};
 use volcomp_test_support::structures::all_types;
-use volcomp_vocabulary::{AxisKind, Direction, ErrorName};
+use volcomp_vocabulary::{AxisKind, Direction, ErrorName, PerAxis};
 
 use crate::EXAMPLE;
 
@@ -297,12 +297,15 @@ fn flags_are_those_of_the_source() {
     let mut seen = std::collections::BTreeSet::new();
     let mut rng = ChaCha8Rng::seed_from_u64(10);
     for step in 0..20_000 {
-        let mut state = State::from_coordinates(&[
-            rng.random_range(-8.0..8.0),
-            rng.random_range(-500.0..8500.0),
-            rng.random_range(-500.0..4500.0),
-            rng.random_range(-500.0..3000.0),
-        ]);
+        let mut state = State {
+            q: PerAxis::leading([
+                rng.random_range(-8.0..8.0),
+                rng.random_range(-500.0..8500.0),
+                rng.random_range(-500.0..4500.0),
+                rng.random_range(-500.0..3000.0),
+            ]),
+            ..State::default()
+        };
         if step % 10 == 0 {
             // The ends of travel themselves.
             state.q[1] = [0.0, 8000.0][step / 10 % 2];

@@ -10,7 +10,7 @@ use volcomp_model::{
     ModelError, Temperatures, Thermal, ThermalRefusal, ThermalState, Tolerance, corrected,
     diagonals, quantised, write_curve,
 };
-use volcomp_vocabulary::AxisName;
+use volcomp_vocabulary::{AxisName, PerAxis};
 
 use crate::EXAMPLE;
 
@@ -127,7 +127,7 @@ proptest! {
         degc in number(), mm in number(), rad in number(), points in 0_usize..4,
     ) {
         let machine = machine();
-        let state = State::from_coordinates(&q);
+        let state = State { q: PerAxis(q), ..State::default() };
         let temperatures = Temperatures::from([("scale_x".to_owned(), degc), ("bed".to_owned(), degc)]);
         for form in [Form::Exact, Form::Htm, Form::Twist] {
             let _ = machine.error_at(&state, form, &temperatures);
@@ -250,7 +250,10 @@ fn an_ensemble_needs_machines_of_one_structure() {
     assert!(Ensemble::new(Vec::new()).is_none());
     assert!(Ensemble::new(vec![compiled.clone()]).is_none());
     let two = Ensemble::new(vec![compiled; 2]).unwrap();
-    let state = State::from_coordinates(&[f64::NAN; 9]);
+    let state = State {
+        q: PerAxis([f64::NAN; 9]),
+        ..State::default()
+    };
     let _ = two.standard_uncertainty(&state);
     assert_eq!(two.standard_uncertainty(&State::default()), [0.0; 6]);
 }

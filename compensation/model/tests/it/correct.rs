@@ -80,7 +80,17 @@ fn the_compiled_machine_corrects_the_same_axes() {
     ] {
         let machine = machine(correct);
         let compiled = machine.compile(Tolerance::default()).unwrap();
-        let state = State::from_coordinates(&[0.5, 400.0, 20.0, 200.0, -100.0]);
+        let state = State::new(
+            machine.chain(),
+            [
+                (AxisName::C, 0.5),
+                (AxisName::X, 400.0),
+                (AxisName::U, 20.0),
+                (AxisName::Y, 200.0),
+                (AxisName::Z, -100.0),
+            ],
+        )
+        .unwrap();
         let exact = machine.correction_at(
             &state,
             &Temperatures::new(),

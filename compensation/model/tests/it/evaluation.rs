@@ -3,7 +3,7 @@
 use volcomp_kinematics::{CorrectionOptions, ErrorSource, Form, State};
 use volcomp_model::{Machine, MapGrid, Temperatures, corrected, diagonals, quantised};
 use volcomp_test_support::machines::gantry;
-use volcomp_vocabulary::{AxisName, Direction, ErrorName};
+use volcomp_vocabulary::{AxisName, Direction, ErrorName, PerAxis};
 
 use crate::EXAMPLE;
 
@@ -235,12 +235,7 @@ fn correction_leaves_the_diagonals_straight() {
             diagonal.range_um
         );
     }
-    let rounded = quantised(
-        &machine,
-        &[0.0014, -0.0006, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-        1e-3,
-        1e-6,
-    );
+    let rounded = quantised(&machine, &PerAxis::leading([0.0014, -0.0006]), 1e-3, 1e-6);
     assert_eq!(rounded[..3], [0.001, -0.001, 0.0]);
 }
 

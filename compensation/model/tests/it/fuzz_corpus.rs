@@ -5,6 +5,7 @@ use std::path::Path;
 use sha2::{Digest, Sha256};
 use volcomp_kinematics::State;
 use volcomp_model::{CompiledMachine, Machine, evaluator::BLOB_VERSION};
+use volcomp_vocabulary::PerAxis;
 
 fn replay(target: &str, is_read: impl Fn(&[u8]) -> bool) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -42,7 +43,10 @@ fn compiled_machines() {
         blob.extend(Sha256::digest(body));
         blob.extend(body);
         CompiledMachine::from_blob(&blob).is_ok_and(|machine| {
-            let _ = machine.evaluate(&State::from_coordinates(&[f64::INFINITY; 9]));
+            let _ = machine.evaluate(&State {
+                q: PerAxis([f64::INFINITY; 9]),
+                ..State::default()
+            });
             true
         })
     });

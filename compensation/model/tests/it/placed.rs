@@ -151,7 +151,10 @@ fn a_table_moves_as_the_product_of_its_rows() {
         let expected: [f64; 3] = std::array::from_fn(|i| {
             (0..3).map(|k| moved[i][k] * inside[k]).sum::<f64>() + moved[i][3]
         });
-        let found = machine.chain().ideal_tip_mm(&State::from_coordinates(&q));
+        let named = rows.iter().zip(q);
+        let named = named.map(|((name, _), q)| (name.parse().unwrap(), q));
+        let state = State::new(machine.chain(), named).unwrap();
+        let found = machine.chain().ideal_tip_mm(&state);
         for (k, expected) in expected.into_iter().enumerate() {
             assert!(
                 (found[k] - expected).abs() < 1e-9,

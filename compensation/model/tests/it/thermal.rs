@@ -5,6 +5,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_kinematics::{Form, State};
 use volcomp_model::{Fading, Machine, Temperatures, ThermalState, Tolerance};
+use volcomp_vocabulary::{AxisName, PerAxis};
 
 use crate::EXAMPLE;
 
@@ -92,7 +93,10 @@ fn steady_temperatures_are_those_of_the_source() {
         thermal.step(1e9, &[Some(20.0); 3]);
         thermal.apply(&mut compiled);
         let cold = machine.compile(Tolerance::default()).unwrap();
-        let state = State::from_coordinates(&[0.3, 20.0, 30.0, 40.0]);
+        let state = State {
+            q: PerAxis::leading([0.3, 20.0, 30.0, 40.0]),
+            ..State::default()
+        };
         assert_eq!(compiled.evaluate(&state), cold.evaluate(&state));
     }
 }
@@ -208,8 +212,6 @@ fn lags_go_on_over_a_time_in_which_the_program_stood() {
 /// whatever way that points. Before, the growth was along X of MCS: the wrong way on a reversed axis.
 #[test]
 fn a_scale_grows_along_the_direction_of_its_axis() {
-    use volcomp_vocabulary::AxisName;
-
     let half = std::f64::consts::FRAC_1_SQRT_2;
     for (direction, along) in [
         ([1.0, 0.0, 0.0], [0.1, 0.0, 0.0]),
@@ -225,7 +227,15 @@ fn a_scale_grows_along_the_direction_of_its_axis() {
             let mut compiled = machine.compile(Tolerance::default()).unwrap();
             thermal.step(0.0, &[Some(30.0)]);
             thermal.apply(&mut compiled);
-            let state = State::from_coordinates(&[1000.0, 0.0, 0.0]);
+            let state = State::new(
+                machine.chain(),
+                [
+                    (AxisName::X, 1000.0),
+                    (AxisName::Y, 0.0),
+                    (AxisName::Z, 0.0),
+                ],
+            )
+            .unwrap();
             let of_source = machine.error_at(&state, Form::Exact, &temperatures);
             let of_source: [f64; 3] = of_source.position_mm.into();
             for found in [compiled.evaluate(&state).position_mm, of_source] {
@@ -322,7 +332,13 @@ k_per_min = [-0.3, 0.5]
 fn x_z_um(machine: &Machine, thermal: &ThermalState) -> [f64; 2] {
     let mut compiled = machine.compile(Tolerance::default()).unwrap();
     thermal.apply(&mut compiled);
-    let error = compiled.evaluate(&State::from_coordinates(&[0.0, 0.0, 100.0]));
+    let error = compiled.evaluate(
+        &State::new(
+            machine.chain(),
+            [(AxisName::X, 0.0), (AxisName::Y, 0.0), (AxisName::Z, 100.0)],
+        )
+        .unwrap(),
+    );
     [error.position_mm[0] * 1e3, error.position_mm[2] * 1e3]
 }
 
@@ -354,7 +370,11 @@ fn beyond_what_they_have_seen_terms_hold_and_fade() {
         let expected = [spindle - 20.0, share * (5.0 + 3.0 * (held - 20.0))];
         let found = x_z_um(&machine, &thermal);
         let error = machine.error_at(
-            &State::from_coordinates(&[0.0, 0.0, 100.0]),
+            &State::new(
+                machine.chain(),
+                [(AxisName::X, 0.0), (AxisName::Y, 0.0), (AxisName::Z, 100.0)],
+            )
+            .unwrap(),
             Form::Twist,
             &steady(&thermal, &degc),
         );

@@ -12,7 +12,7 @@ use volcomp_sensitivity::{
     effects_of_with_progress, sensitivity, sensitivity_with_progress, terms,
 };
 use volcomp_test_support::structures::all_types;
-use volcomp_vocabulary::{AxisKind, Direction, ErrorName, MAX_AXES};
+use volcomp_vocabulary::{AxisKind, AxisName, Direction, ErrorName, MAX_AXES};
 
 fn random_chain(structure: &volcomp_kinematics::Structure, rng: &mut ChaCha8Rng) -> Chain {
     let mut chain = Chain::new(structure.clone());
@@ -195,12 +195,17 @@ fn a_null_direction_names_its_errors() {
             .map(|name| ErrorTerm::Named(name.parse().unwrap()))
             .collect::<Vec<_>>()
     };
-    let poses = Poses::over(&[[-3.0, 3.0]], 9);
+    let poses = Poses::over(&chain, [(AxisName::C, [-3.0, 3.0])], 9).unwrap();
     let found = sensitivity(&chain, &named(&["EXC", "EYC", "EX0C", "EY0C"]), &poses).unwrap();
     assert_eq!((found.rank, found.indistinguishable.len()), (4, 0));
     // Two slides along X: every error of the first is one of the second.
     let chain = Chain::new("w b X U t".parse().unwrap());
-    let poses = Poses::over(&[[0.0, 100.0], [0.0, 100.0]], 3);
+    let poses = Poses::over(
+        &chain,
+        [AxisName::X, AxisName::U].map(|axis| (axis, [0.0, 100.0])),
+        3,
+    )
+    .unwrap();
     let found = sensitivity(&chain, &named(&["EXX", "EYX", "EYU"]), &poses).unwrap();
     assert_eq!(found.rank, 2);
     let [null] = &found.indistinguishable[..] else {
@@ -228,16 +233,14 @@ fn digits_do_not_depend_on_the_number_of_cores() {
     let mut rng = ChaCha8Rng::seed_from_u64(82);
     let chain = random_chain(&"w C' X' b Y Z B t".parse().unwrap(), &mut rng);
     let errors = terms(&chain, false, &[]);
-    let poses = Poses::over(
-        &[
-            [-3.0, 3.0],
-            [0.0, 300.0],
-            [0.0, 300.0],
-            [0.0, 300.0],
-            [-1.0, 1.0],
-        ],
-        6,
-    );
+    let travels = [
+        (AxisName::X, [0.0, 300.0]),
+        (AxisName::Y, [0.0, 300.0]),
+        (AxisName::Z, [0.0, 300.0]),
+        (AxisName::B, [-1.0, 1.0]),
+        (AxisName::C, [-3.0, 3.0]),
+    ];
+    let poses = Poses::over(&chain, travels, 6).unwrap();
     let one_core = rayon_of(1, || sensitivity(&chain, &errors, &poses).unwrap());
     let two_cores = rayon_of(2, || sensitivity(&chain, &errors, &poses).unwrap());
     assert_eq!(one_core, two_cores);
@@ -271,15 +274,20 @@ fn what_cannot_be_judged_is_named() {
         Err(SensitivityError::NoErrors)
     );
     // Nodes that no memory holds are counted, not made.
-    let endless = Poses::over(&[[0.0, 1.0]; 9], usize::MAX);
+    let endless = Poses::Even {
+        travels: vec![[0.0, 1.0]; 9],
+        count: usize::MAX,
+    };
     assert_eq!(endless.count(), None);
     let uncounted = sensitivity(&chain, &errors, &endless).unwrap_err();
     assert!(uncounted.to_string().contains("found too many poses"));
-    let few = Poses::over(&[[0.0, 1.0]], 1);
+    let few = Poses::over(&chain, [(AxisName::X, [0.0, 1.0])], 1).unwrap();
     let foreign = ErrorTerm::Named("EXY".parse().unwrap());
     let refused = sensitivity(&chain, &[foreign], &few).unwrap_err();
     assert_eq!(refused.to_string(), "EXY: the structure has no axis Y");
-    let infinite = Poses::List(vec![State::from_coordinates(&[f64::INFINITY])]);
+    let infinite = Poses::List(vec![
+        State::new(&chain, [(AxisName::X, f64::INFINITY)]).unwrap(),
+    ]);
     assert_eq!(
         sensitivity(&chain, &errors, &infinite),
         Err(SensitivityError::NotFinite)
@@ -439,7 +447,12 @@ fn progress_counts_every_pose_once() {
     .unwrap();
     let chain = machine.chain();
     let errors = terms(chain, false, &[]);
-    let poses = Poses::over(&[[0.0, 500.0], [0.0, 400.0], [0.0, 300.0]], 20);
+    let poses = Poses::over(
+        chain,
+        machine.axes().iter().map(|axis| (axis.name, axis.travel)),
+        20,
+    )
+    .unwrap();
     let told = std::sync::Mutex::new(Vec::new());
     let progress = |done: usize, of: usize| {
         assert_eq!(of, 8000);

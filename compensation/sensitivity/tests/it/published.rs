@@ -10,10 +10,9 @@ use crate::example;
 fn poses(machine: &Machine, count: usize) -> Poses {
     let travel = |axis: &volcomp_model::Axis| {
         let inside = |end: f64| Displacement::from_coordinate(axis.name.kind(), end).mm_or_rad();
-        axis.travel.map(inside)
+        (axis.name, axis.travel.map(inside))
     };
-    let travels: Vec<[f64; 2]> = machine.axes().iter().map(travel).collect();
-    Poses::over(&travels, count)
+    Poses::over(machine.chain(), machine.axes().iter().map(travel), count).unwrap()
 }
 
 fn sixty(machine: &Machine) -> Sensitivity {
