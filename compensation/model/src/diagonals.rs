@@ -20,6 +20,8 @@ pub struct Diagonal {
     pub range_um: f64,
 }
 
+/// Targets on a body diagonal where no number of them is asked for.
+pub const DIAGONAL_TARGETS: u32 = 20;
 /// The body diagonals of ISO 230-6 by the directions of motion of X, Y, Z: `P` from the lower to the upper end of travel.
 pub const BODY_DIAGONALS: [&str; 4] = ["PPP", "NPP", "PNP", "PPN"];
 

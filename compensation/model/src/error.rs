@@ -178,8 +178,8 @@ pub enum ThermalRefusal {
     /// A reference temperature that nothing can have.
     #[error(
         "reference temperature is {found} °C, expected {} to {} °C",
-        crate::POSSIBLE_DEGC.start(),
-        crate::POSSIBLE_DEGC.end()
+        volcomp_vocabulary::bounds::PLAUSIBLE_DEGC.start(),
+        volcomp_vocabulary::bounds::PLAUSIBLE_DEGC.end()
     )]
     Reference {
         /// The temperature that was found, °C.

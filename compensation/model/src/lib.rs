@@ -33,7 +33,9 @@ mod watch;
 pub use axis::Axis;
 pub use columns::axis_of_head;
 pub use curve_file::write_curve;
-pub use diagonals::{BODY_DIAGONALS, Diagonal, corrected, diagonal_targets, diagonals, quantised};
+pub use diagonals::{
+    BODY_DIAGONALS, DIAGONAL_TARGETS, Diagonal, corrected, diagonal_targets, diagonals, quantised,
+};
 pub use ensemble::{Ensemble, Scatter};
 pub use error::{CorrectRefusal, ErrorRefusal, ModelError, ThermalRefusal};
 pub use inverse::Reached;
@@ -43,7 +45,7 @@ pub use provenance::{Origin, Provenance, ProvenanceRefusal, Source, is_date, sha
 pub use rigid::{Lengths, RigidMotion, RigidSums};
 pub use seen::Seen;
 pub use source::MachineErrors;
-pub use thermal::{Drift, Expansion, POSSIBLE_DEGC, Temperatures, Thermal};
+pub use thermal::{Drift, Expansion, Temperatures, Thermal};
 pub use thermal_state::{Fading, ThermalState};
 pub use tool::Tool;
 pub use volcomp_curve as curve;
@@ -53,4 +55,6 @@ pub use volcomp_evaluator::{CompiledMachine, Tolerance};
 pub use volcomp_kinematics as kinematics;
 pub use volcomp_vocabulary as vocabulary;
 pub use volcomp_vocabulary::{Component, ErrorName, UnknownErrorName};
-pub use volumetric::{ErrorField, VolumetricError, Worst, poses_of_all_axes, volumetric};
+pub use volumetric::{
+    ErrorField, UNCERTAINTY_POSES, VolumetricError, Worst, halton, poses_of_all_axes, volumetric,
+};

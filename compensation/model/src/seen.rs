@@ -1,10 +1,10 @@
 //! What thermal terms have seen: the temperatures and the rates of the tests that they were found from.
 
-use volcomp_vocabulary::ErrorName;
+use volcomp_vocabulary::{ErrorName, bounds::PLAUSIBLE_DEGC};
 
 use crate::{
     error::ThermalRefusal,
-    thermal::{POSSIBLE_DEGC, Temperatures, Thermal},
+    thermal::{Temperatures, Thermal},
 };
 
 /// What the terms of an error have seen of a sensor: a `[[thermal.seen]]` of a machine file.
@@ -41,7 +41,7 @@ impl Seen {
     pub(crate) fn check(&self, thermal: &Thermal) -> Result<(), ThermalRefusal> {
         let (error, sensor) = (self.error, self.sensor.clone());
         let [low, high] = self.degc;
-        let possible = |degc: &f64| POSSIBLE_DEGC.contains(degc);
+        let possible = |degc: &f64| PLAUSIBLE_DEGC.contains(degc);
         if !(low < high && self.degc.iter().all(possible)) {
             return Err(ThermalRefusal::SeenTemperatures {
                 error,

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use volcomp_kinematics::Structure;
 use volcomp_kinematics::nalgebra::Vector3;
-use volcomp_vocabulary::{AxisKind, ErrorName};
+use volcomp_vocabulary::{AxisKind, ErrorName, bounds::PLAUSIBLE_DEGC};
 
 use crate::{error::ThermalRefusal, seen::Seen};
 
@@ -67,9 +67,6 @@ pub struct Drift {
     pub lag_s: f64,
 }
 
-/// Temperatures that a machine or its surroundings can have, °C: [`PLAUSIBLE_DEGC`](volcomp_vocabulary::bounds::PLAUSIBLE_DEGC).
-pub const POSSIBLE_DEGC: RangeInclusive<f64> = volcomp_vocabulary::bounds::PLAUSIBLE_DEGC;
-
 impl Default for Thermal {
     fn default() -> Self {
         Self {
@@ -88,7 +85,7 @@ impl Thermal {
     /// # Errors
     /// What cannot be, for the first term that cannot.
     pub fn check(&self, structure: &Structure) -> Result<(), ThermalRefusal> {
-        if !POSSIBLE_DEGC.contains(&self.reference_degc) {
+        if !PLAUSIBLE_DEGC.contains(&self.reference_degc) {
             return Err(ThermalRefusal::Reference {
                 found: self.reference_degc,
             });

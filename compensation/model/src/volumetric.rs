@@ -21,8 +21,11 @@ const STARTS: usize = 6;
 const SAMPLES: u32 = 33;
 /// Step of the search, as a share of the travel, below which it ends.
 const MIN_STEP: f64 = 1e-4;
-/// Bases of the Halton sequence, one for each axis.
-const BASES: [u32; 9] = [2, 3, 5, 7, 11, 13, 17, 19, 23];
+/// The bases of Halton's sequence, one for each dimension.
+const BASES: [u32; 14] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43];
+/// Number of the [poses of all axes](poses_of_all_axes), from the first on, at which the uncertainty of the volumetric error is
+/// evaluated.
+pub const UNCERTAINTY_POSES: usize = 1000;
 
 /// The errors of a machine with one tool.
 pub struct ErrorField<'a> {
@@ -268,17 +271,16 @@ impl Place {
 
 /// Shares of the travels of all axes: the Halton sequence and its mirror image, which comes from the other sides.
 fn places(axes: usize) -> impl Iterator<Item = Place> {
-    (1..=HALF_POSES).flat_map(move |index| {
-        let bases = BASES.into_iter().cycle().take(axes);
+    (1..=HALF_POSES).flat_map(move |number| {
         // Multiples of irrational roots fall as often above a half as below it, whatever the shares are.
-        let side = |base: u32| (f64::from(index) * f64::from(base).sqrt()).fract() - 0.5;
+        let side = |axis: usize| {
+            let root = f64::from(BASES[axis % BASES.len()]).sqrt();
+            Direction::of((f64::from(number) * root).fract() - 0.5)
+        };
         let drawn = Place {
-            shares: bases
-                .clone()
-                .map(|base| radical_inverse(index, base))
-                .collect(),
-            approach: bases
-                .map(|base| Direction::of(side(base)).unwrap_or(Direction::Positive))
+            shares: (0..axes).map(|axis| halton(number, axis)).collect(),
+            approach: (0..axes)
+                .map(|axis| side(axis).unwrap_or(Direction::Positive))
                 .collect(),
         };
         let mirrored = Place {
@@ -289,13 +291,15 @@ fn places(axes: usize) -> impl Iterator<Item = Place> {
     })
 }
 
-/// The digits of an index, mirrored about the point.
-fn radical_inverse(mut index: u32, base: u32) -> f64 {
-    let (mut value, mut weight) = (0.0, 1.0);
-    while index > 0 {
+/// A coordinate of a member of Halton's sequence, 0 to 1: the digits of its number in the base of the dimension (from 0),
+/// mirrored at the point. Beyond 14 dimensions the bases repeat.
+pub fn halton(number: u32, dimension: usize) -> f64 {
+    let base = BASES[dimension % BASES.len()];
+    let (mut share, mut weight, mut rest) = (0.0, 1.0, number);
+    while rest > 0 {
         weight /= f64::from(base);
-        value += weight * f64::from(index % base);
-        index /= base;
+        share += weight * f64::from(rest % base);
+        rest /= base;
     }
-    value
+    share
 }

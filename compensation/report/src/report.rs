@@ -441,7 +441,7 @@ pub(crate) fn place(at: &[Standing]) -> String {
     parts.join(", ")
 }
 
-/// The length of the error over a plane, beside the best rigid motion of the workpiece.
+/// The length of the error over a plane, after alignment of the workpiece.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Slice {
     /// The axis to the right.
@@ -460,7 +460,7 @@ pub struct Slice {
     pub after_um: Option<Vec<f64>>,
 }
 
-/// The errors at a place, beside the best rigid motion of the workpiece.
+/// The errors at a place, after alignment of the workpiece.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Vector {
     /// The place, mm.

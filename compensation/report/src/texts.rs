@@ -195,7 +195,7 @@ table! {
     volume: "Volumetric error", "Volumetrischer Fehler";
     no_volume: "A map needs two of the axes X, Y and Z.", "Eine Karte braucht zwei der Achsen X, Y und Z.";
     volume_lead: "Length of the error of the tool tip after best-fit rigid-body alignment of the workpiece, on planes through the middle of the working space. One colour scale for all maps.",
-        "Länge des Fehlers der Werkzeugspitze neben der besten Starrkörperbewegung des Werkstücks, auf Ebenen durch die Mitte des Arbeitsraums. Eine Farbskala für alle Karten.";
+        "Länge des Fehlers der Werkzeugspitze nach der Ausrichtung des Werkstücks (Starrkörper), auf Ebenen durch die Mitte des Arbeitsraums. Eine Farbskala für alle Karten.";
     state: "state", "Zustand";
     max: "largest", "größter";
     at: "at", "bei";
@@ -217,7 +217,7 @@ table! {
     not_drawn: "The volumetric error's uncertainty was not computed (no machines were drawn).",
         "Die Unsicherheit des volumetrischen Fehlers wurde nicht berechnet (keine Maschinen gezogen).";
     uncertainty_lead: "Of the position error over poses of all axes: the readings are drawn again from their scatter and from the stated contributions, and the spread of the machines that they give is the standard uncertainty (JCGM 101).",
-        "Des Positionsfehlers im Arbeitsraum: Die Messwerte werden aus ihrer Streuung und den angegebenen Beiträgen neu gezogen; die Streuung der so erhaltenen Maschinen ist die Standardunsicherheit (JCGM 101).";
+        "Des Positionsfehlers über Stellungen aller Achsen: Die Messwerte werden aus ihrer Streuung und den angegebenen Beiträgen neu gezogen; die Streuung der so erhaltenen Maschinen ist die Standardunsicherheit (JCGM 101).";
     expanded: "expanded, k = 2", "erweitert, k = 2";
     trials: "machines drawn", "gezogene Maschinen";
     seed: "seed", "Startwert";

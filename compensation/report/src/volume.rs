@@ -2,8 +2,8 @@
 
 use volcomp_kinematics::{State as Pose, nalgebra::Vector3};
 use volcomp_model::{
-    Ensemble, ErrorField, Lengths, Machine, MapGrid, ModelError, RigidMotion, VolumetricError,
-    poses_of_all_axes, volumetric,
+    Ensemble, ErrorField, Lengths, Machine, MapGrid, ModelError, RigidMotion, UNCERTAINTY_POSES,
+    VolumetricError, poses_of_all_axes, volumetric,
 };
 use volcomp_vocabulary::{AxisName, Displacement};
 
@@ -13,8 +13,6 @@ use crate::report::{Drawn, OfState, Size, Slice, Standing, State, Vector, Volume
 const CELLS: usize = 25;
 /// Error vectors along an axis.
 const VECTORS: usize = 5;
-/// Number of poses at which the uncertainty is evaluated, once for each Monte Carlo sample.
-const UNCERTAIN: usize = 128;
 
 /// What gives the error at a pose: position (mm) and rotation (rad) in workpiece axes.
 pub type ErrorAt<'a> = &'a dyn Fn(&Pose) -> [f64; 6];
@@ -118,7 +116,7 @@ fn standing_at(machine: &Machine, pose: &Pose) -> Vec<Standing> {
     .collect()
 }
 
-/// What the errors of a machine are beside the best rigid motion of the workpiece: where it lies is no error of the machine.
+/// The errors of a machine after alignment of the workpiece: where it lies is no error of the machine.
 struct Beside<'a> {
     machine: &'a Machine,
     errors: ErrorAt<'a>,
@@ -228,7 +226,10 @@ pub fn uncertainty(
     }
     let mut lengths = Lengths::default();
     let mut most: Option<(f64, Pose)> = None;
-    for pose in poses_of_all_axes(machine)?.into_iter().take(UNCERTAIN) {
+    for pose in poses_of_all_axes(machine)?
+        .into_iter()
+        .take(UNCERTAINTY_POSES)
+    {
         let [x, y, z, ..] = ensemble.standard_uncertainty(&pose);
         let error = Vector3::new(x, y, z);
         lengths.take(&error);

@@ -1,13 +1,13 @@
 //! The map of a machine.
 
 use volcomp_kinematics::{Chain, CorrectionOptions, State, correct};
-use volcomp_model::{Machine, MachineErrors, Temperatures};
+use volcomp_model::{Machine, MachineErrors, Temperatures, halton};
 use volcomp_vocabulary::{AxisName, Direction, Displacement};
 
 use crate::{
     Field, GRID_AXES, GridAxis, NoMap, OUTPUTS, Output, Request, Sensitivity, Table, TablesError,
     build,
-    sample::{distance, lattice, spread},
+    sample::{distance, lattice},
 };
 
 /// Travel of the axes that a map does not go over is looked at in so many poses.
@@ -249,7 +249,7 @@ fn elsewhere_mm(
         return None;
     }
     let share = |[low, high]: [f64; 2], number: u32, place: usize| {
-        low + (high - low) * spread(number, place)
+        low + (high - low) * halton(number, place)
     };
     let poses = (1..=POSES).map(|number| {
         let mut at = [0.0; GRID_AXES];

@@ -1,11 +1,9 @@
 //! How far a map is from the field that it was made from.
 
+use volcomp_model::halton;
 use volcomp_vocabulary::Direction;
 
-use crate::{
-    Field, GRID_AXES, Map, OUTPUTS, Position,
-    sample::{directions_of, spread},
-};
+use crate::{Field, GRID_AXES, Map, OUTPUTS, Position, sample::directions_of};
 
 /// The most positions between the lines that are looked at.
 const MOST: usize = 400_000;
@@ -97,7 +95,7 @@ pub(crate) fn of(map: &Map, field: &impl Field, travels: &[[f64; 2]]) -> Misfit 
             ..Position::default()
         };
         for (axis, [low, high]) in ends.iter().copied().enumerate() {
-            let share = spread(number, axis);
+            let share = halton(number, axis);
             let at = f64::from(low) + share * (f64::from(high) - f64::from(low));
             position.steps[axis] = steps(at);
         }

@@ -43,19 +43,3 @@ pub(crate) fn directions_of<F: Field>(
 pub(crate) fn distance(one: [f64; OUTPUTS], other: [f64; OUTPUTS]) -> f64 {
     norm(&core::array::from_fn(|output| one[output] - other[output]))
 }
-
-/// The bases of Halton's sequence, one for each dimension.
-const PRIMES: [u32; 14] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43];
-
-/// A coordinate of a member of Halton's sequence, 0 to 1: the digits of its number in the base of the dimension (from 0),
-/// mirrored at the point. Beyond 14 dimensions the bases repeat.
-pub(crate) fn spread(number: u32, dimension: usize) -> f64 {
-    let prime = PRIMES[dimension % PRIMES.len()];
-    let (mut share, mut weight, mut rest) = (0.0, 1.0 / f64::from(prime), number);
-    while rest > 0 {
-        share += f64::from(rest % prime) * weight;
-        weight /= f64::from(prime);
-        rest /= prime;
-    }
-    share
-}

@@ -1,5 +1,7 @@
 //! Platinum resistance thermometers by IEC 60751: the Callendar–Van Dusen equation both ways, −200 to 850 °C.
 
+use volcomp_vocabulary::bounds::PLAUSIBLE_DEGC;
+
 /// A of the standard, 1/°C.
 pub const A: f64 = 3.9083e-3;
 /// B of the standard, 1/°C².
@@ -7,7 +9,7 @@ pub const B: f64 = -5.775e-7;
 /// C of the standard, 1/°C⁴, below 0 °C only.
 pub const C: f64 = -4.183e-12;
 /// The range of the standard, °C.
-pub const RANGE_DEGC: [f64; 2] = [-200.0, 850.0];
+pub const RANGE_DEGC: [f64; 2] = [*PLAUSIBLE_DEGC.start(), *PLAUSIBLE_DEGC.end()];
 
 /// R(t)/R₀ = 1 + A·t + B·t² (+ C·(t − 100)·t³ below 0 °C). `None` outside the range.
 pub fn ratio(degc: f64) -> Option<f64> {

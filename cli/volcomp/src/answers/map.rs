@@ -27,10 +27,10 @@ pub(crate) struct Map {
     pub(crate) rotation_urad: [f64; 3],
     /// Root of the mean square of the length of the position error over all nodes, µm.
     pub(crate) rms_um: f64,
-    /// The same beside the best rigid motion of the workpiece (three shifts and three small rotations by least squares): where the
-    /// workpiece lies is a convention and no error, µm.
+    /// The same after alignment of the workpiece (three shifts and three small rotations by least squares): where the workpiece lies
+    /// is a convention and no error, µm.
     pub(crate) form_rms_um: f64,
-    /// Length of the largest position error beside that motion, µm.
+    /// Length of the largest position error after alignment, µm.
     pub(crate) form_max_um: f64,
     /// The volumetric error over poses of all axes.
     pub(crate) all_axes: AllAxes,
@@ -73,7 +73,7 @@ pub(crate) struct AllAxes {
     pub(crate) rms_um: f64,
     /// Length of the largest position error, µm.
     pub(crate) max_um: f64,
-    /// Root of the mean square beside the best rigid motion of the workpiece, µm.
+    /// Root of the mean square after alignment of the workpiece, µm.
     pub(crate) form_rms_um: f64,
     /// Largest error of the tool tip after alignment, searched from the worst poses, µm.
     pub(crate) form_max_um: f64,
@@ -83,15 +83,15 @@ pub(crate) struct AllAxes {
     pub(crate) tilt_max_urad: f64,
     /// Root of the mean square of the rotation error, µrad.
     pub(crate) rms_urad: f64,
-    /// The same beside that motion, µrad.
+    /// The same after alignment, µrad.
     pub(crate) form_rms_urad: f64,
     /// Root of the mean square of the tilt of the tool axis: the part of the rotation error across it, µrad.
     pub(crate) tilt_rms_urad: f64,
-    /// The same beside that motion, µrad.
+    /// The same after alignment, µrad.
     pub(crate) form_tilt_rms_urad: f64,
     /// Root of the mean square of the rotation error about the tool axis, which no tool that turns shows, µrad.
     pub(crate) about_tool_rms_urad: f64,
-    /// The same beside that motion, µrad.
+    /// The same after alignment, µrad.
     pub(crate) form_about_tool_rms_urad: f64,
     /// The standard uncertainty of the errors over these poses; only with `--uncertainty`.
     #[serde(skip_serializing_if = "Option::is_none")]

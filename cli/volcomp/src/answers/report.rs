@@ -94,9 +94,9 @@ pub(crate) struct Largest {
     pub(crate) max_um: f64,
     /// The root of the mean square, µm.
     pub(crate) rms_um: f64,
-    /// The largest beside the best rigid motion of the workpiece: where it lies is no error of the machine, µm.
+    /// The largest after alignment of the workpiece: where it lies is no error of the machine, µm.
     pub(crate) form_max_um: f64,
-    /// The root of the mean square beside that motion, µm.
+    /// The root of the mean square after alignment, µm.
     pub(crate) form_rms_um: f64,
 }
 

@@ -6,7 +6,9 @@ use std::{
 };
 
 use volcomp_kinematics::State;
-use volcomp_model::{BODY_DIAGONALS, Machine, ModelError, diagonal_targets, diagonals};
+use volcomp_model::{
+    BODY_DIAGONALS, DIAGONAL_TARGETS, Machine, ModelError, diagonal_targets, diagonals,
+};
 use volcomp_vocabulary::{AxisName, Displacement};
 
 use super::{Answer, fixed, machine_notes, rotary_note, table, table_text};
@@ -28,7 +30,7 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     compensation: CompensationArguments,
     /// Targets on a diagonal, both ends included
-    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(2..=100_000))]
+    #[arg(long, default_value_t = DIAGONAL_TARGETS, value_parser = clap::value_parser!(u32).range(2..=100_000))]
     points: u32,
     #[command(flatten)]
     others: OthersArguments,

@@ -10,7 +10,9 @@ use volcomp_calibrate::{CalibrationFile, not_observed};
 use volcomp_document::Document as Toml;
 use volcomp_identify::Observations;
 use volcomp_kinematics::{Form, State as Pose, volumetric_error};
-use volcomp_model::{ErrorField, Machine, Temperatures, diagonal_targets, diagonals};
+use volcomp_model::{
+    DIAGONAL_TARGETS, ErrorField, Machine, Temperatures, diagonal_targets, diagonals,
+};
 use volcomp_report::{
     Diagonal, Diagonals, Edition, Language, OfState, Report, Size, State, Stated, Tolerance,
     Verdict as Outcome, checks, html, refuse_two_units, tolerances, uncertainty, volume,
@@ -28,9 +30,6 @@ use crate::{
     output::OutputFile,
     points::OthersArguments,
 };
-
-/// Targets on a body diagonal: the default of `volcomp diagonals`.
-const DIAGONAL_TARGETS: usize = 20;
 
 /// The report of a calibration: one HTML file that needs nothing else
 ///
@@ -335,14 +334,9 @@ fn body_diagonals(
             State::TruthCorrected => truth.command(pose),
             _ => *pose,
         };
-        let along = diagonals(
-            actual,
-            &actual.source(&none),
-            DIAGONAL_TARGETS,
-            others,
-            command,
-        )?;
-        let targets = diagonal_targets(actual, DIAGONAL_TARGETS, others)?;
+        let points = DIAGONAL_TARGETS as usize;
+        let along = diagonals(actual, &actual.source(&none), points, others, command)?;
+        let targets = diagonal_targets(actual, points, others)?;
         let named = along.into_iter().zip(targets).map(|(found, (_, poses))| {
             let tips = poses.iter().map(|pose| machine.chain().ideal_tip_mm(pose));
             let tips: Vec<_> = tips.collect();

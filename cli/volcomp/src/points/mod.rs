@@ -12,9 +12,9 @@ use std::{
 use clap::Args;
 use volcomp_document::{CsvTable, ReadError};
 use volcomp_kinematics::State;
-use volcomp_model::{Machine, ModelError, POSSIBLE_DEGC, Temperatures};
+use volcomp_model::{Machine, ModelError, Temperatures};
 use volcomp_tables::axis_table::AxisNumbers;
-use volcomp_vocabulary::{AxisName, Direction};
+use volcomp_vocabulary::{AxisName, Direction, bounds::PLAUSIBLE_DEGC};
 
 pub(crate) use self::words::axis;
 use self::{
@@ -197,11 +197,11 @@ impl SpindleArguments {
         let given = self.temperature.join(",");
         for (name, value) in assignments("--temperature", &given, SENSORS, "NAME=DEGC")? {
             let degc = number("--temperature", name, value, "°C")?;
-            if !POSSIBLE_DEGC.contains(&degc) {
+            if !PLAUSIBLE_DEGC.contains(&degc) {
                 return Err(Failure::Input(format!(
                     "--temperature: found `{name}={value}`, expected {} to {} °C",
-                    POSSIBLE_DEGC.start(),
-                    POSSIBLE_DEGC.end()
+                    PLAUSIBLE_DEGC.start(),
+                    PLAUSIBLE_DEGC.end()
                 )));
             }
             if !sensors.contains(&name) {

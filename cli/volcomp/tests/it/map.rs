@@ -203,7 +203,9 @@ fn a_rigid_motion_of_the_workpiece_is_no_error_of_form() {
     assert!((number(&map, "form_max_um") - 100.0).abs() < 1e-3, "{map}");
     let shown = crate::text(&["map", "-m", &truth, "--grid", "5x4x3"]);
     assert!(
-        shown.contains("beside the best rigid motion of the workpiece\n  root mean square 70.711 µm, largest 100.000 µm"),
+        shown.contains(
+            "after alignment of the workpiece\n  root mean square 70.711 µm, largest 100.000 µm"
+        ),
         "{shown}"
     );
 }

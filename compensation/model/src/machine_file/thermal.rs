@@ -4,12 +4,12 @@ use std::collections::BTreeMap;
 
 use volcomp_document::{InputError, Section};
 use volcomp_kinematics::Structure;
-use volcomp_vocabulary::ErrorName;
+use volcomp_vocabulary::{ErrorName, bounds::PLAUSIBLE_DEGC};
 
 use crate::{
     error::ThermalRefusal,
     seen::Seen,
-    thermal::{Drift, Expansion, MARGINS_K, POSSIBLE_DEGC, Thermal, default_margin_k},
+    thermal::{Drift, Expansion, MARGINS_K, Thermal, default_margin_k},
 };
 
 pub(super) fn decode_thermal(
@@ -18,7 +18,7 @@ pub(super) fn decode_thermal(
 ) -> Result<Thermal, InputError> {
     section.allow(&["reference", "expansion", "drift", "seen", "margin_k"])?;
     let mut thermal = Thermal {
-        reference_degc: section.number_or("reference", POSSIBLE_DEGC, 20.0)?,
+        reference_degc: section.number_or("reference", PLAUSIBLE_DEGC, 20.0)?,
         expansion: section.tables("expansion", |term| decode_expansion(term, structure))?,
         drift: section.tables("drift", |term| decode_drift(term, structure))?,
         seen: Vec::new(),

@@ -4,6 +4,7 @@ use volcomp_document::{FileKind, InputError, Section, Value};
 use volcomp_port::Reason;
 
 use super::{ByteOrder, Channels, Digital, Fault, NumberType, Profile, Status, Unit, WordOrder};
+use crate::iec60751::RANGE_DEGC;
 
 pub(super) fn profile(root: &Section<'_>) -> Result<Profile, InputError> {
     root.allow_in(
@@ -84,7 +85,7 @@ fn channels(section: &Section<'_>) -> Result<Channels, InputError> {
         unit: unit(section)?,
         valid_degc: section
             .optional("valid_degc", valid_degc)?
-            .unwrap_or([-200.0, 850.0]),
+            .unwrap_or(RANGE_DEGC),
         faults: section.tables("faults", fault)?,
         status: section.section("status")?.map(|s| status(&s)).transpose()?,
     })

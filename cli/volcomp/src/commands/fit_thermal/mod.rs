@@ -17,7 +17,8 @@ use volcomp_fit::{
     FitError, ThermalOptions, ThermalRecord, ThermalRun, ThermalSearch, ThermalSegment,
     ThermalTerms, fit_thermal, left_out_runs, search_thermal, search_thermal_rows,
 };
-use volcomp_model::{ErrorName, POSSIBLE_DEGC};
+use volcomp_model::ErrorName;
+use volcomp_vocabulary::bounds::PLAUSIBLE_DEGC;
 
 use self::{
     columns::Columns,
@@ -256,12 +257,12 @@ impl Arguments {
             let message = format!("--train: found {}, expected 0.05 to 0.95", self.train);
             return Err(Failure::Input(message));
         }
-        if !POSSIBLE_DEGC.contains(&self.reference) {
+        if !PLAUSIBLE_DEGC.contains(&self.reference) {
             return Err(Failure::Input(format!(
                 "--reference: found {}, expected {} to {} °C",
                 self.reference,
-                POSSIBLE_DEGC.start(),
-                POSSIBLE_DEGC.end()
+                PLAUSIBLE_DEGC.start(),
+                PLAUSIBLE_DEGC.end()
             )));
         }
         Errors::read(&self.error)

@@ -210,7 +210,7 @@ fn text(arguments: &Arguments, map: &Map, compensation: &Compensation<'_>) -> St
     // Writing to a String cannot fail.
     let _ = writeln!(
         text,
-        "root mean square {rms} µm; beside the best rigid motion of the workpiece\n  root mean square {form} µm, largest {most} µm"
+        "root mean square {rms} µm; after alignment of the workpiece\n  root mean square {form} µm, largest {most} µm"
     );
     text += &over_all_axes(&map.all_axes);
     if let Some(u) = &map.uncertainty {

@@ -1,8 +1,10 @@
-//! The errors beside the best rigid motion of the workpiece: over the nodes of a map, and over poses of all axes.
+//! The errors after alignment of the workpiece: over the nodes of a map, and over poses of all axes.
 
 use rayon::prelude::*;
 use volcomp_kinematics::{State, nalgebra::Vector3};
-use volcomp_model::{Ensemble, ErrorField, Lengths, Machine, poses_of_all_axes, volumetric};
+use volcomp_model::{
+    Ensemble, ErrorField, Lengths, Machine, UNCERTAINTY_POSES, poses_of_all_axes, volumetric,
+};
 
 use super::work::ErrorAt;
 use crate::{
@@ -15,10 +17,7 @@ use crate::{
     progress,
 };
 
-/// Number of poses of all axes at which the uncertainty is evaluated.
-const UNCERTAIN: usize = 1000;
-
-/// How large errors of position are as they are, and beside one rigid motion, mm.
+/// How large errors of position are as they are, and after alignment, mm.
 #[derive(Clone, Copy)]
 pub(super) struct Beside {
     pub(super) as_they_are: Lengths,
@@ -88,8 +87,13 @@ pub(super) fn all_axes(
         form_tilt_rms_urad: 1e6 * turns_left.tilt.rms(),
         about_tool_rms_urad: 1e6 * turns.about_tool.rms(),
         form_about_tool_rms_urad: 1e6 * turns_left.about_tool.rms(),
-        uncertainty: ensemble
-            .map(|ensemble| uncertainty(machine, ensemble, &poses[..UNCERTAIN.min(poses.len())])),
+        uncertainty: ensemble.map(|ensemble| {
+            uncertainty(
+                machine,
+                ensemble,
+                &poses[..UNCERTAINTY_POSES.min(poses.len())],
+            )
+        }),
     })
 }
 

@@ -63,7 +63,7 @@ impl Work<'_> {
         Ok(())
     }
 
-    /// What the nodes show beside the best rigid motion of them all: every node once more.
+    /// What the nodes show after one alignment of them all: every node once more.
     pub(super) fn beside(&self, found: &Found) -> Beside {
         let motion = found.sums.motion();
         let count = self.grid.len();
@@ -139,7 +139,7 @@ struct Chunk {
 #[derive(Default)]
 pub(super) struct Found {
     pub(super) largest: Largest,
-    /// Their position errors, for the best rigid motion.
+    /// Their position errors, for the alignment.
     sums: RigidSums,
     lengths: Lengths,
 }
