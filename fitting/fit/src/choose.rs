@@ -1,5 +1,6 @@
 //! The automatic choice of a curve: one rule for all callers.
 
+use crate::between::Band;
 use crate::candidates::{Candidate, candidates};
 use crate::{AutoFit, Choice, Fit, FitError, FitOptions, Noise, Reason, Score, readings};
 
@@ -9,10 +10,6 @@ const FAR: f64 = 2.0;
 /// A simpler candidate is taken for the best only if its leave-one-out RMS is at most this many times the best one: with few
 /// targets one standard error is much. On the generated curves of `examples/automatic.rs` this comes nearest to the truth, of 1.0 to 1.25.
 const AT_MOST: f64 = 1.1;
-/// Between targets a curve may leave the band of the mean readings by this share of the band's height, to each side.
-const BAND_LEFT_BY: f64 = 0.25;
-/// With more targets than this the curve is looked at once between two of them, else three times.
-const MANY_TARGETS: usize = 1000;
 
 /// Chooses a curve for readings `u` at `x` by [`choose`] and fits it.
 ///
@@ -129,7 +126,8 @@ pub fn choose_and_fit(
         let fits: Result<Vec<Fit>, FitError> = sets.iter().map(fit).collect();
         let stays = match fits {
             Ok(mut fits) => {
-                let holds = fits.iter().zip(&bands).all(|(fit, band)| band.holds(fit));
+                let mut pairs = fits.iter().zip(&bands);
+                let holds = pairs.all(|(fit, band)| band.holds(&fit.curve));
                 // The last one left stays in any case.
                 if holds || left.len() == 1 {
                     for fit in &mut fits {
@@ -230,40 +228,4 @@ fn within_one_error(candidate: &Candidate, best: &Candidate) -> bool {
         0.0
     };
     mean <= error
-}
-
-/// The targets and the band of their mean readings.
-struct Band {
-    places: Vec<f64>,
-    low: f64,
-    high: f64,
-}
-
-impl Band {
-    fn of(targets: &[readings::Target]) -> Self {
-        let parts: &[f64] = if targets.len() > MANY_TARGETS {
-            &[0.5]
-        } else {
-            &[0.25, 0.5, 0.75]
-        };
-        let between = targets.windows(2).flat_map(|pair| {
-            parts
-                .iter()
-                .map(|part| pair[0].x + part * (pair[1].x - pair[0].x))
-        });
-        let means = || targets.iter().map(|t| t.mean);
-        let low = means().fold(f64::INFINITY, f64::min);
-        let high = means().fold(f64::NEG_INFINITY, f64::max);
-        let more = BAND_LEFT_BY * (high - low) + 1e-9 * low.abs().max(high.abs());
-        Self {
-            places: between.collect(),
-            low: low - more,
-            high: high + more,
-        }
-    }
-
-    fn holds(&self, fit: &Fit) -> bool {
-        let inside = |&x: &f64| (self.low..=self.high).contains(&fit.curve.value(x));
-        self.places.iter().all(inside)
-    }
 }

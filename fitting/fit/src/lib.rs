@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 mod band;
+mod between;
 mod bspline;
 mod candidates;
 mod choice;

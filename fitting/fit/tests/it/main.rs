@@ -8,6 +8,7 @@ mod bands;
 mod brute_force;
 mod choice;
 mod few_terms;
+mod gaps;
 mod generated;
 mod heat_network;
 mod irregular_axis;
@@ -20,6 +21,7 @@ mod reproduction;
 #[cfg(feature = "serde")]
 mod serialised;
 mod shipped_runs;
+mod spline_in_gaps;
 mod thermal;
 
 /// `count` targets over 0 to 8000 mm.

@@ -1,0 +1,53 @@
+//! Irregular targets, with a truth and what a curve misses of it.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use volcomp_fit::Fit;
+
+/// Standard deviation of a reading, µm.
+pub(crate) const NOISE: f64 = 0.45;
+const RANGE: f64 = 8000.0;
+
+pub(crate) fn truth(x: f64) -> f64 {
+    -30.0 * (x / 1300.0).sin() + 8.0 * (x / 420.0 + 1.0).sin() - 0.004 * x
+}
+
+/// 21 targets over 8 m in places that chance takes, and readings.
+pub(crate) fn irregular(index: u64) -> (Vec<f64>, Vec<f64>) {
+    let mut random = ChaCha8Rng::seed_from_u64(index);
+    let mut x: Vec<f64> = (0..19).map(|_| RANGE * random.random::<f64>()).collect();
+    x.extend([0.0, RANGE]);
+    x.sort_by(f64::total_cmp);
+    let u = read(&x, &mut random);
+    (x, u)
+}
+
+/// Even targets, of which one to three neighbours are missing, or each moved by up to 90 % of half its gap.
+pub(crate) fn nearly_even(index: u64) -> (Vec<f64>, Vec<f64>) {
+    let mut random = ChaCha8Rng::seed_from_u64(index);
+    let mut x: Vec<f64> = (0..21).map(|k| RANGE * f64::from(k) / 20.0).collect();
+    if index.is_multiple_of(2) {
+        let missing = random.random_range(1..=3_usize);
+        let first = random.random_range(1..20 - missing);
+        x.drain(first..first + missing);
+    } else {
+        for x in &mut x[1..20] {
+            *x += 200.0 * 0.9 * (2.0 * random.random::<f64>() - 1.0);
+        }
+    }
+    let u = read(&x, &mut random);
+    (x, u)
+}
+
+fn read(x: &[f64], random: &mut ChaCha8Rng) -> Vec<f64> {
+    let mut normal = || (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
+    x.iter().map(|&x| truth(x) + NOISE * normal()).collect()
+}
+
+/// The largest of what a curve misses of the truth over the range.
+pub(crate) fn missed(fit: &Fit) -> f64 {
+    let places = (0..=2000).map(|k| RANGE * f64::from(k) / 2000.0);
+    places
+        .map(|x| (fit.curve.value(x) - truth(x)).abs())
+        .fold(0.0, f64::max)
+}
