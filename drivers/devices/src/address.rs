@@ -50,7 +50,7 @@ impl Scheme {
     /// The keys behind the question mark.
     fn keys(self) -> &'static [&'static str] {
         match self {
-            Self::Focas => &["path", "axes"],
+            Self::Focas => &["path"],
             Self::Modbus => &["unit", "profile", "names", "byte_order", "answer_ms"],
             Self::ModbusRtu => &[
                 "unit",
@@ -103,7 +103,10 @@ impl Address {
         let mut keys = BTreeMap::new();
         for (key, value) in url.query_pairs() {
             if !scheme.keys().contains(&&*key) {
-                let expected = format!("expected one of: {}", scheme.keys().join(", "));
+                let expected = match scheme.keys() {
+                    [] => "expected no keys".to_owned(),
+                    known => format!("expected one of: {}", known.join(", ")),
+                };
                 let found = format!("found the key `{key}`");
                 return Err(DeviceError::option(text, found, expected));
             }

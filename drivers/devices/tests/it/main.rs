@@ -39,7 +39,15 @@ fn wrong_urls_say_what_is_expected() {
         ("focas://", "is missing"),
         (
             "focas://h?unit=3",
-            "found the key `unit`; expected one of: path, axes",
+            "found the key `unit`; expected one of: path",
+        ),
+        (
+            "focas://h?axes=X",
+            "found the key `axes`; expected one of: path",
+        ),
+        (
+            "opc.tcp://h?user=anna",
+            "found the key `user`; expected no keys",
         ),
         ("modbus://h?unit=1&unit=2", "the key `unit` stands twice"),
         (
@@ -92,6 +100,44 @@ fn wrong_urls_say_what_is_expected() {
         message.contains("ADAM-6050 has no temperatures"),
         "{message}"
     );
+}
+
+/// The table of the book names every key that a URL may have.
+#[test]
+fn the_book_names_every_key_of_a_url() {
+    let book = volcomp_test_support::root().join("docs/src/commands.md");
+    let book = std::fs::read_to_string(book).unwrap();
+    let (_, table) = book.split_once("\n## Device URLs\n").unwrap();
+    let row = |scheme: &str| {
+        let begin = format!("| `{scheme}://");
+        let row = table.lines().find(|line| line.starts_with(&begin));
+        row.unwrap_or_else(|| panic!("no row of {scheme}"))
+    };
+    for scheme in [
+        "focas",
+        "modbus",
+        "modbus-rtu",
+        "can",
+        "gpio",
+        "opc.tcp",
+        "linuxcnc",
+    ] {
+        let mut said = row(scheme).to_owned();
+        if scheme == "modbus-rtu" {
+            assert!(said.contains("| Those, and "), "{said}");
+            said += row("modbus");
+        }
+        let refused = message(&format!("{scheme}://h/x?unheard-of=1"));
+        let keys = refused
+            .split_once("expected one of: ")
+            .map(|(_, keys)| keys);
+        for key in keys.iter().flat_map(|keys| keys.split(", ")) {
+            let is_said = [format!("`{key}`"), format!("`{key}=")]
+                .iter()
+                .any(|word| said.contains(word));
+            assert!(is_said, "{scheme}: {key} in {said}");
+        }
+    }
 }
 
 #[test]
