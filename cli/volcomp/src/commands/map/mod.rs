@@ -40,7 +40,7 @@ use crate::{
 ///
 /// Other axes stand at 0, or where --at says. The compiled machine is used unless --exact or another --model is given: its curves are
 /// within 1 nm and 1 nrad of the machine file's, and products of two errors are neglected. The figures of the grid are followed by the
-/// volumetric error over poses of all axes, after one best-fit rigid-body alignment of the workpiece: it is that of `report`, does not depend on
+/// volumetric error over poses of all axes, after one best-fit rigid-body alignment of the workpiece: it is that of `report` for this tool, does not depend on
 /// the grid, and with --uncertainty has its uncertainty. Ctrl-C leaves no unfinished file.
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
