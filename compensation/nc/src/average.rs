@@ -345,7 +345,7 @@ fn cuts_at(made: &Made) -> Option<Axes> {
                     .to_machine(&half_deep(&hole, depth, [bottom, clearance])),
             )
         }
-        Path::Rapid | Path::Home(_) | Path::Other => None,
+        Path::Rapid | Path::Home(_) | Path::Spline | Path::Other => None,
     }
 }
 

@@ -211,7 +211,7 @@ impl Comparison {
     /// A motion of the program.
     fn motion(&mut self, original: &Made) {
         let path = original.motion.path;
-        if original.motion.in_machine || path == Path::Other {
+        if original.motion.in_machine || matches!(path, Path::Spline | Path::Other) {
             self.truth.goes(&original.motion.to);
             self.before.go(&self.truth, &original.motion.to);
             if let Some(part) = self.parts.last() {

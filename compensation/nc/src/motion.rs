@@ -18,7 +18,9 @@ pub(crate) enum Path {
     },
     /// To the place of G28 or G30.
     Home(usize),
-    /// Something that is passed on as it is: a probing move, a thread, a spline.
+    /// A spline, or a control point of one (G5, G5.1, G5.2): its other points are ways from its ends, or other such blocks.
+    Spline,
+    /// Something that is passed on as it is: a probing move, a thread.
     Other,
 }
 

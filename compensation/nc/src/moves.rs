@@ -77,6 +77,10 @@ impl Interpreter {
             // Arcs and cycles are made below, once their ends are known.
             0 | 730..=890 => Path::Rapid,
             10 | 20 | 30 => Path::Line,
+            50..=52 => {
+                self.notes.add(Note::GoesWhole(text(code)), given.line);
+                Path::Spline
+            }
             _ => {
                 self.notes.add(Note::PassedOn(text(code)), given.line);
                 Path::Other

@@ -14,6 +14,8 @@ pub enum Note {
     Superposed,
     /// A motion of this code passes on as it is.
     PassedOn(String),
+    /// Splines of this code go with the correction that they begin with.
+    GoesWhole(String),
     /// The place of G28.1 or G30.1 is not known, since the axes were not all named before.
     HomeUnknown,
     /// The machine has no axis of this letter: its words pass on as they are.
@@ -65,6 +67,10 @@ impl fmt::Display for Note {
                 "arcs get a coordinate beside those of their plane (a straight motion on top of the arc), which older controls may not take"
             ),
             Self::PassedOn(code) => write!(f, "motions of {code} pass on without a correction"),
+            Self::GoesWhole(code) => write!(
+                f,
+                "splines of {code} go as a whole, with the correction that they begin with"
+            ),
             Self::HomeUnknown => write!(
                 f,
                 "the place that is stored here is not known, since the program has not named every axis before"

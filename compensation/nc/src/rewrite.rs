@@ -336,6 +336,8 @@ impl Rewriter {
         match motion.path {
             _ if motion.in_machine => self.is_uncorrected(motion),
             Path::Other | Path::Home(_) => self.is_uncorrected(motion),
+            Path::Spline if motion.polar.is_some() => self.is_uncorrected(motion),
+            Path::Spline => self.spline(motion, line, out),
             Path::Rapid => {
                 self.turns = self.turns_of(motion);
                 self.straight(motion, &self.ends_of(motion), &[1.0], line, out);

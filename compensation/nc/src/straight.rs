@@ -224,6 +224,41 @@ impl Rewriter {
         squared.sqrt() > self.corrector.split_beyond_mm() + self.step_mm()
     }
 
+    /// A spline, or a control point of one: its end goes by the correction that the axes have where it begins, as its other points do, which
+    /// are ways from its ends.
+    pub(crate) fn spline(&mut self, motion: &Move, line: Line<'_>, out: &mut Vec<u8>) {
+        let [from, to] = self.ends_of(motion);
+        let frame = &self.interpreter.frame;
+        let mut carried = frame.moved_in_program(&motion.from, &self.carried);
+        let leg = Leg {
+            motion,
+            line,
+            from,
+            to,
+            at: motion.to,
+            writes: [Writes::IfChanged; 9],
+            keeps: [true; 9],
+            rounded: None,
+        };
+        let words = self.words_to(&leg, &mut carried);
+        let part = Part {
+            place: 0,
+            share: 1.0,
+            numbers: &words,
+            words: &motion.words,
+            others: &[],
+            code: None,
+            feed: None,
+            shape: Shape::AsItIs,
+            polar: None,
+            before: &[],
+        };
+        self.write_part(&part, line, out);
+        self.carried = self.interpreter.frame.moved_in_machine(&to, &carried);
+        self.corrector.goes(&motion.to);
+        self.settled = Settled::No;
+    }
+
     /// A straight motion in parts, whose ends are these in the coordinates of the program.
     pub(crate) fn straight(
         &mut self,

@@ -517,3 +517,32 @@ fn words_beside_a_motion_that_does_not_use_them_are_refused() {
         assert!(message.starts_with("line 1: Q beside G1"), "{message}");
     }
 }
+
+/// The other points of a spline are ways from its ends, so that its end goes by the correction with which it begins: X is 0.05 mm in each metre
+/// too long, 20 µm at 400 mm.
+#[test]
+fn a_spline_goes_as_a_whole() {
+    let errors = "[errors]\nEXX = { poly = [0.0, 0.05] }\n";
+    for (spline, expected) in [
+        ("G5 I0 J3 P0 Q-3 X500 Y50", "G5 I0 J3 P0 Q-3 X499.980 Y50"),
+        ("G5.1 I5 J5 X500 Y60", "G5.1 I5 J5 X499.980 Y60"),
+        (
+            "G5.2 X500 Y120 P1 L3\nX600 Y130 P1\nG5.3",
+            "G5.2 X499.980 Y120 P1 L3\nX599.980 Y130 P1\nG5.3",
+        ),
+        ("G91 G5.1 I5 J5 X100 Y60", "G91 G5.1 I5 J5 X100 Y60"),
+    ] {
+        for y in ["", " Y0"] {
+            let program = format!("G0 X400{y}\n{spline}\nG90 G1 X800 Y0 F100\n");
+            let (out, summary) =
+                compensated_in(&SetUp::default(), errors, program.as_bytes()).expect(spline);
+            let out = String::from_utf8(out).expect("text");
+            assert_eq!(
+                out,
+                format!("G0 X399.980{y}\n{expected}\nG90 G1 X799.960 Y0 F100\n")
+            );
+            let notes = format!("{:?}", summary.notes);
+            assert!(notes.contains("GoesWhole"), "{notes}");
+        }
+    }
+}
