@@ -40,6 +40,7 @@ impl CompiledMachine {
 
 impl Slides {
     /// The correction of a state by the errors of the place to which the correction of one step leads: mm in chain order.
+    /// Where it is less than half of that step the errors are none of a machine, and the step itself is given.
     pub fn two_steps(&self, machine: &CompiledMachine, state: &State) -> PerAxis<f64> {
         #[cfg(feature = "std")]
         return two_steps(machine, state, self);
@@ -59,7 +60,15 @@ impl Slides {
         for (q, delta) in there.q.iter_mut().zip(&first) {
             *q += delta;
         }
-        self.delta(&machine.evaluate_with(&there, registers))
+        let second = self.delta(&machine.evaluate_with(&there, registers));
+        // With errors that grow as fast as their coordinate the second step swings back to almost nothing.
+        let size =
+            |delta: &PerAxis<f64>| delta.iter().fold(0.0, |most, d| libm::fabs(*d).max(most));
+        if size(&second) < 0.5 * size(&first) {
+            first
+        } else {
+            second
+        }
     }
 
     /// The correction of an error: that of [`CompiledMachine::first_order`], mm in chain order.
