@@ -310,6 +310,32 @@ impl Client {
         slot(values, axis.unwrap_or(0)).map_err(|e| broken("reading a parameter", e))
     }
 
+    /// A whole number that a parameter of the control holds, or in words why the control does not tell it.
+    ///
+    /// # Errors
+    /// See [`FocasError`]: no answer.
+    pub(crate) fn told_parameter(
+        &mut self,
+        number: i32,
+    ) -> Result<Result<u32, String>, FocasError> {
+        let told = match self.read_parameter(number, None) {
+            Err(error) if self.session.is_dead() => return Err(error),
+            Err(FocasError::Refused {
+                code: ReturnCode::BUSY,
+                asked,
+            }) => {
+                let code = ReturnCode::BUSY;
+                return Err(FocasError::Refused { asked, code });
+            }
+            Err(error) => Err(error.to_string()),
+            Ok(told) => Ok(told),
+        };
+        Ok(told.and_then(|told| {
+            whole(told)
+                .ok_or_else(|| format!("parameter {number} holds {told}, which is no whole number"))
+        }))
+    }
+
     /// From which words of the PMC the control takes the machine zero point shift of its axes: parameters 1203#0 and 1280,
     /// whose meaning is from memory of manuals. A control that refuses the question, or answers with something that is
     /// no address, does not tell it: that is no error.
@@ -322,23 +348,7 @@ impl Client {
             .iter_mut()
             .zip([shift_source::IN_USE, shift_source::FIRST])
         {
-            let told = match self.read_parameter(number, None) {
-                Err(error) if self.session.is_dead() => return Err(error),
-                Err(FocasError::Refused {
-                    code: ReturnCode::BUSY,
-                    asked,
-                }) => {
-                    let code = ReturnCode::BUSY;
-                    return Err(FocasError::Refused { asked, code });
-                }
-                Err(error) => Err(error.to_string()),
-                Ok(told) => Ok(told),
-            };
-            let whole = told.and_then(|told| {
-                whole(told).ok_or_else(|| {
-                    format!("parameter {number} holds {told}, which is no whole number")
-                })
-            });
+            let whole = self.told_parameter(number)?;
             match whole {
                 Ok(whole) => *value = whole,
                 Err(why) => return Ok(ShiftSource::Untold { why }),

@@ -20,6 +20,7 @@ mod shift_source;
 mod shift_words;
 #[cfg(feature = "simulator")]
 pub mod simulator;
+mod units;
 
 /// The TCP port on which controls answer unless they are set to another one.
 pub const PORT: u16 = 8193;

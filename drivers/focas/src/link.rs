@@ -17,6 +17,7 @@ use crate::{
     reading::{self, Applied},
     session::Session,
     shift_words::put,
+    units,
 };
 
 /// The longest time for which something that was sent in a cycle may wait to be acknowledged: longer than the deadline of
@@ -50,11 +51,17 @@ impl Link {
         let names = client.axis_names()?;
         let axes = find_axes(config, &names)?;
         let source = client.shift_source()?;
-        let notes = if config.axes.is_empty() {
+        let mut notes = if config.axes.is_empty() {
             Vec::new()
         } else {
             source.check(config, names.len())?
         };
+        let [inch_machine, in_unit_of_program, program] = units::NUMBERS;
+        notes.extend(units::check(&[
+            client.told_parameter(inch_machine)?,
+            client.told_parameter(in_unit_of_program)?,
+            client.told_parameter(program)?,
+        ])?);
         let sequence = match config.sequence.filter(|_| config.barrier.is_none()) {
             // Goes on where it stands, so that the ladder sees the first correction, too.
             Some(address) => client.read_pmc(address.area, address.at, 1)?,

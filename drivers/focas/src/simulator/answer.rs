@@ -5,7 +5,7 @@ use crate::{
     answers::function,
     frame::{Command, Kind, Target, number_bytes, parse_commands, push_block},
     pmc::PmcArea,
-    shift_source,
+    shift_source, units,
 };
 
 const LENGTH: i16 = 2;
@@ -208,7 +208,7 @@ fn parameter(command: &Command<'_>, options: &Options, world: &World) -> Answere
     let default = if is_set {
         Some(0.0)
     } else {
-        shift_parameter(number, world)
+        known_parameter(number, world)
     };
     // As captured: a number that does not exist refuses the frame.
     let default = default.ok_or(Refusal::Frame)?;
@@ -219,8 +219,13 @@ fn parameter(command: &Command<'_>, options: &Options, world: &World) -> Answere
     Ok(data)
 }
 
-/// The parameters that say from which words the shifts are taken, as the simulated control does it.
-fn shift_parameter(number: i32, world: &World) -> Option<f64> {
+/// The parameters that say in which unit positions are told, and from which words the shifts are taken, as the simulated
+/// control does it.
+fn known_parameter(number: i32, world: &World) -> Option<f64> {
+    if units::NUMBERS.contains(&number) {
+        // A metric machine that tells mm.
+        return Some(0.0);
+    }
     if !world.tells_shift_source {
         return None;
     }

@@ -10,7 +10,10 @@ use std::{
 use volcomp_port::ControlProgram;
 
 use super::ladder::{BarrierLadder, HeartbeatLadder, Ladder};
-use crate::pmc::{PmcAddress, PmcArea, Width};
+use crate::{
+    pmc::{PmcAddress, PmcArea, Width},
+    units,
+};
 
 /// The number of bytes of each PMC area.
 const AREA: usize = 10_000;
@@ -87,6 +90,8 @@ pub struct World {
     tear: Option<usize>,
     /// The positions that are told while they are frozen.
     frozen: Option<Vec<f64>>,
+    /// Positions of linear axes are told in inches.
+    inches: bool,
     /// The shifts at the last scan, counts.
     scanned: Vec<i64>,
     /// The largest change of each shift from one scan to the next, counts.
@@ -128,6 +133,7 @@ impl World {
             pending: Vec::new(),
             tear: None,
             frozen: None,
+            inches: false,
             scanned: Vec::new(),
             largest_steps: vec![0; count],
             switched_on: false,
@@ -239,6 +245,15 @@ impl World {
         self.frozen = frozen.then(|| self.positions());
     }
 
+    /// Tells the positions of linear axes in inches, as a control does whose parameter 3104#0 is 1 after G20, or in mm again.
+    pub fn tell_inches(&mut self, inches: bool) {
+        self.inches = inches;
+        let [_, in_unit_of_program, program] = units::NUMBERS;
+        let [of_program, unit] = if inches { [1.0, 4.0] } else { [0.0, 0.0] };
+        self.parameters.insert((in_unit_of_program, 0), of_program);
+        self.parameters.insert((program, 0), unit);
+    }
+
     /// Tears the next write of more than `bytes` bytes: so many are there at once, the others two scans later.
     pub fn tear_next_write(&mut self, bytes: usize) {
         self.tear = Some(bytes);
@@ -305,6 +320,16 @@ impl World {
             let shifts = self.shifts();
             for (position, shift) in positions.iter_mut().zip(shifts) {
                 *position += shift;
+            }
+        }
+        if self.inches {
+            let linear = |axis: &char| !matches!(axis, 'A' | 'B' | 'C');
+            for (position, _) in positions
+                .iter_mut()
+                .zip(&self.axes)
+                .filter(|(_, axis)| linear(axis))
+            {
+                *position /= 25.4;
             }
         }
         positions

@@ -16,6 +16,7 @@ mod peer;
 mod quiet;
 mod shift_source;
 mod two_mailboxes;
+mod units;
 
 use std::time::Duration;
 

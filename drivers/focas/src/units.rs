@@ -1,0 +1,52 @@
+//! Whether a control tells positions in mm, by its own parameters.
+//!
+//! Parameter 1001#0 (INM) says whether the machine system counts in inches, 3104#0 (MCN) whether positions are told in the unit
+//! of the program, and 0#2 (INI) which one that is now. All three are from memory of manuals and were not seen on a real
+//! control; so a control that does not tell them is not refused.
+
+use crate::error::FocasError;
+
+/// Parameters of which one bit says in which unit positions are told.
+pub(crate) const NUMBERS: [i32; 3] = [1001, 3104, 0];
+
+/// Compares what the control told of [`NUMBERS`] with the mm of a configuration: notes in words where nothing is wrong.
+///
+/// # Errors
+/// The parameter by which positions are, or may become, inches.
+pub(crate) fn check(told: &[Result<u32, String>; 3]) -> Result<Vec<String>, FocasError> {
+    let [inch_machine, in_unit_of_program, program] = told;
+    let is_set =
+        |of: &Result<u32, String>, bit: u8| of.as_ref().is_ok_and(|word| word >> bit & 1 == 1);
+    let wrong = |parameter, meaning, expected: &str| FocasError::Parameter {
+        parameter,
+        meaning,
+        found: "1".to_owned(),
+        expected: expected.to_owned(),
+    };
+    if is_set(inch_machine, 0) {
+        return Err(wrong(
+            "1001#0",
+            "machine system in inches",
+            "0: corrections and positions are counted in mm",
+        ));
+    }
+    if is_set(in_unit_of_program, 0) {
+        let now = if is_set(program, 2) {
+            "inches now"
+        } else {
+            "mm now"
+        };
+        return Err(wrong(
+            "3104#0",
+            "machine positions in the unit of the program",
+            &format!("0, mm whatever a program says with G20 and G21: parameter 0#2 says {now}"),
+        ));
+    }
+    let untold = told[..2].iter().find_map(|told| told.as_ref().err());
+    let note = untold.map(|why| {
+        format!(
+            "the control does not tell parameters 1001 and 3104 ({why}): whether its positions are mm is not known"
+        )
+    });
+    Ok(note.into_iter().collect())
+}
