@@ -153,14 +153,16 @@ impl Model {
     }
 
     /// Which axes are farther outside their travel than an axis overtravels, as bits: bit 0 is the first axis. Such a position
-    /// is not one of this machine: another unit, another axis, or a device that tells nonsense.
+    /// is not one of this machine: another unit, another axis, or a device that tells nonsense. A rotary axis with `modulo` or
+    /// with a whole turn of travel has no ends.
     pub(crate) fn far_outside_travel(&self, state: &State) -> u16 {
         let mut outside = 0;
         for (index, (travel, q)) in self.travel.iter().zip(&state.q).enumerate() {
             let [low, high] = travel.map(Displacement::mm_or_deg);
             let at = Displacement::new(self.axes[index].kind(), *q).mm_or_deg();
+            let turns = self.axes[index].is_rotary() && high - low >= 360.0;
             let is_far = at < low - OVERTRAVEL_MM_OR_DEG || at > high + OVERTRAVEL_MM_OR_DEG;
-            outside |= u16::from(self.turn_of(index).is_none() && is_far) << index;
+            outside |= u16::from(!turns && self.turn_of(index).is_none() && is_far) << index;
         }
         outside
     }
