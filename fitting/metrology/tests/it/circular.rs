@@ -141,14 +141,13 @@ fn one_turn_is_evaluated_and_the_rest_is_named() {
         backlash: [3.0, 1.0],
         ..NONE
     };
-    // No sum of steps ends in half a degree, which a message tells as the whole one below or above.
-    const STEP_DEG: f64 = 0.4;
     let table = |turned: [f64; 2], by_angle: bool, stated: bool| {
         let mut text = if by_angle { "angle,deviation" } else { "x,y" }.to_owned();
         text += if stated { ",direction\n" } else { "\n" };
         for (sense, turned) in Sense::BOTH.into_iter().zip(turned) {
-            for step in 0..=(turned / STEP_DEG).round() as u32 {
-                let at = f64::from(step) * STEP_DEG;
+            // No sum of steps ends in half a degree, which a message tells as the whole one below or above.
+            let steps = (0_u32..).map(|step| f64::from(step) * 0.4);
+            for at in steps.take_while(|at| *at <= turned + 0.1) {
                 // A ballbar feeds in before 0°.
                 let degrees = if sense == Sense::CounterClockwise {
                     at + 0.25 - 0.5 * (turned - 360.0)
