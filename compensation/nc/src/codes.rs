@@ -102,7 +102,7 @@ impl Codes {
     pub(crate) fn of(block: &Block, control: Option<Control>) -> Result<Self, Refusal> {
         let mut codes = Self::default();
         // These are LinuxCNC's; elsewhere the builder of the machine has given them a meaning.
-        let has_own_m = control.is_some_and(Control::counts_increments);
+        let has_own_m = control.is_some_and(Control::is_fanuc_like);
         for (place, word) in block.words.iter().enumerate() {
             if word.letter != b'G' && word.letter != b'M' {
                 continue;
@@ -250,7 +250,7 @@ enum MCode {
 
 /// What is known of an M code in RS-274. What builders of machines have added nobody knows here.
 fn m_code(code: Code, control: Option<Control>) -> MCode {
-    let is_builders = control.is_some_and(Control::counts_increments);
+    let is_builders = control.is_some_and(Control::is_fanuc_like);
     match code {
         0..=90 | 300 | 480 | 490 | 600 | 980 | 990 if code.is_multiple_of(10) => MCode::Alone,
         190 => MCode::WithWords,
@@ -261,6 +261,11 @@ fn m_code(code: Code, control: Option<Control>) -> MCode {
         1000..=1990 if control == Some(Control::LinuxCnc) => MCode::WithWords,
         _ => MCode::Unknown,
     }
+}
+
+/// Whether a motion code drills: G73 to G89, but for G80, which ends a cycle.
+pub(crate) fn is_cycle(code: Code) -> bool {
+    (730..=890).contains(&code) && code != 800
 }
 
 /// A code in tenths; `None` where the number is none.

@@ -125,9 +125,14 @@ impl Control {
         }
     }
 
-    /// Whether a coordinate without a decimal point is a number of least increments, unless a parameter of the control says otherwise.
-    pub(crate) fn counts_increments(self) -> bool {
+    /// Whether it reads programs as FANUC controls do: M codes of the machine's builder, numbered work offsets by G10 L20.
+    pub(crate) fn is_fanuc_like(self) -> bool {
         matches!(self, Self::Fanuc | Self::Haas | Self::Mazak)
+    }
+
+    /// Whether a coordinate without a decimal point is a number of least increments, unless a parameter of the control differs.
+    pub(crate) fn counts_increments(self) -> bool {
+        self.is_fanuc_like()
     }
 }
 

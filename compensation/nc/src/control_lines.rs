@@ -65,8 +65,9 @@ const WORDS_G: [f64; 21] = [
 /// Those that retract the filament without a coordinate.
 const HARMLESS_G: [f64; 2] = [10.0, 11.0];
 /// Those whose motions are not in the program: homing, probing, parking, cleaning, a saved position.
-const MOVES_G: [f64; 16] = [
-    12.0, 26.0, 27.0, 28.0, 29.0, 30.0, 31.0, 32.0, 33.0, 34.0, 35.0, 42.0, 60.0, 61.0, 76.0, 80.0,
+const MOVES_G: [f64; 17] = [
+    12.0, 26.0, 27.0, 28.0, 29.0, 30.0, 31.0, 32.0, 33.0, 34.0, 35.0, 38.0, 42.0, 60.0, 61.0, 76.0,
+    80.0,
 ];
 /// Commands of Klipper that neither move an axis nor change what coordinates mean.
 const HARMLESS_COMMANDS: [&str; 35] = [
@@ -146,7 +147,7 @@ fn of_printer(block: &mut Block, text: &[u8]) -> Result<bool, Fault> {
     match first {
         b'G' if WORDS_G.contains(&number) => return Ok(false),
         b'G' if HARMLESS_G.contains(&number) => {}
-        b'G' if MOVES_G.contains(&number.trunc()) || number.trunc() == 38.0 => {
+        b'G' if MOVES_G.contains(&number.trunc()) => {
             if number == 28.0 {
                 let words = text[end..].split(|byte| *byte == b';').next();
                 let names = |byte: &u8| b"XYZxyz".contains(byte);
@@ -228,10 +229,9 @@ fn of_grbl(block: &mut Block, text: &[u8]) -> Result<bool, Fault> {
             });
         }
         // Homing; steps for each mm; settings as they were delivered.
-        Some(b'H' | b'R') => block.commands.push(Command::Elsewhere(format!(
-            "${}",
-            char::from(letter.unwrap_or(b'H'))
-        ))),
+        Some(letter @ (b'H' | b'R')) => block
+            .commands
+            .push(Command::Elsewhere(format!("${}", char::from(letter)))),
         _ if is_scale => block
             .commands
             .push(Command::Elsewhere("$100 to $109".to_owned())),

@@ -8,7 +8,7 @@ use crate::{
     NcError,
     basis::Rests,
     block::{Block, Parameter},
-    codes::{Codes, Refusal, UnknownCode, text},
+    codes::{Codes, Refusal, UnknownCode, is_cycle, text},
     control::{Control, Points, why_refused},
     coordinates::{Axes, Frame, name_of},
     cycles::Cycle,
@@ -157,7 +157,6 @@ impl Interpreter {
 
     /// Whether a block drills: with a cycle of its own, or with the one that holds.
     pub(crate) fn in_cycle(&self, block: &Block) -> bool {
-        let is_cycle = |code: Code| (730..=890).contains(&code) && code != 800;
         match Codes::of(block, self.control) {
             Ok(codes) => codes.motion().or(self.modal.motion).is_some_and(is_cycle),
             Err(_) => false,

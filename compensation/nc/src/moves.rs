@@ -3,7 +3,7 @@
 use crate::{
     NcError,
     block::{Begins, Manner},
-    codes::{Codes, text},
+    codes::{Codes, is_cycle, text},
     coordinates::{Axes, LETTERS, is_rotary},
     dialect::Dialect,
     given::Given,
@@ -20,7 +20,6 @@ const HALF_TURN_DEG: f64 = 0.5;
 impl Interpreter {
     pub(crate) fn set_motion(&mut self, code: Code) {
         // G80 ends a row, and what it has kept.
-        let is_cycle = |code: Code| (730..=890).contains(&code) && code != 800;
         if self.modal.motion.is_none_or(|before| !is_cycle(before)) || !is_cycle(code) {
             self.modal.sticky = Sticky::default();
         }
@@ -66,7 +65,7 @@ impl Interpreter {
         };
         let is_whole_circle = matches!(code, 20 | 30) && codes.motion().is_some() && has_centre();
         if !(has_words || is_whole_circle) {
-            if (730..=890).contains(&code) && given.has(b'R') {
+            if is_cycle(code) && given.has(b'R') {
                 return Err(given.refused(
                     "R alone while a cycle holds, which some controls drill with and others do not: write it into the block of the next hole",
                 ));
@@ -75,7 +74,8 @@ impl Interpreter {
         }
         let path = match code {
             // Arcs and cycles are made below, once their ends are known.
-            0 | 730..=890 => Path::Rapid,
+            0 => Path::Rapid,
+            _ if is_cycle(code) => Path::Rapid,
             10 | 20 | 30 => Path::Line,
             50..=52 => {
                 self.notes.add(Note::GoesWhole(text(code)), given.line);
@@ -114,7 +114,7 @@ impl Interpreter {
         if matches!(code, 20 | 30) {
             self.check_beginning(given)?;
             motion.path = Path::Arc(self.arc(code, given, &motion.to)?);
-        } else if (730..=890).contains(&code) && !self.hole(given, &mut motion, outcome)? {
+        } else if is_cycle(code) && !self.hole(given, &mut motion, outcome)? {
             return Ok(());
         }
         if polar {

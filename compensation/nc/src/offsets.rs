@@ -169,7 +169,7 @@ impl Interpreter {
     fn set_table(&mut self, given: &Given<'_>, outcome: &mut Outcome) -> Result<(), NcError> {
         let (kind, place) = (given.whole(b'L')?, given.whole(b'P')?);
         // On these controls L20 sets one of the offsets that have numbers; the others are tables of the control.
-        let has_own = self.control.is_some_and(Control::counts_increments);
+        let has_own = self.control.is_some_and(Control::is_fanuc_like);
         match kind {
             Some(20) if has_own => {
                 if !self.modal.absolute {
