@@ -483,7 +483,7 @@ impl fmt::Display for FixedKey {
             Self::Audit => "[audit]",
             Self::Realtime => "[realtime]",
             Self::Fleet => "[fleet]",
-            Self::GuardTimes => "[guard] hand_back_s, rotary_step_um or a key of temperatures",
+            Self::GuardTimes => "[guard] hand_back_s, rotary_step_um, rapid_m_per_min, rapid_rpm or a key of temperatures",
             Self::Interop => "a table of other systems ([shdr], [sparkplug], [opc_ua])",
         })
     }

@@ -106,19 +106,23 @@ pub(crate) fn status(facts: &Facts<'_>, report: &Report, times: &Times) -> Statu
 
 /// Why the state is what it is; where a position is not believed, with its axis.
 fn reasons(model: &Model, report: &Report) -> Vec<String> {
-    let outside = (0..model.axes.len()).filter(|index| report.outside_travel >> index & 1 == 1);
-    let places: Vec<String> = outside
-        .map(|index| {
-            let axis = model.axes[index];
-            let at = Displacement::new(axis.kind(), report.positions[index]);
-            format!("{axis} {}", Coordinate(at))
-        })
-        .collect();
-    let texts = report.reasons.texts().map(str::to_owned);
+    let with_places = |text: &str, axes: u16| {
+        let of = (0..model.axes.len()).filter(|index| axes >> index & 1 == 1);
+        let places: Vec<String> = of
+            .map(|index| {
+                let axis = model.axes[index];
+                let at = Displacement::new(axis.kind(), report.positions[index]);
+                format!("{axis} {}", Coordinate(at))
+            })
+            .collect();
+        format!("{text}: {}", places.join(", "))
+    };
+    let texts = report.reasons.texts();
     texts
-        .map(|text| match Reasons::with_text(&text) {
-            Some(Reasons::OUTSIDE_TRAVEL) => format!("{text}: {}", places.join(", ")),
-            _ => text,
+        .map(|text| match Reasons::with_text(text) {
+            Some(Reasons::OUTSIDE_TRAVEL) => with_places(text, report.outside_travel),
+            Some(Reasons::JUMPED) => with_places(text, report.jumped),
+            _ => text.to_owned(),
         })
         .collect()
 }

@@ -11,6 +11,7 @@ mod fallback;
 mod guard;
 mod interlock;
 mod limits;
+mod position;
 mod proof;
 mod read_back;
 mod reasons;
@@ -28,6 +29,7 @@ pub use interlock::{Interlock, Interlocks};
 pub use limits::{
     AxisLimits, FEWEST_RAMP_CYCLES, Limits, LimitsError, MOST_READ_BACK_CYCLES, Quantity,
 };
+pub use position::{PositionCheck, PositionFlaw, PositionLimits};
 pub use proof::{Moves, Proof, Proven, Verdict};
 pub use read_back::{
     BarrierLink, BarrierMisfit, Confirmed, ControlTimeOut, Known, RATE_OVER_SLEW, ReadBack, Scheme,

@@ -74,6 +74,8 @@ reasons! {
     AXIS_UNKNOWN = forbids, "a machine axis has no position";
     /// A position is farther outside the travel of its axis than an axis can be.
     OUTSIDE_TRAVEL = forbids, "position outside the travel";
+    /// A position is where its axis cannot have come to since the last one that was believed.
+    JUMPED = forbids, "position jumped";
     /// What the control tells is no report of a barrier of this machine and these axes, in this order.
     BARRIER_STRANGE = forbids, "no barrier for this machine and these axes";
     /// The barrier's limits, rates or times do not fit those of the guard, or its scans are not as long as configured.
@@ -206,11 +208,14 @@ impl Reasons {
         Self(bits)
     }
 
-    /// The reason with a text; `None` where there is none.
+    /// The reason with a text, behind which `: ` and what it is about may follow; `None` where there is none.
     pub fn with_text(text: &str) -> Option<Self> {
         let mut all = Self::ALL.iter();
-        all.find(|(.., own)| *own == text)
-            .map(|(reason, ..)| *reason)
+        let is = |own: &str| {
+            let rest = text.strip_prefix(own);
+            rest.is_some_and(|rest| rest.is_empty() || rest.starts_with(": "))
+        };
+        all.find(|(.., own)| is(own)).map(|(reason, ..)| *reason)
     }
 
     /// Each reason of the set in words, causes first.
@@ -300,6 +305,11 @@ mod tests {
             Reasons::with_text("emergency stop"),
             Some(Reasons::EMERGENCY_STOP)
         );
+        assert_eq!(
+            Reasons::with_text("position jumped: X 4000.000 mm"),
+            Some(Reasons::JUMPED)
+        );
+        assert_eq!(Reasons::with_text("position jumped far"), None);
         assert_eq!(Reasons::with_text("no reason"), None);
     }
 }

@@ -58,6 +58,11 @@ impl Axis {
         self.name.is_rotary() && self.travel[1] - self.travel[0] >= NEARLY_DEG
     }
 
+    /// Whether its travel has ends: an axis with `modulo`, or one that turns all the way round, has none.
+    pub fn has_ends(&self) -> bool {
+        self.modulo.is_none() && !self.turns_round()
+    }
+
     /// The part of the travel, mm or deg, outside of which the axis has no other pose: all of it, and of an axis that turns all the way
     /// round one turn about the middle of its travel.
     pub fn all_poses(&self) -> [f64; 2] {
@@ -137,6 +142,25 @@ mod tests {
             direction: None,
             point_mm: None,
             motion_frame: MotionFrame::Fixed,
+        }
+    }
+
+    /// A linear axis has ends however long it is; controls state a turn as 0 to 359.999, too.
+    #[test]
+    fn what_turns_all_the_way_round_has_no_ends() {
+        for (name, travel, modulo, has_ends) in [
+            (AxisName::X, [0.0, 4000.0], None, true),
+            (AxisName::C, [0.0, 350.0], None, true),
+            (AxisName::C, [0.0, 350.0], Some(360.0), false),
+            (AxisName::C, [0.0, 359.999], None, false),
+            (AxisName::C, [-180.0, 180.0], None, false),
+            (AxisName::A, [-3600.0, 3600.0], None, false),
+        ] {
+            let axis = Axis {
+                modulo,
+                ..axis(name, travel)
+            };
+            assert_eq!(axis.has_ends(), has_ends, "{axis:?}");
         }
     }
 

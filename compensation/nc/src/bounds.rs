@@ -2,12 +2,9 @@
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-use volcomp_model::{
-    Axis,
-    vocabulary::{
-        AxisKind, AxisName, Coordinate, CorrectionLimit, Displacement, bounds::LARGEST_CORRECTION,
-        is_within,
-    },
+use volcomp_model::vocabulary::{
+    AxisKind, AxisName, Coordinate, CorrectionLimit, Displacement, bounds::LARGEST_CORRECTION,
+    is_within,
 };
 
 use crate::{
@@ -86,12 +83,6 @@ pub(crate) struct Bounds {
     refused: Option<Refusal>,
 }
 
-/// A rotary axis that goes round, or turns by a whole turn or more, has no end that a correction could reach.
-fn has_ends(axis: &Axis) -> bool {
-    let [low, high] = axis.travel;
-    axis.modulo.is_none() && !(axis.name.is_rotary() && high - low >= 360.0)
-}
-
 impl Bounds {
     pub(crate) fn new(corrector: &Corrector, limit: CorrectionLimit) -> Self {
         let machine = corrector.machine();
@@ -108,7 +99,7 @@ impl Bounds {
             at_tool: rotary_corrects.then_some(limit),
             axes: each(|of| axis(of).map(|axis| axis.name)),
             travels: each(|of| match axis(of) {
-                Some(axis) if has_ends(axis) => axis.travel,
+                Some(axis) if axis.has_ends() => axis.travel,
                 _ => [f64::NEG_INFINITY, f64::INFINITY],
             }),
             refused: None,

@@ -12,7 +12,7 @@ mod wanted;
 use std::time::{Duration, Instant};
 
 use volcomp_guard::{
-    DirectionMemory, Guard, Interlocks, Limits, Output, Reasons, Request, Selector,
+    DirectionMemory, Guard, Interlocks, Limits, Output, PositionCheck, Reasons, Request, Selector,
     State as GuardState,
 };
 use volcomp_kinematics::State;
@@ -31,6 +31,7 @@ use crate::{
     replacement::Replacement,
     report::Report,
     sensors::Sensors,
+    settings::Rapid,
 };
 
 /// How long the parts of a cycle took.
@@ -51,6 +52,8 @@ pub struct Cycle {
     selector: Selector,
     interlocks: Interlocks,
     directions: PerAxis<DirectionMemory>,
+    rapid: Rapid,
+    checks: PerAxis<PositionCheck>,
     sensors: Sensors,
     degraded: bool,
     /// Whether no path was left with a correction before the start, as far as that was written down, or a person says.
@@ -121,6 +124,8 @@ impl Cycle {
             selector: Selector::new(hand_back),
             interlocks: Interlocks::default(),
             directions: PerAxis::default(),
+            rapid: Rapid::default(),
+            checks: PerAxis::default(),
             sensors,
             degraded: false,
             left_nothing: false,
@@ -147,6 +152,13 @@ impl Cycle {
         }
         self.readers = readers;
         Ok(self)
+    }
+
+    /// Takes another speed than [`Rapid::default`] for the fastest at which axes move.
+    #[must_use]
+    pub fn with_rapid(mut self, rapid: Rapid) -> Self {
+        self.rapid = rapid;
+        self
     }
 
     /// Lets the clock begin at `start` instead of when the cycle was made: for clocks that a test counts.

@@ -34,7 +34,7 @@ pub use report::{Change, PathReport, Report, Timing, ToolError};
 pub use schedule::schedule;
 pub use sensors::Sensors;
 pub use settings::{
-    AxisSettings, BarrierSettings, GuardSettings, PathSettings, Realtime, WithoutBarrier,
+    AxisSettings, BarrierSettings, GuardSettings, PathSettings, Rapid, Realtime, WithoutBarrier,
 };
 
 /// How temperatures are told in a report.

@@ -1,11 +1,12 @@
 //! The machine as a cycle computes with it. State: the lags of its thermal terms.
 
+use volcomp_guard::PositionLimits;
 use volcomp_kinematics::{Correctors, Pose, State, nalgebra::Vector3, skew_part};
-use volcomp_model::{CompiledMachine, Fading, Machine, ModelError, ThermalState, Tolerance};
+use volcomp_model::{Axis, CompiledMachine, Fading, Machine, ModelError, ThermalState, Tolerance};
 use volcomp_port::Description;
 use volcomp_vocabulary::{AxisName, Displacement, Mm, PerAxis, Rad, is_within};
 
-use crate::report::ToolError;
+use crate::{report::ToolError, settings::Rapid};
 
 mod largest_move;
 mod nodes;
@@ -16,6 +17,14 @@ pub use largest_move::LargestMove;
 const OVERTRAVEL_MM_OR_DEG: f64 = 5.0;
 /// At so many places over its travel a rotary axis is tried, the ends included.
 const PLACES: u32 = 25;
+
+/// Where an axis can be told to stand, mm or rad; `None`: anywhere.
+fn believed(axis: &Axis) -> Option<[f64; 2]> {
+    let [low, high] = axis.travel;
+    let ends = [low - OVERTRAVEL_MM_OR_DEG, high + OVERTRAVEL_MM_OR_DEG];
+    let end = |end| Displacement::from_coordinate(axis.name.kind(), end).mm_or_rad();
+    axis.has_ends().then(|| ends.map(end))
+}
 
 /// The correction that a model asks for at a state.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,6 +75,8 @@ pub struct Model {
     pub travel: Vec<[Displacement; 2]>,
     /// Whether a coordinate of the axis is brought into its travel by whole periods.
     goes_round: Vec<bool>,
+    /// Where an axis can be told to stand, mm and rad, in machine order; `None`: it has no ends.
+    ranges: PerAxis<Option<[f64; 2]>>,
     /// Where something of the model may change abruptly: the nodes of its curves along each axis, mm and rad, rising.
     nodes: Vec<Vec<f64>>,
     /// The same and the places between them at which the curves have to be looked at to see their largest value.
@@ -110,6 +121,7 @@ impl Model {
                 .iter()
                 .map(|axis| axis.modulo.is_some())
                 .collect(),
+            ranges: PerAxis::from_fn(|index| machine.axes().get(index).and_then(believed)),
             nodes: nodes::in_mm_or_rad(machine, machine.nodes()),
             places: nodes::in_mm_or_rad(machine, machine.places()),
             grids: nodes::grids(machine),
@@ -152,19 +164,14 @@ impl Model {
             })
     }
 
-    /// Which axes are farther outside their travel than an axis overtravels, as bits: bit 0 is the first axis. Such a position
-    /// is not one of this machine: another unit, another axis, or a device that tells nonsense. A rotary axis with `modulo` or
-    /// with a whole turn of travel has no ends.
-    pub(crate) fn far_outside_travel(&self, state: &State) -> u16 {
-        let mut outside = 0;
-        for (index, (travel, q)) in self.travel.iter().zip(&state.q).enumerate() {
-            let [low, high] = travel.map(Displacement::mm_or_deg);
-            let at = Displacement::new(self.axes[index].kind(), *q).mm_or_deg();
-            let turns = self.axes[index].is_rotary() && high - low >= 360.0;
-            let is_far = at < low - OVERTRAVEL_MM_OR_DEG || at > high + OVERTRAVEL_MM_OR_DEG;
-            outside |= u16::from(!turns && self.turn_of(index).is_none() && is_far) << index;
+    /// Where the axis at a place in machine order can be, and how fast it gets there.
+    pub(crate) fn position_limits(&self, index: usize, rapid: &Rapid) -> PositionLimits {
+        let (kind, range) = (self.axes[index].kind(), self.ranges[index]);
+        PositionLimits {
+            range,
+            turn: range.is_none().then_some(core::f64::consts::TAU),
+            speed: rapid.per_s(kind).mm_or_rad(),
         }
-        outside
     }
 
     /// After how much travel (rad) the coordinates of the axis at a place in machine order begin anew; `None`: never.

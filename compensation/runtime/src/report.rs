@@ -52,6 +52,8 @@ pub struct Report {
     pub known: u16,
     /// Which of them are too far outside the travel to be believed: bit 0 is the first axis of the machine.
     pub outside_travel: u16,
+    /// Which of them are where the axis cannot have come to: bit 0 is the first axis of the machine.
+    pub jumped: u16,
     /// The correction that the model asks for, mm and rad.
     pub wanted: PerAxis<f64>,
     /// The correction that the control is known to apply, mm and rad; see `correction_known`. It is told of the axes in
@@ -94,6 +96,7 @@ impl Default for Report {
             positions: PerAxis::ZERO,
             known: 0,
             outside_travel: 0,
+            jumped: 0,
             wanted: PerAxis::ZERO,
             correction: PerAxis::ZERO,
             written: 0,

@@ -8,7 +8,7 @@ use std::{
 
 use volcomp_guard::{ControlTimeOut, SensorLimits};
 use volcomp_model::Fading;
-use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Um, Unit, Urad};
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Mm, Rad, Um, Unit, Urad};
 
 /// The limits of the axes of one kind: lengths in [`Um`] for linear, angles in [`Urad`] for rotary axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,6 +49,8 @@ pub struct GuardSettings {
     pub stop: Duration,
     /// How long a better controller must be usable before it takes over again.
     pub hand_back: Duration,
+    /// How fast axes move at the most: positions that say otherwise are not believed.
+    pub rapid: Rapid,
     /// Which temperatures are believed.
     pub temperatures: SensorLimits,
     /// The times within which thermal terms fade to zero when their sensor is missing.
@@ -74,6 +76,7 @@ impl GuardSettings {
             ramp: Duration::from_millis(500),
             stop: Duration::from_secs(5),
             hand_back: Duration::from_secs(2),
+            rapid: Rapid::default(),
             temperatures: SensorLimits::default(),
             fading: Fading::default(),
         }
@@ -130,6 +133,37 @@ impl<U> AxisSettings<U> {
             accel_per_s2: convert(self.accel_per_s2),
             confirm: convert(self.confirm),
             test_shift: convert(self.test_shift),
+        }
+    }
+}
+
+/// How fast axes move at the most.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rapid {
+    /// Linear axes, m/min.
+    pub linear_m_per_min: f64,
+    /// Rotary axes, 1/min.
+    pub rotary_rpm: f64,
+}
+
+impl Default for Rapid {
+    /// 100 m/min and 200/min: linear motors and torque motors are as fast, and few are faster.
+    fn default() -> Self {
+        Self {
+            linear_m_per_min: 100.0,
+            rotary_rpm: 200.0,
+        }
+    }
+}
+
+impl Rapid {
+    /// The speed of axes of a kind, by the second.
+    pub(crate) fn per_s(&self, kind: AxisKind) -> Displacement {
+        match kind {
+            AxisKind::Linear => Displacement::Length(Mm(self.linear_m_per_min * 1000.0 / 60.0)),
+            AxisKind::Rotary => {
+                Displacement::Angle(Rad(self.rotary_rpm * core::f64::consts::TAU / 60.0))
+            }
         }
     }
 }

@@ -5,7 +5,7 @@ use std::time::Duration;
 use volcomp_document::{InputError, Section};
 use volcomp_model::Fading;
 use volcomp_runtime::{
-    AxisSettings, GuardSettings, WithoutBarrier,
+    AxisSettings, GuardSettings, Rapid, WithoutBarrier,
     guard::{SensorLimits, ceiling},
 };
 use volcomp_vocabulary::{Um, Urad};
@@ -32,6 +32,8 @@ pub(super) fn guard(section: &Section<'_>, cycle_ms: f64) -> Result<GuardSetting
         "ramp_s",
         "stop_s",
         "hand_back_s",
+        "rapid_m_per_min",
+        "rapid_rpm",
         "max_degc_per_min",
         "range_degc",
         "temperature_stale_s",
@@ -88,6 +90,7 @@ pub(super) fn guard(section: &Section<'_>, cycle_ms: f64) -> Result<GuardSetting
         ramp: seconds("ramp_s", 0.0..=600.0, default.ramp)?,
         stop: seconds("stop_s", 0.0..=600.0, default.stop)?,
         hand_back: seconds("hand_back_s", 0.0..=3600.0, default.hand_back)?,
+        rapid: rapid(section, default.rapid)?,
         temperatures: SensorLimits {
             max_degc_per_min: number(
                 "max_degc_per_min",
@@ -106,6 +109,15 @@ pub(super) fn guard(section: &Section<'_>, cycle_ms: f64) -> Result<GuardSetting
             hold_s: number("temperature_hold_s", 0.0..=1e6, default.fading.hold_s)?,
             fade_s: number("temperature_fade_s", 1.0..=1e6, default.fading.fade_s)?,
         },
+    })
+}
+
+/// How fast axes move at the most.
+fn rapid(section: &Section<'_>, default: Rapid) -> Result<Rapid, InputError> {
+    let (linear, rotary) = (default.linear_m_per_min, default.rotary_rpm);
+    Ok(Rapid {
+        linear_m_per_min: section.number_or("rapid_m_per_min", 0.1..=1e4, linear)?,
+        rotary_rpm: section.number_or("rapid_rpm", 0.1..=1e5, rotary)?,
     })
 }
 

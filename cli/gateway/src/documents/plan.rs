@@ -206,6 +206,10 @@ pub struct GuardPlan {
     pub rotary_step_um: Stated<f64>,
     /// How long a better controller must be usable before it takes over again, s.
     pub hand_back_s: Stated<f64>,
+    /// Positions that say that a linear axis moves faster are not believed, m/min.
+    pub rapid_m_per_min: Stated<f64>,
+    /// Positions that say that a rotary axis moves faster are not believed, 1/min.
+    pub rapid_rpm: Stated<f64>,
     /// The fastest change of a temperature, K in a minute.
     pub max_degc_per_min: Stated<f64>,
     /// The lowest and the highest temperature that is believed, °C.

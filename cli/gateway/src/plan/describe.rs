@@ -89,6 +89,12 @@ fn of_guard(plan: &Plan, guard: &GuardSettings) -> GuardPlan {
         stop_s: seconds("stop_s", guard.stop, 1.0),
         rotary_step_um: stated(config, "guard.rotary_step_um", round(guard.rotary_step.0)),
         hand_back_s: seconds("hand_back_s", guard.hand_back, 1.0),
+        rapid_m_per_min: stated(
+            config,
+            "guard.rapid_m_per_min",
+            guard.rapid.linear_m_per_min,
+        ),
+        rapid_rpm: stated(config, "guard.rapid_rpm", guard.rapid.rotary_rpm),
         max_degc_per_min: stated(
             config,
             "guard.max_degc_per_min",

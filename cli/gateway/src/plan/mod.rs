@@ -210,7 +210,8 @@ impl Plan {
             self.config.cycle,
         )
         .and_then(|cycle| cycle.with_readers(readers))
-        .map_err(plan)?;
+        .map_err(plan)?
+        .with_rapid(self.guard.rapid);
         Ok(Opened {
             controllers: described,
             config: self.config,

@@ -184,8 +184,14 @@ impl Lines {
             self.stated("  half a rotary step", &guard.rotary_step_um, |um| {
                 format!("{um} µm at the tool tip")
             });
+            self.stated("  rotary axes turn at most", &guard.rapid_rpm, |rpm| {
+                format!("{rpm}/min")
+            });
         }
         self.stated("  hand back after", &guard.hand_back_s, s);
+        self.stated("  axes move at most", &guard.rapid_m_per_min, |speed| {
+            format!("{speed} m/min")
+        });
         if !plan.sensors.is_empty() {
             self.temperatures(guard);
         }

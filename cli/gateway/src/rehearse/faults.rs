@@ -112,6 +112,16 @@ const fn lie(lie: Lie) -> Act {
     Act::Directed(Injection::Lie { lie, readings: 5 })
 }
 
+/// Of the first axis.
+const fn wrong_position(factor: f64, add: f64) -> Act {
+    Act::Directed(Injection::WrongPosition {
+        axis: 0,
+        factor,
+        add,
+        readings: 20,
+    })
+}
+
 /// Every fault, in the order in which they are rehearsed.
 pub const CATALOGUE: &[Fault] = &[
     fault("none", "no fault: start, ramp, correction", Act::Nothing),
@@ -334,6 +344,16 @@ pub const CATALOGUE: &[Fault] = &[
         "frozen_100",
         "100 readings of the same position",
         Act::Directed(Injection::FrozenPositions { readings: 100 }),
+    ),
+    fault(
+        "position_jump",
+        "20 readings of a position 4 m away",
+        wrong_position(1.0, 4000.0),
+    ),
+    fault(
+        "position_inches",
+        "20 readings of a position in inches",
+        wrong_position(1.0 / 25.4, 0.0),
     ),
     fault(
         "stop_read_2s",

@@ -320,6 +320,12 @@ impl<'a> Run<'a> {
             },
             Injection::Constant { readings: 0 },
             Injection::FrozenPositions { readings: 0 },
+            Injection::WrongPosition {
+                axis: 0,
+                factor: 1.0,
+                add: 0.0,
+                readings: 0,
+            },
             Injection::DroppedFlag { readings: 0 },
             Injection::Disconnect { calls: 0 },
             Injection::Lag(0),
@@ -415,5 +421,5 @@ fn cycle(
         plan.config.cycle,
     )
     .map_err(wrong)?;
-    Ok(cycle.with_clock(rig.clock.clone()))
+    Ok(cycle.with_rapid(guard.rapid).with_clock(rig.clock.clone()))
 }

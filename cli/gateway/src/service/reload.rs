@@ -411,8 +411,14 @@ fn can_change(old: &Config, config: &Config) -> Result<(), ReloadError> {
     let fixed = |config: &Config| {
         let guard = config.guard.as_ref();
         guard.map(|guard| {
-            let step = guard.rotary_step;
-            (guard.hand_back, guard.temperatures, guard.fading, step)
+            let (step, rapid) = (guard.rotary_step, guard.rapid);
+            (
+                guard.hand_back,
+                guard.temperatures,
+                guard.fading,
+                step,
+                rapid,
+            )
         })
     };
     let guard = old.guard.is_none() || fixed(config) == fixed(old);

@@ -178,6 +178,13 @@ fn conditions_end_by_their_codes() {
         ["NORMAL|emergency_stop|||"]
     );
     assert_eq!(next("disarmed", &[]), ["NORMAL||||"]);
+    // Where a wrong position is, is no news.
+    let jumped = |at: &str| format!("position jumped: X {at} mm");
+    assert_eq!(
+        next("holding", &[&jumped("4000.000")]),
+        ["WARNING|position_jumped|||position jumped"]
+    );
+    assert!(next("holding", &[&jumped("4000.013")]).is_empty());
 }
 
 /// The fields of a line as the reference agent takes them, written from its rules: fields are split at `|`; one that begins

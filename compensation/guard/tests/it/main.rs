@@ -8,6 +8,7 @@ mod interlocks;
 mod lines;
 mod lowered;
 mod machine;
+mod position;
 mod proof;
 mod properties;
 mod ramps;

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use volcomp_guard::{Inputs, Output, Reading, Reasons, Wanted};
+use volcomp_guard::{Inputs, Output, PositionFlaw, Reading, Reasons, Wanted};
 use volcomp_kinematics::State;
 use volcomp_vocabulary::{PerAxis, PerChannel};
 
@@ -18,10 +18,10 @@ impl Cycle {
             *q = *position;
         }
         (self.report.positions, self.report.known) = (place.positions, place.known);
-        self.report.outside_travel = place.known & self.model.far_outside_travel(&state);
-        if self.report.outside_travel != 0 {
+        let refused = self.judge(place);
+        if !refused.is_empty() {
             self.commanded = None;
-            return (None, Reasons::OUTSIDE_TRAVEL);
+            return (None, refused);
         }
         self.approach(&mut state, place);
         self.commanded = place.is_complete(self.model.axes.len()).then_some(state);
@@ -45,6 +45,30 @@ impl Cycle {
             | Reasons::LINEAR_NEAR_SINGULAR.when(wanted.linear_near_singular)
             | Reasons::OUTSIDE_RANGE.when(outside);
         (Some(wanted), notes)
+    }
+
+    /// Why positions cannot be true. While no correction is armed, or axes are not referenced, the next one is taken as it stands.
+    fn judge(&mut self, place: &Place) -> Reasons {
+        (self.report.outside_travel, self.report.jumped) = (0, 0);
+        let begins = !self.guard.state().is_armed()
+            || self.interlocks.reasons().contains(Reasons::NOT_REFERENCED);
+        let axes = self.model.axes.len();
+        for (index, check) in self.checks.iter_mut().enumerate().take(axes) {
+            if place.known >> index & 1 == 1 {
+                let limits = self.model.position_limits(index, &self.rapid);
+                let (position, taken) = (place.positions[index], place.taken[index]);
+                match check.judge(&limits, position, taken) {
+                    Ok(()) => {}
+                    Err(PositionFlaw::OutsideTravel) => self.report.outside_travel |= 1 << index,
+                    Err(PositionFlaw::Jumped) => self.report.jumped |= 1 << index,
+                }
+            }
+            if begins {
+                check.forget();
+            }
+        }
+        Reasons::OUTSIDE_TRAVEL.when(self.report.outside_travel != 0)
+            | Reasons::JUMPED.when(self.report.jumped != 0)
     }
 
     /// What the model asks for, what the guard makes of it.

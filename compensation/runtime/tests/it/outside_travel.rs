@@ -1,9 +1,15 @@
-//! Positions that are not those of the machine: farther outside the travel than an axis can be.
+//! Positions that are not those of the machine: farther outside the travel than an axis can be, or where it cannot have come to.
 
-use volcomp_runtime::guard::{Hold, Reasons, Request, State};
+use std::path::Path;
+
+use volcomp_model::Machine;
+use volcomp_runtime::{
+    Report,
+    guard::{Hold, Reasons, Request, State},
+};
 use volcomp_vocabulary::AxisName;
 
-use crate::rig::{Injected, Rig, machine};
+use crate::rig::{Injected, NAMES, Rig, guard, machine};
 
 /// Z from −500 to 0, B, X, C, Y.
 const PLACE: [f64; 5] = [-100.0, 20.0, 300.0, 40.0, 200.0];
@@ -21,11 +27,11 @@ fn a_position_far_outside_the_travel_holds_and_comes_back() {
     let z = machine().index_of(AxisName::Z).unwrap();
     assert!(applied[z] != 0.0);
     // An end switch is within 5 mm.
-    control.displace(104.9);
-    let report = rig.run(10);
+    go(&mut rig, &control, [0.0, 104.9]);
+    let report = rig.run(50);
     assert_eq!(report.state, State::Compensating);
-    assert_eq!(report.outside_travel, 0);
-    control.displace(0.0);
+    assert_eq!((report.outside_travel, report.jumped), (0, 0));
+    go(&mut rig, &control, [104.9, 0.0]);
     let applied = rig.run(2000).sent.unwrap();
     for displaced in [105.1, 4000.0, -405.1] {
         control.displace(displaced);
@@ -53,6 +59,114 @@ fn a_position_far_outside_the_travel_holds_and_comes_back() {
             (report.sent.unwrap()[z] - applied[z]).abs() < 1e-6,
             "{report:?}"
         );
+    }
+}
+
+/// Its first axis goes from one displacement to another, mm, at 90 m/min.
+fn go(rig: &mut Rig, control: &Injected, [from, to]: [f64; 2]) {
+    let mut at = from;
+    while (at - to).abs() > f64::EPSILON {
+        at += (to - at).clamp(-6.0, 6.0);
+        control.displace(at);
+        let report = rig.step(None);
+        assert_eq!(report.jumped, 0, "{report:?}");
+    }
+}
+
+/// Compensates at a place, Z at −100.
+fn compensating() -> (Rig, Injected, Report) {
+    let control = Injected::default();
+    let mut rig = Rig::injected(PLACE, &control);
+    rig.run(20);
+    rig.step(Some(Request::Arm));
+    let armed = rig.run(5000);
+    assert_eq!(armed.state, State::Compensating, "{armed:?}");
+    (rig, control, armed)
+}
+
+#[test]
+fn a_jump_within_the_travel_holds_goes_to_zero_and_comes_back_with_the_position() {
+    let (mut rig, control, armed) = compensating();
+    let z = machine().index_of(AxisName::Z).unwrap();
+    let applied = armed.sent.unwrap();
+    assert!(applied[z] != 0.0);
+    // −400 mm, and −100/25.4: another unit.
+    for displaced in [-300.0, 100.0 - 100.0 / 25.4] {
+        control.displace(displaced);
+        let report = rig.step(None);
+        assert!(report.reasons.contains(Reasons::JUMPED), "{report:?}");
+        assert_eq!((report.jumped, report.outside_travel), (1 << z, 0));
+        assert_eq!((report.error, report.sent), (None, armed.sent));
+        let held = rig.run(10);
+        assert!((held.sent.unwrap()[z] - applied[z]).abs() < 1e-9);
+        // Time does not make it true.
+        let lost = rig.run(5000);
+        assert_eq!(lost.state, State::Holding(Hold::Lost), "{lost:?}");
+        assert_eq!((lost.sent.unwrap()[z], lost.jumped), (0.0, 1 << z));
+        control.displace(0.0);
+        let report = rig.run(5000);
+        assert_eq!(report.state, State::Compensating, "{report:?}");
+        assert_eq!(report.jumped, 0);
+        assert!((report.sent.unwrap()[z] - applied[z]).abs() < 1e-6);
+    }
+    // Who arms anew takes the position as it stands.
+    control.displace(-300.0);
+    rig.run(100);
+    rig.step(Some(Request::Disarm));
+    rig.run(1000);
+    rig.step(Some(Request::Arm));
+    let report = rig.run(5000);
+    assert_eq!(report.state, State::Compensating, "{report:?}");
+    assert_eq!((report.positions[z], report.jumped), (-400.0, 0));
+}
+
+#[test]
+fn motion_at_rapid_after_a_silence_is_believed() {
+    let (mut rig, control, _) = compensating();
+    control.set_silent(true);
+    rig.run(50);
+    control.set_silent(false);
+    // 200 ms at 90 m/min, as the axis goes on.
+    control.displace(-300.0);
+    assert_eq!(rig.step(None).jumped, 0);
+    go(&mut rig, &control, [-300.0, 0.0]);
+    assert_eq!(rig.run(1000).state, State::Compensating);
+}
+
+/// Referencing gives an axis another position.
+#[test]
+fn a_machine_that_was_not_referenced_begins_anew() {
+    let (mut rig, control, _) = compensating();
+    control.set_unreferenced(true);
+    control.displace(-50.0);
+    assert_eq!(rig.run(10).jumped, 0);
+    control.set_unreferenced(false);
+    control.displace(-300.0);
+    let report = rig.run(2000);
+    assert_eq!(report.state, State::Compensating, "{report:?}");
+    assert_eq!(report.jumped, 0);
+}
+
+/// So has a table with a turn of travel, or all but a thousandth of a degree of it.
+#[test]
+fn a_table_with_a_turn_of_travel_is_nowhere_outside() {
+    for (travel, at, is_outside) in [
+        ("[0.0, 359.999]", 366.0, false),
+        ("[0.0, 360.0]", -4000.0, false),
+        ("[0.0, 350.0]", 354.9, false),
+        ("[0.0, 350.0]", 355.1, true),
+    ] {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/five-axis.toml");
+        let text = std::fs::read_to_string(file).expect("shipped");
+        let text = text
+            .replace("travel = [0.0, 360.0]", &format!("travel = {travel}"))
+            .replace("modulo = 360.0\n", "");
+        let machine = Machine::parse(&text, "five-axis.toml").expect("valid");
+        let place = [-100.0, 20.0, 300.0, at, 200.0];
+        let report = Rig::of(&machine, &guard(), place, &NAMES).run(20);
+        let c = machine.index_of(AxisName::C).unwrap();
+        let expected = u16::from(is_outside) << c;
+        assert_eq!(report.outside_travel, expected, "{travel} at {at}");
     }
 }
 

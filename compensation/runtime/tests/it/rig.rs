@@ -178,6 +178,7 @@ pub(crate) struct Injected(Arc<Injections>);
 struct Injections {
     silent: AtomicBool,
     stopped: AtomicBool,
+    unreferenced: AtomicBool,
     /// How far from where it stands the first axis is told, mm, as bits.
     displaced: AtomicU64,
 }
@@ -198,6 +199,11 @@ impl Injected {
     /// It says that the emergency stop is pressed.
     pub(crate) fn set_stopped(&self, stopped: bool) {
         self.0.stopped.store(stopped, Ordering::Relaxed);
+    }
+
+    /// It says that its axes are not referenced.
+    pub(crate) fn set_unreferenced(&self, unreferenced: bool) {
+        self.0.unreferenced.store(unreferenced, Ordering::Relaxed);
     }
 
     /// It tells its first axis so far, mm, from where that stands.
@@ -223,6 +229,7 @@ impl<C: Controller> Controller for Disturbed<C> {
         let mut snapshot = self.inner.read(deadline)?;
         snapshot.positions[0] += f64::from_bits(self.by.0.displaced.load(Ordering::Relaxed));
         snapshot.state.emergency_stop |= self.by.0.stopped.load(Ordering::Relaxed);
+        snapshot.state.referenced &= !self.by.0.unreferenced.load(Ordering::Relaxed);
         Ok(snapshot)
     }
 

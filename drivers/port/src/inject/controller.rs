@@ -83,6 +83,13 @@ impl<C: Controller> Faulty<C> {
         } else {
             self.asked.frozen_at = None;
         }
+        if let Some((axis, factor, add, readings)) = self.asked.wrong_position {
+            if let Some(position) = snapshot.positions.get_mut(axis) {
+                *position = *position * factor + add;
+            }
+            let left = readings - 1;
+            self.asked.wrong_position = (left > 0).then_some((axis, factor, add, left));
+        }
         if let Some(index) = self.asked.flicker.take()
             && let Some(axis) = self.device.description().axes.get(index)
         {

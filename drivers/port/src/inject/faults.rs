@@ -120,6 +120,17 @@ pub enum Injection {
         /// The number of readings.
         readings: u32,
     },
+    /// So many readings tell another position of an axis: it jumped, or is in another unit.
+    WrongPosition {
+        /// The place of the axis.
+        axis: usize,
+        /// By how much the position is multiplied.
+        factor: f64,
+        /// What is added then, mm or rad.
+        add: f64,
+        /// The number of readings.
+        readings: u32,
+    },
     /// The program stands for so long after the next reading.
     StopAfterRead(Duration),
     /// The program stands for so long before the next write is sent.

@@ -67,6 +67,8 @@ pub(super) struct Asked {
     late_answer: Option<Duration>,
     pub(super) frozen_positions: u32,
     pub(super) frozen_at: Option<PerChannel<f64>>,
+    /// The axis, the factor, what is added, and the number of readings.
+    pub(super) wrong_position: Option<(usize, f64, f64, u32)>,
     stop_after_read: Option<Duration>,
     stop_before_write: Option<Duration>,
     pub(super) dropped_flag: u32,
@@ -160,6 +162,14 @@ impl<D> Faulty<D> {
             Injection::LateAnswer(time) => asked.late_answer = Some(time),
             Injection::FrozenPositions { readings } => {
                 (asked.frozen_positions, asked.frozen_at) = (readings, None);
+            }
+            Injection::WrongPosition {
+                axis,
+                factor,
+                add,
+                readings,
+            } => {
+                asked.wrong_position = (readings > 0).then_some((axis, factor, add, readings));
             }
             Injection::StopAfterRead(time) => asked.stop_after_read = Some(time),
             Injection::StopBeforeWrite(time) => asked.stop_before_write = Some(time),

@@ -171,12 +171,15 @@ pub(crate) fn length(error: [f64; 3]) -> f64 {
 /// The reasons of a state, without numbers that would make a new text each time.
 pub(crate) fn reasons(status: &Status) -> Vec<&str> {
     let reasons = status.reasons.iter();
-    // The time of a silence.
+    // The time of a silence, the position that is not believed.
     reasons
         .map(|reason| {
-            reason
-                .strip_suffix(" ms")
-                .map_or(reason.as_str(), |_| "no cycle")
+            let known = Reasons::with_text(reason).and_then(|reason| reason.texts().next());
+            known.unwrap_or_else(|| {
+                reason
+                    .strip_suffix(" ms")
+                    .map_or(reason.as_str(), |_| "no cycle")
+            })
         })
         .collect()
 }

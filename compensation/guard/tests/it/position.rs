@@ -1,0 +1,205 @@
+//! A position is believed where the axis can be and where it can have come to, and nothing else.
+
+use core::time::Duration;
+
+use proptest::prelude::*;
+use volcomp_guard::{PositionCheck, PositionFlaw, PositionLimits};
+
+/// 100 m/min, in mm/s.
+const RAPID: f64 = 100_000.0 / 60.0;
+/// 200 turns a minute, in deg/s: the judge does not ask for the unit.
+const TURNS: f64 = 1200.0;
+
+const LINEAR: PositionLimits = PositionLimits {
+    range: Some([-5.0, 4005.0]),
+    turn: None,
+    speed: RAPID,
+};
+const TABLE: PositionLimits = PositionLimits {
+    range: None,
+    turn: Some(360.0),
+    speed: TURNS,
+};
+const TILT: PositionLimits = PositionLimits {
+    range: Some([-125.0, 125.0]),
+    turn: None,
+    speed: TURNS,
+};
+
+const OK: Result<(), PositionFlaw> = Ok(());
+const JUMP: Result<(), PositionFlaw> = Err(PositionFlaw::Jumped);
+const OUT: Result<(), PositionFlaw> = Err(PositionFlaw::OutsideTravel);
+
+fn ms(ms: f64) -> Duration {
+    Duration::from_secs_f64(ms / 1e3)
+}
+
+/// What is said of each reading: (ms, position, verdict).
+fn told(world: &str, limits: &PositionLimits, readings: &[(f64, f64, Result<(), PositionFlaw>)]) {
+    let mut check = PositionCheck::default();
+    for (at, position, expected) in readings {
+        let found = check.judge(limits, *position, ms(*at));
+        assert_eq!(found, *expected, "{world}: {position} at {at} ms");
+    }
+}
+
+/// The reach is speed · (time + 50 ms): after 10 ms 100 mm, and for a second reading of the same moment 83.3 mm.
+#[test]
+fn what_is_believed_of_a_linear_axis() {
+    told(
+        "the ends, and no way back from beyond but the way that was gone",
+        &LINEAR,
+        &[
+            (0.0, -5.0, OK),
+            (10.0, -5.1, OUT),
+            (1e6, 200.0, JUMP),
+            (1e6, 90.0, OK),
+        ],
+    );
+    told(
+        "4 m in 10 ms",
+        &LINEAR,
+        &[(0.0, 2.0, OK), (10.0, 4002.0, JUMP), (20.0, 2.1, OK)],
+    );
+    told(
+        "the reach",
+        &LINEAR,
+        &[
+            (0.0, 0.0, OK),
+            (0.0, 83.2, OK),
+            (0.0, 0.0, OK),
+            (10.0, 100.1, JUMP),
+            (20.0, 99.9, OK),
+        ],
+    );
+    told(
+        "inches",
+        &LINEAR,
+        &[
+            (0.0, 572.7, OK),
+            (10.0, 22.547, JUMP),
+            (20.0, 22.547, JUMP),
+            (30.0, 572.7, OK),
+        ],
+    );
+    told(
+        "mm where inches are meant",
+        &LINEAR,
+        &[(0.0, 100.0, OK), (10.0, 2540.0, JUMP)],
+    );
+    told(
+        "one moment told twice, and what another path tells from before",
+        &LINEAR,
+        &[(100.0, 50.0, OK), (90.0, 34.0, OK), (100.0, 50.0, OK)],
+    );
+}
+
+/// However long a wrong position lasts, it does not become believable, nor does a silence make it so.
+#[test]
+fn a_jump_is_not_believed_after_the_time_that_it_would_have_taken() {
+    let mut check = PositionCheck::default();
+    assert_eq!(check.judge(&LINEAR, 100.0, ms(0.0)), OK);
+    for reading in 1..100_000 {
+        let at = f64::from(reading) * 10.0;
+        assert_eq!(check.judge(&LINEAR, 600.0, ms(at)), JUMP, "{at} ms");
+    }
+    assert_eq!(check.judge(&LINEAR, 600.0, ms(2e6)), JUMP);
+    // It moves on from there, and comes back to where it could have come in the 10 ms before the jump.
+    for (position, expected) in [
+        (400.0, JUMP),
+        (210.0, JUMP),
+        (200.1, JUMP),
+        (199.9, OK),
+        (299.0, OK),
+    ] {
+        assert_eq!(
+            check.judge(&LINEAR, position, ms(3e6 + position)),
+            expected,
+            "{position}"
+        );
+    }
+    // Armed anew.
+    assert_eq!(check.judge(&LINEAR, 2000.0, ms(3_000_300.0)), JUMP);
+    check.forget();
+    assert_eq!(check.judge(&LINEAR, 2000.0, ms(3_000_310.0)), OK);
+}
+
+/// Between two places that are out of reach of each other, only the first is believed.
+#[test]
+fn a_position_that_alternates_is_believed_at_one_place() {
+    let mut check = PositionCheck::default();
+    for reading in 0..1000 {
+        let there = reading % 2 == 1;
+        let (position, expected) = if there { (900.0, JUMP) } else { (300.0, OK) };
+        let at = f64::from(reading) * 4.0;
+        assert_eq!(check.judge(&LINEAR, position, ms(at)), expected, "{at} ms");
+    }
+}
+
+#[test]
+fn what_is_believed_of_a_rotary_axis() {
+    told(
+        "a table that rolls over",
+        &TABLE,
+        &[
+            (0.0, 350.0, OK),
+            (10.0, 2.0, OK),
+            (20.0, -350.0, OK),
+            (30.0, 3610.0, OK),
+        ],
+    );
+    told(
+        "half a turn at once",
+        &TABLE,
+        &[(0.0, 0.0, OK), (10.0, 180.0, JUMP), (20.0, 71.9, OK)],
+    );
+    told(
+        "an axis that does not go round",
+        &TILT,
+        &[
+            (0.0, 120.0, OK),
+            (10.0, -120.0, JUMP),
+            (20.0, 480.0, OUT),
+            (30.0, 119.0, OK),
+        ],
+    );
+}
+
+proptest! {
+    /// Who moves at rapid at the most is believed, with cycles of any length, with silences, and where positions are up to 25 ms
+    /// older or younger than they are said to be.
+    #[test]
+    fn an_axis_that_moves_as_fast_as_it_can_is_believed(
+        steps in prop::collection::vec((1_u32..=100, -1.0..=1.0_f64, -25.0..=25.0_f64), 1..200),
+        silence in 0_u32..3000,
+    ) {
+        let mut check = PositionCheck::default();
+        let (mut at, mut before) = (1000.0, 0.0);
+        for (index, (cycle, speed, late)) in steps.iter().enumerate() {
+            let passed = f64::from(*cycle) + if index % 10 == 9 { f64::from(silence) } else { 0.0 };
+            let goes = (RAPID * speed * passed / 1e3).clamp(-before, 4000.0 - before);
+            at += passed;
+            // As the position was, or will be, on the way with the same speed.
+            let told = (before + goes * (1.0 + late / passed)).clamp(
+                (before + goes - RAPID * 0.025).max(0.0),
+                (before + goes + RAPID * 0.025).min(4000.0),
+            );
+            before += goes;
+            prop_assert_eq!(check.judge(&LINEAR, told, ms(at)), OK);
+        }
+    }
+
+    /// A turn at the fastest, told between 0 and 360.
+    #[test]
+    fn a_table_that_turns_as_fast_as_it_can_is_believed(
+        begins in 0.0..360.0_f64, cycle in 1_u32..100, clockwise in any::<bool>(),
+    ) {
+        let mut check = PositionCheck::default();
+        let sign = if clockwise { 1.0 } else { -1.0 };
+        for reading in 0..100 {
+            let at = f64::from(reading * cycle);
+            let position = (begins + sign * TURNS * at / 1e3).rem_euclid(360.0);
+            prop_assert_eq!(check.judge(&TABLE, position, ms(at)), OK);
+        }
+    }
+}
