@@ -1,6 +1,6 @@
 //! The wall clock goes where it wants: only records tell it, nothing is computed from it.
 
-use std::{path::Path, process::Command, time::Duration};
+use std::{path::Path, process::Command};
 
 use crate::program::Program;
 
@@ -35,18 +35,13 @@ fn a_wall_clock_that_jumps_changes_nothing_but_the_dates() {
     for jump in ["-10d", "+3650d", "+0"] {
         let before = program.state()["cycle"]["count"].as_u64().expect("a count");
         std::fs::write(&stamp, jump).expect("writable");
-        std::thread::sleep(Duration::from_millis(700));
-        let state = program.state();
+        let went_on = program.wait(|state| state["cycle"]["count"].as_u64() > Some(before + 100));
+        let state = went_on.expect("it goes on");
         assert_eq!(state["state"], "compensating", "{jump}");
-        let cycles = state["cycle"]["count"].as_u64().expect("a count") - before;
-        assert!(
-            (60..600).contains(&cycles),
-            "{jump}: {cycles} cycles in 0.7 s"
-        );
         // Dates in the log jump, its order does not.
         assert_eq!(program.post("/api/disarm", "").status, 200);
         program.wait_for("disarmed");
-        assert_eq!(program.post("/api/arm", "").status, 200);
+        program.must_arm();
         program.wait_for("compensating");
     }
     program.signal("TERM");

@@ -16,6 +16,7 @@ use volcomp_focas::simulator::{Options, Simulator, World};
 use crate::{
     controlled::configuration,
     program::{MACHINE, PATIENCE, Program, path},
+    standing::{SmallDisk, kept},
 };
 
 /// A module with one sensor, whose temperature a test sets, tenths of a degree.
@@ -105,6 +106,34 @@ fn a_sensor_that_jumped_keeps_a_restart_from_arming() {
     // A person has looked at it.
     assert_eq!(program.post("/api/acknowledge", "").status, 200);
     program.wait_for("disarmed");
+    drop(control);
+}
+
+/// The same on a full disk.
+#[test]
+fn a_sensor_that_jumped_is_kept_on_a_full_disk() {
+    let dir = tempfile::tempdir().expect("writable");
+    let Some(disk) = SmallDisk::at(dir.path().join("audit")) else {
+        return;
+    };
+    let (control, tenths, config) = bench(dir.path());
+    let mut program = Program::start(dir.path(), &["--config", path(&config)]);
+    program.wait_for("compensating");
+    disk.fill(0);
+    let_sensor_jump(&program, &tenths);
+    let file = disk.0.join("standing.slots");
+    volcomp_test_support::until("it is written down", PATIENCE, || {
+        kept(&file).contains("scale_x")
+    });
+    program.running.kill();
+    drop(program);
+    disk.make_room();
+    let program = Program::start(dir.path(), &["--config", path(&config)]);
+    let told = program.wait(|state| {
+        let reasons = state["reasons"].to_string();
+        reasons.contains("temperature that jumped before the restart: scale_x")
+    });
+    assert_eq!(told.expect("it is remembered")["state"], "faulted");
     drop(control);
 }
 

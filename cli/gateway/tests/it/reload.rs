@@ -1,7 +1,5 @@
 //! Configuration and machine file read again while it corrects.
 
-use std::time::Duration;
-
 use crate::{
     controlled::{configuration, control},
     program::{Program, change, path},
@@ -19,6 +17,14 @@ fn confirm(program: &Program, asked: &serde_json::Value) {
     assert_eq!(confirmed.status, 200, "{}", confirmed.body);
 }
 
+/// What is told after 50 further cycles: more than a ramp of 0.1 s takes.
+fn next_cycles(program: &Program) -> serde_json::Value {
+    let cycle = |state: &serde_json::Value| state["cycle"]["count"].as_u64();
+    let before = cycle(&program.state()).expect("a count");
+    let next = program.wait(|state| cycle(state) > Some(before + 50));
+    next.expect("it goes on")
+}
+
 fn ramps(program: &Program) -> usize {
     program.log().matches("state=\"arming\"").count()
 }
@@ -30,7 +36,7 @@ fn unchanged_files_make_no_ramp(program: &Program) {
     let same = program.post("/api/reload", "");
     assert_eq!(same.status, 200, "{}", same.body);
     assert_eq!(same.json()["unchanged"], true);
-    std::thread::sleep(Duration::from_millis(300));
+    next_cycles(program);
     assert_eq!(ramps(program), before, "no ramp: {}", program.log());
 }
 
@@ -59,12 +65,8 @@ fn a_model_changes_through_the_ramp_and_a_large_change_is_confirmed() {
     assert_eq!(asked.status, 409, "{}", asked.body);
     let asked = asked.json();
     assert!((asked["worst_corner_um"].as_f64().expect("a number") - 75.0).abs() < 0.1);
-    std::thread::sleep(Duration::from_millis(300));
-    assert_eq!(
-        program.state()["correction_um"]["Y"],
-        -25.0,
-        "nothing happened"
-    );
+    let state = next_cycles(&program);
+    assert_eq!(state["correction_um"]["Y"], -25.0, "nothing happened");
     let other = program.post("/api/reload", "{\"confirm\": \"sha256:00\"}");
     assert_eq!(other.status, 409);
     confirm(&program, &asked);

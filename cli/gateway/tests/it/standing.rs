@@ -40,10 +40,10 @@ pub(crate) fn kept(file: &Path) -> String {
 }
 
 /// A file system of 512 KiB in memory; `None` for a user who may not mount one.
-struct SmallDisk(PathBuf);
+pub(crate) struct SmallDisk(pub(crate) PathBuf);
 
 impl SmallDisk {
-    fn at(folder: PathBuf) -> Option<Self> {
+    pub(crate) fn at(folder: PathBuf) -> Option<Self> {
         std::fs::create_dir(&folder).expect("writable");
         let mount = Command::new("mount")
             .args(["-t", "tmpfs", "-o", "size=512k", "tmpfs", path(&folder)])
@@ -56,7 +56,7 @@ impl SmallDisk {
     }
 
     /// Fills it but for some room.
-    fn fill(&self, left: u64) {
+    pub(crate) fn fill(&self, left: u64) {
         let path = self.0.join("filler");
         let mut filler = File::create(&path).expect("writable");
         let mut bytes = 0;
@@ -66,7 +66,7 @@ impl SmallDisk {
         filler.set_len(bytes - left).expect("shorter");
     }
 
-    fn make_room(&self) {
+    pub(crate) fn make_room(&self) {
         std::fs::remove_file(self.0.join("filler")).expect("there");
     }
 }
@@ -166,6 +166,37 @@ fn a_persons_disarming_is_kept_on_a_full_disk() {
     let told = program.wait(|state| says(state, "disarmed by a person"));
     assert_eq!(told.expect("it is remembered")["state"], "disarmed");
     assert!(kept(&file).contains(disarmed));
+}
+
+/// A fault on a full disk is one after a power failure, too.
+#[test]
+fn a_fault_is_kept_on_a_full_disk() {
+    let dir = tempfile::tempdir().expect("writable");
+    let Some(disk) = SmallDisk::at(dir.path().join("audit")) else {
+        return;
+    };
+    let file = disk.0.join("standing.slots");
+    let control = control();
+    let config = configuration(dir.path(), &control, "auto_arm = true");
+    let mut program = started(&config);
+    program.wait_for("compensating");
+    disk.fill(0);
+    // Somebody else writes 30 mm into the word of Y.
+    until("it is a fault", Duration::from_secs(10), || {
+        control.world().set_shift(1, 30_000);
+        program.state()["state"] == "faulted"
+    });
+    until("it is written down", Duration::from_secs(10), || {
+        kept(&file).contains("\"faulted\":[")
+    });
+    program.running.kill();
+    drop(program);
+    control.world().set_shift(1, 0);
+    disk.make_room();
+    let program = started(&config);
+    let told = program.wait(|state| says(state, "faulted before the restart"));
+    assert_eq!(told.expect("it is remembered")["state"], "faulted");
+    assert_eq!(program.arm().status, 409);
 }
 
 /// Where there is no room for what may have to be kept, nothing is armed; once there is, it arms.
