@@ -54,7 +54,7 @@ fn check_several(several: &Several, online: bool, json: bool) -> Result<String, 
     let overview = OverviewPlan {
         listen: several.dashboard.listen.to_string(),
         tls: tls.is_some(),
-        reading_needs_token: !several.dashboard.listen.ip().is_loopback(),
+        reading_needs_token: several.dashboard.reading_needs_token(),
         tokens: tokens.plan(),
     };
     let mut text = String::new();

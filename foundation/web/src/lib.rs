@@ -2,9 +2,11 @@
 
 pub mod headers;
 pub mod hosts;
+mod origin;
 mod server;
 pub mod tls;
 
+pub use origin::is_of_another_page;
 pub use server::serve;
 pub use tls::{CertificateError, Tls, TlsError};
 

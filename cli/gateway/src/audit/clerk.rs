@@ -25,7 +25,7 @@ enum Task {
     Record(Box<Entry>, SyncSender<bool>),
     Again(Box<Entry>),
     Keep(PathBuf, String, SyncSender<bool>),
-    Stand(String, SyncSender<bool>),
+    KeepStanding(String, SyncSender<bool>),
 }
 
 /// The side of whoever has something to be written. No call waits for the disk but [`settle`](Self::settle).
@@ -118,9 +118,9 @@ impl Clerk {
     }
 
     /// Queues the text of `standing.slots`. After the first write its file is allocated, so that later writes succeed on a full disk.
-    pub fn stand(&self, text: String) -> Receipt {
+    pub fn keep_standing(&self, text: String) -> Receipt {
         let (tell, receipt) = sync_channel(1);
-        let taken = self.hand_over(Task::Stand(text, tell));
+        let taken = self.hand_over(Task::KeepStanding(text, tell));
         Receipt(taken.then_some(receipt))
     }
 
@@ -194,7 +194,7 @@ impl Desk {
                     tracing::error!("{}: {e}", path.display());
                 }
             }
-            Task::Stand(text, tell) => {
+            Task::KeepStanding(text, tell) => {
                 let kept = self.standing.keep(&text);
                 let _ = tell.try_send(kept.is_ok());
                 if let Err(e) = kept {

@@ -16,7 +16,6 @@ pub(super) fn dashboard(
         "tls_certificate",
         "tls_key",
         "hosts",
-        "upload_mib",
     ])?;
     let path =
         |key: &str| section.optional(key, |value| Ok::<_, InputError>(folder.join(value.text()?)));
@@ -50,7 +49,6 @@ pub(super) fn dashboard(
         token_file: path("token_file")?,
         tls,
         hosts: hosts.into_iter().map(str::to_owned).collect(),
-        upload_mib: section.whole_or("upload_mib", 1..=4, 4)?,
     })
 }
 

@@ -236,8 +236,6 @@ pub struct DashboardConfig {
     pub tls: Option<(PathBuf, PathBuf)>,
     /// Host names, besides addresses, under which browsers may ask for it.
     pub hosts: Vec<String>,
-    /// The largest file that can be uploaded, MiB.
-    pub upload_mib: u32,
 }
 
 impl Default for DashboardConfig {
@@ -247,15 +245,14 @@ impl Default for DashboardConfig {
             token_file: None,
             tls: None,
             hosts: Vec::new(),
-            upload_mib: 4,
         }
     }
 }
 
 impl DashboardConfig {
-    /// The largest file that can be uploaded, bytes.
-    pub(crate) fn upload_bytes(&self) -> u64 {
-        u64::from(self.upload_mib) * 1024 * 1024
+    /// Whether reading needs a token: it is open to programs on this computer alone.
+    pub(crate) fn reading_needs_token(&self) -> bool {
+        !self.listen.ip().is_loopback()
     }
 
     /// Reads the table `[dashboard]` of a configuration file and nothing else of it: a gateway that runs can be asked while

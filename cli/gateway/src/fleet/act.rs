@@ -244,7 +244,7 @@ impl Actor {
         kept.extend(self.active.clone().filter(|_| !is_active));
         let next = standing.clone();
         self.on_disk(&held, move |store, _| {
-            store.stand(&next)?;
+            store.keep_standing(&next)?;
             store.tidy(&kept.iter().collect::<Vec<_>>());
             Ok(())
         })

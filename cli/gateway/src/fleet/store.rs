@@ -168,7 +168,7 @@ impl Store {
         self.make()?;
         let text = serde_json::to_string(&held.desired)?;
         write(&self.manifest(held.manifest.version), &text)?;
-        self.stand(standing)
+        self.keep_standing(standing)
     }
 
     /// Keeps the machine file of a manifest.
@@ -177,7 +177,7 @@ impl Store {
     }
 
     /// Writes down what stands from now on.
-    pub(crate) fn stand(&self, standing: &Standing) -> io::Result<()> {
+    pub(crate) fn keep_standing(&self, standing: &Standing) -> io::Result<()> {
         write(&self.dir.join(STANDING), &serde_json::to_string(standing)?)
     }
 

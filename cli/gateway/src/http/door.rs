@@ -1,7 +1,11 @@
 //! Who is let in: host names, tokens, time, and the headers of every answer. The same for a machine's dashboard and the
 //! overview of several.
 
-use std::{net::SocketAddr, sync::Arc, time::Duration};
+use std::{
+    net::{IpAddr, SocketAddr},
+    sync::Arc,
+    time::Duration,
+};
 
 use axum::{
     Extension, Json,
@@ -11,7 +15,7 @@ use axum::{
     response::{IntoResponse, Response},
 };
 
-use volcomp_web::{headers, hosts};
+use volcomp_web::{headers, hosts, is_of_another_page};
 
 use super::tokens::{Denied, Role, Tokens};
 use crate::{
@@ -42,8 +46,20 @@ impl Door {
         Self {
             tokens,
             hosts: config.hosts.clone(),
-            reading_needs_token: !config.listen.ip().is_loopback(),
+            reading_needs_token: config.reading_needs_token(),
         }
+    }
+
+    /// Who disarms: whoever may operate, and without a token somebody at this computer, but no page of another origin in their browser.
+    pub(super) fn who_disarms(&self, from: IpAddr, headers: &HeaderMap) -> Result<String, Denied> {
+        if from.to_canonical().is_loopback() && !headers.contains_key(header::AUTHORIZATION) {
+            if is_of_another_page(headers) {
+                return Err(Denied::AnotherPage);
+            }
+            return Ok("somebody at this computer".to_owned());
+        }
+        let holder = self.tokens.check(from, bearer(headers), Role::Operate)?;
+        Ok(holder.name)
     }
 }
 
@@ -121,17 +137,6 @@ pub(super) fn bearer(headers: &HeaderMap) -> Option<&str> {
         .then_some(token.trim())
 }
 
-/// Whether a browser sends this for a page of another origin: then the person at it may know nothing of it.
-pub(super) fn is_of_another_page(headers: &HeaderMap) -> bool {
-    let text = |name| headers.get(name).map(|value| value.to_str().unwrap_or(""));
-    let host = text(header::HOST).unwrap_or("");
-    // What is no browser states no origin.
-    text(header::ORIGIN).is_some_and(|origin| {
-        let at = origin.split_once("://").map(|(_, at)| at);
-        !at.is_some_and(|at| at.eq_ignore_ascii_case(host))
-    })
-}
-
 /// A refusal in words.
 pub(super) fn refuse(status: StatusCode, why: &str) -> Response {
     (status, Json(Refusal::new(why))).into_response()
@@ -147,6 +152,10 @@ impl IntoResponse for Denied {
         match self {
             Self::NoneConfigured => refuse(StatusCode::NOT_FOUND, "no token is configured"),
             Self::Unknown => refuse(StatusCode::UNAUTHORIZED, "a valid token is needed"),
+            Self::AnotherPage => refuse(
+                StatusCode::FORBIDDEN,
+                "a page of another origin may not disarm",
+            ),
             Self::Role => refuse(StatusCode::FORBIDDEN, "this token does not allow it"),
             Self::TooMany => refuse(
                 StatusCode::TOO_MANY_REQUESTS,

@@ -39,8 +39,6 @@ use crate::{
 const MAX_BODY: usize = 64 * 1024;
 /// The time between two events of a stream.
 const EVENT_EVERY: Duration = Duration::from_millis(100);
-/// Who disarmed without a token, which the computer of the gateway itself does not need for that.
-const HERE: &str = "somebody at this computer";
 
 pub(super) type Shared = Arc<Dashboard>;
 
@@ -194,17 +192,11 @@ async fn disarm(
     dashboard: State<Shared>,
     from: Extension<SocketAddr>,
     headers: HeaderMap,
-    body: Bytes,
 ) -> Response {
-    let is_here = from.0.ip().to_canonical().is_loopback();
-    if is_here && !headers.contains_key(header::AUTHORIZATION) {
-        if door::is_of_another_page(&headers) {
-            let why = "a page of another origin may not disarm";
-            return refuse(StatusCode::FORBIDDEN, why);
-        }
-        return request(&dashboard, HERE.to_owned(), Ask::Disarm).await;
+    match dashboard.door.who_disarms(from.0.ip(), &headers) {
+        Ok(who) => request(&dashboard, who, Ask::Disarm).await,
+        Err(denied) => denied.into_response(),
     }
-    operate(dashboard, from.0.ip(), &headers, &body, |_| Ask::Disarm).await
 }
 
 async fn acknowledge(

@@ -72,6 +72,8 @@ pub enum Denied {
     Role,
     /// Too many wrong tokens came from this address.
     TooMany,
+    /// No token was given, and a browser asks for a page of another origin.
+    AnotherPage,
 }
 
 impl Tokens {

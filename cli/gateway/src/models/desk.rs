@@ -247,7 +247,7 @@ impl Desk {
 
     /// Puts what stands onto the disk.
     fn write(&mut self) {
-        match self.shared.store.stand(&self.kept) {
+        match self.shared.store.keep_standing(&self.kept) {
             Ok(()) => self.unwritten = None,
             Err(e) => {
                 if self.unwritten.is_none() {

@@ -41,7 +41,7 @@ use patience::Patience;
 pub(crate) use receiving::Place;
 use store::Store;
 pub(crate) use uploads::UploadError;
-use uploads::{MOST_FILES, TIMES};
+use uploads::{LARGEST_FILE, MOST_FILES, TIMES};
 
 /// What a file is that somebody uploads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -85,7 +85,6 @@ pub(crate) struct Shared {
     /// The built-in simulation has its own machine file.
     is_built_in: bool,
     cycle_cpu: Option<usize>,
-    largest_file: u64,
     published: Published,
     asks: Asks,
     switch: DisarmSwitch,
@@ -118,7 +117,6 @@ impl Models {
             store: Store::new(&config.audit_dir),
             is_built_in,
             cycle_cpu: config.realtime.cpu,
-            largest_file: config.dashboard.upload_bytes(),
             published: published.clone(),
             asks: asks.clone(),
             switch: switch.clone(),
@@ -164,8 +162,8 @@ impl Models {
             candidate: candidate.as_ref().map(|held| held.document.brief.clone()),
             history: told.kept.history.iter().rev().cloned().collect(),
             kept: told.there.clone(),
-            largest_file_bytes: shared.largest_file,
-            largest_upload_bytes: shared.largest_file.saturating_mul(TIMES),
+            largest_file_bytes: LARGEST_FILE,
+            largest_upload_bytes: LARGEST_FILE * TIMES,
             most_files: MOST_FILES,
             no_files: shared.is_built_in.then(|| BUILT_IN.to_owned()),
             trouble: told.trouble.clone(),

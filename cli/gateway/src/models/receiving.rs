@@ -11,7 +11,7 @@ use super::{
     gone, lock,
     measured::Folder,
     quiet, refused,
-    uploads::{Incoming, MOST_FILES, TIMES, UploadError, check_room, sanitised},
+    uploads::{Incoming, LARGEST_FILE, MOST_FILES, TIMES, UploadError, check_room, sanitised},
     working,
 };
 use crate::{
@@ -88,7 +88,7 @@ impl Models {
         if is_toml && kind == UploadKind::Measurement {
             return Err(wrong(UploadError::Toml { name }));
         }
-        let most = shared.largest_file;
+        let most = LARGEST_FILE;
         if length.is_some_and(|length| length > most) {
             return Err(wrong(UploadError::Large {
                 mib: most / 1024 / 1024,

@@ -118,7 +118,7 @@ impl Store {
     }
 
     /// Writes down what stands from now on, and removes the machine files that belong to nothing any more.
-    pub(crate) fn stand(&self, kept: &ModelsKept) -> io::Result<()> {
+    pub(crate) fn keep_standing(&self, kept: &ModelsKept) -> io::Result<()> {
         self.make()?;
         write(&self.dir.join(STANDING), &serde_json::to_string(kept)?)?;
         self.tidy(kept);
@@ -248,7 +248,7 @@ mod tests {
         fs::write(dir.path().join("models/standing.new"), &whole[..30]).expect("writable");
         assert_eq!(store.in_force(), Ok(None));
         // It stands.
-        store.stand(&standing(&hash)).expect("writable");
+        store.keep_standing(&standing(&hash)).expect("writable");
         assert_eq!(store.in_force(), Ok(Some(machine.clone())));
         // The file is damaged afterwards: it is not loaded, and that is told.
         fs::write(&machine, text.replace("20.0", "90.0")).expect("writable");
@@ -267,13 +267,13 @@ mod tests {
         store.keep(&hash, &text).expect("writable");
         let mut kept = ModelsKept::default();
         add(&mut kept, entry(&hash));
-        store.stand(&kept).expect("writable");
+        store.keep_standing(&kept).expect("writable");
         assert!(store.text(&hash).is_ok());
         for number in 0..MOST {
             add(&mut kept, entry(&format!("sha256:{number:064x}")));
         }
         assert_eq!(kept.history.len(), MOST);
-        store.stand(&kept).expect("writable");
+        store.keep_standing(&kept).expect("writable");
         assert!(
             store.text(&hash).is_err(),
             "its line is gone, and it with it"

@@ -11,6 +11,8 @@ use rustix::fs::statvfs;
 
 /// The largest number of files of one upload.
 pub(crate) const MOST_FILES: usize = 200;
+/// The largest file, bytes. Making a model takes some thirty times as much in memory of the program that corrects.
+pub(crate) const LARGEST_FILE: u64 = 4 * 1024 * 1024;
 /// All files of an upload together are at most so many times the largest one.
 pub(crate) const TIMES: u64 = 4;
 /// So much of the disk stays free: the audit log, without which nobody arms, needs room.
@@ -29,10 +31,12 @@ pub(crate) enum UploadError {
     Twice { name: String },
     #[error("{MOST_FILES} files have been uploaded already, which is the most")]
     Files,
-    #[error("the file is larger than {mib} MiB, which is `upload_mib` of [dashboard]")]
+    #[error(
+        "the file is larger than {mib} MiB, the most that is taken: make the model with `volcomp calibrate` and upload the machine file"
+    )]
     Large { mib: u64 },
     #[error(
-        "all files together are larger than {mib} MiB, which is {TIMES} times `upload_mib` of [dashboard]"
+        "all files together are larger than {mib} MiB, the most that is taken: make the model with `volcomp calibrate` and upload the machine file"
     )]
     Quota { mib: u64 },
     #[error("the disk is full: less than {} MiB would be left free, which the audit log needs", RESERVE / 1024 / 1024)]

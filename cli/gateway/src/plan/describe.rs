@@ -49,7 +49,7 @@ pub(super) fn document(plan: &Plan) -> PlanDocument {
                 config.dashboard.listen.to_string(),
             ),
             tls: plan.tls.is_some(),
-            reading_needs_token: !config.dashboard.listen.ip().is_loopback(),
+            reading_needs_token: config.dashboard.reading_needs_token(),
             tokens: plan.tokens.plan(),
         },
         audit: AuditPlan {

@@ -466,7 +466,7 @@ pub(crate) fn dashboard(
         .as_ref()
         .map(|(certificate, key)| tls::acceptor(certificate, key))
         .transpose()?;
-    let is_local = listen.ip().is_loopback();
+    let is_local = !dashboard.reading_needs_token();
     if !is_local && tls.is_none() {
         return Err(GatewayError::NoTls { listen });
     }

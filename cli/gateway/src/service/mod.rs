@@ -402,7 +402,7 @@ impl Service {
             );
             let reasons: Vec<String> = reasons.into_iter().map(str::to_owned).collect();
             let before = std::mem::replace(&mut self.last_state, change.state);
-            self.stand_as(before, &reasons);
+            self.keep_fault(before, &reasons);
             let event = StateChange {
                 state: change.state.into(),
                 controller: change.active,
@@ -424,7 +424,7 @@ impl Service {
         }
         let report = *self.parts.handle.report();
         self.lags.follow(&report);
-        self.stand_jumped(&report);
+        self.keep_jumped(&report);
         let cycle_at = self.parts.handle.start() + report.now;
         self.publisher.publish(self.status(&report), cycle_at);
         if self.output.at.elapsed() > OUTPUT_EVERY && self.output.correction != report.correction {

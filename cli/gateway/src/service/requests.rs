@@ -96,7 +96,7 @@ impl Service {
     fn write_disarming(&mut self, asked: &Asked) {
         self.write_down(&asked.who, "disarm");
         let who = asked.who.clone();
-        self.stand(|standing| standing.disarmed_by = Some(who));
+        self.change_standing(|standing| standing.disarmed_by = Some(who));
     }
 
     /// Requests that come while the gateway stops: disarming is written down, all else is refused.
@@ -240,11 +240,11 @@ impl Service {
             // The report may be of a cycle that began before somebody disarmed it again.
             let since = self.switch.count() != disarms;
             if effect.request == Request::Arm && who != AUTO_ARM && !since {
-                self.stand(|standing| standing.disarmed_by = None);
+                self.change_standing(|standing| standing.disarmed_by = None);
             }
             if effect.request == Request::Acknowledge {
                 // The guards know nothing of a fault from before the start: it ends here.
-                self.stand(|standing| standing.faulted = None);
+                self.change_standing(|standing| standing.faulted = None);
             }
             let reasons = self.all_reasons(&report);
             return Progress::Done(settled(200, report.state, reasons, None));

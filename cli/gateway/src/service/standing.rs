@@ -53,7 +53,7 @@ fn with_jumps(mut standing: Standing) -> Standing {
 
 impl Service {
     /// What stands from now on.
-    pub(super) fn stand(&mut self, change: impl FnOnce(&mut Standing)) {
+    pub(super) fn change_standing(&mut self, change: impl FnOnce(&mut Standing)) {
         let before = self.standing.clone();
         change(&mut self.standing);
         if self.standing == before {
@@ -66,7 +66,7 @@ impl Service {
     /// Writes it down. Where that fails it is tried again until it is written, and told meanwhile.
     pub(super) fn write_standing(&mut self) {
         if let Ok(text) = serde_json::to_string(&self.standing) {
-            self.standing_kept = Some(self.clerk.stand(text));
+            self.standing_kept = Some(self.clerk.keep_standing(text));
         }
     }
 
@@ -90,21 +90,21 @@ impl Service {
     }
 
     /// A fault outlives the gateway until it has ended. `before` is the state before the present one.
-    pub(super) fn stand_as(&mut self, before: State, reasons: &[String]) {
+    pub(super) fn keep_fault(&mut self, before: State, reasons: &[String]) {
         if matches!(self.last_state, State::Faulted(_)) {
             let reasons = reasons.to_vec();
-            self.stand(|standing| standing.faulted = Some(reasons));
+            self.change_standing(|standing| standing.faulted = Some(reasons));
         } else if matches!(before, State::Faulted(_)) {
-            self.stand(|standing| standing.faulted = None);
+            self.change_standing(|standing| standing.faulted = None);
         }
     }
 
     /// A sensor that jumped is out for longer than the gateway runs.
-    pub(super) fn stand_jumped(&mut self, report: &Report) {
+    pub(super) fn keep_jumped(&mut self, report: &Report) {
         let sensors = self.parts.sensors.iter().zip(&report.sensors);
         let jumped = sensors.filter(|(_, told)| told.flaw == Some(SensorFlaw::Jumped));
         let jumped = jumped.map(|(name, _)| name.clone()).collect();
-        self.stand(|standing| standing.jumped = jumped);
+        self.change_standing(|standing| standing.jumped = jumped);
     }
 
     /// The fault from before the start, which nobody has acknowledged: the guards know nothing of it.

@@ -10,18 +10,16 @@ use serde_json::json;
 
 use super::measured::{all_answers, answers, measured_rig, send_measurements};
 use super::{ENGINEER, Rig, activate, candidate, post, settled, upload};
-use crate::program::{PATIENCE, answer, change, path};
+use crate::program::{PATIENCE, answer, path};
+
+/// The largest file that is taken, bytes.
+const LARGEST: usize = 4 * 1024 * 1024;
 
 /// Names that lead elsewhere, two hundred files, one that is cut, one that is too large: nothing outside of the folder, nothing
 /// half there.
 #[test]
 fn files_stay_in_their_folder_and_whole() {
     let rig = Rig::new("");
-    change(
-        &rig.config,
-        "[dashboard]\n",
-        "[dashboard]\nupload_mib = 1\n",
-    );
     let program = rig.start();
     let begun = upload(
         &program,
@@ -83,7 +81,7 @@ fn files_stay_in_their_folder_and_whole() {
         std::thread::sleep(Duration::from_millis(50));
     }
     // Too large, by its length and by what comes.
-    let large = vec![b'1'; 1024 * 1024 + 1];
+    let large = vec![b'1'; LARGEST + 1];
     let refused = upload(
         &program,
         &format!("kind=measurement&name=large.csv&candidate={id}"),
@@ -193,11 +191,6 @@ fn nobody_goes_on_while_a_file_is_on_its_way() {
 #[test]
 fn files_on_their_way_count_for_what_all_may_be() {
     let rig = Rig::new("");
-    change(
-        &rig.config,
-        "[dashboard]\n",
-        "[dashboard]\nupload_mib = 1\n",
-    );
     let program = rig.start();
     let begun = upload(&program, "kind=measurement&name=x.csv", b"1,2\n").json();
     let id = begun["id"].as_str().expect("named").to_owned();
@@ -206,13 +199,12 @@ fn files_on_their_way_count_for_what_all_may_be() {
         let mut stream = program.connect();
         let head = format!(
             "POST /api/model/upload?kind=measurement&name={name}&candidate={id} HTTP/1.1\r\nHost: {}\r\nAuthorization: Bearer {ENGINEER}\r\nContent-Length: {}\r\n\r\n1,2\n",
-            program.address,
-            1024 * 1024
+            program.address, LARGEST
         );
         stream.write_all(head.as_bytes()).expect("it listens");
         stream
     };
-    // Three of a MiB each, and nothing comes of them.
+    // Three of the largest, and nothing comes of them.
     let streams: Vec<_> = ["a.csv", "b.csv", "c.csv"].into_iter().map(begin).collect();
     let end = Instant::now() + PATIENCE;
     for name in ["a", "b", "c"] {
@@ -221,8 +213,8 @@ fn files_on_their_way_count_for_what_all_may_be() {
             std::thread::sleep(Duration::from_millis(20));
         }
     }
-    // Four bytes are there, 4 MiB is the most.
-    let whole = vec![b'1'; 1024 * 1024];
+    // Four bytes are there, 16 MiB is the most.
+    let whole = vec![b'1'; LARGEST];
     let query = format!("kind=measurement&name=d.csv&candidate={id}");
     let over = upload(&program, &query, &whole);
     assert_eq!(over.status, 413, "{}", over.body);
