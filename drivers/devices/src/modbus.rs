@@ -45,16 +45,13 @@ fn profile(address: &Address) -> Result<Profile, DeviceError> {
             .caused_by(e)
     })?;
     if let Some(order) = address.get("byte_order") {
-        let order = match order {
-            "high" => ByteOrder::HighFirst,
-            "low" => ByteOrder::LowFirst,
-            other => {
-                let what = format!("found byte_order={other}");
-                return Err(address.wrong(what, "expected high or low"));
-            }
-        };
+        let named = ByteOrder::NAMES.iter().find(|(name, _)| *name == order);
+        let (_, order) = named.ok_or_else(|| {
+            let what = format!("found byte_order={order}");
+            address.wrong(what, "expected high or low")
+        })?;
         match &mut found.channels {
-            Some(channels) if channels.number.registers() == 2 => channels.byte_order = order,
+            Some(channels) if channels.number.registers() == 2 => channels.byte_order = *order,
             _ => {
                 let what = format!(
                     "found byte_order, and profile {} has no numbers of two registers",

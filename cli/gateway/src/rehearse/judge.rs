@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use volcomp_port::inject::Injection;
 use volcomp_runtime::{
     PathPlan,
     guard::{Reasons, State},
@@ -47,6 +48,8 @@ pub(super) struct Findings {
     /// Why the last state was what it was.
     pub(super) reasons: Reasons,
     pub(super) worst: State,
+    /// A position was not believed.
+    pub(super) disbelieved: bool,
 }
 
 /// Whether only the limit bounds what a fault can do: it makes a step that nobody can notice.
@@ -136,6 +139,11 @@ pub(super) fn judge(
         broken.push(format!(
             "axes moved {moved_while_held} times in emergency stop, alarm or without reference"
         ));
+    }
+    let is_jump =
+        matches!(fault.act, Act::Directed(Injection::WrongPosition { add, .. }) if add != 0.0);
+    if is_jump && findings.ready && !findings.disbelieved {
+        broken.push("a position 4 m away was believed: see rapid_m_per_min".to_owned());
     }
     if findings.again.is_none() {
         let reasons: Vec<&str> = findings.reasons.texts().collect();

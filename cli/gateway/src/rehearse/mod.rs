@@ -198,6 +198,7 @@ impl Rehearsal {
             needed,
             reasons: run.reasons(),
             worst: run.worst(),
+            disbelieved: run.disbelieved(),
         };
         Ok(judge::judge(fault, phase, path, &run.rig, findings))
     }

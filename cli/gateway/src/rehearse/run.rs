@@ -49,6 +49,8 @@ pub(super) struct Run<'a> {
     cycles: u64,
     /// The state after each cycle is told to this: the worst so far.
     worst: State,
+    /// Whether a position was not believed so far.
+    disbelieved: bool,
 }
 
 /// How bad a state is, for the worst of several.
@@ -97,6 +99,7 @@ impl<'a> Run<'a> {
             random: ChaCha8Rng::seed_from_u64(seed),
             cycles: 0,
             worst: State::Compensating,
+            disbelieved: false,
         })
     }
 
@@ -114,6 +117,11 @@ impl<'a> Run<'a> {
 
     pub(super) fn worst(&self) -> State {
         self.worst
+    }
+
+    /// Whether a position was not believed so far.
+    pub(super) fn disbelieved(&self) -> bool {
+        self.disbelieved
     }
 
     /// From now on it is looked at what the axes do.
@@ -136,6 +144,8 @@ impl<'a> Run<'a> {
         let now = self.rig.clock.now();
         self.cycle.run(now, &asked, &mut || Duration::ZERO);
         self.cycles += 1;
+        let report = self.cycle.report();
+        self.disbelieved |= (report.outside_travel | report.jumped) != 0;
         if rank(self.state()) > rank(self.worst) {
             self.worst = self.state();
         }

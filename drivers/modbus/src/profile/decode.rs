@@ -72,14 +72,13 @@ fn channels(section: &Section<'_>) -> Result<Channels, InputError> {
         )));
     }
     let word_orders = [("high", WordOrder::HighFirst), ("low", WordOrder::LowFirst)];
-    let byte_orders = [("high", ByteOrder::HighFirst), ("low", ByteOrder::LowFirst)];
     Ok(Channels {
         function: section.whole_or("function", 3..=4, 3)?,
         address,
         count,
         number,
         word_order: section.one_of("word_order", &word_orders, WordOrder::HighFirst)?,
-        byte_order: section.one_of("byte_order", &byte_orders, ByteOrder::HighFirst)?,
+        byte_order: section.one_of("byte_order", &ByteOrder::NAMES, ByteOrder::HighFirst)?,
         scale: scale.unwrap_or(1.0),
         offset: section.optional("offset", Value::number)?.unwrap_or(0.0),
         unit: unit(section)?,

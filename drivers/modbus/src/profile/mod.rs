@@ -91,6 +91,12 @@ pub enum ByteOrder {
     LowFirst,
 }
 
+impl ByteOrder {
+    /// The names of both in profiles and URLs.
+    pub const NAMES: [(&'static str, Self); 2] =
+        [("high", Self::HighFirst), ("low", Self::LowFirst)];
+}
+
 /// The quantity and unit of a scaled number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]

@@ -3,6 +3,7 @@
 
 use std::{
     net::UdpSocket,
+    os::unix::fs::PermissionsExt,
     path::Path,
     sync::{
         Arc,
@@ -12,6 +13,7 @@ use std::{
     time::Duration,
 };
 
+use volcomp_devices::Address;
 use volcomp_guard::barrier::{FRAME_WORDS, Frame, Layout, Report};
 use volcomp_linuxcnc::{COMMAND_BYTES, Command, Content, Key, STATE_BYTES, State};
 use volcomp_port::Words;
@@ -147,11 +149,34 @@ impl Attack {
     }
 }
 
+/// One look at the bridge with its key, with another one, and with none.
+fn a_probe_needs_the_key(dir: &Path) {
+    let other = dir.join("other.key");
+    std::fs::write(&other, "09".repeat(16)).expect("writable");
+    let mode = std::fs::Permissions::from_mode(0o600);
+    std::fs::set_permissions(&other, mode).expect("ours");
+    let probe = |key: &str| {
+        let url = format!("linuxcnc://127.0.0.1:{PORT}{key}");
+        let address = Address::parse(&url).expect("a URL");
+        volcomp_devices::probe(&address, Duration::from_secs(2))
+    };
+    let with = |file: &Path| probe(&format!("?key_file={}", file.display()));
+    let right = with(&dir.join("volcomp.key")).expect("it answers");
+    let names: Vec<&str> = right.positions.iter().map(|axis| &*axis.name).collect();
+    assert_eq!(names, ["X", "Y", "Z"]);
+    let wrong = with(&other).expect_err("another key").to_string();
+    println!("{wrong}");
+    assert!(wrong.contains("does not answer"), "{wrong}");
+    let none = probe("").expect_err("no key").to_string();
+    assert!(none.contains("found no key_file"), "{none}");
+}
+
 /// Frames with the owner's number, the right epoch, tick and sequence; a hundred listeners; recorded requests, sent again: before a
 /// gateway comes, and while it corrects.
 fn without_the_key_nothing_moves_and_nobody_is_shut_out() {
     let dir = tempfile::tempdir().expect("writable");
     let mut control = LinuxCnc::start(dir.path(), |ini| ini);
+    a_probe_needs_the_key(dir.path());
     let attack = Attack::start(dir.path());
     control.do_it("up");
     control.mdi("G21 G90 G0 X20 Y10 Z-5");
