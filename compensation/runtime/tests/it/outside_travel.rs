@@ -133,6 +133,25 @@ fn motion_at_rapid_after_a_silence_is_believed() {
     assert_eq!(rig.run(1000).state, State::Compensating);
 }
 
+/// A table counts on, or begins anew at 0, as its control likes; half a turn at once is a jump.
+#[test]
+fn a_table_that_rolls_over_is_believed() {
+    let mut names = NAMES;
+    names.sort_by_key(|name| *name != AxisName::C);
+    let control = Injected::default();
+    let mut rig = Rig::injected_of(&names, &[40.0, -100.0, 20.0, 300.0, 200.0], &control);
+    rig.run(20);
+    rig.step(Some(Request::Arm));
+    assert_eq!(rig.run(5000).state, State::Compensating);
+    for turns in [-1.0, 0.0, 1.0, 0.0, 12.0, 0.5] {
+        control.displace(turns * core::f64::consts::TAU);
+        let report = rig.run(20);
+        let jumps = turns == 0.5;
+        assert_eq!(report.jumped != 0, jumps, "{turns} turns: {report:?}");
+        assert_eq!(report.outside_travel, 0);
+    }
+}
+
 /// Referencing gives an axis another position.
 #[test]
 fn a_machine_that_was_not_referenced_begins_anew() {

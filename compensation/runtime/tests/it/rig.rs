@@ -179,7 +179,7 @@ struct Injections {
     silent: AtomicBool,
     stopped: AtomicBool,
     unreferenced: AtomicBool,
-    /// How far from where it stands the first axis is told, mm, as bits.
+    /// How far from where it stands the first axis is told, mm or rad, as bits.
     displaced: AtomicU64,
 }
 
@@ -206,9 +206,9 @@ impl Injected {
         self.0.unreferenced.store(unreferenced, Ordering::Relaxed);
     }
 
-    /// It tells its first axis so far, mm, from where that stands.
-    pub(crate) fn displace(&self, by_mm: f64) {
-        self.0.displaced.store(by_mm.to_bits(), Ordering::Relaxed);
+    /// It tells its first axis so far, mm or rad, from where that stands.
+    pub(crate) fn displace(&self, by: f64) {
+        self.0.displaced.store(by.to_bits(), Ordering::Relaxed);
     }
 }
 
@@ -261,8 +261,13 @@ impl Rig {
 
     /// With a control to which a test does something.
     pub(crate) fn injected(place: [f64; 5], by: &Injected) -> Self {
+        Self::injected_of(&NAMES, &place, by)
+    }
+
+    /// The same with other axes first.
+    pub(crate) fn injected_of(names: &[AxisName], coordinates: &[f64], by: &Injected) -> Self {
         let clock = Clock::manual();
-        let control = by.disturb(control(place, &clock));
+        let control = by.disturb(control_of(names, coordinates, &clock));
         Self::on(&machine(), &guard(), control, clock)
     }
 
