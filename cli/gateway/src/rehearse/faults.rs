@@ -28,6 +28,11 @@ pub(super) enum Act {
     Chance(Faults),
     /// One fault, asked for again and again.
     Directed(Injection),
+    /// Each so many cycles, so many readings tell the position of the first axis from the other end of its travel.
+    OtherEnd {
+        every: u64,
+        readings: u32,
+    },
     /// Writes are held back, and all of them delivered at the end.
     HeldBack,
     EmergencyStop,
@@ -349,6 +354,22 @@ pub const CATALOGUE: &[Fault] = &[
         "position_jump",
         "20 readings of a position 4 m away",
         wrong_position(1.0, 4000.0),
+    ),
+    fault(
+        "position_jump_within",
+        "20 readings of a position elsewhere in the travel",
+        Act::OtherEnd {
+            every: 100,
+            readings: 20,
+        },
+    ),
+    fault(
+        "position_alternates",
+        "each second position is elsewhere in the travel",
+        Act::OtherEnd {
+            every: 2,
+            readings: 1,
+        },
     ),
     fault(
         "position_inches",

@@ -311,12 +311,32 @@ impl<'a> Run<'a> {
             {
                 self.inject(injection);
             }
+            if let Act::OtherEnd { every, readings } = act
+                && (self.cycles - begun).is_multiple_of(every)
+            {
+                self.tell_other_end(readings);
+            }
             if matches!(act, Act::Garbage) && self.rig.barrier.is_some() {
                 self.post_garbage();
             }
             self.step(None);
         }
         self.mend(act)
+    }
+
+    /// So many readings tell the position of the first axis as far from the other end of its travel as it is from this one.
+    fn tell_other_end(&self, readings: u32) {
+        let model = &self.plan.model;
+        let axes = self.path.description.axes.first();
+        let travel = axes.and_then(|axis| model.travel.get(model.index_of(axis.name)?));
+        let Some(travel) = travel else { return };
+        let [low, high] = travel.map(Displacement::mm_or_rad);
+        self.inject(Injection::WrongPosition {
+            axis: 0,
+            factor: -1.0,
+            add: low + high,
+            readings,
+        });
     }
 
     /// Takes a fault away.
