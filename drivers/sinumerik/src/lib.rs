@@ -7,7 +7,6 @@ mod nodes;
 #[cfg(feature = "opc-ua")]
 mod opc_ua;
 mod reading;
-pub mod s7;
 mod server;
 
 pub use config::{CHANNEL, Sign, SinumerikConfig, lag};

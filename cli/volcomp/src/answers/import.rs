@@ -15,8 +15,8 @@ pub(crate) struct Import {
     pub(crate) warnings: Vec<String>,
     /// The tables as they stand in the files, in the sign of volcomp.
     pub(crate) tables: Vec<Read>,
-    /// The curves as in `[errors]` of a machine file, by the names of the errors; `null` where they make none.
-    pub(crate) errors: Option<Value>,
+    /// The curves as in `[errors]` of a machine file, by the names of the errors.
+    pub(crate) errors: Value,
     /// The file with the curves; only with `--output`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) output: Option<String>,
@@ -25,11 +25,11 @@ pub(crate) struct Import {
 /// A table that was read.
 #[derive(Debug, Serialize, JsonSchema)]
 pub(crate) struct Read {
-    /// The axes over which it goes.
+    /// The axis over which it goes.
     pub(crate) input: Vec<String>,
     /// The letter of the axis that deviates, or the name of an error.
     pub(crate) output: String,
-    /// The positions, mm or deg; of a grid those along each axis, else one list.
+    /// The positions, mm or deg, as one list.
     pub(crate) positions: Vec<Vec<f64>>,
     /// The values after positive motion, or of both; of a grid the last axis the fastest.
     pub(crate) forward: Vec<f64>,

@@ -31,8 +31,7 @@ use crate::{
 pub(crate) struct Arguments {
     #[command(flatten)]
     machine: MachineArguments,
-    /// csv, linuxcnc, linuxcnc-type1, siemens-840d, heidenhain, heidenhain-itnc530, heidenhain-tnc407, isg-ssfk, isg-csv, etalon, fanuc or
-    /// fanuc-3d
+    /// csv, linuxcnc, linuxcnc-type1, siemens-840d, heidenhain, isg-csv or fanuc
     #[arg(long, value_name = "NAME")]
     format: Format,
     /// Folder for the files, or the file where there is only one; what stands there by these names is replaced, and told; so are tables
@@ -328,23 +327,6 @@ fn made(content: &Content, left_out: &[(AxisName, AxisName)]) -> Vec<Made> {
             .iter()
             .map(|table| of_error(table, ends(&table.positions)))
             .collect(),
-        Content::Grid(grid) => {
-            let lines = grid.lines().first().map_or(&[][..], Vec::as_slice);
-            let (first, last) = ends(lines);
-            let all: Vec<String> = grid.axes().iter().map(ToString::to_string).collect();
-            grid.by_output()
-                .map(|(output, values)| Made {
-                    input: all.join(" "),
-                    output: output.to_string(),
-                    positions: grid.nodes(),
-                    first,
-                    last,
-                    both_directions: false,
-                    largest: largest(output.kind(), values),
-                    unit: unit(output.kind()),
-                })
-                .collect()
-        }
     }
 }
 

@@ -68,13 +68,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         detection_unit: arguments.control.detection_unit,
     };
     let found = read(format, &files, &options)?;
-    // A grid has no curves, but its numbers can be printed.
-    let made = match (curves(&found.content), &found.content) {
-        (Ok(made), _) => Some(made),
-        (Err(ExchangeError::NoCurves(_)), Content::Grid(_)) if output.is_none() => None,
-        (Err(error), _) => return Err(error.into()),
-    };
-    let text = made.as_ref().map_or_else(String::new, to_toml);
+    let made = curves(&found.content)?;
+    let text = to_toml(&made);
     if let Some(mut output) = output {
         output.append(text.as_bytes())?;
         output.finish()?;
@@ -89,31 +84,22 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             .collect(),
         warnings: warnings.clone(),
         tables: tables(&found.content),
-        errors: made.as_ref().map(as_json).transpose()?,
+        errors: as_json(&made)?,
         output: arguments
             .output
             .as_ref()
             .map(|path| path.display().to_string()),
     };
-    let mut notes = warnings;
-    let shown = match (&made, &arguments.output) {
-        (None, _) => {
-            notes.push(
-                "a grid over several axes is no curve of a machine file: --json prints its numbers"
-                    .to_owned(),
-            );
-            String::new()
-        }
-        (Some(_), None) => text,
-        (Some(made), Some(path)) => {
-            let names = made.motions.iter().map(|(name, _)| name.to_string());
-            let names: Vec<String> = names
-                .chain(made.locations.iter().map(|(name, _)| name.to_string()))
-                .collect();
+    let shown = match &arguments.output {
+        None => text,
+        Some(path) => {
+            let motions = made.motions.iter().map(|(name, _)| name.to_string());
+            let locations = made.locations.iter().map(|(name, _)| name.to_string());
+            let names: Vec<String> = motions.chain(locations).collect();
             format!("{}: {}\n", path.display(), names.join(", "))
         }
     };
-    Answer::new(&document, shown, notes)
+    Answer::new(&document, shown, warnings)
 }
 
 /// Whether a file says what the tables are, and is none.
@@ -237,17 +223,5 @@ fn tables(content: &Content) -> Vec<Read> {
             });
             motions.collect()
         }
-        Content::Grid(grid) => grid
-            .by_output()
-            .map(|(output, values)| Read {
-                input: grid.axes().iter().map(ToString::to_string).collect(),
-                output: output.to_string(),
-                positions: grid.lines().to_vec(),
-                forward: values.map(|mm| mm * 1e3).collect(),
-                backward: None,
-                unit: unit(output.kind()),
-                modulo: false,
-            })
-            .collect(),
     }
 }

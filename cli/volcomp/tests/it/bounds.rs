@@ -68,7 +68,6 @@ fn a_slip_of_units_writes_no_program_and_no_table() {
             "csv",
             "linuxcnc",
             "fanuc",
-            "fanuc-3d",
             "siemens-840d",
             "heidenhain",
             "isg-csv",

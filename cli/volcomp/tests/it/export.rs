@@ -62,12 +62,8 @@ fn every_format_writes_files_that_are_read_again() {
         "linuxcnc-type1",
         "siemens-840d",
         "heidenhain",
-        "heidenhain-itnc530",
-        "isg-ssfk",
         "isg-csv",
-        "etalon",
         "fanuc",
-        "fanuc-3d",
     ];
     for format in formats {
         let (_folder, tables) = folder();
@@ -107,7 +103,7 @@ fn every_format_writes_files_that_are_read_again() {
             "--axis-numbers",
             "X=1,Y=2,Z=3",
         ]);
-        assert_eq!(back["errors"].is_null(), format == "fanuc-3d", "{format}");
+        assert!(back["errors"].is_object(), "{format}");
         assert!(!back["tables"].as_array().expect("tables").is_empty());
         let all: String = answer["files"]
             .as_array()
@@ -138,7 +134,7 @@ fn every_format_writes_files_that_are_read_again() {
 fn facts_of_each_format_and_back_without_numbers() {
     let (_folder, all) = folder();
     fs::create_dir(&all).expect("made");
-    for format in ["fanuc", "heidenhain-itnc530"] {
+    for format in ["fanuc", "linuxcnc"] {
         let tables = format!("{all}/{format}");
         let answer = json(&[
             "export",
@@ -355,10 +351,6 @@ fn what_cannot_be_is_refused() {
     assert!(
         export(&["--format", "linuxcnc", "--step", "1"])
             .contains("found 601 positions, expected 256 at the most")
-    );
-    assert!(
-        export(&["--format", "heidenhain-tnc407"])
-            .contains("a power of two times 0.1 µm: 26.2144 or 52.4288")
     );
     assert!(export(&["--format", "fanuc", "--at", "X=10"]).contains("no point at machine zero"));
     assert!(export(&["--format", "fanuc", "--axis-numbers", "X=1"]).contains("found no number"));

@@ -37,7 +37,7 @@ fn name_of(table: &AxisTable) -> ErrorName {
 /// Tables as curves of a machine file.
 ///
 /// # Errors
-/// Two tables that are one error, a grid over three axes.
+/// Two tables that are one error.
 pub fn curves(content: &Content) -> Result<Curves, ExchangeError> {
     let found = match content {
         Content::Axes(tables) => {
@@ -50,11 +50,6 @@ pub fn curves(content: &Content) -> Result<Curves, ExchangeError> {
             }
         }
         Content::Errors(errors) => of_errors(errors)?,
-        Content::Grid(_) => {
-            return Err(ExchangeError::NoCurves(
-                "found a grid over several axes, expected tables over one: a machine file has no such curve; --json prints it".to_owned(),
-            ));
-        }
     };
     let names: Vec<ErrorName> = found.motions.iter().map(|(name, _)| *name).collect();
     match (1..names.len()).find(|place| names[..*place].contains(&names[*place])) {

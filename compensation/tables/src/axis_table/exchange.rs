@@ -5,8 +5,8 @@ use volcomp_vocabulary::{
 };
 
 use super::{
-    AxisNumbers, AxisTable, ErrorTables, ExchangeError, Facts, Format, GridTable, TextFile, csv,
-    etalon, facts, fanuc, fanuc_3d, heidenhain, isg_csv, isg_ssfk, linuxcnc, siemens,
+    AxisNumbers, AxisTable, ErrorTables, ExchangeError, Facts, Format, TextFile, csv, facts, fanuc,
+    heidenhain, isg_csv, linuxcnc, siemens,
 };
 
 /// Tables of one kind.
@@ -16,8 +16,6 @@ pub enum Content {
     Axes(Vec<AxisTable>),
     /// The component errors themselves.
     Errors(ErrorTables),
-    /// A grid.
-    Grid(GridTable),
 }
 
 /// A value of tables, and where it is.
@@ -71,17 +69,6 @@ impl Content {
                     })
                 })
             }
-            Self::Grid(grid) => grid.by_output().find_map(|(output, values)| {
-                let (node, value) = values
-                    .enumerate()
-                    .find_map(|(node, value)| Some((node, refused(output.kind(), value)?)))?;
-                let places = grid.axes().iter().zip(grid.node(node));
-                let at: Vec<String> = places.map(|(axis, at)| format!("{axis} {at} mm")).collect();
-                Some(Entry {
-                    value,
-                    what: format!("the deviation of {output} at {}", at.join(" ")),
-                })
-            }),
         }
     }
 
@@ -231,7 +218,6 @@ pub fn write(
     let refusal = match content {
         Content::Axes(tables) => tables.iter().find_map(AxisTable::refusal),
         Content::Errors(errors) => errors.curves.iter().find_map(super::ErrorTable::refusal),
-        Content::Grid(_) => None,
     };
     if let Some(refusal) = refusal {
         return Err(ExchangeError::NoCurves(refusal));
@@ -251,14 +237,8 @@ pub fn write(
         }
         (Format::Siemens840d, Content::Axes(tables)) => siemens::write(tables, options)?,
         (Format::HeidenhainTnc640, Content::Axes(tables)) => heidenhain::write_tnc640(tables)?,
-        (Format::HeidenhainItnc530 | Format::HeidenhainTnc407, Content::Axes(tables)) => {
-            heidenhain::write_itnc530(tables, format)?
-        }
         (Format::Fanuc, Content::Axes(tables)) => fanuc::write(tables, options)?,
-        (Format::IsgSsfk, Content::Axes(tables)) => isg_ssfk::write(tables, options)?,
         (Format::IsgCsv, Content::Errors(errors)) => isg_csv::write(errors, options),
-        (Format::Etalon, Content::Errors(errors)) => etalon::write(errors),
-        (Format::Fanuc3d, Content::Grid(grid)) => fanuc_3d::write(grid, options)?,
         (format, _) => {
             return Err(ExchangeError::Unfit {
                 format,
@@ -335,18 +315,12 @@ pub fn read(
         )?),
         Format::Siemens840d => Content::Axes(siemens::read(&files, options, &mut warnings)?),
         Format::HeidenhainTnc640 => Content::Axes(heidenhain::read_tnc640(&files, &mut warnings)?),
-        Format::HeidenhainItnc530 | Format::HeidenhainTnc407 => {
-            Content::Axes(heidenhain::read_itnc530(&files, &mut warnings)?)
-        }
         Format::Fanuc => Content::Axes(fanuc::read(&files, options, &mut warnings)?),
-        Format::Fanuc3d => Content::Grid(fanuc_3d::read(&files)?),
-        Format::IsgSsfk => Content::Axes(isg_ssfk::read(&files, options, &mut warnings)?),
         Format::IsgCsv => Content::Errors(isg_csv::read(&files)?),
-        Format::Etalon => Content::Errors(etalon::read(&files)?),
     };
     let refusal = match &content {
         Content::Axes(tables) => tables.iter().find_map(AxisTable::refusal),
-        Content::Errors(_) | Content::Grid(_) => None,
+        Content::Errors(_) => None,
     };
     if let Some(refusal) = refusal {
         let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();
@@ -359,7 +333,6 @@ pub fn read(
     let is_empty = match &content {
         Content::Axes(tables) => tables.is_empty(),
         Content::Errors(errors) => errors.curves.is_empty() && errors.locations.is_empty(),
-        Content::Grid(grid) => grid.values().is_empty(),
     };
     if is_empty {
         let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();

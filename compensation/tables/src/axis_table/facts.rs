@@ -118,10 +118,7 @@ impl Facts {
             format!("Directions: {}", directions(format)),
             format.trust().to_owned(),
         ]);
-        if matches!(
-            format,
-            Format::Siemens840d | Format::Fanuc | Format::IsgSsfk
-        ) {
+        if matches!(format, Format::Siemens840d | Format::Fanuc) {
             let used = options.axes.iter();
             let used = used.map(|(name, number)| format!(" {name}={number}"));
             lines.push(format!("{NUMBERS}{}", used.collect::<String>()));
@@ -171,7 +168,7 @@ fn directions(format: Format) -> &'static str {
         Format::Csv => {
             "forward after positive, backward after negative motion; an empty cell of backward: as forward"
         }
-        Format::Linuxcnc | Format::LinuxcncType1 | Format::IsgSsfk => "both",
+        Format::Linuxcnc | Format::LinuxcncType1 => "both",
         Format::Siemens840d => {
             "$AA_ENC_COMP holds the mean of both; $AN_CEC_DIRECTION 1 holds for positive, -1 for negative motion, 0 for both"
         }

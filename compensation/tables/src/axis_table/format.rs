@@ -18,20 +18,10 @@ pub enum Format {
     Siemens840d,
     /// HEIDENHAIN TNC 640: .com and .cma.
     HeidenhainTnc640,
-    /// HEIDENHAIN iTNC 530: .COM.
-    HeidenhainItnc530,
-    /// HEIDENHAIN TNC 407, in the form of the iTNC 530, with the spacing that a TNC 407 takes.
-    HeidenhainTnc407,
     /// FANUC pitch error compensation as a parameter file.
     Fanuc,
-    /// The grid of the FANUC 3-D compensation as a table, whose parameters are not known.
-    Fanuc3d,
-    /// ISG kernel and TwinCAT NCI/CNC: axis compensation, kw.ssfk.
-    IsgSsfk,
     /// TwinCAT TF5280, volumetric compensation: the ISG CSV.
     IsgCsv,
-    /// TwinCAT TF5280, volumetric compensation: the Etalon exchange format.
-    Etalon,
 }
 
 /// What a format holds.
@@ -39,7 +29,6 @@ pub enum Format {
 pub(crate) enum Holds {
     Axes,
     Errors,
-    Grid,
 }
 
 /// A word that names no format.
@@ -52,19 +41,14 @@ pub struct UnknownFormat {
 
 impl Format {
     /// All of them.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 7] = [
         Self::Csv,
         Self::Linuxcnc,
         Self::LinuxcncType1,
         Self::Siemens840d,
         Self::HeidenhainTnc640,
-        Self::HeidenhainItnc530,
-        Self::HeidenhainTnc407,
-        Self::IsgSsfk,
         Self::IsgCsv,
-        Self::Etalon,
         Self::Fanuc,
-        Self::Fanuc3d,
     ];
 
     /// Its name on the command line.
@@ -75,30 +59,21 @@ impl Format {
             Self::LinuxcncType1 => "linuxcnc-type1",
             Self::Siemens840d => "siemens-840d",
             Self::HeidenhainTnc640 => "heidenhain",
-            Self::HeidenhainItnc530 => "heidenhain-itnc530",
-            Self::HeidenhainTnc407 => "heidenhain-tnc407",
             Self::Fanuc => "fanuc",
-            Self::Fanuc3d => "fanuc-3d",
-            Self::IsgSsfk => "isg-ssfk",
             Self::IsgCsv => "isg-csv",
-            Self::Etalon => "etalon",
         }
     }
 
     pub(crate) fn holds(self) -> Holds {
         match self {
-            Self::IsgCsv | Self::Etalon => Holds::Errors,
-            Self::Fanuc3d => Holds::Grid,
+            Self::IsgCsv => Holds::Errors,
             _ => Holds::Axes,
         }
     }
 
     /// Whether its files hold lines that the control passes over; else the facts stand in a file beside them.
     pub fn has_comments(self) -> bool {
-        matches!(
-            self,
-            Self::Csv | Self::Siemens840d | Self::IsgCsv | Self::Fanuc3d
-        )
+        matches!(self, Self::Csv | Self::Siemens840d | Self::IsgCsv)
     }
 
     /// What a number of it says, as it is written.
@@ -116,17 +91,11 @@ impl Format {
             Self::Siemens840d => {
                 "a value is actual - commanded, in mm or deg: a positive value moves the axis in its negative direction"
             }
-            Self::HeidenhainTnc640 | Self::HeidenhainItnc530 | Self::HeidenhainTnc407 => {
-                "a value is actual - commanded, in mm or deg"
-            }
+            Self::HeidenhainTnc640 => "a value is actual - commanded, in mm or deg",
             Self::Fanuc => {
                 "the value of a point is the step of -(actual - commanded) from the point before, in detection units times the magnification"
             }
-            Self::Fanuc3d => {
-                "a value is the deviation, actual - commanded of the output axis, in um; positions are in mm"
-            }
-            Self::IsgSsfk => "a value is actual - setpoint, in 0.1 um (rotary: 0.0001 deg)",
-            Self::IsgCsv | Self::Etalon => {
+            Self::IsgCsv => {
                 "a value is the error motion of the tool side relative to the workpiece side (ISO 230-1 names), in mm or rad; positions are in mm or deg"
             }
         }
@@ -146,26 +115,12 @@ impl Format {
             Self::HeidenhainTnc640 => {
                 "Sign unproven: try with one small known value first. Form of the file by public programs and a manual."
             }
-            Self::HeidenhainItnc530 => {
-                "Sign unproven: try with one small known value first. Form of the rows by a public program; the line NR and the end by guess."
-            }
-            Self::HeidenhainTnc407 => {
-                "Sign unproven: try with one small known value first. Form of the file unproven for this control."
-            }
             Self::Fanuc => {
                 "Sign proven by one independent public program that writes such values, not on a machine. Numbering of the data (N10000 + point), \
                  the unit of 3624 and 3625 and the place of the data for negative motion are from memory: unproven, compare with a file that your \
                  control has put out, and try with one small known value first."
             }
-            Self::Fanuc3d => {
-                "This is no file for a control: the parameters of the 3-D compensation are not known to volcomp. Sign unproven: try with one small \
-                 known value first."
-            }
-            Self::IsgSsfk => {
-                "Sign unproven: try with one small known value first. The worked example of the maker's manual (setpoint 19866.7 um, actual 19856.5 and \
-                 19874.7: -102, +80) has this sign. Axis numbers and the unit of rotary axes are unproven, too."
-            }
-            Self::IsgCsv | Self::Etalon => {
+            Self::IsgCsv => {
                 "Sign unproven: try with one small known value first. Above all: whether an error of an axis that carries the workpiece is meant as its \
                  own motion, which has the other sign."
             }
@@ -202,20 +157,10 @@ impl Format {
         let first = lines.next().unwrap_or("");
         if has("$AN_CEC") || has("$AA_ENC_COMP") {
             Some(Self::Siemens840d)
-        } else if has("kw.ssfk.") {
-            Some(Self::IsgSsfk)
         } else if first.starts_with("BEGIN ") {
-            Some(if first.contains("DATUM:") {
-                Self::HeidenhainItnc530
-            } else {
-                Self::HeidenhainTnc640
-            })
-        } else if first.starts_with('[') && (has("Gridpoints") || has("VALUE")) {
-            Some(Self::Etalon)
+            Some(Self::HeidenhainTnc640)
         } else if first.starts_with("input,output,position") {
             Some(Self::Csv)
-        } else if first.contains("deviation ") {
-            Some(Self::Fanuc3d)
         } else if first.starts_with('%') {
             Some(Self::Fanuc)
         } else if super::isg_csv::is_head(first) {

@@ -340,12 +340,6 @@ impl Trial<'_> {
                     add(table.output, table.deviation(at, approach));
                 }
             }
-            Some(Held::Content(Content::Grid(grid))) => {
-                let at = |axis| state.q.0.get(index(axis)).copied().unwrap_or(0.0);
-                for (axis, deviation) in grid.outputs().iter().zip(grid.deviation(at)) {
-                    add(*axis, deviation);
-                }
-            }
         }
         sum
     }

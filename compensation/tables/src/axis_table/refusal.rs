@@ -4,7 +4,7 @@ use volcomp_document::InputError;
 use volcomp_model::ModelError;
 use volcomp_vocabulary::Displacement;
 
-use super::{format::Format, grid_table::GridTableError, text::TextFile};
+use super::{format::Format, text::TextFile};
 use crate::TablesError;
 
 /// A line of a file that is wrong.
@@ -118,9 +118,6 @@ pub enum ExchangeError {
         /// What the format holds.
         expected: String,
     },
-    /// Numbers that are no grid.
-    #[error(transparent)]
-    Grid(#[from] GridTableError),
     /// Tables that make no curves of a machine file.
     #[error("{0}")]
     NoCurves(String),

@@ -10,7 +10,6 @@ use super::{
     error_table::{ErrorTable, ErrorTables},
     exchange::Content,
     format::{Format, Holds},
-    grid_table::GridTable,
     refusal::ExchangeError,
     table::{AxisTable, NOTHING},
 };
@@ -102,7 +101,6 @@ pub fn sampled(
     let content = match format.holds() {
         Holds::Axes => Content::Axes(lines.axis_tables()?),
         Holds::Errors => Content::Errors(lines.error_tables()?),
-        Holds::Grid => Content::Grid(GridTable::of(machine, temperatures, options)?),
     };
     match content.first_refused(|value| options.limit.allows(value)) {
         Some(entry) => Err(ExchangeError::BeyondLimit {

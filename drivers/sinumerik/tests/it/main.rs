@@ -1,4 +1,4 @@
-//! The driver against a simulated control on another OPC UA library, and S7 against a simulated one of ours.
+//! The driver against a simulated control on another OPC UA library.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -6,7 +6,6 @@ mod controller;
 mod map;
 mod peer;
 mod reading;
-mod s7;
 mod secured;
 mod thermometer;
 

@@ -191,7 +191,7 @@ fn columns_of(
             file,
             1,
             "DATUM",
-            "a table of a TNC 640; this one is of an iTNC 530 (--format heidenhain-itnc530)",
+            "a table of a TNC 640; this one is of an iTNC 530",
         ));
     }
     if all

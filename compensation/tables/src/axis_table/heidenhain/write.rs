@@ -5,11 +5,9 @@ use core::fmt::Write;
 use volcomp_vocabulary::AxisName;
 
 use super::super::{
-    AxisTable, ExchangeError, Format, TextFile, Written,
-    exchange::{edge_of, even},
-    text::signed,
+    AxisTable, ExchangeError, Format, TextFile, Written, exchange::edge_of, text::signed,
 };
-use super::{DECIMALS, MOST_LINES, spacing_refused_by_tnc407, turn::Held};
+use super::{DECIMALS, MOST_LINES, turn::Held};
 
 fn unfit(format: Format, table: &AxisTable, found: String, expected: String) -> ExchangeError {
     ExchangeError::Unfit {
@@ -136,81 +134,4 @@ fn row(text: &mut String, cells: &[String]) {
     }
     text.push_str(line.trim_end());
     text.push('\n');
-}
-
-pub(crate) fn write_itnc530(
-    tables: &[AxisTable],
-    format: Format,
-) -> Result<Written, ExchangeError> {
-    let mut written = Written::default();
-    let (own, crossed): (Vec<&AxisTable>, Vec<&AxisTable>) =
-        tables.iter().partition(|table| table.is_own());
-    let held = Held::of(own);
-    let mut averaged = Vec::new();
-    for table in held.tables.iter().map(AsRef::as_ref) {
-        check(format, table)?;
-        let (first, spacing) = even(format, table)?;
-        let values: Vec<f64> = table
-            .mean()
-            .iter()
-            .map(|value| table.output_at_edge(*value))
-            .collect();
-        if format == Format::HeidenhainTnc407 {
-            if let Some(expected) = spacing_refused_by_tnc407(spacing) {
-                return Err(unfit(
-                    format,
-                    table,
-                    format!("a spacing of {spacing}"),
-                    expected,
-                ));
-            }
-            let steepest = values
-                .windows(2)
-                .map(|pair| (pair[1] - pair[0]).abs())
-                .fold(0.0, f64::max);
-            if steepest > spacing / 64.0 {
-                let found = format!("a change of {steepest} from line to line");
-                return Err(unfit(
-                    format,
-                    table,
-                    found,
-                    format!("{} at the most, a 64th of the spacing", spacing / 64.0),
-                ));
-            }
-        }
-        if table.backward.is_some() {
-            averaged.push(table.input.to_string());
-        }
-        let input = table.input;
-        let mut text = format!(
-            "BEGIN AXIS-{input}.COM  DATUM:{} DISTANCE:{}\nNR    POSITION      {input}\n",
-            signed(first, DECIMALS),
-            signed(spacing, DECIMALS)
-        );
-        for (place, (at, value)) in edge_of(table).zip(values).enumerate() {
-            let _ = writeln!(
-                text,
-                "{place:<5} {:<13} {}",
-                signed(at, DECIMALS),
-                signed(value, DECIMALS)
-            );
-        }
-        text += "[END]\n";
-        written.files.push(TextFile {
-            name: format!("AXIS-{input}.COM"),
-            text,
-        });
-    }
-    written.leave_out(
-        "the form of a .COM with more columns is not known",
-        &crossed,
-    );
-    held.tell(&mut written);
-    if !averaged.is_empty() {
-        written.notes.push(format!(
-            "in the mean of both directions: {}",
-            averaged.join(", ")
-        ));
-    }
-    Ok(written)
 }

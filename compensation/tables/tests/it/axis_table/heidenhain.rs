@@ -1,8 +1,7 @@
-//! HEIDENHAIN: the forms that are known, and what a TNC 407 refuses.
+//! HEIDENHAIN: the forms that are known.
 
 use volcomp_tables::axis_table::{
-    AxisNumbers, AxisTable, Content, Format, TableOptions, WriteOptions, loss, read, sampled,
-    spacing_refused_by_tnc407, steps_of_tnc407, write,
+    AxisNumbers, AxisTable, Content, Format, TableOptions, WriteOptions, loss, read, sampled, write,
 };
 use volcomp_tables::model::{Machine, Temperatures};
 use volcomp_tables::vocabulary::{AxisName, Direction};
@@ -66,30 +65,6 @@ fn the_cma_says_which_axis_is_the_input() {
     );
 }
 
-#[test]
-fn the_table_of_an_itnc_530() {
-    let text = "BEGIN AXIS-X.COM  DATUM:-50.0000 DISTANCE:+50.0000\nNR    POSITION   X\n0 -50.0000 +0.0010\n1 +0.0000 -0.0000\n2 +50.0000 -0.0020\n[END]\n";
-    let (found, warnings) = tables(Format::HeidenhainItnc530, "AXIS-X.COM", text);
-    assert_eq!(
-        edges(&found[0]),
-        [(-50.0, 0.001), (0.0, 0.0), (50.0, -0.002)]
-    );
-    assert!(
-        warnings[0].contains("a TNC 407 would refuse the distance 50")
-            && warnings[0].contains("26.2144 or 52.4288"),
-        "{warnings:?}"
-    );
-    let wrong = refused(
-        Format::HeidenhainItnc530,
-        "AXIS-X.COM",
-        &text.replace("2 +50.0000", "2 +60.0000"),
-    );
-    assert_eq!(
-        wrong,
-        "AXIS-X.COM:5: found position 60, expected 50, by DATUM and DISTANCE"
-    );
-}
-
 fn table(step: f64, count: u32, input: AxisName, slope: f64) -> AxisTable {
     let inside = |edge: f64| {
         if input.is_rotary() {
@@ -122,43 +97,20 @@ fn written(format: Format, table: AxisTable) -> Result<usize, String> {
 }
 
 #[test]
-fn a_tnc_407_takes_powers_of_two() {
-    // 2^16 × 0.1 µm.
-    assert_eq!(steps_of_tnc407(6.5536), Some(16));
-    assert_eq!(steps_of_tnc407(10.0), None);
-    assert_eq!(
-        spacing_refused_by_tnc407(10.0).expect("refused"),
-        "a power of two times 0.1 µm: 6.5536 or 13.1072"
-    );
-    let format = Format::HeidenhainTnc407;
-    assert!(written(format, table(6.5536, 100, AxisName::X, 1e-4)).is_ok());
-    let told = written(format, table(10.0, 100, AxisName::X, 1e-4)).expect_err("refused");
-    assert!(
-        told.contains(
-            "found a spacing of 10, expected a power of two times 0.1 µm: 6.5536 or 13.1072"
-        ),
-        "{told}"
-    );
-    let told = written(format, table(6.5536, 10, AxisName::X, 0.02)).expect_err("refused");
-    assert!(told.contains("a 64th of the spacing"), "{told}");
-}
-
-#[test]
 fn every_control_of_the_maker_has_these_limits() {
-    for format in [Format::HeidenhainTnc640, Format::HeidenhainItnc530] {
-        assert!(written(format, table(1.0, 256, AxisName::X, 1e-4)).is_ok());
-        assert!(
-            written(format, table(1.0, 257, AxisName::X, 1e-4))
-                .expect_err("refused")
-                .contains("257 positions, expected 256")
-        );
-        assert!(written(format, table(15.0, 25, AxisName::C, 1e-5)).is_ok());
-        assert!(
-            written(format, table(15.0, 26, AxisName::C, 1e-5))
-                .expect_err("refused")
-                .contains("0 to 360 deg")
-        );
-    }
+    let format = Format::HeidenhainTnc640;
+    assert!(written(format, table(1.0, 256, AxisName::X, 1e-4)).is_ok());
+    assert!(
+        written(format, table(1.0, 257, AxisName::X, 1e-4))
+            .expect_err("refused")
+            .contains("257 positions, expected 256")
+    );
+    assert!(written(format, table(15.0, 25, AxisName::C, 1e-5)).is_ok());
+    assert!(
+        written(format, table(15.0, 26, AxisName::C, 1e-5))
+            .expect_err("refused")
+            .contains("0 to 360 deg")
+    );
 }
 
 #[test]
@@ -200,6 +152,7 @@ fn turning(modulo: &str, travel: &str) -> Machine {
 
 #[test]
 fn a_turn_from_minus_180_deg_is_held_from_0_to_360() {
+    let format = Format::HeidenhainTnc640;
     use AxisName::{A, C};
     // Where A stands at 0, C turns about the tool, and corrects nothing: A does not go there.
     let tilted = TableOptions {
@@ -212,67 +165,61 @@ fn a_turn_from_minus_180_deg_is_held_from_0_to_360() {
         ("C.modulo = 360.0\n", "[-90.0, 270.0]"),
     ] {
         let machine = turning(modulo, travel);
-        for format in [Format::HeidenhainTnc640, Format::HeidenhainItnc530] {
-            let content = sampled(&machine, &Temperatures::new(), &tilted, format).expect("tables");
-            let made = write(format, &content, &WriteOptions::default()).expect("written");
-            assert_eq!(made.left_out, [], "{format} {:?}", made.notes);
-            let told = |note: &String| note.contains("written from 0 to 360 deg");
-            assert!(made.notes.iter().any(told), "{format} {travel} {content:?}");
-            let back = read(format, &made.files, &options()).expect("read");
-            let (Content::Axes(back), Content::Axes(given)) = (back.content, content) else {
-                panic!("tables")
-            };
-            let back = back
-                .iter()
-                .find(|table| (table.input, table.output) == (C, C))
-                .expect("it is there");
-            let edges = edges(back);
-            assert_eq!(
-                edges.first().zip(edges.last()).map(|(a, b)| (a.0, b.0)),
-                Some((0.0, 360.0))
+        let content = sampled(&machine, &Temperatures::new(), &tilted, format).expect("tables");
+        let made = write(format, &content, &WriteOptions::default()).expect("written");
+        assert_eq!(made.left_out, [], "{format} {:?}", made.notes);
+        let told = |note: &String| note.contains("written from 0 to 360 deg");
+        assert!(made.notes.iter().any(told), "{format} {travel} {content:?}");
+        let back = read(format, &made.files, &options()).expect("read");
+        let (Content::Axes(back), Content::Axes(given)) = (back.content, content) else {
+            panic!("tables")
+        };
+        let back = back
+            .iter()
+            .find(|table| (table.input, table.output) == (C, C))
+            .expect("it is there");
+        let edges = edges(back);
+        assert_eq!(
+            edges.first().zip(edges.last()).map(|(a, b)| (a.0, b.0)),
+            Some((0.0, 360.0))
+        );
+        assert_eq!(edges.len(), 25);
+        let given = given
+            .iter()
+            .find(|table| (table.input, table.output) == (C, C))
+            .expect("it is there");
+        // Half a digit of the file, in rad.
+        let resolution = 0.51e-4_f64.to_radians();
+        for (node, at) in given.positions.iter().enumerate() {
+            let angle = *at;
+            let mean = (3.0 + 10.0 * angle.cos() + 25.0 * angle.sin()) * 1e-6;
+            close(back.deviation(*at, None), mean, 2.0 * resolution);
+            close(
+                back.deviation(*at, None),
+                given.mean()[node],
+                2.0 * resolution,
             );
-            assert_eq!(edges.len(), 25);
-            let given = given
-                .iter()
-                .find(|table| (table.input, table.output) == (C, C))
-                .expect("it is there");
-            // Half a digit of the file, in rad.
-            let resolution = 0.51e-4_f64.to_radians();
-            for (node, at) in given.positions.iter().enumerate() {
-                let angle = *at;
-                let mean = (3.0 + 10.0 * angle.cos() + 25.0 * angle.sin()) * 1e-6;
-                close(back.deviation(*at, None), mean, 2.0 * resolution);
+            for (direction, half) in [(Direction::Positive, 2e-6), (Direction::Negative, -2e-6)] {
                 close(
-                    back.deviation(*at, None),
-                    given.mean()[node],
-                    2.0 * resolution,
+                    back.deviation(*at, Some(direction)),
+                    mean + half,
+                    resolution,
                 );
-                if format == Format::HeidenhainTnc640 {
-                    for (direction, half) in
-                        [(Direction::Positive, 2e-6), (Direction::Negative, -2e-6)]
-                    {
-                        close(
-                            back.deviation(*at, Some(direction)),
-                            mean + half,
-                            resolution,
-                        );
-                    }
-                }
             }
-            // What the report of losses compares with the model is the file that was read back: half a digit, and the bend between nodes.
-            let write = WriteOptions {
-                axes: AxisNumbers::of_machine(&machine),
-                ..WriteOptions::default()
-            };
-            let lost = loss(&machine, &Temperatures::new(), &tilted, format, &write).expect("told");
-            let of_c = lost
-                .axes
-                .iter()
-                .find(|found| found.axis == C)
-                .expect("it is there");
-            assert!(of_c.correction > 25e-6, "{of_c:?}");
-            assert!(of_c.largest < 4e-6, "{of_c:?}");
         }
+        // What the report of losses compares with the model is the file that was read back: half a digit, and the bend between nodes.
+        let write = WriteOptions {
+            axes: AxisNumbers::of_machine(&machine),
+            ..WriteOptions::default()
+        };
+        let lost = loss(&machine, &Temperatures::new(), &tilted, format, &write).expect("told");
+        let of_c = lost
+            .axes
+            .iter()
+            .find(|found| found.axis == C)
+            .expect("it is there");
+        assert!(of_c.correction > 25e-6, "{of_c:?}");
+        assert!(of_c.largest < 4e-6, "{of_c:?}");
     }
 }
 
@@ -305,6 +252,7 @@ fn steps_that_miss_0_begin_there() {
 
 #[test]
 fn what_is_no_turn_or_does_not_close_is_left_out_and_told() {
+    let format = Format::HeidenhainTnc640;
     let given = |from: f64, last: f64| AxisTable {
         positions: (0..25)
             .map(|n| (from + 15.0 * f64::from(n)).to_radians())
@@ -325,15 +273,13 @@ fn what_is_no_turn_or_does_not_close_is_left_out_and_told() {
         ),
         (short(given(-180.0, 1e-5)), "holds 0 to 360 deg: C over C"),
     ] {
-        for format in [Format::HeidenhainTnc640, Format::HeidenhainItnc530] {
-            let content = Content::Axes(vec![rotary.clone(), x.clone()]);
-            let made = write(format, &content, &WriteOptions::default()).expect("written");
-            assert_eq!(made.left_out, [(AxisName::C, AxisName::C)]);
-            assert!(
-                made.notes.iter().any(|note| note.contains(why)),
-                "{:?}",
-                made.notes
-            );
-        }
+        let content = Content::Axes(vec![rotary.clone(), x.clone()]);
+        let made = write(format, &content, &WriteOptions::default()).expect("written");
+        assert_eq!(made.left_out, [(AxisName::C, AxisName::C)]);
+        assert!(
+            made.notes.iter().any(|note| note.contains(why)),
+            "{:?}",
+            made.notes
+        );
     }
 }

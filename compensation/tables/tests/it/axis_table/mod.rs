@@ -2,7 +2,6 @@
 
 mod corpus;
 mod fanuc;
-mod grid_table;
 mod heidenhain;
 mod isg;
 mod limits;

@@ -1,9 +1,0 @@
-#![no_main]
-//! Compensation tables of the format heidenhain-itnc530.
-
-mod tables;
-
-use libfuzzer_sys::fuzz_target;
-use volcomp_tables::axis_table::Format;
-
-fuzz_target!(|bytes: &[u8]| tables::keeps(Format::HeidenhainItnc530, bytes));
