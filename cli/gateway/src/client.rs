@@ -16,63 +16,16 @@ use tokio_rustls::rustls::{
 
 use volcomp_web::{CertificateError, TlsError};
 
-use crate::{
-    config::{DashboardConfig, Several},
-    documents::{Overview, Status},
-    error::GatewayError,
-};
+use crate::{config::DashboardConfig, documents::Status, error::GatewayError};
 
 /// A gateway that answers later counts as one that does not.
 const AT_MOST: Duration = Duration::from_secs(3);
-
-/// Where a gateway that runs with this file is asked, and whether that is the overview of several machines; `machine`: which of
-/// them. Nothing else of the files is read: they may be being changed.
-///
-/// # Errors
-/// A file that cannot be read or is wrong there, or a machine that it does not have.
-pub fn address(
-    path: &Path,
-    machine: Option<&str>,
-) -> Result<(DashboardConfig, bool), GatewayError> {
-    let read = |path: &Path| DashboardConfig::read(path).map_err(GatewayError::status_without);
-    match (
-        Several::read(path).map_err(GatewayError::status_without)?,
-        machine,
-    ) {
-        (Some(several), None) => Ok((several.dashboard, true)),
-        (Some(several), Some(name)) => Ok((read(&several.machine(name)?.config)?, false)),
-        (None, None) => Ok((read(path)?, false)),
-        (None, Some(name)) => Err(GatewayError::OnlyMachine {
-            file: path.display().to_string(),
-            name: name.to_owned(),
-        }),
-    }
-}
 
 /// Asks the gateway behind a dashboard for its state; `token` where reading needs one.
 ///
 /// # Errors
 /// Nobody answers, or the answer is no state of a gateway.
 pub fn ask(dashboard: &DashboardConfig, token: Option<&str>) -> Result<Status, GatewayError> {
-    get(dashboard, "/api/state", token)
-}
-
-/// Asks the gateway behind an overview for all its machines; `token` where reading needs one.
-///
-/// # Errors
-/// Nobody answers, or the answer is no overview.
-pub fn ask_overview(
-    dashboard: &DashboardConfig,
-    token: Option<&str>,
-) -> Result<Overview, GatewayError> {
-    get(dashboard, "/api/machines", token)
-}
-
-fn get<T: serde::de::DeserializeOwned>(
-    dashboard: &DashboardConfig,
-    path: &str,
-    token: Option<&str>,
-) -> Result<T, GatewayError> {
     let mut address = dashboard.listen;
     if address.ip().is_unspecified() {
         address.set_ip(std::net::Ipv4Addr::LOCALHOST.into());
@@ -84,7 +37,7 @@ fn get<T: serde::de::DeserializeOwned>(
         format!("Authorization: Bearer {token}\r\n")
     });
     let request = format!(
-        "GET {path} HTTP/1.1\r\nHost: {address}\r\n{authorization}Connection: close\r\n\r\n"
+        "GET /api/state HTTP/1.1\r\nHost: {address}\r\n{authorization}Connection: close\r\n\r\n"
     );
     let text = match &dashboard.tls {
         None => exchange(stream, &request),

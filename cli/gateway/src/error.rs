@@ -13,7 +13,7 @@ use volcomp_runtime::{PlanError, StartError};
 use volcomp_vocabulary::AxisName;
 use volcomp_web::TlsError;
 
-use crate::{plan_keys::by_keys, together::Common};
+use crate::plan_keys::by_keys;
 
 /// Why a gateway does not start, or does not do what it is asked.
 #[derive(Debug, thiserror::Error)]
@@ -210,8 +210,8 @@ pub enum GatewayError {
     /// A device that cannot be opened.
     #[error(transparent)]
     Device(DeviceError),
-    /// Another gateway on this computer corrects the same device.
-    #[error("{url}: another gateway on this computer corrects it")]
+    /// Another gateway on this computer uses the same device.
+    #[error("{url}: another gateway on this computer uses it")]
     Locked {
         /// The URL of the device.
         url: String,
@@ -297,55 +297,7 @@ pub enum GatewayError {
         /// How many were rehearsed.
         count: usize,
     },
-    /// Two machines of one process have something in common of which each needs one of its own.
-    #[error(
-        "{file}: {} and {} have in common: {common}; expected one of its own for each",
-        machines[0],
-        machines[1]
-    )]
-    InCommon {
-        /// The path of the file of several machines.
-        file: String,
-        /// The names of the two; the overview counts as one.
-        machines: Box<[String; 2]>,
-        /// What they have in common.
-        common: Box<Common>,
-    },
-    /// The configuration of one of several machines is wrong.
-    #[error("machine {name}: {source}")]
-    OfMachine {
-        /// The name of the machine.
-        name: String,
-        /// What is wrong.
-        source: Box<GatewayError>,
-    },
-    /// A name that none of several machines has.
-    #[error("{file}: --machine: found {found:?}, expected one of {expected}")]
-    NoSuchMachine {
-        /// The path of the file of several machines.
-        file: String,
-        /// The name that was found.
-        found: String,
-        /// The names that there are.
-        expected: String,
-    },
-    /// Several machines where one is needed.
-    #[error("{file} holds several machines, expected --machine NAME with one of {names}")]
-    WhichMachine {
-        /// The path of the file of several machines.
-        file: String,
-        /// The names of the machines.
-        names: String,
-    },
-    /// A machine is named, and there is only one.
-    #[error("{file}: found --machine {name}, but this is the configuration of one machine")]
-    OnlyMachine {
-        /// The path of the configuration.
-        file: String,
-        /// The name that was found.
-        name: String,
-    },
-    /// Machines that did not start, or ended by a fault of the program, as far as they were not started again.
+    /// The machine did not start, or ended by a fault of the program.
     #[error("{what}")]
     Failed {
         /// Which, and why.
@@ -484,7 +436,7 @@ impl fmt::Display for FixedKey {
             Self::Realtime => "[realtime]",
             Self::Fleet => "[fleet]",
             Self::GuardTimes => "[guard] hand_back_s, rotary_step_um, rapid_m_per_min, rapid_rpm or a key of temperatures",
-            Self::Interop => "a table of other systems ([shdr], [sparkplug], [opc_ua])",
+            Self::Interop => "a table of other systems ([shdr], [opc_ua])",
         })
     }
 }
@@ -507,7 +459,6 @@ impl GatewayError {
     /// The exit status of the program: 2 when the call or a file is wrong, 1 when the work failed.
     pub fn status(&self) -> u8 {
         match self {
-            Self::OfMachine { source, .. } => source.status(),
             Self::Failed { status, .. } => *status,
             Self::Device(_)
             | Self::Locked { .. }
@@ -544,10 +495,6 @@ impl GatewayError {
             | Self::Reload(_)
             | Self::Read { .. }
             | Self::NoSuchFault { .. }
-            | Self::InCommon { .. }
-            | Self::NoSuchMachine { .. }
-            | Self::WhichMachine { .. }
-            | Self::OnlyMachine { .. }
             | Self::NoLimits { .. }
             | Self::NoFleet { .. }
             | Self::Nkey { .. }

@@ -10,7 +10,6 @@ pub mod documents;
 pub mod error;
 #[cfg(feature = "fleet")]
 pub mod fleet;
-pub mod glance;
 pub mod history;
 pub mod http;
 mod identity;
@@ -36,10 +35,8 @@ pub mod signals;
 pub mod simulate;
 mod sinumerik;
 pub mod slot;
-mod supervise;
 pub mod text;
 mod times;
-pub mod together;
 
 /// Bytes as hexadecimal digits.
 fn hex(bytes: &[u8]) -> String {

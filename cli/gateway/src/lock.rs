@@ -23,18 +23,24 @@ use volcomp_digital_io::LineSet;
 
 use crate::{config::Config, error::GatewayError};
 
-/// Locks every controller of a configuration for as long as the answer lives.
+/// Locks the folder of the audit log and every device of a configuration that one gateway alone can have, for as long as the answer
+/// lives.
 ///
 /// # Errors
-/// Another gateway on this computer corrects one of them.
+/// Another gateway on this computer has one of them.
 pub(crate) fn lock(config: &Config) -> Result<Vec<UnixListener>, GatewayError> {
     let mut locked = BTreeSet::new();
     let mut locks = vec![lock_folder(&config.audit_dir)?];
-    for controller in &config.controllers {
-        let url = &controller.url;
+    let controllers = config.controllers.iter().map(|c| (&c.url, false));
+    let thermometers = config.thermometers.iter().map(|t| (&t.url, true));
+    for (url, only_read) in controllers.chain(thermometers) {
         let address = Address::parse(url).map_err(GatewayError::Device)?;
+        // Two programs cannot ask on one serial line; other thermometers may be asked by many.
+        if only_read && address.scheme != Scheme::ModbusRtu {
+            continue;
+        }
         for device in devices(&address) {
-            // Several paths of one configuration may lead to one device.
+            // Controllers and thermometers of one configuration may be on one device.
             if locked.insert(device.clone()) {
                 locks.push(lock_device(url, &device)?);
             }
@@ -54,23 +60,6 @@ pub(crate) fn lock_sender(url: &str, audit_dir: &Path) -> Result<Vec<UnixListene
         locks.push(lock_device(url, &device)?);
     }
     Ok(locks)
-}
-
-/// The devices that a configuration needs for itself: URL, and name of the device that it reaches. The serial lines of
-/// thermometers are among them, on which two cannot ask at one time; other thermometers may be asked by many.
-pub(crate) fn reached(config: &Config) -> BTreeSet<(String, String)> {
-    let controllers = config.controllers.iter().map(|c| (&c.url, false));
-    let thermometers = config.thermometers.iter().map(|t| (&t.url, true));
-    let addresses = controllers.chain(thermometers).filter_map(|(url, reads)| {
-        let address = Address::parse(url).ok()?;
-        (!reads || address.scheme == Scheme::ModbusRtu).then_some((url, address))
-    });
-    addresses
-        .flat_map(|(url, address)| {
-            let named = |device| (url.clone(), device);
-            devices(&address).into_iter().map(named).collect::<Vec<_>>()
-        })
-        .collect()
 }
 
 /// Locks the folder of the audit log, in which a gateway remembers what it has written, confirmed and been told.

@@ -7,7 +7,7 @@ use clap::{Parser, Subcommand, ValueEnum};
 use volcomp_gateway::interop::shdr;
 use volcomp_gateway::{
     check, client,
-    config::{ConfigFile, DashboardConfig},
+    config::{Config, DashboardConfig},
     documents::CheckFailure,
     error::GatewayError,
     http::tls,
@@ -19,25 +19,21 @@ use volcomp_gateway::{
 
 const EXAMPLES: &str = "Examples:
   volcomp-gateway                                     a simulated machine on http://127.0.0.1:8080
-  volcomp-gateway --config /etc/volcomp/gateway.toml  the machine of a configuration
-  volcomp-gateway --config shop.toml                  several machines, each on its own";
+  volcomp-gateway --config /etc/volcomp/gateway.toml  the machine of a configuration";
 const CHECK_EXAMPLES: &str = "Examples:
   volcomp-gateway check gateway.toml                  what will be corrected, and within which limits
   volcomp-gateway check gateway.toml --json | jq .notes
-  volcomp-gateway check gateway.toml --online         compares with what the controls tell, too
-  volcomp-gateway check shop.toml --machine mill-2    one machine of several";
+  volcomp-gateway check gateway.toml --online         compares with what the controls tell, too";
 const REHEARSE_EXAMPLES: &str = "Examples:
   volcomp-gateway rehearse gateway.toml > rehearsal.txt       every fault, to be filed
   volcomp-gateway rehearse gateway.toml --fault late_write    one fault alone
   volcomp-gateway rehearse gateway.toml --json | jq .passed";
 const STATUS_EXAMPLES: &str = "Examples:
   volcomp-gateway status                              the gateway on http://127.0.0.1:8080
-  volcomp-gateway status --config /etc/volcomp/gateway.toml --token-file viewer --json
-  volcomp-gateway status --config shop.toml --machine mill-2";
+  volcomp-gateway status --config /etc/volcomp/gateway.toml --token-file viewer --json";
 #[cfg(feature = "shdr")]
 const SHDR_EXAMPLES: &str = "Examples:
-  volcomp-gateway shdr-device gateway.toml > Devices.xml
-  volcomp-gateway shdr-device shop.toml --machine mill-2 > Devices.xml";
+  volcomp-gateway shdr-device gateway.toml > Devices.xml";
 const SEND_MAP_EXAMPLES: &str = "Examples:
   volcomp-gateway send-map map-sender.toml            what would be sent, and its hash; nothing is opened
   volcomp-gateway send-map map-sender.toml --confirm 5f2c1b0a99d4e871
@@ -66,19 +62,19 @@ struct Arguments {
 
 #[derive(clap::Args)]
 struct RunArguments {
-    /// The TOML file of the configuration, or that of several machines
+    /// The TOML file of the configuration
     #[arg(long, conflicts_with = "simulate")]
     config: Option<PathBuf>,
     /// Simulate a machine, which is what happens without a configuration
     #[arg(long)]
     simulate: bool,
-    /// The address and port of the dashboard, of several machines that of the overview, instead of the configured one
+    /// The address and port of the dashboard, instead of the configured one
     #[arg(long)]
     listen: Option<SocketAddr>,
-    /// A file with lines NAME ROLE TOKEN, mode 0600, of several machines that of the overview, instead of the configured one
+    /// A file with lines NAME ROLE TOKEN, mode 0600, instead of the configured one
     #[arg(long)]
     token_file: Option<PathBuf>,
-    /// The folder of the audit log, instead of the configured one; of several machines each has a folder of its name in it
+    /// The folder of the audit log, instead of the configured one
     #[arg(long)]
     audit_dir: Option<PathBuf>,
     /// The time of a cycle of the simulation, ms
@@ -100,11 +96,8 @@ enum Command {
     /// Check a configuration without opening a device, and print what it means
     #[command(after_help = CHECK_EXAMPLES)]
     Check {
-        /// The TOML file of the configuration, or that of several machines
+        /// The TOML file of the configuration
         config: PathBuf,
-        /// Of several machines only this one
-        #[arg(long, value_name = "NAME")]
-        machine: Option<String>,
         /// Print one JSON document
         #[arg(long)]
         json: bool,
@@ -122,11 +115,8 @@ enum Command {
     /// Exit status: 0 no rule was broken, 1 a rule was broken, 2 the configuration or the call is wrong.
     #[command(after_help = REHEARSE_EXAMPLES)]
     Rehearse {
-        /// The TOML file of the configuration, or that of several machines
+        /// The TOML file of the configuration
         config: PathBuf,
-        /// Which of several machines
-        #[arg(long, value_name = "NAME")]
-        machine: Option<String>,
         /// Print one JSON document
         #[arg(long)]
         json: bool,
@@ -140,12 +130,9 @@ enum Command {
     /// Print the state of a running gateway
     #[command(after_help = STATUS_EXAMPLES)]
     Status {
-        /// The configuration with which it runs, or the file of several machines
+        /// The configuration with which it runs
         #[arg(long)]
         config: Option<PathBuf>,
-        /// Of several machines this one; without it all of them at a glance
-        #[arg(long, value_name = "NAME", requires = "config")]
-        machine: Option<String>,
         /// The address and port of its dashboard
         #[arg(long)]
         listen: Option<SocketAddr>,
@@ -162,11 +149,8 @@ enum Command {
     #[cfg(feature = "shdr")]
     #[command(after_help = SHDR_EXAMPLES)]
     ShdrDevice {
-        /// The TOML file of the configuration, or that of several machines
+        /// The TOML file of the configuration
         config: PathBuf,
-        /// Which of several machines
-        #[arg(long, value_name = "NAME")]
-        machine: Option<String>,
     },
     /// Bring a map of corrections into a FANUC or SINUMERIK control that looks up by itself, and keep it valid
     ///
@@ -255,20 +239,17 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
         }
         Some(Command::Check {
             config,
-            machine,
             json,
             online,
-        }) => print(&check::check(&config, machine.as_deref(), online, json)?),
+        }) => print(&check::check(&config, online, json)?),
         Some(Command::Rehearse {
             config,
-            machine,
             json,
             seed,
             fault,
         }) => {
             let rehearsal = Rehearsal::of(seed, &fault)?;
-            let config = ConfigFile::read(&config)?.machine(machine.as_deref())?;
-            let found = rehearsal.run(&Plan::new(config)?)?;
+            let found = rehearsal.run(&Plan::new(Config::read(&config)?)?)?;
             print(&if json {
                 check::line(&found)?
             } else {
@@ -278,21 +259,13 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
         }
         Some(Command::Status {
             config,
-            machine,
             listen,
             token_file,
             json,
-        }) => print(&status(
-            config,
-            machine.as_deref(),
-            listen,
-            token_file,
-            json,
-        )?),
+        }) => print(&status(config, listen, token_file, json)?),
         #[cfg(feature = "shdr")]
-        Some(Command::ShdrDevice { config, machine }) => {
-            let config = ConfigFile::read(&config)?.machine(machine.as_deref())?;
-            let plan = Plan::new(config)?;
+        Some(Command::ShdrDevice { config }) => {
+            let plan = Plan::new(Config::read(&config)?)?;
             print(&shdr::device(&plan.shape(), plan.shdr_device()))
         }
         Some(Command::SendMap {
@@ -329,14 +302,13 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
 /// What a running gateway answers.
 fn status(
     config: Option<PathBuf>,
-    machine: Option<&str>,
     listen: Option<SocketAddr>,
     token_file: Option<PathBuf>,
     json: bool,
 ) -> Result<String, GatewayError> {
-    let (mut dashboard, is_overview) = match config {
-        Some(path) => client::address(&path, machine)?,
-        None => (DashboardConfig::default(), false),
+    let mut dashboard = match config {
+        Some(path) => DashboardConfig::read(&path).map_err(GatewayError::status_without)?,
+        None => DashboardConfig::default(),
     };
     if let Some(listen) = listen {
         dashboard.listen = listen;
@@ -355,14 +327,6 @@ fn status(
         }
         None => None,
     };
-    if is_overview {
-        let overview = client::ask_overview(&dashboard, token.as_deref())?;
-        return if json {
-            check::line(&overview)
-        } else {
-            Ok(text::overview(&overview))
-        };
-    }
     let status = client::ask(&dashboard, token.as_deref())?;
     if json {
         check::line(&status)

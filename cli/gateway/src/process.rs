@@ -66,9 +66,8 @@ pub(crate) struct Manager {
     begun: Instant,
     is_ready: bool,
     is_stopping: bool,
-    status: String,
-    /// The proofs of life so far, of each machine.
-    proofs: Vec<u64>,
+    /// The proofs of life so far.
+    proofs: Option<u64>,
 }
 
 impl Manager {
@@ -78,8 +77,7 @@ impl Manager {
             begun: Instant::now(),
             is_ready: false,
             is_stopping: false,
-            status: String::new(),
-            proofs: Vec::new(),
+            proofs: None,
         }
     }
 
@@ -99,26 +97,16 @@ impl Manager {
         }
     }
 
-    /// How the machines are, in words, where that has changed.
-    pub(crate) fn status(&mut self, status: String) {
-        if status != self.status {
-            tell(&NotifyState::Status(&status));
-            self.status = status;
-        }
-    }
-
-    /// Feeds the watchdog where a machine has proven since the last call that it lives.
-    pub(crate) fn feed(&mut self, proofs: Vec<u64>) {
+    /// Feeds the watchdog where the machine has proven since the last call that it lives.
+    pub(crate) fn feed(&mut self, proofs: u64) {
         if self.lives(proofs) {
             tell(&NotifyState::Watchdog);
         }
     }
 
-    /// Whether one machine at least has proven since the last call that it lives.
-    fn lives(&mut self, proofs: Vec<u64>) -> bool {
-        let lives = !self.proofs.is_empty() && proofs != self.proofs;
-        self.proofs = proofs;
-        lives
+    fn lives(&mut self, proofs: u64) -> bool {
+        let before = self.proofs.replace(proofs);
+        before.is_some_and(|before| before != proofs)
     }
 }
 
@@ -131,15 +119,12 @@ fn tell(state: &NotifyState<'_>) {
 mod tests {
     use super::Manager;
 
-    /// A machine that hangs does not end the others, and none that lives is needed for the process to be started anew.
     #[test]
-    fn the_watchdog_is_fed_while_one_machine_lives() {
+    fn the_watchdog_is_fed_while_the_machine_proves_that_it_lives() {
         let mut manager = Manager::new();
-        assert!(!manager.lives(vec![0, 0]), "nothing is proven yet");
-        assert!(manager.lives(vec![1, 1]));
-        assert!(manager.lives(vec![1, 2]), "the first one hangs");
-        assert!(manager.lives(vec![1, 3]));
-        assert!(!manager.lives(vec![1, 3]), "both hang");
-        assert!(manager.lives(vec![2, 3]), "the first one is back");
+        assert!(!manager.lives(0), "nothing is proven yet");
+        assert!(manager.lives(1));
+        assert!(!manager.lives(1), "it hangs");
+        assert!(manager.lives(2), "it is back");
     }
 }

@@ -1,141 +1,76 @@
-//! From a call to running machines, and to their end.
+//! The daemon from its start to its end: what stops it, reloads it and is told to the service manager goes through here; nothing
+//! here waits for the machine.
 
-use std::{io::Write, path::Path, sync::Arc};
+use std::{sync::Arc, thread, time::Duration};
 
 use crate::{
-    config::{ConfigFile, MachineEntry, Several},
     error::GatewayError,
-    glance::Places,
-    http::{self, Door, Overviewed},
     machine::Machine,
     options::Options,
-    plan,
-    process::{Process, proven_within},
-    signals::Heard,
-    slot::Slot,
-    supervise::{Member, supervise},
-    together,
+    process::{Manager, Process, proven_within},
+    service::Service,
+    signals::{Heard, Signal},
+    slot::{Phase, Slot},
 };
+
+/// How often the machine is looked at.
+const LOOK: Duration = Duration::from_millis(50);
+/// The service manager hears that the process is ready after so long, though devices are still being opened.
+const READY_WITHIN: Duration = Duration::from_secs(10);
 
 /// Runs until it is told to stop.
 ///
 /// # Errors
-/// Why it does not start. Once it runs, troubles are states and log lines; at its end, the machines that did not run.
+/// Why it does not start, or that it has ended by itself.
 pub fn run(options: &Options) -> Result<(), GatewayError> {
-    if let Some(path) = &options.config
-        && let ConfigFile::Several(several) = ConfigFile::read(path)?
-    {
-        return run_several(path, &several, options);
-    }
     let machine = Machine {
-        name: None,
         options: options.clone(),
         proven_within: proven_within(),
     };
-    let member = Member {
-        plan: Ok(machine.plan()?),
-        machine,
-        slot: Arc::default(),
-    };
-    let _process = prepare();
-    let signals = heard(std::slice::from_ref(&member))?;
-    supervise(vec![member], &signals, || {})
-}
-
-fn run_several(path: &Path, several: &Several, options: &Options) -> Result<(), GatewayError> {
-    let members = members(several, options);
-    let mut several = several.clone();
-    if let Some(listen) = options.listen {
-        several.dashboard.listen = listen;
-    }
-    if let Some(file) = &options.token_file {
-        several.dashboard.token_file = Some(file.clone());
-    }
-    together(&several, &members)?;
-    let (tokens, tls) = plan::dashboard(&several.dashboard)?;
-    let _process = prepare();
-    let listener = http::listen(several.dashboard.listen)?;
-    let address = listener
-        .local_addr()
-        .map_err(|e| GatewayError::system("dashboard", e))?;
-    let scheme = if tls.is_some() { "https" } else { "http" };
-    let places: Places = members
-        .iter()
-        .map(|m| {
-            (
-                m.machine.name.clone().unwrap_or_default(),
-                Arc::clone(&m.slot),
-            )
-        })
-        .collect();
-    let overviewed = Overviewed {
-        places,
-        door: Arc::new(Door::new(&several.dashboard, tokens)),
-    };
-    let signals = heard(&members)?;
-    let runtime = http::runtime(listener, |listener| {
-        http::serve_overview(listener, tls, Arc::new(overviewed))
-    })?;
-    // Nobody may be reading.
-    let _ = writeln!(std::io::stdout(), "listening on {scheme}://{address}");
-    let ended = supervise(members, &signals, || tell_other_machines(path, &several));
-    runtime.shutdown_background();
-    ended
-}
-
-/// The machines of a file, each with the plan of its configuration.
-pub(crate) fn members(several: &Several, options: &Options) -> Vec<Member> {
-    let member = |entry: &MachineEntry| {
-        let machine = Machine {
-            name: Some(entry.name.clone()),
-            options: Options {
-                config: Some(entry.config.clone()),
-                audit_dir: options.audit_dir.as_ref().map(|dir| dir.join(&entry.name)),
-                ..Options::default()
-            },
-            proven_within: proven_within(),
-        };
-        Member {
-            plan: machine.plan(),
-            machine,
-            slot: Arc::new(Slot::default()),
-        }
-    };
-    several.machines.iter().map(member).collect()
-}
-
-/// Refuses what two machines have in common, as far as their configurations are right.
-pub(crate) fn together(several: &Several, members: &[Member]) -> Result<(), GatewayError> {
-    let entries = several.machines.iter().zip(members);
-    let planned = entries.filter_map(|(entry, member)| {
-        let config = &member.plan.as_ref().ok()?.config;
-        Some((entry.name.as_str(), entry.config.as_path(), config))
-    });
-    together::check(several, &planned.collect::<Vec<_>>())
-}
-
-/// The signals, of which one to stop acts on every machine at once.
-fn heard(members: &[Member]) -> Result<Heard, GatewayError> {
-    let slots: Vec<Arc<Slot>> = members.iter().map(|m| Arc::clone(&m.slot)).collect();
-    Heard::new(move || slots.iter().for_each(|slot| slot.stop()))
-}
-
-fn prepare() -> Process {
+    let plan = machine.plan()?;
     let process = Process::prepare();
     for lacking in &process.lacking {
         tracing::warn!("{lacking}");
     }
-    process
+    let slot = Arc::new(Slot::default());
+    let stopped = Arc::clone(&slot);
+    let signals = Heard::new(move || stopped.stop())?;
+    let own = Arc::clone(&slot);
+    thread::Builder::new()
+        .name("volcomp-service".to_owned())
+        .spawn(move || machine.run(plan, &own, &mut Service::turn))
+        .map_err(|e| GatewayError::system("thread of the service", e))?;
+    supervise(&slot, &signals)
 }
 
-/// Says that machines which were added to the file, or taken out of it, need a restart.
-fn tell_other_machines(path: &Path, running: &Several) {
-    match ConfigFile::read(path) {
-        Ok(ConfigFile::Several(now)) if now.machines == running.machines => {}
-        Ok(_) => tracing::warn!(
-            "{}: [[machine]] changed: restart the gateway for that",
-            running.file
-        ),
-        Err(e) => tracing::warn!("reload: {e}"),
+fn supervise(slot: &Slot, signals: &Heard) -> Result<(), GatewayError> {
+    let mut manager = Manager::new();
+    let mut is_stopping = false;
+    loop {
+        match signals.next(LOOK) {
+            // The thread that heard it has ordered it.
+            Some(Signal::Stop) => {
+                is_stopping = true;
+                manager.stopping();
+            }
+            Some(Signal::Reload) => slot.reload(),
+            None => {}
+        }
+        if is_stopping {
+            slot.give_up();
+        }
+        let phase = slot.phase();
+        match phase {
+            Phase::Ended => return Ok(()),
+            Phase::Failed(failure) => {
+                return Err(GatewayError::Failed {
+                    what: failure.what,
+                    status: failure.status,
+                });
+            }
+            _ => {}
+        }
+        manager.ready(!phase.is_starting(), READY_WITHIN);
+        manager.feed(slot.life().proofs());
     }
 }

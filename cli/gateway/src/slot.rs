@@ -1,12 +1,11 @@
-//! The place of a machine in the process: what is ordered goes in, how it is comes out. State: the orders so far, and the
-//! phase. An order to stop waits for no lock.
+//! Between the process and its machine: what is ordered goes in, how it is comes out. State: the orders so far, and the phase. An order to stop waits for no lock.
 
 use std::{
     net::SocketAddr,
     os::unix::net::UnixListener,
     sync::{
         Mutex, MutexGuard, PoisonError,
-        atomic::{AtomicBool, AtomicU32, Ordering},
+        atomic::{AtomicU32, Ordering},
     },
 };
 
@@ -14,7 +13,7 @@ use volcomp_runtime::DisarmSwitch;
 
 use crate::{published::Published, service::Life};
 
-/// The place of one machine.
+/// Orders to a machine, and how it is.
 #[derive(Default)]
 pub struct Slot {
     /// How often stopping was ordered.
@@ -25,8 +24,6 @@ pub struct Slot {
     switch: Mutex<Option<DisarmSwitch>>,
     phase: Mutex<Phase>,
     life: Life,
-    /// The control thread hangs: it is not started a second time.
-    hangs: AtomicBool,
     /// What keeps other programs from a device whose control thread hangs.
     kept: Mutex<Vec<UnixListener>>,
 }
@@ -65,8 +62,6 @@ pub struct Failure {
     pub what: String,
     /// The exit status that goes with it.
     pub status: u8,
-    /// Whether it is started again by itself; otherwise with the next order to reload, where its files are mended.
-    pub again: bool,
 }
 
 impl Live {
@@ -94,7 +89,7 @@ impl Slot {
         self.stops.load(Ordering::SeqCst)
     }
 
-    /// Orders to read configuration and machine file again; a machine that does not run is started again.
+    /// Orders to read configuration and machine file again.
     pub fn reload(&self) {
         self.reloads.fetch_add(1, Ordering::Relaxed);
     }
@@ -143,24 +138,13 @@ impl Slot {
         }
     }
 
-    /// The control thread hangs: the locks of its devices are held until the process ends, and it is not started again.
+    /// The control thread hangs: the locks of its devices are held until the process ends.
     pub(crate) fn keep(&self, locks: Vec<UnixListener>) {
-        self.hangs.store(true, Ordering::Relaxed);
         lock(&self.kept).extend(locks);
-    }
-
-    /// Whether its control thread hangs.
-    pub(crate) fn hangs(&self) -> bool {
-        self.hangs.load(Ordering::Relaxed)
     }
 }
 
 impl Phase {
-    /// Whether it does not run, and is on no way to that.
-    pub(crate) fn is_over(&self) -> bool {
-        matches!(self, Self::Failed(_) | Self::Ended)
-    }
-
     /// Whether it is still on its way.
     pub(crate) fn is_starting(&self) -> bool {
         matches!(self, Self::Starting | Self::Launching)

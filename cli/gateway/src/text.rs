@@ -1,8 +1,6 @@
 //! The state of a gateway for a terminal of 80 columns.
 
-use crate::documents::{
-    ByAxis, Glance, Overview, PathState, PhaseName, ProvenName, SchemeName, StateName, Status,
-};
+use crate::documents::{ByAxis, PathState, ProvenName, SchemeName, StateName, Status};
 
 /// The state in lines.
 pub fn text(status: &Status) -> String {
@@ -77,60 +75,6 @@ pub fn text(status: &Status) -> String {
         ),
     );
     lines.join("\n") + "\n"
-}
-
-/// All machines of a process in lines.
-pub fn overview(overview: &Overview) -> String {
-    let width = overview.machines.iter().map(|m| m.name.len()).max();
-    let width = width.unwrap_or_default().clamp(8, 40);
-    let mut lines = Vec::new();
-    for machine in &overview.machines {
-        let state = match machine.phase {
-            PhaseName::Running => machine.state.name(),
-            PhaseName::Starting => "starting",
-            PhaseName::Failed => "does not run",
-            PhaseName::Ended => "ended",
-        };
-        let line = format!("{:<width$}  {state:<13}{}", machine.name, glance(machine));
-        lines.push(line.trim_end().to_owned());
-        let why = machine.trouble.iter().chain(&machine.reasons).take(1);
-        for why in why {
-            lines.extend(wrapped(why, 78).into_iter().map(|line| format!("  {line}")));
-        }
-    }
-    lines.join("\n") + "\n"
-}
-
-/// The correction of a machine that runs, and how old that is.
-fn glance(machine: &Glance) -> String {
-    let Some(age_ms) = machine.age_ms else {
-        return String::new();
-    };
-    let age = format!("{age_ms:>5.0} ms");
-    if !machine.correction_known {
-        return format!("{age}  correction unknown");
-    }
-    let um = by_axis(&machine.correction_um, 0);
-    let urad = by_axis(&machine.correction_urad, 0);
-    let units = [(um, "µm"), (urad, "µrad")];
-    let units = units.iter().filter(|(text, _)| !text.is_empty());
-    let units: Vec<String> = units.map(|(text, unit)| format!("{text} {unit}")).collect();
-    format!("{age}  {}", units.join("  "))
-}
-
-/// A text in lines of so many characters at the most, as far as its words allow.
-fn wrapped(text: &str, width: usize) -> Vec<String> {
-    let mut lines: Vec<String> = Vec::new();
-    for word in text.split_whitespace() {
-        match lines.last_mut() {
-            Some(line) if line.chars().count() + 1 + word.chars().count() <= width => {
-                line.push(' ');
-                line.push_str(word);
-            }
-            _ => lines.push(word.to_owned()),
-        }
-    }
-    lines
 }
 
 /// Where to look when the control that corrects does not answer any more.

@@ -23,7 +23,6 @@ mod guard;
 mod interop;
 mod kinds;
 mod map_sender;
-mod several;
 mod sinumerik;
 mod stated;
 
@@ -33,15 +32,14 @@ use dashboard::{dashboard, realtime};
 pub use fleet::FleetConfig;
 use fleet::fleet;
 use guard::guard;
-pub use interop::{Deadbands, InteropConfig, OpcUaConfig, ShdrConfig, SparkplugConfig};
+pub use interop::{InteropConfig, OpcUaConfig, ShdrConfig};
 pub use kinds::{CONTROLLER_KEYS, ControllerKind};
 pub use map_sender::{MapControl, MapSender};
-pub use several::{ConfigFile, MachineEntry, Several};
 pub use sinumerik::{ServerConfig, SinumerikTable};
 pub use stated::StatedKeys;
 
 /// The keys of the root of a configuration.
-const ROOT_KEYS: [&str; 13] = [
+const ROOT_KEYS: [&str; 12] = [
     "machine",
     "cycle_ms",
     "auto_arm",
@@ -53,7 +51,6 @@ const ROOT_KEYS: [&str; 13] = [
     "realtime",
     "fleet",
     "shdr",
-    "sparkplug",
     "opc_ua",
 ];
 
@@ -342,9 +339,14 @@ impl Config {
     }
 
     fn decode(root: &Section<'_>, file: &str, folder: &Path) -> Result<Self, InputError> {
-        if several::holds_several(root) {
-            return Err(root.require("machine")?.error(
-                "found [[machine]], which holds several machines, expected the configuration of one",
+        if let Some(machines) = root.get("machine").filter(|value| value.items().is_ok()) {
+            return Err(machines.error(
+                "found [[machine]], several machines in one gateway, which is gone, expected the path of one machine file: run one gateway for each machine (volcomp-gateway@.service)",
+            ));
+        }
+        if let Some(sparkplug) = root.get("sparkplug") {
+            return Err(sparkplug.error(
+                "found [sparkplug], which is gone, expected [opc_ua] or [shdr], which bridges to MQTT read",
             ));
         }
         root.allow_in(FileKind::Gateway, &ROOT_KEYS)?;
@@ -408,7 +410,7 @@ impl Config {
                 .section("fleet")?
                 .map(|section| fleet(&section, folder))
                 .transpose()?,
-            interop: interop::interop(root, folder)?,
+            interop: interop::interop(root)?,
         })
     }
 }

@@ -8,7 +8,6 @@ mod answer;
 mod history;
 mod map;
 mod model;
-mod overview;
 mod plan;
 mod record;
 mod rehearsal;
@@ -23,12 +22,10 @@ pub use model::{
     ModelDiagonal, ModelEntry, ModelFit, ModelInForce, ModelOutcome, ModelRequest, ModelSource,
     ModelState, ModelTakeOff, ModelsKept, UploadedFile,
 };
-pub use overview::{Glance, Overview, PhaseName};
 pub use plan::{
     AuditPlan, AxisPlan, BarrierPlan, CheckFailure, ControllerPlan, DashboardPlan, FleetPlan,
-    GuardPlan, InteropPlan, MachinePlan, MachinesPlan, MemberPlan, OnlineBarrier,
-    OnlineBarrierAxis, OnlinePlan, OpcUaPlan, OverviewPlan, PlanDocument, PmcPlan, SensorPlan,
-    Source, Stated, ThermometerPlan, TokenPlan,
+    GuardPlan, InteropPlan, MachinePlan, OnlineBarrier, OnlineBarrierAxis, OnlinePlan, OpcUaPlan,
+    PlanDocument, PmcPlan, SensorPlan, Source, Stated, ThermometerPlan, TokenPlan,
 };
 pub use record::{
     Broken, ConfirmedLimits, Details, Event, LastOutput, LimitChanges, Record, Standing, Start,
@@ -51,7 +48,6 @@ pub fn schemas() -> Vec<(&'static str, Schema)> {
         ("gateway-answer.json", schema_for!(Answer)),
         ("gateway-audit-record.json", schema_for!(Record)),
         ("gateway-check.json", schema_for!(PlanDocument)),
-        ("gateway-check-machines.json", schema_for!(MachinesPlan)),
         ("gateway-confirmation.json", schema_for!(Confirmation)),
         ("gateway-error.json", schema_for!(CheckFailure)),
         ("gateway-history.json", schema_for!(History)),
@@ -65,7 +61,6 @@ pub fn schemas() -> Vec<(&'static str, Schema)> {
         ("gateway-model-request.json", schema_for!(ModelRequest)),
         ("gateway-model-take-off.json", schema_for!(ModelTakeOff)),
         ("gateway-models-kept.json", schema_for!(ModelsKept)),
-        ("gateway-overview.json", schema_for!(Overview)),
         ("gateway-rehearsal.json", schema_for!(RehearsalDocument)),
         ("gateway-standing.json", schema_for!(Standing)),
         ("gateway-state.json", schema_for!(Status)),

@@ -401,39 +401,6 @@ pub struct DashboardPlan {
     pub tokens: Vec<TokenPlan>,
 }
 
-/// The plans of several machines in one process: the document of `check --json` of their file.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct MachinesPlan {
-    /// The machines, in the order of the file.
-    pub machines: Vec<MemberPlan>,
-    /// The overview and who may use it.
-    pub overview: OverviewPlan,
-}
-
-/// One of several machines.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct MemberPlan {
-    /// The name of the machine in the process.
-    pub name: String,
-    /// The path of its configuration.
-    pub config: String,
-    /// The plan that its configuration makes.
-    pub plan: PlanDocument,
-}
-
-/// The overview of several machines.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct OverviewPlan {
-    /// The address and port on which it listens.
-    pub listen: String,
-    /// Whether it speaks TLS.
-    pub tls: bool,
-    /// Whether reading needs a token.
-    pub reading_needs_token: bool,
-    /// The tokens that are known, without the secret.
-    pub tokens: Vec<TokenPlan>,
-}
-
 /// A token of a plan.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct TokenPlan {

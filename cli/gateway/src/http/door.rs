@@ -1,5 +1,4 @@
-//! Who is let in: host names, tokens, time, and the headers of every answer. The same for a machine's dashboard and the
-//! overview of several.
+//! Who is let in: host names, tokens, time, and the headers of every answer.
 
 use std::{
     net::{IpAddr, SocketAddr},

@@ -3,14 +3,12 @@
 mod door;
 mod map;
 mod model;
-mod overview;
 mod routes;
 mod server;
 mod shared;
 mod tokens;
 
 pub use door::Door;
-pub use overview::{Overviewed, serve_overview};
 pub use routes::router;
 pub(crate) use server::{listen, runtime};
 pub use shared::Dashboard;

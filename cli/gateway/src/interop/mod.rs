@@ -1,7 +1,7 @@
 //! Other systems that read the gateway, each over its own way and on a thread of its own. Nothing that comes over these ways
 //! commands anything.
 #![cfg_attr(
-    not(any(feature = "shdr", feature = "sparkplug", feature = "opc-ua-server")),
+    not(any(feature = "shdr", feature = "opc-ua-server")),
     allow(unused_variables, reason = "without any way there is nothing to do")
 )]
 
@@ -11,12 +11,10 @@ pub mod alarms;
 #[cfg(feature = "opc-ua-server")]
 mod opc_ua;
 pub mod quantities;
-#[cfg(any(feature = "shdr", feature = "sparkplug", feature = "opc-ua-server"))]
+#[cfg(any(feature = "shdr", feature = "opc-ua-server"))]
 mod runtime;
 #[cfg(feature = "shdr")]
 pub mod shdr;
-#[cfg(feature = "sparkplug")]
-pub mod sparkplug;
 
 use quantities::Shape;
 
@@ -24,8 +22,6 @@ use quantities::Shape;
 pub struct Interop {
     #[cfg(feature = "shdr")]
     shdr: Option<shdr::Bound>,
-    #[cfg(feature = "sparkplug")]
-    sparkplug: Option<sparkplug::Prepared>,
     #[cfg(feature = "opc-ua-server")]
     opc_ua: Option<opc_ua::Bound>,
 }
@@ -39,10 +35,6 @@ impl Interop {
         Ok(Self {
             #[cfg(feature = "shdr")]
             shdr: config.shdr.as_ref().map(shdr::Bound::new).transpose()?,
-            #[cfg(feature = "sparkplug")]
-            sparkplug: (config.sparkplug.as_ref())
-                .map(sparkplug::Prepared::new)
-                .transpose()?,
             #[cfg(feature = "opc-ua-server")]
             opc_ua: (config.opc_ua.as_ref())
                 .map(opc_ua::Bound::new)
@@ -60,10 +52,6 @@ impl Interop {
             _shdr: (self.shdr)
                 .map(|shdr| shdr.serve(shape, published.clone()))
                 .transpose()?,
-            #[cfg(feature = "sparkplug")]
-            _sparkplug: (self.sparkplug)
-                .map(|sparkplug| sparkplug.run(shape, published.clone()))
-                .transpose()?,
             #[cfg(feature = "opc-ua-server")]
             _opc_ua: (self.opc_ua)
                 .map(|opc_ua| opc_ua.serve(shape, published))
@@ -76,8 +64,6 @@ impl Interop {
 pub struct Served {
     #[cfg(feature = "shdr")]
     _shdr: Option<runtime::Serving>,
-    #[cfg(feature = "sparkplug")]
-    _sparkplug: Option<runtime::Serving>,
     #[cfg(feature = "opc-ua-server")]
     _opc_ua: Option<runtime::Serving>,
 }

@@ -137,10 +137,7 @@ pub(super) fn start(
     let url = live.url();
     // Nobody may be reading.
     let mut out = std::io::stdout();
-    let _ = match &machine.name {
-        None => writeln!(out, "listening on {url}"),
-        Some(name) => writeln!(out, "{name} listening on {url}"),
-    };
+    let _ = writeln!(out, "listening on {url}");
     slot.set(Phase::Running(live));
     Ok(Some(Started {
         service,

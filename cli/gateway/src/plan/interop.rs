@@ -12,19 +12,9 @@ use crate::{
 /// # Errors
 /// The table and the feature that it needs.
 pub(super) fn check(config: &Config) -> Result<(), GatewayError> {
-    let InteropConfig {
-        shdr,
-        sparkplug,
-        opc_ua,
-    } = &config.interop;
+    let InteropConfig { shdr, opc_ua } = &config.interop;
     let ways = [
         (shdr.is_some(), cfg!(feature = "shdr"), "shdr", "shdr"),
-        (
-            sparkplug.is_some(),
-            cfg!(feature = "sparkplug"),
-            "sparkplug",
-            "sparkplug",
-        ),
         (
             opc_ua.is_some(),
             cfg!(feature = "opc-ua-server"),
@@ -42,12 +32,7 @@ pub(super) fn check(config: &Config) -> Result<(), GatewayError> {
             feature,
         }),
         None => Ok(()),
-    }?;
-    #[cfg(feature = "sparkplug")]
-    if let Some(sparkplug) = sparkplug {
-        crate::interop::sparkplug::Credentials::read(sparkplug)?;
     }
-    Ok(())
 }
 
 /// The ways of a plan.
@@ -58,14 +43,6 @@ pub(super) fn described(plan: &Plan) -> Vec<InteropPlan> {
             table: "shdr".to_owned(),
             address: shdr.listen.to_string(),
             name: plan.shdr_device().to_owned(),
-        });
-    }
-    if let Some(sparkplug) = &plan.config.interop.sparkplug {
-        let device = sparkplug.device_or(&plan.model.name);
-        ways.push(InteropPlan {
-            table: "sparkplug".to_owned(),
-            address: sparkplug.url.clone(),
-            name: format!("{}/{}/{device}", sparkplug.group, sparkplug.node),
         });
     }
     if let Some(opc_ua) = &plan.config.interop.opc_ua {
@@ -94,16 +71,8 @@ pub(super) fn notes(config: &Config) -> Vec<String> {
     let listens = [("shdr", shdr), ("opc_ua", opc_ua)].into_iter();
     let listens = listens.filter_map(|(table, listen)| Some((table, listen?)));
     let open = listens.filter(|(_, listen)| !listen.ip().is_loopback());
-    let open = open.map(|(table, listen)| {
+    open.map(|(table, listen)| {
         format!("[{table}] {listen}: everybody who reaches this address reads the state, without a token and without TLS")
-    });
-    let plain = config
-        .interop
-        .sparkplug
-        .as_ref()
-        .filter(|own| own.ca.is_none());
-    let plain = plain.and_then(|own| own.user.as_ref()).map(|user| {
-        format!("[sparkplug] mqtt:// has no TLS: the password of {user} can be read on the way to the broker")
-    });
-    open.chain(plain).collect()
+    })
+    .collect()
 }

@@ -10,7 +10,7 @@ use std::{
     process::{Command, Stdio},
 };
 
-use volcomp_gateway::config::{Config, MapSender, Several};
+use volcomp_gateway::config::{Config, MapSender};
 use volcomp_guard::Reasons;
 use volcomp_test_support::{
     Running,
@@ -46,25 +46,10 @@ fn whole(block: &Block) -> Option<String> {
     }
 }
 
-fn decode_several(text: &str) -> Result<(), String> {
-    Several::parse(text, "shop.toml", Path::new(""))
-        .map(drop)
-        .map_err(|e| e.to_string())
-}
-
-/// Whether a block is the file of several machines.
-fn is_of_several(block: &Block) -> bool {
-    block.is("file of several machines")
-}
-
 #[test]
 fn every_configuration_is_read_by_the_gateway() {
     let mut count = 0;
     for block in pages().iter().flat_map(|page| blocks(page)) {
-        if is_of_several(&block) {
-            decode_several(&block.text).unwrap_or_else(|e| panic!("{}: {e}", block.place));
-            count += 1;
-        }
         if block.is("file of a map sender") {
             MapSender::parse(&block.text, "map-sender.toml", Path::new(""))
                 .unwrap_or_else(|e| panic!("{}: {e}", block.place));
@@ -83,10 +68,6 @@ fn keys_of_the_configuration() {
     let page = chapter("gateway.md");
     let (mut decoded, mut used) = (BTreeSet::new(), BTreeSet::new());
     for mut block in blocks(&page) {
-        if is_of_several(&block) {
-            used.extend(used_keys(&block.text));
-            decoded.extend(decoded_keys(&block, &[], decode_several));
-        }
         if let Some(text) = whole(&block) {
             used.extend(used_keys(&block.text));
             block.text = text;

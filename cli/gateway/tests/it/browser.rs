@@ -13,7 +13,6 @@ use crate::{
     models::{ENGINEER, engineers, examples, measured_control, measured_rig_in},
     paths::{nobody, two_ways},
     program::{OPERATE, Program, change, path, token_file},
-    several,
 };
 
 /// Runs a script of this folder in the browser; `then` is called when it says that it is ready.
@@ -85,20 +84,6 @@ fn a_person_sees_what_is_missing_and_what_is_not_known() {
     run("browser_paths.py", &[&url], "gateway-paths.png", || {
         drop(control);
     });
-}
-
-#[test]
-fn a_person_sees_forty_machines_at_a_glance() {
-    let shop = several::Shop::of(2);
-    let program = shop.start();
-    shop.all_compensate(&program);
-    let url = format!("http://{}/", program.address);
-    run(
-        "browser_overview.py",
-        &[&url],
-        "gateway-overview.png",
-        || {},
-    );
 }
 
 #[test]

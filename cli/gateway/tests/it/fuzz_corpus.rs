@@ -2,11 +2,7 @@
 
 use std::path::Path;
 
-use volcomp_gateway::{
-    audit::verify,
-    config::{Config, Several},
-    http::Tokens,
-};
+use volcomp_gateway::{audit::verify, config::Config, http::Tokens};
 
 fn replay(target: &str, is_read: impl Fn(&[u8]) -> bool) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -33,7 +29,6 @@ fn configurations_and_tokens() {
     replay("config", |bytes| {
         let text = String::from_utf8_lossy(bytes);
         Config::parse(&text, "corpus", "".as_ref()).is_ok()
-            || Several::parse(&text, "corpus", "".as_ref()).is_ok()
             || Tokens::parse(&text).is_ok_and(|tokens| !tokens.is_empty())
     });
 }

@@ -15,6 +15,7 @@ mod documents;
 mod edge_paths;
 mod edges;
 mod effective;
+mod ended;
 mod faults;
 mod five_axes;
 #[cfg(feature = "fleet")]
@@ -50,16 +51,12 @@ mod rehearse;
 mod reload;
 #[cfg(feature = "sinumerik")]
 mod send_map;
-mod several;
-mod several_files;
 #[cfg(feature = "shdr")]
 mod shdr;
 mod shipped;
 mod silent;
 #[cfg(feature = "sinumerik")]
 mod sinumerik;
-#[cfg(feature = "sparkplug")]
-mod sparkplug;
 mod standing;
 mod texts;
 mod three_of_five;

@@ -396,7 +396,7 @@ fn a_second_sender_and_another_map_are_refused() {
     let foreign = command(&elsewhere, &["--confirm", &hash(&elsewhere)]).output();
     let foreign = foreign.expect("it starts");
     assert_eq!(foreign.status.code(), Some(1), "{}", said(&foreign));
-    let why = "another gateway on this computer corrects it";
+    let why = "another gateway on this computer uses it";
     assert!(said(&foreign).contains(why), "{}", said(&foreign));
     assert!((control.x_um() - 40.0).abs() <= 1.0);
     // The map was exchanged after it was confirmed.

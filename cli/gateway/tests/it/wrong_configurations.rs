@@ -663,58 +663,9 @@ pub(crate) const CASES: &[Wrong] = &[
     wrong(
         &[(
             "[dashboard]",
-            "[sparkplug]\nurl = \"http://192.0.2.9\"\ngroup = \"g\"\nnode = \"n\"\n[dashboard]",
+            "[sparkplug]\nurl = \"mqtt://192.0.2.9\"\n[dashboard]",
         )],
-        "sparkplug.url: found `http://192.0.2.9`, expected mqtt://HOST:PORT",
-    ),
-    wrong(
-        &[(
-            "[dashboard]",
-            "[sparkplug]\nurl = \"mqtts://192.0.2.9\"\ngroup = \"g\"\nnode = \"n\"\n[dashboard]",
-        )],
-        "mqtts: ca is missing",
-    ),
-    wrong(
-        &[(
-            "[dashboard]",
-            "[sparkplug]\nurl = \"mqtt://192.0.2.9\"\ngroup = \"g\"\nnode = \"n\"\nca = \"ca.pem\"\n[dashboard]",
-        )],
-        "ca is for mqtts://",
-    ),
-    wrong(
-        &[(
-            "[dashboard]",
-            "[sparkplug]\nurl = \"mqtt://192.0.2.9\"\ngroup = \"g\"\nnode = \"n\"\nuser = \"u\"\n[dashboard]",
-        )],
-        "found one of user and password_file",
-    ),
-    wrong(
-        &[(
-            "[dashboard]",
-            "[sparkplug]\nurl = \"mqtt://192.0.2.9\"\ngroup = \"g/h\"\nnode = \"n\"\n[dashboard]",
-        )],
-        "sparkplug.group: found `g/h`, expected a name without",
-    ),
-    wrong(
-        &[(
-            "[dashboard]",
-            "[sparkplug]\nurl = \"mqtt://192.0.2.9\"\ngroup = \"g\"\n[dashboard]",
-        )],
-        "node",
-    ),
-    wrong(
-        &[(
-            "[dashboard]",
-            "[sparkplug]\nurl = \"mqtt://192.0.2.9\"\ngroup = \"g\"\nnode = \"n\"\ninterval_ms = 99\n[dashboard]",
-        )],
-        "sparkplug.interval_ms",
-    ),
-    wrong(
-        &[(
-            "[dashboard]",
-            "[sparkplug]\nurl = \"mqtt://192.0.2.9\"\ngroup = \"g\"\nnode = \"n\"\ndeadband_um = -1.0\n[dashboard]",
-        )],
-        "sparkplug.deadband_um",
+        "found [sparkplug], which is gone, expected [opc_ua] or [shdr]",
     ),
     // The machine.
     wrong(&[("machine.toml", "missing.toml")], "missing.toml"),
