@@ -23,8 +23,7 @@ def streams_left(url):
 
 
 def state(page, name):
-    page.wait_for_selector(f"#banner[data-state={name}]")
-    assert page.inner_text("#state").lower() == name.replace("-", " "), page.inner_text("#state")
+    page.locator(f"#banner[data-state={name}] #state").filter(has_text=name.replace("-", " ")).wait_for()
 
 
 def touches(page, selector, hold_ms):

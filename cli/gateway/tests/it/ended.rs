@@ -2,7 +2,6 @@
 
 use std::{path::PathBuf, sync::Arc, time::Duration};
 
-use volcomp_focas::simulator::Simulator;
 use volcomp_gateway::{
     machine::{Machine, Turn},
     options::Options,
@@ -26,10 +25,6 @@ fn failed(config: PathBuf, slot: &Arc<Slot>, turn: Turn<'_>) -> Failure {
         panic!("it has not failed");
     };
     failure
-}
-
-fn shifts(control: &Simulator) -> [f64; 3] {
-    control.world().shifts()
 }
 
 /// The control thread ends, which it never should by itself.
@@ -62,7 +57,7 @@ fn a_fault_of_the_program_ramps_the_correction_out() {
     let slot = Arc::default();
     let mut largest = 0.0_f64;
     let mut turn = |service: &mut Service| {
-        largest = largest.max(shifts(&control)[0].abs());
+        largest = largest.max(control.world().shifts()[0].abs());
         let Phase::Running(live) = Slot::phase(&slot) else {
             panic!("it runs");
         };
@@ -74,7 +69,7 @@ fn a_fault_of_the_program_ramps_the_correction_out() {
     assert_eq!(failure.status, 1);
     assert!(failure.what.contains("a fault of the program"));
     assert!(largest > 0.015, "it never corrected");
-    assert_eq!(shifts(&control), [0.0; 3]);
+    assert_eq!(control.world().shifts(), [0.0; 3]);
     let audit = std::fs::read_to_string(dir.path().join("audit/audit.log"));
     assert!(audit.expect("a log").contains("\"what\":\"failed\""));
 }

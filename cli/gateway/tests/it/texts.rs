@@ -1,11 +1,6 @@
 //! What people read in a terminal.
 
-use volcomp_gateway::{
-    config::Config,
-    documents::{Overview, Status},
-    plan::Plan,
-    text,
-};
+use volcomp_gateway::{config::Config, documents::Status, plan::Plan, text};
 
 #[test]
 fn status_fits_a_small_terminal() {
@@ -58,38 +53,6 @@ fn status_fits_a_small_terminal() {
     });
     let status: Status = serde_json::from_value(state).expect("a state");
     let text = text::text(&status);
-    assert!(
-        text.lines().all(|line| line.chars().count() <= 80),
-        "{text}"
-    );
-    insta::assert_snapshot!(text);
-}
-
-#[test]
-fn machines_at_a_glance_fit_a_small_terminal() {
-    let running = |name: &str, state: &str, reasons: &[&str], known: bool| {
-        serde_json::json!({
-            "name": name, "phase": "running", "trouble": null, "starts_again": false, "dashboard": "http://127.0.0.1:8081",
-            "state": state, "reasons": reasons, "machine": "five-axis", "simulated": false, "age_ms": 12.4,
-            "correction_known": known, "correction_um": { "X": -12.0, "Y": 3.4, "Z": 0.0 },
-            "correction_urad": { "A": -104.0, "C": 7.0 },
-        })
-    };
-    let stands = |name: &str, phase: &str, trouble: Option<&str>| {
-        serde_json::json!({
-            "name": name, "phase": phase, "trouble": trouble, "starts_again": true, "dashboard": null, "state": "unknown",
-            "reasons": [], "machine": null, "simulated": false, "age_ms": null, "correction_known": false,
-            "correction_um": {}, "correction_urad": {},
-        })
-    };
-    let machines = serde_json::json!({ "machines": [
-        running("mill-1", "compensating", &[], true),
-        running("mill-2", "holding", &["positions lost", "controller does not answer"], false),
-        stands("gantry", "failed", Some("dashboard 127.0.0.1:8083: Address already in use (os error 98), which somebody has to look at")),
-        stands("grinder", "starting", None),
-    ]});
-    let overview: Overview = serde_json::from_value(machines).expect("an overview");
-    let text = text::overview(&overview);
     assert!(
         text.lines().all(|line| line.chars().count() <= 80),
         "{text}"

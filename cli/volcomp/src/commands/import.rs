@@ -5,8 +5,7 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 use volcomp_document::read_text;
 use volcomp_tables::axis_table::{
-    Content, Curves, ExchangeError, Format, ReadOptions, TextFile, curves, is_facts_file, read,
-    to_toml,
+    Content, Curves, Format, ReadOptions, TextFile, curves, is_facts_file, read, to_toml,
 };
 use volcomp_vocabulary::Displacement;
 

@@ -152,8 +152,8 @@ fn turning(modulo: &str, travel: &str) -> Machine {
 
 #[test]
 fn a_turn_from_minus_180_deg_is_held_from_0_to_360() {
-    let format = Format::HeidenhainTnc640;
     use AxisName::{A, C};
+    let format = Format::HeidenhainTnc640;
     // Where A stands at 0, C turns about the tool, and corrects nothing: A does not go there.
     let tilted = TableOptions {
         at: vec![(A, 30.0)],
