@@ -2,10 +2,9 @@
 //! Configurations and token files of the gateway: no panic on any text.
 
 use libfuzzer_sys::fuzz_target;
-use volcomp_gateway::{config::{Config, Several}, http::Tokens};
+use volcomp_gateway::{config::Config, http::Tokens};
 
 fuzz_target!(|text: &str| {
     let _ = Config::parse(text, "fuzz", "".as_ref());
-    let _ = Several::parse(text, "fuzz", "".as_ref());
     let _ = Tokens::parse(text);
 });

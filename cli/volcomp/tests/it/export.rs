@@ -134,7 +134,7 @@ fn every_format_writes_files_that_are_read_again() {
 fn facts_of_each_format_and_back_without_numbers() {
     let (_folder, all) = folder();
     fs::create_dir(&all).expect("made");
-    for format in ["fanuc", "linuxcnc"] {
+    for format in ["fanuc", "heidenhain"] {
         let tables = format!("{all}/{format}");
         let answer = json(&[
             "export",
@@ -149,12 +149,6 @@ fn facts_of_each_format_and_back_without_numbers() {
             "--axis-numbers",
             "X=3,Y=1,Z=2",
         ]);
-        // A table of one axis over another is in neither format.
-        let made = answer["tables"].as_array().expect("a list");
-        assert!(
-            made.iter().all(|made| made["input"] == made["output"]),
-            "{made:?}"
-        );
         let facts =
             fs::read_to_string(format!("{tables}/volcomp-tables-{format}.txt")).expect("the facts");
         for file in answer["files"].as_array().expect("files") {
