@@ -207,11 +207,36 @@ fn what_is_stated_twice_or_cannot_be_told_apart_is_refused() {
     }
 }
 
-/// Uncertainties against the whole calibration repeated with other readings: of lines and unknowns that were found by turns, and of
-/// lines that follow their unknowns.
-#[test]
-fn uncertainties_of_unknowns_are_those_of_the_whole_calibration() {
+/// Uncertainties of unknowns against the whole calibration repeated with other readings.
+fn uncertainties_are_those_of_repeats(path: &Path) {
     const REPEATS: u64 = 100;
+    let mut file = CalibrationFile::read(path).expect("read");
+    let stated = &mut file.uncertainty;
+    (stated.reading_um, stated.reading_urad) = (1.0, 1.0);
+    let found = calibrate(&file, |_, _| {}).expect("found");
+    let found = found.identified.expect("unknowns").found;
+    let repeat = |trial| calibrated_machine(&file.varied(3, trial)).expect("found");
+    let repeated: Vec<Machine> = (0..REPEATS).map(repeat).collect();
+    for parameter in found.parameters.iter().filter(|p| p.error.is_some()) {
+        let error = parameter.error.expect("an error");
+        let values = || repeated.iter().map(|of| of.locations()[&error]);
+        let mean = values().sum::<f64>() / REPEATS as f64;
+        let squares: f64 = values().map(|value| (value - mean).powi(2)).sum();
+        let spread = (squares / (REPEATS - 1) as f64).sqrt();
+        let uncertainty = parameter.uncertainty.expect("determined");
+        // Four standard deviations of a spread over so many repeats.
+        let allowed = 4.0 / (2.0 * (REPEATS - 1) as f64).sqrt();
+        assert!(
+            (uncertainty / spread - 1.0).abs() < allowed,
+            "{}: {uncertainty} {spread}",
+            parameter.name
+        );
+    }
+}
+
+/// Lines and unknowns that are found by turns.
+#[test]
+fn uncertainties_of_unknowns_beside_lines() {
     let folder = tempfile::tempdir().expect("a folder");
     let truth = partial_truth();
     tracker(folder.path(), &truth, 60, 1.0);
@@ -228,31 +253,14 @@ fn uncertainties_of_unknowns_are_those_of_the_whole_calibration() {
     fs::write(folder.path().join("machine.toml"), GEOMETRY).expect("written");
     let path = folder.path().join("calibration.toml");
     fs::write(&path, text).expect("written");
+    uncertainties_are_those_of_repeats(&path);
+}
+
+/// Lines that follow their unknowns.
+#[test]
+fn uncertainties_of_unknowns_that_lines_follow() {
     let tilt = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/tilt/c.toml");
-    for path in [path, tilt] {
-        let mut file = CalibrationFile::read(&path).expect("read");
-        let stated = &mut file.uncertainty;
-        (stated.reading_um, stated.reading_urad) = (1.0, 1.0);
-        let found = calibrate(&file, |_, _| {}).expect("found");
-        let found = found.identified.expect("unknowns").found;
-        let repeat = |trial| calibrated_machine(&file.varied(3, trial)).expect("found");
-        let repeated: Vec<Machine> = (0..REPEATS).map(repeat).collect();
-        for parameter in found.parameters.iter().filter(|p| p.error.is_some()) {
-            let error = parameter.error.expect("an error");
-            let values = || repeated.iter().map(|of| of.locations()[&error]);
-            let mean = values().sum::<f64>() / REPEATS as f64;
-            let squares: f64 = values().map(|value| (value - mean).powi(2)).sum();
-            let spread = (squares / (REPEATS - 1) as f64).sqrt();
-            let uncertainty = parameter.uncertainty.expect("determined");
-            // Four standard deviations of a spread over so many repeats.
-            let allowed = 4.0 / (2.0 * (REPEATS - 1) as f64).sqrt();
-            assert!(
-                (uncertainty / spread - 1.0).abs() < allowed,
-                "{}: {uncertainty} {spread}",
-                parameter.name
-            );
-        }
-    }
+    uncertainties_are_those_of_repeats(&tilt);
 }
 
 /// A location error with the wrong sign is named where observations contradict it, and only there.
