@@ -97,7 +97,7 @@ fn contradiction(
         "check the files, and their `point`, `at` and `sign`".to_owned()
     };
     Ok(Some(format!(
-        "{error}: {first} and {second} contradict each other by up to ±{largest:.1} {unit}, {:.0} times their noise of {noise:.2} {unit}: {cause}",
+        "{error}: {first} and {second} contradict each other by up to ±{largest:.1} {unit}, RMS {rms:.1} {unit}, which is {:.0} times their noise of {noise:.2} {unit}: {cause}",
         rms / noise
     )))
 }

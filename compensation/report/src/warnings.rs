@@ -36,7 +36,7 @@ pub(crate) fn of_calibration(
             }
         }
     }
-    let mut without = 0;
+    let mut silent = Vec::new();
     let mut surroundings = Vec::new();
     for line in &file.measurements {
         let environment = &line.readings.environment;
@@ -56,16 +56,17 @@ pub(crate) fn of_calibration(
             .flatten()
             .next()
             .is_none();
-        without += usize::from(is_length && is_silent);
+        if is_length && is_silent {
+            silent.push(line.file.display().to_string());
+        }
     }
     for text in with_files(surroundings) {
         add(WarningKind::Temperature, text);
     }
-    if without > 0 {
-        let files = if without == 1 {
-            "one positioning file states".to_owned()
-        } else {
-            format!("{without} positioning files state")
+    if let [first, others @ ..] = silent.as_slice() {
+        let files = match others.len() {
+            0 => format!("{first} states"),
+            more => format!("{first} and {more} other positioning files state"),
         };
         add(
             WarningKind::Temperature,

@@ -1,7 +1,5 @@
 //! Quantities with their uncertainties and tolerances, as documents and as a table.
 
-use std::fmt::Write as _;
-
 use volcomp_metrology::{StandardQuantity, Tolerance, Verdict, decide, parse_tolerances};
 
 use super::rows::Row;
@@ -181,17 +179,15 @@ pub(crate) fn decision_text(decision: Option<Decision>, quantities: &[Quantity])
         symbols.join(", ")
     };
     let rule = match decision.rule {
-        "simple" => "value against limit; no measurement uncertainty is stated",
-        "ISO 14253-1" => "by ISO 14253-1, with the measurement uncertainty on top",
-        _ => "by ISO 14253-1 where the uncertainty is stated, else value against limit",
+        "simple" => "Decided by the values alone: no measurement uncertainty is stated",
+        "ISO 14253-1" => "Decided by ISO 14253-1, with the measurement uncertainty on top",
+        _ => "Decided by ISO 14253-1 where the uncertainty is stated, else by the value alone",
     };
-    let mut said = format!("{}: ", decision.verdict.to_uppercase());
-    for word in ["fail", "not evaluated", "undecided", "pass"] {
-        let named = of(word);
-        if !named.is_empty() {
-            // Writing to a string never fails.
-            let _ = write!(said, "{word} {named}; ");
-        }
-    }
-    folded(&format!("{said}{rule}."), "")
+    let parts = ["fail", "not evaluated", "undecided", "pass"].map(|word| (word, of(word)));
+    let parts = parts.iter().filter(|(_, named)| !named.is_empty());
+    let parts: Vec<String> = parts
+        .map(|(word, named)| format!("{word} {named}"))
+        .collect();
+    let verdict = decision.verdict.to_uppercase();
+    folded(&format!("{verdict}: {}. {rule}.", parts.join("; ")), "")
 }
