@@ -27,8 +27,8 @@ const LOOKS: u32 = 4000;
 
 fn main() {
     let mut arguments = std::env::args().skip(1);
-    let mut count = |otherwise| {
-        let given = arguments.next().map(|word| word.parse());
+    let mut count = |otherwise: u32| {
+        let given = arguments.next().map(|word| word.parse::<u32>());
         given.transpose().map(|count| count.unwrap_or(otherwise))
     };
     let (Ok(machines), Ok(poses)) = (count(20), count(100_000)) else {
@@ -40,15 +40,15 @@ fn main() {
         let mut found = Vec::new();
         loop {
             let seed = next.fetch_add(1, Ordering::Relaxed);
-            if seed >= machines {
+            if seed >= u64::from(machines) {
                 return found;
             }
-            found.push(compared(seed, poses as usize));
+            found.push(compared(seed, poses));
         }
     };
     let found: Vec<Compared> = thread::scope(|scope| {
         let threads: Vec<_> = (0..THREADS).map(|_| scope.spawn(work)).collect();
-        let found = threads.into_iter().map(|thread| thread.join());
+        let found = threads.into_iter().map(thread::ScopedJoinHandle::join);
         found
             .flat_map(|found| found.expect("a thread that ends"))
             .collect()
@@ -113,7 +113,7 @@ struct Compared {
     truth: [Truth; 2],
 }
 
-fn compared(seed: u64, poses: usize) -> Compared {
+fn compared(seed: u64, poses: u32) -> Compared {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let own = Own::random(seed, &mut random);
     let machine = Machine::parse(&own.file(), "random.toml").expect("a machine");
@@ -134,7 +134,7 @@ fn compared(seed: u64, poses: usize) -> Compared {
         errors: &errors,
     };
     let found = volumetric(&[field]).expect("a machine with axes");
-    let mut truth = own.brute_force(poses, &mut random);
+    let mut truth = own.brute_force(poses as usize, &mut random);
     let aligned = truth.1;
     let named = [&found.position.at, &found.tilt.at];
     for (of, (truth, named)) in truth.0.iter_mut().zip(named).enumerate() {
@@ -227,9 +227,9 @@ impl Own {
         ];
         let pair = pairs[random.random_range(0..pairs.len())];
         // The twelve types in turn.
-        let (translational, rotary) = (seed % 4, 1 + seed / 4 % 3);
+        let [_, _, _, _, _, _, _, of_twelve] = (seed % 12).to_be_bytes();
         let structure =
-            Structure::from_type(translational as u8, rotary as u8, &pair).expect("a type");
+            Structure::from_type(of_twelve % 4, 1 + of_twelve / 4, &pair).expect("a type");
         let sizes = [
             random.random_range(1.0..10.0),
             random.random_range(1.0..20.0),
@@ -415,10 +415,13 @@ impl Own {
         let left: Vec<[f64; 2]> = found.iter().map(|at| aligned.left(at)).collect();
         let truth = [0, 1].map(|of| {
             let mut worst: Vec<usize> = (0..poses).collect();
-            worst.sort_by(|a, b| left[*b][of].total_cmp(&left[*a][of]));
+            let descending = |a: &usize, b: &usize| left[*b][of].total_cmp(&left[*a][of]);
+            worst.select_nth_unstable_by(FROM.min(poses - 1), descending);
+            worst.truncate(FROM);
+            worst.sort_by(descending);
             let random_poses = left[worst[0]][of];
             let mut near = random_poses;
-            for &place in worst.iter().take(FROM) {
+            for place in worst {
                 let width = 2 * self.axes.len();
                 let mut best = coordinates[place * width..][..width].to_vec();
                 let mut value = left[place][of];
@@ -460,20 +463,23 @@ impl Curve {
     fn value(&self, q: f64, [low, high]: [f64; 2]) -> f64 {
         match self {
             Self::Chebyshev(c) => {
-                let angle = ((2.0 * q - low - high) / (high - low))
-                    .clamp(-1.0, 1.0)
-                    .acos();
-                let terms = c.iter().enumerate();
-                terms.map(|(n, c)| c * (n as f64 * angle).cos()).sum()
+                let x = ((2.0 * q - low - high) / (high - low)).clamp(-1.0, 1.0);
+                let (mut sum, mut term, mut next) = (0.0, 1.0, x);
+                for c in c {
+                    sum += c * term;
+                    (term, next) = (next, 2.0 * x * next - term);
+                }
+                sum
             }
             Self::Fourier(c) => {
-                let pairs = c[1..].chunks(2).enumerate();
-                c[0] + pairs
-                    .map(|(n, pair)| {
-                        let (sin, cos) = ((n + 1) as f64 * q.to_radians()).sin_cos();
-                        pair[0] * cos + pair[1] * sin
-                    })
-                    .sum::<f64>()
+                // Each harmonic is the one before, turned by the angle.
+                let (sin, cos) = q.to_radians().sin_cos();
+                let (mut sum, mut of) = (c[0], [cos, sin]);
+                for pair in c[1..].chunks(2) {
+                    sum += pair[0] * of[0] + pair[1] * of[1];
+                    of = [of[0] * cos - of[1] * sin, of[1] * cos + of[0] * sin];
+                }
+                sum
             }
         }
     }

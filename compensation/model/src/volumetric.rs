@@ -54,11 +54,11 @@ pub struct Worst {
 pub struct VolumetricError {
     /// Number of poses over which the workpiece was aligned, of each tool.
     pub poses: usize,
-    /// Largest error of the tip before alignment, over these poses and the corners of the travels, mm.
+    /// Largest error of the tip before alignment, found by a search from the worst poses, mm.
     pub max_mm: f64,
     /// Root mean square of the error of the tip before alignment, mm.
     pub rms_mm: f64,
-    /// Largest error of the tip after alignment, found by a search from the worst poses.
+    /// Largest error of the tip after alignment, found in the same way.
     pub position: Worst,
     /// Root mean square of the error of the tip after alignment, mm.
     pub position_rms_mm: f64,
@@ -110,18 +110,16 @@ pub fn volumetric(fields: &[ErrorField<'_>]) -> Result<VolumetricError, ModelErr
         position.take(&at.left_mm(&alignment));
         tilt.take(&at.tilt_rad(&alignment));
     }
-    let mut max_mm = before.max();
     for place in corners {
         for (index, field) in fields.iter().enumerate() {
             let at = field.at(&place)?;
-            max_mm = max_mm.max(at.error_mm.norm());
             found.push((index, place.clone(), at));
         }
     }
     let worst = |size: &dyn Fn(&At) -> f64| worst(fields, &found, size);
     Ok(VolumetricError {
         poses: all.len(),
-        max_mm,
+        max_mm: worst(&|at| at.error_mm.norm())?.value,
         rms_mm: before.rms(),
         position: worst(&|at| at.left_mm(&alignment).norm())?,
         position_rms_mm: position.rms(),
@@ -163,7 +161,8 @@ fn worst(
     )
 }
 
-/// Coordinate ascent: each axis is sampled over its whole travel from both sides, then moved by ever smaller steps.
+/// Coordinate ascent: each axis is sampled over its whole travel, then moved by ever smaller steps; where it stands, it comes from
+/// the other side, too.
 fn ascend(
     field: &ErrorField<'_>,
     start: &Place,
@@ -187,19 +186,16 @@ fn ascend(
     for axis in axes.clone() {
         for sample in 0..SAMPLES {
             let to = f64::from(sample) / f64::from(SAMPLES - 1);
-            for approach in Direction::BOTH {
-                moved(axis, to, approach, &mut at)?;
-            }
+            moved(axis, to, at.approach[axis], &mut at)?;
         }
     }
     let mut step = 1.0 / f64::from(SAMPLES - 1);
     while step > MIN_STEP {
         let mut better = false;
         for axis in axes.clone() {
-            for by in [0.0, step, -step] {
-                for approach in Direction::BOTH {
-                    better |= moved(axis, at.shares[axis] + by, approach, &mut at)?;
-                }
+            better |= moved(axis, at.shares[axis], -at.approach[axis], &mut at)?;
+            for by in [step, -step] {
+                better |= moved(axis, at.shares[axis] + by, at.approach[axis], &mut at)?;
             }
         }
         if !better {

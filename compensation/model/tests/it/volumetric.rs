@@ -98,8 +98,8 @@ fn errors(machine: &Machine) -> impl Fn(&State) -> [f64; 6] + '_ {
     }
 }
 
-/// Largest error of the tip and largest tilt after alignment over random poses.
-fn brute_force(machine: &Machine, random: &mut ChaCha8Rng) -> [f64; 2] {
+/// Largest error of the tip and largest tilt after alignment, and largest error of the tip before it, over random poses.
+fn brute_force(machine: &Machine, random: &mut ChaCha8Rng) -> [f64; 3] {
     let error_at = errors(machine);
     let mut sums = RigidSums::default();
     let mut found = Vec::with_capacity(POSES);
@@ -120,13 +120,14 @@ fn brute_force(machine: &Machine, random: &mut ChaCha8Rng) -> [f64; 2] {
         found.push((tip, axis, position, turn));
     }
     let motion = sums.motion();
-    let [mut positions, mut tilts] = [Lengths::default(); 2];
+    let [mut positions, mut tilts, mut before] = [Lengths::default(); 3];
     for (tip, axis, position, turn) in found {
+        before.take(&position);
         positions.take(&motion.left_mm(&tip, &position));
         let left = motion.left_rad(&turn);
         tilts.take(&(left - axis * axis.dot(&left)));
     }
-    [positions.max(), tilts.max()]
+    [positions.max(), tilts.max(), before.max()]
 }
 
 /// The largest error that is found is at least that of the brute force, and not much larger: random poses miss the corners.
@@ -144,10 +145,8 @@ fn the_largest_error_over_all_axes_is_that_of_brute_force() {
         };
         let found = volumetric(&[field]).unwrap();
         let brute = brute_force(&machine, &mut random);
-        for (ours, brute) in [found.position.value, found.tilt.value]
-            .into_iter()
-            .zip(brute)
-        {
+        let ours = [found.position.value, found.tilt.value, found.max_mm];
+        for (ours, brute) in ours.into_iter().zip(brute) {
             assert!(
                 ours > 0.99 * brute && ours < 1.3 * brute,
                 "{structure}: {ours} {brute}"
@@ -191,6 +190,23 @@ fn play_is_part_of_the_volumetric_error() {
     let found = volumetric(&[field]).unwrap();
     assert!((found.position.value - 0.05).abs() < 1e-3, "{found:?}");
     assert!((found.position_rms_mm - 0.05).abs() < 1e-3, "{found:?}");
+}
+
+/// The largest error stands at an end of the travel that is reached downwards, before alignment as after it.
+#[test]
+fn the_ends_of_the_travels_are_reached_from_both_sides() {
+    let text = "structure = \"w b X Y Z t\"\n[axes]\nX.travel = [0.0, 500.0]\nY.travel = [0.0, 500.0]\nZ.travel = [0.0, 500.0]\n[errors]\nEXX = { mean = { poly = [0.0, 0.2] }, reversal = -40.0 }\n";
+    let machine = Machine::parse(text, "ends.toml").unwrap();
+    let error_at = errors(&machine);
+    let field = ErrorField {
+        tool: "",
+        machine: &machine,
+        errors: &error_at,
+    };
+    let found = volumetric(&[field]).unwrap();
+    // 0.2 µm per mm over 500 mm and half of the play; alignment takes the mean, 50 µm.
+    assert!((found.max_mm - 0.12).abs() < 1e-9, "{found:?}");
+    assert!((found.position.value - 0.07).abs() < 1e-3, "{found:?}");
 }
 
 /// A tilt that is constant is aligned away with one tool; with tools of two lengths its lever differs by the same shift, which
