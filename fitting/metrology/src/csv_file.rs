@@ -17,13 +17,15 @@ use crate::{
 
 const NAMES: [&str; 4] = ["target", "run", "direction", "deviation"];
 const EXPECTED_HEADER: &str = "the header `target,run,direction,deviation` or `target,deviation`";
+/// A head such as `Run 1 Fwd` does not state how its run and its direction are meant.
+const ONE_ROW_A_READING: &str = "one row for each reading, `target,run,direction,deviation`: columns for each run or direction are not read";
 
 /// Reads a table of readings from CSV text.
 ///
 /// The header has the columns `target` and `deviation`, and either both or none of `run` and `direction` (`+` or `-`);
 /// without these two, the rows are one unidirectional run. Columns may stand in any order; others are not read, and
 /// named in a note. Cells are separated by `,`, `;` or tabs; where not by commas, numbers may have a decimal comma.
-/// Targets are mm or deg. The head of the deviations may have a unit behind it, `deviation [µm]`, `deviation_mm`,
+/// Targets are mm or deg, or inches where their head states it (`target inch`). The head of the deviations may have a unit behind it, `deviation [µm]`, `deviation_mm`,
 /// `deviation arcsec`: they are then brought into µm or µrad, and [`Measurement::unit`] says which. Without it they are
 /// read as they stand, and the unit is `None`. `name` is used in messages.
 ///
@@ -101,8 +103,9 @@ pub fn write_csv(measurement: &Measurement) -> String {
 /// Where the quantities of a reading stand.
 struct Columns {
     target: Column,
-    /// The unit in the head of the targets.
+    /// The unit in the head of the targets; inches are brought into mm.
     target_unit: Option<TargetUnit>,
+    targets_in_inches: bool,
     deviation: Column,
     /// The unit in the head of the deviations.
     unit: Option<ReadingUnit>,
@@ -114,28 +117,36 @@ impl Columns {
         let wrong = |found: String, expected: &str| {
             table.header_error(format!("found {found}, expected {expected}"))
         };
-        let names = || {
-            let names: Vec<&str> = table.names().map(|(_, name)| name).collect();
-            quoted(&names.join(&table.separator().to_string()))
-        };
+        let heads: Vec<&str> = table.names().map(|(_, name)| name).collect();
+        let names = || quoted(&heads.join(&table.separator().to_string()));
         let column = |name: &str| table.column(name);
-        let (Some((target, target_unit)), Some((deviation, unit))) =
-            (with_unit(table, "target")?, with_unit(table, "deviation")?)
-        else {
-            return Err(wrong(names(), EXPECTED_HEADER).into());
+        let (target, deviation) = (with_unit(table, "target")?, with_unit(table, "deviation")?);
+        let (Some((target, target_unit)), Some((deviation, unit))) = (target, deviation) else {
+            let is_wide = target.is_some() && deviation.is_none() && heads.len() > 2;
+            let expected = if is_wide {
+                ONE_ROW_A_READING
+            } else {
+                EXPECTED_HEADER
+            };
+            return Err(wrong(names(), expected).into());
         };
+        let targets_in_inches = ReadingUnit::named(target_unit) == Some(ReadingUnit::Inch);
         let target_unit = match target_unit {
             "" => None,
+            _ if targets_in_inches => Some(TargetUnit::Mm),
             unit => Some(TargetUnit::named(unit).ok_or_else(|| {
                 let found = format!("targets in {}", quoted(unit));
-                wrong(found, "mm or deg: `target`, `target mm` or `target deg`")
+                let expected =
+                    "mm, inch or deg: `target`, `target mm`, `target inch` or `target deg`";
+                wrong(found, expected)
             })?),
         };
         let unit = match unit {
             "" => None,
             unit => Some(ReadingUnit::named(unit).ok_or_else(|| {
                 let found = format!("deviations in {}", quoted(unit));
-                let expected = "one of µm, mm, nm, µrad, mrad, rad, arcsec, deg: `deviation µm`";
+                let expected =
+                    "one of µm, mm, nm, inch, µrad, mrad, rad, arcsec, deg: `deviation µm`";
                 wrong(found, expected)
             })?),
         };
@@ -150,6 +161,7 @@ impl Columns {
         Ok(Self {
             target,
             target_unit,
+            targets_in_inches,
             deviation,
             unit,
             run_and_direction,
@@ -190,7 +202,12 @@ impl Rows {
     ) -> Result<(), MetrologyError> {
         let line = row.line();
         let place = Place { file, line };
-        let target = place.number("target", &row.cell(columns.target).decimal_text()?)?;
+        let stated = place.number("target", &row.cell(columns.target).decimal_text()?)?;
+        let target = if columns.targets_in_inches {
+            25.4 * stated
+        } else {
+            stated
+        };
         let deviation_text = row.cell(columns.deviation).decimal_text()?;
         let stated = place.number("deviation", &deviation_text)?;
         let deviation = stated * columns.unit.map_or(1.0, ReadingUnit::micro);
@@ -269,6 +286,11 @@ fn columns_not_read(table: &CsvTable) -> Option<String> {
         .map(|(_, name)| name)
         .filter(|name| !is_read(name))
         .collect();
+    not_read(&names)
+}
+
+/// The note of columns with these heads.
+pub(crate) fn not_read(names: &[&str]) -> Option<String> {
     (!names.is_empty()).then(|| format!("columns that are not read: {}", names.join(", ")))
 }
 

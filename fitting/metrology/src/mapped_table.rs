@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use csv::{ReaderBuilder, Trim};
 use volcomp_document::quoted;
 
-use crate::csv_file::{incomplete_runs, zero_direction};
+use crate::csv_file::{incomplete_runs, not_read, zero_direction};
 use crate::encoding::{decode, refuse_empty};
 use crate::mapping::{ColumnName, Columns};
 use crate::number::Place;
@@ -57,6 +57,7 @@ pub fn parse_table_with(
     if columns.direction.is_none() {
         notes.push("directions of approach follow the order of the rows".into());
     }
+    notes.extend(places.columns_not_read(header.last()));
     notes.extend(incomplete_runs(&readings));
     notes.extend(zero_direction(&readings));
     Ok(Measurement {
@@ -214,6 +215,22 @@ impl Places {
                 .map(|name| place_of("direction", name))
                 .transpose()?,
         })
+    }
+
+    /// The heads of the other columns.
+    fn columns_not_read(&self, header: Option<&(usize, Vec<String>)>) -> Option<String> {
+        let read = [
+            Some(self.target),
+            Some(self.reading),
+            self.run,
+            self.direction,
+        ];
+        let (_, cells) = header?;
+        let others = cells.iter().enumerate();
+        let others =
+            others.filter(|(place, head)| !read.contains(&Some(*place)) && !head.is_empty());
+        let names: Vec<&str> = others.map(|(_, head)| head.as_str()).collect();
+        not_read(&names)
     }
 
     fn row(

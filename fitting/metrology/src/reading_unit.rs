@@ -15,6 +15,8 @@ pub enum ReadingUnit {
     Um,
     /// Nanometres.
     Nm,
+    /// Inches.
+    Inch,
     /// Degrees.
     Deg,
     /// Arc seconds.
@@ -31,6 +33,9 @@ impl ReadingUnit {
     /// The unit of this name, as it stands behind the name of a column: `mm`, `µm`, `arcsec`, in letters of either case;
     /// `None` for a unit that is not known.
     pub fn named(name: &str) -> Option<Self> {
+        if ["in", "inch", "inches"].contains(&name.to_lowercase().as_str()) {
+            return Some(Self::Inch);
+        }
         Some(match unit_named(name)? {
             "mm" => Self::Mm,
             "um" => Self::Um,
@@ -47,7 +52,7 @@ impl ReadingUnit {
     /// The unit in which deviations of this kind are held.
     pub fn held_in(self) -> DeviationUnit {
         match self {
-            Self::Mm | Self::Um | Self::Nm => DeviationUnit::Um,
+            Self::Mm | Self::Um | Self::Nm | Self::Inch => DeviationUnit::Um,
             Self::Deg | Self::Arcsec | Self::Rad | Self::Mrad | Self::Urad => DeviationUnit::Urad,
         }
     }
@@ -66,6 +71,7 @@ impl ReadingUnit {
             Self::Mm | Self::Mrad => 1e3,
             Self::Um | Self::Urad => 1.0,
             Self::Nm => 1e-3,
+            Self::Inch => 25.4e3,
             Self::Deg => 1e6_f64.to_radians(),
             Self::Arcsec => (1e6 / 3600.0_f64).to_radians(),
             Self::Rad => 1e6,
@@ -88,6 +94,7 @@ impl std::fmt::Display for ReadingUnit {
             Self::Mm => "mm",
             Self::Um => "µm",
             Self::Nm => "nm",
+            Self::Inch => "inch",
             Self::Deg => "deg",
             Self::Arcsec => "arcsec",
             Self::Rad => "rad",
@@ -129,6 +136,8 @@ mod tests {
         for (unit, held, size) in [
             ("mm", DeviationUnit::Um, 1000.0),
             ("µm", DeviationUnit::Um, 1.0),
+            ("in", DeviationUnit::Um, 25_400.0),
+            ("Inch", DeviationUnit::Um, 25_400.0),
             ("arcsec", DeviationUnit::Urad, 4.848_136_811),
             ("deg", DeviationUnit::Urad, 17_453.292_52),
         ] {
@@ -136,7 +145,7 @@ mod tests {
             assert_eq!(found.held_in(), held);
             assert!((found.micro() / size - 1.0).abs() < 1e-9, "{unit}");
         }
-        assert_eq!(ReadingUnit::named("inch"), None);
+        assert_eq!(ReadingUnit::named("thou"), None);
     }
 
     /// A unit that is asked for is the one of the header or it is refused; it is never applied twice.

@@ -50,6 +50,16 @@ fn columns_are_found_by_name_or_number_in_any_dialect() {
     .unwrap();
     assert_eq!(shown(&m), [(-10.5, 1, "+", 1.5), (10.0, 1, "+", 2.0)]);
     assert_eq!(m.unit, Some(DeviationUnit::Um));
+    let by_rows = "directions of approach follow the order of the rows";
+    assert_eq!(m.notes, [by_rows, "columns that are not read: Ist"]);
+    // A table with a column for each run and direction.
+    let wide = table(
+        "[columns]\ntarget = 1\ndeviation = 2",
+        "Target (mm),Run 1 Fwd,Run 1 Rev,Run 2 Fwd\n0,0.0,-1.8,0.1\n100,1.2,-0.6,1.3\n",
+    )
+    .unwrap();
+    let not_read = "columns that are not read: Run 1 Rev, Run 2 Fwd";
+    assert_eq!(wide.notes, [by_rows, not_read]);
     let blank = table(
         "[columns]\ntarget = 1\nmeasured = 2\nunit = \"mm\"\nseparator = \"blank\"\nheader_rows = 0",
         "  0.0   0.001\n 10.0  10.003\n 10.0  10.001\n  0.0  -0.002\n",
