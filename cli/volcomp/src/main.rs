@@ -37,7 +37,7 @@ const NOTE: Style = AnsiColor::Yellow.on_default().bold();
 /// Measure, model and remove the volumetric error of machine tools.
 ///
 /// Positions are in mm and deg, errors in µm and µrad, temperatures in °C.
-/// Exit status: 0 done, 1 the work failed, 2 the input or the call is wrong, 3 a stated tolerance is not met, 130 ended by Ctrl-C.
+/// Exit status: 0 done, 1 the work failed, 2 the input or the call is wrong, 3 a stated tolerance is not met or not proven to be met, 130 ended by Ctrl-C.
 #[derive(Parser)]
 #[command(version, propagate_version = true, styles = STYLES, max_term_width = 80)]
 #[command(

@@ -3,6 +3,7 @@
 use crate::{
     NcError,
     coordinates::Axes,
+    dialect::Dialect,
     given::{Given, whole},
     interpret::Interpreter,
     modal::Code,
@@ -39,7 +40,11 @@ impl Interpreter {
                 (self.modal.pole.unwrap_or_default(), false)
             }
             (None, [None, None]) => {
-                return Err(given.refused("an arc without a centre and without a radius R"));
+                return Err(given.refused(if self.dialect == Dialect::Heidenhain {
+                    "an arc without a radius and without a pole (CC) whose place is known: name X and Y before a CC that is relative to them"
+                } else {
+                    "an arc without a centre and without a radius R"
+                }));
             }
             (None, ways) => {
                 let centre = std::array::from_fn(|i| {

@@ -44,7 +44,7 @@ impl Rewriter {
         let stretches = self.stretches(arc, [&from, &to], line)?;
         let splits = stretches.len() > 1;
         if splits {
-            self.knows_shares(line)?;
+            self.check_shares(line)?;
         }
         let mut next = 0;
         // What is not taken up by a block of its own is spread over the motion.

@@ -179,8 +179,11 @@ pub fn average(
     at_places(program, job, |place| {
         let mean = means[place.system];
         let by = each(|axis| mean.get(axis).copied().unwrap_or(0.0));
-        if let Some(refusal) = bounds.refusal(&[true; 9], &place.at, &by) {
-            return Err(refusal.at_line(place.line));
+        if let Some(violation) = bounds.violation(&[true; 9], &place.at, &by) {
+            return Err(NcError::OutOfBounds {
+                line: place.line,
+                violation,
+            });
         }
         left[place.system].take(std::array::from_fn(|i| place.delta[i] - mean[i]));
         Ok(())
@@ -318,7 +321,7 @@ fn at_places(
                 break;
             }
         }
-        // Whoever still sends is told that nobody listens.
+        // A sender that goes on gets an error.
         drop(all);
         match run.join() {
             Ok(Err(error)) if found.is_ok() && !is_end(&error) => Err(error),

@@ -130,8 +130,8 @@ impl Interpreter {
         self.rests.places[axis] = ASSUMED;
     }
 
-    /// Many machines go to the place where they change tools and stay there: X, Y and Z may be elsewhere in the coordinates of the program.
-    pub(crate) fn is_elsewhere(&mut self) {
+    /// The program coordinates of X, Y and Z are unknown: many machines stay at the place where they change tools.
+    pub(crate) fn forget_positions(&mut self) {
         for axis in 0..3 {
             self.is_assumed(axis);
         }

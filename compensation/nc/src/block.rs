@@ -24,7 +24,7 @@ pub(crate) struct Word {
     pub(crate) decimals: Option<u8>,
     pub(crate) manner: Manner,
     /// It is written as a number of least increments.
-    pub(crate) counts: bool,
+    pub(crate) in_increments: bool,
 }
 
 /// What the value of a coordinate is, where its word says so itself.
@@ -91,7 +91,7 @@ pub(crate) struct Block {
     /// Numbers have decimal commas; `None`: it has no decimals.
     pub(crate) comma: Option<bool>,
     /// Whether the last coordinate of the program so far was a number of least increments; `None`: there was none yet, or the control does not count in them.
-    pub(crate) counts: Option<bool>,
+    pub(crate) last_in_increments: Option<bool>,
     /// The mark with which the operator may have it skipped.
     pub(crate) skip: Range<usize>,
     /// Where a further word may be put: behind the last one.
@@ -147,7 +147,7 @@ impl Block {
                         value,
                         decimals,
                         manner: Manner::Modal,
-                        counts: false,
+                        in_increments: false,
                     });
                 }
                 other => {
@@ -171,7 +171,7 @@ impl Block {
         self.number = None;
         self.keyword = 0..0;
         self.comma = None;
-        self.counts = None;
+        self.last_in_increments = None;
         self.end = 0;
     }
 

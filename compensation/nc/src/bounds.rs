@@ -8,7 +8,6 @@ use volcomp_model::vocabulary::{
 };
 
 use crate::{
-    NcError,
     coordinates::{Axes, is_rotary, name_of},
     correction::Corrector,
     motion::{Arc, Move},
@@ -20,52 +19,47 @@ use crate::{
 /// Coordinates nearer to an end of travel than the largest correction can leave it.
 const NEAR_MM: f64 = LARGEST_CORRECTION.0;
 
-/// Why an axis may not have a correction.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum Refusal {
+/// A correction that no axis may get.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum BoundViolation {
+    /// A correction beyond the limit of the [`Job`](crate::Job).
+    #[error(
+        "the correction of {axis} is {found:.1}, expected at most {limit}: check the units in the machine file"
+    )]
     BeyondLimit {
+        /// The axis.
         axis: AxisName,
+        /// The correction.
         found: Displacement,
+        /// The limit of the job.
         limit: Displacement,
     },
+    /// Corrections that move the tool beyond the limit of the [`Job`](crate::Job), on a machine whose rotary axes correct.
+    #[error(
+        "the corrections of all axes together move the tool by {found:.1}, expected at most {limit}: check the units in the machine file"
+    )]
     ToolBeyondLimit {
+        /// How far they move it.
         found: Displacement,
+        /// The limit of the job.
         limit: Displacement,
     },
+    /// A corrected coordinate outside the travel that the programmed one keeps.
+    #[error(
+        "the correction moves {axis} from {from} to {to} in machine coordinates, outside its travel of {} to {}",
+        travel[0], travel[1]
+    )]
     LeavesTravel {
+        /// The axis.
         axis: AxisName,
+        /// The programmed machine coordinate.
         from: Coordinate,
+        /// The corrected machine coordinate.
         to: Coordinate,
+        /// The ends of the travel that the machine file states.
         travel: [Coordinate; 2],
     },
-}
-
-impl Refusal {
-    pub(crate) fn at_line(self, line: usize) -> NcError {
-        match self {
-            Self::BeyondLimit { axis, found, limit } => NcError::BeyondLimit {
-                line,
-                axis,
-                found,
-                limit,
-            },
-            Self::ToolBeyondLimit { found, limit } => {
-                NcError::ToolBeyondLimit { line, found, limit }
-            }
-            Self::LeavesTravel {
-                axis,
-                from,
-                to,
-                travel,
-            } => NcError::LeavesTravel {
-                line,
-                axis,
-                from,
-                to,
-                travel,
-            },
-        }
-    }
 }
 
 /// The bounds of the coordinates of each axis that a machine has.
@@ -80,7 +74,7 @@ pub(crate) struct Bounds {
     axes: Axes<Option<AxisName>>,
     /// Travel, mm and deg; infinite for an axis without ends.
     travels: Axes<[f64; 2]>,
-    refused: Option<Refusal>,
+    violated: Option<BoundViolation>,
 }
 
 impl Bounds {
@@ -102,12 +96,17 @@ impl Bounds {
                 Some(axis) if axis.has_ends() => axis.travel,
                 _ => [f64::NEG_INFINITY, f64::INFINITY],
             }),
-            refused: None,
+            violated: None,
         }
     }
 
     /// Why axes that are `known` to be at this place, mm and deg of the machine, may not get this correction.
-    pub(crate) fn refusal(&self, known: &Axes<bool>, at: &Axes, by: &Axes) -> Option<Refusal> {
+    pub(crate) fn violation(
+        &self,
+        known: &Axes<bool>,
+        at: &Axes,
+        by: &Axes,
+    ) -> Option<BoundViolation> {
         for (axis, name) in self.axes.iter().enumerate() {
             let (Some(name), true) = (*name, by[axis] != 0.0) else {
                 continue;
@@ -115,7 +114,7 @@ impl Bounds {
             let coordinate = |at: f64| Displacement::from_coordinate(name.kind(), at);
             let correction = coordinate(by[axis]);
             if !self.limit.allows(correction) {
-                return Some(Refusal::BeyondLimit {
+                return Some(BoundViolation::BeyondLimit {
                     axis: name,
                     found: correction,
                     limit: self.limit.of(name.kind()),
@@ -123,7 +122,7 @@ impl Bounds {
             }
             let (travel, from, to) = (self.travels[axis], at[axis], at[axis] + by[axis]);
             if known[axis] && is_within(travel, from) && !is_within(travel, to) {
-                return Some(Refusal::LeavesTravel {
+                return Some(BoundViolation::LeavesTravel {
                     axis: name,
                     from: Coordinate(coordinate(from)),
                     to: Coordinate(coordinate(to)),
@@ -135,18 +134,18 @@ impl Bounds {
     }
 
     /// Why the tool may not move so far.
-    fn refusal_of_tool(&self, moves_mm: impl FnOnce() -> f64) -> Option<Refusal> {
+    fn violation_at_tool(&self, moves_mm: impl FnOnce() -> f64) -> Option<BoundViolation> {
         let limit = self.at_tool?;
         let found = Displacement::from_coordinate(AxisKind::Linear, moves_mm());
-        (!limit.allows(found)).then(|| Refusal::ToolBeyondLimit {
+        (!limit.allows(found)).then(|| BoundViolation::ToolBeyondLimit {
             found,
             limit: limit.of(AxisKind::Linear),
         })
     }
 
-    /// The refusal of the line that has been written.
-    pub(crate) fn take_refusal(&mut self) -> Option<Refusal> {
-        self.refused.take()
+    /// What the line that has been written violates.
+    pub(crate) fn take_violation(&mut self) -> Option<BoundViolation> {
+        self.violated.take()
     }
 
     /// Whether an axis is so near to an end of its travel that a correction within every limit may lead it out.
@@ -158,17 +157,17 @@ impl Bounds {
 
 impl Rewriter {
     /// Why the axes may not have this correction at a place, both in the coordinates of the program.
-    pub(crate) fn bound_refusal(&self, at: &Axes, carried: &Axes) -> Option<Refusal> {
+    pub(crate) fn bound_violation(&self, at: &Axes, carried: &Axes) -> Option<BoundViolation> {
         let frame = &self.interpreter.frame;
         let by = frame.moved_in_machine(at, carried);
-        self.machine_refusal(&frame.to_machine(at), &by)
+        self.violation_in_machine(&frame.to_machine(at), &by)
     }
 
     /// The same in the coordinates of the machine.
-    fn machine_refusal(&self, at: &Axes, by: &Axes) -> Option<Refusal> {
-        let of_axes = self.bounds.refusal(&self.interpreter.known, at, by);
+    fn violation_in_machine(&self, at: &Axes, by: &Axes) -> Option<BoundViolation> {
+        let of_axes = self.bounds.violation(&self.interpreter.known, at, by);
         of_axes.or_else(|| {
-            self.bounds.refusal_of_tool(|| {
+            self.bounds.violation_at_tool(|| {
                 let moved = each(|axis| at[axis] + by[axis]);
                 let [from, to] = [at, &moved].map(|at| self.corrector.ideal_tip_mm(at));
                 let way: [f64; 3] = std::array::from_fn(|i| to[i] - from[i]);
@@ -180,8 +179,8 @@ impl Rewriter {
     /// Checks the correction that the axes get at a place, both in the coordinates of the program: the line is refused where
     /// it is beyond the bounds.
     pub(crate) fn check_bounds(&mut self, at: &Axes, carried: &Axes) {
-        if self.bounds.refused.is_none() {
-            self.bounds.refused = self.bound_refusal(at, carried);
+        if self.bounds.violated.is_none() {
+            self.bounds.violated = self.bound_violation(at, carried);
         }
     }
 
@@ -213,8 +212,8 @@ impl Rewriter {
                         0.0
                     }
                 });
-                if self.bounds.refused.is_none() {
-                    self.bounds.refused = self.machine_refusal(&machine, &by);
+                if self.bounds.violated.is_none() {
+                    self.bounds.violated = self.violation_in_machine(&machine, &by);
                 }
             }
         }

@@ -97,7 +97,7 @@ impl Interpreter {
         for _ in 1..repeats {
             let from = self.frame.to_machine(&end);
             if given.polar.is_some() {
-                self.knows_polar(given)?;
+                self.ends_polar(given)?;
             }
             if let Some(place) = self.polar_end(given, &end)? {
                 end[..2].copy_from_slice(&place);

@@ -1,4 +1,4 @@
-//! Where the carriages of a virtual machine are while its drives go where they are told to.
+//! Where the carriages of a virtual machine are while its drives go where they are commanded.
 
 use crate::{coordinates::Axes, correction::Corrector};
 

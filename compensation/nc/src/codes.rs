@@ -65,7 +65,7 @@ pub(crate) struct Codes {
     groups: [Option<Code>; GROUPS.len()],
     /// Moves in the coordinates of the machine (G53).
     pub(crate) in_machine: bool,
-    /// The program ends here (M2, M30), or is told to go on elsewhere (M98, M99).
+    /// The program ends here (M2, M30), or goes on elsewhere (M98, M99).
     pub(crate) ends: bool,
     pub(crate) calls: Option<Code>,
     /// M70 to M73, which save and restore what is switched, and M97 and M198, which call what is elsewhere.

@@ -44,7 +44,7 @@ pub(crate) enum Command {
     /// Such a cycle is done behind each motion from now on, or none any more.
     EachMotion(Option<Cycle>),
     /// A command that is copied and may move the axes: their positions are unknown after it.
-    Elsewhere(String),
+    MayMove(String),
     /// A printer homes (G28), which clears the shift of G92.
     Homes {
         all: bool,
@@ -117,6 +117,9 @@ impl Interpreter {
                 Command::WorkOffset(system) => self.modal.system = *system,
                 Command::AwaitsPreset => self.modal.awaits_preset = true,
                 Command::Preset(number) => {
+                    if self.modal.programmed.by != [0.0; 9] {
+                        return Err(given.refused("a preset (cycle 247) while the datum is shifted: whether the control keeps the shift is not known here; end it before, with TRANS DATUM RESET or with cycle 7 and zeros"));
+                    }
                     let number = number.and_then(|number| whole(number, MOST_NUMBERED));
                     let place = number.and_then(|number| (number as usize).checked_sub(1));
                     let place = place.ok_or_else(|| {
@@ -136,10 +139,10 @@ impl Interpreter {
                 Command::Cycle(cycle) => outcome.cycle = Some(cycle.clone()),
                 Command::EachMotion(cycle) => self.modal.each_motion.clone_from(cycle),
                 Command::Ends => outcome.ends = true,
-                Command::Elsewhere(name) => {
-                    self.is_elsewhere();
-                    self.extruder.is_elsewhere();
-                    self.notes.add(Note::Elsewhere(name.clone()), given.line);
+                Command::MayMove(name) => {
+                    self.forget_positions();
+                    self.extruder.forget_position();
+                    self.notes.add(Note::MayMove(name.clone()), given.line);
                 }
                 Command::Homes { all } => {
                     if !all && self.modal.shifted && self.modal.shift != [0.0; 9] {
@@ -189,7 +192,7 @@ impl Interpreter {
             command,
             Command::ChangeTool | Command::NamedTool | Command::CallsTool { .. }
         ) {
-            self.is_elsewhere();
+            self.forget_positions();
         }
         match command {
             Command::ChangeTool => {

@@ -116,6 +116,14 @@ impl Control {
         }
     }
 
+    /// The number of the last numbered work offset: G54.1 P1 to P300 are the most that FANUC offers, Haas has G154 P1 to P99.
+    pub(crate) fn last_numbered(self) -> u32 {
+        match self {
+            Self::Haas => 99,
+            _ => MOST_NUMBERED,
+        }
+    }
+
     /// The letter that says how often a cycle is done, and whether 0 stores the cycle without a hole.
     pub(crate) fn repeats_by(self) -> (u8, bool) {
         match self {
@@ -154,19 +162,19 @@ pub(crate) const INCREMENTS: Decimals = Decimals {
 
 /// State: how a program writes coordinates, on a control to which a decimal point means something.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Points {
-    /// A coordinate without a point counts in least increments.
-    pub(crate) counts: bool,
-    /// It is stated, so that a program may mix coordinates with and without a point.
+pub(crate) struct DecimalPoints {
+    /// A coordinate without a decimal point is a number of least increments.
+    pub(crate) means_increments: bool,
+    /// The set-up file states which, so that a program may mix coordinates with and without a point.
     pub(crate) may_mix: bool,
     /// Whether the last coordinate other than zero had no point.
-    pub(crate) last_counts: Option<bool>,
+    pub(crate) last_in_increments: Option<bool>,
 }
 
-impl Points {
+impl DecimalPoints {
     /// Whether a coordinate that the program does not have is to be written in least increments.
     pub(crate) fn adds_increments(self) -> bool {
-        self.last_counts == Some(true)
+        self.last_in_increments == Some(true)
     }
 }
 
@@ -175,7 +183,7 @@ impl Rewriter {
     #[inline]
     pub(crate) fn numerals(&self, axis: usize, word: Option<&Word>) -> Numerals {
         let points = &self.interpreter.points;
-        let increments = word.map_or(points.adds_increments(), |word| word.counts);
+        let increments = word.map_or(points.adds_increments(), |word| word.in_increments);
         let decimals = if increments {
             INCREMENTS
         } else {
@@ -184,7 +192,7 @@ impl Rewriter {
         Numerals {
             decimals: decimals.of(axis, self.interpreter.modal.unit_mm),
             increments,
-            point: points.counts,
+            point: points.means_increments,
         }
     }
 }
@@ -254,11 +262,7 @@ impl Interpreter {
                 .motion()
                 .or(self.modal.motion)
                 .is_some_and(|code| code > 30 && given.names_axes());
-        let most = if control == Some(Control::Haas) {
-            99
-        } else {
-            MOST_NUMBERED
-        };
+        let most = control.map_or(MOST_NUMBERED, Control::last_numbered);
         match given.whole(b'P')? {
             Some(number) if (1..=most).contains(&number) && !is_elsewhere => {
                 Ok(NUMBERED + number as usize - 1)
@@ -296,12 +300,12 @@ pub(crate) fn read_increments(
     text: &[u8],
     interpreter: &Interpreter,
 ) -> Result<(), Fault> {
-    let Points {
-        counts,
+    let DecimalPoints {
+        means_increments,
         may_mix,
-        last_counts,
+        last_in_increments,
     } = interpreter.points;
-    if !counts {
+    if !means_increments {
         return Ok(());
     }
     let has = |codes: &[f64]| {
@@ -327,7 +331,7 @@ pub(crate) fn read_increments(
     let (is_table, is_rotation) = (has(&[10.0]), has(&[68.0]));
     // Y is an angle there.
     let is_polar = !has(&[15.0]) && (has(&[16.0]) || interpreter.modal.polar.is_some());
-    let mut last = last_counts;
+    let mut last = last_in_increments;
     for word in &mut block.words {
         let is_coordinate = match word.letter {
             b'X' | b'Y' | b'Z' | b'A' | b'B' | b'C' | b'U' | b'V' | b'W' | b'I' | b'J' => true,
@@ -365,14 +369,14 @@ pub(crate) fn read_increments(
         let decimals = INCREMENTS.of(if is_angle { 3 } else { 0 }, unit_mm);
         word.value = Some(value / 10_f64.powi(i32::from(decimals)));
         word.decimals = Some(decimals);
-        word.counts = true;
+        word.in_increments = true;
     }
     if is_polar
         && unit_mm != 1.0
         && block
             .words
             .iter()
-            .any(|word| word.letter == b'Y' && word.counts)
+            .any(|word| word.letter == b'Y' && word.in_increments)
     {
         return Err(Fault::NotFollowed {
             column: 1,
@@ -380,6 +384,6 @@ pub(crate) fn read_increments(
             why: "its least increment is not known here: write it with a point",
         });
     }
-    block.counts = last;
+    block.last_in_increments = last;
     Ok(())
 }

@@ -141,7 +141,7 @@ fn of_printer(block: &mut Block, text: &[u8]) -> Result<bool, Fault> {
     let found = || String::from_utf8_lossy(&text[at..end]).into_owned();
     let Some((number, ..)) = plain(&text[at + 1..end]) else {
         // A letter alone, as in `Tx` of Prusa.
-        block.commands.push(Command::Elsewhere(found()));
+        block.commands.push(Command::MayMove(found()));
         return Ok(true);
     };
     match first {
@@ -154,7 +154,7 @@ fn of_printer(block: &mut Block, text: &[u8]) -> Result<bool, Fault> {
                 let all = !words.unwrap_or_default().iter().any(names);
                 block.commands.push(Command::Homes { all });
             }
-            block.commands.push(Command::Elsewhere(found()));
+            block.commands.push(Command::MayMove(found()));
         }
         b'G' => {
             return Err(Fault::NotFollowed {
@@ -170,7 +170,7 @@ fn of_printer(block: &mut Block, text: &[u8]) -> Result<bool, Fault> {
         }
         b'M' if (HARMLESS_M.iter())
             .any(|[first, last]| (f64::from(*first)..=f64::from(*last)).contains(&number)) => {}
-        _ => block.commands.push(Command::Elsewhere(found())),
+        _ => block.commands.push(Command::MayMove(found())),
     }
     Ok(true)
 }
@@ -192,7 +192,7 @@ fn command(block: &mut Block, name: &str, column: usize) -> Result<bool, Fault> 
         });
     }
     if !HARMLESS_COMMANDS.contains(&name) {
-        block.commands.push(Command::Elsewhere(name.to_owned()));
+        block.commands.push(Command::MayMove(name.to_owned()));
     }
     Ok(true)
 }
@@ -231,10 +231,10 @@ fn of_grbl(block: &mut Block, text: &[u8]) -> Result<bool, Fault> {
         // Homing; steps for each mm; settings as they were delivered.
         Some(letter @ (b'H' | b'R')) => block
             .commands
-            .push(Command::Elsewhere(format!("${}", char::from(letter)))),
+            .push(Command::MayMove(format!("${}", char::from(letter)))),
         _ if is_scale => block
             .commands
-            .push(Command::Elsewhere("$100 to $109".to_owned())),
+            .push(Command::MayMove("$100 to $109".to_owned())),
         _ => {}
     }
     Ok(true)

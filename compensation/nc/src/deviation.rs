@@ -37,7 +37,7 @@ pub struct Deviation {
     pub line: usize,
     /// Where the tip is to be there, mm from the workpiece origin in workpiece axes.
     pub tip_mm: [f64; 3],
-    /// The root of the mean square beside the best rigid motion of the part, µm: how the part lies on the table is no error of it.
+    /// The root of the mean square after alignment of the part, µm: how the part lies on the table is no error of it.
     pub form_rms_um: f64,
     /// The largest distance beside that motion, µm, over the places that are kept (see [`Verification::path`](crate::Verification::path))
     /// and those where the deviation along an axis is largest.
@@ -113,7 +113,7 @@ impl MaxAndSquares {
     }
 }
 
-/// State: the deviations of all places, for what is left of them beside the best rigid motion.
+/// State: the deviations of all places, for what is left of them after alignment.
 #[derive(Clone, Debug, Default)]
 struct FormOfPath {
     sums: RigidSums,

@@ -2,9 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use volcomp_model::vocabulary::{AxisName, Coordinate, Displacement};
-
-use crate::fault::Fault;
+use crate::{bounds::BoundViolation, fault::Fault};
 
 /// Why a program is not compensated: the line, what was found, and what was expected.
 #[derive(Debug, thiserror::Error)]
@@ -81,48 +79,13 @@ pub enum NcError {
         /// The byte.
         byte: u8,
     },
-    /// A correction beyond the limit of the [`Job`](crate::Job).
-    #[error(
-        "line {line}: the correction of {axis} is {found:.1}, expected at most {limit}: check the units in the machine file, or allow more with --limit-um"
-    )]
-    BeyondLimit {
+    /// A corrected coordinate that the limit of the [`Job`](crate::Job) or the travel does not allow.
+    #[error("line {line}: {violation}")]
+    OutOfBounds {
         /// Counted from 1.
         line: usize,
-        /// The axis.
-        axis: AxisName,
-        /// The correction.
-        found: Displacement,
-        /// The limit of the job.
-        limit: Displacement,
-    },
-    /// Corrections that move the tool beyond the limit of the [`Job`](crate::Job), on a machine whose rotary axes correct.
-    #[error(
-        "line {line}: the corrections of all axes together move the tool by {found:.1}, expected at most {limit}: check the units in the machine file, or allow more with --limit-um"
-    )]
-    ToolBeyondLimit {
-        /// Counted from 1.
-        line: usize,
-        /// How far they move it.
-        found: Displacement,
-        /// The limit of the job.
-        limit: Displacement,
-    },
-    /// A corrected coordinate outside the travel that the programmed one keeps.
-    #[error(
-        "line {line}: the correction moves {axis} from {from} to {to} in machine coordinates, outside its travel of {} to {}",
-        travel[0], travel[1]
-    )]
-    LeavesTravel {
-        /// Counted from 1.
-        line: usize,
-        /// The axis.
-        axis: AxisName,
-        /// The programmed machine coordinate.
-        from: Coordinate,
-        /// The corrected machine coordinate.
-        to: Coordinate,
-        /// The ends of the travel that the machine file states.
-        travel: [Coordinate; 2],
+        /// Which bound, and by how much.
+        violation: BoundViolation,
     },
     /// The O-words do not fit together, or never end.
     #[error("line {line}: {what}")]
@@ -166,9 +129,7 @@ impl NcError {
             | Self::OnlyAtMachine { line, .. }
             | Self::LongLine { line, .. }
             | Self::Binary { line, .. }
-            | Self::BeyondLimit { line, .. }
-            | Self::ToolBeyondLimit { line, .. }
-            | Self::LeavesTravel { line, .. }
+            | Self::OutOfBounds { line, .. }
             | Self::Flow { line, .. } => *line = number,
             Self::NoCentrePoint
             | Self::OtherLanguage { .. }

@@ -43,8 +43,8 @@ impl Extruder {
         (self.says_relative, self.last_relative) = (relative, relative);
     }
 
-    /// A command that passes on may have moved it.
-    pub(crate) fn is_elsewhere(&mut self) {
+    /// A command that is copied may have moved it.
+    pub(crate) fn forget_position(&mut self) {
         self.at = None;
     }
 }
@@ -132,7 +132,7 @@ impl Extrusion {
 impl Rewriter {
     /// # Errors
     /// A motion that is split has an E that cannot be shared over its parts.
-    pub(crate) fn knows_extrusion(&self, line: Line<'_>) -> Result<(), NcError> {
+    pub(crate) fn check_extrusion(&self, line: Line<'_>) -> Result<(), NcError> {
         match self.extrusion.and_then(|extrusion| extrusion.unknown) {
             None => Ok(()),
             Some(why) => Err(NcError::NotCompensated {

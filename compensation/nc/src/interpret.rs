@@ -9,7 +9,7 @@ use crate::{
     basis::Rests,
     block::{Block, Parameter},
     codes::{Codes, Refusal, UnknownCode, is_cycle, text},
-    control::{Control, Points, why_refused},
+    control::{Control, DecimalPoints, why_refused},
     coordinates::{Axes, Frame, name_of},
     cycles::Cycle,
     dialect::Dialect,
@@ -71,7 +71,7 @@ pub(crate) struct Interpreter {
     pub(crate) dialect: Dialect,
     /// The control that runs the program, if it is stated.
     pub(crate) control: Option<Control>,
-    pub(crate) points: Points,
+    pub(crate) points: DecimalPoints,
     pub(crate) extruder: Extruder,
     /// The tool that M6 has put into the spindle, and whether the program has an M6.
     pub(crate) in_spindle: Option<u32>,
@@ -283,7 +283,7 @@ impl Interpreter {
         let of_polar = |axis: usize| axis < 2 && given.polar.is_some();
         self.may_have_moved(&each(|axis| is_named(axis) || of_polar(axis)));
         self.notes
-            .add(Note::Elsewhere(format!("M{code}")), given.line);
+            .add(Note::MayMove(format!("M{code}")), given.line);
         true
     }
 
@@ -359,7 +359,7 @@ impl Interpreter {
         if codes.changes_tool && self.dialect == Dialect::Rs274 {
             self.in_spindle = modal.tool;
             self.changes_tools = true;
-            self.is_elsewhere();
+            self.forget_positions();
         }
         let modal = &mut self.modal;
         match codes.plane() {

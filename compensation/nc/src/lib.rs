@@ -85,6 +85,7 @@ mod words;
 mod written_out;
 
 pub use average::{Average, MeanOf, Reading, average};
+pub use bounds::BoundViolation;
 pub use control::Control;
 pub use correction::Corrector;
 pub use deviation::{Deviation, Place};

@@ -1,6 +1,6 @@
 //! Line ends, leaders and trailers of program files, as editors, controls and tape punches write them.
 
-use crate::{NcError, fault::Fault};
+use crate::NcError;
 
 /// Whether a byte belongs to the line end that `end` has begun: a line feed and the carriage returns after it (a tape punch
 /// needed the time), carriage returns and the line feed after them, or carriage returns alone.
@@ -82,12 +82,17 @@ impl Ends {
         if *self.only_returns.get_or_insert(only_returns) == only_returns {
             return Ok(());
         }
-        Err(NcError::Block {
+        let [found, before] = if only_returns {
+            ["a carriage return alone", "line feeds"]
+        } else {
+            ["a line feed", "carriage returns alone"]
+        };
+        Err(NcError::NotCompensated {
             line: number,
-            fault: Fault::Character {
-                column: line.len() + 1,
-                found: char::from(end[0]),
-            },
+            what: format!(
+                "column {}: found {found} as the end of the line, expected the same as before it, {before}",
+                line.len() + 1
+            ),
         })
     }
 }

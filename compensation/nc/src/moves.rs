@@ -118,7 +118,7 @@ impl Interpreter {
             return Ok(());
         }
         if polar {
-            self.knows_polar(given)?;
+            self.ends_polar(given)?;
         }
         self.names_places(code, codes, &motion, given);
         if code == 331 {

@@ -40,7 +40,7 @@ pub enum Note {
     /// Behind a cycle it is not known in which plane the axis of its depth is.
     ReturnPlane(char),
     /// A command of the control passes on, which may move the axes.
-    Elsewhere(String),
+    MayMove(String),
     /// Motions in machine coordinates pass on as they are.
     InMachine,
     /// A motion is not split, or not corrected, as it is not known where this axis stands.
@@ -102,7 +102,7 @@ impl fmt::Display for Note {
                 f,
                 "a cycle before G98 or G99: LinuxCNC leaves the tool in the plane R, FANUC controls where it began, so that corrections of {axis} are left out behind it until the program names that axis"
             ),
-            Self::Elsewhere(name) => write!(
+            Self::MayMove(name) => write!(
                 f,
                 "{name} passes on as it is: where the axes are counts as unknown after it, until the program names them"
             ),

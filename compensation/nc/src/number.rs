@@ -73,7 +73,7 @@ impl Digits {
         self.negative = !self.negative;
     }
 
-    /// Takes the next character; false: it is none of a number.
+    /// Takes the next character; false: it does not belong to a number.
     pub(crate) fn take(&mut self, byte: u8) -> bool {
         match byte {
             b'0'..=b'9' => {

@@ -169,7 +169,8 @@ impl Interpreter {
     fn set_table(&mut self, given: &Given<'_>, outcome: &mut Outcome) -> Result<(), NcError> {
         let (kind, place) = (given.whole(b'L')?, given.whole(b'P')?);
         // On these controls L20 sets one of the offsets that have numbers; the others are tables of the control.
-        let has_own = self.control.is_some_and(Control::is_fanuc_like);
+        let control = self.control.filter(|control| control.is_fanuc_like());
+        let has_own = control.is_some();
         match kind {
             Some(20) if has_own => {
                 if !self.modal.absolute {
@@ -177,11 +178,13 @@ impl Interpreter {
                         "G10 L20 in G91, where the control adds to the offset: write G90 before",
                     ));
                 }
-                let number = place.filter(|number| (1..=MOST_NUMBERED).contains(number));
+                let most = control.map_or(MOST_NUMBERED, Control::last_numbered);
+                let number = place.filter(|number| (1..=most).contains(number));
                 let system = number.map(|number| NUMBERED + number as usize - 1);
                 let system = system.ok_or_else(|| {
-                    given
-                        .refused("G10 L20 without a P from 1 to 300, the number of the work offset")
+                    given.refused(&format!(
+                        "G10 L20 without a P from 1 to {most}, the number of the work offset"
+                    ))
                 })?;
                 for (axis, value) in given.axes()? {
                     self.modal.offsets[system].offset[axis] = value * self.modal.scale(axis);

@@ -34,8 +34,8 @@ pub(crate) struct Part<'a> {
 impl Rewriter {
     /// # Errors
     /// The F of the parts of a motion (G93) is not known, or their E.
-    pub(crate) fn knows_shares(&self, line: Line<'_>) -> Result<(), NcError> {
-        self.knows_extrusion(line)?;
+    pub(crate) fn check_shares(&self, line: Line<'_>) -> Result<(), NcError> {
+        self.check_extrusion(line)?;
         let modal = &self.interpreter.modal;
         if modal.feed_mode == FeedMode::InverseTime && modal.feed.is_none() {
             return Err(NcError::NotCompensated {

@@ -24,7 +24,7 @@ use crate::{
     words::Number,
 };
 
-const NO_POLE: &str = "polar coordinates without a pole (CC) whose place is known";
+const NO_POLE: &str = "polar coordinates without a pole (CC) whose place is known: name X and Y before a CC that is relative to them";
 
 /// When X and Y of a motion in polar coordinates are written.
 pub(crate) fn polar_writes(keeps: bool) -> Writes {
@@ -164,7 +164,7 @@ impl Interpreter {
     }
 
     /// A motion has ended that polar coordinates led: where is known if both are places.
-    pub(crate) fn knows_polar(&mut self, given: &Given<'_>) -> Result<(), NcError> {
+    pub(crate) fn ends_polar(&mut self, given: &Given<'_>) -> Result<(), NcError> {
         let is_place = |of: usize| {
             given
                 .polar_word(of)

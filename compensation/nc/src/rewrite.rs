@@ -85,7 +85,7 @@ pub(crate) struct Rewriter {
     pub(crate) before: Option<Meaning>,
     /// The pole that the control has, in the coordinates of the program, mm.
     pub(crate) pole: Option<[f64; 2]>,
-    /// It has been told to read X and Y as places again where the program has polar coordinates (G16).
+    /// The result has switched to X and Y as places (G15) where the program has polar coordinates (G16).
     pub(crate) polar_is_off: bool,
     /// Numbers have decimal commas.
     comma: bool,
@@ -97,7 +97,7 @@ pub(crate) struct Rewriter {
     pub(crate) counts: Counts,
     /// Where the parts of each motion end, from 0 to 1, one motion after the other; `None`: nobody asks.
     pub(crate) shares: Option<Vec<f64>>,
-    /// Who is told of each motion.
+    /// Receives each motion.
     pub(crate) tells: Option<SyncSender<Made>>,
     /// The line that was read last; `None` while it is looked at.
     block: Option<Box<Block>>,
@@ -184,7 +184,7 @@ impl Rewriter {
                     self.carries(&reads.axes) || self.computed != Computed::Kept && reads.returned;
                 self.comma = block.comma.unwrap_or(self.comma);
                 let points = &mut self.interpreter.points;
-                points.last_counts = block.counts.or(points.last_counts);
+                points.last_in_increments = block.last_in_increments.or(points.last_in_increments);
                 let line = Line {
                     block: &block,
                     text,
@@ -284,8 +284,11 @@ impl Rewriter {
             self.switches_radius &= !self.moves_in_plane(motion);
         }
         self.after_cycles(&outcome, line)?;
-        if let Some(refusal) = self.bounds.take_refusal() {
-            return Err(refusal.at_line(line.number));
+        if let Some(violation) = self.bounds.take_violation() {
+            return Err(NcError::OutOfBounds {
+                line: line.number,
+                violation,
+            });
         }
         if let Some(motion) = &outcome.motion
             && line.block.begins == Begins::Slash
@@ -311,7 +314,7 @@ impl Rewriter {
         Ok(outcome.ends)
     }
 
-    /// Tells whoever wants to know what the program does.
+    /// Sends a motion of the program to the receiver, if there is one.
     pub(crate) fn tell(&mut self, motion: &Move, number: usize) -> Result<(), NcError> {
         let Some(tells) = &self.tells else {
             return Ok(());
@@ -325,8 +328,8 @@ impl Rewriter {
             known: (0..3).all(|axis| self.interpreter.known[axis] || !self.corrector.has(axis)),
             in_inches: self.interpreter.modal.unit_mm != 1.0,
         };
-        let told = tells.send(made);
-        told.map_err(|_| io::Error::from(io::ErrorKind::BrokenPipe).into())
+        let sent = tells.send(made);
+        sent.map_err(|_| io::Error::from(io::ErrorKind::BrokenPipe).into())
     }
 
     fn motion(&mut self, motion: &Move, line: Line<'_>, out: &mut Vec<u8>) -> Result<(), NcError> {

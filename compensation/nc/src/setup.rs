@@ -9,7 +9,7 @@ use volcomp_model::document::{Document, InputError, Section};
 
 use crate::{
     codes::text,
-    control::{CONTROLS, Control, Points, WithoutPoint},
+    control::{CONTROLS, Control, DecimalPoints, WithoutPoint},
     coordinates::{Axes, axis_of},
     modal::{CentrePoint, G500, G505, Modal, NUMBERED, SYSTEMS, WORK_OFFSETS, WorkOffset},
 };
@@ -171,14 +171,14 @@ impl SetUp {
     }
 
     /// What a decimal point means.
-    pub(crate) fn points(&self) -> Points {
+    pub(crate) fn points(&self) -> DecimalPoints {
         let by_control = self.control.is_some_and(Control::counts_increments);
-        Points {
-            counts: self
+        DecimalPoints {
+            means_increments: self
                 .without_point
                 .map_or(by_control, |of| of == WithoutPoint::Increment),
             may_mix: self.without_point.is_some(),
-            last_counts: None,
+            last_in_increments: None,
         }
     }
 

@@ -68,7 +68,7 @@ impl AllPairs {
 }
 
 /// Finds the shortest ways between all pairs of nodes. `weights[i][j]` is the weight of the edge from i to j, infinite where there is none.
-/// `seen` is told of each round: how many nodes may be passed on the way so far, and all distances: D(0), D(1) … D(n).
+/// `seen` receives each round: how many nodes may be passed on the way so far, and all distances: D(0), D(1) … D(n).
 ///
 /// # Errors
 /// A matrix that is not square, a weight that is negative or no number.

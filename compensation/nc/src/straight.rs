@@ -77,7 +77,7 @@ impl Rewriter {
         self.split(motion, at_ends, [begins, 1.0], line, parts)?;
         self.corrector.put_back(sides);
         if parts.len() > 1 {
-            self.knows_shares(line)?;
+            self.check_shares(line)?;
         }
         Ok(())
     }

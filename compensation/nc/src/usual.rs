@@ -207,7 +207,7 @@ impl Interpreter {
             homes: _,
         } = modal;
         *dialect == Dialect::Rs274
-            && (!points.counts || points.last_counts == Some(false))
+            && (!points.means_increments || points.last_in_increments == Some(false))
             && *absolute
             && !*shorter
             && !*goes_on
@@ -234,7 +234,7 @@ impl Rewriter {
         if !is_plain {
             return None;
         }
-        let line = UsualLine::read(text, self.interpreter.points.counts)?;
+        let line = UsualLine::read(text, self.interpreter.points.means_increments)?;
         if line.code.is_none() && self.interpreter.is_printer() {
             return None;
         }
@@ -294,7 +294,7 @@ impl Rewriter {
             }
         });
         // The way of all lines refuses it.
-        if self.bound_refusal(&after, &carried).is_some() {
+        if self.bound_violation(&after, &carried).is_some() {
             return None;
         }
         let begins = out.len();

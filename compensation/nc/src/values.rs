@@ -30,7 +30,7 @@ impl Rewriter {
             let value = word.value.filter(|_| word.decimals.is_none());
             let number = value.and_then(|value| Number::shortest(value, 6));
             let is_coordinate = b"XYZABCUVWIJKR".contains(&word.letter);
-            let needs_point = is_coordinate && self.interpreter.points.counts;
+            let needs_point = is_coordinate && self.interpreter.points.means_increments;
             let number = number.map(|number| {
                 if needs_point {
                     number.with_point()

@@ -140,7 +140,7 @@ fn compare(
             }),
         ];
         let compared = Comparison::new(truth, of.part).all(&originals, &results, shares);
-        // Whoever still sends is told that nobody listens.
+        // A sender that goes on gets an error.
         drop((originals, results));
         for run in runs {
             match run.join() {

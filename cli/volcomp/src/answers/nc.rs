@@ -121,7 +121,7 @@ pub(crate) struct NcDeviation {
     pub(crate) line: usize,
     /// The tip of the tool there, mm from the workpiece origin.
     pub(crate) tip_mm: [f64; 3],
-    /// The root of the mean square beside the best rigid motion of the part, µm: how it lies on the table is no error of it.
+    /// The root of the mean square after alignment of the part, µm: how it lies on the table is no error of it.
     pub(crate) form_rms_um: f64,
     /// The largest distance beside that motion, µm.
     pub(crate) form_max_um: f64,

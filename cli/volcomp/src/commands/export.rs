@@ -16,7 +16,7 @@ use crate::{
         export::{self, CategoryLoss, Export, Loss, Made},
     },
     failure::{Failure, FileFailure},
-    limit::LimitArgument,
+    limit::{LimitArgument, RAISE_LIMIT},
     output::OutputFile,
     points::{MachineArguments, axis_numbers, parse_at},
     table::{folded, to_the_left},
@@ -488,6 +488,9 @@ impl From<ExchangeError> for Failure {
                     key: None,
                     message,
                 }))
+            }
+            limited @ ExchangeError::BeyondLimit { .. } => {
+                Self::Input(format!("{limited}{RAISE_LIMIT}"))
             }
             other => Self::Input(other.to_string()),
         }

@@ -9,15 +9,15 @@ use std::{
 
 use volcomp_document::read_text;
 use volcomp_nc::{
-    Average, Corrector, Decimals, Dialect, Job, MeanOf, NcError, SetUp, Strategy, Summary, average,
-    compensate,
+    Average, BoundViolation, Corrector, Decimals, Dialect, Job, MeanOf, NcError, SetUp, Strategy,
+    Summary, average, compensate,
 };
 
 use super::{Answer, machine_notes, nc_ball_row, nc_part, nc_verified, nc_verified::OnTruth};
 use crate::{
     answers::nc::{AverageOffset, Nc, NcAverage, NcNote, Verified},
     failure::Failure,
-    limit::LimitArgument,
+    limit::{LimitArgument, RAISE_LIMIT},
     output::OutputFile,
     points::MachineArguments,
     progress::byte_bar,
@@ -325,7 +325,21 @@ pub(super) fn failure(program: &Path, error: NcError) -> Failure {
     match error {
         NcError::Machine(error) => error.into(),
         NcError::Io(error) => Failure::work_on(program, &error),
+        other if is_beyond_limit(&other) => {
+            Failure::in_file(program, format_args!("{other}{RAISE_LIMIT}"))
+        }
         other => Failure::in_file(program, other),
+    }
+}
+
+fn is_beyond_limit(error: &NcError) -> bool {
+    match error {
+        NcError::InFile { error, .. } => is_beyond_limit(error),
+        NcError::OutOfBounds { violation, .. } => matches!(
+            violation,
+            BoundViolation::BeyondLimit { .. } | BoundViolation::ToolBeyondLimit { .. }
+        ),
+        _ => false,
     }
 }
 

@@ -95,10 +95,10 @@ impl OnTruth<'_> {
     }
 }
 
-/// A result that is worse than the program is not kept. Worse is one whose form is: beside the best rigid motion of the part the tool is
-/// further off by the root of the mean square, or in one place by more than twice as much. A model with another zero moves the part as a
-/// whole, which is no error of the part; where the tool is further off as a whole, the form must be better for it. Less than the tolerance
-/// and two steps of the words does not count.
+/// A result that is worse than the program is not kept. Worse is one whose form is: after alignment of the part the tool is further off
+/// by the root of the mean square, or in one place by more than twice as much. A model with another zero moves the part as a whole, which
+/// is no error of the part; where the tool is further off as a whole, the form must be better for it. Less than the tolerance and two
+/// steps of the words does not count.
 fn is_better(
     found: &Verification,
     arguments: &Arguments,
@@ -125,13 +125,13 @@ fn is_better(
     if !form_is_worse && (form_is_better || !is_further) {
         return Ok(is_further.then(|| {
             format!(
-                "with the result the whole part lies elsewhere, as with a model that has another zero: RMS {:.2} µm instead of {:.2} µm; beside its best rigid motion {:.2} µm instead of {:.2} µm",
+                "with the result the whole part lies elsewhere, as with a model that has another zero: RMS {:.2} µm instead of {:.2} µm; after alignment {:.2} µm instead of {:.2} µm",
                 after.rms_um, before.rms_um, after.form_rms_um, before.form_rms_um
             )
         }));
     }
     Err(Failure::Work(format!(
-        "{}: not written, since the tool is further off with the result than without: at most {:.2} µm (line {}), RMS {:.2} µm, instead of at most {:.2} µm, RMS {:.2} µm; beside the best rigid motion of the part at most {:.2} µm, RMS {:.2} µm, instead of at most {:.2} µm, RMS {:.2} µm{left_out}",
+        "{}: not written, since the tool is further off with the result than without: at most {:.2} µm (line {}), RMS {:.2} µm, instead of at most {:.2} µm, RMS {:.2} µm; after alignment of the part at most {:.2} µm, RMS {:.2} µm, instead of at most {:.2} µm, RMS {:.2} µm{left_out}",
         arguments.output.display(),
         after.max_um,
         after.line,
@@ -198,7 +198,7 @@ pub(super) fn text(verified: &Verified) -> String {
         )
     };
     let mut text = format!(
-        "\nDeviation of the tool from the programmed path, {} motions looked at; across:\nwithout what is along the path; form: beside the best rigid motion of the part,\nsince how it lies is no error of it\n{:<8}{:>18}{:>18}{:>18}\n{:<8}",
+        "\nDeviation of the tool from the programmed path, {} motions looked at; across:\nwithout what is along the path; form: after alignment of the part, since how\nit lies is no error of it\n{:<8}{:>18}{:>18}{:>18}\n{:<8}",
         verified.motions, "", "whole", "across", "form", ""
     );
     text += &format!("{:>9}{:>9}", "max µm", "RMS µm").repeat(3);

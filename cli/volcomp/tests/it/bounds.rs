@@ -59,7 +59,8 @@ fn a_slip_of_units_writes_no_program_and_no_table() {
             let said = said(&output);
             assert!(
                 said.contains("the correction of X is -")
-                    && said.contains(&format!("expected at most {limit} µm")),
+                    && said.contains(&format!("expected at most {limit} µm"))
+                    && said.ends_with("or allow more with --limit-um"),
                 "{said}"
             );
             assert!(!Path::new(result).exists(), "{program}");
@@ -77,7 +78,8 @@ fn a_slip_of_units_writes_no_program_and_no_table() {
             let output = volcomp(&["export", "-m", &machine, "--format", format, "-o", result]);
             assert_eq!(output.status.code(), Some(2), "{format}: {output:?}");
             assert!(
-                said(&output).contains("expected at most 250 µm"),
+                said(&output).contains("expected at most 250 µm")
+                    && said(&output).ends_with("or allow more with --limit-um"),
                 "{output:?}"
             );
             assert!(!Path::new(result).exists(), "{format}");

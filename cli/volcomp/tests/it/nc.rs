@@ -222,7 +222,7 @@ fn a_part_that_lies_elsewhere_is_judged_by_its_form() {
     assert_eq!(ran.status.code(), Some(1), "{ran:?}");
     let said = String::from_utf8_lossy(&ran.stderr).into_owned();
     assert!(
-        said.contains("beside the best rigid motion of the part"),
+        said.contains("after alignment of the part at most"),
         "{said}"
     );
 }

@@ -191,7 +191,7 @@ impl Reader<'_, '_> {
             value,
             decimals,
             manner,
-            counts: false,
+            in_increments: false,
         });
     }
 

@@ -210,7 +210,7 @@ fn ways_from_other_offsets_are_refused() {
     assert_eq!(run(scale, SETUP, good).expect("averaged").1[0].places, 1);
 }
 
-/// In inches, too, the new offset is told with the decimals of its words: 79.99984, not 79.99984000000001.
+/// In inches, too, the new offset is written with the decimals of its words: 79.99984, not 79.99984000000001.
 #[test]
 fn offsets_are_told_without_digits_that_mean_nothing() {
     let program = "G90 G54 G0 X0 Y0 Z1\nG1 F10 Z-0.5\nX2\nM2\n";

@@ -25,7 +25,7 @@ const HAAS: &str = "control = \"haas\"\n";
 const MAZAK: &str = "control = \"mazak\"\n";
 const COUNTING: [&str; 3] = [FANUC, HAAS, MAZAK];
 
-/// Coordinates without a point are least increments, and come out as such; zero is none of either manner.
+/// Coordinates without a point are least increments, and come out as such; zero is the same in both.
 #[test]
 fn words_without_a_point_are_least_increments() {
     for control in COUNTING {
@@ -226,7 +226,7 @@ fn both_manners_are_refused_until_it_is_stated() {
     }
 }
 
-/// A number that a program computes is none of increments, and needs a point where it is written out.
+/// A number that a program computes is not in increments, and needs a point where it is written out.
 #[test]
 fn computed_numbers_get_a_point() {
     let program = "G0 X0 Y0 Z0\nG1 X[#5420+20.] Y100. F100\n#1=50\nG1 X#1 Y100.\n";
@@ -457,6 +457,7 @@ const REFUSED: &[(&str, &str, &str)] = &[
     (FANUC, "G54.1", "G54.1 without a P from 1 to 300"),
     (FANUC, "G54.1 P301", "G54.1 without a P from 1 to 300"),
     (HAAS, "G154 P100", "G154 without a P from 1 to 99"),
+    (HAAS, "G10 L20 P100 X5.", "G10 L20 without a P from 1 to 99"),
     (FANUC, "G54 P0", "G54 without a P from 1 to 300"),
     (
         FANUC,
@@ -644,6 +645,19 @@ fn presets_are_work_offsets() {
     .expect("taken");
     assert_eq!(text, program.replace("X+10 Y", "X+10.500 Y"));
     assert!(summary.notes.by_line().is_empty(), "{:?}", summary.notes);
+    // A shift that has ended does not matter, and one after the preset is on top of it.
+    for ends in ["TRANS DATUM RESET", "CYCL DEF 7.1 X+0\nCYCL DEF 7.2 Z+0"] {
+        let begins = "TRANS DATUM AXIS X+60 Z-5\n";
+        let behind = "CYCL DEF 247 ~\nQ339=+3\nTRANS DATUM AXIS X-10\nL X+20 Y+100 Z+0 R0 FMAX\n";
+        let program = format!("{begins}{ends}\n{behind}");
+        let (text, _, _) = verified_in(
+            Dialect::Heidenhain,
+            [&machine, setup, &program],
+            Strategy::Plain,
+        )
+        .expect(ends);
+        assert_eq!(text, program.replace("X+20", "X+20.500"));
+    }
     for (line, expected) in [
         (
             "1 CYCL DEF 247 BEZUGSPUNKT SETZEN\n",
@@ -656,6 +670,14 @@ fn presets_are_work_offsets() {
         (
             "1 CYCL DEF 247 ~\nQ339=+0\n",
             "line 3: a preset other than 1 to 300",
+        ),
+        (
+            "1 CYCL DEF 7.0 DATUM SHIFT\n2 CYCL DEF 7.1 X+60\n3 CYCL DEF 247 ~\nQ339=+3\n",
+            "line 5: a preset (cycle 247) while the datum is shifted",
+        ),
+        (
+            "1 TRANS DATUM AXIS Z-5\n2 CYCL DEF 247 ~\nQ339=+3\n",
+            "line 4: a preset (cycle 247) while the datum is shifted",
         ),
     ] {
         let program = format!("0 BEGIN PGM PART MM\n{line}");

@@ -94,9 +94,18 @@ fn ends_lie_across_buffers() {
 fn other_bytes_are_refused() {
     for (program, expected) in [
         (&b"G0 X0\nG1 X1\0\n"[..], "line 2: byte 0x00 at column 6"),
-        (b"G0 X0\nG1 X1\rX2\n", "line 2: column 6: found '\\r'"),
-        (b"G0 X0\r\nG1 X1\rX2\r\n", "line 2: column 6: found '\\r'"),
-        (b"G0 X0\rG1 X1\rX2\nX3\r", "line 3: column 3: found '\\n'"),
+        (
+            b"G0 X0\nG1 X1\rX2\n",
+            "line 2: column 6: found a carriage return alone as the end of the line, expected the same as before it, line feeds",
+        ),
+        (
+            b"G0 X0\r\nG1 X1\rX2\r\n",
+            "line 2: column 6: found a carriage return alone as the end of the line, expected the same as before it, line feeds",
+        ),
+        (
+            b"G0 X0\rG1 X1\rX2\nX3\r",
+            "line 3: column 3: found a line feed as the end of the line, expected the same as before it, carriage returns alone",
+        ),
         (b"G0 X0\r\rG1 X1 Q\r", "line 3: column 7: expected a number"),
         (
             b"G0 X0\n\r\rG1 X1 Q\n\r\r",
@@ -105,7 +114,7 @@ fn other_bytes_are_refused() {
         (b"\0\0\nG1 X1 Q\n", "line 2: column 7: expected a number"),
         (
             b"G0 X0\no1 repeat [2]\rX2\no1 endrepeat\n",
-            "line 2: column 14: found '\\r'",
+            "line 2: column 14: found a carriage return alone",
         ),
         (b"G0 X0 \xef\xbb\xbf\n", "line 1: column 7: found"),
         (

@@ -8,7 +8,9 @@ use volcomp_model::{
         CorrectionLimit,
     },
 };
-use volcomp_nc::{Corrector, Decimals, Job, NcError, SetUp, Summary, Virtual, compensate, verify};
+use volcomp_nc::{
+    BoundViolation, Corrector, Decimals, Job, NcError, SetUp, Summary, Virtual, compensate, verify,
+};
 
 const EXAMPLE: &str = include_str!("../../../../examples/table-tilting.toml");
 /// Where the centre lines of the table cross, and the length of the machine's own tool, mm.
@@ -468,10 +470,16 @@ fn the_limit_holds_at_the_tool() {
         // Whatever the words are rounded to.
         run(&text, moved_um + 0.1).expect("within the limit");
         let refused = run(&text, moved_um - 0.1).expect_err("beyond the limit");
-        let told = "line 2: the corrections of all axes together move the tool by ";
+        let begins = "line 2: the corrections of all axes together move the tool by ";
         let message = refused.to_string();
         assert!(
-            matches!(refused, NcError::ToolBeyondLimit { .. }) && message.starts_with(told),
+            matches!(
+                refused,
+                NcError::OutOfBounds {
+                    violation: BoundViolation::ToolBeyondLimit { .. },
+                    ..
+                }
+            ) && message.starts_with(begins),
             "{message}"
         );
         let turns = (commanded[4] - wanted[4])

@@ -10,7 +10,7 @@ use crate::{
         Draw, Step, Way, comes_out_as_it_is, judged, leads_to_the_same_places, path, same_places,
         worn,
     },
-    identity::TRAVELS,
+    identity::{self, TRAVELS},
 };
 
 const SEEDS: u64 = 64;
@@ -311,19 +311,7 @@ fn written(
     setup: &str,
     program: &str,
 ) -> Result<(String, Vec<String>), NcError> {
-    let corrector = Corrector::new(machine, &Temperatures::new(), 0.001)?;
-    let setup = SetUp::parse(setup, "setup.toml").expect("a good set-up");
-    let mut out = Vec::new();
-    let job = Job {
-        dialect: Dialect::Heidenhain,
-        ..Job::new(&corrector, &setup)
-    };
-    let summary = compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(()))?;
-    let notes = summary.notes.by_line().into_iter();
-    let notes = notes
-        .map(|(line, note)| format!("{line}: {note}"))
-        .collect();
-    Ok((String::from_utf8(out).expect("text"), notes))
+    identity::written(Dialect::Heidenhain, machine, setup, program)
 }
 
 /// X is 100 µm/m too long: each place is known on paper, and each word keeps its manner.
@@ -498,7 +486,7 @@ fn what_is_not_followed_says_where_and_why() {
         ),
         (
             "C X+1 Y+2 DR+",
-            "an arc without a centre and without a radius",
+            "an arc without a radius and without a pole (CC)",
         ),
         ("LP PR+1 PA+2", "polar coordinates without a pole (CC)"),
         ("C X+1 Y+2", "column 10: expected DR+ or DR- in an arc"),

@@ -31,6 +31,28 @@ pub(crate) fn compensated_in(
     Ok((out, summary))
 }
 
+/// The result of a program in a language, and its notes with their lines; 1 µm is the tolerance of splits.
+pub(crate) fn written(
+    dialect: Dialect,
+    machine: &Machine,
+    setup: &str,
+    program: &str,
+) -> Result<(String, Vec<String>), NcError> {
+    let corrector = Corrector::new(machine, &Temperatures::new(), 0.001)?;
+    let setup = SetUp::parse(setup, "setup.toml").expect("a good set-up");
+    let mut out = Vec::new();
+    let job = Job {
+        dialect,
+        ..Job::new(&corrector, &setup)
+    };
+    let summary = compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(()))?;
+    let notes = summary.notes.by_line().into_iter();
+    let notes = notes
+        .map(|(line, note)| format!("{line}: {note}"))
+        .collect();
+    Ok((String::from_utf8(out).expect("text"), notes))
+}
+
 /// The result of a program on a machine that knows itself, and where the tool of that machine is with both; 1 µm is the tolerance of splits.
 pub(crate) fn verified_in(
     dialect: Dialect,

@@ -1,10 +1,10 @@
 //! Places that only the control knows: what is not stated is taken as zero, but no word may lead an axis to a place that was made up. What
 //! a control does is worked out by hand, and for LinuxCNC by its interpreter (`rs274 -g`).
 
-use volcomp_model::{Machine, Temperatures};
-use volcomp_nc::{Corrector, Dialect, Job, NcError, SetUp, Summary, compensate};
+use volcomp_model::Machine;
+use volcomp_nc::{Dialect, NcError, SetUp, Summary};
 
-use crate::identity::{TRAVELS, compensated_in};
+use crate::identity::{TRAVELS, compensated_in, written};
 
 /// Z goes down by 0.1 µm for each mm of X: 40 µm at 400 mm.
 const SLOPE: &str = "[errors]\nEZX = { poly = [0.0, 0.1] }\n";
@@ -104,19 +104,12 @@ fn no_part_of_a_line_is_on_a_way_that_was_made_up() {
 #[test]
 fn heidenhain_machine_coordinates_and_tools() {
     let machine = Machine::parse(&format!("{TRAVELS}{SLOPE}"), "m.toml").expect("good");
-    let corrector = Corrector::new(&machine, &Temperatures::new(), 0.0005).expect("compiles");
-    let setup = SetUp::default();
     for program in [
         "L X+0 Y+0 Z+50 FMAX\nTOOL CALL 5 Z S100\nL X+400 FMAX\n",
         "L X+0 Y+0 Z+50 FMAX\nL Z+0 FMAX M91\nL X+400 FMAX\n",
     ] {
-        let job = Job {
-            dialect: Dialect::Heidenhain,
-            ..Job::new(&corrector, &setup)
-        };
-        let mut out = Vec::new();
-        compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(())).expect("compensated");
-        assert_eq!(String::from_utf8_lossy(&out), program);
+        let (out, _) = written(Dialect::Heidenhain, &machine, "", program).expect("compensated");
+        assert_eq!(out, program);
     }
 }
 
@@ -419,8 +412,8 @@ fn words_that_no_code_claims_are_no_coordinates() {
             let expected = format!("{begins}{block}\n{behind}");
             assert_eq!(out, expected, "{control} {block}");
             let name = block.split_whitespace().find(|word| word.starts_with('M'));
-            let told = format!("2: {} passes on as it is", name.expect("an M code"));
-            assert!(notes.contains(&told), "{control} {block}: {notes}");
+            let expected = format!("2: {} passes on as it is", name.expect("an M code"));
+            assert!(notes.contains(&expected), "{control} {block}: {notes}");
         }
         // What is known, or has a motion of its own, moves the axes; so does an unknown one without words of axes.
         for block in ["M8 X50.", "X50. M3 S100", "G1 M205 X50.", "M19 X50."] {
@@ -544,5 +537,81 @@ fn a_spline_goes_as_a_whole() {
             let notes = format!("{:?}", summary.notes);
             assert!(notes.contains("GoesWhole"), "{notes}");
         }
+    }
+}
+
+/// In each language an axis whose place is unknown gets no word, and the others are corrected, also in cycles and about poles. At 400 mm X
+/// needs −20 µm, Y −80 µm, Z −40 µm.
+#[test]
+fn unknown_axes_in_cycles_and_in_each_language() {
+    let errors = "[errors]\nEXX = { poly = [0.0, 0.05] }\nEYX = { poly = [0.0, 0.2] }\nEZX = { poly = [0.0, 0.1] }\n";
+    let machine = Machine::parse(&format!("{TRAVELS}{errors}"), "m.toml").expect("good");
+    let run = |dialect, program: &str| {
+        let written = written(dialect, &machine, "", program);
+        written
+            .map(|(text, _)| text)
+            .map_err(|error| error.to_string())
+    };
+    for (dialect, program, expected) in [
+        // Holes have heights of their own; behind G98 the height is that of before.
+        (
+            Dialect::Rs274,
+            "G0 X400 Y0 Z50\nT2 M6\nG98 G81 X300 Y10 Z-5 R2 F100\nX200\nG80\nG0 X100\nG0 Z9\n",
+            "G0 X399.980 Y-0.080 Z49.960\nT2 M6\nG98 G81 X299.985 Y9.940 Z-5.030 R1.970 F100\nX199.990 Z-5.020 R1.980 Y9.960\nG80\nG0 X99.995 Y9.980\nG0 Z8.990\n",
+        ),
+        (
+            Dialect::Rs274,
+            "G0 X400 Y0 Z50\nM205 X1 Y1\nG99 G81 X300 Z-5 R2 F100\nY5\nX100 Y10\nG80\nG0 X200\n",
+            "G0 X399.980 Y-0.080 Z49.960\nM205 X1 Y1\nG99 G81 X299.985 Z-5.030 R1.970 F100\nY4.940\nX99.995 Y9.980 Z-5.010 R1.990\nG80\nG0 X199.990 Y9.960 Z1.980\n",
+        ),
+        // Both polar coordinates are a place of X and Y.
+        (
+            Dialect::Rs274,
+            "G0 X400 Y0 Z50\nT2 M6\nG16\nG0 X300 Y45\nG15\nG0 X100\n",
+            "G0 X399.980 Y-0.080 Z49.960\nT2 M6\nG16\nG0 X212.121 Y212.090 G15\nG15\nG0 X99.995 Y212.112\n",
+        ),
+        (
+            Dialect::Rs274,
+            "G0 X400 Y0 Z50\nM205 X1 Y1\nG0 @300 ^45\nG0 X100\n",
+            "G0 X399.980 Y-0.080 Z49.960\nM205 X1 Y1\nG0 X212.121 Y212.090\nG0 X99.995 Y212.112\n",
+        ),
+        (
+            Dialect::Siemens,
+            "G0 X400\nG2 X420 I10 J0 F100\nG2 X440 Y0 CR=10\nG1 X500 Y1\n",
+            "G0 X399.980\nG2 X419.980 I10 J0 F100\nG2 X439.980 Y0 CR=10\nG1 X499.975 Y0.900\n",
+        ),
+        (
+            Dialect::Siemens,
+            "G0 X400 Y0 Z50\nT2 M6\nG0 X300\nCYCLE81(10,0,2,-5)\nG0 X200 Y10\nG0 X100\n",
+            "G0 X399.980 Y-0.080 Z49.960\nT2 M6\nG0 X299.985\nCYCLE81(10,0,2,-5)\nG0 X199.990 Y9.960 Z9.980\nG0 X99.995 Y9.980 Z9.990\n",
+        ),
+        (
+            Dialect::Heidenhain,
+            "L X+400 Y+0 Z+50 FMAX\nTOOL CALL 5 Z S100\nCYCL DEF 200 DRILLING ~\nQ200=2 ~\nQ201=-5\nL X+300 Y+10 FMAX M99\nL X+200\nL Z+20\nL X+100\n",
+            "L X+399.980 Y-0.080 Z+49.960 FMAX\nTOOL CALL 5 Z S100\nCYCL DEF 200 DRILLING ~\nQ200=2 ~\nQ201=-5\nL X+299.985 Y+9.940 FMAX M99\nL X+199.990 Y+9.960\nL Z+19.980\nL X+99.995 Y+9.980 Z+19.990\n",
+        ),
+        (
+            Dialect::Heidenhain,
+            "L X+400 FMAX\nCR X+420 Y+0 R+10 DR+ F100\nL X+100\n",
+            "L X+399.980 FMAX\nCR X+419.980 Y+0 R+10 DR+ F100\nL X+99.995 Y-0.020\n",
+        ),
+    ] {
+        assert_eq!(run(dialect, program).as_deref(), Ok(expected), "{program}");
+    }
+    // A pole relative to a place that is unknown is none.
+    for (line, expected) in [
+        (
+            "C X+420 Y+0 DR+ F100",
+            "line 3: an arc without a radius and without a pole (CC) whose place is known: name X and Y before",
+        ),
+        (
+            "LP PR+50 PA+45",
+            "line 3: polar coordinates without a pole (CC) whose place is known: name X and Y before",
+        ),
+    ] {
+        let program = |begins: &str| format!("{begins}\nCC IX+10 IY+0\n{line}\n");
+        let error = run(Dialect::Heidenhain, &program("L X+400 FMAX")).expect_err(line);
+        assert!(error.starts_with(expected), "{error}");
+        run(Dialect::Heidenhain, &program("L X+400 Y+0 FMAX")).expect(line);
     }
 }

@@ -65,7 +65,7 @@ fn what_the_model_knows_is_gone() {
 }
 
 #[test]
-fn a_result_of_another_program_is_told() {
+fn a_result_of_another_program_is_refused() {
     let (none, setup) = (Temperatures::new(), SetUp::default());
     let truth = Machine::parse(TRAVELS, "m.toml").expect("a good machine");
     let of = Virtual {

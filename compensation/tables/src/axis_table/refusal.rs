@@ -83,9 +83,7 @@ pub enum ExchangeError {
         expected: String,
     },
     /// A correction or an error beyond the limit of the options.
-    #[error(
-        "{what} is {found:.1}, expected at most {limit}: check the units in the machine file, or allow more with --limit-um"
-    )]
+    #[error("{what} is {found:.1}, expected at most {limit}: check the units in the machine file")]
     BeyondLimit {
         /// Which table, and where in it.
         what: String,
