@@ -149,6 +149,31 @@ fn the_volume_of_a_gantry_has_one_figure() {
     );
 }
 
+/// Its uncertainty, too: the expanded one of the verdict is twice the largest that the map of the same machine has.
+#[test]
+fn the_uncertainty_of_the_volume_is_one_figure() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (machine, calibration) = (path("machine.toml"), path("calibration.toml"));
+    let text = "structure = \"w C' b X Y Z t\"\n[axes]\nX.travel = [-200, 200]\nY.travel = [-200, 200]\nZ.travel = [-200, 200]\nC.travel = [-180, 180]\n[errors]\nEX0C = 3\n";
+    fs::write(&machine, text).expect("written");
+    let text = "machine = \"machine.toml\"\n[[location]]\nerror = \"EX0C\"\nvalue_um = 3\nuncertainty_um = 5\n";
+    fs::write(&calibration, text).expect("written");
+    let drawn = ["--trials", "5", "--seed", "3"];
+    let (document, _) =
+        report(&[&[calibration.as_str(), "--tolerance", "V=5"][..], &drawn].concat());
+    let expanded_um = document["checks"][0]["uncertainty"].as_f64();
+    let map = ["map", "-m", &machine, "--grid", "2x2x2"];
+    let map = json(&[&map[..], &["--uncertainty", &calibration], &drawn].concat());
+    let standard_um = map["all_axes"]["uncertainty"]["largest_um"].as_f64();
+    let [expanded_um, standard_um] =
+        [expanded_um, standard_um].map(|um| um.expect("an uncertainty"));
+    assert!(
+        standard_um > 1.0 && (expanded_um - 2.0 * standard_um).abs() <= 1e-9 * expanded_um,
+        "{expanded_um} {standard_um}"
+    );
+}
+
 #[test]
 fn the_exit_status_is_that_of_the_verdict() {
     let folder = tempfile::tempdir().expect("a folder");
