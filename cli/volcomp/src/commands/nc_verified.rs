@@ -1,6 +1,6 @@
 //! The part of `volcomp nc --verify`: the program and its result on the virtual machine, and whether the result is kept.
 
-use std::{fmt::Write as _, fs::File, io::BufReader, path::Path};
+use std::{fs::File, io::BufReader, path::Path};
 
 use volcomp_model::{Machine, Temperatures};
 use volcomp_nc::{
@@ -17,6 +17,7 @@ use crate::{
     compensation::refuse_other_geometry,
     failure::Failure,
     output::OutputFile,
+    table::folded,
 };
 
 /// A program that is judged on a virtual machine.
@@ -185,33 +186,40 @@ fn deviation(of: &Deviation) -> NcDeviation {
 /// How far the tool is from where the program wants it, and the features of the part.
 pub(super) fn text(verified: &Verified) -> String {
     let row = |name: &str, of: &NcDeviation| {
+        let whole = [of.max_um, of.rms_um, of.across_max_um, of.across_rms_um];
+        let form = [of.form_max_um, of.form_rms_um];
+        let all = whole.iter().chain(&form);
+        let cells: Vec<String> = all.map(|um| format!("{um:>9.2}")).collect();
+        format!("{name:<8}{}\n", cells.concat())
+    };
+    let place = |name: &str, of: &NcDeviation| {
         let [x, y, z] = of.tip_mm;
         format!(
-            "{name:<8}{:>9.2}{:>9.2}{:>9.2}{:>9.2}{:>9.2}{:>9.2}   line {}, tip at {x:.1} {y:.1} {z:.1} mm\n",
-            of.max_um,
-            of.rms_um,
-            of.across_max_um,
-            of.across_rms_um,
-            of.form_max_um,
-            of.form_rms_um,
+            "largest {name}: line {}, tip at {x:.1} {y:.1} {z:.1} mm\n",
             of.line
         )
     };
     let mut text = format!(
-        "\nDeviation of the tool from the programmed path, {} motions looked at; across:\nwithout what is along the path; form: after alignment of the part, since how\nit lies is no error of it\n{:<8}{:>18}{:>18}{:>18}\n{:<8}",
-        verified.motions, "", "whole", "across", "form", ""
+        "\nDeviation of the tool from the programmed path, {} motions looked at; across:\nwithout what is along the path; form: after alignment of the part, since how\nit lies is no error of it\n{:<8}{:>18}{:>18}{:>18}\n{:<8}{}\n",
+        verified.motions,
+        "",
+        "whole",
+        "across",
+        "form",
+        "",
+        format!("{:>9}{:>9}", "max µm", "RMS µm").repeat(3)
     );
-    text += &format!("{:>9}{:>9}", "max µm", "RMS µm").repeat(3);
-    text.push_str("   largest in\n");
-    text.push_str(&row("before", &verified.before));
-    text.push_str(&row("after", &verified.after));
+    text += &row("before", &verified.before);
+    text += &row("after", &verified.after);
+    text += &place("before", &verified.before);
+    text += &place("after", &verified.after);
     let further = &verified.further;
     if let Some(line) = further.line {
-        let _ = writeln!(
-            text,
+        let sentence = format!(
             "In {} of {} motions the tool is further off with the result than before, in RMS or at most, by up to {:.2} µm (line {line}), as where words are rounded or a circle is kept.",
             further.motions, verified.motions, further.by_um
-        ); // writing to a String cannot fail
+        );
+        text += &folded(&sentence, "");
     }
     if let Some(best_fit) = verified.best_fit {
         text += &nc_part::text(&verified.features, best_fit);

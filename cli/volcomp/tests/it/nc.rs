@@ -287,7 +287,8 @@ fn before_is_the_same_whatever_is_asked_for() {
         "{average}"
     );
     let output = run(&result, &["--average", "--verify"]);
-    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    let said = String::from_utf8_lossy(&output.stdout);
+    let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
     assert!(
         said.contains("the tool is further off with the result than before"),
         "{said}"
