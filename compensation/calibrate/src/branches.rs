@@ -1,7 +1,7 @@
 //! The lines of one error as one curve, or one for each direction.
 
 use volcomp_curve::{ErrorCurve, Field};
-use volcomp_fit::{Choice, Fit, FitError, FitOptions, Method, Noise};
+use volcomp_fit::{Between, Choice, Fit, FitError, FitOptions, Method, Noise};
 use volcomp_metrology::{MotionKind, ReferenceLine};
 use volcomp_vocabulary::{Direction, ErrorName, Um, Urad};
 
@@ -48,6 +48,8 @@ pub(crate) struct Branches {
     targets: Vec<f64>,
     method: Method,
     choice: Option<Choice>,
+    /// What a mean reading scatters.
+    noise: Option<Noise>,
     /// The runs of each fit, from which its band is resampled; empty until the lines agree.
     runs: Vec<Option<Vec<Run>>>,
     /// What the curves were multiplied by.
@@ -157,6 +159,7 @@ impl Branches {
             targets,
             method,
             choice,
+            noise: options.noise,
             runs: Vec::new(),
             factor: 1.0,
         })
@@ -213,6 +216,9 @@ impl Branches {
             fit.leave_one_out_rms *= factor.abs();
         }
         scaled.factor *= factor;
+        if let Some(noise) = &mut scaled.noise {
+            noise.deviation *= factor.abs();
+        }
         if let Some(choice) = &mut scaled.choice {
             for score in &mut choice.scores {
                 score.leave_one_out_rms *= factor.abs();
@@ -244,6 +250,10 @@ impl Branches {
                 },
                 method: self.method,
                 choice: self.choice.clone(),
+                between: {
+                    let (x, u): (Vec<f64>, Vec<f64>) = points.iter().copied().unzip();
+                    Between::of(fit, &x, &u, self.noise)
+                },
                 resampled: Option::<Vec<Run>>::map(runs, |runs| Resampled {
                     runs,
                     targets: self.targets.clone(),

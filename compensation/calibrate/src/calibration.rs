@@ -97,7 +97,7 @@ fn calibrated(
     warnings.extend(notes_of(&file.measurements));
     warnings.append(&mut stages.notes);
     warnings.extend(of_observations);
-    warnings.extend(not_followed(&stages.curves));
+    warnings.extend(not_followed(&stages.curves, &stages.lines));
     stages.machine = with_provenance(file, &stages)?;
     let not_measured = not_measured(file, &stages);
     warnings.extend(not_measured.iter().cloned());

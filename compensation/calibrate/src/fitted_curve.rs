@@ -1,6 +1,6 @@
 //! How well a fitted curve follows its readings.
 
-use volcomp_fit::{Band, BandOptions, Choice, Method, band};
+use volcomp_fit::{Band, BandOptions, Between, Choice, Method, band, band_places};
 use volcomp_vocabulary::{Direction, ErrorName, Um, Urad};
 
 use crate::profile::Run;
@@ -30,6 +30,8 @@ pub struct FittedCurve {
     /// The curve from the first to the last of its readings, in equal steps: coordinate and value.
     pub sampled: Vec<[f64; 2]>,
     #[cfg_attr(feature = "serde", serde(skip))]
+    pub(crate) between: Between,
+    #[cfg_attr(feature = "serde", serde(skip))]
     pub(crate) resampled: Option<Resampled>,
 }
 
@@ -43,13 +45,14 @@ pub(crate) struct Resampled {
 }
 
 impl FittedCurve {
-    /// The band of 95 % at the targets, of the readings alone, in the unit of the error; `None` where it is not known. It is
+    /// The band of 95 % at the targets and between them, of the readings alone, in the unit of the error; `None` where it is not known. It is
     /// resampled from the runs at each call, which takes longer than the curve.
     pub fn band(&self) -> Option<Band> {
         let of = self.resampled.as_ref()?;
         let runs: Vec<(&[f64], &[f64])> = of.runs.iter().map(|(x, u)| (&x[..], &u[..])).collect();
         // A method that the readings of some runs do not carry has no band.
-        let mut band = band(self.method, &runs, &of.targets, &BandOptions::default()).ok()?;
+        let places = band_places(&of.targets);
+        let mut band = band(self.method, &runs, &places, &BandOptions::default()).ok()?;
         for half in &mut band.half_width {
             *half *= of.factor.abs();
         }

@@ -84,41 +84,52 @@ fn of_error(
             .map(|(at, mean)| (*at, mean - value(*at)))
             .collect();
         branch.fit = Some(numbers(fit));
-        branch.band = fit.band().map(|found| about(&branch.points, &found));
+        branch.band = fit.band().map(|found| about(&value, found));
     }
     curve.lines = lines.iter().map(|line| of_line(file, line)).collect();
     Some(curve)
 }
 
-/// A band about the points of a curve between its first and last place, its width straight between the places.
-fn about(points: &[(f64, f64)], found: &volcomp_fit::Band) -> Band {
+/// A band about a curve, without the places between which it is straight anyway.
+fn about(value: impl Fn(f64) -> f64, found: volcomp_fit::Band) -> Band {
     let mut band = Band {
         x: Vec::new(),
         low: Vec::new(),
         high: Vec::new(),
         source: found.source,
     };
-    for (x, y) in points {
-        let Some(half) = between(&found.at, &found.half_width, *x) else {
+    let all: Vec<[f64; 3]> = (found.at.iter().zip(&found.half_width))
+        .map(|(&x, half)| [x, value(x) - half, value(x) + half])
+        .collect();
+    let mut start = 0;
+    for place in 0..all.len() {
+        let between = all.get(start + 1..place).unwrap_or_default();
+        let is_straight = all.get(place + 1).is_some_and(|next| {
+            let skipped = between.iter().chain([&all[place]]);
+            skipped
+                .clone()
+                .all(|skipped| is_on(all[start], *next, *skipped))
+        });
+        if place > 0 && is_straight {
             continue;
-        };
-        band.x.push(*x);
-        band.low.push(y - half);
-        band.high.push(y + half);
+        }
+        let [x, low, high] = all[place];
+        band.x.push(x);
+        band.low.push(low);
+        band.high.push(high);
+        start = place;
     }
     band
 }
 
-/// The value at a place on the line through ascending places; `None` outside of them.
-fn between(places: &[f64], values: &[f64], at: f64) -> Option<f64> {
-    let next = places.iter().position(|place| *place >= at)?;
-    let (place, value) = (places[next], *values.get(next)?);
-    if place == at {
-        return Some(value);
-    }
-    let before = next.checked_sub(1)?;
-    let share = (at - places[before]) / (place - places[before]);
-    Some(values[before] + share * (value - values[before]))
+/// Whether both edges of a band at a place are on the lines from one place to the other, within a hundredth of its width.
+fn is_on(from: [f64; 3], to: [f64; 3], at: [f64; 3]) -> bool {
+    let share = (at[0] - from[0]) / (to[0] - from[0]);
+    let allowed = 0.01 * (at[2] - at[1]);
+    [1, 2].into_iter().all(|edge| {
+        let line = from[edge] + share * (to[edge] - from[edge]);
+        (at[edge] - line).abs() <= allowed
+    })
 }
 
 /// The curve alone.

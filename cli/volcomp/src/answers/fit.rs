@@ -91,14 +91,14 @@ pub(crate) struct Candidate {
 pub(crate) struct Band {
     /// What was resampled: `runs`, or the `residuals` of the only one.
     pub(crate) from: &'static str,
-    /// Half of its width at each target.
+    /// Half of its width at each target and at places between neighbours; straight between these.
     pub(crate) half_widths: Vec<BandPoint>,
 }
 
-/// Half of the width of a band at one target.
+/// Half of the width of a band at one place.
 #[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
 pub(crate) struct BandPoint {
-    /// The target, mm or deg.
+    /// The place, mm or deg.
     pub(crate) at: f64,
     /// Half of the width, µm.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -6,11 +6,12 @@ use clap::ValueEnum;
 use serde_json::Value;
 use volcomp_curve::Curve;
 use volcomp_fit::{
-    Choice, Fit, FitError, MLS_ORDERS, MlsTrial, fit_bspline, fit_chebyshev, fit_cubic_table,
-    fit_mls, fit_mls_auto, fit_polynomial, scan_mls,
+    Between, Choice, Fit, FitError, MLS_ORDERS, MlsTrial, fit_bspline, fit_chebyshev,
+    fit_cubic_table, fit_mls, fit_mls_auto, fit_polynomial, scan_mls,
 };
-use volcomp_metrology::{DeviationUnit, Measurement, MetrologyError, read_file};
+use volcomp_metrology::{DeviationUnit, Measurement, MetrologyError, axis_kind, read_file};
 use volcomp_model::write_curve;
+use volcomp_vocabulary::AxisKind;
 
 use super::{Answer, fit_auto, fixed, table, table_text};
 use crate::{
@@ -128,6 +129,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         .iter()
         .map(|&at| (at, fit.curve.value(at)))
         .collect();
+    let noise = fit_auto::noise_of_mean(&measurement);
+    let (kind, axis) = (axis_kind(&measurement), measurement.metadata.axis);
     let mut notes = measurement.notes;
     if fit.meets_required == Some(false) {
         let what = if auto.is_some() {
@@ -142,6 +145,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     if let Some((choice, _)) = &auto {
         notes.extend(choice.not_followed(&unit.to_string()));
     }
+    let between = Between::of(&fit, &x, &u, noise);
+    let along = kind.map_or("mm or deg", AxisKind::coordinate_unit);
+    let file = arguments.data.display();
+    let of_axis = axis.map_or(String::new(), |axis| format!("axis {axis}: "));
+    let said = between.warnings(&unit.to_string(), along).into_iter();
+    notes.extend(said.map(|said| format!("{file}: {of_axis}{said}")));
     notes.extend(outside_note(&fit.curve, &arguments.at));
     let mut more = scan.as_deref().map_or(String::new(), scan_text);
     if let Some((choice, band)) = &auto {

@@ -1,7 +1,8 @@
 //! `volcomp fit --method auto`: the kind of curve that the readings themselves ask for, and its band.
 
 use volcomp_fit::{
-    BandOptions, BandSource, Choice, Fit, FitError, FitOptions, Score, band, choose,
+    BandOptions, BandSource, Choice, Fit, FitError, FitOptions, Noise, Score, band, band_places,
+    choose,
 };
 use volcomp_metrology::{DeviationUnit, Measurement, axis_kind};
 use volcomp_vocabulary::AxisKind;
@@ -50,7 +51,8 @@ pub(super) fn auto(
     fit.meets_required = required.map(|residual| fit.max_abs() <= residual);
     let runs: Vec<(&[f64], &[f64])> = runs.iter().map(|(x, u)| (&x[..], &u[..])).collect();
     // A method that the readings of some runs do not carry has no band.
-    let found = band(choice.method, &runs, x, &BandOptions::default()).ok();
+    let places = band_places(x);
+    let found = band(choice.method, &runs, &places, &BandOptions::default()).ok();
     let found = found.filter(|band| band.half_width.iter().all(|half| half.is_finite()));
     let is_angular = unit == DeviationUnit::Urad;
     let band = found.map(|band| Band {
@@ -112,6 +114,13 @@ fn whole_runs(measurement: &Measurement) -> Vec<Run> {
         .collect()
 }
 
+/// What the mean reading of a target scatters, from run to run; `None` of one run.
+pub(super) fn noise_of_mean(measurement: &Measurement) -> Option<Noise> {
+    let runs = whole_runs(measurement);
+    let (x, u): (Vec<Vec<f64>>, Vec<Vec<f64>>) = runs.iter().cloned().unzip();
+    Noise::of(&x.concat(), &u.concat()).map(|noise| noise.of_mean(runs.len()))
+}
+
 /// The choice as the document has it.
 pub(super) fn document(choice: &Choice, unit: DeviationUnit) -> Document {
     let is_angular = unit == DeviationUnit::Urad;
@@ -153,7 +162,7 @@ pub(super) fn text(choice: &Choice, band: Option<&Band>, unit: DeviationUnit) ->
         };
         text += &crate::table::folded(
             &format!(
-                "95 % band: ±{} to ±{} {symbol} at the targets, {from}",
+                "95 % band: ±{} to ±{} {symbol} at and between the targets, {from}",
                 fixed(halves().fold(f64::INFINITY, f64::min), 3),
                 fixed(halves().fold(0.0, f64::max), 3),
             ),

@@ -83,6 +83,45 @@ pub(crate) fn generated(seed: u64, index: u32) -> Generated {
     }
 }
 
+/// The line number `index` of a seed whose targets are too sparse: the pitch error of its screw is shorter than two gaps between them, and not
+/// close to one gap, where no target can see it.
+#[allow(dead_code, reason = "the tests of bands ask for it")]
+pub(crate) fn undersampled(seed: u64, index: u32) -> Generated {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    random.set_stream(u64::from(index));
+    let gaps = random.random_range(8..=20_u32);
+    let step = 1000.0 / f64::from(gaps);
+    let targets: Vec<f64> = (0..=gaps).map(|k| step * f64::from(k)).collect();
+    let [shortest, longest] = if index.is_multiple_of(2) {
+        [0.55, 0.85]
+    } else {
+        [1.25, 1.85]
+    };
+    let length = step * (shortest + (longest - shortest) * random.random::<f64>());
+    let (phase, slow) = (TAU * random.random::<f64>(), TAU * random.random::<f64>());
+    let truth = Truth {
+        slope: 0.02,
+        waves: vec![[4.0, 2500.0, slow], [2.0, length, phase]],
+        ..Truth::default()
+    };
+    let noise = 0.3;
+    let runs = (0..5).map(|_| {
+        let at = |&x: &f64| truth.value(x) + noise * normal(&mut random);
+        targets.iter().map(at).collect::<Vec<f64>>()
+    });
+    let runs = runs.collect();
+    let side = Side {
+        runs,
+        truth: Box::new(move |x| truth.value(x)),
+    };
+    Generated {
+        family: "undersampled",
+        noise,
+        targets,
+        sides: vec![side],
+    }
+}
+
 /// Waves, a polygon and steps, whose sum is a truth.
 #[derive(Clone, Default)]
 struct Truth {

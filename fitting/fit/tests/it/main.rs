@@ -5,8 +5,10 @@
 mod absurd;
 mod automatic;
 mod bands;
+mod between;
 mod brute_force;
 mod choice;
+mod covered;
 mod few_terms;
 mod gaps;
 mod generated;

@@ -1,0 +1,45 @@
+//! How often the bands of 500 generated lines hold the truth, a fifth of them with targets too sparse for their screw.
+//!
+//! `cargo run --release -p volcomp-fit --example bands`
+
+#![allow(dead_code, reason = "the tests use the rest")]
+
+#[path = "../tests/it/covered.rs"]
+mod covered;
+#[path = "../tests/it/generated.rs"]
+mod generated;
+
+use covered::{Covered, covered};
+use generated::{Generated, generated, undersampled};
+
+const PLACES: u32 = 400;
+
+fn main() {
+    let mut groups: Vec<(&'static str, Covered)> = Vec::new();
+    let mut all = Covered::default();
+    for index in 0..500 {
+        let line: Generated = if index % 5 == 4 {
+            undersampled(29, index)
+        } else {
+            generated(29, index + index / 5)
+        };
+        let found = covered(&line, PLACES);
+        all.add(found);
+        match groups.iter_mut().find(|group| group.0 == line.family) {
+            Some(group) => group.1.add(found),
+            None => groups.push((line.family, found)),
+        }
+    }
+    groups.push(("all", all));
+    println!("lines          held    by the band of the targets   mean half width and miss, µm");
+    for (group, found) in groups {
+        let places = f64::from(found.places);
+        println!(
+            "{group:12} {:5.1} %   {:5.1} %   {:6.2} {:6.2}",
+            100.0 * found.share(),
+            100.0 * found.share_of_targets(),
+            found.width / places,
+            found.missed / places
+        );
+    }
+}

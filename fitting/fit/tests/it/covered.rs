@@ -1,0 +1,77 @@
+//! How often a drawn band holds the truth.
+
+use volcomp_fit::{BandOptions, FitOptions, band, band_places, choose};
+
+use crate::generated::Generated;
+
+/// Places looked at, and how many of them the band holds that is drawn with straight lines between its places; with that of the targets alone.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Covered {
+    pub(crate) places: u32,
+    pub(crate) held: u32,
+    pub(crate) held_by_targets: u32,
+    /// The sum of half of the width of the band.
+    pub(crate) width: f64,
+    /// The sum of the magnitudes of what the curve misses.
+    pub(crate) missed: f64,
+}
+
+impl Covered {
+    pub(crate) fn share(&self) -> f64 {
+        f64::from(self.held) / f64::from(self.places)
+    }
+
+    #[allow(dead_code, reason = "the tests ask for less than the example")]
+    pub(crate) fn share_of_targets(&self) -> f64 {
+        f64::from(self.held_by_targets) / f64::from(self.places)
+    }
+
+    pub(crate) fn add(&mut self, other: Self) {
+        self.places += other.places;
+        self.held += other.held;
+        self.held_by_targets += other.held_by_targets;
+        self.width += other.width;
+        self.missed += other.missed;
+    }
+}
+
+/// The value at a place on the straight lines through ascending places.
+fn drawn(at: &[f64], half: &[f64], x: f64) -> f64 {
+    let next = at.partition_point(|at| *at < x).clamp(1, at.len() - 1);
+    let part = (x - at[next - 1]) / (at[next] - at[next - 1]);
+    half[next - 1] + part * (half[next] - half[next - 1])
+}
+
+/// Of one line, with the curve that is chosen for it, at so many places.
+pub(crate) fn covered(line: &Generated, places: u32) -> Covered {
+    let readings = line.sides.iter().map(|s| s.readings(&line.targets));
+    let sets: Vec<(Vec<f64>, Vec<f64>)> = readings.collect();
+    let parts: Vec<(&[f64], &[f64])> = sets.iter().map(|(x, u)| (&x[..], &u[..])).collect();
+    let method = choose(&parts, &FitOptions::default())
+        .expect("a curve")
+        .method;
+    let dense = band_places(&line.targets);
+    let [first, last] = [line.targets[0], line.targets[line.targets.len() - 1]];
+    let mut all = Covered::default();
+    for (side, (x, u)) in line.sides.iter().zip(&sets) {
+        let runs: Vec<(&[f64], &[f64])> = (side.runs.iter())
+            .map(|u| (&line.targets[..], &u[..]))
+            .collect();
+        let of = |at: &[f64]| band(method, &runs, at, &BandOptions::default()).expect("a band");
+        let (dense, sparse) = (of(&dense), of(&line.targets));
+        let curve = method.fit(x, u).expect("a curve").curve;
+        for place in 0..=places {
+            let x = first + (last - first) * f64::from(place) / f64::from(places);
+            let miss = (curve.value(x) - (side.truth)(x)).abs();
+            let half = drawn(&dense.at, &dense.half_width, x);
+            all.add(Covered {
+                places: 1,
+                held: u32::from(miss <= half),
+                held_by_targets: u32::from(miss <= drawn(&sparse.at, &sparse.half_width, x)),
+                width: if half.is_finite() { half } else { 0.0 },
+                missed: miss,
+            });
+        }
+    }
+    all
+}
