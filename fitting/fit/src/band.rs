@@ -63,8 +63,6 @@ const MOST_PLACES: usize = 2000;
 /// Readings left out are predicted over twice the gap that the curve has to bridge in fact: a smooth curve misses between targets a quarter
 /// of what it misses then, one with kinks half, one with steps or with waves shorter than the gap all of it.
 const OF_LEFT_OUT: f64 = 1.0;
-/// With fewer errors of targets left out than this, those of straight lines between the readings count as well.
-const FEW_ERRORS: usize = 15;
 /// Of one run nothing tells scatter from shape: this share of the variance of its residuals counts as shape.
 const ONE_RUN_SHAPE: f64 = 0.25;
 
@@ -74,7 +72,7 @@ const ONE_RUN_SHAPE: f64 = 0.25;
 /// tell their scatter badly: the part that is common to all targets of a run is widened by Student's t with as many degrees of freedom as
 /// runs less one, the rest, which every target shows anew, with as many for each coefficient of the curve; the variances of the bootstrap, which of m
 /// runs are short by (m − 1)/m, are made good. What the curve misses of the mean readings by more than the runs scatter, and what it misses of targets left
-/// out, is added: it is wrong about the shape, which no resampling of runs shows.
+/// out, or straight lines between the readings if these miss more, is added: it is wrong about the shape, which no resampling of runs shows.
 ///
 /// With one run its residuals are resampled, as wide as they are with the freedom that the fit leaves them; a curve that goes
 /// through its readings leaves none, and what it misses of targets left out takes their place. The method and its settings stay as they are.
@@ -278,11 +276,9 @@ impl Whole {
         let freedom = (count - self.candidate.coefficients).max(0.0);
         let at_targets = left - noise * (freedom + 2.0 * (2.0 * freedom).sqrt()) / count;
         let beyond = self.beyond(&self.candidate, noise);
-        // Of a few errors the smallest of many candidates is small by luck: those of straight lines between the readings were not chosen.
-        let few = self.candidate.errors.len() < FEW_ERRORS;
-        let of_table = few
-            .then(|| of_method(Method::LinearTable, &self.targets).ok())
-            .flatten();
+        // The errors of the curve are small by luck where it is the best of many and they are few, and where waves shorter than two gaps look at
+        // the targets like a long one that it follows: straight lines between the readings were not chosen.
+        let of_table = of_method(Method::LinearTable, &self.targets).ok();
         let of_table = of_table.map_or(0.0, |table| self.beyond(&table, noise));
         [at_targets.max(0.0), beyond.max(of_table)]
     }
