@@ -31,15 +31,19 @@ fn main() {
         }
     }
     groups.push(("all", all));
-    println!("lines          held    by the band of the targets   mean half width and miss, µm");
+    println!(
+        "lines          held    by the band of the targets   mean half width and miss, µm   curves  warned of as sparse"
+    );
     for (group, found) in groups {
         let places = f64::from(found.places);
         println!(
-            "{group:12} {:5.1} %   {:5.1} %   {:6.2} {:6.2}",
+            "{group:12} {:5.1} %   {:5.1} %   {:6.2} {:6.2}                {:6}  {:6}",
             100.0 * found.share(),
             100.0 * found.share_of_targets(),
             found.width / places,
-            found.missed / places
+            found.missed / places,
+            found.curves,
+            found.warned
         );
     }
 }

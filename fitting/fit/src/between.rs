@@ -9,10 +9,13 @@ use crate::{Fit, Noise};
 const BAND_LEFT_BY: f64 = 0.25;
 /// With more targets than this the curve is looked at once between two of them, else three times.
 const MANY_TARGETS: usize = 1000;
-/// Targets are too sparse where the leave-one-out error is more than so many times what the readings repeat to, and
-const OF_REPEATABILITY: f64 = 3.0;
-/// more than so many times what the curve leaves of them.
-const OF_RESIDUAL: f64 = 2.0;
+/// Targets that are left out are missed by more than so many times what the readings repeat to, and what the curve leaves of them, where the curve
+/// misses more than scatter.
+const MORE_THAN_SCATTER: f64 = 2.0;
+/// A target left out is predicted over twice the mean gap, and a smooth curve misses by the square of it: this share in a mean gap.
+const OF_LEFT_OUT: f64 = 0.25;
+/// Where nothing tells what readings repeat to, this share of their height counts.
+const OF_HEIGHT: f64 = 0.1;
 
 /// Where a curve is looked at between two targets, as shares of the gap.
 pub(crate) const PARTS_OF_GAP: [f64; 3] = [0.25, 0.5, 0.75];
@@ -77,6 +80,10 @@ pub struct Between {
     pub residual: f64,
     /// The standard deviation of a reading, or of the mean that the curve was fitted to; `None` where nothing tells it.
     pub repeatability: Option<f64>,
+    /// The highest less the lowest of the mean readings.
+    pub height: f64,
+    /// The widest gap between neighbouring targets over the mean one; 0 of fewer than three targets, of which none can be left out.
+    pub widest_gap: f64,
     /// The neighbouring targets between which the curve leaves the band of the mean readings by more than a quarter of its height,
     /// the furthest. [`choose`](crate::choose) puts such a curve aside; a kind that is stated is warned of.
     pub swings: Option<[f64; 2]>,
@@ -85,34 +92,48 @@ pub struct Between {
 impl Between {
     /// Of a fit to readings `u` at `x`, with what such a reading scatters.
     pub fn of(fit: &Fit, x: &[f64], u: &[f64], noise: Option<Noise>) -> Self {
-        let is_read = readings::check(x, u).is_ok();
+        let targets = readings::counted(x, u);
+        let of_targets = Band::of(&targets);
+        let gaps = of_targets.targets.windows(2).map(|gap| gap[1] - gap[0]);
+        let mean = gaps.clone().sum::<f64>() / targets.len().saturating_sub(1) as f64;
         Self {
             leave_one_out: fit.leave_one_out_rms,
             residual: fit.rms(),
             repeatability: noise.map(|noise| noise.deviation),
-            swings: is_read
-                .then(|| Band::of(&readings::counted(x, u)).left(&fit.curve))
-                .flatten(),
+            height: (of_targets.high - of_targets.low) / (1.0 + 2.0 * BAND_LEFT_BY),
+            widest_gap: if targets.len() > 2 {
+                gaps.fold(0.0, f64::max) / mean
+            } else {
+                0.0
+            },
+            swings: of_targets.left(&fit.curve),
         }
     }
 
-    /// Whether the targets are too sparse for the error: left out one at a time they are missed by more than three times what the
-    /// readings repeat to, and by more than twice what the curve leaves of them. Of one run nothing tells.
+    /// Whether the targets are too sparse for the error: targets left out one at a time are missed by more than twice what the readings repeat to
+    /// and what the curve leaves of them, and in the widest gap, as far as the curve is smooth, more than twice what they repeat to is missed. Of one run
+    /// nothing tells: a tenth of the height of the readings counts.
     pub fn is_too_sparse(&self) -> bool {
-        self.repeatability.is_some_and(|noise| {
-            let least = (OF_REPEATABILITY * noise).max(OF_RESIDUAL * self.residual);
-            self.leave_one_out.is_finite() && self.leave_one_out > least
-        })
+        let repeats = self.repeatability.unwrap_or(OF_HEIGHT * self.height);
+        let in_gap = OF_LEFT_OUT * self.widest_gap.powi(2) * self.leave_one_out;
+        self.leave_one_out > MORE_THAN_SCATTER * repeats.max(self.residual)
+            && in_gap > MORE_THAN_SCATTER * repeats
     }
 
     /// What a person should read of it; `unit` is that of the readings, `along` that of the targets.
     pub fn warnings(&self, unit: &str, along: &str) -> Vec<String> {
         let sparse = self.is_too_sparse().then(|| {
+            let missed = if self.leave_one_out.is_finite() {
+                format!("are missed by {:.2} {unit} (root mean square)", self.leave_one_out)
+            } else {
+                "cannot all be predicted from the others".to_owned()
+            };
+            let repeats = self.repeatability.map_or(String::new(), |noise| {
+                format!(", which repeat to {noise:.2} {unit}")
+            });
             format!(
-                "the targets are too sparse: left out one at a time they are missed by {:.2} {unit} (root mean square), {:.2} {unit} are left of the readings, which repeat to {:.2} {unit}; between targets the curve may be wrong by as much. Measure at half the spacing",
-                self.leave_one_out,
-                self.residual,
-                self.repeatability.unwrap_or_default(),
+                "the targets are too sparse: left out one at a time they {missed}, {:.2} {unit} are left of the readings{repeats}, and the widest gap is {:.1} times the mean one. Measure more of them",
+                self.residual, self.widest_gap,
             )
         });
         let swings = self.swings.map(|[from, to]| {

@@ -537,3 +537,57 @@ fn a_target_that_lacks_a_direction_is_refused() {
     );
     run().expect("one direction");
 }
+
+/// Five runs of a wave shorter than two gaps between targets, and of a clustered line with a stated polynomial: a warning names file and axis. What the
+/// targets show well is not warned of.
+#[test]
+fn curves_that_readings_do_not_bear_out_between_targets_are_told() {
+    let even: Vec<f64> = (0..=20).map(|k| 5.0 * f64::from(k)).collect();
+    let clustered = [
+        0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 90.0, 92.0, 94.0, 96.0, 98.0, 100.0,
+    ];
+    type Truth = fn(f64) -> f64;
+    let cases: [(&[f64], &str, Truth, Option<&str>); 4] = [
+        (
+            &even,
+            "",
+            |x| 5.0 * (x / 1.04).sin(),
+            Some("the targets are too sparse: left out one at a time they are missed by "),
+        ),
+        (&even, "", |x| 5.0 * (x / 30.0).sin(), None),
+        (&even, "", |_| 0.0, None),
+        (
+            &clustered,
+            "curve = { poly = { order = 9 } }\n",
+            |x| x % 4.0 / 2.0,
+            Some("between the targets 10 and 90 mm the curve leaves the band of the readings"),
+        ),
+    ];
+    for (targets, curve, truth, expected) in cases {
+        let folder = folder_of_two_axes();
+        let mut text = "target,run,direction,deviation\n".to_owned();
+        for run in 1..=5_u32 {
+            for (index, x) in targets.iter().enumerate() {
+                // A scatter of ±0.1 µm that is no wave.
+                let scatter =
+                    0.1 * (f64::from(run * run * 31) + 17.0 * (index * index) as f64).sin();
+                let _ = writeln!(text, "{x},{run},+,{}", truth(*x) + scatter);
+            }
+        }
+        written(&folder, "a.csv", &text);
+        let file = written(&folder, "good.toml", &format!("{GOOD}{curve}"));
+        let file = CalibrationFile::read(&file).expect("read");
+        let warnings = calibrate(&file, |_, _| {}).expect("calibrated").warnings;
+        let told: Vec<&String> = (warnings.iter())
+            .filter(|told| told.contains("sparse") || told.contains("between the targets"))
+            .collect();
+        match expected {
+            Some(said) => assert!(
+                told.iter()
+                    .any(|told| told.contains("a.csv: EXX, axis X: ") && told.contains(said)),
+                "{warnings:?}"
+            ),
+            None => assert!(told.is_empty(), "{told:?}"),
+        }
+    }
+}

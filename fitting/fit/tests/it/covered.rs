@@ -1,6 +1,6 @@
 //! How often a drawn band holds the truth.
 
-use volcomp_fit::{BandOptions, FitOptions, band, band_places, choose};
+use volcomp_fit::{BandOptions, Between, FitOptions, Noise, band, band_places, choose};
 
 use crate::generated::Generated;
 
@@ -14,6 +14,9 @@ pub(crate) struct Covered {
     pub(crate) width: f64,
     /// The sum of the magnitudes of what the curve misses.
     pub(crate) missed: f64,
+    /// Curves, and how many of them are warned of for sparse targets.
+    pub(crate) curves: u32,
+    pub(crate) warned: u32,
 }
 
 impl Covered {
@@ -32,6 +35,8 @@ impl Covered {
         self.held_by_targets += other.held_by_targets;
         self.width += other.width;
         self.missed += other.missed;
+        self.curves += other.curves;
+        self.warned += other.warned;
     }
 }
 
@@ -59,7 +64,15 @@ pub(crate) fn covered(line: &Generated, places: u32) -> Covered {
             .collect();
         let of = |at: &[f64]| band(method, &runs, at, &BandOptions::default()).expect("a band");
         let (dense, sparse) = (of(&dense), of(&line.targets));
-        let curve = method.fit(x, u).expect("a curve").curve;
+        let runs_of = side.runs.len();
+        let mean = |place: usize| side.runs.iter().map(|u| u[place]).sum::<f64>() / runs_of as f64;
+        let means: Vec<f64> = (0..line.targets.len()).map(mean).collect();
+        let fit = method.fit(&line.targets, &means).expect("a curve");
+        let noise = Noise::of(x, u).map(|noise| noise.of_mean(runs_of));
+        let between = Between::of(&fit, &line.targets, &means, noise);
+        all.curves += 1;
+        all.warned += u32::from(between.is_too_sparse());
+        let curve = fit.curve;
         for place in 0..=places {
             let x = first + (last - first) * f64::from(place) / f64::from(places);
             let miss = (curve.value(x) - (side.truth)(x)).abs();
@@ -70,6 +83,7 @@ pub(crate) fn covered(line: &Generated, places: u32) -> Covered {
                 held_by_targets: u32::from(miss <= drawn(&sparse.at, &sparse.half_width, x)),
                 width: if half.is_finite() { half } else { 0.0 },
                 missed: miss,
+                ..Covered::default()
             });
         }
     }

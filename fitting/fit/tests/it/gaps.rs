@@ -2,11 +2,35 @@
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use volcomp_fit::Fit;
+use volcomp_fit::{
+    Between, Fit, FitError, FitOptions, Noise, fit_auto, fit_bspline, fit_chebyshev,
+    fit_cubic_table, fit_linear_table, fit_mls, fit_polynomial,
+};
 
 /// Standard deviation of a reading, µm.
 pub(crate) const NOISE: f64 = 0.45;
 const RANGE: f64 = 8000.0;
+
+/// A kind of curve, by its name.
+pub(crate) type Kind = (&'static str, fn(&[f64], &[f64]) -> Result<Fit, FitError>);
+
+pub(crate) const KINDS: [Kind; 7] = [
+    ("B-spline", fit_bspline),
+    ("polynomial of order 8", |x, u| {
+        fit_polynomial(x, u, 8, [0.0, RANGE])
+    }),
+    ("Chebyshev of order 12", |x, u| {
+        fit_chebyshev(x, u, 12, [0.0, RANGE])
+    }),
+    ("monotone table", fit_cubic_table),
+    ("linear table", fit_linear_table),
+    ("moving least squares", |x, u| {
+        fit_mls(x, u, 4, 1.0 / 3.0, 3.0)
+    }),
+    ("auto", |x, u| {
+        fit_auto(x, u, &FitOptions::default()).map(|auto| auto.fit)
+    }),
+];
 
 pub(crate) fn truth(x: f64) -> f64 {
     -30.0 * (x / 1300.0).sin() + 8.0 * (x / 420.0 + 1.0).sin() - 0.004 * x
@@ -50,4 +74,13 @@ pub(crate) fn missed(fit: &Fit) -> f64 {
     places
         .map(|x| (fit.curve.value(x) - truth(x)).abs())
         .fold(0.0, f64::max)
+}
+
+/// What a curve does between its targets, with the noise known.
+pub(crate) fn between(fit: &Fit, x: &[f64], u: &[f64]) -> Between {
+    let noise = Noise {
+        deviation: NOISE,
+        freedom: f64::INFINITY,
+    };
+    Between::of(fit, x, u, Some(noise))
 }
