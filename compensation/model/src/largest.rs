@@ -1,9 +1,9 @@
 //! The largest correction of each axis within the travels.
 
-use volcomp_kinematics::State;
+use volcomp_kinematics::{Correctors, State};
 use volcomp_vocabulary::{AxisName, Direction, Displacement, PerAxis};
 
-use crate::{Machine, ModelError, Temperatures, Tolerance};
+use crate::{Machine, ModelError, Temperatures, Thermal, Tolerance};
 
 /// Maximum number of grid states for each direction of approach.
 const STATES: usize = 4000;
@@ -23,14 +23,69 @@ impl Machine {
     ) -> Result<Vec<(AxisName, Displacement)>, ModelError> {
         let compiled = self.compile_at(Tolerance::default(), temperatures)?;
         let correctors = compiled.correctors();
+        let delta = |state: &State| compiled.parts_of(state, correctors).delta();
+        Ok(self.largest(correctors, &delta))
+    }
+
+    /// How much the correction of each axis may change with each kelvin of the sensors, in chain order, at the same places:
+    /// what each sensor changes alone, added over all sensors. Empty for a machine without thermal terms. It leaves out what
+    /// terms have seen ([`Thermal::seen`]): within that it holds.
+    ///
+    /// # Errors
+    /// A machine that cannot be compiled.
+    pub fn largest_corrections_per_k(&self) -> Result<Vec<(AxisName, Displacement)>, ModelError> {
+        let mut machine = self.clone();
+        machine.set_thermal(Thermal {
+            seen: Vec::new(),
+            ..self.thermal().clone()
+        })?;
+        let thermal = machine.thermal();
+        let sensors = thermal.sensors();
+        if sensors.is_empty() {
+            return Ok(Vec::new());
+        }
+        // One kelvin more of one sensor.
+        let at = |warmer: Option<&str>| {
+            let degc = |sensor: &str| {
+                let more = if warmer == Some(sensor) { 1.0 } else { 0.0 };
+                (sensor.to_owned(), thermal.reference_degc + more)
+            };
+            let temperatures: Temperatures = sensors.iter().map(|sensor| degc(sensor)).collect();
+            machine.compile_at(Tolerance::default(), &temperatures)
+        };
+        let reference = at(None)?;
+        let warmer: Vec<_> = sensors
+            .iter()
+            .map(|sensor| at(Some(sensor)))
+            .collect::<Result<_, _>>()?;
+        let correctors = reference.correctors();
+        let change = |state: &State| {
+            let before = reference.parts_of(state, correctors).delta();
+            let mut sum = PerAxis::ZERO;
+            for warmer in &warmer {
+                let after = warmer.parts_of(state, correctors).delta();
+                for (sum, (after, before)) in sum.iter_mut().zip(after.iter().zip(&before)) {
+                    *sum += (after - before).abs();
+                }
+            }
+            sum
+        };
+        Ok(self.largest(correctors, &change))
+    }
+
+    /// The largest of something of each axis that corrects.
+    fn largest(
+        &self,
+        correctors: &Correctors,
+        of: &dyn Fn(&State) -> PerAxis<f64>,
+    ) -> Vec<(AxisName, Displacement)> {
         let axes = self.axes();
         let inside = |axis: usize, mm_or_deg: f64| {
             Displacement::from_coordinate(axes[axis].name.kind(), mm_or_deg).mm_or_rad()
         };
         let mut largest: PerAxis<(f64, State)> = PerAxis::from_fn(|_| (0.0, State::default()));
         let sample = |state: &State, largest: &mut PerAxis<(f64, State)>| {
-            let delta = compiled.parts_of(state, correctors).delta();
-            for (most, now) in largest.iter_mut().zip(delta) {
+            for (most, now) in largest.iter_mut().zip(of(state)) {
                 // A correction that is no number is larger than every one.
                 let now = if now.is_nan() {
                     f64::INFINITY
@@ -73,10 +128,10 @@ impl Machine {
             }
         }
         let found = axes.iter().zip(largest).enumerate();
-        Ok(found
+        found
             .filter(|(index, _)| correctors.contains(*index))
             .map(|(_, (axis, (most, _)))| (axis.name, Displacement::new(axis.name.kind(), most)))
-            .collect())
+            .collect()
     }
 }
 

@@ -16,7 +16,7 @@ use crate::{Lengths, Machine, ModelError, RigidMotion, RigidSums};
 /// travels, so that an error that is linear over a travel is aligned exactly.
 const HALF_POSES: u32 = 2048;
 /// Poses from which the largest error is searched.
-const STARTS: usize = 32;
+const STARTS: usize = 128;
 /// Coordinates at which an axis is sampled in the search.
 const SAMPLES: u32 = 33;
 /// Step of the search, as a share of the travel, below which it ends.

@@ -261,6 +261,11 @@ pub struct ControllerPlan {
     #[serde(default)]
     #[schemars(with = "BTreeMap<String, f64>")]
     pub needs: ByAxis,
+    /// How much temperatures may change the correction of each of them with each kelvin of the sensors, at the most: µm, µrad.
+    /// Not there for axes that no thermal term moves.
+    #[serde(default)]
+    #[schemars(with = "BTreeMap<String, f64>")]
+    pub needs_per_k: ByAxis,
     /// Its axes that do not correct, in the same order: they are held, and nothing but zero is written to them.
     #[schemars(with = "Vec<String>")]
     pub held: Vec<AxisName>,

@@ -10,7 +10,7 @@ use volcomp_port::Description;
 use volcomp_runtime::{AxisSettings, GuardSettings, PathPlan};
 use volcomp_vocabulary::{AxisName, Displacement};
 
-use super::{Devices, Plan, interop, needs, notes::notes};
+use super::{Devices, Needs, Plan, interop, notes::notes};
 use crate::{
     config::Config,
     devices::ControllerDevice,
@@ -129,18 +129,20 @@ fn controllers(plan: &Plan) -> Vec<ControllerPlan> {
         return plan
             .paths
             .iter()
+            .zip(&plan.needs)
             .map(|path| {
-                let channel = Stated::by(Source::Device, path.description.channel.clone());
+                let channel = Stated::by(Source::Device, path.0.description.channel.clone());
                 of_controller(plan, path, channel, BTreeMap::new(), |_, _| Source::Device)
             })
             .collect();
     };
-    let all = plan.paths.iter().zip(&config.controllers).zip(controllers);
+    let paths = plan.paths.iter().zip(&plan.needs);
+    let all = paths.zip(&config.controllers).zip(controllers);
     let writers = all
         .enumerate()
         .map(|(index, ((path, controller), device))| {
             let key = |key: &str| format!("controller.{index}.{key}");
-            let channel = stated(config, &key("channel"), path.description.channel.clone());
+            let channel = stated(config, &key("channel"), path.0.description.channel.clone());
             let source =
                 |name: AxisName, what: &str| source_of(config, device, &key(&of_kind(name, what)));
             ControllerPlan {
@@ -172,6 +174,7 @@ fn of_reader(description: &Description, device: &ControllerDevice) -> Controller
         opc_ua: device.opc_ua(),
         axes: Vec::new(),
         needs: BTreeMap::new(),
+        needs_per_k: BTreeMap::new(),
         held: Vec::new(),
         reads,
         fixed: BTreeMap::new(),
@@ -198,7 +201,7 @@ fn source_of(config: &Config, device: &ControllerDevice, key: &str) -> Source {
 
 fn of_controller(
     plan: &Plan,
-    path: &PathPlan,
+    (path, needs): (&PathPlan, &Needs),
     channel: Stated<String>,
     fixed: BTreeMap<AxisName, f64>,
     source: impl Fn(AxisName, &str) -> Source,
@@ -255,11 +258,8 @@ fn of_controller(
         pmc: None,
         opc_ua: None,
         axes,
-        needs: if path.only_thermal {
-            BTreeMap::new()
-        } else {
-            needs::largest(&plan.model, path)
-        },
+        needs: needs.up_to.clone(),
+        needs_per_k: needs.per_k.clone(),
         held,
         reads,
         fixed,

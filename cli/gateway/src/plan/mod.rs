@@ -33,6 +33,8 @@ mod positions;
 mod seen;
 mod text;
 
+use needs::Needs;
+
 /// A configuration with everything that it names, checked. No device has been opened.
 pub struct Plan {
     /// The configuration that it follows from.
@@ -52,6 +54,8 @@ pub struct Plan {
     machine_notes: Vec<String>,
     guard: GuardSettings,
     paths: Vec<PathPlan>,
+    /// What the machine file asks of each path.
+    needs: Vec<Needs>,
     readers: Vec<ReaderPlan>,
     devices: Devices,
 }
@@ -106,6 +110,7 @@ impl Plan {
             file: config.file.clone(),
             source,
         })?;
+        let needs = needs::of_paths(&config, &machine, &model, &paths)?;
         let readers = positions::readers(&config, &devices, &model)?;
         positions::check_known(&config, &model, &paths, &readers)?;
         let described = paths.iter().map(|path| &path.description);
@@ -137,6 +142,7 @@ impl Plan {
             sensors,
             guard,
             paths,
+            needs,
             readers,
             devices,
         })

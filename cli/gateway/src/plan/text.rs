@@ -2,11 +2,13 @@
 
 use std::path::Path;
 
+use volcomp_vocabulary::AxisName;
+
 use crate::{
     config::Config,
     documents::{
-        AxisPlan, BarrierPlan, ControllerPlan, FleetPlan, GuardPlan, OnlineBarrier, OpcUaPlan,
-        PlanDocument, PmcPlan, Source, Stated,
+        AxisPlan, BarrierPlan, ByAxis, ControllerPlan, FleetPlan, GuardPlan, OnlineBarrier,
+        OpcUaPlan, PlanDocument, PmcPlan, Source, Stated,
     },
 };
 
@@ -431,18 +433,33 @@ impl Lines {
     }
 }
 
-/// What the machine file asks for at the most: linear axes, then rotary ones.
+/// What the machine file asks for at the most, and what each kelvin may change of it: linear axes, then rotary ones.
 fn needs(controller: &ControllerPlan) -> Vec<(String, String)> {
-    let of_kind = |rotary: bool, unit: &str| {
-        let axes = controller.needs.iter();
-        let of_kind = axes.filter(|(name, _)| name.is_rotary() == rotary);
-        let words: Vec<String> = of_kind
-            .map(|(name, most)| format!("{name} {most}"))
-            .collect();
-        (!words.is_empty()).then(|| (format!("  needs up to, {unit}"), words.join("  ")))
-    };
-    let both = [of_kind(false, "µm"), of_kind(true, "µrad")];
-    both.into_iter().flatten().collect()
+    let mut lines = Vec::new();
+    for (rotary, unit) in [(false, "µm"), (true, "µrad")] {
+        let of_kind = |needs: &ByAxis, word: &dyn Fn(AxisName, f64) -> String| {
+            let of_kind = needs.iter().filter(|(name, _)| name.is_rotary() == rotary);
+            let words: Vec<String> = of_kind.map(|(name, most)| word(*name, *most)).collect();
+            words.join("  ")
+        };
+        let up_to = of_kind(&controller.needs, &|name, most| format!("{name} {most}"));
+        let per_k = of_kind(&controller.needs_per_k, &|name, per_k| {
+            let most = controller.needs.get(&name).copied().unwrap_or_default();
+            let axis = controller.axes.iter().find(|axis| axis.name == name);
+            let left = axis.map_or(0.0, |axis| axis.limit.value - most);
+            if left > 0.0 {
+                format!("{name} {per_k} (limit after {:.1} K)", left / per_k)
+            } else {
+                format!("{name} {per_k}")
+            }
+        });
+        for (label, words) in [("needs up to", up_to), ("more per K", per_k)] {
+            if !words.is_empty() {
+                lines.push((format!("  {label}, {unit}"), words));
+            }
+        }
+    }
+    lines
 }
 
 fn yes_no(yes: bool) -> &'static str {

@@ -117,6 +117,23 @@ fn a_slip_of_units_writes_no_program_and_no_table() {
     assert!(output.status.success(), "{output:?}");
     let checked = said(&volcomp(&["check", "examples/mill.toml"]));
     assert!(!checked.contains("WARNING"), "{checked}");
+    // 11.5 µm/(m·K) over 8 m; 48 µm are asked for at 20 °C.
+    let checked = said(&volcomp(&["check", "examples/gantry.toml"]));
+    let checked = checked.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(
+        checked.contains("the correction of X changes by up to 92.0 µm with each kelvin of the sensors: 2.1 K from 20 °C it may reach the 250 µm that nc and export allow"),
+        "{checked}"
+    );
+    // Where rotary axes correct, the limit of nc is one at the tool.
+    let text = "structure = \"w C' A' b X Y Z t\"\n[axes]\nX.travel = [-300.0, 300.0]\nY.travel = [-200.0, 200.0]\nZ.travel = [-150.0, 150.0]\nA.travel = [-110.0, -30.0]\nC.travel = [-180.0, 180.0]\n[errors]\nEXX = { poly = [0.0, 1] }\n";
+    let machine = folder.path().join("rotary.toml");
+    std::fs::write(&machine, text).expect("written");
+    let checked = said(&volcomp(&["check", machine.to_str().expect("UTF-8")]));
+    let checked = checked.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(
+        checked.contains("more than the 250 µm that export allows without --limit-um (nc bounds"),
+        "{checked}"
+    );
 }
 
 #[test]

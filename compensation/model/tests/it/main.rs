@@ -8,6 +8,7 @@ mod correct;
 mod evaluation;
 mod fuzz_corpus;
 mod inverse;
+mod largest;
 mod messages;
 mod placed;
 mod provenance;

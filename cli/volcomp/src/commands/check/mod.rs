@@ -78,18 +78,27 @@ fn document(arguments: &Arguments, machine: &Machine, temperatures: &Temperature
     }
 }
 
-/// Warns of corrections that `nc` and `export` refuse.
+/// Warns of corrections that `nc` and `export` refuse, at the temperatures or some kelvins from the reference.
 fn limit_notes(machine: &Machine, temperatures: &Temperatures) -> Result<Vec<String>, Failure> {
     let usual = CorrectionLimit::default();
-    let largest = machine.largest_corrections(temperatures)?.into_iter();
-    let beyond = largest.filter(|(_, most)| !usual.allows(*most));
-    Ok(beyond
+    let largest = machine.largest_corrections(temperatures)?;
+    // Where rotary axes correct, nc bounds what all axes together do at the tool.
+    let (who, but) = if largest.iter().any(|(axis, _)| axis.is_rotary()) {
+        (
+            "export allows",
+            " (nc bounds by it what the corrections of all axes move the tool by)",
+        )
+    } else {
+        ("nc and export allow", "")
+    };
+    let beyond = largest.iter().filter(|(_, most)| !usual.allows(*most));
+    let mut notes: Vec<String> = beyond
         .map(|(axis, most)| {
             let kind = axis.kind();
             let (limit, ceiling) = (usual.of(kind), CorrectionLimit::LARGEST.of(kind));
-            if CorrectionLimit::LARGEST.allows(most) {
+            if CorrectionLimit::LARGEST.allows(*most) {
                 format!(
-                    "WARNING: the correction of {axis} reaches {most:.1} within the travels, more than the {limit} that nc and export allow without --limit-um: check the units of the errors"
+                    "WARNING: the correction of {axis} reaches {most:.1} within the travels, more than the {limit} that {who} without --limit-um{but}: check the units of the errors"
                 )
             } else {
                 format!(
@@ -97,7 +106,21 @@ fn limit_notes(machine: &Machine, temperatures: &Temperatures) -> Result<Vec<Str
                 )
             }
         })
-        .collect())
+        .collect();
+    let reference_degc = machine.thermal().reference_degc;
+    let at_reference = machine.largest_corrections(&Temperatures::new())?;
+    let per_k = machine.largest_corrections_per_k()?;
+    for ((axis, per_k), (_, most)) in per_k.into_iter().zip(at_reference) {
+        let limit = usual.of(axis.kind());
+        let left_k = (limit.um_or_urad() - most.um_or_urad()) / per_k.um_or_urad();
+        if left_k.is_finite() && left_k >= 0.0 {
+            notes.push(format!(
+                "the correction of {axis} changes by up to {per_k:.1} with each kelvin of the sensors: {:.1} K from {reference_degc} °C it may reach the {limit} that {who} without --limit-um{but}",
+                (10.0 * left_k).floor() / 10.0
+            ));
+        }
+    }
+    Ok(notes)
 }
 
 /// Where measurement files are looked for.
