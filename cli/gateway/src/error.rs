@@ -25,16 +25,6 @@ pub enum GatewayError {
     /// A machine file that does not make a machine.
     #[error(transparent)]
     Model(ModelError),
-    /// A correction that is no finite number somewhere within the travels.
-    #[error(
-        "{machine}: the correction of axis {axis} is no finite number somewhere within the travels, expected errors that leave it finite"
-    )]
-    NotFinite {
-        /// The path of the machine file.
-        machine: String,
-        /// The axis.
-        axis: AxisName,
-    },
     /// The configuration that says where the gateway is to be asked for its state cannot be read.
     #[error(
         "{source}; a running gateway tells its state without this file, too: volcomp-gateway status --listen ADDRESS, its address and port"
@@ -481,7 +471,6 @@ impl GatewayError {
             | Self::Tls(TlsError::Write { .. })
             | Self::System { .. } => 1,
             Self::Place(_)
-            | Self::NotFinite { .. }
             | Self::Map { .. }
             | Self::Model(_)
             | Self::Unreadable(_)

@@ -110,7 +110,7 @@ impl Plan {
             file: config.file.clone(),
             source,
         })?;
-        let needs = needs::of_paths(&config, &machine, &model, &paths)?;
+        let needs = needs::of_paths(&machine, &model, &paths)?;
         let readers = positions::readers(&config, &devices, &model)?;
         positions::check_known(&config, &model, &paths, &readers)?;
         let described = paths.iter().map(|path| &path.description);

@@ -6,7 +6,6 @@ use volcomp_runtime::{Model, PathPlan};
 use volcomp_vocabulary::{AxisName, Direction, Displacement, PerAxis};
 
 use crate::{
-    config::Config,
     documents::{ByAxis, round},
     error::GatewayError,
 };
@@ -27,7 +26,6 @@ pub(super) struct Needs {
 
 /// What a machine file asks of each path.
 pub(super) fn of_paths(
-    config: &Config,
     machine: &Machine,
     model: &Model,
     paths: &[PathPlan],
@@ -77,13 +75,6 @@ pub(super) fn of_paths(
                     largest(model, path, &per_k)
                 },
             };
-            let mut all = needs.up_to.iter().chain(&needs.per_k);
-            if let Some((axis, _)) = all.find(|(_, most)| !most.is_finite()) {
-                return Err(GatewayError::NotFinite {
-                    machine: config.machine.display().to_string(),
-                    axis: *axis,
-                });
-            }
             needs.per_k.retain(|_, most| *most > 0.0);
             Ok(needs)
         })
@@ -106,14 +97,8 @@ fn largest(model: &Model, path: &PathPlan, of: &dyn Fn(&State) -> PerAxis<f64>) 
     let mut largest: PerAxis<(f64, State)> = PerAxis::from_fn(|_| (0.0, held));
     let look = |state: &State, largest: &mut PerAxis<(f64, State)>| {
         for (most, now) in largest.iter_mut().zip(of(state)) {
-            // A correction that is no number is larger than every one.
-            let now = if now.is_nan() {
-                f64::INFINITY
-            } else {
-                now.abs()
-            };
-            if now > most.0 {
-                *most = (now, *state);
+            if now.abs() > most.0 {
+                *most = (now.abs(), *state);
             }
         }
     };

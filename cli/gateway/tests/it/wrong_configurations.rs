@@ -674,9 +674,4 @@ pub(crate) const CASES: &[Wrong] = &[
         machine: "structure = \"w X' b Y Z t\"",
         says: "machine.toml",
     },
-    Wrong {
-        changes: &[],
-        machine: "structure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0.0, 800.0]\nY.travel = [0.0, 400.0]\nZ.travel = [0.0, 250.0]\n[errors]\nEXX = { poly = [0.0, 1e308] }",
-        says: "no finite number",
-    },
 ];
