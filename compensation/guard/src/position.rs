@@ -6,7 +6,7 @@ use core::time::Duration;
 use crate::turn::shortest_way;
 
 /// Controls tell a position that is up to so much older, or younger, than the moment at which they are said to have taken it.
-const UNSURE: Duration = Duration::from_millis(50);
+const UNSURE_S: f64 = 0.025;
 
 /// Where an axis can be, and how fast it can get there, mm or rad.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,12 +28,22 @@ pub enum PositionFlaw {
     Jumped,
 }
 
+/// A position that was believed.
+#[derive(Clone, Copy, Debug)]
+struct Believed {
+    /// mm or rad.
+    position: f64,
+    /// When it held.
+    taken: Duration,
+    /// Where the axis can have been then, by what was believed before, too: from here to there beside the position.
+    truth: [f64; 2],
+}
+
 /// The last position of an axis that was believed. One that cannot be true is followed by none that is believed, however much
 /// time passes, until one is again where the axis could have come to when the first of them was told.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PositionCheck {
-    /// mm or rad, and when it held.
-    believed: Option<(f64, Duration)>,
+    believed: Option<Believed>,
     /// When the first position held that was not believed since.
     refused: Option<Duration>,
 }
@@ -50,19 +60,27 @@ impl PositionCheck {
         taken: Duration,
     ) -> Result<(), PositionFlaw> {
         let outside = |[low, high]: [f64; 2]| position < low || position > high;
-        let flaw = if limits.range.is_some_and(outside) {
-            Some(PositionFlaw::OutsideTravel)
-        } else if self.is_out_of_reach(limits, position, taken) {
-            Some(PositionFlaw::Jumped)
+        let found = if limits.range.is_some_and(outside) {
+            Err(PositionFlaw::OutsideTravel)
         } else {
-            None
+            self.truth(limits, position, taken)
+                .ok_or(PositionFlaw::Jumped)
         };
-        if let Some(flaw) = flaw {
-            self.refused.get_or_insert(taken);
-            return Err(flaw);
+        match found {
+            Ok(truth) => {
+                self.believed = Some(Believed {
+                    position,
+                    taken,
+                    truth,
+                });
+                self.refused = None;
+                Ok(())
+            }
+            Err(flaw) => {
+                self.refused.get_or_insert(taken);
+                Err(flaw)
+            }
         }
-        (self.believed, self.refused) = (Some((position, taken)), None);
-        Ok(())
     }
 
     /// Takes the next position as it stands.
@@ -70,13 +88,20 @@ impl PositionCheck {
         *self = Self::default();
     }
 
-    fn is_out_of_reach(&self, limits: &PositionLimits, position: f64, taken: Duration) -> bool {
-        let Some((before, then)) = self.believed else {
-            return false;
+    /// Where the axis can be when it is told to stand at a position, beside it; `None`: nowhere. All readings since the first that
+    /// was believed count: a jump that is spread over many of them is one.
+    fn truth(&self, limits: &PositionLimits, position: f64, taken: Duration) -> Option<[f64; 2]> {
+        let unsure = limits.speed * UNSURE_S;
+        let Some(before) = self.believed else {
+            return Some([-unsure, unsure]);
         };
         // Of two sources one may tell what is older.
-        let passed = self.refused.unwrap_or(taken).abs_diff(then) + UNSURE;
-        let way = shortest_way(position - before, limits.turn).abs();
-        way > limits.speed * passed.as_secs_f64()
+        let passed = self.refused.unwrap_or(taken).abs_diff(before.taken);
+        let goes = limits.speed * passed.as_secs_f64();
+        let way = shortest_way(position - before.position, limits.turn);
+        let [low, high] = before.truth;
+        let low = (low - goes - way).max(-unsure);
+        let high = (high + goes - way).min(unsure);
+        (low <= high).then_some([low, high])
     }
 }

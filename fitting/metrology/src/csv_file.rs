@@ -150,6 +150,10 @@ impl Columns {
                 wrong(found, expected)
             })?),
         };
+        if unit == Some(ReadingUnit::Inch) && target_unit.is_none() {
+            let found = "deviations in inches and targets without a unit".to_owned();
+            return Err(wrong(found, "`target inch`, `target mm` or `target deg`").into());
+        }
         let run_and_direction = match (column("run")?, column("direction")?) {
             (Some(run), Some(direction)) => Some((run, direction)),
             (None, None) => None,

@@ -29,6 +29,7 @@ use crate::{
     options::Options,
     plan::Plan,
     request::{ModelAsk, Reply},
+    simulate,
 };
 
 /// What a reload would take, how far that moves the correction, and the question that comes first.
@@ -409,19 +410,17 @@ pub(super) fn plan_with(
 /// Whether everything that stays as it is while the gateway runs is as it was.
 fn can_change(old: &Config, config: &Config) -> Result<(), ReloadError> {
     let fixed = |config: &Config| {
-        let guard = config.guard.as_ref();
-        guard.map(|guard| {
-            let (step, rapid) = (guard.rotary_step, guard.rapid);
-            (
-                guard.hand_back,
-                guard.temperatures,
-                guard.fading,
-                step,
-                rapid,
-            )
-        })
+        // Without limits the cycle runs with those of the simulation.
+        let guard = config.guard.clone().unwrap_or_else(simulate::guard);
+        (
+            guard.hand_back,
+            guard.temperatures,
+            guard.fading,
+            guard.rotary_step,
+            guard.rapid,
+        )
     };
-    let guard = old.guard.is_none() || fixed(config) == fixed(old);
+    let guard = fixed(config) == fixed(old);
     let same = [
         (config.controllers == old.controllers, FixedKey::Controller),
         (

@@ -124,6 +124,25 @@ fn a_jump_is_not_believed_after_the_time_that_it_would_have_taken() {
     assert_eq!(check.judge(&LINEAR, 2000.0, ms(3_000_310.0)), OK);
 }
 
+/// A jump that a filter spreads over many readings: the 50 ms count once, and come back while the axis stands.
+#[test]
+fn a_row_of_small_jumps_goes_no_farther_than_one() {
+    let step = RAPID * 0.030;
+    told(
+        "each step has 10 ms of the 30 ms that it takes",
+        &LINEAR,
+        &[
+            (0.0, 0.0, OK),
+            (10.0, step, OK),
+            (20.0, 2.0 * step, OK),
+            (30.0, 3.0 * step, JUMP),
+            (40.0, 2.0 * step, OK),
+            (80.0, 2.0 * step, OK),
+            (90.0, 3.0 * step, OK),
+        ],
+    );
+}
+
 /// Between two places that are out of reach of each other, only the first is believed.
 #[test]
 fn a_position_that_alternates_is_believed_at_one_place() {

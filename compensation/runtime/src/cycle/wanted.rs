@@ -47,11 +47,10 @@ impl Cycle {
         (Some(wanted), notes)
     }
 
-    /// Why positions cannot be true. While no correction is armed, or axes are not referenced, the next one is taken as it stands.
+    /// Why positions cannot be true. While no correction is armed the next one is taken as it stands.
     fn judge(&mut self, place: &Place) -> Reasons {
         (self.report.outside_travel, self.report.jumped) = (0, 0);
-        let begins = !self.guard.state().is_armed()
-            || self.interlocks.reasons().contains(Reasons::NOT_REFERENCED);
+        let begins = !self.guard.state().is_armed();
         let axes = self.model.axes.len();
         for (index, check) in self.checks.iter_mut().enumerate().take(axes) {
             if place.known >> index & 1 == 1 {

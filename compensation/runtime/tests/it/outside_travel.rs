@@ -152,18 +152,24 @@ fn a_table_that_rolls_over_is_believed() {
     }
 }
 
-/// Referencing gives an axis another position.
+/// Referencing gives an axis another position: whoever is there arms anew. Flags that are only old look like "not referenced", too, and
+/// make no jump true.
 #[test]
-fn a_machine_that_was_not_referenced_begins_anew() {
-    let (mut rig, control, _) = compensating();
+fn a_position_after_referencing_is_believed_once_armed_anew() {
+    let (mut rig, control, armed) = compensating();
     control.set_unreferenced(true);
-    control.displace(-50.0);
-    assert_eq!(rig.run(10).jumped, 0);
-    control.set_unreferenced(false);
     control.displace(-300.0);
+    rig.run(10);
+    control.set_unreferenced(false);
     let report = rig.run(2000);
+    assert_eq!(report.state, State::Holding(Hold::Lost), "{report:?}");
+    assert_ne!(report.jumped, 0);
+    rig.step(Some(Request::Disarm));
+    rig.run(1000);
+    rig.step(Some(Request::Arm));
+    let report = rig.run(5000);
     assert_eq!(report.state, State::Compensating, "{report:?}");
-    assert_eq!(report.jumped, 0);
+    assert_eq!((report.jumped, armed.jumped), (0, 0));
 }
 
 /// So has a table with a turn of travel, or all but a thousandth of a degree of it.
