@@ -14,6 +14,8 @@ const MANY_TARGETS: usize = 1000;
 const MORE_THAN_SCATTER: f64 = 2.0;
 /// A target left out is predicted over twice the mean gap, and a smooth curve misses by the square of it: this share in a mean gap.
 const OF_LEFT_OUT: f64 = 0.25;
+/// What is missed in a gap counts from so many times what the readings repeat to.
+const MORE_THAN_REPEATS: f64 = 1.5;
 /// Where nothing tells what readings repeat to, this share of their height counts.
 const OF_HEIGHT: f64 = 0.1;
 
@@ -111,13 +113,13 @@ impl Between {
     }
 
     /// Whether the targets are too sparse for the error: targets left out one at a time are missed by more than twice what the readings repeat to
-    /// and what the curve leaves of them, and in the widest gap, as far as the curve is smooth, more than twice what they repeat to is missed. Of one run
-    /// nothing tells: a tenth of the height of the readings counts.
+    /// and what the curve leaves of them, and in the widest gap, as far as the curve is smooth, more than 1.5 times what they repeat to is missed. Where
+    /// nothing tells that, of one run, it is a tenth of the height of the readings in the gap.
     pub fn is_too_sparse(&self) -> bool {
+        let scatter = self.repeatability.unwrap_or_default().max(self.residual);
         let repeats = self.repeatability.unwrap_or(OF_HEIGHT * self.height);
         let in_gap = OF_LEFT_OUT * self.widest_gap.powi(2) * self.leave_one_out;
-        self.leave_one_out > MORE_THAN_SCATTER * repeats.max(self.residual)
-            && in_gap > MORE_THAN_SCATTER * repeats
+        self.leave_one_out > MORE_THAN_SCATTER * scatter && in_gap > MORE_THAN_REPEATS * repeats
     }
 
     /// What a person should read of it; `unit` is that of the readings, `along` that of the targets.

@@ -223,6 +223,13 @@ fn unit(text: &str, name: &str) -> Result<Option<ReadingUnit>, MetrologyError> {
             };
             match (unit, found) {
                 (None, _) => {}
+                (Some(ReadingUnit::Inch), _) => {
+                    return Err(MetrologyError::Structure(place.finding(
+                        "unit",
+                        "inches".to_owned(),
+                        "a report in micrometres or millimetres: one in inches does not say whether its targets are inches, too",
+                    )));
+                }
                 (Some(unit), Some(before)) if unit != before => {
                     return Err(MetrologyError::Structure(place.finding(
                         "unit",

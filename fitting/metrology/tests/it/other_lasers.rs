@@ -230,6 +230,7 @@ fn reports_hold_statistics_whose_columns_prove_themselves() {
         ),
         ("   0.5   0.6   +1.000", "   +1.000", "7 numbers"),
         ("(microns)", "(microns) mean (mm)", "unit: found mm and µm"),
+        ("(microns)", "(in)", "unit: found inches"),
         ("2     0.000", "2  -254.000", "each target once"),
         ("Dead", "Live", "kind of file"),
         ("+1.500\r\n", "+1.500\r\n 3  254", "the file may be cut off"),
