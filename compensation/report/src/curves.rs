@@ -84,14 +84,14 @@ fn of_error(
             .map(|(at, mean)| (*at, mean - value(*at)))
             .collect();
         branch.fit = Some(numbers(fit));
-        branch.band = fit.band().map(|found| about(&value, found));
+        branch.band = fit.band().map(|found| about(&value, &found));
     }
     curve.lines = lines.iter().map(|line| of_line(file, line)).collect();
     Some(curve)
 }
 
 /// A band about a curve, without the places between which it is straight anyway.
-fn about(value: impl Fn(f64) -> f64, found: volcomp_fit::Band) -> Band {
+fn about(value: impl Fn(f64) -> f64, found: &volcomp_fit::Band) -> Band {
     let mut band = Band {
         x: Vec::new(),
         low: Vec::new(),

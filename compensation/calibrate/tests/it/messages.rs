@@ -538,6 +538,8 @@ fn a_target_that_lacks_a_direction_is_refused() {
     run().expect("one direction");
 }
 
+type Truth = fn(f64) -> f64;
+
 /// Five runs of a wave shorter than two gaps between targets, and of a clustered line with a stated polynomial: a warning names file and axis. What the
 /// targets show well is not warned of.
 #[test]
@@ -546,7 +548,6 @@ fn curves_that_readings_do_not_bear_out_between_targets_are_told() {
     let clustered = [
         0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 90.0, 92.0, 94.0, 96.0, 98.0, 100.0,
     ];
-    type Truth = fn(f64) -> f64;
     let cases: [(&[f64], &str, Truth, Option<&str>); 4] = [
         (
             &even,
