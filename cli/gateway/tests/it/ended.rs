@@ -16,6 +16,7 @@ fn failed(config: PathBuf, slot: &Arc<Slot>, turn: Turn<'_>) -> Failure {
     let machine = Machine {
         options: Options {
             config: Some(config),
+            listen: Some(([127, 0, 0, 1], 0).into()),
             ..Options::default()
         },
         proven_within: Duration::from_secs(4),
@@ -31,7 +32,8 @@ fn failed(config: PathBuf, slot: &Arc<Slot>, turn: Turn<'_>) -> Failure {
 #[test]
 fn a_machine_without_its_control_thread_has_failed() {
     let dir = tempfile::tempdir().expect("writable");
-    let config = configuration(dir.path(), &control(), "");
+    let control = control();
+    let config = configuration(dir.path(), &control, "");
     let mut turns = 0;
     let mut turn = |service: &mut Service| {
         service.turn();
