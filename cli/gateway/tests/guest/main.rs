@@ -24,7 +24,7 @@ fn configuration(dir: &Path, controller: &str) -> PathBuf {
     fs::write(dir.join("machine.toml"), MACHINE).unwrap();
     token_file(dir);
     let text = format!(
-        "machine = \"machine.toml\"\ncycle_ms = 20.0\nauto_arm = true\n[guard]\nlimit_um = 100.0\nslew_um_per_s = 200.0\nhold_ms = 200\nzero_after_ms = 2000\n[[controller]]\n{controller}\n[dashboard]\ntoken_file = \"tokens\"\n"
+        "machine = \"machine.toml\"\ncycle_ms = 20.0\nauto_arm = true\n[guard]\nrapid_m_per_min = 10000\nlimit_um = 100.0\nslew_um_per_s = 200.0\nhold_ms = 200\nzero_after_ms = 2000\n[[controller]]\n{controller}\n[dashboard]\ntoken_file = \"tokens\"\n"
     );
     let file = dir.join("G.toml");
     fs::write(&file, text).unwrap();
