@@ -214,6 +214,7 @@ impl Branches {
                 *residual *= factor;
             }
             fit.leave_one_out_rms *= factor.abs();
+            fit.inner_rms *= factor.abs();
         }
         scaled.factor *= factor;
         if let Some(noise) = &mut scaled.noise {

@@ -5,35 +5,37 @@ use volcomp_curve::Curve;
 use crate::readings::{self, Target};
 use crate::{Fit, Noise};
 
-/// Between targets a curve may leave the band of the mean readings by this share of the band's height, to each side.
-const BAND_LEFT_BY: f64 = 0.25;
-/// With more targets than this the curve is looked at once between two of them, else three times.
-const MANY_TARGETS: usize = 1000;
+/// Between targets a curve may leave the band of the mean readings, or a straight line, by this share of the band's height.
+const LEFT_BY: f64 = 0.25;
+/// Each gap is looked at in so many pieces where a curve is chosen, and so many where it is judged; with many targets in fewer.
+const PIECES: usize = 4;
+const FINE_PIECES: usize = 64;
+const MOST_PIECES: usize = 4000;
 /// Targets that are left out are missed by more than so many times what the readings repeat to, and what the curve leaves of them, where the curve
 /// misses more than scatter.
 const MORE_THAN_SCATTER: f64 = 2.0;
-/// A target left out is predicted over twice the mean gap, and a smooth curve misses by the square of it: this share in a mean gap.
-const OF_LEFT_OUT: f64 = 0.25;
-/// What is missed in a gap counts from so many times what the readings repeat to.
-const MORE_THAN_REPEATS: f64 = 1.5;
+/// A target left out is predicted over two gaps, and is missed by four times what a smooth curve misses within one: of so many times what the readings
+/// repeat to, nearly twice is left.
+const MORE_THAN_REPEATS: f64 = 7.0;
 /// Where nothing tells what readings repeat to, this share of their height counts.
 const OF_HEIGHT: f64 = 0.1;
+/// Of what is in a gap of more than so many mean gaps the targets that are left out tell nothing: what is missed of them need be no more than scatter.
+const WIDE_GAP: f64 = 5.0;
 
-/// Where a curve is looked at between two targets, as shares of the gap.
+/// Where a spline is held between two targets, as shares of the gap.
 pub(crate) const PARTS_OF_GAP: [f64; 3] = [0.25, 0.5, 0.75];
 
-/// The band of mean readings that a curve may not leave between targets.
+/// The band of mean readings that a curve that is chosen, or a spline in a wide gap, may not leave between targets.
 pub(crate) fn band_of(means: &[f64]) -> [f64; 2] {
     let low = means.iter().copied().fold(f64::INFINITY, f64::min);
     let high = means.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let more = BAND_LEFT_BY * (high - low) + 1e-9 * low.abs().max(high.abs());
+    let more = LEFT_BY * (high - low) + 1e-9 * low.abs().max(high.abs());
     [low - more, high + more]
 }
 
 /// The targets and the band of their mean readings.
 pub(crate) struct Band {
     targets: Vec<f64>,
-    parts: &'static [f64],
     low: f64,
     high: f64,
 }
@@ -44,25 +46,47 @@ impl Band {
         let [low, high] = band_of(&means);
         Self {
             targets: targets.iter().map(|t| t.x).collect(),
-            parts: if targets.len() > MANY_TARGETS {
-                &[0.5]
-            } else {
-                &PARTS_OF_GAP
-            },
             low,
             high,
         }
     }
 
-    /// The neighbours between which a curve leaves the band furthest; `None` where it stays inside.
-    pub(crate) fn left(&self, curve: &Curve) -> Option<[f64; 2]> {
+    /// Whether a curve stays in the band between targets.
+    pub(crate) fn holds(&self, curve: &Curve) -> bool {
+        let beyond = |value: f64, _| (self.low - value).max(value - self.high);
+        self.furthest(curve, PIECES, beyond).is_none()
+    }
+
+    /// The neighbours between which a curve leaves the straight line through its own values at them furthest; `None` where it is nowhere left by more
+    /// than it may be. A wave of four gaps leaves it by a fifth of the height of the readings, one of three by a third.
+    fn swings(&self, curve: &Curve, scatter: f64) -> Option<[f64; 2]> {
+        let most = (LEFT_BY * self.height()).max(MORE_THAN_REPEATS * scatter);
+        self.furthest(curve, FINE_PIECES, |value, straight| {
+            (value - straight).abs() - most
+        })
+    }
+
+    fn height(&self) -> f64 {
+        (self.high - self.low) / (1.0 + 2.0 * LEFT_BY)
+    }
+
+    /// The neighbours between which the value of a curve is furthest beyond what is allowed, from it and that of a straight line between its values at both.
+    fn furthest(
+        &self,
+        curve: &Curve,
+        pieces: usize,
+        beyond: impl Fn(f64, f64) -> f64,
+    ) -> Option<[f64; 2]> {
+        let pieces = (MOST_PIECES / self.targets.len().max(1)).clamp(2, pieces);
+        let at = |&x: &f64| curve.value(x);
+        let values: Vec<f64> = self.targets.iter().map(at).collect();
         let mut furthest = None;
         let mut most = 0.0;
-        for gap in self.targets.windows(2) {
-            for part in self.parts {
+        for (gap, ends) in self.targets.windows(2).zip(values.windows(2)) {
+            for part in (1..pieces).map(|piece| piece as f64 / pieces as f64) {
                 let value = curve.value(gap[0] + part * (gap[1] - gap[0]));
-                let by = (self.low - value).max(value - self.high);
-                // A value that is no number leaves it, too.
+                let by = beyond(value, ends[0] + part * (ends[1] - ends[0]));
+                // A value that is no number is beyond anything.
                 if by.is_nan() || by > most {
                     most = by;
                     furthest = Some([gap[0], gap[1]]);
@@ -76,7 +100,7 @@ impl Band {
 /// What of a curve between its targets the readings do not bear out, in the unit of the readings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Between {
-    /// What the curve misses of targets that are left out (root mean square); infinite where it cannot predict one.
+    /// What the curve misses of inner targets that are left out (root mean square); infinite where it cannot predict one.
     pub leave_one_out: f64,
     /// What the curve leaves of the readings (root mean square).
     pub residual: f64,
@@ -86,8 +110,8 @@ pub struct Between {
     pub height: f64,
     /// The widest gap between neighbouring targets over the mean one; 0 of fewer than three targets, of which none can be left out.
     pub widest_gap: f64,
-    /// The neighbouring targets between which the curve leaves the band of the mean readings by more than a quarter of its height,
-    /// the furthest. [`choose`](crate::choose) puts such a curve aside; a kind that is stated is warned of.
+    /// The neighbouring targets between which the curve leaves the straight line between its values there by more than a quarter of the height of
+    /// the readings, the furthest.
     pub swings: Option<[f64; 2]>,
 }
 
@@ -98,28 +122,31 @@ impl Between {
         let of_targets = Band::of(&targets);
         let gaps = of_targets.targets.windows(2).map(|gap| gap[1] - gap[0]);
         let mean = gaps.clone().sum::<f64>() / targets.len().saturating_sub(1) as f64;
+        let (residual, repeatability) = (fit.rms(), noise.map(|noise| noise.deviation));
         Self {
-            leave_one_out: fit.leave_one_out_rms,
-            residual: fit.rms(),
-            repeatability: noise.map(|noise| noise.deviation),
-            height: (of_targets.high - of_targets.low) / (1.0 + 2.0 * BAND_LEFT_BY),
+            leave_one_out: fit.inner_rms,
+            residual,
+            repeatability,
+            height: of_targets.height(),
             widest_gap: if targets.len() > 2 {
                 gaps.fold(0.0, f64::max) / mean
             } else {
                 0.0
             },
-            swings: of_targets.left(&fit.curve),
+            swings: of_targets.swings(&fit.curve, repeatability.unwrap_or_default().max(residual)),
         }
     }
 
-    /// Whether the targets are too sparse for the error: targets left out one at a time are missed by more than twice what the readings repeat to
-    /// and what the curve leaves of them, and in the widest gap, as far as the curve is smooth, more than 1.5 times what they repeat to is missed. Where
-    /// nothing tells that, of one run, it is a tenth of the height of the readings in the gap.
+    /// Whether the targets are too sparse for the error: inner targets left out one at a time are missed by more than twice what the readings repeat to
+    /// and what the curve leaves of them, and by more than seven times what they repeat to, or the widest gap is of more than five mean gaps. Where nothing tells
+    /// what readings repeat to, of one run, it is a tenth of their height in the second rule, and nothing in the first.
     pub fn is_too_sparse(&self) -> bool {
         let scatter = self.repeatability.unwrap_or_default().max(self.residual);
         let repeats = self.repeatability.unwrap_or(OF_HEIGHT * self.height);
-        let in_gap = OF_LEFT_OUT * self.widest_gap.powi(2) * self.leave_one_out;
-        self.leave_one_out > MORE_THAN_SCATTER * scatter && in_gap > MORE_THAN_REPEATS * repeats
+        let judged = self.widest_gap > 0.0;
+        judged
+            && self.leave_one_out > MORE_THAN_SCATTER * scatter
+            && (self.leave_one_out > MORE_THAN_REPEATS * repeats || self.widest_gap > WIDE_GAP)
     }
 
     /// What a person should read of it; `unit` is that of the readings, `along` that of the targets.
@@ -140,7 +167,7 @@ impl Between {
         });
         let swings = self.swings.map(|[from, to]| {
             format!(
-                "between the targets {from} and {to} {along} the curve leaves the band of the readings by more than a quarter of its height, which no reading bears out. Measure between them, or let the kind of curve be chosen from the readings"
+                "between the targets {from} and {to} {along} the curve swings by more than a quarter of the height of the readings, which no reading bears out. Measure between them, or let the kind of curve be chosen from the readings"
             )
         });
         sparse.into_iter().chain(swings).collect()

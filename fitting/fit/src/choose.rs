@@ -127,7 +127,7 @@ pub fn choose_and_fit(
         let stays = match fits {
             Ok(mut fits) => {
                 let mut pairs = fits.iter().zip(&bands);
-                let holds = pairs.all(|(fit, band)| band.left(&fit.curve).is_none());
+                let holds = pairs.all(|(fit, band)| band.holds(&fit.curve));
                 // The last one left stays in any case.
                 if holds || left.len() == 1 {
                     for fit in &mut fits {

@@ -19,6 +19,9 @@ pub struct Fit {
     /// only. Infinite when a target cannot be predicted from the others.
     #[cfg_attr(feature = "serde", serde(with = "crate::serialised"))]
     pub leave_one_out_rms: f64,
+    /// The same of the inner targets alone: the curve is never asked beyond the first and the last, and not every kind can predict them.
+    #[cfg_attr(feature = "serde", serde(with = "crate::serialised"))]
+    pub inner_rms: f64,
     /// Whether the residual asked for is met; none where nothing was asked for.
     pub meets_required: Option<bool>,
 }
@@ -54,10 +57,14 @@ impl Fit {
             place.map_or_else(|_| curve.value(x), |place| known[place][1])
         };
         let residuals = x.iter().zip(u).map(|(&x, &u)| u - at(x));
+        let missed: Vec<(usize, f64)> = missed.collect();
+        let last = known.len().saturating_sub(1);
+        let inner = missed.iter().filter(|(place, _)| (1..last).contains(place));
         Self {
             residuals: residuals.collect(),
             curve,
-            leave_one_out_rms: over_readings(x, u, missed),
+            inner_rms: over_readings(x, u, inner.copied()),
+            leave_one_out_rms: over_readings(x, u, missed.iter().copied()),
             meets_required: None,
         }
     }

@@ -2,32 +2,45 @@
 
 use volcomp_fit::{Between, Method, fit_polynomial};
 
-use crate::gaps::{KINDS, NOISE, between, irregular, missed};
+use crate::gaps::{KINDS, NOISE, Warned, between, even, irregular, nearly_even};
 use crate::{noisy, targets};
 
-/// Of 500 sets and every kind, whatever misses the truth by more than 30 µm is warned of, whether the noise is known or not; of sets without an error
-/// hardly one is.
+/// Of every kind, whatever misses the truth by more than 30 µm is warned of, whether the noise is known or not; the sets are the first ones of
+/// `examples/gaps.rs`, which looks at 500, and those of it in which few kinds miss as much. Of what is right hardly anything is warned of.
 #[test]
-fn every_kind_that_is_wrong_in_a_gap_is_warned_of() {
-    for (name, fit) in KINDS {
-        for index in 0..500 {
-            let (x, u) = irregular(index);
-            // Moving least squares refuse a support that holds too few targets.
-            let Ok(fit) = fit(&x, &u) else { continue };
-            let (miss, found) = (missed(&fit), between(&fit, &x, &u));
-            let unknown = Between::of(&fit, &x, &u, None);
-            let is_warned = |of: Between| !of.warnings("µm", "mm").is_empty();
-            assert!(
-                miss < 30.0 || is_warned(found) && is_warned(unknown),
-                "{name} {index}: {miss} {found:?}"
-            );
+fn every_kind_that_is_wrong_in_a_gap_is_warned_of_and_few_others_are() {
+    let sets = || (0..40).chain([131, 161, 198, 248, 413]);
+    for kind in KINDS {
+        let (name, _) = kind;
+        let found = Warned::of(kind, irregular, sets());
+        assert!(found.silent.is_empty(), "{name} {found:?}");
+        // A smoothing B-spline misses nothing by as much.
+        assert!(found.gross > 0 || name == "B-spline", "{name} {found:?}");
+        if ["B-spline", "auto"].contains(&name) {
+            assert!(10 * found.cried <= found.harmless, "{name} {found:?}");
+        }
+        for make in [even, nearly_even] {
+            let found = Warned::of(kind, make, 0..40);
+            assert!(found.silent.is_empty(), "{name} {found:?}");
+            // A series of twelve orders through 21 targets leaves hardly any out.
+            if !name.starts_with("Chebyshev") {
+                assert!(20 * found.cried <= found.harmless, "{name} {found:?}");
+            }
         }
     }
-    let warned = (0..500).filter(|index| {
+}
+
+/// Of sets without an error hardly one is warned of.
+#[test]
+fn scatter_alone_is_not_warned_of() {
+    let warned = (0..100).filter(|index| {
         let (x, _) = irregular(*index);
         let u = noisy(&x, NOISE, *index, |_| 0.0);
-        let fit = KINDS[6].1(&x, &u).expect("a curve");
-        between(&fit, &x, &u).is_too_sparse()
+        KINDS.iter().any(|(name, fit)| {
+            let is_stiff = !name.starts_with("Chebyshev") && *name != "moving least squares";
+            let warnings = fit(&x, &u).map(|fit| between(&fit, &x, &u).warnings("µm", "mm"));
+            is_stiff && warnings.is_ok_and(|warnings| !warnings.is_empty())
+        })
     });
     assert!(warned.count() <= 5);
 }

@@ -9,6 +9,10 @@ use volcomp_fit::{
 
 /// Standard deviation of a reading, µm.
 pub(crate) const NOISE: f64 = 0.45;
+/// Whoever misses the truth by more is grossly wrong, µm.
+const GROSS: f64 = 30.0;
+/// Who misses it by less is not: three times what a smoothing B-spline misses with 21 even targets.
+const HARMLESS: f64 = 3.0;
 const RANGE: f64 = 8000.0;
 
 /// A kind of curve, by its name.
@@ -63,6 +67,14 @@ pub(crate) fn nearly_even(index: u64) -> (Vec<f64>, Vec<f64>) {
     (x, u)
 }
 
+/// 21 even targets.
+pub(crate) fn even(index: u64) -> (Vec<f64>, Vec<f64>) {
+    let mut random = ChaCha8Rng::seed_from_u64(index);
+    let x: Vec<f64> = (0..21).map(|k| RANGE * f64::from(k) / 20.0).collect();
+    let u = read(&x, &mut random);
+    (x, u)
+}
+
 fn read(x: &[f64], random: &mut ChaCha8Rng) -> Vec<f64> {
     let mut normal = || (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
     x.iter().map(|&x| truth(x) + NOISE * normal()).collect()
@@ -83,4 +95,47 @@ pub(crate) fn between(fit: &Fit, x: &[f64], u: &[f64]) -> Between {
         freedom: f64::INFINITY,
     };
     Between::of(fit, x, u, Some(noise))
+}
+
+/// How curves that are grossly wrong, and those that are not wrong at all, are warned of.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Warned {
+    /// The largest miss of each set, in the order of the sets.
+    pub(crate) misses: Vec<f64>,
+    pub(crate) gross: u32,
+    /// Sets that are grossly wrong without a warning, be the noise known or not.
+    pub(crate) silent: Vec<u64>,
+    pub(crate) harmless: u32,
+    /// Harmless sets with a warning, the noise being known.
+    pub(crate) cried: u32,
+}
+
+impl Warned {
+    /// Of a kind of curve over numbered sets; of moving least squares those are missing whose support holds too few targets.
+    pub(crate) fn of(
+        (_, fit): Kind,
+        make: fn(u64) -> (Vec<f64>, Vec<f64>),
+        sets: impl Iterator<Item = u64>,
+    ) -> Self {
+        let mut all = Self::default();
+        for index in sets {
+            let (x, u) = make(index);
+            let Ok(fit) = fit(&x, &u) else { continue };
+            let miss = missed(&fit);
+            let is_warned = |of: Between| !of.warnings("µm", "mm").is_empty();
+            let known = is_warned(between(&fit, &x, &u));
+            if miss > GROSS {
+                all.gross += 1;
+                if !known || !is_warned(Between::of(&fit, &x, &u, None)) {
+                    all.silent.push(index);
+                }
+            }
+            if miss <= HARMLESS {
+                all.harmless += 1;
+                all.cried += u32::from(known);
+            }
+            all.misses.push(miss);
+        }
+        all
+    }
 }
