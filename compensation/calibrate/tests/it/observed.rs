@@ -216,7 +216,14 @@ fn uncertainties_are_those_of_repeats(path: &Path) {
     let found = calibrate(&file, |_, _| {}).expect("found");
     let found = found.identified.expect("unknowns").found;
     let repeat = |trial| calibrated_machine(&file.varied(3, trial)).expect("found");
-    let repeated: Vec<Machine> = (0..REPEATS).map(repeat).collect();
+    // Half of them on another processor.
+    let (half, others) = (0..REPEATS / 2, REPEATS / 2..REPEATS);
+    let repeated: Vec<Machine> = std::thread::scope(|scope| {
+        let others = scope.spawn(|| others.map(repeat).collect::<Vec<_>>());
+        let half: Vec<_> = half.map(repeat).collect();
+        let others = others.join().expect("no panic");
+        half.into_iter().chain(others).collect()
+    });
     for parameter in found.parameters.iter().filter(|p| p.error.is_some()) {
         let error = parameter.error.expect("an error");
         let values = || repeated.iter().map(|of| of.locations()[&error]);

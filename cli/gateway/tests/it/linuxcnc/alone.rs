@@ -1,21 +1,28 @@
-//! Whether a test of LinuxCNC goes on here, and how it has the computer's LinuxCNC for itself.
+//! Whether a test of LinuxCNC goes on here, and how it has a LinuxCNC for itself.
 
 use std::{
+    os::unix::fs::PermissionsExt as _,
     path::Path,
     process::Command,
-    sync::{Mutex, PoisonError},
+    sync::{Mutex, OnceLock, PoisonError},
 };
 
 use tempfile::TempDir;
 use volcomp_test_support::{peers, root};
 
+use super::peer::HERE;
+
 /// The folder of LinuxCNC's components.
 const MODULES: &str = "/usr/lib/linuxcnc/modules";
 
-/// In the environment of such a test: a folder with the components of LinuxCNC and the bridge.
+/// What starts it, and the file with which it says that one runs.
+const LINUXCNC: &str = "/usr/bin/linuxcnc";
+const RUNS: &str = "LOCKFILE=/tmp/linuxcnc.lock\n";
+
+/// In the environment of such a test: a folder with the components of LinuxCNC and the bridge, and with what starts it.
 const WITH_BRIDGE: &str = "VOLCOMP_MODULES";
 
-/// Declares tests that run with the computer's only LinuxCNC.
+/// Declares tests that run with a LinuxCNC of their own.
 macro_rules! alone {
     ($module:ident: $($name:ident),* $(,)?) => {
         mod on_linuxcnc {
@@ -34,7 +41,7 @@ pub(crate) use alone;
 /// Whether a LinuxCNC with the bridge can be started here.
 fn can_start() -> bool {
     for (file, package) in [
-        ("/usr/bin/linuxcnc", "linuxcnc-uspace"),
+        (LINUXCNC, "linuxcnc-uspace"),
         ("/usr/bin/halcompile", "linuxcnc-uspace-dev"),
     ] {
         if !Path::new(file).exists() {
@@ -49,9 +56,11 @@ fn can_start() -> bool {
     is_root
 }
 
-/// The components of LinuxCNC and the bridge, built once for all tests of this run, and a lock: one LinuxCNC at a time, since its
-/// servo thread needs the real time that this computer has.
-static MODULES_WITH_BRIDGE: Mutex<Option<TempDir>> = Mutex::new(None);
+/// What is in [`WITH_BRIDGE`], built once for all tests of this run.
+static WITH_BRIDGE_BUILT: OnceLock<TempDir> = OnceLock::new();
+
+/// One LinuxCNC in each place: its servo thread needs the real time that this computer has.
+static PLACES: [Mutex<()>; 2] = [const { Mutex::new(()) }; 2];
 
 fn run(command: &mut Command) {
     let output = command.output().expect("a program of the system");
@@ -68,30 +77,36 @@ fn build() -> TempDir {
     run(Command::new("halcompile")
         .args(["--compile", "volcomp.comp"])
         .current_dir(&modules));
+    let script = std::fs::read_to_string(LINUXCNC).expect("a script");
+    assert!(script.contains(RUNS), "another file says that it runs");
+    let own = script.replace(RUNS, &format!("LOCKFILE=\"${HERE}/lock\"\n"));
+    let file = dir.path().join("linuxcnc");
+    std::fs::write(&file, own).expect("writable");
+    let runs = std::fs::Permissions::from_mode(0o755);
+    std::fs::set_permissions(&file, runs).expect("ours");
     dir
 }
 
-/// Whether the test of this name goes on. Two LinuxCNC on one computer share their memory, and the one that ends first kills
-/// the programs of the other, which it knows by their names: so a test is started once more in namespaces of its own, which end
-/// with it, and its result is that of the test here.
+/// Whether the test of this name goes on. Two LinuxCNC on one computer share their memory and a file that says that one runs, and
+/// the one that ends first kills the programs of the other, which it knows by their names: so a test is started once more in
+/// namespaces of its own, which end with it, and its result is that of the test here.
 pub(crate) fn goes_on(name: &str) -> bool {
-    if let Some(modules) = std::env::var_os(WITH_BRIDGE) {
-        run(Command::new("mount")
-            .arg("--bind")
-            .arg(modules)
-            .arg(MODULES));
+    if let Some(folder) = std::env::var_os(WITH_BRIDGE) {
+        for (own, of_all) in [("modules", MODULES), ("linuxcnc", LINUXCNC)] {
+            let own = Path::new(&folder).join(own);
+            run(Command::new("mount").arg("--bind").arg(own).arg(of_all));
+        }
         return true;
     }
     if !can_start() {
         return false;
     }
+    let free = PLACES.iter().find_map(|place| place.try_lock().ok());
     // A test that failed has released it.
-    let mut built = MODULES_WITH_BRIDGE
-        .lock()
-        .unwrap_or_else(PoisonError::into_inner);
-    let modules = built.get_or_insert_with(build).path().join("modules");
+    let _place = free.unwrap_or_else(|| PLACES[0].lock().unwrap_or_else(PoisonError::into_inner));
+    let folder = WITH_BRIDGE_BUILT.get_or_init(build).path();
     for tried in 1.. {
-        let (succeeds, told) = inside(name, &modules);
+        let (succeeds, told) = inside(name, folder);
         if succeeds {
             break;
         }
@@ -110,7 +125,7 @@ const TRIES: usize = 3;
 const STANDS: &str = "LinuxCNC stands:";
 
 /// Runs the test of this name in namespaces of its own: whether it succeeds, and what it told.
-fn inside(name: &str, modules: &Path) -> (bool, String) {
+fn inside(name: &str, folder: &Path) -> (bool, String) {
     let inside = std::env::current_exe().expect("this program");
     let output = Command::new("unshare")
         .args(["--ipc", "--net", "--pid", "--fork", "--kill-child"])
@@ -119,7 +134,7 @@ fn inside(name: &str, modules: &Path) -> (bool, String) {
         .arg("sh")
         .arg(inside)
         .args(["--exact", &format!("linuxcnc::{name}"), "--nocapture"])
-        .env(WITH_BRIDGE, modules)
+        .env(WITH_BRIDGE, folder)
         .output()
         .expect("unshare of util-linux");
     let told = String::from_utf8_lossy(&output.stdout).into_owned();

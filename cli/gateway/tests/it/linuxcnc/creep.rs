@@ -46,20 +46,20 @@ fn the_side_of_a_reversal_changes_once_and_only_after_its_way() {
     control.mdi("X50");
     control.wait("axis.x.eoffset", |has| (has + SIDE).abs() < 3e-6);
 
-    // 0.1 mm/min are 1.7 nm a cycle. A reversal counts after 5 um from where the axis was last: 50.003, and then 49.996.
+    // 0.2 mm/min are 3.3 nm a cycle. A reversal counts after 5 um from where the axis was last: 50.003, and then 49.996.
     let cycles = control.record(|control| {
         for line in [
-            "G1 F0.1 X50.003",
-            "G4 P1",
+            "G1 F0.2 X50.003",
+            "G4 P0.5",
             "X49.999",
-            "G4 P1",
+            "G4 P0.5",
             "X50.002",
             "X49.996",
-            "G4 P1",
+            "G4 P0.5",
             "X50",
             "X49.998",
             "X50.003",
-            "G4 P1",
+            "G4 P0.5",
         ] {
             control.mdi(line);
         }

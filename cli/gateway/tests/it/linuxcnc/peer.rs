@@ -24,7 +24,7 @@ const UID: u32 = 65_533;
 const ANSWERS_WITHIN: Duration = Duration::from_secs(300);
 
 /// What tells the processes of a test from those of another one.
-const HERE: &str = "VOLCOMP_HERE";
+pub(super) const HERE: &str = "VOLCOMP_HERE";
 
 pub(crate) struct LinuxCnc {
     pub(crate) dir: PathBuf,
@@ -92,6 +92,8 @@ impl LinuxCnc {
             .env("VOLCOMP_UI", &socket)
             .env(HERE, dir)
             .env("RTAPI_FIFO_PATH", dir.join("fifo"))
+            // Its parts share the tool table by a file there.
+            .env("HOME", dir)
             .stdin(Stdio::null())
             .stdout(log.try_clone().expect("a file"))
             .stderr(log)

@@ -54,7 +54,7 @@ fn truth([x, y, z]: [f64; 3], forward: f64) -> [f64; 3] {
 
 /// The part: through the volume, in both directions of X.
 const PART: [&str; 6] = [
-    "G1 F6000 X180 Y60 Z-40",
+    "G1 F11000 X180 Y60 Z-40",
     "G1 X60 Y140 Z-150",
     "G17 G2 X100 Y180 I40 J0",
     "G1 X220 Y90 Z-90",

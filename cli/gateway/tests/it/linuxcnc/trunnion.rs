@@ -97,14 +97,14 @@ fn what_the_linear_axes_do_is_the_correction_for_the_table() {
     // What changes on each axis is larger by far than what is asserted.
     let way = [
         [180.0, 120.0, -150.0, 0.0, 0.0],
-        [230.0, 165.0, -185.0, -30.0, 40.0],
+        [200.0, 135.0, -165.0, -30.0, 40.0],
     ];
     let [from, to] = way.map(|at| oracle([at[0], at[1], at[2]], [at[3], at[4]]));
     for axis in 0..3 {
         assert!((to[axis] - from[axis]).abs() > 5e-4, "{from:?} {to:?}");
     }
     let wanted = |at: &super::Cycle| oracle(at.nominal, at.rotary);
-    let cycles = control.record(|control| control.mdi("G1 F300 X230 Y165 Z-185 A-30 C40"));
+    let cycles = control.record(|control| control.mdi("G1 F200 X200 Y135 Z-165 A-30 C40"));
     corrected_by("five axes", &cycles, wanted);
     let turned = cycles.last().expect("some").rotary;
     assert!(
@@ -115,7 +115,7 @@ fn what_the_linear_axes_do_is_the_correction_for_the_table() {
     wait_corrected(&mut control, &program);
 
     // The table alone, both axes through zero: nothing but the correction moves the linear axes.
-    let cycles = control.record(|control| control.mdi("G1 F300 A20 C-10"));
+    let cycles = control.record(|control| control.mdi("G1 F300 A5 C-5"));
     corrected_by("the table alone", &cycles, wanted);
     no_jump(&cycles, MOST);
     let moved = |cycle: &super::Cycle| {

@@ -13,9 +13,9 @@ alone!(whole: what_the_motors_do_is_the_program_and_the_correction);
 
 const PROGRAM: &str = "G21 G90 G17 G64
 G1 F600 X40 Y20 Z-10
-G2 X60 Y40 I20 J0 F600
-G3 X40 Y20 I0 J-20
-G1 X60 Y60 Z-20
+G2 X50 Y30 I10 J0 F600
+G3 X40 Y20 I0 J-10
+G1 X50 Y40 Z-15
 M2
 ";
 
