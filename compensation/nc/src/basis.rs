@@ -217,7 +217,7 @@ impl Interpreter {
     }
 
     /// The work offset that holds, if it is not stated and zero was taken.
-    fn unstated_offset(&self) -> Option<String> {
+    pub(crate) fn unstated_offset(&self) -> Option<String> {
         let system = self.modal.system;
         let offset = self.rests.offsets.get(system)?;
         let number = u32::try_from(system).ok()? + 1;

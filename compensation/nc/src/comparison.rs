@@ -11,10 +11,11 @@ use crate::{
     deviation::{BEFORE_AND_AFTER, MaxAndSquares, Place, Sums},
     inspect::Collector,
     made::{Made, place_of, places, steps},
+    modal::SYSTEMS,
     motion::{Move, Path},
     turns::{SAME, Turns},
     vector::dot,
-    verify::{Verification, other_motions},
+    verify::{Verification, Virtual, other_motions},
     words::each,
 };
 
@@ -123,6 +124,12 @@ pub(crate) struct Comparison {
     of_part: f64,
     found: Verification,
     cut: Option<Collector>,
+    /// The correction of the result, and the work offsets that the set-up states.
+    corrector: Option<Corrector>,
+    stated: [bool; SYSTEMS],
+    /// How far a zero lies beside its work offset that was probed on the machine with its errors, with the original program and with the result, to
+    /// whose work offset the error there was added; mm in workpiece axes.
+    zeros: [Option<[[f64; 3]; 2]>; SYSTEMS],
     /// Of so many places one is kept.
     stride: u64,
     /// With the original and with the compensated program: all places, and those of the motion.
@@ -131,9 +138,12 @@ pub(crate) struct Comparison {
 }
 
 impl Comparison {
-    pub(crate) fn new(truth: Corrector, part: Option<&crate::Part>) -> Self {
+    pub(crate) fn new(truth: Corrector, of: &Virtual<'_>) -> Self {
         Self {
             truth,
+            corrector: of.part.map(|(_, corrector)| corrector.clone()),
+            stated: std::array::from_fn(|system| of.setup.offset(system).is_some()),
+            zeros: [None; SYSTEMS],
             before: Carriages::default(),
             after: Carriages::default(),
             turns: Turns::default(),
@@ -141,7 +151,7 @@ impl Comparison {
             at_part: 0,
             of_part: 0.0,
             found: Verification::default(),
-            cut: part.cloned().map(Collector::new),
+            cut: of.part.map(|(part, _)| Collector::new(part.clone())),
             stride: 1,
             sums: Default::default(),
             of_motion: Default::default(),
@@ -168,6 +178,7 @@ impl Comparison {
             self.truth.wraps(&original.motion.wraps);
             self.before.wraps(&original.motion.wraps);
             self.take_parts(original.line, results, shares)?;
+            self.take_zero(&original)?;
             self.motion(&original);
         }
         if results.recv().is_ok() {
@@ -205,6 +216,28 @@ impl Comparison {
         if let Some(part) = self.parts.first() {
             self.after.wraps(&part.made.motion.wraps);
         }
+        Ok(())
+    }
+
+    /// Probes the zero of the work offset of a motion, if it was not yet.
+    fn take_zero(&mut self, original: &Made) -> Result<(), NcError> {
+        let system = original.system;
+        let is_stated = self.stated.get(system).is_some_and(|stated| *stated);
+        if !is_stated || !original.known || self.zeros[system].is_some() {
+            return Ok(());
+        }
+        let Some(corrector) = &mut self.corrector else {
+            return Ok(());
+        };
+        corrector.take_tool(&original.tool)?;
+        let zero = original.frame.to_machine(&[0.0; 9]);
+        let delta = corrector.at(&zero).delta;
+        let corrected = each(|axis| zero[axis] + delta[axis]);
+        let tip = self.truth.ideal_tip_mm(&zero);
+        self.zeros[system] = Some([zero, corrected].map(|at| {
+            let actual = self.truth.actual_tip_mm(&at, &[0.0; 9]);
+            std::array::from_fn(|i| actual[i] - tip[i])
+        }));
         Ok(())
     }
 
@@ -349,14 +382,20 @@ impl Comparison {
             return;
         };
         let truth = &self.truth;
+        let zero = self.zeros.get(original.system).copied().flatten();
+        let [before, after] = zero.unwrap_or_default();
+        let from_zero = |at: [f64; 3], zero: [f64; 3]| std::array::from_fn(|i| at[i] - zero[i]);
         cut.take(
             original.line,
             matches!(path, Path::Hole { .. }),
             |above_mm| {
                 [
                     truth.ideal_on_tool_mm(wanted, above_mm),
-                    truth.on_tool_mm(wanted, &self.before.off, above_mm),
-                    truth.on_tool_mm(commanded, &self.after.off, above_mm),
+                    from_zero(truth.on_tool_mm(wanted, &self.before.off, above_mm), before),
+                    from_zero(
+                        truth.on_tool_mm(commanded, &self.after.off, above_mm),
+                        after,
+                    ),
                 ]
             },
         );

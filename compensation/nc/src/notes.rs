@@ -49,6 +49,8 @@ pub enum Note {
     NotTakenUp,
     /// Blocks that the operator may have skipped.
     MayBeSkipped,
+    /// How far the machine is off at the zero of a work offset, tenths of µm, in X, Y and Z.
+    OffAtZero(String, [i64; 3]),
 }
 
 impl fmt::Display for Note {
@@ -134,6 +136,13 @@ impl fmt::Display for Note {
                 f,
                 "with the radius of the tool compensated (G41, G42) the contour is corrected, not the path of the tool's centre"
             ),
+            Self::OffAtZero(offset, tenths_um) => {
+                let [x, y, z] = tenths_um.map(|tenths| tenths as f64 / 10.0);
+                write!(
+                    f,
+                    "at the zero of {offset} the machine is off by X {x:.1} Y {y:.1} Z {z:.1} µm: where that zero was probed without the correction, add this to {offset} at the control (not in the set-up), or the whole part lies beside it by as much"
+                )
+            }
         }
     }
 }

@@ -26,11 +26,12 @@ use crate::{
     line_ends::end_of_added,
     made::Made,
     meaning::Meaning,
+    modal::SYSTEMS,
     motion::{Move, Path},
     notes::Note,
     rounding::Strategy,
     script::Script,
-    setup::SetUp,
+    setup::{SetUp, name_of_offset},
     turns::Turns,
     values::Computed,
     words::Decimals,
@@ -70,6 +71,8 @@ pub(crate) struct Rewriter {
     /// The correction that the axes of the machine have, mm and deg.
     pub(crate) carried: Axes,
     pub(crate) settled: Settled,
+    /// At the zero of which work offsets it was noted how far the machine is off.
+    zeros_noted: [bool; SYSTEMS],
     /// Where axes turn on the motion that is being written.
     pub(crate) turns: Turns,
     /// By what the depth and the plane R of a cycle, which are kept from hole to hole, are other numbers than in the program, mm.
@@ -129,6 +132,7 @@ impl Rewriter {
             rounded_otherwise: 0,
             carried: [0.0; 9],
             settled: Settled::No,
+            zeros_noted: [false; SYSTEMS],
             turns: Turns::default(),
             carried_by_cycle: [0.0; 2],
             carried_at_initial: None,
@@ -364,7 +368,29 @@ impl Rewriter {
             }
         }
         self.notes_unstated(line.number);
+        self.notes_zero(line.number);
         Ok(())
+    }
+
+    /// Notes once how far the machine is off at the zero of the work offset that holds.
+    fn notes_zero(&mut self, line: usize) {
+        let system = self.interpreter.modal.system;
+        let is_noted = self.zeros_noted.get(system).is_none_or(|noted| *noted);
+        if is_noted || self.carried == [0.0; 9] || self.interpreter.unstated_offset().is_some() {
+            return;
+        }
+        self.zeros_noted[system] = true;
+        let zero = self.interpreter.frame.to_machine(&[0.0; 9]);
+        let delta = self.corrector.at(&zero).delta;
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "a correction is at most 2 mm"
+        )]
+        let tenths_um = [0, 1, 2].map(|axis| (-1e4 * delta[axis]).round() as i64);
+        if tenths_um != [0; 3] {
+            let note = Note::OffAtZero(name_of_offset(system), tenths_um);
+            self.interpreter.notes.add(note, line);
+        }
     }
 
     /// Notes axes that the machine lacks or that leave their travel.

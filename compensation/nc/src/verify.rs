@@ -73,8 +73,9 @@ pub struct Virtual<'a> {
     pub most_blocks: u64,
     /// The language of the programs.
     pub dialect: Dialect,
-    /// The part whose features are to be inspected.
-    pub part: Option<&'a Part>,
+    /// The part whose features are to be inspected, and the correction of the result: of each work offset that the set-up states, the zero
+    /// is probed on the machine without correction, and the error that this correction has there is added to it for the result.
+    pub part: Option<(&'a Part, &'a Corrector)>,
 }
 
 /// Runs a program and its result through a virtual machine. `shares` are those of
@@ -139,7 +140,7 @@ fn compare(
                 )
             }),
         ];
-        let compared = Comparison::new(truth, of.part).all(&originals, &results, shares);
+        let compared = Comparison::new(truth, &of).all(&originals, &results, shares);
         // A sender that goes on gets an error.
         drop((originals, results));
         for run in runs {

@@ -237,7 +237,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             arguments,
             model: (&machine, &temperatures),
             setup: &setup,
-            part: part.as_ref(),
+            part: part.as_ref().map(|part| (part, &corrector)),
         };
         Some(on.verified(&made, output.so_far()?, drawn.as_mut(), &mut notes)?)
     } else {

@@ -4,8 +4,8 @@ use std::{fs::File, io::BufReader, path::Path};
 
 use volcomp_model::{Machine, Temperatures};
 use volcomp_nc::{
-    Alignment, Decimals, Deviation, Note, Part, SetUp, Verification, Virtual, picture, verify,
-    verify_average,
+    Alignment, Corrector, Decimals, Deviation, Note, Part, SetUp, Verification, Virtual, picture,
+    verify, verify_average,
 };
 
 use super::{
@@ -25,7 +25,7 @@ pub(super) struct OnTruth<'a> {
     pub(super) arguments: &'a Arguments,
     pub(super) model: (&'a Machine, &'a Temperatures),
     pub(super) setup: &'a SetUp,
-    pub(super) part: Option<&'a Part>,
+    pub(super) part: Option<(&'a Part, &'a Corrector)>,
 }
 
 impl OnTruth<'_> {
@@ -56,7 +56,9 @@ impl OnTruth<'_> {
                 by_um: found.further.by_um,
                 line: (found.further.motions > 0).then_some(found.further.line),
             },
-            best_fit: self.part.map(|part| part.alignment == Alignment::BestFit),
+            best_fit: self
+                .part
+                .map(|(part, _)| part.alignment == Alignment::BestFit),
             features: (arguments.inspect.as_deref())
                 .map_or_else(Vec::new, |part| nc_part::document(&found.features, part)),
         })

@@ -34,7 +34,7 @@ tool = {{ tip = [0, 0, 0] }}
         setup: &setup,
         most_blocks: 10_000,
         dialect: volcomp_nc::Dialect::Rs274,
-        part: Some(&part),
+        part: Some((&part, &corrector)),
     };
     let found = verify(
         &mut program.as_bytes(),
