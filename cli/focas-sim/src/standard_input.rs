@@ -1,7 +1,7 @@
 //! Lines from standard input, without ever stopping a program that was put into the background.
 
 use std::{
-    io::{BufRead, BufReader, IsTerminal},
+    io::{BufRead, BufReader, IsTerminal, Read},
     time::Duration,
 };
 
@@ -9,6 +9,8 @@ use rustix::{process::getpgrp, termios::tcgetpgrp};
 
 /// How often a program in the background looks whether it is in the foreground again.
 const LOOK: Duration = Duration::from_millis(300);
+/// A longer line is taken as several.
+const LONGEST: u64 = 1 << 16;
 
 /// Calls `line` with every line until the input ends or it answers `false`.
 ///
@@ -27,7 +29,7 @@ pub(crate) fn lines(mut line: impl FnMut(&str) -> bool) {
             continue;
         }
         text.clear();
-        match reader.read_line(&mut text) {
+        match reader.by_ref().take(LONGEST).read_line(&mut text) {
             Ok(count) if count > 0 => {
                 if !text.trim().is_empty() && !line(&text) {
                     return;
