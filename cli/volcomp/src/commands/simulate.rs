@@ -13,7 +13,7 @@ use crate::{answers::simulate::Simulate, failure::Failure, output::OutputFile, p
 /// The virtual shop: makes measurement files of a truth machine and the files that read them
 ///
 /// Files of an earlier run are written over, others never: a file that is not as this command wrote it, or that it did not write,
-/// is refused, and nothing is written then. Which it wrote stands in simulated-files.txt in the folder.
+/// is refused, and nothing is written then. Which it wrote stands in simulated-files.sha256 in the folder.
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
     /// Shop file (TOML): truth machine, instrument, lines, observations

@@ -8,7 +8,7 @@ use super::write_file;
 use crate::failure::Failure;
 
 /// No file of a shop has this name: those of measurements and observations have other endings.
-const NAME: &str = "simulated-files.txt";
+const NAME: &str = "simulated-files.sha256";
 /// The first line tells that the list itself was not written by somebody else.
 const FIRST_LINE: &str = "# Written by volcomp simulate, which writes over these files while they are as listed here: SHA-256 and name";
 

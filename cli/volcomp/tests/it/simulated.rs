@@ -158,7 +158,7 @@ fn files_of_others_are_refused() {
         "machine.toml",
         "exx.rtl",
         "points.csv",
-        "simulated-files.txt",
+        "simulated-files.sha256",
     ] {
         fs::write(out.join(name), "structure = \"by hand\"\n").expect("written");
         refused(1, name);
@@ -174,13 +174,13 @@ fn files_of_others_are_refused() {
     fs::remove_file(out.join("points.csv")).expect("removed");
     assert_eq!(shop(3).status.code(), Some(0));
     // Without the list the files of this run itself are no loss, those of another are.
-    fs::remove_file(out.join("simulated-files.txt")).expect("removed");
+    fs::remove_file(out.join("simulated-files.sha256")).expect("removed");
     assert_eq!(shop(3).status.code(), Some(0));
-    fs::remove_file(out.join("simulated-files.txt")).expect("removed");
+    fs::remove_file(out.join("simulated-files.sha256")).expect("removed");
     refused(4, "exx.rtl");
     let help = run(folder, &["simulate", "--help"]);
     let help = String::from_utf8_lossy(&help.stdout).into_owned();
-    assert!(help.contains("simulated-files.txt"), "{help}");
+    assert!(help.contains("simulated-files.sha256"), "{help}");
 }
 
 /// The demo keeps its files by the same rule.
