@@ -13,7 +13,7 @@ pub fn check(path: &Path, online: bool, json: bool) -> Result<String, GatewayErr
     let found = if online {
         plan.online()?
     } else {
-        plan.document()
+        plan.document()?
     };
     if json {
         line(&found)

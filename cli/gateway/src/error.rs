@@ -36,6 +36,14 @@ pub enum GatewayError {
     /// The configuration cannot be read as text.
     #[error(transparent)]
     Unreadable(#[from] ReadError),
+    /// The machine file cannot be read as text.
+    #[error("{file}: machine: {source}")]
+    MachineFile {
+        /// The path of the configuration file.
+        file: String,
+        /// Why it cannot be.
+        source: ReadError,
+    },
     /// Controllers, machine and limits do not fit together.
     #[error("{file}: {}", by_keys(source))]
     Plan {
@@ -300,7 +308,7 @@ pub enum GatewayError {
     /// The machine did not start, or ended by a fault of the program.
     #[error("{what}")]
     Failed {
-        /// Which, and why.
+        /// Why.
         what: String,
         /// The exit status of the program.
         status: u8,
@@ -474,6 +482,7 @@ impl GatewayError {
             | Self::Map { .. }
             | Self::Model(_)
             | Self::Unreadable(_)
+            | Self::MachineFile { .. }
             | Self::NoAddress { .. }
             | Self::Plan { .. }
             | Self::DeviceConfig { .. }

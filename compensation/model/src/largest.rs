@@ -3,7 +3,7 @@
 use volcomp_kinematics::{Correctors, State};
 use volcomp_vocabulary::{AxisName, Direction, Displacement, PerAxis};
 
-use crate::{Machine, ModelError, Temperatures, Thermal, Tolerance};
+use crate::{CompiledMachine, Machine, ModelError, Temperatures, Thermal, Tolerance};
 
 /// Maximum number of grid states for each direction of approach.
 const STATES: usize = 4000;
@@ -24,16 +24,29 @@ impl Machine {
         let compiled = self.compile_at(Tolerance::default(), temperatures)?;
         let correctors = compiled.correctors();
         let delta = |state: &State| compiled.parts_of(state, correctors).delta();
-        Ok(self.largest(correctors, &delta))
+        Ok(self.largest_within_travels(correctors, &PerAxis::default(), &delta))
     }
 
-    /// How much the correction of each axis may change with each kelvin of the sensors, in chain order, at the same places:
-    /// what each sensor changes alone, added over all sensors. Empty for a machine without thermal terms. It leaves out what
-    /// terms have seen ([`Thermal::seen`]): within that it holds.
+    /// How much the correction of each axis may change with each kelvin of the sensors, in chain order, at the same places.
+    /// Empty for a machine without thermal terms.
     ///
     /// # Errors
     /// A machine that cannot be compiled.
     pub fn largest_corrections_per_k(&self) -> Result<Vec<(AxisName, Displacement)>, ModelError> {
+        let Some(kelvin) = self.each_kelvin()? else {
+            return Ok(Vec::new());
+        };
+        let correctors = kelvin.reference.correctors();
+        let change = |state: &State| kelvin.change(state, correctors);
+        Ok(self.largest_within_travels(correctors, &PerAxis::default(), &change))
+    }
+
+    /// What each kelvin of the sensors changes; `None` for a machine without thermal terms. It leaves out what terms have seen
+    /// ([`Thermal::seen`]): within that it holds.
+    ///
+    /// # Errors
+    /// A machine that cannot be compiled.
+    pub fn each_kelvin(&self) -> Result<Option<EachKelvin>, ModelError> {
         let mut machine = self.clone();
         machine.set_thermal(Thermal {
             seen: Vec::new(),
@@ -42,7 +55,7 @@ impl Machine {
         let thermal = machine.thermal();
         let sensors = thermal.sensors();
         if sensors.is_empty() {
-            return Ok(Vec::new());
+            return Ok(None);
         }
         // One kelvin more of one sensor.
         let at = |warmer: Option<&str>| {
@@ -53,40 +66,35 @@ impl Machine {
             let temperatures: Temperatures = sensors.iter().map(|sensor| degc(sensor)).collect();
             machine.compile_at(Tolerance::default(), &temperatures)
         };
-        let reference = at(None)?;
-        let warmer: Vec<_> = sensors
-            .iter()
-            .map(|sensor| at(Some(sensor)))
-            .collect::<Result<_, _>>()?;
-        let correctors = reference.correctors();
-        let change = |state: &State| {
-            let before = reference.parts_of(state, correctors).delta();
-            let mut sum = PerAxis::ZERO;
-            for warmer in &warmer {
-                let after = warmer.parts_of(state, correctors).delta();
-                for (sum, (after, before)) in sum.iter_mut().zip(after.iter().zip(&before)) {
-                    *sum += (after - before).abs();
-                }
-            }
-            sum
-        };
-        Ok(self.largest(correctors, &change))
+        let warmer = sensors.iter().map(|sensor| at(Some(sensor)));
+        Ok(Some(EachKelvin {
+            reference: at(None)?,
+            warmer: warmer.collect::<Result<_, _>>()?,
+        }))
     }
 
-    /// The largest of something of each axis that corrects.
-    fn largest(
+    /// The largest of something (mm, rad) of each axis that corrections move, in chain order: on an even grid over the travels of all
+    /// axes but those that are `fixed` at a coordinate (mm, rad), with their ends, and, from the largest of each axis, along every axis
+    /// at [`Machine::places`], approached from either side. What is no number is larger than every one.
+    pub fn largest_within_travels(
         &self,
         correctors: &Correctors,
+        fixed: &PerAxis<Option<f64>>,
         of: &dyn Fn(&State) -> PerAxis<f64>,
     ) -> Vec<(AxisName, Displacement)> {
         let axes = self.axes();
         let inside = |axis: usize, mm_or_deg: f64| {
             Displacement::from_coordinate(axes[axis].name.kind(), mm_or_deg).mm_or_rad()
         };
-        let mut largest: PerAxis<(f64, State)> = PerAxis::from_fn(|_| (0.0, State::default()));
+        let moves: Vec<usize> = (0..axes.len()).filter(|i| fixed[*i].is_none()).collect();
+        let held = |direction: Direction| State {
+            q: PerAxis::from_fn(|axis| fixed[axis].unwrap_or_default()),
+            approach: PerAxis::from_fn(|axis| (axis < axes.len()).then_some(direction)),
+        };
+        let mut largest: PerAxis<(f64, State)> =
+            PerAxis::from_fn(|_| (0.0, held(Direction::Positive)));
         let sample = |state: &State, largest: &mut PerAxis<(f64, State)>| {
             for (most, now) in largest.iter_mut().zip(of(state)) {
-                // A correction that is no number is larger than every one.
                 let now = if now.is_nan() {
                     f64::INFINITY
                 } else {
@@ -97,21 +105,19 @@ impl Machine {
                 }
             }
         };
+        let exponent = u32::try_from(moves.len()).unwrap_or(u32::MAX);
         let mut places = PLACES;
-        while places > 2 && places.saturating_pow(exponent(axes.len())) > STATES {
+        while places > 2 && places.saturating_pow(exponent) > STATES {
             places -= 1;
         }
         for direction in Direction::BOTH {
-            let mut state = State::default();
-            for approach in state.approach.iter_mut().take(axes.len()) {
-                *approach = Some(direction);
-            }
-            for node in 0..places.saturating_pow(exponent(axes.len())) {
+            let mut state = held(direction);
+            for node in 0..places.saturating_pow(exponent) {
                 let mut rest = node;
-                for (index, axis) in axes.iter().enumerate() {
-                    let [low, high] = axis.travel;
+                for &axis in &moves {
+                    let [low, high] = axes[axis].travel;
                     let share = (rest % places) as f64 / (places - 1) as f64;
-                    state.q[index] = inside(index, low + (high - low) * share);
+                    state.q[axis] = inside(axis, low + (high - low) * share);
                     rest /= places;
                 }
                 sample(&state, &mut largest);
@@ -119,9 +125,9 @@ impl Machine {
         }
         let along = self.places();
         for corrected in (0..axes.len()).filter(|axis| correctors.contains(*axis)) {
-            for (axis, places) in along.iter().enumerate() {
+            for &axis in &moves {
                 let mut state = largest[corrected].1;
-                for place in places {
+                for place in &along[axis] {
                     state.q[axis] = inside(axis, *place);
                     sample(&state, &mut largest);
                 }
@@ -135,6 +141,26 @@ impl Machine {
     }
 }
 
-fn exponent(axes: usize) -> u32 {
-    u32::try_from(axes).unwrap_or(u32::MAX)
+/// A machine at its reference temperature, and with each sensor one kelvin warmer.
+pub struct EachKelvin {
+    reference: CompiledMachine,
+    warmer: Vec<CompiledMachine>,
+}
+
+impl EachKelvin {
+    /// How much the correction of each axis (mm, rad) may change with a kelvin of every sensor: what each sensor changes alone,
+    /// added over all sensors.
+    pub fn change(&self, state: &State, correctors: &Correctors) -> PerAxis<f64> {
+        let correction = |machine: &CompiledMachine| machine.parts_of(state, correctors).delta();
+        let before = correction(&self.reference);
+        let mut sum = PerAxis::ZERO;
+        for warmer in &self.warmer {
+            for (sum, (after, before)) in
+                (sum.iter_mut()).zip(correction(warmer).iter().zip(&before))
+            {
+                *sum += (after - before).abs();
+            }
+        }
+        sum
+    }
 }

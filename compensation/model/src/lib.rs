@@ -39,6 +39,7 @@ pub use diagonals::{
 pub use ensemble::{Ensemble, Scatter};
 pub use error::{CorrectRefusal, ErrorRefusal, ModelError, ThermalRefusal};
 pub use inverse::Reached;
+pub use largest::EachKelvin;
 pub use machine::Machine;
 pub use map::MapGrid;
 pub use provenance::{Origin, Provenance, ProvenanceRefusal, Source, is_date, sha256_of};

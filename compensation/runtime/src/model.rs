@@ -143,12 +143,6 @@ impl Model {
         self.compiled.chain().structure().to_string()
     }
 
-    /// The places along the axis at a place in machine order at which its curves have to be looked at
-    /// ([`Machine::places`]), mm or rad, rising.
-    pub fn places(&self, index: usize) -> &[f64] {
-        self.places.get(index).map_or(&[], Vec::as_slice)
-    }
-
     /// The place of an axis in machine order.
     pub fn index_of(&self, name: AxisName) -> Option<usize> {
         self.axes.iter().position(|known| *known == name)

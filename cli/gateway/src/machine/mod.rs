@@ -41,18 +41,17 @@ impl Machine {
 
     /// Runs it until it is told to stop.
     pub fn run(&self, plan: Plan, slot: &Slot, turn: Turn<'_>) {
-        let ended = self.run_to_its_end(plan, slot, turn);
+        let whole = AssertUnwindSafe(|| self.run_to_its_end(plan, slot, turn));
+        let ended = catch_unwind(whole).unwrap_or_else(|_| Err(Failure::panicked()));
         slot.set(ended.map_or_else(Phase::Failed, |()| Phase::Ended));
     }
 
     fn run_to_its_end(&self, plan: Plan, slot: &Slot, turn: Turn<'_>) -> Result<(), Failure> {
-        let start = || start::start(self, plan, slot);
-        let started = match catch_unwind(AssertUnwindSafe(start)) {
-            Ok(Ok(Some(started))) => started,
+        let started = match start::start(self, plan, slot) {
+            Ok(Some(started)) => started,
             // Told to stop before anything could be written.
-            Ok(Ok(None)) => return Ok(()),
-            Ok(Err(error)) => return Err(Failure::of(&error)),
-            Err(_) => return Err(Failure::panicked()),
+            Ok(None) => return Ok(()),
+            Err(error) => return Err(Failure::of(&error)),
         };
         let Started {
             mut service,

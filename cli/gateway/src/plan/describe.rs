@@ -6,11 +6,16 @@ use std::{
 };
 
 use volcomp_guard::{Reasons, barrier::Layout};
+use volcomp_model::ModelError;
 use volcomp_port::Description;
 use volcomp_runtime::{AxisSettings, GuardSettings, PathPlan};
 use volcomp_vocabulary::{AxisName, Displacement};
 
-use super::{Devices, Needs, Plan, interop, notes::notes};
+use super::{
+    Devices, Plan, interop,
+    needs::{self, Needs},
+    notes::notes,
+};
 use crate::{
     config::Config,
     devices::ControllerDevice,
@@ -20,20 +25,20 @@ use crate::{
     },
 };
 
-pub(super) fn document(plan: &Plan) -> PlanDocument {
+pub(super) fn document(plan: &Plan) -> Result<PlanDocument, ModelError> {
     let config = &plan.config;
-    let controllers = controllers(plan);
+    let controllers = controllers(plan, &needs::of_paths(plan)?);
     let sensors = sensors(plan);
     let mut axes = plan.model.axes.clone();
     axes.sort_unstable();
     let guard = config.guard.as_ref().map(|guard| of_guard(plan, guard));
-    PlanDocument {
+    Ok(PlanDocument {
         notes: notes(plan, guard.as_ref(), &controllers, &sensors),
         machine: MachinePlan {
             file: config.machine.display().to_string(),
             name: plan.model.name.clone(),
             hash: plan.model.hash.clone(),
-            structure: plan.structure.clone(),
+            structure: plan.machine.chain().structure().to_string(),
             axes,
         },
         cycle_ms: stated(config, "cycle_ms", round(config.cycle.as_secs_f64() * 1e3)),
@@ -58,7 +63,7 @@ pub(super) fn document(plan: &Plan) -> PlanDocument {
         fleet: (plan.fleet.as_ref()).and_then(|fleet| fleet.document(config)),
         interop: interop::described(plan),
         online: None,
-    }
+    })
 }
 
 /// A value that the configuration states or leaves to its default.
@@ -123,32 +128,36 @@ fn ramp_taken(plan: &Plan, guard: &GuardSettings) -> Duration {
     taken.max().unwrap_or(guard.ramp)
 }
 
-fn controllers(plan: &Plan) -> Vec<ControllerPlan> {
+fn controllers(plan: &Plan, needs: &[Needs]) -> Vec<ControllerPlan> {
     let config = &plan.config;
+    let paths = plan.paths.iter().zip(needs);
     let Devices::Configured { controllers, .. } = &plan.devices else {
-        return plan
-            .paths
-            .iter()
-            .zip(&plan.needs)
-            .map(|path| {
-                let channel = Stated::by(Source::Device, path.0.description.channel.clone());
-                of_controller(plan, path, channel, BTreeMap::new(), |_, _| Source::Device)
+        return paths
+            .map(|(path, needs)| {
+                let channel = Stated::by(Source::Device, path.description.channel.clone());
+                let source = |_, _: &str| Source::Device;
+                of_controller(plan, (path, needs), channel, BTreeMap::new(), source)
             })
             .collect();
     };
-    let paths = plan.paths.iter().zip(&plan.needs);
     let all = paths.zip(&config.controllers).zip(controllers);
     let writers = all
         .enumerate()
-        .map(|(index, ((path, controller), device))| {
+        .map(|(index, (((path, needs), controller), device))| {
             let key = |key: &str| format!("controller.{index}.{key}");
-            let channel = stated(config, &key("channel"), path.0.description.channel.clone());
+            let channel = stated(config, &key("channel"), path.description.channel.clone());
             let source =
                 |name: AxisName, what: &str| source_of(config, device, &key(&of_kind(name, what)));
             ControllerPlan {
                 pmc: device.pmc(),
                 opc_ua: device.opc_ua(),
-                ..of_controller(plan, path, channel, controller.fixed.clone(), source)
+                ..of_controller(
+                    plan,
+                    (path, needs),
+                    channel,
+                    controller.fixed.clone(),
+                    source,
+                )
             }
         });
     let devices = controllers.iter().skip(plan.paths.len());
@@ -359,11 +368,11 @@ fn sensors(plan: &Plan) -> Vec<SensorPlan> {
 }
 
 fn feeds(plan: &Plan, sensor: &str) -> Vec<String> {
-    let expansion = plan.thermal.expansion.iter();
+    let expansion = plan.machine.thermal().expansion.iter();
     let expansion = expansion
         .filter(|term| term.sensor == sensor)
         .map(|term| format!("expansion {}", term.error));
-    let drift = plan.thermal.drift.iter();
+    let drift = plan.machine.thermal().drift.iter();
     let drift = drift
         .filter(|term| term.sensors.contains_key(sensor))
         .map(|term| format!("drift {}", term.error));

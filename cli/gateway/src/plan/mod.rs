@@ -3,7 +3,7 @@
 
 use std::{sync::Arc, time::Duration};
 
-use volcomp_model::{Machine, Thermal};
+use volcomp_model::{Machine, ModelError};
 use volcomp_port::{Clock, Controller, Description};
 use volcomp_runtime::{
     BarrierSettings, ControlPath, Cycle, GuardSettings, MAX_SENSORS, Model, PathPlan, PathSettings,
@@ -33,8 +33,6 @@ mod positions;
 mod seen;
 mod text;
 
-use needs::Needs;
-
 /// A configuration with everything that it names, checked. No device has been opened.
 pub struct Plan {
     /// The configuration that it follows from.
@@ -48,14 +46,9 @@ pub struct Plan {
     /// The names of the temperatures, in order.
     pub sensors: Vec<String>,
     fleet: Option<fleet::Checked>,
-    structure: String,
-    thermal: Thermal,
-    /// What is odd about the machine file, though it may be meant.
-    machine_notes: Vec<String>,
+    machine: Machine,
     guard: GuardSettings,
     paths: Vec<PathPlan>,
-    /// What the machine file asks of each path.
-    needs: Vec<Needs>,
     readers: Vec<ReaderPlan>,
     devices: Devices,
 }
@@ -101,7 +94,13 @@ impl Plan {
             let machine = simulation.model.clone();
             (Devices::Simulated(Box::new(simulation)), machine)
         } else {
-            let machine = Machine::read(&config.machine)?;
+            let machine = Machine::read(&config.machine).map_err(|error| match error {
+                ModelError::Read(source) => GatewayError::MachineFile {
+                    file: config.file.clone(),
+                    source,
+                },
+                other => other.into(),
+            })?;
             (configured(&config)?, machine)
         };
         let model = Model::new(&machine, guard.fading)?;
@@ -110,7 +109,6 @@ impl Plan {
             file: config.file.clone(),
             source,
         })?;
-        let needs = needs::of_paths(&machine, &model, &paths)?;
         let readers = positions::readers(&config, &devices, &model)?;
         positions::check_known(&config, &model, &paths, &readers)?;
         let described = paths.iter().map(|path| &path.description);
@@ -131,18 +129,15 @@ impl Plan {
         let fleet = fleet::check(&config)?;
         interop::check(&config)?;
         Ok(Self {
-            fleet,
-            structure: machine.chain().structure().to_string(),
-            thermal: machine.thermal().clone(),
-            machine_notes: machine.notes(),
             config,
             model,
             tokens,
             tls,
             sensors,
+            fleet,
+            machine,
             guard,
             paths,
-            needs,
             readers,
             devices,
         })
@@ -231,8 +226,11 @@ impl Plan {
     }
 
     /// The plan as `check --json` prints it.
-    pub fn document(&self) -> PlanDocument {
-        describe::document(self)
+    ///
+    /// # Errors
+    /// What the machine needs with each kelvin cannot be computed.
+    pub fn document(&self) -> Result<PlanDocument, GatewayError> {
+        Ok(describe::document(self)?)
     }
 
     /// The plan with what the controls tell about themselves when they are asked. Nothing is written to them.
@@ -252,13 +250,16 @@ impl Plan {
         let told = told.map_err(GatewayError::Device)?;
         Ok(PlanDocument {
             online: Some(told.into_iter().flatten().collect()),
-            ..self.document()
+            ..self.document()?
         })
     }
 
     /// The plan as `check` prints it.
-    pub fn text(&self) -> String {
-        self.text_of(&self.document())
+    ///
+    /// # Errors
+    /// As [`Plan::document`].
+    pub fn text(&self) -> Result<String, GatewayError> {
+        Ok(self.text_of(&self.document()?))
     }
 
     /// A document of this plan as `check` prints it.

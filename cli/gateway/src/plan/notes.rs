@@ -13,7 +13,7 @@ pub(super) fn notes(
     controllers: &[ControllerPlan],
     sensors: &[SensorPlan],
 ) -> Vec<String> {
-    let mut notes = plan.machine_notes.clone();
+    let mut notes = plan.machine.notes();
     if let Some(fleet) = &plan.fleet {
         notes.extend(fleet.notes(&plan.config));
     }

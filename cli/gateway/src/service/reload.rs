@@ -483,4 +483,23 @@ mod tests {
             "{refused}"
         );
     }
+
+    /// A gateway that was started without limits took other speeds together with limits: `check` showed them, and the cycle went on
+    /// with those of its start.
+    #[test]
+    fn speeds_that_come_with_the_first_limits_need_a_restart() {
+        let config = |guard: &str| {
+            let text = format!(
+                "machine = \"machine.toml\"\n{guard}[[controller]]\nurl = \"focas://127.0.0.1:1\"\naxes = [\"X\"]\n"
+            );
+            Config::parse(&text, "gateway.toml", "".as_ref()).expect("right")
+        };
+        let limits =
+            "[guard]\nlimit_um = 30\nslew_um_per_s = 500\nhold_ms = 200\nzero_after_ms = 2000\n";
+        let without = config("");
+        assert!(can_change(&without, &config(limits)).is_ok());
+        let slower = config(&format!("{limits}rapid_m_per_min = 50\n"));
+        let refused = can_change(&without, &slower).expect_err("another speed");
+        assert!(refused.to_string().contains("rapid_m_per_min"), "{refused}");
+    }
 }

@@ -97,7 +97,7 @@ fn the_documented_configuration_is_right() {
     crate::program::token_file(dir.path());
     let config = volcomp_gateway::config::Config::read(&config).unwrap_or_else(|e| panic!("{e}"));
     let plan = volcomp_gateway::plan::Plan::new(config).unwrap_or_else(|e| panic!("{e}"));
-    let text = plan.text();
+    let text = plan.text().expect("a plan");
     assert!(text.contains("focas://192.0.2.10:8193"), "{text}");
     assert!(text.contains("axes X Y Z"), "{text}");
 }

@@ -30,7 +30,7 @@ heartbeat = { pmc = "R", at = 120 }
 #[test]
 fn the_plan_tells_what_holds_and_what_was_asked() {
     let plan = plan(TEXT);
-    let document = plan.document();
+    let document = plan.document().expect("a plan");
     let guard = document.guard.as_ref().expect("limits");
     // 20 cycles of 40 ms.
     assert_eq!((guard.ramp_s.value, guard.ramp_s.asked), (0.8, Some(0.05)));
@@ -43,7 +43,7 @@ fn the_plan_tells_what_holds_and_what_was_asked() {
     let limits = plan.limits()[0];
     assert_eq!(limits.ramp_taken(), Duration::from_millis(800));
     assert!((limits.axes[0].reachable() - 0.100).abs() < 1e-12);
-    let text = plan.text();
+    let text = plan.text().expect("a plan");
     for part in [
         "0.8 s                         G.toml (0.05 s asked)",
         "100 µm                        G.toml (100.5 µm asked)",
@@ -65,7 +65,7 @@ fn a_test_shift_that_is_not_made_is_told() {
     let coarse = TEXT
         .replace("resolution_um = 2.0", "resolution_um = 50.0")
         .replace("limit_um = 100.5", "limit_um = 100.0");
-    let document = plan(&coarse).document();
+    let document = plan(&coarse).document().expect("a plan");
     assert_eq!(document.controllers[0].axes[0].test_shift, 0.0);
     let told = |note: &&String| note.contains("axes X, Y, Z: the test shift is not made");
     assert!(
@@ -77,7 +77,7 @@ fn a_test_shift_that_is_not_made_is_told() {
 /// A note that holds for several axes stands once and names them; no warning lies above what is written.
 #[test]
 fn a_note_of_several_axes_stands_once() {
-    let document = plan(TEXT).document();
+    let document = plan(TEXT).document().expect("a plan");
     let of_limit = document.notes.iter();
     let of_limit: Vec<_> = of_limit.filter(|n| n.contains("whole number")).collect();
     assert_eq!(of_limit.len(), 1, "{of_limit:?}");
@@ -102,7 +102,7 @@ fn axes_that_do_not_correct_are_told_as_held() {
     assert!(refused.to_string().contains("limit_urad"), "{refused}");
     let plan = of(&format!("correct = [\"X\", \"Y\", \"Z\"]\n{machine}"));
     let plan = plan.unwrap_or_else(|e| panic!("{e}"));
-    let document = plan.document();
+    let document = plan.document().expect("a plan");
     let controller = &document.controllers[0];
     let letters = |names: &[volcomp_vocabulary::AxisName]| -> String {
         names.iter().map(|name| name.letter()).collect()
@@ -113,11 +113,19 @@ fn axes_that_do_not_correct_are_told_as_held() {
     let shifts = plan.limits()[0].test_shift;
     assert!(shifts[2] > 0.0 && shifts[3] == 0.0 && shifts[4] == 0.0);
     let line = "  axes B C            held, not corrected";
-    assert!(plan.text().contains(line), "{}", plan.text());
+    assert!(
+        plan.text().expect("a plan").contains(line),
+        "{}",
+        plan.text().expect("a plan")
+    );
     // Whoever writes radians into a machine file is asked here, too, not by `volcomp` alone.
     let radians = machine.replace("travel = [-110.0, 110.0]", "travel = [-1.571, 1.571]");
     let plan = of(&format!("correct = [\"X\", \"Y\", \"Z\"]\n{radians}"));
-    let notes = plan.unwrap_or_else(|e| panic!("{e}")).document().notes;
+    let notes = plan
+        .unwrap_or_else(|e| panic!("{e}"))
+        .document()
+        .expect("a plan")
+        .notes;
     let asks = notes
         .iter()
         .any(|note| note.contains("is it stated in radians?"));
@@ -127,7 +135,9 @@ fn axes_that_do_not_correct_are_told_as_held() {
 /// What arms itself and has no token can be disarmed at its own computer only.
 #[test]
 fn arming_itself_without_a_token_is_a_warning() {
-    let document = plan(&format!("auto_arm = true\n{TEXT}")).document();
+    let document = plan(&format!("auto_arm = true\n{TEXT}"))
+        .document()
+        .expect("a plan");
     let told = document
         .notes
         .iter()
@@ -144,12 +154,16 @@ fn what_holds_as_it_is_asked_is_not_told_twice() {
         .replace("resolution_um = 2.0", "resolution_um = 1.0");
     let plan = plan(&fitting);
     assert_eq!(
-        plan.document().notes,
+        plan.document().expect("a plan").notes,
         [
             "no token: nobody can arm over HTTP: state [dashboard] token_file, start with --token-file FILE, or state auto_arm = true above the first table"
         ]
     );
-    assert!(!plan.text().contains("asked"), "{}", plan.text());
+    assert!(
+        !plan.text().expect("a plan").contains("asked"),
+        "{}",
+        plan.text().expect("a plan")
+    );
 }
 
 /// A path without a barrier is limited to 30 µm unless the configuration says otherwise in so many words.
@@ -157,7 +171,7 @@ fn what_holds_as_it_is_asked_is_not_told_twice() {
 fn without_a_barrier_a_smaller_limit_holds() {
     let plan = plan(&TEXT.replace("limit_without_barrier_um = 150.0\n", ""));
     assert!((plan.limits()[0].axes[0].limit - 0.030).abs() < 1e-12);
-    let document = plan.document();
+    let document = plan.document().expect("a plan");
     let told = |note: &String| {
         note.contains("corrections go up to 30 µm, not 100.5 µm")
             && note.contains("limit_without_barrier_um")

@@ -181,7 +181,7 @@ fn check_shows_the_addresses_in_the_pmc() {
     );
     let planned = || Plan::new(Config::read(&config).expect("right")).expect("right");
     let plan = planned();
-    let text = plan.text();
+    let text = plan.text().expect("a plan");
     for line in [
         "  shift words         from D200 on, 4 bytes an axis, copied on by the ladder",
         "  heartbeat byte      R120",
@@ -189,7 +189,7 @@ fn check_shows_the_addresses_in_the_pmc() {
     ] {
         assert!(text.contains(line), "{text}");
     }
-    let document = serde_json::to_value(plan.document()).expect("plain data");
+    let document = serde_json::to_value(plan.document().expect("a plan")).expect("plain data");
     assert_eq!(
         document["controllers"][0]["pmc"],
         json!({
@@ -206,7 +206,7 @@ fn check_shows_the_addresses_in_the_pmc() {
     change(&config, "heartbeat = { pmc = \"R\", at = 120 }\n", "");
     change(&config, "referenced = { pmc = \"F\", at = 94 }\n", "");
     let plan = planned();
-    let text = plan.text();
+    let text = plan.text().expect("a plan");
     for line in ["  frame from          R300", "  report from         R400"] {
         assert!(text.contains(line), "{text}");
     }

@@ -140,19 +140,25 @@ fn a_persons_disarming_is_written_as_soon_as_it_can_be() {
     assert_eq!(program.state()["state"], "disarmed");
 }
 
+/// A gateway that compensates, whose disk has become full: the disk, its configuration, and itself.
+fn on_a_full_disk(dir: &Path, control: &Simulator) -> Option<(SmallDisk, PathBuf, Program)> {
+    let disk = SmallDisk::at(dir.join("audit"))?;
+    let config = configuration(dir, control, "auto_arm = true");
+    let program = started(&config);
+    program.wait_for("compensating");
+    disk.fill(0);
+    Some((disk, config, program))
+}
+
 /// A person disarmed on a full disk and was answered 200; after a power failure the gateway armed itself again.
 #[test]
 fn a_persons_disarming_is_kept_on_a_full_disk() {
     let dir = tempfile::tempdir().expect("writable");
-    let Some(disk) = SmallDisk::at(dir.path().join("audit")) else {
+    let control = control();
+    let Some((disk, config, mut program)) = on_a_full_disk(dir.path(), &control) else {
         return;
     };
     let file = disk.0.join("standing.slots");
-    let control = control();
-    let config = configuration(dir.path(), &control, "auto_arm = true");
-    let mut program = started(&config);
-    program.wait_for("compensating");
-    disk.fill(0);
     assert_eq!(program.post("/api/disarm", "").status, 200);
     program.wait_for("disarmed");
     let disarmed = "\"disarmed_by\":\"anna\"";
@@ -172,15 +178,11 @@ fn a_persons_disarming_is_kept_on_a_full_disk() {
 #[test]
 fn a_fault_is_kept_on_a_full_disk() {
     let dir = tempfile::tempdir().expect("writable");
-    let Some(disk) = SmallDisk::at(dir.path().join("audit")) else {
+    let control = control();
+    let Some((disk, config, mut program)) = on_a_full_disk(dir.path(), &control) else {
         return;
     };
     let file = disk.0.join("standing.slots");
-    let control = control();
-    let config = configuration(dir.path(), &control, "auto_arm = true");
-    let mut program = started(&config);
-    program.wait_for("compensating");
-    disk.fill(0);
     // Somebody else writes 30 mm into the word of Y.
     until("it is a fault", Duration::from_secs(10), || {
         control.world().set_shift(1, 30_000);

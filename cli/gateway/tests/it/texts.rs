@@ -84,7 +84,7 @@ names = ["bed", "spindle"]
     let config = Config::read(&config).unwrap_or_else(|e| panic!("{e}"));
     let plan = Plan::new(config).unwrap_or_else(|e| panic!("{e}"));
     let folder = dir.path().display().to_string();
-    let text = plan.text().replace(&folder, "FOLDER");
+    let text = plan.text().expect("a plan").replace(&folder, "FOLDER");
     assert!(
         text.lines().all(|line| line.chars().count() <= 80),
         "{text}"

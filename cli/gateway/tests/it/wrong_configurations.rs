@@ -47,6 +47,10 @@ const LINES: &str = "url = \"gpio://?position=a:0-14&correction=b:0-7\"\naxes = 
 
 /// One case for each rule that a configuration can break.
 pub(crate) const CASES: &[Wrong] = &[
+    wrong(
+        &[("\"machine.toml\"", "\"nothing.toml\"")],
+        ".toml: machine: ",
+    ),
     // A heartbeat or a byte of referenced axes within the words that corrections are written to.
     wrong(
         &[("at = 120 }", "at = 104 }")],
@@ -666,6 +670,13 @@ pub(crate) const CASES: &[Wrong] = &[
             "[sparkplug]\nurl = \"mqtt://192.0.2.9\"\n[dashboard]",
         )],
         "found [sparkplug], which is gone, expected [opc_ua] or [shdr]",
+    ),
+    wrong(
+        &[(
+            "machine = \"machine.toml\"\n",
+            "[[machine]]\nname = \"mill-1\"\n",
+        )],
+        "found [[machine]], several machines in one gateway, which is gone",
     ),
     // The machine.
     wrong(&[("machine.toml", "missing.toml")], "missing.toml"),

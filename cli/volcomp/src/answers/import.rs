@@ -31,7 +31,7 @@ pub(crate) struct Read {
     pub(crate) output: String,
     /// The positions, mm or deg, as one list.
     pub(crate) positions: Vec<Vec<f64>>,
-    /// The values after positive motion, or of both; of a grid the last axis the fastest.
+    /// The values after positive motion, or of both.
     pub(crate) forward: Vec<f64>,
     /// The values after negative motion; `null`: as `forward`.
     pub(crate) backward: Option<Vec<f64>>,

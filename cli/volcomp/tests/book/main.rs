@@ -32,7 +32,7 @@ travel = [0.0, 360.0]
 "#;
 
 /// What every block marked `toml` must begin with.
-const KINDS: [&str; 16] = [
+const KINDS: [&str; 15] = [
     "machine file",
     "part of a machine file",
     "calibration file",
@@ -46,7 +46,6 @@ const KINDS: [&str; 16] = [
     // Read in the tests of volcomp-gateway.
     "gateway file",
     "part of a gateway file",
-    "file of several machines",
     "file of a map sender",
     // Read in the tests of volcomp-centre.
     "centre file",

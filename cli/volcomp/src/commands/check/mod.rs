@@ -108,8 +108,11 @@ fn limit_notes(machine: &Machine, temperatures: &Temperatures) -> Result<Vec<Str
         })
         .collect();
     let reference_degc = machine.thermal().reference_degc;
-    let at_reference = machine.largest_corrections(&Temperatures::new())?;
     let per_k = machine.largest_corrections_per_k()?;
+    if per_k.is_empty() {
+        return Ok(notes);
+    }
+    let at_reference = machine.largest_corrections(&Temperatures::new())?;
     for ((axis, per_k), (_, most)) in per_k.into_iter().zip(at_reference) {
         let limit = usual.of(axis.kind());
         let left_k = (limit.um_or_urad() - most.um_or_urad()) / per_k.um_or_urad();
