@@ -94,7 +94,7 @@ Examples:
 pub(crate) const REPORT: &str = "\
 Examples:
   volcomp report calibration.toml -o report.html --tolerance A=10,V=40
-  volcomp report calibration.toml -o report.html --truth truth.toml --lang de";
+  volcomp report calibration.toml -o report.html --truth truth.toml";
 
 pub(crate) const IDENTIFY: &str = "\
 Examples:

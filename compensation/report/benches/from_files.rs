@@ -20,7 +20,7 @@ use volcomp_calibrate::{CalibrationFile, calibrate, draft};
 use volcomp_fit::{FitOptions, choose_and_fit};
 use volcomp_metrology::{evaluate, parse_csv};
 use volcomp_model::Machine;
-use volcomp_report::{Language, Report, Stated, html};
+use volcomp_report::{Report, Stated, html};
 use volcomp_vocabulary::Direction;
 
 const MACHINE: &str = "name = \"bench\"\nstructure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 8000]\nY.travel = [0, 4000]\nZ.travel = [0, 2500]\n";
@@ -192,7 +192,7 @@ fn report_of_files(criterion: &mut Criterion) {
             let found = calibrate(&file, |_, _| {}).expect("calibrated");
             let report =
                 Report::of_calibration("calibration.toml", &file, &found, &Stated::default());
-            html(&report, Language::En)
+            html(&report)
         });
     });
 }

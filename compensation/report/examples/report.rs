@@ -9,14 +9,14 @@
 use std::{env, error::Error, fs, path::Path};
 
 use volcomp_calibrate::{CalibrationFile, calibrate};
-use volcomp_report::{Language, Report, Stated, html};
+use volcomp_report::{Report, Stated, html};
 
 fn report(calibration: &Path) -> Result<String, Box<dyn Error>> {
     let file = CalibrationFile::read(calibration)?;
     let found = calibrate(&file, |_, _| {})?;
     let source = calibration.display().to_string();
     let report = Report::of_calibration(&source, &file, &found, &Stated::default());
-    Ok(html(&report, Language::En))
+    Ok(html(&report))
 }
 
 fn main() -> Result<(), Box<dyn Error>> {

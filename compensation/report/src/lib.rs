@@ -2,6 +2,7 @@
 
 mod build;
 mod curves;
+mod described;
 mod html;
 mod identified;
 pub mod plot;
@@ -9,7 +10,6 @@ mod positioning;
 mod report;
 mod squares;
 mod stated;
-mod texts;
 mod tolerance;
 mod volume;
 mod warnings;
@@ -22,7 +22,6 @@ pub use report::{
     Uncertainty, Vector, Volume, Warning, WarningKind, Weighted,
 };
 pub use stated::Stated;
-pub use texts::Language;
 pub use tolerance::{VOLUME, checks, refuse_two_units, tolerances};
 pub use volcomp_fit::BandSource;
 pub use volcomp_metrology::{Edition, Tolerance, Verdict};

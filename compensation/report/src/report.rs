@@ -100,6 +100,8 @@ pub enum CheckOf {
     Symbol,
     /// Of the measured errors alone, where others were not measured.
     MeasuredAlone,
+    /// Of what the correction leaves, while the figures of tests are of the machine without it.
+    Corrected,
     /// Of a positioning test.
     Test {
         /// The error that it measures.
@@ -115,6 +117,7 @@ impl core::fmt::Display for CheckOf {
         match self {
             Self::Symbol => Ok(()),
             Self::MeasuredAlone => f.write_str("the measured errors alone"),
+            Self::Corrected => f.write_str("after the correction"),
             Self::Test { error, file } => write!(f, "{error}, {file}"),
         }
     }

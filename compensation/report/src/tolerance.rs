@@ -174,6 +174,8 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
             let value = last.filter(|last| last.state != State::Found || knows_errors(report));
             let of = if found.is_some() && value.is_some() && !report.not_measured.is_empty() {
                 CheckOf::MeasuredAlone
+            } else if last.is_some_and(|last| last.state == State::TruthCorrected) {
+                CheckOf::Corrected
             } else {
                 CheckOf::Symbol
             };

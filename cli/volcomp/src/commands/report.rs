@@ -5,7 +5,6 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use clap::builder::PossibleValuesParser;
 use volcomp_calibrate::{CalibrationFile, not_observed};
 use volcomp_document::Document as Toml;
 use volcomp_identify::Observations;
@@ -14,7 +13,7 @@ use volcomp_model::{
     DIAGONAL_TARGETS, ErrorField, Machine, Temperatures, diagonal_targets, diagonals,
 };
 use volcomp_report::{
-    Diagonal, Diagonals, Edition, Language, OfState, Report, Size, State, Stated, Tolerance,
+    Diagonal, Diagonals, Edition, OfState, Report, Size, State, Stated, Tolerance,
     Verdict as Outcome, checks, html, refuse_two_units, tolerances, uncertainty, volume,
 };
 use volcomp_vocabulary::AxisName;
@@ -58,9 +57,6 @@ pub(crate) struct Arguments {
     /// Edition of ISO 230-2: 1997, 2006 or 2014, without it 2014
     #[arg(long, value_parser = parse_edition)]
     edition: Option<u16>,
-    /// Language of heads and labels
-    #[arg(long, default_value = "en", value_parser = PossibleValuesParser::new(["en", "de"]))]
-    lang: String,
     /// Name of the machine, in place of what the files state
     #[arg(long, value_name = "TEXT")]
     name: Option<String>,
@@ -120,9 +116,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         drawn(&mut report, arguments, &source, &machine, &mut notes)?;
     }
     report.checks = checks(&report, &limits);
-    // Read from the words that clap allows.
-    let language: Language = arguments.lang.parse().unwrap_or_default();
-    let page = html(&report, language);
+    let page = html(&report);
     if output.replaces(&page) {
         notes.push(format!(
             "replaced the file that was there: {}",

@@ -5,78 +5,84 @@ use volcomp_vocabulary::Direction;
 
 use super::write::{Cell, Page};
 use crate::{
+    described::described,
     plot::{self, Look, Mark, Series, WIDTH, XyPlot, xy},
     report::{Branch, Curve, Report, Residual},
-    texts::{Texts, described},
 };
 
-pub(super) fn curves(page: &mut Page, report: &Report, t: &Texts) {
+pub(super) fn curves(page: &mut Page, report: &Report) {
     let (measured, stated): (Vec<&Curve>, Vec<&Curve>) = report
         .curves
         .iter()
         .partition(|curve| !curve.lines.is_empty());
     if report.curves.is_empty() {
-        page.paragraph("lead", t.no_warnings);
+        page.paragraph("lead", "None.");
     }
     if !measured.is_empty() {
-        page.paragraph("lead", t.curves_lead);
+        page.paragraph("lead", "Readings are shown where their curve is: without what tilts add over their lever (Abbe), a straightness without its line, zero at the reference.");
     }
     let mut sources: Vec<BandSource> = Vec::new();
     for curve in &measured {
-        one(page, curve, t);
+        one(page, curve);
         let bands = curve.branches.iter().filter_map(|b| b.band.as_ref());
         sources.extend(bands.map(|band| band.source));
     }
     if !measured.is_empty() {
-        page.paragraph("note", t.numbers_note);
+        page.paragraph("note", "Residual: mean reading minus curve. Leave-one-out: root mean square of what the curve misses of readings that were left out of its fit one at a time.");
     }
     if !sources.is_empty() {
-        page.paragraph("note", t.band_note);
+        page.paragraph("note", "The band holds the true curve with a probability of 95 % at each place by itself: the runs are drawn again as a whole (bootstrap), with Student's t for few of them, and what the curve misses of readings that are left out is added.");
     }
     if sources.contains(&BandSource::Residuals) {
-        page.paragraph("note", t.band_one_run_note);
+        page.paragraph("note", "With one run its residuals are drawn again: what differs from run to run is not in the band.");
     }
     if !stated.is_empty() {
-        page.heading(3, t.of_file, "");
-        page.paragraph("lead", t.curves_stated);
+        page.heading(3, "the machine file", "");
+        page.paragraph(
+            "lead",
+            "These curves are stated by the machine file; no readings belong to them here.",
+        );
         for curve in stated {
-            one(page, curve, t);
+            one(page, curve);
         }
     }
 }
 
-fn one(page: &mut Page, curve: &Curve, t: &Texts) {
+fn one(page: &mut Page, curve: &Curve) {
     page.put("<div class=\"keep curve\">");
-    page.heading(3, &curve.error, &described(&curve.error, t));
+    page.heading(3, &curve.error, &described(&curve.error));
     let files: Vec<&str> = curve
         .lines
         .iter()
         .filter_map(|line| line.file.as_deref())
         .collect();
-    page.figure(&xy(&main_plot(curve, t)), &files.join(", "));
+    page.figure(&xy(&main_plot(curve)), &files.join(", "));
     if curve
         .branches
         .iter()
         .any(|branch| !branch.residuals.is_empty())
     {
-        page.figure(&xy(&residual_plot(curve, t)), "");
+        page.figure(&xy(&residual_plot(curve)), "");
     }
-    numbers(page, curve, t);
+    numbers(page, curve);
     for line in &curve.lines {
         if line.file.is_none() {
-            page.paragraph("note", t.parallel_note);
+            page.paragraph("note", "Found from several parallel lines of other errors.");
         } else if line.runs.is_empty() {
-            page.paragraph("note", t.bridge_note);
+            page.paragraph(
+                "note",
+                "Tilts of a bridge, summed up: only means are shown.",
+            );
         }
     }
     let has_readings = !curve.lines.is_empty();
     if has_readings && curve.branches.iter().all(|branch| branch.band.is_none()) {
-        page.paragraph("note", t.no_band);
+        page.paragraph("note", "No band: the readings of this curve are no runs of their own (tilts of a bridge that are summed up, or lines of other errors), or too few to be drawn again.");
     }
     page.put("</div>");
 }
 
-fn numbers(page: &mut Page, curve: &Curve, t: &Texts) {
+fn numbers(page: &mut Page, curve: &Curve) {
     let fits: Vec<_> = curve
         .branches
         .iter()
@@ -88,20 +94,20 @@ fn numbers(page: &mut Page, curve: &Curve, t: &Texts) {
     let unit = &curve.unit;
     let number = |name: &str| format!(">{name}");
     let columns = [
-        format!("{}, {unit}", t.residual),
-        t.curve.to_owned(),
-        number(t.readings),
-        number(t.smallest),
-        number(t.largest),
-        number(t.rms),
-        number(t.leave_one_out),
-        number(t.reversal),
+        format!("residual, {unit}"),
+        "curve".to_owned(),
+        number("readings"),
+        number("smallest"),
+        number("largest"),
+        number("rms"),
+        number("leave-one-out"),
+        number("reversal"),
     ];
     let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
     let rows = fits.into_iter().map(|(direction, fit)| {
         let Residual { min, max, rms } = fit.residual;
         vec![
-            Cell::text(direction_word(direction, t)),
+            Cell::text(direction_word(direction)),
             Cell::Fixed(fit.kind.clone()),
             Cell::number(fit.readings as f64, 0),
             Cell::number(min, 2),
@@ -114,11 +120,11 @@ fn numbers(page: &mut Page, curve: &Curve, t: &Texts) {
     page.table(&columns, rows);
 }
 
-pub(super) fn direction_word(direction: Option<Direction>, t: &Texts) -> &'static str {
+pub(super) fn direction_word(direction: Option<Direction>) -> &'static str {
     match direction {
-        Some(Direction::Positive) => t.forward,
-        Some(Direction::Negative) => t.backward,
-        None => t.both,
+        Some(Direction::Positive) => "forward",
+        Some(Direction::Negative) => "backward",
+        None => "both",
     }
 }
 
@@ -132,13 +138,12 @@ pub(super) fn look(direction: Option<Direction>) -> (Look, Mark) {
 }
 
 /// The runs of a line, thin.
-pub(super) fn run_series(runs: &[crate::report::Run], t: &Texts, line: bool) -> Vec<Series> {
+pub(super) fn run_series(runs: &[crate::report::Run], line: bool) -> Vec<Series> {
     let series = runs.iter().map(|run| Series {
         name: format!(
-            "{} {}, {}",
-            t.run,
+            "run {}, {}",
             run.number,
-            direction_word(Some(run.direction), t)
+            direction_word(Some(run.direction))
         ),
         points: run.points.clone(),
         look: match run.direction {
@@ -151,10 +156,10 @@ pub(super) fn run_series(runs: &[crate::report::Run], t: &Texts, line: bool) -> 
     series.collect()
 }
 
-fn main_plot(curve: &Curve, t: &Texts) -> XyPlot {
+fn main_plot(curve: &Curve) -> XyPlot {
     let mut series = Vec::new();
     for line in &curve.lines {
-        series.extend(run_series(&line.runs, t, false));
+        series.extend(run_series(&line.runs, false));
     }
     // Where there is one run only its reading is the mean.
     let has_runs = curve.lines.iter().any(|line| line.runs.len() > 2);
@@ -166,7 +171,7 @@ fn main_plot(curve: &Curve, t: &Texts) -> XyPlot {
             }
             let (of, mark) = look(Some(direction));
             series.push(Series {
-                name: format!("{}, {}", t.mean, direction_word(Some(direction), t)),
+                name: format!("mean, {}", direction_word(Some(direction))),
                 points: means.clone(),
                 look: of,
                 mark,
@@ -179,8 +184,8 @@ fn main_plot(curve: &Curve, t: &Texts) -> XyPlot {
     for branch in &curve.branches {
         let (of, _) = look(branch.direction);
         let words = match branch.direction {
-            Some(direction) => format!("{}, {}", t.curve, direction_word(Some(direction), t)),
-            None => t.curve.to_owned(),
+            Some(direction) => format!("curve, {}", direction_word(Some(direction))),
+            None => "curve".to_owned(),
         };
         series.push(Series {
             name: words.clone(),
@@ -191,8 +196,8 @@ fn main_plot(curve: &Curve, t: &Texts) -> XyPlot {
         });
         if let Some(band) = &branch.band {
             band_label = match band.source {
-                BandSource::Runs => t.band_curve,
-                BandSource::Residuals => t.band_one_run,
+                BandSource::Runs => "95 % of the curve",
+                BandSource::Residuals => "95 % of the curve, from one run",
             };
             bands.push(plot::Band {
                 x: band.x.clone(),
@@ -203,7 +208,7 @@ fn main_plot(curve: &Curve, t: &Texts) -> XyPlot {
         }
     }
     XyPlot {
-        words: format!("{}: {}", curve.error, described(&curve.error, t)),
+        words: format!("{}: {}", curve.error, described(&curve.error)),
         x_label: coordinate(curve),
         // The plot of the residuals below says it.
         x_named: curve
@@ -217,7 +222,7 @@ fn main_plot(curve: &Curve, t: &Texts) -> XyPlot {
         series,
         bands,
         brackets: Vec::new(),
-        legend: legend(curve, t),
+        legend: legend(curve),
         band_label: band_label.to_owned(),
     }
 }
@@ -228,19 +233,19 @@ fn coordinate(curve: &Curve) -> String {
 }
 
 /// One entry for each direction: its readings and, where it has one of its own, its curve.
-fn legend(curve: &Curve, t: &Texts) -> Vec<(Look, Mark, String)> {
+fn legend(curve: &Curve) -> Vec<(Look, Mark, String)> {
     let mut entries = Vec::new();
     for direction in Direction::BOTH {
         let (of, mark) = look(Some(direction));
-        let word = direction_word(Some(direction), t);
+        let word = direction_word(Some(direction));
         let mut lines = curve.lines.iter();
         let read = lines.any(|line| !line.means[direction as usize].is_empty());
         let mut branches = curve.branches.iter();
         let own = branches.any(|branch| branch.direction == Some(direction));
         let (mark, words) = match (read, own) {
-            (true, true) => (mark, format!("{}, {}", t.readings, t.curve)),
-            (true, false) => (mark, t.readings.to_owned()),
-            (false, true) => (Mark::None, t.curve.to_owned()),
+            (true, true) => (mark, "readings, curve".to_owned()),
+            (true, false) => (mark, "readings".to_owned()),
+            (false, true) => (Mark::None, "curve".to_owned()),
             (false, false) => continue,
         };
         entries.push((of, mark, format!("{word}: {words}")));
@@ -250,12 +255,12 @@ fn legend(curve: &Curve, t: &Texts) -> Vec<(Look, Mark, String)> {
         .iter()
         .any(|branch| branch.direction.is_none())
     {
-        entries.push((Look::Both, Mark::None, t.curve.to_owned()));
+        entries.push((Look::Both, Mark::None, "curve".to_owned()));
     }
     entries
 }
 
-fn residual_plot(curve: &Curve, t: &Texts) -> XyPlot {
+fn residual_plot(curve: &Curve) -> XyPlot {
     let branches = curve
         .branches
         .iter()
@@ -263,7 +268,7 @@ fn residual_plot(curve: &Curve, t: &Texts) -> XyPlot {
     let series = branches.map(|branch: &Branch| {
         let (of, mark) = look(branch.direction);
         Series {
-            name: format!("{}, {}", t.residual, direction_word(branch.direction, t)),
+            name: format!("residual, {}", direction_word(branch.direction)),
             points: branch.residuals.clone(),
             look: of,
             mark,
@@ -274,10 +279,10 @@ fn residual_plot(curve: &Curve, t: &Texts) -> XyPlot {
         }
     });
     XyPlot {
-        words: format!("{}: {}", curve.error, t.residuals),
+        words: format!("{}: residuals: mean reading minus curve", curve.error),
         x_label: coordinate(curve),
         x_named: true,
-        y_label: format!("{}, {}", t.residual, curve.unit),
+        y_label: format!("residual, {}", curve.unit),
         x_range: Some(curve.travel),
         width: WIDTH,
         height: 60.0,

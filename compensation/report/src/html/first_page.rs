@@ -4,15 +4,15 @@ use volcomp_metrology::Verdict;
 
 use super::write::{Cell, Page};
 use crate::{
+    described::described,
     plot::{escaped, short},
     report::{CheckOf, Report, WarningKind},
-    texts::{Language, Texts, described},
     tolerance::VOLUME,
 };
 
-pub(super) fn head(page: &mut Page, report: &Report, t: &Texts) {
+pub(super) fn head(page: &mut Page, report: &Report) {
     let head = &report.head;
-    page.paragraph("kind", t.title);
+    page.paragraph("kind", "Calibration report");
     page.put(&format!(
         "<h1>{}</h1><dl class=\"facts\">",
         escaped(head.machine.as_deref().unwrap_or(&head.source))
@@ -36,21 +36,21 @@ pub(super) fn head(page: &mut Page, report: &Report, t: &Texts) {
         .collect();
     let tip = head.tool_tip_mm.map(plain).join(", ");
     for (name, value) in [
-        (t.machine, head.machine.clone()),
-        (t.serial, head.serial.clone()),
-        (t.date, head.date.clone()),
-        (t.operator, head.operator.clone()),
-        (t.instrument, head.instrument.clone()),
-        (t.air, range(&head.air_degc)),
-        (t.material, range(&head.material_degc)),
-        (t.structure, Some(head.structure.clone())),
-        (t.axes, Some(axes.join("\n"))),
-        (t.tool, Some(format!("{tip} mm"))),
-        (t.source, Some(head.source.clone())),
+        ("Machine", head.machine.clone()),
+        ("Serial number", head.serial.clone()),
+        ("Date of measurement", head.date.clone()),
+        ("Operator", head.operator.clone()),
+        ("Instrument", head.instrument.clone()),
+        ("Air temperature", range(&head.air_degc)),
+        ("Material temperature", range(&head.material_degc)),
+        ("Structure", Some(head.structure.clone())),
+        ("Axes and travels", Some(axes.join("\n"))),
+        ("Tool tip", Some(format!("{tip} mm"))),
+        ("Made from", Some(head.source.clone())),
     ] {
         let value = match &value {
             Some(value) => escaped(value).replace('\n', "<br>"),
-            None => format!("<span class=\"none\">{}</span>", escaped(t.not_stated)),
+            None => "<span class=\"none\">not stated</span>".to_owned(),
         };
         page.put(&format!(
             "<div class=\"fact\"><dt>{}</dt><dd>{value}</dd></div>",
@@ -66,39 +66,52 @@ fn plain(value: f64) -> String {
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-pub(super) fn verdict(page: &mut Page, report: &Report, t: &Texts) {
+const LARGEST: &str = "largest volumetric error over all axes, after alignment";
+
+pub(super) fn verdict(page: &mut Page, report: &Report) {
     let whole = Verdict::of_all(report.checks.iter().map(|check| check.outcome));
     let (class, sign, sentence) = match whole {
-        _ if report.checks.is_empty() => ("open", "–", t.no_tolerance),
-        Verdict::Fail => ("fail", "✗", t.some_fail),
-        Verdict::NotEvaluated => ("open", "?", t.some_missing),
-        Verdict::Undecided => ("open", "?", t.some_undecided),
-        Verdict::Pass => ("pass", "✓", t.all_pass),
+        _ if report.checks.is_empty() => ("open", "–", "No tolerance stated."),
+        Verdict::Fail => ("fail", "✗", "Not all stated tolerances are met."),
+        Verdict::NotEvaluated => (
+            "open",
+            "?",
+            "Not every stated tolerance could be evaluated.",
+        ),
+        Verdict::Undecided => (
+            "open",
+            "?",
+            "Not every stated tolerance is decided: a figure is nearer to its limit than its uncertainty.",
+        ),
+        Verdict::Pass => ("pass", "✓", "All stated tolerances are met."),
     };
     page.put(&format!(
         "<div class=\"verdict {class}\"><span class=\"sign\" aria-hidden=\"true\">{sign}</span><strong>{}</strong></div>",
         escaped(sentence)
     ));
     if report.checks.is_empty() {
-        page.paragraph("lead", t.no_tolerance_more);
+        page.paragraph(
+            "lead",
+            "This report gives figures; it does not say whether they are good enough.",
+        );
         return;
     }
     let columns = [
-        t.figure,
+        "figure",
         // Where a small screen shows it, too.
-        t.verdict,
-        t.of,
-        &format!(">{}", t.value),
-        &format!(">{}", t.u_expanded),
-        &format!(">{}", t.tolerance),
+        "Verdict",
+        "of",
+        ">value",
+        ">U (k = 2)",
+        ">tolerance",
         "",
     ];
     let rows = report.checks.iter().map(|check| {
         let (class, sign, word) = match check.outcome {
-            Verdict::Pass => ("pass", "✓", t.pass),
-            Verdict::Fail => ("fail", "✗", t.fail),
-            Verdict::Undecided => ("open", "?", t.undecided),
-            Verdict::NotEvaluated => ("open", "–", t.not_evaluated),
+            Verdict::Pass => ("pass", "✓", "pass"),
+            Verdict::Fail => ("fail", "✗", "fail"),
+            Verdict::Undecided => ("open", "?", "undecided"),
+            Verdict::NotEvaluated => ("open", "–", "not evaluated"),
         };
         vec![
             Cell::text(&check.symbol),
@@ -107,14 +120,14 @@ pub(super) fn verdict(page: &mut Page, report: &Report, t: &Texts) {
                 escaped(word)
             )),
             Cell::Path(match &check.of {
-                CheckOf::Symbol if check.symbol == VOLUME => t.largest_volume.to_owned(),
-                CheckOf::Symbol => described(&check.symbol, t),
-                CheckOf::MeasuredAlone => format!("{}; {}", t.largest_volume, t.measured_alone),
+                CheckOf::Symbol if check.symbol == VOLUME => LARGEST.to_owned(),
+                CheckOf::Symbol => described(&check.symbol),
+                CheckOf::MeasuredAlone | CheckOf::Corrected => format!("{LARGEST}; {}", check.of),
                 CheckOf::Test { .. } => check.of.to_string(),
             }),
             Cell::Number(check.value, 2),
             match (check.value, check.uncertainty) {
-                (Some(_), None) => Cell::text(t.no_u),
+                (Some(_), None) => Cell::text("no uncertainty given"),
                 (_, u) => Cell::Number(u, 2),
             },
             Cell::number(check.limit, 2),
@@ -122,32 +135,26 @@ pub(super) fn verdict(page: &mut Page, report: &Report, t: &Texts) {
         ]
     });
     page.table(&columns, rows);
-    page.paragraph("note", t.rule);
+    page.paragraph("note", "Where an uncertainty U (k = 2) is stated, by ISO 14253-1: a figure passes where it and U on top are at most the tolerance, fails where it less U is beyond, and is undecided between. Where none is stated the figure alone is compared. U has in it what is stated, and nothing else.");
 }
 
-pub(super) fn warnings(page: &mut Page, report: &Report, t: &Texts) {
+pub(super) fn warnings(page: &mut Page, report: &Report) {
     if report.warnings.is_empty() {
-        page.paragraph("lead", t.no_warnings);
+        page.paragraph("lead", "None.");
         return;
     }
-    // The sentences are the programs' own, in English whatever the language of the heads.
-    let lang = if t.language == Language::En {
-        ""
-    } else {
-        " lang=\"en\""
-    };
     page.put("<ul class=\"warnings\">");
     for warning in &report.warnings {
         let kind = match warning.kind {
-            WarningKind::Contradiction => t.contradiction,
-            WarningKind::Few => t.few,
-            WarningKind::Temperature => t.temperature,
-            WarningKind::Outlier => t.outlier,
-            WarningKind::NotMeasured => t.unmeasured,
-            WarningKind::Note => t.note,
+            WarningKind::Contradiction => "Contradiction",
+            WarningKind::Few => "Few readings",
+            WarningKind::Temperature => "Temperature",
+            WarningKind::Outlier => "Outlier",
+            WarningKind::NotMeasured => "Not measured",
+            WarningKind::Note => "Note",
         };
         page.put(&format!(
-            "<li><b>{}</b><span{lang}>{}</span></li>",
+            "<li><b>{}</b><span>{}</span></li>",
             escaped(kind),
             escaped(&warning.text)
         ));
@@ -155,10 +162,14 @@ pub(super) fn warnings(page: &mut Page, report: &Report, t: &Texts) {
     page.put("</ul>");
 }
 
-pub(super) fn files(page: &mut Page, report: &Report, t: &Texts) {
-    let targets = format!(">{}", t.targets);
-    let runs = format!("{} ↑ / ↓", t.runs);
-    let columns = [t.file, t.measures, &targets, &runs, t.date];
+pub(super) fn files(page: &mut Page, report: &Report) {
+    let columns = [
+        "file",
+        "measures",
+        ">targets",
+        "runs ↑ / ↓",
+        "Date of measurement",
+    ];
     let rows = report.head.files.iter().map(|file| {
         let runs = file
             .runs
@@ -168,7 +179,7 @@ pub(super) fn files(page: &mut Page, report: &Report, t: &Texts) {
             Cell::text(&file.measures),
             Cell::number(file.targets as f64, 0),
             Cell::text(runs.unwrap_or_else(|| "–".to_owned())),
-            Cell::text(file.date.clone().unwrap_or_else(|| t.not_stated.to_owned())),
+            Cell::text(file.date.clone().unwrap_or_else(|| "not stated".to_owned())),
         ]
     });
     page.table(&columns, rows);

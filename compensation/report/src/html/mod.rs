@@ -14,47 +14,48 @@ use self::write::Page;
 use crate::{
     plot::{STYLE, escaped},
     report::Report,
-    texts::{Language, Texts, texts},
 };
 
 const PAGE_STYLE: &str = include_str!("page.css");
 const SCRIPT: &str = include_str!("page.js");
 
 /// The report as an HTML file. The same report gives the same bytes.
-pub fn html(report: &Report, language: Language) -> String {
-    let t = texts(language);
+pub fn html(report: &Report) -> String {
     let style = format!("{PAGE_STYLE}{STYLE}");
     let title = match &report.head.machine {
-        Some(machine) => format!("{} – {machine}", t.title),
-        None => t.title.to_owned(),
+        Some(machine) => format!("Calibration report – {machine}"),
+        None => "Calibration report".to_owned(),
     };
     let mut page = Page {
         text: format!(
-            "<!DOCTYPE html>\n<html lang=\"{}\"><head><meta charset=\"utf-8\">\
+            "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
              <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src '{}'; script-src '{}'; base-uri 'none'; form-action 'none'\">\
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
              <meta name=\"generator\" content=\"volcomp {}\">\
              <title>{}</title><style>{style}</style></head><body><main>",
-            t.code,
             hash(&style),
             hash(SCRIPT),
             escaped(&report.version),
             escaped(&title)
         ),
     };
-    first_page::head(&mut page, report, t);
+    first_page::head(&mut page, report);
     let sections: [(&str, &str, Section); 11] = [
-        ("verdict", t.verdict, first_page::verdict),
-        ("warnings", t.warnings, first_page::warnings),
-        ("curves", t.curves, curves::curves),
-        ("positioning", t.positioning, positioning::positioning),
-        ("squareness", t.squareness, volume::squareness),
-        ("diagonals", t.diagonals, volume::diagonals),
-        ("volume", t.volume, volume::volume),
-        ("uncertainty", t.uncertainty, whole_machine::uncertainty),
-        ("open", t.open, whole_machine::open),
-        ("identified", t.identified, whole_machine::identified),
-        ("files", t.files, first_page::files),
+        ("verdict", "Verdict", first_page::verdict),
+        ("warnings", "Warnings", first_page::warnings),
+        ("curves", "Error curves", curves::curves),
+        (
+            "positioning",
+            "Positioning tests (ISO 230-2)",
+            positioning::positioning,
+        ),
+        ("squareness", "Squareness", volume::squareness),
+        ("diagonals", "Body diagonals (ISO 230-6)", volume::diagonals),
+        ("volume", "Volumetric error", volume::volume),
+        ("uncertainty", "Uncertainty", whole_machine::uncertainty),
+        ("open", "What was not measured", whole_machine::open),
+        ("identified", "Identifiability", whole_machine::identified),
+        ("files", "Measurement files", first_page::files),
     ];
     let shown = sections.into_iter().filter(|(id, _, _)| match *id {
         "identified" => report.identified.is_some(),
@@ -62,10 +63,7 @@ pub fn html(report: &Report, language: Language) -> String {
         _ => true,
     });
     let shown: Vec<_> = shown.collect();
-    page.put(&format!(
-        "<nav class=\"screen\" aria-label=\"{}\">",
-        escaped(t.contents)
-    ));
+    page.put("<nav class=\"screen\" aria-label=\"Contents\">");
     for (number, (id, name, _)) in shown.iter().enumerate() {
         page.put(&format!(
             "<a href=\"#{id}\"><span class=\"no\">{}</span>{}</a>",
@@ -80,19 +78,14 @@ pub fn html(report: &Report, language: Language) -> String {
             number + 1,
             escaped(name)
         ));
-        section(&mut page, report, t);
+        section(&mut page, report);
         page.put("</section>");
     }
-    page.put(&format!(
-        "<footer>{} {}. {}</footer></main><script>{SCRIPT}</script></body></html>\n",
-        escaped(t.made_by),
-        escaped(&report.version),
-        escaped(t.same_bytes)
-    ));
+    page.put(&format!("<footer>Made by volcomp {}. The same input gives the same bytes.</footer></main><script>{SCRIPT}</script></body></html>\n", escaped(&report.version)));
     page.text
 }
 
-type Section = fn(&mut Page, &Report, &Texts);
+type Section = fn(&mut Page, &Report);
 
 /// How a content security policy names a script or a style that may run.
 fn hash(text: &str) -> String {

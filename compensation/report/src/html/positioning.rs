@@ -8,59 +8,66 @@ use super::{
     write::{Cell, Page},
 };
 use crate::{
+    described::described,
     plot::{Bracket, Look, Mark, Series, WIDTH, XyPlot, short, xy},
     report::{Positioning, Report},
-    texts::{Texts, described},
 };
 
 /// So many targets are written in a table.
 const MOST_ROWS: usize = 48;
 
-pub(super) fn positioning(page: &mut Page, report: &Report, t: &Texts) {
+pub(super) fn positioning(page: &mut Page, report: &Report) {
     if report.positioning.is_empty() {
-        page.paragraph("lead", t.no_positioning);
+        page.paragraph("lead", "No positioning test among the measurements.");
         return;
     }
-    page.paragraph("lead", t.positioning_lead);
+    page.paragraph(
+        "lead",
+        "Readings as they are in the file. A, R, E, M and B are marked where they arise.",
+    );
     for test in &report.positioning {
         page.put("<div class=\"keep\">");
-        page.heading(3, &test.error, &described(&test.error, t));
-        page.figure(&xy(&plot(test, t)), &test.file);
-        figures(page, test, t);
+        page.heading(3, &test.error, &described(&test.error));
+        page.figure(&xy(&plot(test)), &test.file);
+        figures(page, test);
         if test.result.a.is_none()
             && test.result.a_forward.is_none()
             && test.result.a_backward.is_none()
         {
-            page.paragraph("note", t.a_missing);
+            page.paragraph("note", "A and R need at least two runs in a direction.");
         }
         page.put("</div>");
-        targets(page, test, t);
+        targets(page, test);
     }
 }
 
-fn figures(page: &mut Page, test: &Positioning, t: &Texts) {
+fn figures(page: &mut Page, test: &Positioning) {
     let r = &test.result;
     let unit = &test.unit;
     let [e, m, b, mean_b] = if test.edition < 2014 {
         [
-            t.e_before_2014,
-            t.m_before_2014,
-            t.b_before_2014,
-            t.mean_b_before_2014,
+            "E systematic deviation",
+            "M mean deviation",
+            "B reversal value",
+            "mean reversal value",
         ]
     } else {
-        [t.e, t.m, t.b, t.mean_b]
+        [
+            "E systematic error",
+            "M mean error",
+            "B reversal error",
+            "mean reversal error",
+        ]
     };
     let columns = [
-        format!("ISO 230-2:{}, {unit}", test.edition),
-        format!(">{}", t.bidirectional),
-        format!(">{} ↑", t.forward),
-        format!(">{} ↓", t.backward),
+        &format!("ISO 230-2:{}, {unit}", test.edition),
+        ">bidirectional",
+        ">forward ↑",
+        ">backward ↓",
     ];
-    let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
     let all = [
-        (t.a, [r.a, r.a_forward, r.a_backward]),
-        (t.r, [r.r, r.r_forward, r.r_backward]),
+        ("A accuracy", [r.a, r.a_forward, r.a_backward]),
+        ("R repeatability", [r.r, r.r_forward, r.r_backward]),
         (e, [r.e, r.e_forward, r.e_backward]),
         (m, [r.m, None, None]),
         (b, [r.b, None, None]),
@@ -73,7 +80,7 @@ fn figures(page: &mut Page, test: &Positioning, t: &Texts) {
     });
     page.table(&columns, rows);
     let Some(vdi) = &test.vdi else {
-        page.paragraph("note", t.vdi_lacks);
+        page.paragraph("note", "VDI/DGQ 3441 is not evaluated: it needs both directions and at least two runs in each.");
         return;
     };
     let values = [
@@ -96,24 +103,23 @@ fn figures(page: &mut Page, test: &Positioning, t: &Texts) {
     let mut row = vec![Cell::text(unit)];
     row.extend(values.map(|value| Cell::number(value, 2)));
     page.table(&columns, [row]);
-    page.paragraph("note", t.vdi_words);
+    page.paragraph("note", "P positional uncertainty, Pa position deviation, U reversal, Ps scatter (6 s); a bar is the mean over the targets.");
 }
 
-fn targets(page: &mut Page, test: &Positioning, t: &Texts) {
+fn targets(page: &mut Page, test: &Positioning) {
     let columns = [
-        format!(">{} {}", t.target, test.x_unit),
-        ">x̄ ↑".to_owned(),
-        ">x̄ ↓".to_owned(),
-        ">s ↑".to_owned(),
-        ">s ↓".to_owned(),
-        ">B".to_owned(),
-        ">R".to_owned(),
+        &format!(">target {}", test.x_unit),
+        ">x̄ ↑",
+        ">x̄ ↓",
+        ">s ↑",
+        ">s ↓",
+        ">B",
+        ">R",
     ];
-    let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
     let all = &test.result.targets;
     let shown = chosen(all);
     if shown.len() < all.len() {
-        page.paragraph("note", &format!("{} {}", all.len(), t.table_cut));
+        page.paragraph("note", &format!("{} targets in all; the table shows those with the extreme values and evenly spaced ones between.", all.len()));
     }
     let mean = |of: &Option<Approach>| Cell::Number(of.as_ref().map(|of| of.mean), 2);
     let s = |of: &Option<Approach>| Cell::Number(of.as_ref().and_then(|of| of.s), 2);
@@ -169,8 +175,8 @@ fn of(row: &TargetRow, direction: Direction) -> Option<&Approach> {
     }
 }
 
-fn plot(test: &Positioning, t: &Texts) -> XyPlot {
-    let mut series = run_series(&test.runs, t, true);
+fn plot(test: &Positioning) -> XyPlot {
+    let mut series = run_series(&test.runs, true);
     let mut legend = Vec::new();
     for direction in Direction::BOTH {
         let (mean_look, mark) = look(Some(direction));
@@ -178,7 +184,7 @@ fn plot(test: &Positioning, t: &Texts) -> XyPlot {
             Direction::Positive => (Look::RunForward, Look::LimitForward),
             Direction::Negative => (Look::RunBackward, Look::LimitBackward),
         };
-        let word = direction_word(Some(direction), t);
+        let word = direction_word(Some(direction));
         let with = |value: &dyn Fn(&Approach) -> Option<f64>| -> Vec<(f64, f64)> {
             let rows = test.result.targets.iter();
             rows.filter_map(|row| Some((row.target, value(of(row, direction)?)?)))
@@ -189,26 +195,26 @@ fn plot(test: &Positioning, t: &Texts) -> XyPlot {
             continue;
         }
         if test.runs.iter().any(|run| run.direction == direction) {
-            legend.push((run_look, Mark::None, format!("{}, {word}", t.runs)));
+            legend.push((run_look, Mark::None, format!("runs, {word}")));
         }
         series.push(Series {
-            name: format!("{}, {word}", t.mean),
+            name: format!("mean, {word}"),
             points: means,
             look: mean_look,
             mark,
             line: true,
         });
-        legend.push((mean_look, mark, format!("{}, {word}", t.mean)));
+        legend.push((mean_look, mark, format!("mean, {word}")));
         for (sign, name) in [(2.0, "+ 2 s"), (-2.0, "− 2 s")] {
             let points = with(&|of| Some(of.mean + sign * of.s?));
             if points.is_empty() {
                 continue;
             }
             if sign > 0.0 {
-                legend.push((limit, Mark::None, format!("{}, {word}", t.limits)));
+                legend.push((limit, Mark::None, format!("mean ± 2 s, {word}")));
             }
             series.push(Series {
-                name: format!("{} {name}, {word}", t.mean),
+                name: format!("mean {name}, {word}"),
                 points,
                 look: limit,
                 mark: Mark::None,
@@ -217,10 +223,10 @@ fn plot(test: &Positioning, t: &Texts) -> XyPlot {
         }
     }
     XyPlot {
-        words: format!("{}: {}", t.positioning, test.error),
-        x_label: format!("{}, {}", t.target, test.x_unit),
+        words: format!("Positioning tests (ISO 230-2): {}", test.error),
+        x_label: format!("target, {}", test.x_unit),
         x_named: true,
-        y_label: format!("{}, {}", t.deviation, test.unit),
+        y_label: format!("deviation, {}", test.unit),
         x_range: None,
         width: WIDTH,
         height: 250.0,

@@ -9,17 +9,19 @@ use crate::{
         escaped, heat_map, quiver, short, square_sketch, ticks, xy,
     },
     report::{Diagonal, Report, Slice, Standing, State, Volume},
-    texts::Texts,
 };
 
 /// The largest squareness is drawn as this angle.
 const DRAWN_RAD: f64 = 0.2;
 
-pub(super) fn squareness(page: &mut Page, report: &Report, t: &Texts) {
+pub(super) fn squareness(page: &mut Page, report: &Report) {
     if report.squareness.is_empty() {
-        page.paragraph("lead", t.no_squareness);
+        page.paragraph("lead", "No squareness is known.");
     } else {
-        page.paragraph("lead", t.squareness_lead);
+        page.paragraph(
+            "lead",
+            "The angle of each pair of axes less 90°, drawn much larger than it is; dashed: 90°.",
+        );
         let angles = report
             .squareness
             .iter()
@@ -53,7 +55,6 @@ pub(super) fn squareness(page: &mut Page, report: &Report, t: &Texts) {
             page.put(&format!("<figure>{}</figure>", square_sketch(&sketch)));
         }
         page.put("</div>");
-        let angle = format!(">{}, µrad", t.angle);
         let rows = report.squareness.iter().map(|square| {
             let from = square.from.iter();
             let from: Vec<String> = from
@@ -64,23 +65,17 @@ pub(super) fn squareness(page: &mut Page, report: &Report, t: &Texts) {
                 Cell::number(square.angle_urad, 2),
                 Cell::text(from.join(", ")),
                 Cell::text(if square.measured {
-                    t.measured_here
+                    "this calibration"
                 } else {
-                    t.of_file
+                    "the machine file"
                 }),
             ]
         });
-        page.table(&[t.pair, &angle, t.from, t.known_from], rows);
+        page.table(&["pair", ">angle − 90°, µrad", "from", "known from"], rows);
     }
     if !report.locations.is_empty() {
-        page.heading(4, t.locations, "");
-        let columns = [
-            t.error.to_owned(),
-            format!(">{}", t.value),
-            format!(">{}", t.uncertainty_k1),
-            String::new(),
-        ];
-        let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
+        page.heading(4, "Other location errors", "");
+        let columns = ["error", ">value", ">standard uncertainty", ""];
         let rows = report.locations.iter().map(|location| {
             vec![
                 Cell::text(&location.error),
@@ -108,44 +103,45 @@ fn signed(value: f64) -> String {
     format!("{sign} {}", short(value.abs(), 1))
 }
 
-fn state_words(state: State, has_before: bool, t: &Texts) -> &'static str {
+fn state_words(state: State, has_before: bool) -> &'static str {
     match state {
-        State::Found if has_before => t.state_found_after,
-        State::Found => t.state_found,
-        State::GivenBefore => t.state_given,
-        State::Truth => t.state_truth,
-        State::TruthCorrected => t.state_corrected,
+        State::Found if has_before => "the errors that were found",
+        State::Found => "the errors that were found, without compensation",
+        State::GivenBefore => "the errors of the machine file that was stated as the state before",
+        State::Truth => {
+            "the errors of the machine file that was stated as the truth, without compensation"
+        }
+        State::TruthCorrected => "what the compensation by this model leaves of the stated truth",
     }
 }
 
 /// What before and after mean.
-fn states(page: &mut Page, before: State, after: Option<State>, t: &Texts) {
+fn states(page: &mut Page, before: State, after: Option<State>) {
     let line = |name: &str, words: &str| format!("<b>{}</b>: {}", escaped(name), escaped(words));
     let mut all = Vec::new();
     if let Some(after) = after {
-        all.push(line(t.before, state_words(before, false, t)));
-        all.push(line(t.after, state_words(after, true, t)));
+        all.push(line("before", state_words(before, false)));
+        all.push(line("after", state_words(after, true)));
     } else {
-        all.push(escaped(state_words(before, false, t)) + ".");
-        all.push(escaped(t.no_after));
+        all.push(escaped(state_words(before, false)) + ".");
+        all.push("What a compensation leaves is not shown: the model against itself would prove nothing. It needs a truth or a second measurement.");
     }
     page.put(&format!("<p class=\"lead\">{}</p>", all.join("<br>")));
 }
 
-pub(super) fn diagonals(page: &mut Page, report: &Report, t: &Texts) {
+pub(super) fn diagonals(page: &mut Page, report: &Report) {
     let Some(found) = &report.diagonals else {
-        page.paragraph("lead", t.no_diagonals);
+        page.paragraph("lead", "Not computed: they need the axes X, Y and Z.");
         return;
     };
-    page.paragraph("lead", t.diagonals_lead);
+    page.paragraph("lead", "Computed from the model: the deviation along each diagonal of the travels, zero at its first target.");
     if let Some(volume) = &report.volume {
-        standing(page, volume, t);
+        standing(page, volume);
     }
     states(
         page,
         found.before.state,
         found.after.as_ref().map(|after| after.state),
-        t,
     );
     let after_of = |name: &str| -> Option<&Diagonal> {
         let after = found.after.as_ref()?;
@@ -154,30 +150,30 @@ pub(super) fn diagonals(page: &mut Page, report: &Report, t: &Texts) {
     page.put("<div class=\"maps two\">");
     for diagonal in &found.before.found {
         let mut series = vec![Series {
-            name: format!("{}, {}", diagonal.name, t.before),
+            name: format!("{}, before", diagonal.name),
             points: diagonal.points.clone(),
             look: Look::Before,
             mark: Mark::Down,
             line: true,
         }];
-        let mut legend = vec![(Look::Before, Mark::Down, t.before.to_owned())];
+        let mut legend = vec![(Look::Before, Mark::Down, "before".to_owned())];
         if let Some(after) = after_of(&diagonal.name) {
             series.push(Series {
-                name: format!("{}, {}", diagonal.name, t.after),
+                name: format!("{}, after", diagonal.name),
                 points: after.points.clone(),
                 look: Look::After,
                 mark: Mark::Dot,
                 line: true,
             });
-            legend.push((Look::After, Mark::Dot, t.after.to_owned()));
+            legend.push((Look::After, Mark::Dot, "after".to_owned()));
         } else {
             legend.clear();
         }
         let plot = XyPlot {
-            words: format!("{} {}", t.diagonal, diagonal.name),
-            x_label: t.along.to_owned(),
+            words: format!("diagonal {}", diagonal.name),
+            x_label: "place along the diagonal, mm".to_owned(),
             x_named: true,
-            y_label: format!("{}, µm", t.deviation),
+            y_label: "deviation, µm".to_owned(),
             x_range: None,
             width: 340.0,
             height: 170.0,
@@ -190,13 +186,10 @@ pub(super) fn diagonals(page: &mut Page, report: &Report, t: &Texts) {
         page.figure(&xy(&plot), &diagonal.name);
     }
     page.put("</div>");
-    let range = |word: &str| format!(">{} {word}, µm", t.range);
-    let (before, after) = (range(t.before), range(t.after));
-    let alone = format!(">{}, µm", t.range);
     let columns: &[&str] = if found.after.is_some() {
-        &[t.diagonal, &before, &after]
+        &["diagonal", ">range before, µm", ">range after, µm"]
     } else {
-        &[t.diagonal, &alone]
+        &["diagonal", ">range, µm"]
     };
     let rows = found.before.found.iter().map(|diagonal| {
         let mut row = vec![
@@ -214,32 +207,30 @@ pub(super) fn diagonals(page: &mut Page, report: &Report, t: &Texts) {
     page.table(columns, rows);
 }
 
-pub(super) fn volume(page: &mut Page, report: &Report, t: &Texts) {
+pub(super) fn volume(page: &mut Page, report: &Report) {
     let Some(volume) = &report.volume else {
-        page.paragraph("lead", t.no_volume);
+        page.paragraph("lead", "A map needs two of the axes X, Y and Z.");
         return;
     };
-    page.paragraph("lead", t.volume_lead);
+    page.paragraph("lead", "Length of the error of the tool tip after best-fit rigid-body alignment of the workpiece, on planes through the middle of the working space. One colour scale for all maps.");
     states(
         page,
         volume.before.state,
         volume.after.as_ref().map(|after| after.state),
-        t,
     );
     let columns = [
-        t.state.to_owned(),
-        format!(">{}, µm", t.max),
-        t.at.to_owned(),
-        format!(">{}, µm", t.rms),
-        format!(">{}, µrad", t.tilt),
-        format!(">{}, µm", t.whole_max),
-        format!(">{}, µm", t.rms),
+        "state",
+        ">largest, µm",
+        "at",
+        ">rms, µm",
+        ">largest tilt of the tool axis, µrad",
+        ">before alignment: largest, µm",
+        ">rms, µm",
     ];
-    let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
-    let mut states = vec![(t.before, &volume.before.found)];
-    states.extend(volume.after.iter().map(|after| (t.after, &after.found)));
+    let mut states = vec![("before", &volume.before.found)];
+    states.extend(volume.after.iter().map(|after| ("after", &after.found)));
     if volume.after.is_none() {
-        states[0].0 = t.uncompensated;
+        states[0].0 = "uncompensated";
     }
     let rows = states.into_iter().map(|(name, size)| {
         vec![
@@ -255,15 +246,15 @@ pub(super) fn volume(page: &mut Page, report: &Report, t: &Texts) {
     page.table(&columns, rows);
     page.paragraph(
         "note",
-        &format!("{} {}. {}", volume.poses, t.nodes, t.rigid_note),
+        &format!("{} poses over the travels of all axes. The workpiece is aligned once for all poses and tools (best-fit rigid body: three shifts and three small rotations by least squares): where it lies is a convention and no error of the machine. Largest values are searched from the worst poses. The last two columns are before alignment.", volume.poses),
     );
-    standing(page, volume, t);
-    maps(page, volume, t);
-    vectors(page, volume, t);
+    standing(page, volume);
+    maps(page, volume);
+    vectors(page, volume);
 }
 
 /// The axes that stand still, and what is not seen for it.
-fn standing(page: &mut Page, volume: &Volume, t: &Texts) {
+fn standing(page: &mut Page, volume: &Volume) {
     if volume.standing.is_empty() {
         return;
     }
@@ -277,12 +268,12 @@ fn standing(page: &mut Page, volume: &Volume, t: &Texts) {
         .collect();
     page.paragraph(
         "note",
-        &format!("{} {}. {}", t.standing, at.join(", "), t.standing_note),
+        &format!("In the pictures stand still: {}. The table and the verdict cover poses of all axes; the pictures show this one.", at.join(", ")),
     );
 }
 
 /// Every slice before, then every one after, in one scale of colours.
-fn maps(page: &mut Page, volume: &Volume, t: &Texts) {
+fn maps(page: &mut Page, volume: &Volume) {
     let all = volume.slices.iter().flat_map(|slice| {
         slice
             .before_um
@@ -307,7 +298,7 @@ fn maps(page: &mut Page, volume: &Volume, t: &Texts) {
                 .map(|held| format!(", {} = {} mm", held.axis, short(held.at, 0)));
             let title = format!("{}{}{}", slice.across, slice.up, held.unwrap_or_default());
             let map = HeatMap {
-                words: format!("{} {title} {word}", t.plane),
+                words: format!("plane {title} {word}"),
                 title: format!("{title}{}{word}", if word.is_empty() { "" } else { ", " }),
                 x_label: format!("{}, mm", slice.across),
                 y_label: format!("{}, mm", slice.up),
@@ -321,21 +312,18 @@ fn maps(page: &mut Page, volume: &Volume, t: &Texts) {
         }
         page.put("</div>");
     };
-    let before = if volume.after.is_some() { t.before } else { "" };
+    let before = if volume.after.is_some() { "before" } else { "" };
     row(before, &|slice| Some(slice.before_um.clone()));
     if volume.after.is_some() {
-        row(t.after, &|slice| slice.after_um.clone());
+        row("after", &|slice| slice.after_um.clone());
     }
-    page.put(&format!(
-        "<div class=\"colours\">{}</div>",
-        colours(most, t)
-    ));
+    page.put(&format!("<div class=\"colours\">{}</div>", colours(most)));
 }
 
 /// The scale of the colours.
-fn colours(most: f64, t: &Texts) -> String {
+fn colours(most: f64) -> String {
     let (left, width) = (4.0, 400.0);
-    let mut svg = Svg::new("plot", (420.0, 54.0), t.scale_word, "");
+    let mut svg = Svg::new("plot", (420.0, 54.0), "length of the error, µm", "");
     let strips = 60;
     for (share, colour) in colour_scale(strips) {
         svg.raw(&format!(
@@ -345,8 +333,7 @@ fn colours(most: f64, t: &Texts) -> String {
         ));
     }
     svg.raw(&format!(
-        "<text class=\"name\" x=\"{left}\" y=\"12\">{}</text>",
-        escaped(t.scale_word)
+        "<text class=\"name\" x=\"{left}\" y=\"12\">length of the error, µm</text>"
     ));
     let most = if most > 0.0 { most } else { 1.0 };
     let (values, decimals) = ticks([0.0, most], 6);
@@ -361,7 +348,7 @@ fn colours(most: f64, t: &Texts) -> String {
     svg.finish()
 }
 
-fn vectors(page: &mut Page, volume: &Volume, t: &Texts) {
+fn vectors(page: &mut Page, volume: &Volume) {
     let arrows = volume.vectors.iter().flat_map(|vector| {
         let arrow = |error_um, after| Arrow {
             at_mm: vector.at_mm,
@@ -372,21 +359,17 @@ fn vectors(page: &mut Page, volume: &Volume, t: &Texts) {
         core::iter::once(arrow(vector.before_um, false)).chain(after)
     });
     let picture = Quiver {
-        words: t.vectors.to_owned(),
+        words: "Error vectors".to_owned(),
         travels_mm: volume.travels_mm,
         arrows: arrows.collect(),
-        scale_word: t.arrow_word.to_owned(),
+        scale_word: "an error of".to_owned(),
     };
     page.put("<div class=\"keep whole\">");
-    page.heading(3, t.vectors, "");
-    page.paragraph("note", t.vectors_hint);
-    page.paragraph("note screen", t.vectors_turn);
+    page.heading(3, "Error vectors", "");
+    page.paragraph("note", "Each line begins with a dot at its place and points along the error, enlarged as the rule says.");
+    page.paragraph("note screen", "Drag to turn, or use the arrow keys.");
     if volume.after.is_some() {
-        page.put(&format!(
-            "<div class=\"legend\"><span><i class=\"b\"></i>{}</span><span><i class=\"f\"></i>{}</span></div>",
-            escaped(t.before),
-            escaped(t.after)
-        ));
+        page.put("<div class=\"legend\"><span><i class=\"b\"></i>before</span><span><i class=\"f\"></i>after</span></div>");
     }
     page.figure(&quiver(&picture), "");
     page.put("</div>");

@@ -4,7 +4,6 @@ use super::write::{Cell, Page};
 use crate::{
     plot::{escaped, short},
     report::{Report, Weighted, place},
-    texts::{Language, Texts},
 };
 
 /// So many combinations of the null space are written out.
@@ -12,33 +11,30 @@ const MOST_COMBINATIONS: usize = 40;
 /// Parts of a combination that are smaller than this share of its largest are left out.
 const LEAST_WEIGHT: f64 = 0.02;
 
-fn list(page: &mut Page, texts: &[String], t: &Texts) {
-    let lang = if t.language == Language::En {
-        ""
-    } else {
-        " lang=\"en\""
-    };
+fn list(page: &mut Page, texts: &[String]) {
     page.put("<ul>");
     for text in texts {
-        page.put(&format!("<li{lang}>{}</li>", escaped(text)));
+        page.put(&format!("<li>{}</li>", escaped(text)));
     }
     page.put("</ul>");
 }
 
-pub(super) fn uncertainty(page: &mut Page, report: &Report, t: &Texts) {
+pub(super) fn uncertainty(page: &mut Page, report: &Report) {
     let Some(found) = &report.uncertainty else {
-        page.paragraph("lead", t.no_uncertainty);
+        page.paragraph(
+            "lead",
+            "Not evaluated: no contributions are stated and no machines were drawn.",
+        );
         return;
     };
     if let Some(drawn) = &found.drawn {
-        page.paragraph("lead", t.uncertainty_lead);
+        page.paragraph("lead", "Of the position error over poses of all axes: the readings are drawn again from their scatter and from the stated contributions, and the spread of the machines that they give is the standard uncertainty (JCGM 101).");
         let columns = [
-            String::new(),
-            format!(">{}, µm", t.uncertainty_k1),
-            format!(">{}, µm", t.expanded),
-            t.at.to_owned(),
+            "",
+            ">standard uncertainty, µm",
+            ">expanded, k = 2, µm",
+            "at",
         ];
-        let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
         let at = place(&drawn.at);
         let row = |name: &str, um: f64, at: String| {
             vec![
@@ -51,25 +47,28 @@ pub(super) fn uncertainty(page: &mut Page, report: &Report, t: &Texts) {
         page.table(
             &columns,
             [
-                row(t.rms, drawn.rms_um, String::new()),
-                row(t.largest, drawn.max_um, at),
+                row("rms", drawn.rms_um, String::new()),
+                row("largest", drawn.max_um, at),
             ],
         );
         page.paragraph(
             "note",
-            &format!("{} {}, {} {}", drawn.trials, t.trials, t.seed, drawn.seed),
+            &format!("{} machines drawn, seed {}", drawn.trials, drawn.seed),
         );
     } else {
-        page.paragraph("lead", t.not_drawn);
+        page.paragraph(
+            "lead",
+            "The volumetric error's uncertainty was not computed (no machines were drawn).",
+        );
     }
     if !found.stated.is_empty() {
-        page.heading(4, t.contributions, "");
+        page.heading(4, "Stated contributions (standard uncertainty, k = 1)", "");
         let rows = found.stated.iter().map(|of| {
             let words = match of.key.as_str() {
-                "laser_um_per_m" => t.c_laser,
-                "square_urad" => t.c_square,
-                "reading_um" => t.c_reading,
-                "reading_urad" => t.c_reading_angle,
+                "laser_um_per_m" => "scale of the laser, material temperature included",
+                "square_urad" => "reference angle of each squareness",
+                "reading_um" => "mean linear reading at a target",
+                "reading_urad" => "mean angular reading at a target",
                 other => other,
             };
             vec![
@@ -78,59 +77,49 @@ pub(super) fn uncertainty(page: &mut Page, report: &Report, t: &Texts) {
                 Cell::text(&of.unit),
             ]
         });
-        page.table(&["", &format!(">{}", t.value), ""], rows);
+        page.table(&["", ">value", ""], rows);
     }
     if !found.not_counted.is_empty() {
-        page.heading(4, t.not_counted, "");
-        list(page, &found.not_counted, t);
+        page.heading(4, "Not counted", "");
+        list(page, &found.not_counted);
     }
 }
 
-pub(super) fn open(page: &mut Page, report: &Report, t: &Texts) {
+pub(super) fn open(page: &mut Page, report: &Report) {
     let is_machine_file = report.head.files.is_empty();
     if report.not_measured.is_empty() {
         page.paragraph(
             "lead",
             if is_machine_file {
-                t.open_machine
+                "This report is of a machine file: nothing was measured here."
             } else {
-                t.open_nothing
+                "Every error of the structure was measured or found."
             },
         );
         return;
     }
-    page.paragraph("", t.open_lead);
-    list(page, &report.not_measured, t);
+    page.paragraph("", "An error that nothing measured is taken as the machine file has it, or as 0. The model then does not contain it, a compensation cannot remove it, and neither the volumetric error nor its uncertainty above counts it.");
+    list(page, &report.not_measured);
 }
 
-pub(super) fn identified(page: &mut Page, report: &Report, t: &Texts) {
+pub(super) fn identified(page: &mut Page, report: &Report) {
     let Some(found) = &report.identified else {
         return;
     };
-    page.paragraph("lead", t.identified_lead);
-    page.put(&format!(
-        "<p><b>{} {} {} {}</b>; {} {}. <span class=\"lead\">{}</span></p>",
-        escaped(t.rank),
-        found.rank,
-        escaped(t.of_unknowns),
-        found.of,
-        escaped(t.score),
-        escaped(&power(found.score)),
-        escaped(t.score_note)
-    ));
+    page.paragraph("lead", "Found from observations of the whole machine.");
+    page.put(&format!("<p><b>rank {} of {}</b>; score of what is determined {}. <span class=\"lead\">1 is best. An unknown may be 1/score times as uncertain as if all others were known.</span></p>", found.rank, found.of, escaped(&power(found.score))));
     let digits = |unit: &str| match unit {
         "mm" => 4,
         "deg" => 6,
         _ => 2,
     };
     let columns = [
-        t.unknown.to_owned(),
-        format!(">{}", t.value),
-        format!(">{}", t.uncertainty_k1),
-        t.unit.to_owned(),
-        t.given_zero.to_owned(),
+        "unknown",
+        ">value",
+        ">standard uncertainty",
+        "unit",
+        "holds if zero",
     ];
-    let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
     let rows = found.parameters.iter().map(|parameter| {
         let digits = digits(&parameter.unit);
         let (value, uncertainty) = match parameter.uncertainty {
@@ -138,7 +127,7 @@ pub(super) fn identified(page: &mut Page, report: &Report, t: &Texts) {
                 Cell::number(parameter.value, digits),
                 Cell::number(u, digits),
             ),
-            None => (Cell::Number(None, 0), Cell::text(t.not_found)),
+            None => (Cell::Number(None, 0), Cell::text("not determined")),
         };
         vec![
             Cell::text(&parameter.name),
@@ -149,17 +138,11 @@ pub(super) fn identified(page: &mut Page, report: &Report, t: &Texts) {
         ]
     });
     page.table(&columns, rows);
-    let columns = [
-        t.what_is_left.to_owned(),
-        format!(">{}", t.rms),
-        format!(">{}", t.largest),
-        format!(">{}", t.rows),
-    ];
-    let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
+    let columns = ["what is left, µm", ">rms", ">largest", ">rows"];
     let left = [
-        (t.fitted_rows, Some(found.residual)),
-        (t.left_rows, found.left_out),
-        (t.judged_rows, found.judged),
+        ("fitted rows", Some(found.residual)),
+        ("rows left out", found.left_out),
+        ("judged rows", found.judged),
     ];
     let rows = left.into_iter().filter_map(|(name, of)| {
         let left = of?;
@@ -171,9 +154,13 @@ pub(super) fn identified(page: &mut Page, report: &Report, t: &Texts) {
         ])
     });
     page.table(&columns, rows);
-    page.heading(4, t.null_space, "");
+    page.heading(
+        4,
+        "Null space: changes that the observations do not see",
+        "",
+    );
     if found.null_space.is_empty() {
-        page.paragraph("", t.null_nothing);
+        page.paragraph("", "Empty: every unknown is determined.");
     } else {
         page.put("<ul>");
         for combination in found.null_space.iter().take(MOST_COMBINATIONS) {
@@ -185,11 +172,11 @@ pub(super) fn identified(page: &mut Page, report: &Report, t: &Texts) {
         }
     }
     if !found.redundant.is_empty() {
-        page.heading(4, t.redundant, "");
+        page.heading(4, "Zero by convention, and not counted", "");
         page.paragraph("", &found.redundant.join(", "));
     }
     if let Some(next) = &found.next {
-        page.heading(4, t.next, "");
+        page.heading(4, "Measure next", "");
         page.paragraph("", next);
     }
 }
