@@ -6,10 +6,7 @@
 mod clean;
 mod focas;
 mod gateway;
-mod make;
 mod modbus;
-mod opcua;
-mod opcua_wire;
 mod pace;
 mod propose;
 mod table;
@@ -31,7 +28,6 @@ use tokio::{
 
 pub use clean::clean;
 pub use modbus::{Identification, parse_identification};
-pub use opcua_wire::{Endpoint, parse_endpoints};
 pub use pace::Pace;
 pub use propose::{Proposal, proposals};
 pub use table::table;
@@ -48,7 +44,7 @@ pub enum Kind {
     Gateway,
     /// A FANUC control (FOCAS).
     Focas,
-    /// An OPC UA server, such as a SINUMERIK control.
+    /// An OPC UA server, such as a SINUMERIK control: its port is open, nothing is asked.
     OpcUa,
     /// A module with temperatures or lines (Modbus TCP).
     Modbus,
@@ -109,6 +105,14 @@ impl Device {
             structure: None,
             note: String::new(),
             proposals: Vec::new(),
+        }
+    }
+
+    /// Something listens there that is asked nothing.
+    fn open(address: SocketAddr, kind: Kind) -> Self {
+        Self {
+            note: "its port is open; it was asked nothing".to_owned(),
+            ..Self::at(address, kind)
         }
     }
 
@@ -225,7 +229,7 @@ impl Search {
                         pace.turn().await;
                         focas::ask(at, self.answer_within / 2).await
                     }
-                    Kind::OpcUa => opcua::ask(at, stream).await,
+                    Kind::OpcUa => Device::open(at, kind),
                     Kind::Modbus => modbus::ask(at, stream).await,
                 }
             };
