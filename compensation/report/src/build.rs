@@ -98,7 +98,7 @@ impl Report {
 
     /// The report of a machine as its file states it: nothing in it was measured here.
     pub fn of_machine(source: &str, machine: &Machine, stated: &Stated) -> Self {
-        Self {
+        let mut report = Self {
             head: head(source, machine, &std::iter::empty(), stated),
             checks: Vec::new(),
             warnings: notes(&machine.notes()).collect(),
@@ -112,7 +112,23 @@ impl Report {
             not_measured: Vec::new(),
             identified: None,
             version: env!("CARGO_PKG_VERSION").to_owned(),
+        };
+        if !report.knows_errors() {
+            report.warnings.push(Warning {
+                kind: WarningKind::NotMeasured,
+                text: "no error of this machine is known: every figure is that of a machine without errors".to_owned(),
+            });
         }
+        report
+    }
+
+    /// Whether it has any error.
+    pub(crate) fn knows_errors(&self) -> bool {
+        let mut squares = self.squareness.iter();
+        !self.curves.is_empty()
+            || !self.locations.is_empty()
+            || self.identified.is_some()
+            || squares.any(|square| !square.from.is_empty())
     }
 }
 

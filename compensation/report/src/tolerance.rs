@@ -171,7 +171,7 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
                 .filter(|_| found.is_some())
                 .map(|drawn| 2.0 * drawn.max_um);
             // Of a machine of which no error is known nothing follows.
-            let value = last.filter(|last| last.state != State::Found || knows_errors(report));
+            let value = last.filter(|last| last.state != State::Found || report.knows_errors());
             let of = if found.is_some() && value.is_some() && !report.not_measured.is_empty() {
                 CheckOf::MeasuredAlone
             } else if last.is_some_and(|last| last.state == State::TruthCorrected) {
@@ -186,15 +186,6 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
         }
     }
     all
-}
-
-/// Whether a report has any error.
-fn knows_errors(report: &Report) -> bool {
-    let mut squares = report.squareness.iter();
-    !report.curves.is_empty()
-        || !report.locations.is_empty()
-        || report.identified.is_some()
-        || squares.any(|square| !square.from.is_empty())
 }
 
 /// The size of an error, and its expanded uncertainty (k = 2) where what it is made of is stated.

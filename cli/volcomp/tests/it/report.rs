@@ -55,6 +55,16 @@ fn a_truth_shows_what_a_compensation_leaves() {
     let of = |state: &str| document[state]["form_max_um"].as_f64().expect("a number");
     assert!(of("after") < of("before"), "{document}");
     assert!(page.contains("what the compensation by this model leaves of the stated truth"));
+    // V is of another state than the figures of tests, and says so.
+    let truth = ["--truth", "examples/calibration/truth.toml"];
+    let judged = [&[CALIBRATION][..], &truth, &["--tolerance", "V=99,E=99"]].concat();
+    for check in report(&judged).0["checks"].as_array().expect("checks") {
+        assert_eq!(
+            check["symbol"] == "V",
+            check["of"] == "after the correction",
+            "{check}"
+        );
+    }
     // Against itself nothing is left of a machine but what its correction neglects.
     let (document, _) = report(&["examples/gantry.toml", "--truth", "examples/gantry.toml"]);
     let after = document["after"]["max_um"].as_f64().expect("a number");

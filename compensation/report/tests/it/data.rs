@@ -388,6 +388,14 @@ fn a_machine_file_has_curves_without_readings_and_says_so() {
     assert!(report.curves[0].lines.is_empty() && report.curves[0].branches[0].fit.is_none());
     assert_eq!(report.squareness[0].angle_urad, 5.0);
     assert!(!report.squareness[0].measured);
+    assert_eq!(report.warnings, []);
+    let none = volcomp_model::Machine::parse(crate::MACHINE, "machine.toml").expect("a machine");
+    let report = Report::of_machine("machine.toml", &none, &Stated::default());
+    let warning = &report.warnings[0].text;
+    assert!(
+        warning.starts_with("no error of this machine is known"),
+        "{warning}"
+    );
 }
 
 #[test]
