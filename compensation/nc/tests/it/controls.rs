@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use volcomp_nc::{Dialect, SetUp, Strategy};
+use volcomp_nc::{Dialect, Note, SetUp, Strategy};
 
 use crate::identity::{compensated_in, verified_in};
 
@@ -644,7 +644,9 @@ fn presets_are_work_offsets() {
     )
     .expect("taken");
     assert_eq!(text, program.replace("X+10 Y", "X+10.500 Y"));
-    assert!(summary.notes.by_line().is_empty(), "{:?}", summary.notes);
+    // EC0Y of -1000 µrad takes 0.4 mm of X at Y 400, where the preset is.
+    let notes = summary.notes.by_line();
+    assert_eq!(notes, [(5, &Note::OffAtZero("P3".into(), [-4000, 0, 0]))]);
     // A shift that has ended does not matter, and one after the preset is on top of it.
     for ends in ["TRANS DATUM RESET", "CYCL DEF 7.1 X+0\nCYCL DEF 7.2 Z+0"] {
         let begins = "TRANS DATUM AXIS X+60 Z-5\n";

@@ -2,24 +2,27 @@
 
 use volcomp_model::{Machine, Temperatures};
 use volcomp_nc::{
-    Corrector, Found, InspectError, Inspected, Job, Part, SetUp, Virtual, compensate, verify,
+    Corrector, Found, InspectError, Inspected, Job, Note, Notes, Part, SetUp, Virtual, compensate,
+    verify,
 };
 
 /// Features of a part by name, before and after, on a machine that is taken for the real one.
 fn inspected(errors: &str, program: &str, part: &str) -> Vec<Inspected> {
-    let text = format!(
-        "structure = \"w X' b Y Z B t\"
-axes = {{ X = {{ travel = [0, 1000] }}, Y = {{ travel = [0, 1000] }}, Z = {{ travel = [-500, 0] }}, B = {{ travel = [-90, 90] }} }}
-tool = {{ tip = [0, 0, 0] }}
-[errors]
-{errors}
-"
-    );
-    let machine = Machine::parse(&text, "m.toml").expect("a machine");
+    inspected_with([errors, errors], "", program, part).0
+}
+
+/// The same on a machine with the first errors, corrected for the second ones, with a work offset; and the notes.
+fn inspected_with(
+    errors: [&str; 2],
+    work_offset: &str,
+    program: &str,
+    part: &str,
+) -> (Vec<Inspected>, Notes) {
+    let [truth, model] = errors.map(machine);
     let temperatures = Temperatures::default();
-    let corrector = Corrector::new(&machine, &temperatures, 1e-3).expect("compiled");
-    let setup = SetUp::parse("start = { X = 0.0, Y = 0.0, Z = 0.0, B = 0.0 }\n", "s.toml")
-        .expect("a set-up");
+    let corrector = Corrector::new(&model, &temperatures, 1e-3).expect("compiled");
+    let start = "start = { X = 0.0, Y = 0.0, Z = 0.0, B = 0.0 }\n";
+    let setup = SetUp::parse(&format!("{start}{work_offset}"), "s.toml").expect("a set-up");
     let job = Job {
         keep_shares: true,
         ..Job::new(&corrector, &setup)
@@ -29,7 +32,7 @@ tool = {{ tip = [0, 0, 0] }}
         compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(())).expect("compensated");
     let part = Part::parse(part, "part.toml").expect("a part");
     let of = Virtual {
-        truth: &machine,
+        truth: &truth,
         temperatures: &temperatures,
         setup: &setup,
         most_blocks: 10_000,
@@ -42,7 +45,19 @@ tool = {{ tip = [0, 0, 0] }}
         &summary.shares,
         of,
     );
-    found.expect("verified").features
+    (found.expect("verified").features, summary.notes)
+}
+
+fn machine(errors: &str) -> Machine {
+    let text = format!(
+        "structure = \"w X' b Y Z B t\"
+axes = {{ X = {{ travel = [0, 1000] }}, Y = {{ travel = [0, 1000] }}, Z = {{ travel = [-500, 0] }}, B = {{ travel = [-90, 90] }} }}
+tool = {{ tip = [0, 0, 0] }}
+[errors]
+{errors}
+"
+    );
+    Machine::parse(&text, "m.toml").expect("a machine")
 }
 
 fn both(inspected: &Inspected) -> [Found; 2] {
@@ -75,6 +90,23 @@ fn circles_and_holes_are_those_of_the_closed_form() {
     near(before.position_um, 50.0, 1e-6);
     near(after.position_um, 0.0, 0.5);
     assert_eq!(before.form_um, None);
+}
+
+/// A zero at X = 200 that was probed on a machine with a scale of 100 µm/m lies 20 µm beside what the control shows, and so does the part that is
+/// cut there: of the 50 µm at X = 500 it has 30. Where the model knows 90 µm/m of them, 18 µm are added to the work offset, and of the 5 µm
+/// that are left at X = 500 the part has the 3 that grow from its zero.
+#[test]
+fn a_place_is_counted_from_the_zero_that_was_probed() {
+    let program = "G21 G90 G17\nG0 X0 Y0 Z-10\nG81 X300 Y0 Z-20 R-5 F500\nG80\nM2\n";
+    let part = "[[feature]]\nname = \"hole\"\nkind = \"hole\"\nlines = [3, 3]\n";
+    let [truth, model] = ["0.1", "0.09"].map(|slope| format!("EXX = {{ poly = [0.0, {slope}] }}"));
+    let offset = "[work_offset.G54]\nX = 200.0\nY = 400.0\n";
+    let (found, notes) = inspected_with([&truth, &model], offset, program, part);
+    let [before, after] = both(&found[0]);
+    near(before.position_um, 30.0, 0.01);
+    near(after.position_um, 3.0, 0.6);
+    let zero = Note::OffAtZero("G54".to_owned(), [180, 0, 0]);
+    assert_eq!(notes.by_line(), [(2, &zero)]);
 }
 
 /// The flank of a tool that is tilted by 40 µrad leaves a cylinder whose axis leans by as much, and is 40·10⁻⁶·60 mm = 2.4 µm further
