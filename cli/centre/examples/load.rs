@@ -1,7 +1,7 @@
 //! The load program: how much one centre carries, measured on this machine.
 //!
 //! `cargo run --release -p volcomp-centre --example load -- --machines 1000 --minutes 5`, after
-//! `cargo build --release -p volcomp-centre`; with `--features postgres` for both also `--store postgres`. It starts a `nats-server` and the centre as programs of their own and prints:
+//! `cargo build --release -p volcomp-centre`. It starts a `nats-server` and the centre as programs of their own and prints:
 //!
 //! 1. the bytes of the fleet through the bare server (published, stored, consumed, acknowledged), and through the centre
 //!    (the same, and stored in its database), by the same publishers, in turns;
@@ -14,10 +14,6 @@
     reason = "a measurement fails by panicking"
 )]
 
-#[cfg(feature = "postgres")]
-#[path = "../tests/it/cluster.rs"]
-#[allow(dead_code, reason = "the tests need more of it")]
-mod cluster;
 #[path = "../tests/it/gateway.rs"]
 mod gateway;
 
@@ -65,60 +61,12 @@ struct Arguments {
     /// So often in turns
     #[arg(long, default_value_t = 3)]
     rounds: u32,
-    /// The database of the centre; PostgreSQL is started in a folder of its own
-    #[arg(long, value_enum, default_value_t = Kept::Sqlite)]
-    store: Kept,
 }
 
-#[derive(Clone, Copy, clap::ValueEnum)]
-enum Kept {
-    Sqlite,
-    #[cfg(feature = "postgres")]
-    Postgres,
-}
-
-/// Where the database is, in a table `[store]`, and how large.
-enum Place {
-    Sqlite(PathBuf),
-    #[cfg(feature = "postgres")]
-    Postgres(cluster::Cluster, String),
-}
-
-impl Place {
-    fn new(kept: Kept, folder: &Path) -> Self {
-        match kept {
-            Kept::Sqlite => Self::Sqlite(folder.join("centre.db")),
-            #[cfg(feature = "postgres")]
-            Kept::Postgres => {
-                let cluster = cluster::Cluster::new(&[]).expect("PostgreSQL is installed");
-                let name = cluster.database();
-                Self::Postgres(cluster, name)
-            }
-        }
-    }
-
-    fn table(&self) -> String {
-        match self {
-            Self::Sqlite(file) => format!("file = {:?}", file.display().to_string()),
-            #[cfg(feature = "postgres")]
-            Self::Postgres(cluster, name) => format!("postgres = {:?}", cluster.connection(name)),
-        }
-    }
-
-    fn size_mb(&self) -> f64 {
-        let bytes = match self {
-            Self::Sqlite(file) => {
-                let of = |file: &Path| std::fs::metadata(file).map_or(0, |data| data.len());
-                (of(file) + of(&file.with_extension("db-wal"))) as f64
-            }
-            #[cfg(feature = "postgres")]
-            Self::Postgres(cluster, name) => {
-                let sql = format!("SELECT pg_database_size('{name}')");
-                cluster.execute(name, &sql).trim().parse().unwrap()
-            }
-        };
-        bytes / 1e6
-    }
+/// The size of the database, MB.
+fn size_mb(file: &Path) -> f64 {
+    let of = |file: &Path| std::fs::metadata(file).map_or(0, |data| data.len());
+    (of(file) + of(&file.with_extension("db-wal"))) as f64 / 1e6
 }
 
 struct Bench {
@@ -127,12 +75,12 @@ struct Bench {
     centre: KeyPair,
     machines: Vec<(Machine, KeyPair)>,
     key: Key,
-    place: Place,
+    database: PathBuf,
     store: Arc<Store>,
 }
 
 impl Bench {
-    fn new(count: usize, kept: Kept) -> Self {
+    fn new(count: usize) -> Self {
         let folder = tempfile::Builder::new()
             .prefix("load")
             .tempdir_in(
@@ -169,19 +117,15 @@ impl Bench {
         };
         let server = Server::start(&settings, folder.path()).unwrap();
         write_secret(&folder.path().join("centre.nkey"), &centre.seed().unwrap()).unwrap();
-        let place = Place::new(kept, folder.path());
         let key = Key::create(&folder.path().join("keys"), "main").unwrap();
         std::fs::write(
             folder.path().join("centre.toml"),
-            format!(
-                "[nats]\nurl = \"{}\"\n[store]\n{}\n",
-                server.url(),
-                place.table()
-            ),
+            format!("[nats]\nurl = \"{}\"\n", server.url()),
         )
         .unwrap();
         let config = volcomp_centre::config::Config::read(&folder.path().join("centre.toml"));
-        let store = volcomp_centre::command::open(&config.unwrap()).unwrap();
+        let config = config.unwrap();
+        let store = volcomp_centre::command::open(&config).unwrap();
         for (machine, _) in &machines {
             store.put_machine(machine, "load").unwrap();
         }
@@ -191,7 +135,7 @@ impl Bench {
             centre,
             machines,
             key,
-            place,
+            database: config.store,
             store,
         }
     }
@@ -457,7 +401,7 @@ async fn fleet(bench: &Bench, arguments: &Arguments) {
             (cpu - last_cpu) / since_s * 100.0,
             memory_mib(bench.server.id()),
             (nats - last_nats) / since_s * 100.0,
-            bench.place.size_mb(),
+            size_mb(&bench.database),
         );
         (last, last_all, last_cpu, last_nats) = (Instant::now(), all(), cpu, nats);
     }
@@ -526,7 +470,7 @@ fn roll_out(bench: &Bench, told: &[gateway::Told], number: u32) -> f64 {
 
 fn main() {
     let arguments = Arguments::parse();
-    let bench = Bench::new(arguments.machines, arguments.store);
+    let bench = Bench::new(arguments.machines);
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)
         .enable_all()

@@ -8,8 +8,6 @@ use std::{
 use volcomp_document::{Document, InputError, ReadError, Section, Value};
 use volcomp_fleet::{ADDRESSES, Keeping, wrong_address};
 
-#[cfg(feature = "postgres")]
-use crate::store::PostgresPlace;
 pub use crate::{
     config_page::PageConfig,
     config_server::{ClusterConfig, ServerConfig},
@@ -29,27 +27,6 @@ pub enum ConfigError {
     /// The file cannot be read.
     #[error(transparent)]
     Read(#[from] ReadError),
-}
-
-/// The table `[store]`: where the centre remembers.
-#[derive(Clone, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum StorePlace {
-    /// A SQLite file.
-    File(PathBuf),
-    /// A PostgreSQL database.
-    #[cfg(feature = "postgres")]
-    Postgres(Box<PostgresPlace>),
-}
-
-impl std::fmt::Display for StorePlace {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::File(file) => file.display().fmt(f),
-            #[cfg(feature = "postgres")]
-            Self::Postgres(place) => place.fmt(f),
-        }
-    }
 }
 
 /// The table `[nats]`: the server as a client sees it.
@@ -80,7 +57,7 @@ pub struct Config {
     /// The file that it was read from.
     pub file: PathBuf,
     /// Where the centre remembers.
-    pub store: StorePlace,
+    pub store: PathBuf,
     /// How long it remembers.
     pub keep: Keep,
     /// The server.
@@ -116,7 +93,7 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<Config, InputError> {
     let of = |key: &str| root.section(key);
     let store = match of("store")? {
         Some(section) => store(&section, folder)?,
-        None => StorePlace::File(folder.join("centre.db")),
+        None => folder.join("centre.db"),
     };
     let nats = match of("nats")? {
         Some(section) => nats(&section, folder)?,
@@ -147,42 +124,17 @@ pub(crate) fn path(value: &Value<'_>, folder: &Path) -> Result<PathBuf, InputErr
     Ok(folder.join(value.text()?))
 }
 
-fn store(section: &Section<'_>, folder: &Path) -> Result<StorePlace, InputError> {
-    section.allow(&["file", "postgres", "password_file", "ca"])?;
+fn store(section: &Section<'_>, folder: &Path) -> Result<PathBuf, InputError> {
+    section.allow(&["file", "postgres"])?;
     if let Some(value) = section.get("postgres") {
-        if section.get("file").is_some() {
-            return Err(value.error("found file and postgres, expected one of them"));
-        }
-        return postgres(section, &value, folder);
+        return Err(
+            value.error("PostgreSQL is not supported any more, expected `file`, a SQLite file")
+        );
     }
-    for key in ["password_file", "ca"] {
-        if let Some(value) = section.get(key) {
-            return Err(value.error(format!("found {key} without postgres, expected both")));
-        }
+    match section.get("file") {
+        Some(file) => path(&file, folder),
+        None => Ok(folder.join("centre.db")),
     }
-    Ok(StorePlace::File(match section.get("file") {
-        Some(file) => path(&file, folder)?,
-        None => folder.join("centre.db"),
-    }))
-}
-
-#[cfg(feature = "postgres")]
-fn postgres(
-    section: &Section<'_>,
-    value: &Value<'_>,
-    folder: &Path,
-) -> Result<StorePlace, InputError> {
-    let file = |key| section.optional(key, |value| path(value, folder));
-    let place = PostgresPlace::of(value.text()?, file("password_file")?, file("ca")?);
-    let place = place.map_err(|why| value.error(why))?;
-    Ok(StorePlace::Postgres(Box::new(place)))
-}
-
-#[cfg(not(feature = "postgres"))]
-fn postgres(_: &Section<'_>, value: &Value<'_>, _: &Path) -> Result<StorePlace, InputError> {
-    Err(value.error(
-        "this program was built without PostgreSQL, expected `file`, or a volcomp-centre that was built with `cargo build --release -p volcomp-centre --features postgres`",
-    ))
 }
 
 fn keep(section: &Section<'_>) -> Result<Keep, InputError> {

@@ -87,8 +87,6 @@ pub struct Ingest {
     machines: BTreeMap<MachineId, Heard>,
     /// Of these the store does not have the last yet.
     changed: BTreeSet<MachineId>,
-    /// It is not known whether the last batch was stored: what is in the store counts.
-    in_doubt: bool,
     start: Instant,
 }
 
@@ -96,7 +94,7 @@ impl Ingest {
     /// Goes on with what the store holds.
     ///
     /// # Errors
-    /// The database cannot be read (its file or its server is gone), or a row holds what this program does not write.
+    /// The database cannot be read, or a row holds what this program does not write.
     pub fn of(store: &Store) -> Result<Self, StoreError> {
         let mut machines: BTreeMap<MachineId, Heard> = BTreeMap::new();
         for live in store.live()? {
@@ -110,7 +108,6 @@ impl Ingest {
         Ok(Self {
             machines,
             changed: BTreeSet::new(),
-            in_doubt: false,
             start: Instant::now(),
         })
     }
@@ -118,11 +115,8 @@ impl Ingest {
     /// Stores a batch: when this returns, all of it is on disk, or none of it.
     ///
     /// # Errors
-    /// The database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed. The same batch may be given again.
+    /// The database takes no change (its disk is full, another program holds it); then nothing of it is changed. The same batch may be given again.
     pub fn take(&mut self, store: &Store, batch: &[Received]) -> Result<Taken, StoreError> {
-        if self.in_doubt {
-            self.read_anew(store)?;
-        }
         let mut changed: BTreeMap<MachineId, Heard> = BTreeMap::new();
         let taken = store.write(|database| {
             let mut taken = Taken::default();
@@ -154,34 +148,17 @@ impl Ingest {
                 }
             }
             Ok(taken)
-        });
-        self.in_doubt = matches!(taken, Err(StoreError::InDoubt { .. }));
-        let taken = taken?;
+        })?;
         self.changed.extend(changed.keys().cloned());
         self.machines.append(&mut changed);
         Ok(taken)
-    }
-
-    /// Reads from the store which messages it has: a batch that was stored without our knowing comes again.
-    fn read_anew(&mut self, store: &Store) -> Result<(), StoreError> {
-        let mut stored: BTreeMap<MachineId, Vec<_>> = BTreeMap::new();
-        for (machine, instance) in store.instances()? {
-            stored.entry(machine).or_default().push(instance);
-        }
-        for heard in self.machines.values_mut() {
-            heard.instances.each.clear();
-        }
-        for (machine, instances) in stored {
-            self.machines.entry(machine).or_default().instances.each = instances;
-        }
-        Ok(())
     }
 
     /// Stores the last of each machine that was heard since this was called before: once a second is enough, since every
     /// message is stored by itself.
     ///
     /// # Errors
-    /// The database takes no change (its disk is full, another program holds it, its server is gone); then nothing of it is changed. It may be called again.
+    /// The database takes no change (its disk is full, another program holds it); then nothing of it is changed. It may be called again.
     pub fn store_live(&mut self, store: &Store) -> Result<(), StoreError> {
         if self.changed.is_empty() {
             return Ok(());

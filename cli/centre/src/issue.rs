@@ -67,7 +67,7 @@ pub struct Order<'a> {
 
 /// Issues a manifest within a transaction.
 pub(crate) fn issue(
-    database: &mut dyn Database,
+    database: &mut Database,
     key: &Key,
     order: &Order<'_>,
 ) -> Result<Issued, NotIssued> {
@@ -131,7 +131,7 @@ pub fn reissue(
 
 /// The same within a transaction: the machine and its model are those that it has in this transaction.
 pub(crate) fn reissue_in(
-    database: &mut dyn Database,
+    database: &mut Database,
     key: &Key,
     machine: &MachineId,
     by: &str,
@@ -160,7 +160,7 @@ pub(crate) fn reissue_in(
 
 /// Issues a model that the machine was to have before.
 fn issue_again(
-    database: &mut dyn Database,
+    database: &mut Database,
     key: &Key,
     name: &MachineId,
     sha256: &str,
@@ -185,7 +185,7 @@ fn issue_again(
 /// Takes back what a roll-out has issued for a machine that does not have it in force: the model that it was to have before is
 /// issued once more; where there was none, nothing stands under its key.
 pub(crate) fn withdraw(
-    database: &mut dyn Database,
+    database: &mut Database,
     key: &Key,
     machine: &MachineId,
     rollout: u64,

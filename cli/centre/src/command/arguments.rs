@@ -43,9 +43,6 @@ pub(super) enum Command {
     },
     /// Check the configuration, the keys, the store and its audit log
     Check,
-    /// The store: carry it over to another database
-    #[command(subcommand)]
-    Store(StoreCommand),
     /// Machines: add, list, remove, enable, disable
     #[command(subcommand)]
     Machine(MachineCommand),
@@ -134,19 +131,6 @@ pub(super) enum MachineCommand {
     Disable {
         /// Its name
         machine: String,
-    },
-}
-
-#[derive(Subcommand)]
-pub(super) enum StoreCommand {
-    /// Carry everything over to another database, which must be empty
-    ///
-    /// The store of this configuration is a SQLite file that no other program has open: the centre is ended first. All of
-    /// it is written in one transaction, and read back and compared before that is committed. The file stays as it is.
-    Copy {
-        /// The configuration of the centre from then on, whose table `[store]` names the other database
-        #[arg(long, value_name = "FILE")]
-        to: PathBuf,
     },
 }
 

@@ -74,9 +74,7 @@ impl CommandError {
                 StoreError::Missing { .. }
                 | StoreError::Rollout { .. }
                 | StoreError::NotBrokenOff { .. }
-                | StoreError::NotInForce { .. }
-                | StoreError::Password(_)
-                | StoreError::NotEmpty { .. },
+                | StoreError::NotInForce { .. },
             ) => 2,
             Self::Store(_)
             | Self::Back(NoWayBack::Store(_))

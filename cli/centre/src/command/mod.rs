@@ -10,7 +10,6 @@ mod page;
 mod rollouts;
 mod run;
 mod server;
-mod store;
 mod text;
 mod user;
 
@@ -19,15 +18,9 @@ pub use error::CommandError;
 
 use std::{io::Write, path::Path, sync::Arc};
 
-use crate::{
-    config::{Config, StorePlace},
-    keys::Key,
-    store::Store,
-};
+use crate::{config::Config, keys::Key, store::Store};
 
-use self::arguments::{
-    Command, KeyCommand, MachineCommand, ModelCommand, RolloutCommand, StoreCommand,
-};
+use self::arguments::{Command, KeyCommand, MachineCommand, ModelCommand, RolloutCommand};
 
 impl Arguments {
     /// Does what is asked.
@@ -51,9 +44,6 @@ impl Arguments {
                 ))
             }
             Command::Check => run::check(&config()?),
-            Command::Store(StoreCommand::Copy { to }) => {
-                store::copy(&config()?, &Config::read(&to)?, &by)
-            }
             Command::NatsConfig { output } => server::nats_config(&config()?, output.as_deref()),
             Command::Audit { count, json } => server::audit(&config()?, count, json),
             Command::Alarms { all, json } => server::alarms(&config()?, all, json),
@@ -112,12 +102,7 @@ fn who() -> String {
 /// # Errors
 /// It cannot be opened.
 pub fn open(config: &Config) -> Result<Arc<Store>, CommandError> {
-    let store = match &config.store {
-        StorePlace::File(file) => Store::open(file),
-        #[cfg(feature = "postgres")]
-        StorePlace::Postgres(place) => Store::open_postgres(place),
-    };
-    Ok(Arc::new(store?))
+    Ok(Arc::new(Store::open(&config.store)?))
 }
 
 /// The key that signs.

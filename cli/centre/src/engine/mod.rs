@@ -324,7 +324,7 @@ async fn collect(mut collection: volcomp_fleet::Collection, jobs: mpsc::SyncSend
 
 #[cfg(test)]
 mod tests {
-    use crate::{command::CommandError, store::faulty};
+    use crate::command::CommandError;
 
     use super::*;
 
@@ -350,14 +350,13 @@ mod tests {
     async fn a_part_that_ends_by_itself_is_named() {
         let folder = tempfile::tempdir().expect("writable");
         let at = folder.path().join("centre.db");
-        let (store, is_faulty) = faulty(&at).expect("writable");
-        let store = Arc::new(store);
+        let store = Arc::new(Store::open(&at).expect("writable"));
         let started = Engine::start(store.clone(), settings(folder.path())).await;
         let mut running = started.expect("it goes on trying to reach a server");
         let within = Duration::from_millis(1500);
         let early = tokio::time::timeout(within, running.ended()).await;
         assert!(early.is_err(), "it runs");
-        is_faulty.store(true, Ordering::Relaxed);
+        store.break_down();
         let ended = tokio::time::timeout(Duration::from_secs(60), running.ended()).await;
         // Both use the store: which of them meets the fault first is a matter of chance.
         let ended = ended.expect("it ends");

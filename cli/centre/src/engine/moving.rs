@@ -159,7 +159,7 @@ struct Material<'a> {
 impl Material<'_> {
     fn act(
         &self,
-        database: &mut dyn Database,
+        database: &mut Database,
         rollout: &mut Rollout,
         mut actions: Vec<Action>,
     ) -> Result<(), StoreError> {
@@ -205,7 +205,7 @@ impl Material<'_> {
 
     fn issue(
         &self,
-        database: &mut dyn Database,
+        database: &mut Database,
         rollout: &Rollout,
         name: &MachineId,
         confirm: Option<String>,

@@ -55,13 +55,6 @@ impl From<StoreError> for Refused {
             | StoreError::NotInForce { .. }
             | StoreError::NotConfirmed { .. } => Self::conflict(error.to_string()),
             StoreError::Missing { .. } => Self::missing(error.to_string()),
-            StoreError::InDoubt { .. } => {
-                tracing::error!("page: {error}");
-                Self::new(
-                    StatusCode::SERVICE_UNAVAILABLE,
-                    "it is not known whether the change is stored: look before it is made again",
-                )
-            }
             error => Self::inside(error),
         }
     }

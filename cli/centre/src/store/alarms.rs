@@ -27,7 +27,7 @@ fn alarm(row: &Row) -> Result<Alarm, StoreError> {
 
 /// Opens an alarm.
 pub(crate) fn raise(
-    database: &mut dyn Database,
+    database: &mut Database,
     machine: Option<&MachineId>,
     kind: AlarmKind,
     text: &str,
@@ -49,7 +49,7 @@ pub(crate) fn raise(
 }
 
 /// Closes an alarm.
-pub(crate) fn clear(database: &mut dyn Database, id: u64, at_s: f64) -> Result<(), StoreError> {
+pub(crate) fn clear(database: &mut Database, id: u64, at_s: f64) -> Result<(), StoreError> {
     database.execute(
         "UPDATE alarms SET until_s = ?2 WHERE id = ?1 AND until_s IS NULL",
         &[id.into(), at_s.into()],
@@ -58,7 +58,7 @@ pub(crate) fn clear(database: &mut dyn Database, id: u64, at_s: f64) -> Result<(
 }
 
 /// Says more of an alarm that is open.
-pub(crate) fn say(database: &mut dyn Database, id: u64, text: &str) -> Result<(), StoreError> {
+pub(crate) fn say(database: &mut Database, id: u64, text: &str) -> Result<(), StoreError> {
     database.execute(
         "UPDATE alarms SET text = ?2 WHERE id = ?1",
         &[id.into(), text.into()],

@@ -11,7 +11,7 @@ use crate::{clock::now_s, records::AuditRecord};
 
 /// Appends a record, in the transaction of what it tells.
 pub(crate) fn append(
-    database: &mut dyn Database,
+    database: &mut Database,
     by: &str,
     action: &str,
     object: &str,

@@ -1,8 +1,26 @@
-//! What the store needs of a database: statements with parameters, rows, transactions.
-//!
-//! Every statement is written once, in the SQL that SQLite and PostgreSQL have in common, with parameters `?1`, `?2`, … .
+//! The SQLite file: statements with parameters `?1`, `?2`, …, rows, transactions.
+
+use std::{
+    fs,
+    os::unix::fs::{OpenOptionsExt, PermissionsExt},
+    path::Path,
+    thread,
+    time::{Duration, Instant},
+};
+
+use rusqlite::{
+    CachedStatement, Connection, ErrorCode,
+    types::{ToSqlOutput, ValueRef},
+};
 
 use super::StoreError;
+
+/// Another program (the command line) may hold the file so long.
+const BUSY: Duration = Duration::from_secs(30);
+/// What was busy is tried again after so long.
+const AGAIN: Duration = Duration::from_millis(10);
+/// Statements that are kept ready.
+const READY: usize = 128;
 
 /// A value of a parameter or of a column.
 #[derive(Clone, Debug, PartialEq)]
@@ -135,55 +153,157 @@ impl Row {
     }
 }
 
-/// A connection to a database.
-pub trait Database: Send {
+/// A connection to the file.
+pub struct Database {
+    connection: Connection,
+    /// Every statement is a fault of the program.
+    #[cfg(test)]
+    pub(super) is_faulty: bool,
+}
+
+impl Database {
+    /// Opens the file, and makes it where it is not there. Only its owner may read it: it holds password hashes and models.
+    pub(crate) fn open(path: &Path) -> Result<Self, StoreError> {
+        make_private(path)?;
+        let connection = Connection::open(path)?;
+        connection.busy_timeout(BUSY)?;
+        connection.set_prepared_statement_cache_capacity(READY);
+        begin_log(&connection)?;
+        // What was acknowledged to the server must outlive a power failure: every commit is on disk when it returns.
+        connection.execute_batch(
+            "PRAGMA synchronous = FULL; PRAGMA foreign_keys = ON; PRAGMA cache_size = -65536;",
+        )?;
+        Ok(Self {
+            connection,
+            #[cfg(test)]
+            is_faulty: false,
+        })
+    }
+
     /// Executes a statement, and tells how many rows it changed.
     ///
     /// # Errors
-    /// The statement is none, or the database takes no change: its disk is full, another program holds it, its server is gone.
-    fn execute(&mut self, sql: &str, parameters: &[Value]) -> Result<u64, StoreError>;
-
-    /// Executes a statement in a transaction, of which nobody asks how many rows it changes. A database that is far away may
-    /// wait with it until the next statement that is answered; `COMMIT` is one.
-    ///
-    /// # Errors
-    /// As for `execute`: of this one, or of one that waited.
-    fn execute_later(&mut self, sql: &str, parameters: Vec<Value>) -> Result<(), StoreError> {
-        self.execute(sql, &parameters).map(drop)
+    /// The statement is none, or the database takes no change: its disk is full, another program holds it.
+    pub fn execute(&mut self, sql: &str, parameters: &[Value]) -> Result<u64, StoreError> {
+        // Deferred transactions that read first and write then would find the file held by another.
+        let sql = if sql == "BEGIN" {
+            "BEGIN IMMEDIATE"
+        } else {
+            sql
+        };
+        let mut statement = self.prepared(sql)?;
+        Ok(statement.execute(rusqlite::params_from_iter(parameters))? as u64)
     }
 
     /// The rows of a question.
     ///
     /// # Errors
-    /// The question is none, or the database cannot be read: its file or its server is gone.
-    fn rows(&mut self, sql: &str, parameters: &[Value]) -> Result<Vec<Row>, StoreError>;
+    /// The question is none, or the file cannot be read.
+    pub fn rows(&mut self, sql: &str, parameters: &[Value]) -> Result<Vec<Row>, StoreError> {
+        let mut statement = self.prepared(sql)?;
+        let columns = statement.column_count();
+        let mut rows = statement.query(rusqlite::params_from_iter(parameters))?;
+        let mut found = Vec::new();
+        while let Some(row) = rows.next()? {
+            found.push(row_of(row, columns)?);
+        }
+        Ok(found)
+    }
 
-    /// Gives each row of a question without parameters to `take`, as they come, so that a large table need not have room in memory.
-    /// Only in a transaction.
-    ///
-    /// # Errors
-    /// As for `rows`, and what `take` fails with.
-    fn each(
-        &mut self,
-        sql: &str,
-        take: &mut dyn FnMut(Row) -> Result<(), StoreError>,
-    ) -> Result<(), StoreError>;
-}
-
-impl dyn Database + '_ {
     /// The first row of a question.
     ///
     /// # Errors
-    /// The question is none, or the database cannot be read: its file or its server is gone.
+    /// As for [`Database::rows`].
     pub fn first(&mut self, sql: &str, parameters: &[Value]) -> Result<Option<Row>, StoreError> {
         Ok(self.rows(sql, parameters)?.into_iter().next())
+    }
+
+    fn prepared(&self, sql: &str) -> rusqlite::Result<CachedStatement<'_>> {
+        #[cfg(test)]
+        assert!(!self.is_faulty, "injected");
+        self.connection.prepare_cached(sql)
+    }
+}
+
+/// Creates the file with mode 600, or takes the rights of others away from an existing one. SQLite gives the files beside
+/// it the same mode when it creates them.
+fn make_private(path: &Path) -> Result<(), StoreError> {
+    let failed = |why: std::io::Error| StoreError::Private {
+        file: path.display().to_string(),
+        why,
+    };
+    let mut options = fs::OpenOptions::new();
+    options
+        .create(true)
+        .truncate(false)
+        .write(true)
+        .mode(0o600)
+        .open(path)
+        .map_err(failed)?;
+    for suffix in ["", "-wal", "-shm"] {
+        let mut name = path.as_os_str().to_owned();
+        name.push(suffix);
+        let file = Path::new(&name);
+        match file.metadata() {
+            Ok(metadata) if metadata.permissions().mode() & 0o077 != 0 => {
+                fs::set_permissions(file, fs::Permissions::from_mode(0o600)).map_err(failed)?;
+                tracing::warn!("{}: others could read it: mode is now 600", file.display());
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+/// Has changes go to a log beside the file. Where several programs begin with a new file at one time, SQLite tells all but one of
+/// them that it is busy without waiting: they try again.
+fn begin_log(connection: &Connection) -> Result<(), StoreError> {
+    let until = Instant::now() + BUSY;
+    loop {
+        match connection.execute_batch("PRAGMA journal_mode = WAL") {
+            Err(error)
+                if error.sqlite_error_code() == Some(ErrorCode::DatabaseBusy)
+                    && Instant::now() < until =>
+            {
+                thread::sleep(AGAIN);
+            }
+            done => return Ok(done?),
+        }
+    }
+}
+
+/// A row as this program has it.
+fn row_of(row: &rusqlite::Row<'_>, columns: usize) -> Result<Row, StoreError> {
+    let values: Result<Vec<Value>, StoreError> = (0..columns)
+        .map(|column| {
+            Ok(match row.get_ref(column)? {
+                ValueRef::Null => Value::Null,
+                ValueRef::Integer(value) => Value::Int(value),
+                ValueRef::Real(value) => Value::Real(value),
+                ValueRef::Text(value) | ValueRef::Blob(value) => {
+                    Value::Text(String::from_utf8_lossy(value).into_owned())
+                }
+            })
+        })
+        .collect();
+    Ok(Row(values?))
+}
+
+impl rusqlite::ToSql for Value {
+    fn to_sql(&self) -> rusqlite::Result<ToSqlOutput<'_>> {
+        Ok(ToSqlOutput::Borrowed(match self {
+            Self::Null => ValueRef::Null,
+            Self::Int(value) => ValueRef::Integer(*value),
+            Self::Real(value) => ValueRef::Real(*value),
+            Self::Text(value) => ValueRef::Text(value.as_bytes()),
+        }))
     }
 }
 
 /// Does several things as one: all of them, or nothing.
 pub(super) fn transaction<T, E: From<StoreError>>(
-    database: &mut dyn Database,
-    work: impl FnOnce(&mut dyn Database) -> Result<T, E>,
+    database: &mut Database,
+    work: impl FnOnce(&mut Database) -> Result<T, E>,
 ) -> Result<T, E> {
     database.execute("BEGIN", &[])?;
     let mut open = Open {
@@ -200,7 +320,7 @@ pub(super) fn transaction<T, E: From<StoreError>>(
 
 /// A transaction that is rolled back where it does not come to its end: its work fails, or ends its thread.
 struct Open<'a> {
-    database: &'a mut dyn Database,
+    database: &'a mut Database,
     is_done: bool,
 }
 

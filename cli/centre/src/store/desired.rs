@@ -89,7 +89,7 @@ impl Store {
 
 /// What a machine shall run, as it stands in a transaction.
 pub(crate) fn newest(
-    database: &mut dyn Database,
+    database: &mut Database,
     machine: &MachineId,
 ) -> Result<Option<Issued>, StoreError> {
     let row = database.first(
@@ -104,7 +104,7 @@ pub(crate) fn newest(
 /// Has nothing stand under the key of a machine: what was issued last is taken back, and there was nothing before. It is so until the
 /// next one is issued.
 pub(crate) fn clear_desired(
-    database: &mut dyn Database,
+    database: &mut Database,
     machine: &MachineId,
 ) -> Result<(), StoreError> {
     database.execute(
@@ -122,7 +122,7 @@ pub(crate) fn clear_desired(
 
 /// The newest version of a machine, as it stands in a transaction.
 pub(crate) fn newest_version(
-    database: &mut dyn Database,
+    database: &mut Database,
     machine: &MachineId,
 ) -> Result<Option<Version>, StoreError> {
     let row = database.first(

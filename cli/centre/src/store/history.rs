@@ -193,7 +193,7 @@ impl Store {
 }
 
 /// Closes the oldest minute of a machine that is not closed and lies before `end`: how many conditions were in it.
-fn close_oldest(database: &mut dyn Database, machine: &Value, end: i64) -> Result<u64, StoreError> {
+fn close_oldest(database: &mut Database, machine: &Value, end: i64) -> Result<u64, StoreError> {
     let oldest = database.first(
         "SELECT min(at_s) FROM recent WHERE machine = ?1",
         std::slice::from_ref(machine),
@@ -224,7 +224,7 @@ fn close_oldest(database: &mut dyn Database, machine: &Value, end: i64) -> Resul
 
 /// Closes one minute of one machine, or adds to it what came late.
 fn close_one(
-    database: &mut dyn Database,
+    database: &mut Database,
     machine: &Value,
     minute: i64,
     mut points: Vec<Point>,
@@ -320,7 +320,7 @@ fn text(machine: &Value) -> &str {
 }
 
 fn put(
-    database: &mut dyn Database,
+    database: &mut Database,
     table: &str,
     column: &str,
     key: &[Value; 2],

@@ -11,80 +11,86 @@ pub(crate) use super::models::answer;
 const HOUR_S: f64 = 3600.0;
 
 pub(crate) fn add_recent(
-    database: &mut dyn Database,
+    database: &mut Database,
     machine: &MachineId,
     at_s: f64,
     document: String,
 ) -> Result<(), StoreError> {
-    database.execute_later(
+    let done = database.execute(
         "INSERT INTO recent (machine, at_s, document) VALUES (?1, ?2, ?3)",
-        vec![machine.into(), at_s.into(), document.into()],
-    )
+        &[machine.into(), at_s.into(), document.into()],
+    );
+    done.map(drop)
 }
 
 pub(crate) fn add_telemetry(
-    database: &mut dyn Database,
+    database: &mut Database,
     machine: &MachineId,
     at_s: f64,
     document: &str,
 ) -> Result<(), StoreError> {
     let hour_s = (at_s / HOUR_S).floor() * HOUR_S;
-    database.execute_later(
+    let done = database.execute(
         "INSERT INTO telemetry (machine, at_s, hourly, document) VALUES (?1, ?2,
          CASE WHEN EXISTS (SELECT 1 FROM telemetry WHERE machine = ?1 AND at_s >= ?3) THEN 0 ELSE 1 END, ?4)",
-        vec![machine.into(), at_s.into(), hour_s.into(), document.into()],
-    )
+        &[machine.into(), at_s.into(), hour_s.into(), document.into()],
+    );
+    done.map(drop)
 }
 
 /// Adds a record, where there is none of the machine with its key.
 pub(crate) fn add_record(
-    database: &mut dyn Database,
+    database: &mut Database,
     machine: &MachineId,
     at_s: f64,
     document: &str,
     key: Option<String>,
 ) -> Result<(), StoreError> {
-    database.execute_later(
+    let done = database.execute(
         "INSERT INTO records (machine, at_s, document, record) VALUES (?1, ?2, ?3, ?4)
          ON CONFLICT (machine, record) DO NOTHING",
-        vec![machine.into(), at_s.into(), document.into(), key.into()],
-    )
+        &[machine.into(), at_s.into(), document.into(), key.into()],
+    );
+    done.map(drop)
 }
 
-pub(crate) fn put_live(database: &mut dyn Database, live: &Live) -> Result<(), StoreError> {
-    database.execute_later(
+pub(crate) fn put_live(database: &mut Database, live: &Live) -> Result<(), StoreError> {
+    let done = database.execute(
         "INSERT INTO live (machine, document) VALUES (?1, ?2)
          ON CONFLICT (machine) DO UPDATE SET document = excluded.document",
-        vec![(&live.machine).into(), serde_json::to_string(live)?.into()],
-    )
+        &[(&live.machine).into(), serde_json::to_string(live)?.into()],
+    );
+    done.map(drop)
 }
 
 pub(crate) fn put_instance(
-    database: &mut dyn Database,
+    database: &mut Database,
     machine: &MachineId,
     instance: &Instance,
 ) -> Result<(), StoreError> {
-    database.execute_later(
+    let done = database.execute(
         "INSERT INTO instances (machine, instance, first_s, document) VALUES (?1, ?2, ?3, ?4)
          ON CONFLICT (machine, instance) DO UPDATE SET document = excluded.document",
-        vec![
+        &[
             machine.into(),
             instance.instance.as_str().into(),
             instance.first_s.into(),
             serde_json::to_string(instance)?.into(),
         ],
-    )
+    );
+    done.map(drop)
 }
 
 pub(crate) fn remove_instance(
-    database: &mut dyn Database,
+    database: &mut Database,
     machine: &MachineId,
     instance: &str,
 ) -> Result<(), StoreError> {
-    database.execute_later(
+    let done = database.execute(
         "DELETE FROM instances WHERE machine = ?1 AND instance = ?2",
-        vec![machine.into(), instance.into()],
-    )
+        &[machine.into(), instance.into()],
+    );
+    done.map(drop)
 }
 
 impl Store {

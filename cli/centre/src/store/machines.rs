@@ -8,7 +8,7 @@ use crate::records::Machine;
 
 /// A machine, as it stands in a transaction.
 pub(crate) fn machine_named(
-    database: &mut dyn Database,
+    database: &mut Database,
     machine: &MachineId,
 ) -> Result<Option<Machine>, StoreError> {
     let row = database.first(
@@ -18,7 +18,7 @@ pub(crate) fn machine_named(
     row.map(|row| row.json(0)).transpose()
 }
 
-fn put(database: &mut dyn Database, machine: &Machine, by: &str) -> Result<(), StoreError> {
+fn put(database: &mut Database, machine: &Machine, by: &str) -> Result<(), StoreError> {
     let name = machine.identity.machine.as_str();
     database.execute(
         "INSERT INTO machines (machine, site, document) VALUES (?1, ?2, ?3)

@@ -99,10 +99,7 @@ impl Store {
 }
 
 /// The text of a model, as it stands in a transaction.
-pub(crate) fn text_of(
-    database: &mut dyn Database,
-    sha256: &str,
-) -> Result<Option<String>, StoreError> {
+pub(crate) fn text_of(database: &mut Database, sha256: &str) -> Result<Option<String>, StoreError> {
     let row = database.first(
         "SELECT text FROM models WHERE sha256 = ?1",
         &[sha256.into()],
@@ -111,10 +108,7 @@ pub(crate) fn text_of(
 }
 
 /// A model by its whole checksum, as it stands in a transaction.
-pub(crate) fn model_of(
-    database: &mut dyn Database,
-    sha256: &str,
-) -> Result<Option<Model>, StoreError> {
+pub(crate) fn model_of(database: &mut Database, sha256: &str) -> Result<Option<Model>, StoreError> {
     let row = database.first(
         "SELECT document FROM models WHERE sha256 = ?1",
         &[sha256.into()],
@@ -124,7 +118,7 @@ pub(crate) fn model_of(
 
 /// Every version of a machine, the newest first, as it stands in a transaction.
 pub(crate) fn versions_of(
-    database: &mut dyn Database,
+    database: &mut Database,
     machine: &MachineId,
 ) -> Result<Vec<Version>, StoreError> {
     let rows = database.rows(
@@ -145,7 +139,7 @@ pub(super) fn machine(row: &Row, column: usize) -> Result<MachineId, StoreError>
 
 /// What a machine told last, as it stands in a transaction.
 pub(crate) fn live_of(
-    database: &mut dyn Database,
+    database: &mut Database,
     machine: &MachineId,
 ) -> Result<Option<Live>, StoreError> {
     let row = database.first(
@@ -162,7 +156,7 @@ const HIGHEST_TOLD: u64 = 1 << 52;
 /// machine says is in force, which another centre may have issued. A machine may tell
 /// anything: what no centre can have issued does not count.
 pub(crate) fn next_version(
-    database: &mut dyn Database,
+    database: &mut Database,
     machine: &MachineId,
 ) -> Result<u64, StoreError> {
     let name = || [machine.as_str().into()];
@@ -186,7 +180,7 @@ pub(crate) fn next_version(
 
 /// Adds a version with its signed value, which takes the place of the one before.
 pub(crate) fn add_version(
-    database: &mut dyn Database,
+    database: &mut Database,
     version: &Version,
     value: &str,
 ) -> Result<(), StoreError> {
@@ -225,7 +219,7 @@ pub(crate) fn add_version(
 /// Writes an answer of a machine to the version that it answers. An answer to a value that was never issued here changes no
 /// version.
 pub(crate) fn answer(
-    database: &mut dyn Database,
+    database: &mut Database,
     machine: &MachineId,
     at_s: f64,
     answer: &Acknowledgement,
@@ -252,10 +246,7 @@ pub(crate) fn answer(
 }
 
 /// Writes what became of a version.
-pub(crate) fn change_version(
-    database: &mut dyn Database,
-    version: &Version,
-) -> Result<(), StoreError> {
+pub(crate) fn change_version(database: &mut Database, version: &Version) -> Result<(), StoreError> {
     database.execute(
         "UPDATE versions SET document = ?3 WHERE machine = ?1 AND version = ?2",
         &[

@@ -178,7 +178,7 @@ fn missing(id: u64) -> StoreError {
     }
 }
 
-fn open(database: &mut dyn Database) -> Result<Vec<Rollout>, StoreError> {
+fn open(database: &mut Database) -> Result<Vec<Rollout>, StoreError> {
     let rows = database.rows("SELECT state FROM rollouts WHERE finished = 0", &[])?;
     rows.iter().map(|row| row.json(0)).collect()
 }
@@ -187,7 +187,7 @@ fn open(database: &mut dyn Database) -> Result<Vec<Rollout>, StoreError> {
 type Wished = (Wish, String);
 
 /// The wishes of a roll-out that wait for the running centre, in their order.
-fn waiting_wishes(database: &mut dyn Database, id: u64) -> Result<Vec<Wished>, StoreError> {
+fn waiting_wishes(database: &mut Database, id: u64) -> Result<Vec<Wished>, StoreError> {
     let rows = database.rows(
         "SELECT document FROM wishes WHERE rollout = ?1 ORDER BY number",
         &[id.into()],
@@ -197,7 +197,7 @@ fn waiting_wishes(database: &mut dyn Database, id: u64) -> Result<Vec<Wished>, S
 
 /// A roll-out with the wishes that wait, in their order, which are taken. Where one of them ends it, the others are not done.
 pub(crate) fn take(
-    database: &mut dyn Database,
+    database: &mut Database,
     id: u64,
 ) -> Result<Option<(Rollout, Vec<Wished>)>, StoreError> {
     let row = database.first("SELECT state FROM rollouts WHERE id = ?1", &[id.into()])?;
@@ -216,7 +216,7 @@ pub(crate) fn take(
 
 /// Stores where a roll-out stands. A change of its phase is written into the audit log.
 pub(crate) fn save(
-    database: &mut dyn Database,
+    database: &mut Database,
     rollout: &Rollout,
     before: &Phase,
 ) -> Result<(), StoreError> {

@@ -1,7 +1,5 @@
 //! The tables. Truth values are 0 and 1, documents are JSON in a text.
 
-use std::path::Path;
-
 use super::{
     StoreError,
     database::{Database, transaction},
@@ -76,7 +74,7 @@ const RECORDS_ONCE: &[&str] = &[
 ];
 
 /// How many of the steps a database has, in which there is the table of them.
-fn steps_of(database: &mut dyn Database) -> Result<u64, StoreError> {
+fn steps_of(database: &mut Database) -> Result<u64, StoreError> {
     let row = database.first("SELECT steps FROM schema", &[])?;
     let found = row.map_or(Ok(0), |row| row.count(0))?;
     let known = STEPS.len() as u64;
@@ -86,26 +84,8 @@ fn steps_of(database: &mut dyn Database) -> Result<u64, StoreError> {
     Ok(found)
 }
 
-/// Checks that a SQLite file has the newest schema, and changes nothing.
-pub(super) fn check_newest(database: &mut dyn Database, file: &Path) -> Result<(), StoreError> {
-    let has_table = "SELECT name FROM sqlite_master WHERE type = 'table' AND name = 'schema'";
-    let found = match database.first(has_table, &[])? {
-        Some(_) => steps_of(database)?,
-        None => 0,
-    };
-    let known = STEPS.len() as u64;
-    if found < known {
-        return Err(StoreError::Older {
-            file: file.display().to_string(),
-            found,
-            known,
-        });
-    }
-    Ok(())
-}
-
 /// Brings a database to the newest schema.
-pub(super) fn bring_up(database: &mut dyn Database) -> Result<(), StoreError> {
+pub(super) fn bring_up(database: &mut Database) -> Result<(), StoreError> {
     transaction(database, |database| {
         database.execute(
             "CREATE TABLE IF NOT EXISTS schema (steps BIGINT NOT NULL)",

@@ -32,7 +32,7 @@ fn user(row: &Row) -> Result<User, StoreError> {
 }
 
 /// Whether some admin may log in besides this user.
-fn other_admin(database: &mut dyn Database, name: &UserName) -> Result<bool, StoreError> {
+fn other_admin(database: &mut Database, name: &UserName) -> Result<bool, StoreError> {
     let row = database.first(
         "SELECT count(*) FROM users WHERE role = 'admin' AND disabled = 0 AND name <> ?1",
         &[name.as_str().into()],
@@ -40,7 +40,7 @@ fn other_admin(database: &mut dyn Database, name: &UserName) -> Result<bool, Sto
     Ok(row.map_or(Ok(0), |row| row.count(0))? > 0)
 }
 
-fn end_sessions(database: &mut dyn Database, name: &UserName) -> Result<(), StoreError> {
+fn end_sessions(database: &mut Database, name: &UserName) -> Result<(), StoreError> {
     database.execute(
         "DELETE FROM sessions WHERE name = ?1",
         &[name.as_str().into()],

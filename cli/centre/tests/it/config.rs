@@ -83,12 +83,8 @@ fn mistakes_are_named_with_their_place() {
             "certificate and key, expected both or neither",
         ),
         (
-            "[store]\nca = \"b\"\n[nats]\nurl = \"nats://a:1\"\n",
-            "centre.toml:2: store.ca: found ca without postgres, expected both",
-        ),
-        (
-            "[store]\npostgres = \"b\"\nfile = \"b\"\n[nats]\nurl = \"nats://a:1\"\n",
-            "centre.toml:2: store.postgres: found file and postgres, expected one of them",
+            "[store]\npostgres = \"host=a\"\n[nats]\nurl = \"nats://a:1\"\n",
+            "centre.toml:2: store.postgres: PostgreSQL is not supported any more, expected `file`, a SQLite file",
         ),
         (
             "[server]\ncluster = \"a\"\n[nats]\nurl = \"nats://a:1\"\n",
@@ -99,50 +95,4 @@ fn mistakes_are_named_with_their_place() {
         assert!(found.contains(told), "{text}: {found}");
     }
     assert!(read(nats).is_ok());
-}
-
-#[cfg(not(feature = "postgres"))]
-#[test]
-fn a_program_without_postgresql_says_which_has_it() {
-    let text = "[store]\npostgres = \"host=/run user=a dbname=b\"\n[nats]\nurl = \"nats://a:1\"\n";
-    let found = read(text).unwrap_err();
-    assert!(found.contains("centre.toml:2: store.postgres"), "{found}");
-    assert!(found.contains("--features postgres"), "{found}");
-}
-
-#[cfg(feature = "postgres")]
-#[test]
-fn the_book_shows_every_key_of_postgresql() {
-    let book = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/src/fleet.md");
-    let book = std::fs::read_to_string(book).unwrap();
-    let mut blocks = book.split("```toml\n").skip(1);
-    let block = blocks.find(|block| block.starts_with("# part of a centre file"));
-    let block = block.unwrap().split("```").next().unwrap();
-    let shown = read(&format!("[nats]\nurl = \"nats://a:1\"\n{block}")).unwrap();
-    let told = "PostgreSQL on db.example.com, port 5432, database volcomp, user volcomp";
-    assert_eq!(shown.store.to_string(), told);
-    for key in ["postgres", "password_file", "ca"] {
-        assert!(block.contains(&format!("\n{key} = ")), "{key}");
-    }
-}
-
-#[cfg(feature = "postgres")]
-#[test]
-fn connections_to_postgresql_that_are_none() {
-    for (connection, told) in [
-        ("host=a user=b dbname=c password=hunter2", "password_file"),
-        (
-            "host=db.example.com user=b dbname=c sslmode=disable",
-            "expected TLS",
-        ),
-        ("dbname=c", "found no host"),
-    ] {
-        let text = format!("[nats]\nurl = \"nats://a:1\"\n[store]\npostgres = \"{connection}\"\n");
-        let found = read(&text).unwrap_err();
-        assert!(
-            found.contains("centre.toml:4: store.postgres") && found.contains(told),
-            "{found}"
-        );
-        assert!(!found.contains("hunter2"), "{found}");
-    }
 }

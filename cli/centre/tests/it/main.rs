@@ -1,4 +1,4 @@
-//! Tests of the centre: its rules by themselves, its store, and the whole against a real `nats-server` and a real PostgreSQL.
+//! Tests of the centre: its rules by themselves, its store, and the whole against a real `nats-server`.
 
 #![allow(
     clippy::unwrap_used,
@@ -7,8 +7,6 @@
 )]
 
 mod browser;
-#[cfg(feature = "postgres")]
-mod cluster;
 mod command;
 mod config;
 mod demo;
@@ -22,13 +20,10 @@ mod gateway;
 mod http;
 mod ingest;
 mod page;
-#[cfg(feature = "postgres")]
-mod postgres;
 mod rollout;
 mod servers;
 mod shop;
 mod store;
-mod store_copy;
 mod support;
 mod told;
 mod withdrawn;

@@ -1,8 +1,6 @@
 //! The store and what goes into it.
 
 use serde_json::json;
-#[cfg(feature = "postgres")]
-use volcomp_centre::store::PostgresPlace;
 use volcomp_centre::{
     ingest::Ingest,
     records::Resolution,
@@ -12,97 +10,25 @@ use volcomp_centre::{
 };
 use volcomp_fleet::{Kind, MachineId, Received};
 
-#[cfg(feature = "postgres")]
-use crate::cluster::Cluster;
 use crate::support::{condition, envelope, identity, machine, model, model_text, received};
 
-/// A database that is opened several times, as by several programs.
-enum Place {
-    Sqlite(tempfile::TempDir),
-    #[cfg(feature = "postgres")]
-    Postgres(std::sync::Arc<Cluster>, String),
-}
+/// A file that is opened several times, as by several programs.
+struct Place(tempfile::TempDir);
 
 impl Place {
-    #[expect(
-        clippy::unnecessary_wraps,
-        reason = "as of the other, which may be missing"
-    )]
-    fn sqlite() -> Option<Self> {
-        Some(Self::Sqlite(tempfile::tempdir().unwrap()))
-    }
-
-    /// `None` where PostgreSQL is not installed, which fails under CI.
-    #[cfg(feature = "postgres")]
-    fn postgres() -> Option<Self> {
-        let Some(cluster) = Cluster::shared() else {
-            volcomp_test_support::peers::not_run("postgresql is not installed");
-            return None;
-        };
-        let name = cluster.database();
-        Some(Self::Postgres(cluster, name))
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
     }
 
     fn open(&self) -> Result<Store, StoreError> {
-        match self {
-            Self::Sqlite(folder) => Store::open(&folder.path().join("centre.db")),
-            #[cfg(feature = "postgres")]
-            Self::Postgres(cluster, name) => {
-                let place = PostgresPlace::of(&cluster.connection(name), None, None);
-                Store::open_postgres(&place.unwrap())
-            }
-        }
+        Store::open(&self.0.path().join("centre.db"))
     }
 
     /// Executes a statement past the store, as a thief or another program does.
     fn execute(&self, sql: &str) {
-        match self {
-            Self::Sqlite(folder) => {
-                let path = folder.path().join("centre.db");
-                let other = rusqlite::Connection::open(path).unwrap();
-                other.execute(sql, []).unwrap();
-            }
-            #[cfg(feature = "postgres")]
-            Self::Postgres(cluster, name) => drop(cluster.execute(name, sql)),
-        }
+        let other = rusqlite::Connection::open(self.0.path().join("centre.db")).unwrap();
+        other.execute(sql, []).unwrap();
     }
-}
-
-/// Each of these is a test of every database.
-macro_rules! on_each_database {
-    ($($test:ident),+ $(,)?) => {
-        on_each_database! { sqlite: $($test),+ }
-        #[cfg(feature = "postgres")]
-        on_each_database! { postgres: $($test),+ }
-    };
-    ($database:ident: $($test:ident),+) => {
-        mod $database {
-            $(#[test]
-            fn $test() {
-                if let Some(place) = super::Place::$database() {
-                    super::$test(&place);
-                }
-            })+
-        }
-    };
-}
-
-on_each_database! {
-    machines_models_and_the_log_of_changes,
-    a_record_of_the_log_that_was_changed_or_taken_out_is_seen,
-    each_message_is_stored_once_and_the_history_has_its_means,
-    what_is_old_is_forgotten_and_hours_stay,
-    what_cannot_be_read_is_kept_for_a_person,
-    a_machine_has_its_turn_in_one_roll_out_at_a_time,
-    what_fails_in_the_middle_leaves_nothing,
-    people_and_their_sessions,
-    a_database_of_a_newer_program_is_left_alone,
-    a_thread_that_ends_in_the_middle_leaves_nothing,
-    a_database_of_an_older_program_is_brought_up,
-    minutes_are_closed_machine_by_machine,
-    names_that_are_none_stop_nobody,
-    numbers_come_back_as_they_went_in,
-    two_programs_write_at_a_time,
 }
 
 fn mill() -> MachineId {
@@ -119,7 +45,9 @@ fn conditions(numbers: std::ops::Range<u64>, from_s: f64) -> Vec<Received> {
     numbers.map(one).collect()
 }
 
-fn machines_models_and_the_log_of_changes(place: &Place) {
+#[test]
+fn machines_models_and_the_log_of_changes() {
+    let place = &Place::new();
     let store = place.open().unwrap();
     let mut mill = machine("mill-a");
     store.put_machine(&mill, "anna").unwrap();
@@ -164,7 +92,9 @@ fn machines_models_and_the_log_of_changes(place: &Place) {
     assert_eq!(store.broken_audit().unwrap(), None);
 }
 
-fn a_record_of_the_log_that_was_changed_or_taken_out_is_seen(place: &Place) {
+#[test]
+fn a_record_of_the_log_that_was_changed_or_taken_out_is_seen() {
+    let place = &Place::new();
     for (change, seen) in [
         (
             "UPDATE audit SET document = replace(document, 'anna', 'bert') WHERE number = 2",
@@ -185,7 +115,9 @@ fn a_record_of_the_log_that_was_changed_or_taken_out_is_seen(place: &Place) {
     }
 }
 
-fn each_message_is_stored_once_and_the_history_has_its_means(place: &Place) {
+#[test]
+fn each_message_is_stored_once_and_the_history_has_its_means() {
+    let place = &Place::new();
     let store = place.open().unwrap();
     let mut ingest = Ingest::of(&store).unwrap();
     // From the beginning of an hour on.
@@ -231,7 +163,9 @@ fn each_message_is_stored_once_and_the_history_has_its_means(place: &Place) {
     assert_eq!((hours[0].count, hours[0].residual_um), (120, Some(59.5)));
 }
 
-fn what_is_old_is_forgotten_and_hours_stay(place: &Place) {
+#[test]
+fn what_is_old_is_forgotten_and_hours_stay() {
+    let place = &Place::new();
     let store = place.open().unwrap();
     let mut ingest = Ingest::of(&store).unwrap();
     let from_s = 1_800_000_000.0;
@@ -290,7 +224,9 @@ fn a_batch_that_does_not_fit_is_stored_not_at_all() {
     drop(folder);
 }
 
-fn what_cannot_be_read_is_kept_for_a_person(place: &Place) {
+#[test]
+fn what_cannot_be_read_is_kept_for_a_person() {
+    let place = &Place::new();
     let store = place.open().unwrap();
     let mut ingest = Ingest::of(&store).unwrap();
     for (sequence, bytes) in [&b"no JSON"[..], b"{}", b"\xff\xfe", b"[1e999]"]
@@ -314,7 +250,9 @@ fn what_cannot_be_read_is_kept_for_a_person(place: &Place) {
     assert_eq!(looked[&mill()].1.unreadable, 16);
 }
 
-fn a_machine_has_its_turn_in_one_roll_out_at_a_time(place: &Place) {
+#[test]
+fn a_machine_has_its_turn_in_one_roll_out_at_a_time() {
+    let place = &Place::new();
     let store = place.open().unwrap();
     let start = |names: &[&str]| {
         let machines: Vec<(MachineId, bool)> = (names.iter())
@@ -349,7 +287,9 @@ fn a_machine_has_its_turn_in_one_roll_out_at_a_time(place: &Place) {
 }
 
 /// What fails in the middle of a transaction leaves nothing behind, and what comes after it works.
-fn what_fails_in_the_middle_leaves_nothing(place: &Place) {
+#[test]
+fn what_fails_in_the_middle_leaves_nothing() {
+    let place = &Place::new();
     let store = place.open().unwrap();
     store.put_machine(&machine("mill-a"), "anna").unwrap();
     // The record of the log is the second of the two statements.
@@ -362,7 +302,9 @@ fn what_fails_in_the_middle_leaves_nothing(place: &Place) {
     assert_eq!(store.broken_audit().unwrap(), None);
 }
 
-fn people_and_their_sessions(place: &Place) {
+#[test]
+fn people_and_their_sessions() {
+    let place = &Place::new();
     let store = place.open().unwrap();
     let name: UserName = "anna".parse().unwrap();
     let add = |role| store.add_user(&name, role, "hash", "bert", "here").unwrap();
@@ -388,7 +330,9 @@ fn people_and_their_sessions(place: &Place) {
     assert!(store.session(&token, &now).unwrap().is_none());
 }
 
-fn a_database_of_a_newer_program_is_left_alone(place: &Place) {
+#[test]
+fn a_database_of_a_newer_program_is_left_alone() {
+    let place = &Place::new();
     drop(place.open().unwrap());
     place.execute("UPDATE schema SET steps = 99");
     assert!(matches!(
@@ -398,7 +342,9 @@ fn a_database_of_a_newer_program_is_left_alone(place: &Place) {
 }
 
 /// Minutes of many machines, some of which come late or in no order: each machine has its own means, whatever the others have.
-fn minutes_are_closed_machine_by_machine(place: &Place) {
+#[test]
+fn minutes_are_closed_machine_by_machine() {
+    let place = &Place::new();
     const MACHINES: u64 = 70;
     let store = place.open().unwrap();
     let mut ingest = Ingest::of(&store).unwrap();
@@ -466,7 +412,9 @@ fn minutes_are_closed_machine_by_machine(place: &Place) {
 }
 
 /// A thread that ends in the middle of a change leaves nothing of it behind, and others go on.
-fn a_thread_that_ends_in_the_middle_leaves_nothing(place: &Place) {
+#[test]
+fn a_thread_that_ends_in_the_middle_leaves_nothing() {
+    let place = &Place::new();
     let store = place.open().unwrap();
     store.put_machine(&machine("mill-a"), "anna").unwrap();
     let ended = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
@@ -481,7 +429,9 @@ fn a_thread_that_ends_in_the_middle_leaves_nothing(place: &Place) {
 }
 
 /// A database as the first program left it is brought to the newest schema, with what is in it.
-fn a_database_of_an_older_program_is_brought_up(place: &Place) {
+#[test]
+fn a_database_of_an_older_program_is_brought_up() {
+    let place = &Place::new();
     let store = place.open().unwrap();
     let mut ingest = Ingest::of(&store).unwrap();
     let from_s = 1_800_000_000.0;
@@ -524,7 +474,9 @@ fn a_database_of_an_older_program_is_brought_up(place: &Place) {
 }
 
 /// What a gateway says of itself never stops the others: texts that a database cannot hold, or not in an index.
-fn names_that_are_none_stop_nobody(place: &Place) {
+#[test]
+fn names_that_are_none_stop_nobody() {
+    let place = &Place::new();
     let store = place.open().unwrap();
     let mut ingest = Ingest::of(&store).unwrap();
     // One that no compression makes short: multiples of an odd number.
@@ -554,7 +506,9 @@ fn names_that_are_none_stop_nobody(place: &Place) {
 }
 
 /// Numbers go in and come out as they are, to the last bit.
-fn numbers_come_back_as_they_went_in(place: &Place) {
+#[test]
+fn numbers_come_back_as_they_went_in() {
+    let place = &Place::new();
     let store = place.open().unwrap();
     let mut ingest = Ingest::of(&store).unwrap();
     let at_s = 1_800_000_000.123_456_7;
@@ -580,7 +534,9 @@ fn numbers_come_back_as_they_went_in(place: &Place) {
 }
 
 /// Several programs write at a time: every change is made, and the log of changes is one chain.
-fn two_programs_write_at_a_time(place: &Place) {
+#[test]
+fn two_programs_write_at_a_time() {
+    let place = &Place::new();
     std::thread::scope(|scope| {
         for program in 0..4 {
             scope.spawn(move || {
