@@ -125,12 +125,12 @@ pub(crate) fn path(value: &Value<'_>, folder: &Path) -> Result<PathBuf, InputErr
 }
 
 fn store(section: &Section<'_>, folder: &Path) -> Result<PathBuf, InputError> {
-    section.allow(&["file", "postgres"])?;
     if let Some(value) = section.get("postgres") {
         return Err(
             value.error("PostgreSQL is not supported any more, expected `file`, a SQLite file")
         );
     }
+    section.allow(&["file"])?;
     match section.get("file") {
         Some(file) => path(&file, folder),
         None => Ok(folder.join("centre.db")),

@@ -233,7 +233,7 @@ impl Ingest {
 }
 
 fn one(
-    database: &mut dyn crate::store::Database,
+    database: &mut crate::store::Database,
     taken: &mut Taken,
     heard: &mut Heard,
     message: &Received,

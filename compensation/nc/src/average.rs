@@ -20,6 +20,7 @@ use crate::{
     made::Made,
     modal::{NUMBERED, SYSTEMS},
     motion::{Path, half_deep},
+    notes::Note,
     script::{NewWord, Script},
     setup::name_of_offset,
     verify::{WAITING, is_end, motions},
@@ -35,6 +36,8 @@ pub struct Average {
     pub system: String,
     /// How many places there are.
     pub places: u64,
+    /// How far the machine is off at its zero; `None`: not at all.
+    pub off_at_zero: Option<Note>,
     /// The mean of what is to be added to X, Y and Z, mm; 0 for an axis that does not correct.
     pub mean_mm: [f64; 3],
     /// How far single places, or readings, are from the mean, which is what stays uncorrected: the largest and the root of the mean square, µm.
@@ -158,7 +161,11 @@ pub fn average(
         ));
     }
     let mut sums = vec![Sums::default(); SYSTEMS];
+    let mut off_mm = [[0.0; 3]; SYSTEMS].to_vec();
     at_places(program, job, |place| {
+        if sums[place.system].places == 0 {
+            off_mm[place.system] = place.off_at_zero_mm;
+        }
         sums[place.system].take(place.delta);
         Ok(())
     })?;
@@ -209,6 +216,7 @@ pub fn average(
         averages.push(Average {
             system: name_of_offset(system),
             places: of.places,
+            off_at_zero: Note::off_at_zero(system, off_mm[system]),
             mean_mm: means[system],
             left_um: measured.map_or_else(|| left[system].um(), |(_, [left, _])| left),
             before_um: measured.map_or_else(|| of.um(), |(_, [_, before])| before),
@@ -235,6 +243,8 @@ struct CutPlace {
     at: Axes,
     /// The correction of X, Y and Z, mm.
     delta: [f64; 3],
+    /// How far the machine is off at the zero of the work offset, mm.
+    off_at_zero_mm: [f64; 3],
 }
 
 /// Executes the program: `take` gets each place where it cuts.
@@ -315,6 +325,7 @@ fn at_places(
                 system: made.system,
                 at,
                 delta: std::array::from_fn(|i| delta[i]),
+                off_at_zero_mm: corrector.off_mm(&made.frame.zero()),
             });
             if taken.is_err() {
                 found = taken;

@@ -2,6 +2,7 @@
 
 use crate::{
     NcError,
+    control::Control,
     coordinates::LETTERS,
     given::{Given, whole},
     interpret::{Interpreter, Outcome},
@@ -31,13 +32,21 @@ impl Interpreter {
         let initial = *sticky.initial.get_or_insert(before[depth]);
         if let Some(value) = given.letter(b'R')? {
             sticky.clearance = Some(value * of_r);
+            sticky.incremental[1] = incremental;
         }
         if let Some(value) = given.axis(depth)? {
             sticky.depth = Some(value * of_depth);
+            sticky.incremental[0] = incremental;
         }
         let (Some(way), Some(clearance)) = (sticky.depth, sticky.clearance) else {
             return Err(given.refused("a cycle without its depth or its plane R"));
         };
+        let is_fanuc_like = self.control.is_some_and(Control::is_fanuc_like);
+        if is_fanuc_like && sticky.incremental != [incremental; 2] {
+            return Err(given.refused(
+                "a cycle whose depth or plane R was given under the other of G90 and G91: LinuxCNC reads the number anew, whether this control does was found in no manual: write both into this block",
+            ));
+        }
         let [clearance, bottom] = if incremental {
             [initial + clearance, initial + clearance + way]
         } else {

@@ -129,7 +129,7 @@ pub(crate) struct Comparison {
     stated: [bool; SYSTEMS],
     /// How far a zero lies beside its work offset that was probed on the machine with its errors, with the original program and with the result, to
     /// whose work offset the error there was added; mm in workpiece axes.
-    zeros: [Option<[[f64; 3]; 2]>; SYSTEMS],
+    zeros: Vec<Option<[[f64; 3]; 2]>>,
     /// Of so many places one is kept.
     stride: u64,
     /// With the original and with the compensated program: all places, and those of the motion.
@@ -143,7 +143,7 @@ impl Comparison {
             truth,
             corrector: of.part.map(|(_, corrector)| corrector.clone()),
             stated: std::array::from_fn(|system| of.setup.offset(system).is_some()),
-            zeros: [None; SYSTEMS],
+            zeros: vec![None; SYSTEMS],
             before: Carriages::default(),
             after: Carriages::default(),
             turns: Turns::default(),
@@ -219,25 +219,26 @@ impl Comparison {
         Ok(())
     }
 
-    /// Probes the zero of the work offset of a motion, if it was not yet.
+    /// Probes the zero of the work offset with which a motion cuts, if it was not yet.
     fn take_zero(&mut self, original: &Made) -> Result<(), NcError> {
         let system = original.system;
         let is_stated = self.stated.get(system).is_some_and(|stated| *stated);
-        if !is_stated || !original.known || self.zeros[system].is_some() {
+        let cuts = original.known && original.motion.cuts();
+        if !is_stated || !cuts || self.zeros[system].is_some() {
             return Ok(());
         }
         let Some(corrector) = &mut self.corrector else {
             return Ok(());
         };
         corrector.take_tool(&original.tool)?;
-        let zero = original.frame.to_machine(&[0.0; 9]);
-        let delta = corrector.at(&zero).delta;
-        let corrected = each(|axis| zero[axis] + delta[axis]);
-        let tip = self.truth.ideal_tip_mm(&zero);
-        self.zeros[system] = Some([zero, corrected].map(|at| {
-            let actual = self.truth.actual_tip_mm(&at, &[0.0; 9]);
-            std::array::from_fn(|i| actual[i] - tip[i])
-        }));
+        let zero = original.frame.zero();
+        let probed = self.truth.tip_error_mm(&zero);
+        // What is added to the work offset moves the part by as much.
+        let off_mm = corrector.off_mm(&zero);
+        let added = each(|axis| zero[axis] + off_mm.get(axis).copied().unwrap_or(0.0));
+        let [from, to] = [&zero, &added].map(|at| self.truth.ideal_tip_mm(at));
+        let left = std::array::from_fn(|i| probed[i] - (to[i] - from[i]));
+        self.zeros[system] = Some([probed, left]);
         Ok(())
     }
 

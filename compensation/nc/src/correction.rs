@@ -5,8 +5,8 @@ use std::sync::Arc;
 use volcomp_model::{
     Machine, Temperatures,
     curve::ErrorCurve,
-    kinematics::{Form, State, actual_pose},
-    vocabulary::{AxisKind, Direction, MAX_AXES},
+    kinematics::{Correctors, Form, State, actual_pose},
+    vocabulary::{AxisKind, AxisName, Direction, MAX_AXES},
 };
 
 use crate::{
@@ -303,6 +303,26 @@ impl Corrector {
         let most_mm = NEGLECTED * self.split_beyond_mm;
         self.tool
             .correction(&state, &self.places, &self.temperatures, most_mm)
+    }
+
+    /// How far the machine is off at a place whose rotary axes stand where they are and are not corrected: what X, Y and Z are further than their
+    /// coordinates, mm, in the mean of both directions of approach.
+    pub(crate) fn off_mm(&self, at: &Axes) -> [f64; 3] {
+        let Tooled {
+            compiled, machine, ..
+        } = &*self.tool;
+        let linear = Correctors::choose(machine.chain(), &[AxisName::X, AxisName::Y, AxisName::Z]);
+        let parts = compiled.parts_of(&self.places.state(at), &linear);
+        let delta = self.places.linear_axes(&parts.delta(), -1.0);
+        [0, 1, 2].map(|axis| delta[axis])
+    }
+
+    /// The error of the tip at a place in the mean of both directions of approach, by the exact model; mm in workpiece axes.
+    pub(crate) fn tip_error_mm(&self, at: &Axes) -> [f64; 3] {
+        let state = self.places.state(at);
+        let machine = &self.tool.machine;
+        let error = machine.error_at(&state, Form::Exact, &self.temperatures);
+        error.position_mm.into()
     }
 
     /// Where the tip of the ideal machine is, mm from the workpiece origin in workpiece axes.

@@ -108,6 +108,8 @@ pub(crate) struct Sticky {
     /// The words of the depth and of R: places in G90, in G91 R from there and the depth from R.
     pub(crate) depth: Option<f64>,
     pub(crate) clearance: Option<f64>,
+    /// Whether each of them was given in G91.
+    pub(crate) incremental: [bool; 2],
 }
 
 /// State of a program that is read.

@@ -77,3 +77,10 @@ pub(crate) struct Move {
     /// Whole turns by which `from` is another number for where a rotary axis was before, deg.
     pub(crate) wraps: Axes,
 }
+
+impl Move {
+    /// Whether it cuts with the work offset in force.
+    pub(crate) fn cuts(&self) -> bool {
+        !self.in_machine && matches!(self.path, Path::Line | Path::Arc(_) | Path::Hole { .. })
+    }
+}

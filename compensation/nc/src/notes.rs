@@ -2,6 +2,8 @@
 
 use std::{collections::BTreeMap, fmt};
 
+use crate::setup::name_of_offset;
+
 /// Something that was met in a program.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[non_exhaustive]
@@ -51,6 +53,15 @@ pub enum Note {
     MayBeSkipped,
     /// How far the machine is off at the zero of a work offset, tenths of µm, in X, Y and Z.
     OffAtZero(String, [i64; 3]),
+}
+
+impl Note {
+    /// `None` where the machine is off by nothing.
+    pub(crate) fn off_at_zero(system: usize, off_mm: [f64; 3]) -> Option<Self> {
+        #[expect(clippy::cast_possible_truncation, reason = "errors are mm at the most")]
+        let tenths_um = off_mm.map(|mm| (1e4 * mm).round() as i64);
+        (tenths_um != [0; 3]).then(|| Self::OffAtZero(name_of_offset(system), tenths_um))
+    }
 }
 
 impl fmt::Display for Note {
@@ -140,7 +151,7 @@ impl fmt::Display for Note {
                 let [x, y, z] = tenths_um.map(|tenths| tenths as f64 / 10.0);
                 write!(
                     f,
-                    "at the zero of {offset} the machine is off by X {x:.1} Y {y:.1} Z {z:.1} µm: where that zero was probed without the correction, add this to {offset} at the control (not in the set-up), or the whole part lies beside it by as much"
+                    "at the zero of {offset} the machine is off by X {x:.1} Y {y:.1} Z {z:.1} µm: where that zero was probed without the correction, add this to {offset} at the control (not in the set-up); otherwise the whole part is offset by this amount"
                 )
             }
         }

@@ -31,7 +31,7 @@ use crate::{
     notes::Note,
     rounding::Strategy,
     script::Script,
-    setup::{SetUp, name_of_offset},
+    setup::SetUp,
     turns::Turns,
     values::Computed,
     words::Decimals,
@@ -71,7 +71,7 @@ pub(crate) struct Rewriter {
     /// The correction that the axes of the machine have, mm and deg.
     pub(crate) carried: Axes,
     pub(crate) settled: Settled,
-    /// At the zero of which work offsets it was noted how far the machine is off.
+    /// At the zero of which work offsets it was noted how far the machine is off, or nothing is to be noted.
     zeros_noted: [bool; SYSTEMS],
     /// Where axes turn on the motion that is being written.
     pub(crate) turns: Turns,
@@ -132,7 +132,7 @@ impl Rewriter {
             rounded_otherwise: 0,
             carried: [0.0; 9],
             settled: Settled::No,
-            zeros_noted: [false; SYSTEMS],
+            zeros_noted: std::array::from_fn(|system| setup.offset(system).is_none()),
             turns: Turns::default(),
             carried_by_cycle: [0.0; 2],
             carried_at_initial: None,
@@ -368,27 +368,24 @@ impl Rewriter {
             }
         }
         self.notes_unstated(line.number);
-        self.notes_zero(line.number);
+        self.notes_zero(motion, line.number);
         Ok(())
     }
 
-    /// Notes once how far the machine is off at the zero of the work offset that holds.
-    fn notes_zero(&mut self, line: usize) {
-        let system = self.interpreter.modal.system;
-        let is_noted = self.zeros_noted.get(system).is_none_or(|noted| *noted);
-        if is_noted || self.carried == [0.0; 9] || self.interpreter.unstated_offset().is_some() {
+    /// Notes, where the program first cuts with a work offset that the set-up states, how far the machine is off at its zero.
+    fn notes_zero(&mut self, motion: &Move, line: usize) {
+        let modal = &self.interpreter.modal;
+        let known = &self.interpreter.known;
+        let is_known = (0..3).all(|axis| known[axis] || !self.corrector.has(axis));
+        let Some(is_noted) = self.zeros_noted.get_mut(modal.system) else {
+            return;
+        };
+        if *is_noted || !is_known || !motion.cuts() {
             return;
         }
-        self.zeros_noted[system] = true;
-        let zero = self.interpreter.frame.to_machine(&[0.0; 9]);
-        let delta = self.corrector.at(&zero).delta;
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "a correction is at most 2 mm"
-        )]
-        let tenths_um = [0, 1, 2].map(|axis| (-1e4 * delta[axis]).round() as i64);
-        if tenths_um != [0; 3] {
-            let note = Note::OffAtZero(name_of_offset(system), tenths_um);
+        *is_noted = true;
+        let off_mm = self.corrector.off_mm(&self.interpreter.frame.zero());
+        if let Some(note) = Note::off_at_zero(modal.system, off_mm) {
             self.interpreter.notes.add(note, line);
         }
     }

@@ -102,6 +102,8 @@ pub enum CheckOf {
     MeasuredAlone,
     /// Of what the correction leaves, while the figures of tests are of the machine without it.
     Corrected,
+    /// Of the machine at the reference temperature: its thermal terms are left out.
+    AtReference,
     /// Of a positioning test.
     Test {
         /// The error that it measures.
@@ -118,6 +120,7 @@ impl core::fmt::Display for CheckOf {
             Self::Symbol => Ok(()),
             Self::MeasuredAlone => f.write_str("the measured errors alone"),
             Self::Corrected => f.write_str("after the correction"),
+            Self::AtReference => f.write_str("at the reference temperature alone"),
             Self::Test { error, file } => write!(f, "{error}, {file}"),
         }
     }
@@ -383,6 +386,8 @@ pub struct Volume {
     pub before: OfState<Size>,
     /// The state after it.
     pub after: Option<OfState<Size>>,
+    /// Whether the machine has thermal terms, which are left out.
+    pub has_thermal: bool,
     /// Planes through the middle of the working space.
     pub slices: Vec<Slice>,
     /// The ends of the travels of X, Y and Z, mm; of an axis that is not there twice 0.

@@ -1,7 +1,7 @@
 //! Tolerances and how figures stand against them.
 
 use volcomp_metrology::{
-    Edition, MetrologyError, MotionKind, Tolerance, Vdi3441, decide, parse_tolerances_of,
+    Edition, MetrologyError, MotionKind, Tolerance, Vdi3441, Verdict, decide, parse_tolerances_of,
 };
 use volcomp_vocabulary::{AxisName, ErrorName};
 
@@ -172,7 +172,9 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
                 .map(|drawn| 2.0 * drawn.max_um);
             // Of a machine of which no error is known nothing follows.
             let value = last.filter(|last| last.state != State::Found || report.knows_errors());
-            let of = if found.is_some() && value.is_some() && !report.not_measured.is_empty() {
+            let of = if value.is_some() && volume.is_some_and(|volume| volume.has_thermal) {
+                CheckOf::AtReference
+            } else if found.is_some() && value.is_some() && !report.not_measured.is_empty() {
                 CheckOf::MeasuredAlone
             } else if last.is_some_and(|last| last.state == State::TruthCorrected) {
                 CheckOf::Corrected
@@ -183,6 +185,12 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
         } else if let Ok(error) = symbol.parse::<ErrorName>() {
             let (value, u) = of_error(report, symbol);
             check(CheckOf::Symbol, value, u, error.component.symbol());
+        }
+    }
+    // At another temperature the figure is another one.
+    for check in &mut all {
+        if check.of == CheckOf::AtReference && check.outcome == Verdict::Pass {
+            check.outcome = Verdict::Undecided;
         }
     }
     all

@@ -74,6 +74,7 @@ pub fn volume(
             state: *state,
             found: size.clone(),
         }),
+        has_thermal: !machine.thermal().sensors().is_empty(),
         slices: slices(
             machine,
             others,

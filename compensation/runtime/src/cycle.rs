@@ -243,6 +243,14 @@ impl Cycle {
         replacement.carry_over(&self.model);
         std::mem::swap(&mut self.model, replacement);
         self.lag.forget();
+        // Where an axis may stand is told by the new model: the next position is judged by it alone.
+        for (index, check) in self.checks.iter_mut().enumerate() {
+            if self.model.position_limits(index, &self.rapid)
+                != replacement.position_limits(index, &self.rapid)
+            {
+                check.forget();
+            }
+        }
         for path in &mut self.paths {
             path.fit_to(&self.model);
         }

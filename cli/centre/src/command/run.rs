@@ -99,7 +99,7 @@ pub(super) fn check(config: &Config) -> Result<(), CommandError> {
         .collect();
     let mut said = format!(
         "store        {}\nserver       {}\nsigns with   {} {}\nmachines     {}\n",
-        config.store,
+        config.store.display(),
         config.nats.url,
         key.name,
         key.public(),

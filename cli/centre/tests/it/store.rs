@@ -344,8 +344,8 @@ fn a_database_of_a_newer_program_is_left_alone() {
 /// Minutes of many machines, some of which come late or in no order: each machine has its own means, whatever the others have.
 #[test]
 fn minutes_are_closed_machine_by_machine() {
-    let place = &Place::new();
     const MACHINES: u64 = 70;
+    let place = &Place::new();
     let store = place.open().unwrap();
     let mut ingest = Ingest::of(&store).unwrap();
     let from_s = 1_800_000_000.0;

@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use volcomp_centre::{
     models::NewModel,
     records::{Machine, Origin},
-    rollout::{NewRollout, Rollout, Rules},
 };
 use volcomp_fleet::{Condition, Envelope, Identity, Kind, Received};
 use volcomp_vocabulary::AxisName;
@@ -38,18 +37,6 @@ pub(crate) fn machine(name: &str) -> Machine {
         "w X' b Y Z t".to_owned(),
         vec![AxisName::X, AxisName::Y, AxisName::Z],
     )
-}
-
-/// A roll-out to no machine.
-pub(crate) fn rollout(id: u64) -> Rollout {
-    let new = NewRollout {
-        model: "model".to_owned(),
-        machines: &[],
-        rules: Rules::default(),
-        by: "anna".to_owned(),
-        since_s: 0.0,
-    };
-    Rollout::new(id, new)
 }
 
 pub(crate) fn condition(residual_um: f64) -> Condition {

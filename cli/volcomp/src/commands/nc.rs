@@ -401,8 +401,12 @@ fn averaged(
     output: &Path,
     found: &[Average],
     verified: Option<Verified>,
-    notes: Vec<String>,
+    mut notes: Vec<String>,
 ) -> Result<Answer, Failure> {
+    let zeros = found.iter().filter_map(|of| of.off_at_zero.as_ref());
+    notes.extend(
+        zeros.map(|note| format!("{note}. Here it is added to the values of the line G10 L2")),
+    );
     let document = NcAverage {
         file: output.display().to_string(),
         offsets: (found.iter())

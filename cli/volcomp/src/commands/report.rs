@@ -14,12 +14,13 @@ use volcomp_model::{
 };
 use volcomp_report::{
     Diagonal, Diagonals, Edition, OfState, Report, Size, State, Stated, Tolerance,
-    Verdict as Outcome, checks, html, refuse_two_units, tolerances, uncertainty, volume,
+    Verdict as Outcome, Warning, WarningKind, checks, html, refuse_two_units, tolerances,
+    uncertainty, volume,
 };
 use volcomp_vocabulary::AxisName;
 
 use super::{
-    Answer, calibrate::fit, fixed, identify::find, iso230::parse_edition, machine_notes, same_file,
+    Answer, calibrate::fit, fixed, identify::find, iso230::parse_edition, same_file,
     uncertainty::UncertaintyArguments,
 };
 use crate::{
@@ -108,8 +109,20 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let mut output = OutputFile::open(&arguments.output)?;
     let (machine, mut report) = source.report(arguments)?;
     refuse_two_units(&report, &limits).map_err(|error| Failure::Input(format!("--{error}")))?;
-    let temperatures = Temperatures::new();
-    let mut notes = machine_notes(&machine, &temperatures);
+    let mut notes = machine.notes();
+    let sensors = machine.thermal().sensors();
+    if !sensors.is_empty() {
+        let text = format!(
+            "the figures computed from the model hold at {} °C: thermal terms of {} are left out; `volcomp map --temperature` gives the volumetric error at others, `volcomp check` what each kelvin adds",
+            machine.thermal().reference_degc,
+            sensors.join(", ")
+        );
+        report.warnings.push(Warning {
+            kind: WarningKind::Temperature,
+            text: text.clone(),
+        });
+        notes.push(text);
+    }
     let others = arguments.others.read(&machine, &mut notes)?;
     working_space(&mut report, arguments, &machine, &others)?;
     if arguments.trials > 0 {

@@ -301,3 +301,15 @@ fn a_report_that_is_replaced_is_told() {
         [false, false, true]
     );
 }
+
+/// At another temperature than that of the reference the volumetric error is another one: below its limit it is not decided.
+#[test]
+fn thermal_terms_leave_the_volumetric_error_undecided() {
+    for (limit, outcome) in [("V=1000", "undecided"), ("V=1", "fail")] {
+        let (document, page) = report(&["examples/gantry.toml", "--tolerance", limit]);
+        let check = &document["checks"][0];
+        assert_eq!(check["outcome"], outcome, "{document}");
+        assert_eq!(check["of"], "at the reference temperature alone");
+        assert!(page.contains("hold at 20 °C: thermal terms of"));
+    }
+}

@@ -97,16 +97,19 @@ fn circles_and_holes_are_those_of_the_closed_form() {
 /// that are left at X = 500 the part has the 3 that grow from its zero.
 #[test]
 fn a_place_is_counted_from_the_zero_that_was_probed() {
-    let program = "G21 G90 G17\nG0 X0 Y0 Z-10\nG81 X300 Y0 Z-20 R-5 F500\nG80\nM2\n";
-    let part = "[[feature]]\nname = \"hole\"\nkind = \"hole\"\nlines = [3, 3]\n";
-    let [truth, model] = ["0.1", "0.09"].map(|slope| format!("EXX = {{ poly = [0.0, {slope}] }}"));
-    let offset = "[work_offset.G54]\nX = 200.0\nY = 400.0\n";
+    // A motion without the tool's length, and a shift on top of the work offset, make no other zero.
+    let program =
+        "G21 G90 G17\nG0 X0 Y0\nG43 H1 Z-10\nG52 X10\nG81 X290 Y0 Z-20 R-5 F500\nG80\nM2\n";
+    let part = "[[feature]]\nname = \"hole\"\nkind = \"hole\"\nlines = [5, 5]\n";
+    let [truth, model] = ["0.1", "0.09"]
+        .map(|slope| format!("EXX = {{ poly = [0.0, {slope}] }}\nEXZ = {{ poly = [0.0, 1.0] }}"));
+    let offset = "[work_offset.G54]\nX = 200.0\nY = 400.0\nZ = -300.0\n[tool.1]\nZ = 300.0\n";
     let (found, notes) = inspected_with([&truth, &model], offset, program, part);
     let [before, after] = both(&found[0]);
     near(before.position_um, 30.0, 0.01);
     near(after.position_um, 3.0, 0.6);
     let zero = Note::OffAtZero("G54".to_owned(), [180, 0, 0]);
-    assert_eq!(notes.by_line(), [(2, &zero)]);
+    assert_eq!(notes.by_line(), [(5, &zero)]);
 }
 
 /// The flank of a tool that is tilted by 40 µrad leaves a cylinder whose axis leans by as much, and is 40·10⁻⁶·60 mm = 2.4 µm further

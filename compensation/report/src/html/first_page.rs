@@ -78,11 +78,7 @@ pub(super) fn verdict(page: &mut Page, report: &Report) {
             "?",
             "Not every stated tolerance could be evaluated.",
         ),
-        Verdict::Undecided => (
-            "open",
-            "?",
-            "Not every stated tolerance is decided: a figure is nearer to its limit than its uncertainty.",
-        ),
+        Verdict::Undecided => ("open", "?", "Not every stated tolerance is decided."),
         Verdict::Pass => ("pass", "✓", "All stated tolerances are met."),
     };
     page.put(&format!(
@@ -122,7 +118,9 @@ pub(super) fn verdict(page: &mut Page, report: &Report) {
             Cell::Path(match &check.of {
                 CheckOf::Symbol if check.symbol == VOLUME => LARGEST.to_owned(),
                 CheckOf::Symbol => described(&check.symbol),
-                CheckOf::MeasuredAlone | CheckOf::Corrected => format!("{LARGEST}; {}", check.of),
+                CheckOf::MeasuredAlone | CheckOf::Corrected | CheckOf::AtReference => {
+                    format!("{LARGEST}; {}", check.of)
+                }
                 CheckOf::Test { .. } => check.of.to_string(),
             }),
             Cell::Number(check.value, 2),

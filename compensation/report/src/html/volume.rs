@@ -124,7 +124,7 @@ fn states(page: &mut Page, before: State, after: Option<State>) {
         all.push(line("after", state_words(after, true)));
     } else {
         all.push(escaped(state_words(before, false)) + ".");
-        all.push("What a compensation leaves is not shown: the model against itself would prove nothing. It needs a truth or a second measurement.");
+        all.push("What a compensation leaves is not shown: the model against itself would prove nothing. It needs a truth or a second measurement.".to_owned());
     }
     page.put(&format!("<p class=\"lead\">{}</p>", all.join("<br>")));
 }

@@ -116,7 +116,8 @@ fn limit_notes(machine: &Machine, temperatures: &Temperatures) -> Result<Vec<Str
     for ((axis, per_k), (_, most)) in per_k.into_iter().zip(at_reference) {
         let limit = usual.of(axis.kind());
         let left_k = (limit.um_or_urad() - most.um_or_urad()) / per_k.um_or_urad();
-        if left_k.is_finite() && left_k >= 0.0 {
+        // Less than is printed is nothing.
+        if per_k.um_or_urad() >= 0.05 && left_k >= 0.0 {
             notes.push(format!(
                 "the correction of {axis} changes by up to {per_k:.1} with each kelvin of the sensors: {:.1} K from {reference_degc} °C it may reach the {limit} that {who} without --limit-um{but}",
                 (10.0 * left_k).floor() / 10.0
