@@ -67,15 +67,19 @@ fn it_holds_the_truth_between_targets() {
         };
         all[usize::from(is_sparse)].add(covered(&line, 100));
     }
-    let [others, sparse] = all;
+    let [others, mut sparse] = all;
     let mut together = others;
     together.add(sparse);
     assert!((0.92..=0.98).contains(&together.share()), "{together:?}");
     assert!((0.92..=0.98).contains(&others.share()), "{others:?}");
-    assert!(sparse.share() > 0.75, "{sparse:?}");
     assert!(sparse.share_of_targets() < 0.4, "{sparse:?}");
     // The curves of a fifth are warned of, but for a few that look like a long wave.
     assert!(10 * sparse.warned >= 8 * sparse.curves, "{sparse:?}");
+    // So few of them tell little of the share: a hundred.
+    for index in (104..500).step_by(5) {
+        sparse.add(covered(&undersampled(29, index), 100));
+    }
+    assert!((0.93..=0.97).contains(&sparse.share()), "{sparse:?}");
 }
 
 /// Of a line through many runs the textbook knows the band: ±1.96 σ √(h/m).
