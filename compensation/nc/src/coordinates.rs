@@ -130,8 +130,10 @@ impl AxisPlaces {
 /// What lies between the coordinates of a program and those of the axes of the machine.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Frame {
-    /// The work offset.
+    /// The work offset, and what is programmed on top of it.
     pub(crate) work: Axes,
+    /// The work offset alone.
+    pub(crate) offset: Axes,
     /// The offset of G92 or G52.
     pub(crate) shift: Axes,
     /// The tool offset of G43.
@@ -162,7 +164,7 @@ impl Frame {
     /// Where the axes of the machine are with the tool at the zero of the work offset, whatever shifts or turns coordinates on top of it.
     pub(crate) fn zero(&self) -> Axes {
         let offset = Self {
-            work: self.work,
+            work: self.offset,
             tool: self.tool,
             tip: self.tip.clone(),
             ..Self::default()

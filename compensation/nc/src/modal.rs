@@ -223,13 +223,15 @@ impl Modal {
     pub(crate) fn frame(&self, tip: Option<&Arc<Tip>>) -> Frame {
         let work = &self.offsets[self.system.min(SYSTEMS - 1)];
         let (rotation_deg, centre) = self.rotation.unwrap_or((work.rotation_deg, [0.0; 2]));
-        let mut work = work.offset;
+        let offset = work.offset;
+        let mut work = offset;
         let Programmed { by, angle_deg } = &self.programmed;
         for (work, by) in work.iter_mut().zip(turned(by, rotation_deg)) {
             *work += by;
         }
         Frame {
             work,
+            offset,
             shift: if self.shifted { self.shift } else { [0.0; 9] },
             tool: self.tool_offset,
             rotation_deg: rotation_deg + angle_deg,

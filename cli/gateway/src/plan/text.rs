@@ -448,7 +448,8 @@ fn needs(controller: &ControllerPlan) -> Vec<(String, String)> {
             let axis = controller.axes.iter().find(|axis| axis.name == name);
             let left = axis.map_or(0.0, |axis| axis.limit.value - most);
             if left > 0.0 {
-                format!("{name} {per_k} (limit after {:.1} K)", left / per_k)
+                let left_k = (10.0 * left / per_k).floor() / 10.0;
+                format!("{name} {per_k} (limit after {left_k:.1} K)")
             } else {
                 format!("{name} {per_k}")
             }

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use volcomp_model::Machine;
+use volcomp_model::{Fading, Machine};
 use volcomp_runtime::{
-    Report,
+    Model, Replacement, Report,
     guard::{Hold, Reasons, Request, State},
 };
 use volcomp_vocabulary::AxisName;
@@ -118,6 +118,32 @@ fn a_jump_within_the_travel_holds_goes_to_zero_and_comes_back_with_the_position(
     let report = rig.run(5000);
     assert_eq!(report.state, State::Compensating, "{report:?}");
     assert_eq!((report.positions[z], report.jumped), (-400.0, 0));
+}
+
+/// Z moves on, at 90 m/min, behind the end of a machine file that is wrong; with the right one its position is believed where it stands.
+#[test]
+fn another_travel_judges_the_next_position_anew() {
+    let (mut rig, control, _) = compensating();
+    let z = machine().index_of(AxisName::Z).unwrap();
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/five-axis.toml");
+    let text = std::fs::read_to_string(file).expect("shipped");
+    let narrow = text.replace("travel = [-500.0, 0.0]", "travel = [-150.0, 0.0]");
+    let swap = |rig: &mut Rig, text: &str| {
+        let machine = Machine::parse(text, "m.toml").expect("valid");
+        let model = Model::new(&machine, Fading::default()).expect("compiles");
+        let mut replacement = Replacement::new(Box::new(model), &[]);
+        rig.cycle
+            .swap_model(&mut replacement)
+            .expect("the same axes");
+    };
+    swap(&mut rig, &narrow);
+    go(&mut rig, &control, [0.0, -300.0]);
+    let report = rig.run(5000);
+    assert_eq!(report.outside_travel, 1 << z, "{report:?}");
+    swap(&mut rig, &text);
+    let report = rig.run(5000);
+    assert_eq!((report.outside_travel, report.jumped), (0, 0), "{report:?}");
+    assert_eq!(report.state, State::Compensating, "{report:?}");
 }
 
 #[test]
