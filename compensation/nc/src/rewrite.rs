@@ -372,6 +372,12 @@ impl Rewriter {
         Ok(())
     }
 
+    /// Whether nothing is to be noted of the work offset that holds.
+    pub(crate) fn is_zero_noted(&self) -> bool {
+        let system = self.interpreter.modal.system;
+        self.zeros_noted.get(system).is_none_or(|noted| *noted)
+    }
+
     /// Notes, where the program first cuts with a work offset that the set-up states, how far the machine is off at its zero.
     fn notes_zero(&mut self, motion: &Move, line: usize) {
         let modal = &self.interpreter.modal;

@@ -240,6 +240,10 @@ impl Rewriter {
         }
         let code = line.code.or(self.interpreter.modal.motion);
         let code = code.filter(|code| matches!(code, 0 | 10))?;
+        // The first motion that cuts with a work offset is noted.
+        if code == 10 && !self.is_zero_noted() {
+            return None;
+        }
         let (interpreter, corrector) = (&self.interpreter, &self.corrector);
         let (frame, modal) = (&interpreter.frame, &interpreter.modal);
         let from = interpreter.position;

@@ -244,7 +244,8 @@ impl Cycle {
         std::mem::swap(&mut self.model, replacement);
         self.lag.forget();
         // Where an axis may stand is told by the new model: the next position is judged by it alone.
-        for (index, check) in self.checks.iter_mut().enumerate() {
+        let axes = self.model.axes.len();
+        for (index, check) in self.checks.iter_mut().enumerate().take(axes) {
             if self.model.position_limits(index, &self.rapid)
                 != replacement.position_limits(index, &self.rapid)
             {

@@ -102,11 +102,12 @@ fn a_place_is_counted_from_the_zero_that_was_probed() {
         "G21 G90 G17\nG0 X0 Y0\nG43 H1 Z-10\nG52 X10\nG81 X290 Y0 Z-20 R-5 F500\nG80\nM2\n";
     let part = "[[feature]]\nname = \"hole\"\nkind = \"hole\"\nlines = [5, 5]\n";
     let [truth, model] = ["0.1", "0.09"]
-        .map(|slope| format!("EXX = {{ poly = [0.0, {slope}] }}\nEXZ = {{ poly = [0.0, 1.0] }}"));
+        .map(|slope| format!("EXX = {{ poly = [0.0, {slope}] }}\nEXZ = {{ poly = [0.0, 0.1] }}"));
     let offset = "[work_offset.G54]\nX = 200.0\nY = 400.0\nZ = -300.0\n[tool.1]\nZ = 300.0\n";
     let (found, notes) = inspected_with([&truth, &model], offset, program, part);
     let [before, after] = both(&found[0]);
-    near(before.position_um, 30.0, 0.01);
+    // Half-way down, at Z -12.5, 1.25 µm less.
+    near(before.position_um, 28.75, 0.01);
     near(after.position_um, 3.0, 0.6);
     let zero = Note::OffAtZero("G54".to_owned(), [180, 0, 0]);
     assert_eq!(notes.by_line(), [(5, &zero)]);
