@@ -119,8 +119,8 @@ impl core::fmt::Display for CheckOf {
         match self {
             Self::Symbol => Ok(()),
             Self::MeasuredAlone => f.write_str("the measured errors alone"),
-            Self::Corrected => f.write_str("after the correction"),
-            Self::AtReference => f.write_str("at the reference temperature alone"),
+            Self::Corrected => f.write_str("what the correction leaves"),
+            Self::AtReference => f.write_str("the machine at the reference temperature alone"),
             Self::Test { error, file } => write!(f, "{error}, {file}"),
         }
     }

@@ -61,7 +61,7 @@ fn a_truth_shows_what_a_compensation_leaves() {
     for check in report(&judged).0["checks"].as_array().expect("checks") {
         assert_eq!(
             check["symbol"] == "V",
-            check["of"] == "after the correction",
+            check["of"] == "what the correction leaves",
             "{check}"
         );
     }
@@ -309,7 +309,10 @@ fn thermal_terms_leave_the_volumetric_error_undecided() {
         let (document, page) = report(&["examples/gantry.toml", "--tolerance", limit]);
         let check = &document["checks"][0];
         assert_eq!(check["outcome"], outcome, "{document}");
-        assert_eq!(check["of"], "at the reference temperature alone");
+        assert_eq!(
+            check["of"],
+            "the machine at the reference temperature alone"
+        );
         assert!(page.contains("hold at 20 °C: thermal terms of"));
     }
 }

@@ -118,8 +118,9 @@ pub(super) fn verdict(page: &mut Page, report: &Report) {
             Cell::Path(match &check.of {
                 CheckOf::Symbol if check.symbol == VOLUME => LARGEST.to_owned(),
                 CheckOf::Symbol => described(&check.symbol),
-                CheckOf::MeasuredAlone => format!("{LARGEST}; of {}", check.of),
-                CheckOf::Corrected | CheckOf::AtReference => format!("{LARGEST}; {}", check.of),
+                CheckOf::MeasuredAlone | CheckOf::Corrected | CheckOf::AtReference => {
+                    format!("{LARGEST}; of {}", check.of)
+                }
                 CheckOf::Test { .. } => check.of.to_string(),
             }),
             Cell::Number(check.value, 2),
