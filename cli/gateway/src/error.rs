@@ -308,7 +308,7 @@ pub enum GatewayError {
     /// The machine did not start, or ended by a fault of the program.
     #[error("{what}")]
     Failed {
-        /// Why.
+        /// Why it did not start, or ended.
         what: String,
         /// The exit status of the program.
         status: u8,

@@ -162,9 +162,9 @@ pub fn average(
     }
     let mut sums = vec![Sums::default(); SYSTEMS];
     let mut off_mm = [[0.0; 3]; SYSTEMS].to_vec();
-    at_places(program, job, |place| {
+    at_places(program, job, |corrector, place| {
         if sums[place.system].places == 0 {
-            off_mm[place.system] = place.off_at_zero_mm;
+            off_mm[place.system] = corrector.off_mm(&place.zero);
         }
         sums[place.system].take(place.delta);
         Ok(())
@@ -183,7 +183,7 @@ pub fn average(
     let means: Vec<[f64; 3]> = sums.iter().map(mean).collect();
     let mut left = vec![Sums::default(); SYSTEMS];
     let bounds = Bounds::new(job.corrector, job.limit);
-    at_places(program, job, |place| {
+    at_places(program, job, |_, place| {
         let mean = means[place.system];
         let by = each(|axis| mean.get(axis).copied().unwrap_or(0.0));
         if let Some(violation) = bounds.violation(&[true; 9], &place.at, &by) {
@@ -243,15 +243,15 @@ struct CutPlace {
     at: Axes,
     /// The correction of X, Y and Z, mm.
     delta: [f64; 3],
-    /// How far the machine is off at the zero of the work offset, mm.
-    off_at_zero_mm: [f64; 3],
+    /// The axes at the zero of the work offset, mm.
+    zero: Axes,
 }
 
-/// Executes the program: `take` gets each place where it cuts.
+/// Executes the program: `take` gets each place where it cuts, and the correction with the tool that cuts there.
 fn at_places(
     program: &[u8],
     job: Job<'_>,
-    mut take: impl FnMut(CutPlace) -> Result<(), NcError>,
+    mut take: impl FnMut(&Corrector, CutPlace) -> Result<(), NcError>,
 ) -> Result<(), NcError> {
     let mut ideal = (**job.corrector.machine()).clone();
     ideal.clear_errors();
@@ -320,13 +320,14 @@ fn at_places(
                 break;
             }
             let delta = corrector.at(&at).delta;
-            let taken = take(CutPlace {
+            let place = CutPlace {
                 line: made.line,
                 system: made.system,
                 at,
                 delta: std::array::from_fn(|i| delta[i]),
-                off_at_zero_mm: corrector.off_mm(&made.frame.zero()),
-            });
+                zero: made.frame.zero(),
+            };
+            let taken = take(&corrector, place);
             if taken.is_err() {
                 found = taken;
                 break;

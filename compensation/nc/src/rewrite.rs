@@ -329,11 +329,16 @@ impl Rewriter {
             frame: self.interpreter.frame.clone(),
             tool: self.interpreter.modal.tool_offset,
             system: self.interpreter.modal.system,
-            known: (0..3).all(|axis| self.interpreter.known[axis] || !self.corrector.has(axis)),
+            known: self.knows_place(),
             in_inches: self.interpreter.modal.unit_mm != 1.0,
         };
         let sent = tells.send(made);
         sent.map_err(|_| io::Error::from(io::ErrorKind::BrokenPipe).into())
+    }
+
+    /// Whether it is known where X, Y and Z stand, as far as the machine has them.
+    fn knows_place(&self) -> bool {
+        (0..3).all(|axis| self.interpreter.known[axis] || !self.corrector.has(axis))
     }
 
     fn motion(&mut self, motion: &Move, line: Line<'_>, out: &mut Vec<u8>) -> Result<(), NcError> {
@@ -380,18 +385,13 @@ impl Rewriter {
 
     /// Notes, where the program first cuts with a work offset that the set-up states, how far the machine is off at its zero.
     fn notes_zero(&mut self, motion: &Move, line: usize) {
-        let modal = &self.interpreter.modal;
-        let known = &self.interpreter.known;
-        let is_known = (0..3).all(|axis| known[axis] || !self.corrector.has(axis));
-        let Some(is_noted) = self.zeros_noted.get_mut(modal.system) else {
-            return;
-        };
-        if *is_noted || !is_known || !motion.cuts() {
+        if self.is_zero_noted() || !self.knows_place() || !motion.cuts() {
             return;
         }
-        *is_noted = true;
+        let system = self.interpreter.modal.system;
+        self.zeros_noted[system] = true;
         let off_mm = self.corrector.off_mm(&self.interpreter.frame.zero());
-        if let Some(note) = Note::off_at_zero(modal.system, off_mm) {
+        if let Some(note) = Note::off_at_zero(system, off_mm) {
             self.interpreter.notes.add(note, line);
         }
     }

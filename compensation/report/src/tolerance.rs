@@ -124,6 +124,11 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
         let mut check = |of: CheckOf, value: Option<f64>, u: Option<f64>, unit: &str| {
             let value = value.filter(|value| value.is_finite());
             let uncertainty = u.filter(|_| value.is_some());
+            let outcome = match decide(value, tolerance.limit, uncertainty) {
+                // At another temperature the figure is another one.
+                Verdict::Pass if of == CheckOf::AtReference => Verdict::Undecided,
+                outcome => outcome,
+            };
             all.push(Check {
                 symbol: symbol.to_owned(),
                 of,
@@ -131,7 +136,7 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
                 limit: tolerance.limit,
                 unit: unit.to_owned(),
                 uncertainty,
-                outcome: decide(value, tolerance.limit, uncertainty),
+                outcome,
             });
         };
         let (of, figure) = parts(symbol);
@@ -185,12 +190,6 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
         } else if let Ok(error) = symbol.parse::<ErrorName>() {
             let (value, u) = of_error(report, symbol);
             check(CheckOf::Symbol, value, u, error.component.symbol());
-        }
-    }
-    // At another temperature the figure is another one.
-    for check in &mut all {
-        if check.of == CheckOf::AtReference && check.outcome == Verdict::Pass {
-            check.outcome = Verdict::Undecided;
         }
     }
     all

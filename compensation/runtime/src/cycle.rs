@@ -243,7 +243,7 @@ impl Cycle {
         replacement.carry_over(&self.model);
         std::mem::swap(&mut self.model, replacement);
         self.lag.forget();
-        // Where an axis may stand is told by the new model: the next position is judged by it alone.
+        // The new model determines where an axis may stand: it alone judges the next position.
         let axes = self.model.axes.len();
         for (index, check) in self.checks.iter_mut().enumerate().take(axes) {
             if self.model.position_limits(index, &self.rapid)

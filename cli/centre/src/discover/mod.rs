@@ -108,14 +108,6 @@ impl Device {
         }
     }
 
-    /// Something listens there that is asked nothing.
-    fn open(address: SocketAddr, kind: Kind) -> Self {
-        Self {
-            note: "its port is open; it was asked nothing".to_owned(),
-            ..Self::at(address, kind)
-        }
-    }
-
     /// Something else listens there.
     fn other(address: SocketAddr, kind: Kind, why: impl AsRef<str>) -> Self {
         Self {
@@ -229,7 +221,10 @@ impl Search {
                         pace.turn().await;
                         focas::ask(at, self.answer_within / 2).await
                     }
-                    Kind::OpcUa => Device::open(at, kind),
+                    Kind::OpcUa => Device {
+                        note: "its port is open; it was asked nothing".to_owned(),
+                        ..Device::at(at, kind)
+                    },
                     Kind::Modbus => modbus::ask(at, stream).await,
                 }
             };

@@ -180,25 +180,19 @@ impl Database {
         })
     }
 
-    /// Executes a statement, and tells how many rows it changed.
+    /// Executes a statement, and returns how many rows it changed.
     ///
     /// # Errors
-    /// The statement is none, or the database takes no change: its disk is full, another program holds it.
+    /// The statement is invalid, or the database takes no change: its disk is full, another program holds it.
     pub fn execute(&mut self, sql: &str, parameters: &[Value]) -> Result<u64, StoreError> {
-        // Deferred transactions that read first and write then would find the file held by another.
-        let sql = if sql == "BEGIN" {
-            "BEGIN IMMEDIATE"
-        } else {
-            sql
-        };
         let mut statement = self.prepared(sql)?;
         Ok(statement.execute(rusqlite::params_from_iter(parameters))? as u64)
     }
 
-    /// The rows of a question.
+    /// The rows of a query.
     ///
     /// # Errors
-    /// The question is none, or the file cannot be read.
+    /// The query is invalid, or the file cannot be read.
     pub fn rows(&mut self, sql: &str, parameters: &[Value]) -> Result<Vec<Row>, StoreError> {
         let mut statement = self.prepared(sql)?;
         let columns = statement.column_count();
@@ -210,7 +204,7 @@ impl Database {
         Ok(found)
     }
 
-    /// The first row of a question.
+    /// The first row of a query.
     ///
     /// # Errors
     /// As for [`Database::rows`].
@@ -305,7 +299,8 @@ pub(super) fn transaction<T, E: From<StoreError>>(
     database: &mut Database,
     work: impl FnOnce(&mut Database) -> Result<T, E>,
 ) -> Result<T, E> {
-    database.execute("BEGIN", &[])?;
+    // Deferred transactions that read first and write then would find the file held by another.
+    database.execute("BEGIN IMMEDIATE", &[])?;
     let mut open = Open {
         database,
         is_done: false,

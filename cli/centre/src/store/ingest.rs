@@ -16,11 +16,11 @@ pub(crate) fn add_recent(
     at_s: f64,
     document: String,
 ) -> Result<(), StoreError> {
-    let done = database.execute(
+    database.execute(
         "INSERT INTO recent (machine, at_s, document) VALUES (?1, ?2, ?3)",
         &[machine.into(), at_s.into(), document.into()],
-    );
-    done.map(drop)
+    )?;
+    Ok(())
 }
 
 pub(crate) fn add_telemetry(
@@ -30,12 +30,12 @@ pub(crate) fn add_telemetry(
     document: &str,
 ) -> Result<(), StoreError> {
     let hour_s = (at_s / HOUR_S).floor() * HOUR_S;
-    let done = database.execute(
+    database.execute(
         "INSERT INTO telemetry (machine, at_s, hourly, document) VALUES (?1, ?2,
          CASE WHEN EXISTS (SELECT 1 FROM telemetry WHERE machine = ?1 AND at_s >= ?3) THEN 0 ELSE 1 END, ?4)",
         &[machine.into(), at_s.into(), hour_s.into(), document.into()],
-    );
-    done.map(drop)
+    )?;
+    Ok(())
 }
 
 /// Adds a record, where there is none of the machine with its key.
@@ -46,21 +46,21 @@ pub(crate) fn add_record(
     document: &str,
     key: Option<String>,
 ) -> Result<(), StoreError> {
-    let done = database.execute(
+    database.execute(
         "INSERT INTO records (machine, at_s, document, record) VALUES (?1, ?2, ?3, ?4)
          ON CONFLICT (machine, record) DO NOTHING",
         &[machine.into(), at_s.into(), document.into(), key.into()],
-    );
-    done.map(drop)
+    )?;
+    Ok(())
 }
 
 pub(crate) fn put_live(database: &mut Database, live: &Live) -> Result<(), StoreError> {
-    let done = database.execute(
+    database.execute(
         "INSERT INTO live (machine, document) VALUES (?1, ?2)
          ON CONFLICT (machine) DO UPDATE SET document = excluded.document",
         &[(&live.machine).into(), serde_json::to_string(live)?.into()],
-    );
-    done.map(drop)
+    )?;
+    Ok(())
 }
 
 pub(crate) fn put_instance(
@@ -68,7 +68,7 @@ pub(crate) fn put_instance(
     machine: &MachineId,
     instance: &Instance,
 ) -> Result<(), StoreError> {
-    let done = database.execute(
+    database.execute(
         "INSERT INTO instances (machine, instance, first_s, document) VALUES (?1, ?2, ?3, ?4)
          ON CONFLICT (machine, instance) DO UPDATE SET document = excluded.document",
         &[
@@ -77,8 +77,8 @@ pub(crate) fn put_instance(
             instance.first_s.into(),
             serde_json::to_string(instance)?.into(),
         ],
-    );
-    done.map(drop)
+    )?;
+    Ok(())
 }
 
 pub(crate) fn remove_instance(
@@ -86,11 +86,11 @@ pub(crate) fn remove_instance(
     machine: &MachineId,
     instance: &str,
 ) -> Result<(), StoreError> {
-    let done = database.execute(
+    database.execute(
         "DELETE FROM instances WHERE machine = ?1 AND instance = ?2",
         &[machine.into(), instance.into()],
-    );
-    done.map(drop)
+    )?;
+    Ok(())
 }
 
 impl Store {
