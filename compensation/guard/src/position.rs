@@ -1,21 +1,20 @@
-//! Whether a position that a control tells can be true: within travel, and where the axis can have come to since the last one
-//! that was believed.
+//! Plausibility of reported positions: within travel, and within reach of the axis since the last accepted position.
 
 use core::time::Duration;
 
 use crate::turn::shortest_way;
 
-/// Controls tell a position that is up to so much older, or younger, than the moment at which they are said to have taken it.
-const UNSURE_S: f64 = 0.025;
+/// How much older or younger than its timestamp a reported position can be.
+const TIMESTAMP_UNCERTAINTY_S: f64 = 0.025;
 
-/// Where an axis can be, and how fast it can get there, mm or rad.
+/// Range and speed of an axis, mm or rad.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PositionLimits {
-    /// The lowest and the highest position; `None`: the axis turns round without an end.
+    /// The lowest and the highest position; `None`: a rotary axis without ends.
     pub range: Option<[f64; 2]>,
-    /// The travel after which positions may begin anew; `None`: never.
+    /// The modulo of reported positions; `None`: they do not wrap.
     pub turn: Option<f64>,
-    /// The fastest that it moves, mm/s or rad/s.
+    /// The maximum speed, mm/s or rad/s.
     pub speed: f64,
 }
 
@@ -24,28 +23,26 @@ pub struct PositionLimits {
 pub enum PositionFlaw {
     /// It is outside the range of the axis.
     OutsideTravel,
-    /// The axis cannot have come there since the last position that was believed.
+    /// The axis cannot have moved there since the last accepted position.
     Jumped,
 }
 
-/// A position that was believed.
 #[derive(Clone, Copy, Debug)]
-struct Believed {
+struct Accepted {
     /// mm or rad.
     position: f64,
-    /// When it held.
     taken: Duration,
-    /// Where the axis can have been then, by what was believed before, too: from here to there beside the position.
-    truth: [f64; 2],
+    /// Smallest and largest offset of the true position from the reported one, by all readings accepted so far.
+    offset_range: [f64; 2],
 }
 
-/// The last position of an axis that was believed. One that cannot be true is followed by none that is believed, however much
-/// time passes, until one is again where the axis could have come to when the first of them was told.
+/// The last accepted position of an axis. After a rejected one none is accepted, however much time passes, until one is within
+/// the reach that the axis had when the first of them was rejected.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PositionCheck {
-    believed: Option<Believed>,
-    /// When the first position held that was not believed since.
-    refused: Option<Duration>,
+    accepted: Option<Accepted>,
+    /// Timestamp of the first rejected position since.
+    rejected_since: Option<Duration>,
 }
 
 impl PositionCheck {
@@ -63,43 +60,43 @@ impl PositionCheck {
         let found = if limits.range.is_some_and(outside) {
             Err(PositionFlaw::OutsideTravel)
         } else {
-            self.truth(limits, position, taken)
+            self.offset_range(limits, position, taken)
                 .ok_or(PositionFlaw::Jumped)
         };
         match found {
-            Ok(truth) => {
-                self.believed = Some(Believed {
+            Ok(offset_range) => {
+                self.accepted = Some(Accepted {
                     position,
                     taken,
-                    truth,
+                    offset_range,
                 });
-                self.refused = None;
+                self.rejected_since = None;
                 Ok(())
             }
             Err(flaw) => {
-                self.refused.get_or_insert(taken);
+                self.rejected_since.get_or_insert(taken);
                 Err(flaw)
             }
         }
     }
 
-    /// Takes the next position as it stands.
+    /// Accepts the next position whatever it is.
     pub fn forget(&mut self) {
         *self = Self::default();
     }
 
-    /// Where the axis can be when it is told to stand at a position, beside it; `None`: nowhere. All readings since the first that
-    /// was believed count: a jump that is spread over many of them is one.
-    fn truth(&self, limits: &PositionLimits, position: f64, taken: Duration) -> Option<[f64; 2]> {
-        let unsure = limits.speed * UNSURE_S;
-        let Some(before) = self.believed else {
+    /// Range of the offset of the true position from a reported one; `None`: the position is out of reach. All readings since the
+    /// first accepted one count, so that a jump spread over many of them is found.
+    fn offset_range(&self, limits: &PositionLimits, position: f64, taken: Duration) -> Option<[f64; 2]> {
+        let unsure = limits.speed * TIMESTAMP_UNCERTAINTY_S;
+        let Some(before) = self.accepted else {
             return Some([-unsure, unsure]);
         };
-        // Of two sources one may tell what is older.
-        let passed = self.refused.unwrap_or(taken).abs_diff(before.taken);
+        // Of two sources one may report the older position.
+        let passed = self.rejected_since.unwrap_or(taken).abs_diff(before.taken);
         let goes = limits.speed * passed.as_secs_f64();
         let way = shortest_way(position - before.position, limits.turn);
-        let [low, high] = before.truth;
+        let [low, high] = before.offset_range;
         let low = (low - goes - way).max(-unsure);
         let high = (high + goes - way).min(unsure);
         (low <= high).then_some([low, high])

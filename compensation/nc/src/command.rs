@@ -6,7 +6,7 @@ use crate::{
     cycles::Cycle,
     given::{Given, whole},
     interpret::{Interpreter, Outcome},
-    modal::{CentrePoint, MOST_NUMBERED, NUMBERED, Programmed},
+    modal::{CentrePoint, MOST_NUMBERED, Programmed, numbered},
     notes::Note,
     parameters::Value,
 };
@@ -121,13 +121,12 @@ impl Interpreter {
                         return Err(given.refused("a preset (cycle 247) while the datum is shifted: whether the control keeps the shift is not known here; end it before, with TRANS DATUM RESET or with cycle 7 and zeros"));
                     }
                     let number = number.and_then(|number| whole(number, MOST_NUMBERED));
-                    let place = number.and_then(|number| (number as usize).checked_sub(1));
-                    let place = place.ok_or_else(|| {
+                    let number = number.filter(|number| *number > 0).ok_or_else(|| {
                         given.refused(
                             "a preset other than 1 to 300, whose place the set-up file could state",
                         )
                     })?;
-                    self.modal.system = NUMBERED + place;
+                    self.modal.system = numbered(number);
                     (self.modal.pole, self.modal.awaits_preset) = (None, false);
                 }
                 Command::InMachine => outcome.in_machine = true,

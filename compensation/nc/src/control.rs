@@ -3,14 +3,14 @@
 use crate::{
     NcError,
     block::{Block, Word},
-    codes::Codes,
+    codes::{Codes, is_cycle},
     dialect::Dialect,
     fault::Fault,
     given::Given,
     interpret::Interpreter,
-    modal::{Code, MOST_NUMBERED, NUMBERED, WORK_OFFSETS},
+    modal::{Code, MOST_NUMBERED, NUMBERED, WORK_OFFSETS, numbered},
     rewrite::Rewriter,
-    words::{Decimals, Numerals},
+    words::{Decimals, Form, Numerals},
 };
 
 /// The control that runs a program: the key `control` of the set-up file.
@@ -124,33 +124,11 @@ impl Control {
         }
     }
 
-    /// The letter that says how often a cycle is done, and whether 0 stores the cycle without a hole.
-    pub(crate) fn repeats_by(self) -> (u8, bool) {
-        match self {
-            Self::Fanuc => (b'K', true),
-            Self::Haas => (b'L', true),
-            _ => (b'L', false),
-        }
-    }
-
-    /// Whether it reads programs as FANUC controls do: M codes of the machine's builder, numbered work offsets by G10 L20.
+    /// Whether it reads programs as FANUC controls do: M codes of the machine's builder, numbered work offsets by G10 L20, and coordinates
+    /// without a decimal point as least increments, unless a parameter of the control differs.
     pub(crate) fn is_fanuc_like(self) -> bool {
         matches!(self, Self::Fanuc | Self::Haas | Self::Mazak)
     }
-
-    /// Whether a coordinate without a decimal point is a number of least increments, unless a parameter of the control differs.
-    pub(crate) fn counts_increments(self) -> bool {
-        self.is_fanuc_like()
-    }
-}
-
-/// What a coordinate without a decimal point means: the key `without_point` of the set-up file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum WithoutPoint {
-    /// X60 is 60 mm, inch or degrees.
-    Unit,
-    /// X60 is 60 least increments.
-    Increment,
 }
 
 /// Least increments as most controls have them: 0.001 mm, 0.0001 inch, 0.001 deg.
@@ -189,10 +167,14 @@ impl Rewriter {
         } else {
             self.decimals
         };
+        let form = match (increments, points.means_increments) {
+            (true, _) => Form::Increments,
+            (false, true) => Form::Point,
+            (false, false) => Form::Plain,
+        };
         Numerals {
             decimals: decimals.of(axis, self.interpreter.modal.unit_mm),
-            increments,
-            point: points.means_increments,
+            form,
         }
     }
 }
@@ -265,7 +247,7 @@ impl Interpreter {
         let most = control.map_or(MOST_NUMBERED, Control::last_numbered);
         match given.whole(b'P')? {
             Some(number) if (1..=most).contains(&number) && !is_elsewhere => {
-                Ok(NUMBERED + number as usize - 1)
+                Ok(numbered(number))
             }
             _ => Err(given.refused(&format!(
                 "{} without a P from 1 to {most} of its own, the number of the work offset",
@@ -287,7 +269,11 @@ impl Interpreter {
 
     /// The letter that says how often a cycle is done, and whether 0 stores the cycle without a hole.
     pub(crate) fn repeats_by(&self) -> (u8, bool) {
-        self.control.map_or((b'L', false), Control::repeats_by)
+        match self.control {
+            Some(Control::Fanuc) => (b'K', true),
+            Some(Control::Haas) => (b'L', true),
+            _ => (b'L', false),
+        }
     }
 }
 
@@ -321,12 +307,16 @@ pub(crate) fn read_increments(
         (_, true) => 1.0,
         _ => interpreter.modal.unit_mm,
     };
-    let codes = Codes::of(block, interpreter.control);
-    if codes.is_ok_and(|codes| codes.with_arguments().is_some()) {
-        // What an M code that is not known makes of its words nobody knows.
+    // Codes that contradict each other are refused where the block is interpreted.
+    let codes = Codes::of(block, interpreter.control).ok();
+    if codes.as_ref().is_some_and(|codes| codes.with_arguments().is_some()) {
+        // The meaning of the words of an unknown M code is not known.
         return Ok(());
     }
-    let is_cycle = interpreter.in_cycle(block);
+    let drills = codes.is_some_and(|codes| {
+        let motion = codes.motion().or(interpreter.modal.motion);
+        motion.is_some_and(is_cycle)
+    });
     let names_axes = (block.words.iter()).any(|word| b"XYZABCUVW".contains(&word.letter));
     let (is_table, is_rotation) = (has(&[10.0]), has(&[68.0]));
     // Y is an angle there.
@@ -336,7 +326,7 @@ pub(crate) fn read_increments(
         let is_coordinate = match word.letter {
             b'X' | b'Y' | b'Z' | b'A' | b'B' | b'C' | b'U' | b'V' | b'W' | b'I' | b'J' => true,
             // In a cycle it is how often it is done.
-            b'K' => !is_cycle,
+            b'K' => !drills,
             b'R' => names_axes || is_table,
             _ => false,
         };

@@ -61,7 +61,7 @@ impl Interpreter {
             self.extruder.last_relative = code == 910;
         }
         if codes.not_modal() == Some(920) && !given.names_axes() && !given.has(b'E') {
-            return Err(given.refused("G92 alone, which makes zero of the place of all axes in Klipper and does nothing in Marlin: name the axes"));
+            return Err(given.refused("G92 without an axis, which sets all axes to zero in Klipper and does nothing in Marlin: name the axes"));
         }
         let Some(value) = given.letter(b'E')? else {
             return Ok(());
@@ -78,10 +78,10 @@ impl Interpreter {
         let from = self.extruder.at.map(|at| at / unit);
         let unknown = if is_unclear {
             Some(
-                "whether its E is a place or a way, versions of Marlin read in different ways behind G90 or G91 here: write M82 or M83 behind that",
+                "versions of Marlin differ in whether its E is absolute or relative after G90 or G91 here: write M82 or M83 after that",
             )
         } else if !by_both && from.is_none() {
-            Some("it is not known where its E begins: write G92 E0 before")
+            Some("the position of E before it is not known: write G92 E0 before it")
         } else {
             None
         };
@@ -120,11 +120,7 @@ impl Extrusion {
             };
             Number::shortest_of(place, written, decimals)
         };
-        let before = if from == 0.0 {
-            Number::shortest_of(begins, written, decimals)
-        } else {
-            at(from)
-        };
+        let before = at(from);
         at(to).filter(|number| Some(*number) != before)
     }
 }

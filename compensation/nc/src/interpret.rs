@@ -8,7 +8,7 @@ use crate::{
     NcError,
     basis::Rests,
     block::{Block, Parameter},
-    codes::{Codes, Refusal, UnknownCode, is_cycle, text},
+    codes::{Codes, Refusal, UnknownCode, text},
     control::{Control, DecimalPoints, why_refused},
     coordinates::{Axes, Frame, name_of},
     cycles::Cycle,
@@ -153,14 +153,6 @@ impl Interpreter {
     /// Whether the control is that of a printer.
     pub(crate) fn is_printer(&self) -> bool {
         self.control.is_some_and(Control::is_printer)
-    }
-
-    /// Whether a block drills: with a cycle of its own, or with the one that holds.
-    pub(crate) fn in_cycle(&self, block: &Block) -> bool {
-        match Codes::of(block, self.control) {
-            Ok(codes) => codes.motion().or(self.modal.motion).is_some_and(is_cycle),
-            Err(_) => false,
-        }
     }
 
     /// Whether the machine has the axis at a place.

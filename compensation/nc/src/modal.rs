@@ -23,6 +23,11 @@ pub(crate) const MOST_NUMBERED: u32 = 300;
 /// All of them.
 pub(crate) const SYSTEMS: usize = NUMBERED + MOST_NUMBERED as usize;
 
+/// The work offset of a number from 1 to [`MOST_NUMBERED`].
+pub(crate) fn numbered(number: u32) -> usize {
+    NUMBERED + number as usize - 1
+}
+
 /// A G or M code in tenths: 431 is G43.1.
 pub(crate) type Code = u16;
 

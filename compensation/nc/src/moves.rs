@@ -198,7 +198,7 @@ impl Interpreter {
             return Ok(());
         };
         Err(given.refused(&format!(
-            "an arc behind an M code that is not known and has a word of {}, which may have moved the axis: write G0 or G1 into the block of the M code if it has, or name the axis before the arc",
+            "an arc after an unknown M code with a word of {}, which may have moved the axis: write G0 or G1 into the block of the M code if it moves, or name the axis before the arc",
             char::from(LETTERS[axis])
         )))
     }

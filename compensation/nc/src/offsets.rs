@@ -7,7 +7,7 @@ use crate::{
     control::Control,
     given::Given,
     interpret::{Interpreter, Outcome},
-    modal::{Code, MOST_NUMBERED, NUMBERED, Plane, RS274_SYSTEMS},
+    modal::{Code, MOST_NUMBERED, Plane, RS274_SYSTEMS, numbered},
     motion::{Move, Path},
     notes::Note,
     words::each,
@@ -180,8 +180,7 @@ impl Interpreter {
                 }
                 let most = control.map_or(MOST_NUMBERED, Control::last_numbered);
                 let number = place.filter(|number| (1..=most).contains(number));
-                let system = number.map(|number| NUMBERED + number as usize - 1);
-                let system = system.ok_or_else(|| {
+                let system = number.map(numbered).ok_or_else(|| {
                     given.refused(&format!(
                         "G10 L20 without a P from 1 to {most}, the number of the work offset"
                     ))

@@ -9,7 +9,7 @@ use volcomp_model::document::{Document, InputError, Section};
 
 use crate::{
     codes::text,
-    control::{CONTROLS, Control, DecimalPoints, WithoutPoint},
+    control::{CONTROLS, Control, DecimalPoints},
     coordinates::{Axes, axis_of},
     modal::{CentrePoint, G500, G505, Modal, NUMBERED, SYSTEMS, WORK_OFFSETS, WorkOffset},
 };
@@ -39,7 +39,8 @@ pub struct SetUp {
     centre_point: bool,
     folders: Vec<PathBuf>,
     control: Option<Control>,
-    without_point: Option<WithoutPoint>,
+    /// Whether X60 is 60 least increments instead of 60 mm, inch or degrees.
+    without_point: Option<bool>,
 }
 
 impl Default for SetUp {
@@ -82,16 +83,14 @@ impl SetUp {
                 setup.control = Some(control.one_of(&CONTROLS)?);
             }
             if let Some(without_point) = root.get("without_point") {
-                if let Some(control) = (setup.control).filter(|of| !of.counts_increments()) {
+                if let Some(control) = (setup.control).filter(|of| !of.is_fanuc_like()) {
                     return Err(without_point.error(format!(
                         "found it beside control = \"{}\", for which a number without a decimal point is always in the unit of the program: expected it with fanuc, haas or mazak, or without control",
                         control.name()
                     )));
                 }
-                setup.without_point = Some(without_point.one_of(&[
-                    ("unit", WithoutPoint::Unit),
-                    ("increment", WithoutPoint::Increment),
-                ])?);
+                setup.without_point =
+                    Some(without_point.one_of(&[("unit", false), ("increment", true)])?);
             }
             if let Some(units) = root.get("units") {
                 setup.inch = units.one_of(&[("mm", false), ("inch", true)])?;
@@ -172,11 +171,9 @@ impl SetUp {
 
     /// What a decimal point means.
     pub(crate) fn points(&self) -> DecimalPoints {
-        let by_control = self.control.is_some_and(Control::counts_increments);
+        let by_control = self.control.is_some_and(Control::is_fanuc_like);
         DecimalPoints {
-            means_increments: self
-                .without_point
-                .map_or(by_control, |of| of == WithoutPoint::Increment),
+            means_increments: self.without_point.unwrap_or(by_control),
             may_mix: self.without_point.is_some(),
             last_in_increments: None,
         }

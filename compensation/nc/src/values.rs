@@ -7,7 +7,7 @@ use crate::{
     number::half_step,
     parameters::Parameters,
     rewrite::Rewriter,
-    words::Number,
+    words::{Form, Number},
 };
 
 /// Words that say where the axes stand have so many further decimals where they need them.
@@ -33,7 +33,7 @@ impl Rewriter {
             let needs_point = is_coordinate && self.interpreter.points.means_increments;
             let number = number.map(|number| {
                 if needs_point {
-                    number.with_point()
+                    number.form(Form::Point)
                 } else {
                     number
                 }
@@ -82,7 +82,7 @@ impl Rewriter {
             // The control keeps what is rounded here for all motions behind it.
             let numerals = self.numerals(axis, Some(word));
             let decimals = numerals.decimals;
-            let finest = if numerals.increments {
+            let finest = if numerals.form == Form::Increments {
                 decimals
             } else {
                 (decimals + FINER).max(word.decimals.unwrap_or(0))
@@ -93,7 +93,7 @@ impl Rewriter {
             };
             let number = Number::shortest_of(value + carried, decimals, finest);
             if let Some(number) = number {
-                (self.edits).set(LETTERS[axis], words[axis], numerals.form(number));
+                (self.edits).set(LETTERS[axis], words[axis], number.form(numerals.form));
             }
         }
     }

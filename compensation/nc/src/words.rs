@@ -57,7 +57,7 @@ pub(crate) struct Number {
 
 /// How a number is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Form {
+pub(crate) enum Form {
     /// With a point where it has decimals.
     Plain,
     /// With a point in any case.
@@ -92,20 +92,9 @@ impl Number {
         Some(number)
     }
 
-    /// The same number, written with a point also where it has no decimals.
-    pub(crate) fn with_point(self) -> Self {
-        Self {
-            form: Form::Point,
-            ..self
-        }
-    }
-
-    /// The same number, written as a number of steps.
-    pub(crate) fn in_increments(self) -> Self {
-        Self {
-            form: Form::Increments,
-            ..self
-        }
+    /// The same number in another form.
+    pub(crate) fn form(self, form: Form) -> Self {
+        Self { form, ..self }
     }
 
     /// The same place of an axis that turns, from 0 to less than 360.
@@ -141,30 +130,14 @@ impl Number {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Numerals {
     pub(crate) decimals: u8,
-    /// As least increments.
-    pub(crate) increments: bool,
-    /// With a point in any case.
-    pub(crate) point: bool,
+    pub(crate) form: Form,
 }
 
 impl Numerals {
     /// The nearest number, with so many decimals at least; `None` where it is too large to be exact.
     #[inline]
     pub(crate) fn nearest(self, value: f64, least: u8) -> Option<Number> {
-        let number = Number::nearest(value, self.decimals.max(least))?;
-        Some(self.form(number))
-    }
-
-    /// The same number as it is written.
-    #[inline]
-    pub(crate) fn form(self, number: Number) -> Number {
-        match self {
-            Self {
-                increments: true, ..
-            } => number.in_increments(),
-            Self { point: true, .. } => number.with_point(),
-            _ => number,
-        }
+        Some(Number::nearest(value, self.decimals.max(least))?.form(self.form))
     }
 }
 

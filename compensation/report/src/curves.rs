@@ -101,23 +101,22 @@ fn about(value: impl Fn(f64) -> f64, found: &volcomp_fit::Band) -> Band {
     let all: Vec<[f64; 3]> = (found.at.iter().zip(&found.half_width))
         .map(|(&x, half)| [x, value(x) - half, value(x) + half])
         .collect();
-    let mut start = 0;
+    // A place is left out where a line from the last one kept to the next one passes all places between.
+    let mut kept = 0;
     for place in 0..all.len() {
-        let between = all.get(start + 1..place).unwrap_or_default();
-        let is_straight = all.get(place + 1).is_some_and(|next| {
-            let skipped = between.iter().chain([&all[place]]);
-            skipped
-                .clone()
-                .all(|skipped| is_on(all[start], *next, *skipped))
-        });
-        if place > 0 && is_straight {
+        let may_go = place > 0
+            && all.get(place + 1).is_some_and(|next| {
+                let mut skipped = all[kept + 1..=place].iter();
+                skipped.all(|skipped| is_on(all[kept], *next, *skipped))
+            });
+        if may_go {
             continue;
         }
         let [x, low, high] = all[place];
         band.x.push(x);
         band.low.push(low);
         band.high.push(high);
-        start = place;
+        kept = place;
     }
     band
 }

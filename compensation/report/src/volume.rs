@@ -117,7 +117,7 @@ fn standing_at(machine: &Machine, pose: &Pose) -> Vec<Standing> {
     .collect()
 }
 
-/// The errors of a machine after alignment of the workpiece: where it lies is no error of the machine.
+/// The errors of a machine after alignment of the workpiece.
 struct Beside<'a> {
     machine: &'a Machine,
     errors: ErrorAt<'a>,

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_kinematics::{Form, State, nalgebra::Vector3, volumetric_error};
-use volcomp_model::{ErrorField, Lengths, Machine, RigidSums, Temperatures, volumetric};
+use volcomp_model::{ErrorField, Lengths, Machine, RigidSums, Temperatures, VolumetricError, volumetric};
 use volcomp_vocabulary::{AxisName, Direction};
 
 /// Random poses of the brute force.
@@ -130,6 +130,16 @@ fn brute_force(machine: &Machine, random: &mut ChaCha8Rng) -> [f64; 3] {
     [positions.max(), tilts.max(), before.max()]
 }
 
+fn of_one_tool(machine: &Machine) -> VolumetricError {
+    let error_at = errors(machine);
+    let field = ErrorField {
+        tool: "",
+        machine,
+        errors: &error_at,
+    };
+    volumetric(&[field]).unwrap()
+}
+
 /// The largest error that is found is at least that of the brute force, and not much larger: random poses miss the corners.
 #[test]
 fn the_largest_error_over_all_axes_is_that_of_brute_force() {
@@ -137,13 +147,7 @@ fn the_largest_error_over_all_axes_is_that_of_brute_force() {
     for structure in volcomp_test_support::structures::all_types() {
         let structure = structure.to_string();
         let machine = random_machine(&structure, &mut random);
-        let error_at = errors(&machine);
-        let field = ErrorField {
-            tool: "",
-            machine: &machine,
-            errors: &error_at,
-        };
-        let found = volumetric(&[field]).unwrap();
+        let found = of_one_tool(&machine);
         let brute = brute_force(&machine, &mut random);
         let ours = [found.position.value, found.tilt.value, found.max_mm];
         for (ours, brute) in ours.into_iter().zip(brute) {
@@ -161,13 +165,7 @@ fn the_largest_error_over_all_axes_is_that_of_brute_force() {
 fn an_offset_of_a_rotary_axis_is_an_error_over_its_angles() {
     let text = "structure = \"w C' b X Y Z t\"\n[axes]\nC.travel = [-180.0, 180.0]\nX.travel = [-100.0, 100.0]\nY.travel = [-100.0, 100.0]\nZ.travel = [-100.0, 100.0]\n[errors]\nEX0C = 200.0\n";
     let machine = Machine::parse(text, "offset.toml").unwrap();
-    let error_at = errors(&machine);
-    let field = ErrorField {
-        tool: "",
-        machine: &machine,
-        errors: &error_at,
-    };
-    let found = volumetric(&[field]).unwrap();
+    let found = of_one_tool(&machine);
     // An axis at (o, 0) instead of 0 moves the tool by o − R(C)⁻¹ o in workpiece axes: the mean over a turn is o, and what is left
     // has the length of o everywhere.
     assert!((found.position.value - 0.2).abs() < 1e-3, "{found:?}");
@@ -181,13 +179,7 @@ fn an_offset_of_a_rotary_axis_is_an_error_over_its_angles() {
 fn play_is_part_of_the_volumetric_error() {
     let text = "structure = \"w b X Y Z t\"\n[axes]\nX.travel = [0.0, 500.0]\nY.travel = [0.0, 500.0]\nZ.travel = [0.0, 500.0]\n[errors]\nEXX = { mean = { poly = [0.0] }, reversal = 100.0 }\n";
     let machine = Machine::parse(text, "play.toml").unwrap();
-    let error_at = errors(&machine);
-    let field = ErrorField {
-        tool: "",
-        machine: &machine,
-        errors: &error_at,
-    };
-    let found = volumetric(&[field]).unwrap();
+    let found = of_one_tool(&machine);
     assert!((found.position.value - 0.05).abs() < 1e-3, "{found:?}");
     assert!((found.position_rms_mm - 0.05).abs() < 1e-3, "{found:?}");
 }
@@ -197,13 +189,7 @@ fn play_is_part_of_the_volumetric_error() {
 fn the_ends_of_the_travels_are_reached_from_both_sides() {
     let text = "structure = \"w b X Y Z t\"\n[axes]\nX.travel = [0.0, 500.0]\nY.travel = [0.0, 500.0]\nZ.travel = [0.0, 500.0]\n[errors]\nEXX = { mean = { poly = [0.0, 0.2] }, reversal = -40.0 }\n";
     let machine = Machine::parse(text, "ends.toml").unwrap();
-    let error_at = errors(&machine);
-    let field = ErrorField {
-        tool: "",
-        machine: &machine,
-        errors: &error_at,
-    };
-    let found = volumetric(&[field]).unwrap();
+    let found = of_one_tool(&machine);
     // 0.2 µm per mm over 500 mm and half of the play; alignment takes the mean, 50 µm.
     assert!((found.max_mm - 0.12).abs() < 1e-9, "{found:?}");
     assert!((found.position.value - 0.07).abs() < 1e-3, "{found:?}");

@@ -178,12 +178,12 @@ fn unknown_filament_is_refused_where_it_has_to_be_shared() {
         (
             "klipper",
             "G90\nG0 X0 Y0 Z0\n",
-            "line 3: a motion that is split: it is not known where its E begins",
+            "line 3: a motion that is split: the position of E before it is not known",
         ),
         (
             "marlin",
             "G90\nG0 X0 Y0 Z0\n",
-            "line 3: a motion that is split: it is not known where its E begins",
+            "line 3: a motion that is split: the position of E before it is not known",
         ),
         (
             "marlin",

@@ -428,7 +428,7 @@ fn words_that_no_code_claims_are_no_coordinates() {
         let arc = "G90 G1 X0. Y100. F100\nX10. M205\nG2 X20. I5.\n";
         let message = run(control, arc).expect_err(arc);
         assert!(
-            message.starts_with("line 3: an arc behind an M code that is not known"),
+            message.starts_with("line 3: an arc after an unknown M code"),
             "{message}"
         );
         let named = "G90 G1 X0. Y100. F100\nX10. M205\nG1 X10.\nG2 X20. I5.\n";
