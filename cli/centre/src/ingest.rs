@@ -40,6 +40,10 @@ pub struct Heard {
     pub told: Option<Instant>,
 }
 
+fn corrects(condition: &Condition) -> bool {
+    condition.state == "compensating"
+}
+
 /// What was heard since the last look.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Since {
@@ -204,6 +208,9 @@ impl Ingest {
                 heard: (heard.told)
                     .is_some_and(|at| at.elapsed().as_secs_f64() <= fresh_s(machine)),
                 version: heard.live.as_ref().map_or(0, |live| live.version),
+                corrects: (heard.live.as_ref())
+                    .and_then(|live| live.condition.as_ref())
+                    .is_some_and(corrects),
                 faulted: since.faulted.clone(),
                 residual_um: (count > 0).then(|| sum / count as f64),
             };
@@ -293,7 +300,8 @@ fn one(
             if condition.state == "faulted" {
                 heard.since.faulted = Some(condition.reasons.join("; "));
             }
-            if let Some(um) = condition.residual_um.filter(|um| um.abs() < LARGEST_UM) {
+            let residual_um = condition.residual_um.filter(|_| corrects(&condition));
+            if let Some(um) = residual_um.filter(|um| um.abs() < LARGEST_UM) {
                 heard.since.residual.0 += um;
                 heard.since.residual.1 += 1;
             }

@@ -6,7 +6,7 @@
 use std::{
     fs,
     io::{self, Write},
-    os::unix::fs::OpenOptionsExt,
+    os::unix::fs::PermissionsExt,
     path::{Path, PathBuf},
 };
 
@@ -155,17 +155,22 @@ fn failed(file: &Path) -> impl FnOnce(io::Error) -> KeyError {
 /// # Errors
 /// There is such a file, or it cannot be written.
 pub fn write_secret(file: &Path, text: &str) -> Result<(), KeyError> {
-    let write = || {
-        if let Some(folder) = file.parent() {
-            fs::create_dir_all(folder)?;
-        }
-        let mut opened = fs::OpenOptions::new()
-            .write(true)
-            .create_new(true)
-            .mode(0o600)
-            .open(file)?;
+    let write = || -> io::Result<()> {
+        let folder = file
+            .parent()
+            .filter(|folder| !folder.as_os_str().is_empty());
+        let folder = folder.unwrap_or(Path::new("."));
+        fs::create_dir_all(folder)?;
+        // Beside it first, so that a full disk leaves no half of a secret.
+        let mut opened = tempfile::Builder::new()
+            .permissions(fs::Permissions::from_mode(0o600))
+            .tempfile_in(folder)?;
         writeln!(opened, "{text}")?;
-        opened.sync_all()
+        opened.as_file().sync_all()?;
+        opened
+            .persist_noclobber(file)
+            .map_err(|failed| failed.error)?;
+        Ok(())
     };
     write().map_err(|error| match error.kind() {
         io::ErrorKind::AlreadyExists => KeyError::There {

@@ -284,7 +284,7 @@ mod tests {
     use clap::CommandFactory;
 
     #[test]
-    fn man_pages_are_those_of_the_help() {
-        volcomp_test_support::man_pages::compare(super::Arguments::command(), "1", "", &[]);
+    fn every_option_has_help_for_its_man_page() {
+        volcomp_test_support::man_pages::write(super::Arguments::command(), "1", "");
     }
 }

@@ -17,7 +17,7 @@ pub mod interop;
 mod linuxcnc;
 mod lock;
 pub mod machine;
-mod metrics;
+pub mod metrics;
 pub mod models;
 mod observe;
 mod online;

@@ -1,6 +1,12 @@
 //! The `volcomp-gateway` command: corrects a machine tool in real time.
 
-use std::{io::Write, net::SocketAddr, path::PathBuf, process::ExitCode, time::Duration};
+use std::{
+    io::Write,
+    net::SocketAddr,
+    path::{Path, PathBuf},
+    process::ExitCode,
+    time::Duration,
+};
 
 use clap::{Parser, Subcommand, ValueEnum};
 #[cfg(feature = "shdr")]
@@ -8,7 +14,7 @@ use volcomp_gateway::interop::shdr;
 use volcomp_gateway::{
     check, client,
     config::{Config, DashboardConfig},
-    documents::CheckFailure,
+    documents::{self, CheckFailure},
     error::GatewayError,
     http::tls,
     options::Options,
@@ -184,6 +190,12 @@ enum Command {
         #[arg(long, short, default_value = ".")]
         output: PathBuf,
     },
+    /// Write the JSON Schemas of the documents
+    #[command(hide = true)]
+    Schema {
+        /// The folder for the files
+        folder: PathBuf,
+    },
 }
 
 fn cycle(text: &str) -> Result<Duration, String> {
@@ -288,6 +300,8 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
             log(form);
             send_map::run(&checked)
         }
+        Some(Command::Schema { folder }) => write_schemas(&folder)
+            .map_err(|e| GatewayError::system(folder.display().to_string(), e)),
         Some(Command::TlsInit { names, output }) => {
             let [certificate, key] = tls::make(&output, &names)?;
             print(&format!(
@@ -297,6 +311,15 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
             ))
         }
     }
+}
+
+fn write_schemas(folder: &Path) -> std::io::Result<()> {
+    std::fs::create_dir_all(folder)?;
+    for (name, schema) in documents::schemas() {
+        let text = serde_json::to_string_pretty(&schema)?;
+        std::fs::write(folder.join(name), text + "\n")?;
+    }
+    Ok(())
 }
 
 /// What a running gateway answers.
@@ -384,8 +407,8 @@ mod tests {
     use clap::CommandFactory;
 
     #[test]
-    fn man_pages_are_those_of_the_help() {
+    fn every_option_has_help_for_its_man_page() {
         let end = include_str!("../debian/man-end.roff");
-        volcomp_test_support::man_pages::compare(super::Arguments::command(), "8", end, &[]);
+        volcomp_test_support::man_pages::write(super::Arguments::command(), "8", end);
     }
 }

@@ -10,7 +10,9 @@ use volcomp_kinematics::{
 use volcomp_model::{Machine, Temperatures, corrected, quantised};
 use volcomp_vocabulary::AxisKind;
 
-use crate::{answers::diagonals::Compensated, failure::Failure, table::folded};
+use crate::{
+    answers::diagonals::Compensated, commands::thermal_note, failure::Failure, table::folded,
+};
 
 /// How the correction is applied.
 #[derive(Args)]
@@ -72,6 +74,14 @@ impl<'a> Compensation<'a> {
             truth,
             document,
         })
+    }
+
+    /// Names thermal terms of the other machine that no temperature is given for.
+    pub(crate) fn note(&self) -> Option<String> {
+        let truth = self.truth.as_ref()?;
+        let note = thermal_note(truth, self.temperatures)?;
+        let path = self.document.as_ref()?.truth.as_ref()?;
+        Some(format!("{path}: {note}"))
     }
 
     /// The machine whose errors act.

@@ -115,7 +115,7 @@ enum Command {
     #[command(after_help = examples::COMPLETIONS)]
     Completions(commands::completions::Arguments),
     #[command(hide = true)]
-    Schema(commands::generate::Arguments),
+    Schema(commands::schema::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -163,7 +163,7 @@ fn main() -> ExitCode {
         Command::Probe(a) => commands::probe::run(a),
         Command::Compile(a) => commands::compile::run(a),
         Command::Completions(a) => commands::completions::run(a, &mut Arguments::command()),
-        Command::Schema(a) => commands::generate::schemas(a),
+        Command::Schema(a) => commands::schema::run(a),
     };
     let answered = answer.and_then(|answer| {
         print(&answer, arguments.json)?;
@@ -237,8 +237,7 @@ mod tests {
     use clap::CommandFactory;
 
     #[test]
-    fn man_pages_are_those_of_the_help() {
-        let others = ["volcomp-gateway", "volcomp-centre"];
-        volcomp_test_support::man_pages::compare(super::Arguments::command(), "1", "", &others);
+    fn every_option_has_help_for_its_man_page() {
+        volcomp_test_support::man_pages::write(super::Arguments::command(), "1", "");
     }
 }

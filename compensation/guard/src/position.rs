@@ -87,7 +87,12 @@ impl PositionCheck {
 
     /// Range of the offset of the true position from a reported one; `None`: the position is out of reach. All readings since the
     /// first accepted one count, so that a jump spread over many of them is found.
-    fn offset_range(&self, limits: &PositionLimits, position: f64, taken: Duration) -> Option<[f64; 2]> {
+    fn offset_range(
+        &self,
+        limits: &PositionLimits,
+        position: f64,
+        taken: Duration,
+    ) -> Option<[f64; 2]> {
         let unsure = limits.speed * TIMESTAMP_UNCERTAINTY_S;
         let Some(before) = self.accepted else {
             return Some([-unsure, unsure]);

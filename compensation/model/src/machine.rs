@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 
 use volcomp_curve::ErrorCurve;
 use volcomp_kinematics::{Chain, ErrorMotion, MotionFrame, State, Structure, nalgebra::Vector3};
-use volcomp_vocabulary::{AxisKind, AxisName, Component, Displacement, ErrorName, PerAxis};
+use volcomp_vocabulary::{
+    AxisKind, AxisName, Component, Displacement, ErrorName, MAX_AXES, PerAxis,
+};
 
 use crate::{
     axis::Axis,
@@ -106,11 +108,43 @@ impl Machine {
     }
 
     /// Notes for people on what is odd, though it may be meant: travels and periods that look like radians, location errors
-    /// that look like mm or deg.
+    /// that look like mm or deg, curves that cover a part of the travel.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = self.notes_on_travel();
         notes.extend(odd::notes(self));
+        let partly = self.partly_measured().into_iter();
+        notes.extend(partly.map(|(error, share)| {
+            format!(
+                "{error} is known on {:.0} % of the travel of {}: beyond, it keeps its end values",
+                100.0 * share,
+                error.axis
+            )
+        }));
         notes
+    }
+
+    /// The error motions whose curves cover less than 90 % of the travel, with the share that they cover, sorted by name. Other
+    /// axes, on which a grid may depend, stand in the middle.
+    pub fn partly_measured(&self) -> Vec<(ErrorName, f64)> {
+        const PLACES: u32 = 100;
+        let share = |(error, curve): (ErrorName, &ErrorCurve)| {
+            let own = self.index_of(error.axis).ok()?;
+            let mut coordinates = [0.0; MAX_AXES];
+            for (coordinate, axis) in coordinates.iter_mut().zip(&self.axes) {
+                *coordinate = 0.5 * (axis.travel[0] + axis.travel[1]);
+            }
+            let [low, high] = self.axes[own].travel;
+            let covered = (0..=PLACES).filter(|place| {
+                let share = f64::from(*place) / f64::from(PLACES);
+                coordinates[own] = low + (high - low) * share;
+                curve.contains(own, &coordinates)
+            });
+            Some((error, covered.count() as f64 / f64::from(PLACES + 1)))
+        };
+        let mut found: Vec<(ErrorName, f64)> = self.errors().filter_map(share).collect();
+        found.retain(|(_, share)| *share < 0.9);
+        found.sort_unstable_by_key(|(error, _)| error.to_string());
+        found
     }
 
     fn notes_on_travel(&self) -> Vec<String> {

@@ -246,9 +246,7 @@ impl Interpreter {
                 .is_some_and(|code| code > 30 && given.names_axes());
         let most = control.map_or(MOST_NUMBERED, Control::last_numbered);
         match given.whole(b'P')? {
-            Some(number) if (1..=most).contains(&number) && !is_elsewhere => {
-                Ok(numbered(number))
-            }
+            Some(number) if (1..=most).contains(&number) && !is_elsewhere => Ok(numbered(number)),
             _ => Err(given.refused(&format!(
                 "{} without a P from 1 to {most} of its own, the number of the work offset",
                 crate::codes::text(code)
@@ -309,7 +307,10 @@ pub(crate) fn read_increments(
     };
     // Codes that contradict each other are refused where the block is interpreted.
     let codes = Codes::of(block, interpreter.control).ok();
-    if codes.as_ref().is_some_and(|codes| codes.with_arguments().is_some()) {
+    if codes
+        .as_ref()
+        .is_some_and(|codes| codes.with_arguments().is_some())
+    {
         // The meaning of the words of an unknown M code is not known.
         return Ok(());
     }

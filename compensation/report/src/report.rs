@@ -386,8 +386,10 @@ pub struct Volume {
     pub before: OfState<Size>,
     /// The state after it.
     pub after: Option<OfState<Size>>,
-    /// Whether the machine has thermal terms, which are left out.
+    /// Whether a machine has thermal terms, which are left out.
     pub has_thermal: bool,
+    /// Whether curves of the machine cover a part of the travel only.
+    pub is_partly_measured: bool,
     /// Planes through the middle of the working space.
     pub slices: Vec<Slice>,
     /// The ends of the travels of X, Y and Z, mm; of an axis that is not there twice 0.

@@ -179,7 +179,11 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
             let value = last.filter(|last| last.state != State::Found || report.knows_errors());
             let of = if value.is_some() && volume.is_some_and(|volume| volume.has_thermal) {
                 CheckOf::AtReference
-            } else if found.is_some() && value.is_some() && !report.not_measured.is_empty() {
+            } else if found.is_some()
+                && value.is_some()
+                && (!report.not_measured.is_empty()
+                    || volume.is_some_and(|volume| volume.is_partly_measured))
+            {
                 CheckOf::MeasuredAlone
             } else if last.is_some_and(|last| last.state == State::TruthCorrected) {
                 CheckOf::Corrected

@@ -75,6 +75,7 @@ pub fn volume(
             found: size.clone(),
         }),
         has_thermal: !machine.thermal().sensors().is_empty(),
+        is_partly_measured: !machine.partly_measured().is_empty(),
         slices: slices(
             machine,
             others,

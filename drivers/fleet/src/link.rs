@@ -22,7 +22,7 @@ const ASK_EVERY: Duration = Duration::from_secs(60);
 /// A question is answered after so long, or not at all.
 pub(crate) const ANSWER_WITHIN: Duration = Duration::from_secs(5);
 /// The largest model that is fetched, bytes.
-const LARGEST_MODEL: u64 = 64 * 1024 * 1024;
+const LARGEST_MODEL: u64 = 4 << 20;
 /// The longest pause between two tries to connect.
 const LONGEST_PAUSE: Duration = Duration::from_secs(10);
 /// So many values wait to be looked at; where more come the latest is asked for later.
@@ -276,7 +276,7 @@ impl MachineSender {
             found: found.to_owned(),
         };
         if model.bytes > LARGEST_MODEL {
-            return Err(wrong("larger than 64 MiB"));
+            return Err(wrong("larger than 4 MiB"));
         }
         // By direct questions: consumers of its own would let a machine have messages sent to any subject.
         let stream = self

@@ -57,7 +57,7 @@ pub struct Condition {
 pub struct AuditLine {
     /// SHA-256 over the checksum of the record before, a line feed, and `record`; 64 hexadecimal digits.
     pub checksum: String,
-    /// The record, JSON of `docs/schema/gateway-audit-record.json`, byte by byte as it was written.
+    /// The record, JSON of the schema `gateway-audit-record.json` of the gateway, byte by byte as it was written.
     pub record: String,
 }
 

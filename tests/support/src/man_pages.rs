@@ -1,6 +1,6 @@
-//! Holds the man pages in `docs/man` to the programs that they describe.
+//! The man pages of the programs, made from their help into `target/man`.
 
-use std::{collections::BTreeSet, fs};
+use std::fs;
 
 use clap::Command;
 use clap_mangen::Man;
@@ -26,37 +26,28 @@ fn pages(command: Command, section: &str, end: &str) -> Vec<(String, String)> {
     pages
 }
 
-/// Fails unless the pages of the program in `docs/man` are those of its command line, and there are no others of it.
-/// Where the environment variable `VOLCOMP_WRITE` is set, the pages are written again: `VOLCOMP_WRITE=1 cargo test
-/// man_pages`. `others` are programs whose names begin with this one's.
-pub fn compare(command: Command, section: &str, end: &str, others: &[&str]) {
-    let folder = crate::root().join("docs/man");
-    let program = command.get_name().to_owned();
-    let pages = pages(command, section, end);
-    let write = std::env::var_os("VOLCOMP_WRITE").is_some();
-    for (file, text) in &pages {
-        let path = folder.join(file);
-        if write {
-            fs::write(&path, text).expect("the page can be written");
-        }
-        let kept = fs::read_to_string(&path).unwrap_or_default();
-        assert!(
-            kept == *text,
-            "docs/man/{file} differs from the help of {program}; write it again: VOLCOMP_WRITE=1 cargo test man_pages"
-        );
+/// Writes the pages of a program to `man` in cargo's target folder, from which `docs/build` and packages take them.
+///
+/// # Panics
+/// A command or an option has no help.
+pub fn write(command: Command, section: &str, end: &str) {
+    check_help(&command);
+    let program = std::env::current_exe().expect("this test");
+    // The test is target/debug/deps/NAME.
+    let target = program.ancestors().nth(3).expect("cargo's target folder");
+    let folder = target.join("man");
+    fs::create_dir_all(&folder).expect("the folder can be made");
+    for (file, text) in pages(command, section, end) {
+        fs::write(folder.join(file), text).expect("the page can be written");
     }
-    let made: BTreeSet<&str> = pages.iter().map(|(file, _)| file.as_str()).collect();
-    let is_of = |file: &str, program: &str| {
-        let rest = file.strip_prefix(program).unwrap_or(".");
-        file.starts_with(program) && (rest.starts_with('.') || rest.starts_with('-'))
-    };
-    for entry in fs::read_dir(&folder).expect("docs/man is there") {
-        let name = entry.expect("an entry of docs/man").file_name();
-        let file = name.to_str().expect("a name in UTF-8");
-        let ours = is_of(file, &program) && !others.iter().any(|other| is_of(file, other));
-        assert!(
-            !ours || made.contains(file),
-            "docs/man/{file} is of a command that is gone"
-        );
+}
+
+fn check_help(command: &Command) {
+    let name = command.get_name();
+    assert!(command.get_about().is_some(), "{name} has no help");
+    for argument in command.get_arguments() {
+        let has_help = argument.is_hide_set() || argument.get_help().is_some();
+        assert!(has_help, "{name}: {} has no help", argument.get_id());
     }
+    command.get_subcommands().for_each(check_help);
 }

@@ -59,6 +59,11 @@ impl CommandError {
     /// The exit status: 2 where the configuration or the call is wrong, 1 where the work failed.
     pub fn status(&self) -> u8 {
         match self {
+            Self::Key(KeyError::File { source, .. })
+                if source.kind() == std::io::ErrorKind::StorageFull =>
+            {
+                1
+            }
             Self::Config(_)
             | Self::Key(_)
             | Self::Model(_)

@@ -351,6 +351,15 @@ fn watched(step: Step, seen: &Seen, elapsed_s: f64, rules: &Rules, before_um: Op
             older_s,
         };
     }
+    if !seen.corrects {
+        return Step::Soaking {
+            version,
+            soaked_s,
+            residual_um,
+            known_s,
+            older_s,
+        };
+    }
     let known = seen.residual_um.filter(|um| um.is_finite());
     let (residual_um, known_s) = match known {
         Some(um) if elapsed_s > 0.0 => {

@@ -241,9 +241,11 @@ pub struct Seen {
     pub heard: bool,
     /// The version that is in force.
     pub version: u64,
+    /// Whether it is compensating: without a correction the model shows nothing.
+    pub corrects: bool,
     /// The guard is faulted, or was since the last look: why.
     pub faulted: Option<String>,
-    /// The residual, µm.
+    /// The residual while it was compensating, µm.
     pub residual_um: Option<f64>,
 }
 

@@ -60,6 +60,7 @@ fn looked(elapsed_s: f64, seen: &[(usize, u64, f64)]) -> Event {
         let seen = Seen {
             heard: true,
             version: *version,
+            corrects: true,
             faulted: None,
             residual_um: Some(*residual),
         };
@@ -69,6 +70,34 @@ fn looked(elapsed_s: f64, seen: &[(usize, u64, f64)]) -> Event {
         elapsed_s,
         seen: seen.collect(),
     }
+}
+
+/// A machine that runs the model and does not correct shows nothing of it: its soak stands still.
+#[test]
+fn a_machine_that_is_disarmed_is_not_watched() {
+    let mut rollout = rollout(2, &[0], rules());
+    let actions = rollout.step(looked(1.0, &[]));
+    assert_eq!(issue(&mut rollout, &actions), [name(0)]);
+    rollout.step(answered(0, 1, Outcome::Activated));
+    for _ in 0..100 {
+        let disarmed = Seen {
+            heard: true,
+            version: 1,
+            residual_um: Some(90.0),
+            ..Seen::default()
+        };
+        let event = Event::Looked {
+            elapsed_s: 10.0,
+            seen: BTreeMap::from([(name(0), disarmed)]),
+        };
+        assert_eq!(rollout.step(event), []);
+    }
+    assert_eq!(rollout.phase, Phase::Running);
+    let mut actions = Vec::new();
+    for _ in 0..2 {
+        actions = rollout.step(looked(10.0, &[(0, 1, 4.0)]));
+    }
+    assert_eq!(issue(&mut rollout, &actions), [name(1)]);
 }
 
 fn answered(place: usize, version: u64, outcome: Outcome) -> Event {
@@ -180,6 +209,7 @@ fn it_stops_for_what_speaks_against_the_model() {
     let seen = Seen {
         heard: true,
         version: 1,
+        corrects: false,
         faulted: Some("a write did not land".to_owned()),
         residual_um: None,
     };
@@ -309,6 +339,7 @@ fn event(happens: &Happens, machines: usize) -> Event {
                     let seen = Seen {
                         heard: odd % 8 > 0,
                         version: u64::from(*version),
+                        corrects: odd % 5 > 0,
                         faulted: (odd % 16 == 9).then(|| "fault".to_owned()),
                         residual_um: (odd % 4 > 0).then(|| f64::from(*odd) / 10.0),
                     };
@@ -461,6 +492,7 @@ fn a_canary_that_faults_after_its_soak_stops_the_roll_out() {
         let seen = Seen {
             heard: true,
             version,
+            corrects: false,
             faulted: Some("thermal runaway".to_owned()),
             residual_um: None,
         };

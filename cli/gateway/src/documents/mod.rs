@@ -1,8 +1,8 @@
 //! Every JSON document of the gateway, as plain structs: the state, the answers to requests, the records of the audit
 //! log, the plan that `check --json` prints, the history and the error map of the dashboard.
 //!
-//! The structs are the only place where the shape of a document is decided. Their JSON Schemas are shipped in
-//! `docs/schema/`; a test holds the files to the structs, and documents of a running gateway to the files.
+//! The structs are the only place where the shape of a document is decided. `volcomp-gateway schema FOLDER` writes their
+//! JSON Schemas.
 
 mod answer;
 mod history;
@@ -42,7 +42,7 @@ pub use state::{
 
 use schemars::{Schema, schema_for};
 
-/// The file name and the JSON Schema of every document, in the order in which they stand in `docs/schema/`.
+/// The file name and the JSON Schema of every document.
 pub fn schemas() -> Vec<(&'static str, Schema)> {
     vec![
         ("gateway-answer.json", schema_for!(Answer)),

@@ -147,7 +147,7 @@ async fn history(State(dashboard): State<Shared>) -> Response {
 }
 
 async fn prometheus(State(dashboard): State<Shared>) -> Response {
-    let text = metrics::text(&dashboard.published.latest(), dashboard.controllers);
+    let text = metrics::text(&dashboard.published.latest(), &dashboard.quantities);
     let kind = "text/plain; version=0.0.4; charset=utf-8";
     ([(header::CONTENT_TYPE, kind)], text).into_response()
 }

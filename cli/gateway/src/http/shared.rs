@@ -8,7 +8,7 @@ use std::sync::{
 use volcomp_runtime::DisarmSwitch;
 
 use super::door::Door;
-use crate::{models::Models, published::Published, request::Asks};
+use crate::{interop::quantities::Quantity, models::Models, published::Published, request::Asks};
 
 /// The largest number of event streams at one time.
 pub(super) const MAX_STREAMS: usize = 16;
@@ -19,8 +19,8 @@ pub struct Dashboard {
     pub models: Models,
     /// The state, history and model that the service publishes.
     pub published: Published,
-    /// The number of configured controllers.
-    pub controllers: usize,
+    /// The quantities of the gateway.
+    pub quantities: Vec<Quantity>,
     /// Where requests to the service go.
     pub asks: Asks,
     /// The order to disarm, which waits for no service.

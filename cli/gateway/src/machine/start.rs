@@ -20,7 +20,7 @@ use crate::{
     documents::{LastOutput, Status},
     error::GatewayError,
     http::{self, Dashboard, Door},
-    interop::{Interop, Served},
+    interop::{Interop, Served, quantities::quantities},
     lock::lock,
     models::Models,
     observe::{self, Facts},
@@ -109,7 +109,7 @@ pub(super) fn start(
     let dashboard = Dashboard {
         models: models.clone(),
         published,
-        controllers: controllers.len(),
+        quantities: quantities(&shape),
         asks: asks.clone(),
         switch: switch.clone(),
         door: Arc::new(Door::new(&config.dashboard, tokens)),

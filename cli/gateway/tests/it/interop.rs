@@ -3,7 +3,10 @@
 use serde_json::{Value, json};
 use volcomp_gateway::{
     documents::Status,
-    interop::quantities::{self, Kind, Quality, Shape, What, quantities},
+    interop::quantities::{
+        self, Kind, Part, Quality, Quantity, Reading, Row, Shape, Unit, quantities,
+    },
+    metrics,
 };
 use volcomp_vocabulary::AxisName;
 
@@ -18,7 +21,7 @@ pub(crate) fn status(changes: &Value) -> Status {
             "device": "focas://192.0.2.1", "number": 0, "active": true, "scheme": "barrier", "answered_ms": 4.0,
             "positions_ms": 8.0, "confirmed_ms": 12.0, "holds_correction": true, "reasons": [],
         }],
-        "positions_mm": { "X": 400.25 }, "positions_deg": { "C": -90.0 }, "correction_known": true,
+        "proven": { "X": "contained", "C": "not-contained" }, "positions_mm": { "X": 400.25 }, "positions_deg": { "C": -90.0 }, "correction_known": true,
         "correction_um": { "X": -12.5 }, "correction_urad": { "C": 100.0 },
         "sent_um": { "X": -12.5 }, "sent_urad": { "C": 100.0 },
         "wanted_um": { "X": -12.5 }, "wanted_urad": { "C": 100.0 },
@@ -67,20 +70,32 @@ fn every_quantity_has_a_key_and_a_value_of_its_kind() {
     assert_eq!(keys.len(), list.len());
     let status = status(&json!({}));
     for own in &list {
-        let reading = own.what.of(&status);
-        if own.what == What::Temperature(2) {
+        let reading = own.read(&status);
+        if own.part == Part::Sensor(2) {
             assert_eq!((reading.value, reading.quality), (None, Quality::Unknown));
             continue;
         }
         assert_eq!(reading.quality, Quality::Good, "{}", own.key);
         let fits = match reading.value.expect("it is known") {
             quantities::Value::Number(_) => matches!(own.kind, Kind::Number(_)),
-            quantities::Value::Whole(_) => own.kind == Kind::Whole,
+            quantities::Value::Whole(_) => matches!(own.kind, Kind::Whole | Kind::Count),
             quantities::Value::Truth(_) => own.kind == Kind::Truth,
             quantities::Value::Text(_) => own.kind == Kind::Text,
         };
         assert!(fits, "{}", own.key);
     }
+}
+
+fn x_position(status: &Status) -> Reading {
+    let shape = Shape {
+        machine: "m".to_owned(),
+        axes: vec![AxisName::X],
+        sensors: Vec::new(),
+        controllers: 0,
+    };
+    let is_it = |own: &Quantity| own.key == "x_position";
+    let position = quantities(&shape).into_iter().find(is_it);
+    position.expect("of every axis").read(status)
 }
 
 /// A position without a number, one that is no number, and one that is old.
@@ -105,7 +120,7 @@ fn what_is_not_so_is_not_good() {
             Quality::Good,
         ),
     ] {
-        let reading = What::Position(AxisName::X).of(&status(&changes));
+        let reading = x_position(&status(&changes));
         let expected = value.map(quantities::Value::Number);
         assert_eq!(
             (reading.value, reading.quality),
@@ -115,5 +130,34 @@ fn what_is_not_so_is_not_good() {
     }
     let mut state = status(&json!({}));
     state.positions_mm.insert(AxisName::X, f64::NAN);
-    assert_eq!(What::Position(AxisName::X).of(&state).value, None);
+    assert_eq!(x_position(&state).value, None);
+}
+
+/// One row is all that it takes: no way to other systems knows single quantities.
+#[test]
+fn a_further_row_is_served_to_others() {
+    const ROW: Row<usize> = Row("play", Kind::Number(Unit::Um), "Play", |status, place| {
+        Reading {
+            value: Some(quantities::Value::Number(status.age_ms + place as f64)),
+            quality: Quality::Good,
+            age_ms: 0.0,
+        }
+    });
+    let row = || ROW.quantity(Part::Controller(2), "2", 2);
+    let status = status(&json!({}));
+    let text = metrics::text(&status, &[row()]);
+    let expected = "# HELP volcomp_path_play_um Play\n# TYPE volcomp_path_play_um gauge\nvolcomp_path_play_um{path=\"2\"} 22\n";
+    assert!(text.contains(expected), "{text}");
+    assert_eq!(row().folder(), ["Controllers", "2"]);
+    assert_eq!(row().name(), "Play");
+    #[cfg(feature = "shdr")]
+    {
+        use volcomp_gateway::interop::shdr::lines::{Items, Told};
+        let items = Items {
+            quantities: vec![row()],
+            conditions: Vec::new(),
+        };
+        let lines = Told::nothing(&items).changes(&items, &status, std::time::SystemTime::now());
+        assert!(lines.contains("|path_2_play|0.022\n"), "{lines}");
+    }
 }

@@ -117,8 +117,8 @@ fn a_client_reads_what_the_dashboard_shows() {
     assert_eq!(found.keys().collect::<Vec<_>>(), keys);
     for own in &list {
         let told = &found[&own.key];
-        let place = own.folder.join("/");
-        assert_eq!(told["path"], format!("{place}/{}", own.name), "{told}");
+        let place = own.folder().join("/");
+        assert_eq!(told["path"], format!("{place}/{}", own.name()), "{told}");
         let help = told["help"].as_str().expect("text");
         assert!(help.starts_with(own.help), "{told}");
         assert_eq!(

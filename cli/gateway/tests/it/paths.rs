@@ -65,7 +65,7 @@ fn a_standby_path_that_never_answers_is_told() {
         "volcomp_path_answered_seconds{path=\"1\"} +Inf",
         "volcomp_path_holds_correction{path=\"1\"} NaN",
         "volcomp_path_holds_correction{path=\"0\"} 0",
-        "volcomp_no_barrier{path=\"0\"} 1",
+        "volcomp_path_barrier{path=\"0\"} 0",
         "volcomp_correction_known 1",
     ] {
         assert!(metrics.contains(line), "{line}: {metrics}");

@@ -87,7 +87,7 @@ fn gateway() -> Gateway {
     let dashboard = Dashboard {
         models: models.clone(),
         published,
-        controllers: 1,
+        quantities: Vec::new(),
         asks,
         switch: handle.disarm_switch(),
         door: Arc::new(Door {

@@ -1,5 +1,5 @@
 //! Every JSON document that the program writes, as a struct with its JSON Schema. One file for each command; `ALL`
-//! lists them, and `docs/schema/` holds the schemas.
+//! lists them, and `volcomp schema FOLDER` writes their schemas.
 
 pub(crate) mod axes;
 pub(crate) mod calibrate;

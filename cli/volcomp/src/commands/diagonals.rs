@@ -51,6 +51,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let source = actual.source(&temperatures);
     let points = arguments.points as usize;
     let mut notes = machine_notes(&machine, &temperatures);
+    notes.extend(compensation.note());
     notes.extend(rotary_note(&machine));
     let others = arguments.others.read(&machine, &mut notes)?;
     let command = |state: &State| compensation.command(state);

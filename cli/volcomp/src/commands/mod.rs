@@ -18,7 +18,6 @@ pub(crate) mod fit;
 mod fit_auto;
 pub(crate) mod fit_thermal;
 pub(crate) mod form;
-pub(crate) mod generate;
 pub(crate) mod identify;
 pub(crate) mod import;
 pub(crate) mod inspect;
@@ -34,6 +33,7 @@ mod outside;
 pub(crate) mod probe;
 pub(crate) mod report;
 mod same_machine;
+pub(crate) mod schema;
 pub(crate) mod sensitivity;
 mod several;
 pub(crate) mod simulate;
@@ -188,7 +188,7 @@ fn seen_note(machine: &Machine, temperatures: &Temperatures) -> Option<String> {
 }
 
 /// Names the sensors whose thermal terms count nothing.
-fn thermal_note(machine: &Machine, temperatures: &Temperatures) -> Option<String> {
+pub(crate) fn thermal_note(machine: &Machine, temperatures: &Temperatures) -> Option<String> {
     let mut missing = machine.thermal().sensors();
     missing.retain(|name| !temperatures.contains_key(*name));
     (!missing.is_empty()).then(|| {

@@ -10,7 +10,7 @@ use volcomp_nc::{
 
 use super::{
     nc::{Arguments, Written, failure},
-    nc_part,
+    nc_part, thermal_note,
 };
 use crate::{
     answers::nc::{NcDeviation, NcFurther, Verified},
@@ -41,7 +41,7 @@ impl OnTruth<'_> {
         if arguments.truth.is_none() {
             notes.push("--verify without --truth: the model is judged by itself, which shows rounding and splits, not how well it knows the machine".to_owned());
         }
-        let found = self.run(made, result)?;
+        let found = self.run(made, result, notes)?;
         notes.extend(is_better(&found, arguments, &left_out(made))?);
         if let Some(file) = drawn {
             file.append(picture(&found).as_bytes())?;
@@ -64,13 +64,20 @@ impl OnTruth<'_> {
         })
     }
 
-    fn run(&self, made: &Written, result: &Path) -> Result<Verification, Failure> {
+    fn run(
+        &self,
+        made: &Written,
+        result: &Path,
+        notes: &mut Vec<String>,
+    ) -> Result<Verification, Failure> {
         let arguments = self.arguments;
         let read;
         let (truth, temperatures) = match &arguments.truth {
             Some(path) => {
                 read = arguments.machine.spindle.read(path)?;
                 refuse_other_geometry(path, &read.0, self.model.0, &"--machine")?;
+                let note = thermal_note(&read.0, &read.1);
+                notes.extend(note.map(|note| format!("{}: {note}", path.display())));
                 (&read.0, &read.1)
             }
             None => self.model,

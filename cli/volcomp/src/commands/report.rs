@@ -1,6 +1,7 @@
 //! `volcomp report`: one HTML file from a calibration, an identification or a machine file.
 
 use std::{
+    collections::BTreeSet,
     fmt::Write as _,
     path::{Path, PathBuf},
 };
@@ -110,21 +111,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let (machine, mut report) = source.report(arguments)?;
     refuse_two_units(&report, &limits).map_err(|error| Failure::Input(format!("--{error}")))?;
     let mut notes = machine.notes();
-    let sensors = machine.thermal().sensors();
-    if !sensors.is_empty() {
-        let text = format!(
-            "the figures computed from the model hold at {} °C: thermal terms of {} are left out; `volcomp map --temperature` gives the volumetric error at others, `volcomp check` what each kelvin adds",
-            machine.thermal().reference_degc,
-            sensors.join(", ")
-        );
-        report.warnings.push(Warning {
-            kind: WarningKind::Temperature,
-            text: text.clone(),
-        });
-        notes.push(text);
-    }
     let others = arguments.others.read(&machine, &mut notes)?;
-    working_space(&mut report, arguments, &machine, &others)?;
+    notes.extend(working_space(&mut report, arguments, &machine, &others)?);
     if arguments.trials > 0 {
         drawn(&mut report, arguments, &source, &machine, &mut notes)?;
     }
@@ -239,7 +227,7 @@ fn working_space(
     arguments: &Arguments,
     machine: &Machine,
     others: &[(AxisName, f64)],
-) -> Result<(), Failure> {
+) -> Result<Option<String>, Failure> {
     let none = Temperatures::new();
     let before = match &arguments.before {
         Some(path) => {
@@ -313,11 +301,41 @@ fn working_space(
         errors_of(first.0),
         second.map_or_else(Vec::new, |(state, _)| errors_of(state)),
     );
-    let before = fields(&cases, &errors_before);
-    let after = fields(&cases, &errors_after);
-    let second = second.map(|(state, _)| (state, &after[..]));
-    report.volume = volume(machine, others, (first.0, &before), second)?;
-    Ok(())
+    let fields_before = fields(&cases, &errors_before);
+    let fields_after = fields(&cases, &errors_after);
+    let second = second.map(|(state, _)| (state, &fields_after[..]));
+    report.volume = volume(machine, others, (first.0, &fields_before), second)?;
+    Ok(left_out(
+        report,
+        machine,
+        [Some(machine), before.as_ref(), Some(truth.actual())],
+    ))
+}
+
+/// Says that the thermal terms of the machines are left out, which makes a figure within its tolerance undecided.
+fn left_out(
+    report: &mut Report,
+    machine: &Machine,
+    machines: [Option<&Machine>; 3],
+) -> Option<String> {
+    let sensors = machines.into_iter().flatten();
+    let sensors: BTreeSet<&str> = sensors.flat_map(|of| of.thermal().sensors()).collect();
+    if sensors.is_empty() {
+        return None;
+    }
+    if let Some(volume) = &mut report.volume {
+        volume.has_thermal = true;
+    }
+    let text = format!(
+        "the figures computed from the model hold at {} °C: thermal terms of {} are left out; `volcomp map --temperature` gives the volumetric error at others, `volcomp check` what each kelvin adds",
+        machine.thermal().reference_degc,
+        sensors.into_iter().collect::<Vec<_>>().join(", ")
+    );
+    report.warnings.push(Warning {
+        kind: WarningKind::Temperature,
+        text: text.clone(),
+    });
+    Some(text)
 }
 
 /// The body diagonals of one or two states; `None` of a machine without one of the axes X, Y and Z.

@@ -134,30 +134,3 @@ fn completions_know_the_commands() {
     let document = json(&["completions", "bash"]);
     assert_eq!(document["shell"], "bash");
 }
-
-/// The schemas of the repository are those of this program. To write them again:
-/// `cargo run -p volcomp -- schema docs/schema`.
-#[test]
-fn schemas_of_the_repository_are_up_to_date() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let document = json(&["schema", &folder.path().display().to_string()]);
-    let files = document["files"].as_array().expect("a list");
-    let names: Vec<&str> = files.iter().filter_map(|name| name.as_str()).collect();
-    for name in &names {
-        let made = fs::read_to_string(folder.path().join(name)).expect("made");
-        let kept = fs::read_to_string(root().join("docs/schema").join(name)).ok();
-        assert_eq!(
-            kept,
-            Some(made),
-            "docs/schema/{name} is old: volcomp schema docs/schema"
-        );
-    }
-    for entry in fs::read_dir(root().join("docs/schema")).expect("a folder") {
-        let name = entry.expect("an entry").file_name();
-        let name = name.to_str().expect("UTF-8");
-        assert!(
-            !name.starts_with("volcomp-") || names.contains(&name),
-            "docs/schema/{name} is of a document that is gone"
-        );
-    }
-}

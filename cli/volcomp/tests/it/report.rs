@@ -316,3 +316,34 @@ fn thermal_terms_leave_the_volumetric_error_undecided() {
         assert!(page.contains("hold at 20 °C: thermal terms of"));
     }
 }
+
+/// Thermal terms of the real machine are left out as those of the model are, and curves over a part of the travel are no whole
+/// machine.
+#[test]
+fn a_volumetric_error_of_a_part_of_the_machine_is_told() {
+    const AXES: &str = "structure = \"w b X Y Z t\"\n[axes]\nX.travel = [0.0, 600.0]\nY.travel = [0.0, 400.0]\nZ.travel = [-500.0, 0.0]\n[errors]\n";
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, text: &str| {
+        let path = folder.path().join(name).display().to_string();
+        std::fs::write(&path, format!("{AXES}{text}")).expect("written");
+        path
+    };
+    let model = write("model.toml", "EXX = { poly = [0.0, 0.02] }\n");
+    let truth = write(
+        "truth.toml",
+        "EXX = { poly = [0.0, 0.02] }\n[thermal]\nreference = 20.0\n[[thermal.expansion]]\nerror = \"EXX\"\nsensor = \"scale\"\nalpha_um_per_m_k = 11.5\nzero_mm = 0.0\n",
+    );
+    let (document, page) = report(&[&model, "--truth", &truth, "--tolerance", "V=5"]);
+    assert_eq!(document["checks"][0]["outcome"], "undecided", "{document}");
+    assert!(page.contains("thermal terms of scale are left out"));
+    let part = write(
+        "part.toml",
+        "EXX = { poly = [0.0, 0.02], domain = [200.0, 300.0] }\n",
+    );
+    let (document, page) = report(&[&part, "--tolerance", "V=50"]);
+    assert_eq!(document["checks"][0]["of"], "the measured errors alone");
+    assert!(
+        page.contains("EXX is known on 17 % of the travel of X"),
+        "{page}"
+    );
+}

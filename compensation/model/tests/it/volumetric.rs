@@ -5,7 +5,9 @@ use std::fmt::Write as _;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_kinematics::{Form, State, nalgebra::Vector3, volumetric_error};
-use volcomp_model::{ErrorField, Lengths, Machine, RigidSums, Temperatures, VolumetricError, volumetric};
+use volcomp_model::{
+    ErrorField, Lengths, Machine, RigidSums, Temperatures, VolumetricError, volumetric,
+};
 use volcomp_vocabulary::{AxisName, Direction};
 
 /// Random poses of the brute force.

@@ -40,18 +40,15 @@ pub(super) fn fill(
         made: BTreeSet::new(),
     };
     for quantity in quantities(shape) {
-        let folder = folders.of(&mut space, &quantity.folder);
+        let folder = folders.of(&mut space, &quantity.folder());
         let node = NodeId::new(namespace, quantity.key.clone());
-        VariableBuilder::new(
-            &node,
-            QualifiedName::new(namespace, quantity.name),
-            quantity.name,
-        )
-        .description(description(&quantity))
-        .data_type(data_type(quantity.kind))
-        .has_type_definition(VariableTypeId::BaseDataVariableType)
-        .component_of(folder)
-        .insert(&mut *space);
+        let name = quantity.name();
+        VariableBuilder::new(&node, QualifiedName::new(namespace, name.clone()), name)
+            .description(description(&quantity))
+            .data_type(data_type(quantity.kind))
+            .has_type_definition(VariableTypeId::BaseDataVariableType)
+            .component_of(folder)
+            .insert(&mut *space);
         let published = published.clone();
         manager
             .inner()
@@ -59,7 +56,7 @@ pub(super) fn fill(
                 if !matches!(range, NumericRange::None) {
                     return Err(StatusCode::BadIndexRangeNoData);
                 }
-                let reading = quantity.what.of(&published.latest());
+                let reading = quantity.read(&published.latest());
                 Ok(value(reading, SystemTime::now(), stamps))
             });
     }
@@ -74,10 +71,10 @@ struct Folders {
 
 impl Folders {
     /// The folder of this path, made where it is not there.
-    fn of(&mut self, space: &mut AddressSpace, path: &[String]) -> NodeId {
+    fn of(&mut self, space: &mut AddressSpace, path: &[&str]) -> NodeId {
         let mut above = NodeId::from(ObjectId::ObjectsFolder);
         let mut whole = String::new();
-        for name in std::iter::once(ROOT).chain(path.iter().map(String::as_str)) {
+        for name in std::iter::once(&ROOT).chain(path) {
             if !whole.is_empty() {
                 whole.push('/');
             }
@@ -86,8 +83,8 @@ impl Folders {
             if self.made.insert(whole.clone()) {
                 space.add_folder(
                     &node,
-                    QualifiedName::new(self.namespace, name),
-                    name,
+                    QualifiedName::new(self.namespace, *name),
+                    *name,
                     &above,
                 );
             }
@@ -100,7 +97,7 @@ impl Folders {
 fn data_type(kind: Kind) -> DataTypeId {
     match kind {
         Kind::Number(_) => DataTypeId::Double,
-        Kind::Whole => DataTypeId::UInt64,
+        Kind::Whole | Kind::Count => DataTypeId::UInt64,
         Kind::Truth => DataTypeId::Boolean,
         Kind::Text => DataTypeId::String,
     }

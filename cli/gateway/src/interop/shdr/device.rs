@@ -2,12 +2,10 @@
 
 use std::fmt::Write;
 
-use volcomp_vocabulary::AxisName;
-
 use super::{
     super::{
         alarms::Place,
-        quantities::{Kind, Quantity, Shape, Unit, What},
+        quantities::{Kind, Part, Quantity, Shape, Unit},
     },
     lines::{AVAILABILITY, Items},
 };
@@ -23,8 +21,9 @@ struct Item {
 /// The file `Devices.xml` of an agent that reads this gateway, with the name under which the agent shows it.
 pub fn device(shape: &Shape, name: &str) -> String {
     let items = Items::of(shape);
-    let of = |is_own: &dyn Fn(What) -> bool| -> Vec<String> {
-        let own = items.quantities.iter().filter(|own| is_own(own.what));
+    let of = |parts: &[Part]| -> Vec<String> {
+        let own = items.quantities.iter();
+        let own = own.filter(|own| parts.contains(&own.part));
         own.map(data_item).collect()
     };
     let with_condition = |mut own: Vec<String>, wanted: Place, kind: &str| {
@@ -59,25 +58,21 @@ pub fn device(shape: &Shape, name: &str) -> String {
     xml.open("Components");
     for &axis in &shape.axes {
         let tag = if axis.is_rotary() { "Rotary" } else { "Linear" };
-        let own = of(&|what| owner(what) == Owner::Axis(axis));
+        let own = of(&[Part::Axis(axis)]);
         xml.component(tag, &format!("a_{axis}"), &axis.to_string(), &own);
     }
     xml.close("Components");
     xml.close("Axes");
-    let own = with_condition(
-        of(&|what| owner(what) == Owner::Gateway),
-        Place::Guard,
-        "SYSTEM",
-    );
+    let own = with_condition(of(&[Part::Gateway, Part::Tool]), Place::Guard, "SYSTEM");
     xml.component("Controller", "c_gateway", "gateway", &own);
     for place in 0..shape.controllers {
-        let own = of(&|what| owner(what) == Owner::Controller(place));
+        let own = of(&[Part::Controller(place)]);
         let own = with_condition(own, Place::Controller(place), "COMMUNICATIONS");
         let name = format!("path_{place}");
         xml.component("Controller", &format!("c_{name}"), &name, &own);
     }
     for (place, sensor) in shape.sensors.iter().enumerate() {
-        let own = of(&|what| owner(what) == Owner::Sensor(place));
+        let own = of(&[Part::Sensor(place)]);
         let own = with_condition(own, Place::Sensor(place), "TEMPERATURE");
         xml.component("Sensor", &format!("s_{place}"), sensor, &own);
     }
@@ -126,30 +121,6 @@ impl Xml {
     }
 }
 
-/// To which part of the device a quantity belongs.
-#[derive(PartialEq)]
-enum Owner {
-    Gateway,
-    Axis(AxisName),
-    Sensor(usize),
-    Controller(usize),
-}
-
-fn owner(what: What) -> Owner {
-    match what {
-        What::Position(axis) | What::Correction(axis) | What::Wanted(axis) | What::Sent(axis) => {
-            Owner::Axis(axis)
-        }
-        What::Temperature(place) => Owner::Sensor(place),
-        What::Answered(place)
-        | What::PositionsAge(place)
-        | What::Confirmed(place)
-        | What::HoldsCorrection(place)
-        | What::Barrier(place) => Owner::Controller(place),
-        _ => Owner::Gateway,
-    }
-}
-
 fn data_item(quantity: &Quantity) -> String {
     let Item {
         category,
@@ -180,10 +151,10 @@ fn item(quantity: &Quantity) -> Item {
         Unit::Degc => "CELSIUS",
         Unit::Ms => "SECOND",
     };
-    let (kind, sub) = match quantity.what {
-        What::Position(axis) if axis.is_rotary() => ("ANGLE".to_owned(), Some("ACTUAL")),
-        What::Position(_) => ("POSITION".to_owned(), Some("ACTUAL")),
-        What::Temperature(_) => ("TEMPERATURE".to_owned(), None),
+    let (kind, sub) = match (quantity.row, unit) {
+        ("position", Unit::Deg) => ("ANGLE".to_owned(), Some("ACTUAL")),
+        ("position", _) => ("POSITION".to_owned(), Some("ACTUAL")),
+        ("temperature", _) => ("TEMPERATURE".to_owned(), None),
         _ => (own_type(quantity), None),
     };
     Item {
@@ -194,17 +165,9 @@ fn item(quantity: &Quantity) -> Item {
     }
 }
 
-/// A type that the standard does not have.
+/// A type that the standard does not have. Others have states and errors, too.
 fn own_type(quantity: &Quantity) -> String {
-    let mut name = String::new();
-    for c in quantity.name.chars() {
-        if c.is_uppercase() && !name.is_empty() {
-            name.push('_');
-        }
-        name.push(c.to_ascii_uppercase());
-    }
-    // Others have states and errors, too.
-    format!("x:COMPENSATION_{name}")
+    format!("x:COMPENSATION_{}", quantity.row.to_ascii_uppercase())
 }
 
 /// Text in XML; what XML cannot hold is left out.

@@ -4,7 +4,7 @@ use std::time::{Duration, SystemTime};
 
 use super::super::{
     alarms::{Alarm, Level, Place, places},
-    quantities::{Kind, Quantity, Reading, Shape, Unit, Value, What, key_of, quantities},
+    quantities::{Kind, Part, Quantity, Shape, Unit, Value, key_of, quantities},
 };
 use crate::{
     audit::utc,
@@ -29,14 +29,14 @@ impl Items {
     pub fn of(shape: &Shape) -> Self {
         let mut quantities = quantities(shape);
         // Reasons are told as conditions.
-        quantities.retain(|quantity| quantity.what != What::Reasons);
+        quantities.retain(|quantity| quantity.row != "reasons");
         let key = |place| match place {
             Place::Guard => "guard".to_owned(),
             // The same sensor, the same name: they are told apart in the list of quantities.
             Place::Sensor(sensor) => {
                 let own = quantities
                     .iter()
-                    .find(|quantity| quantity.what == What::Temperature(sensor));
+                    .find(|quantity| quantity.part == Part::Sensor(sensor));
                 format!("{}_condition", own.map_or("", |own| own.key.as_str()))
             }
             Place::Controller(place) => format!("path_{place}_condition"),
@@ -85,8 +85,10 @@ impl Told {
             line(&mut text, now, status.age_ms, &[AVAILABILITY, word]);
         }
         for (quantity, told) in items.quantities.iter().zip(&mut self.values) {
-            let reading = quantity.what.of(status);
-            let value = shown(quantity, &reading);
+            let reading = quantity.read(status);
+            let value = reading
+                .current()
+                .map_or(UNAVAILABLE.to_owned(), |value| shown(quantity, value));
             if told.as_deref() != Some(value.as_str()) {
                 line(&mut text, now, reading.age_ms, &[&quantity.key, &value]);
                 *told = Some(value);
@@ -142,17 +144,14 @@ fn condition(
     }
 }
 
-/// A value in the unit of MTConnect; what is not known now is not available.
-fn shown(quantity: &Quantity, reading: &Reading) -> String {
-    let Some(value) = reading.value.as_ref().filter(|_| reading.is_current()) else {
-        return UNAVAILABLE.to_owned();
-    };
+/// A value in the unit of MTConnect.
+fn shown(quantity: &Quantity, value: &Value) -> String {
     match (value, quantity.kind) {
         (Value::Number(value), Kind::Number(unit)) => in_unit(*value, unit),
         (Value::Number(value), _) => value.to_string(),
         (Value::Whole(value), _) => value.to_string(),
         (Value::Truth(yes), _) => if *yes { "TRUE" } else { "FALSE" }.to_owned(),
-        (Value::Text(text), _) if quantity.what == What::State => key_of(text).to_uppercase(),
+        (Value::Text(text), _) if quantity.row == "state" => key_of(text).to_uppercase(),
         (Value::Text(text), _) => text.clone(),
     }
 }

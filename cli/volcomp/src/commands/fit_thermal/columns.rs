@@ -8,7 +8,7 @@ use volcomp_model::{
     vocabulary::{AxisKind, AxisName},
 };
 
-use super::plausible::implausible;
+use super::checks::implausible;
 use crate::failure::Failure;
 
 /// A time, temperatures and displacements, as many of each as there are rows.

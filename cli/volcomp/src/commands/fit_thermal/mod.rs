@@ -1,11 +1,9 @@
 //! `volcomp fit-thermal`: temperatures and displacements over time to thermal terms of the machine file.
 
+mod checks;
 mod columns;
-mod contradiction;
 mod document;
 mod errors;
-mod fahrenheit;
-mod plausible;
 mod sampling;
 mod terms;
 mod text;
@@ -162,19 +160,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         };
         notes.extend(columns.notes.iter().map(note));
     }
-    notes.extend(plausible::of_all(&files));
-    notes.extend(fahrenheit::of_all(&files));
+    notes.extend(checks::too_small(&files));
     for (path, file) in arguments.data.iter().zip(&files) {
-        notes.extend(fahrenheit::changes(path, file));
-        notes.extend(plausible::still_in(path, file, &files));
-    }
-    for (path, file) in arguments.data.iter().zip(&files) {
+        notes.extend(checks::still_in(path, file, &files));
         notes.extend(sampling::gaps(path, file, &arguments.search(false).lags_s));
     }
-    let still = still_sensors(&files);
+    let still = checks::still_sensors(&files);
     if !still.is_empty() {
         notes.push(format!(
-            "{}: the same value in all rows, so that no terms are found for it (does the sensor measure?)",
+            "{}: the same value in all rows, so that no terms are found for it",
             still.join(", ")
         ));
     }
@@ -210,12 +204,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         let search = arguments.search(expansions);
         let channel = channel(name, error, &files, arguments, &search)?;
         let runs: Vec<ThermalRun> = files.iter().map(|file| run_of(file, name)).collect();
-        notes.extend(contradiction::notes(
-            &channel,
-            &runs,
-            &arguments.data,
-            &search,
-        ));
+        notes.extend(checks::inverted(&channel, &runs, &arguments.data, &search));
         notes.extend(sampling::too_coarse(&channel, &runs, &arguments.data));
         channels.push(channel);
     }
@@ -267,19 +256,6 @@ impl Arguments {
         }
         Errors::read(&self.error)
     }
-}
-
-/// The columns of sensors whose temperature is the same in all rows of all files.
-fn still_sensors(files: &[Columns]) -> Vec<String> {
-    // clap asks for at least one file.
-    let sensors = files.first().map_or(&[][..], |file| &file.sensors[..]);
-    let is_still = |(place, _): &(usize, &String)| {
-        let mut all = files.iter().flat_map(|file| &file.degc[*place]);
-        let first = all.next();
-        all.all(|degc| Some(degc) == first)
-    };
-    let still = sensors.iter().enumerate().filter(is_still);
-    still.map(|(_, name)| format!("{name}_degc")).collect()
 }
 
 /// Every file, with the sensors and the displacements of the first in its order.
@@ -339,7 +315,7 @@ fn channel(
         // Of several files the first one that cannot be fitted by itself.
         let alone = |place: &usize| search_thermal(&runs[*place..=*place], search).is_err();
         let wrong = (0..runs.len()).find(alone).unwrap_or_default();
-        let still = still_sensors(files);
+        let still = checks::still_sensors(files);
         if still.len() == files[0].sensors.len() {
             let what = format_args!(
                 "{name}: no temperature changes ({}): expected one that does, since terms say what follows from a change",

@@ -91,6 +91,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let (machine, temperatures) = arguments.machine.read()?;
     let compensation = Compensation::new(&arguments.compensation, &machine, &temperatures)?;
     let mut notes = machine_notes(&machine, &temperatures);
+    notes.extend(compensation.note());
     let others = arguments.others.read(&machine, &mut notes)?;
     let measured = arguments.uncertainty.read(&machine, &mut notes)?;
     let grid = MapGrid::over_travels(&machine, counts, &others)?;

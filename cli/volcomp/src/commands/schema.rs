@@ -1,4 +1,4 @@
-//! The hidden command `schema`, which writes the JSON Schemas of this program's answers: `docs/schema/`.
+//! The hidden command `schema`: the JSON Schemas of this program's documents.
 
 use std::path::{Path, PathBuf};
 
@@ -7,15 +7,14 @@ use serde_json::json;
 use super::{Answer, write_file};
 use crate::{answers, failure::Failure};
 
-/// Writes the JSON Schemas of the answers
+/// Write the JSON Schemas of the documents that --json prints
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
     /// Folder for the files
     folder: PathBuf,
 }
 
-/// Writes one JSON Schema for each document.
-pub(crate) fn schemas(arguments: &Arguments) -> Result<Answer, Failure> {
+pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let mut files = Vec::new();
     for (name, schema) in answers::ALL {
         let text = serde_json::to_string_pretty(&schema())

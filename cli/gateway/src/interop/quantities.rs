@@ -1,0 +1,469 @@
+//! The quantities of a gateway: one table, from which Prometheus, MTConnect and OPC UA are served. A row in it is all that a
+//! further quantity needs.
+
+use std::collections::BTreeSet;
+
+use volcomp_guard::Reasons;
+use volcomp_vocabulary::{AxisKind, AxisName};
+
+use crate::documents::{
+    ByAxis, PathState, ProvenName, SchemeName, SensorState, StateName, Status, round,
+};
+
+/// The parts of a gateway that decide which quantities there are. They stay the same while it runs.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Shape {
+    /// The name of the machine.
+    pub machine: String,
+    /// The letters of its axes in the order X Y Z A B C U V W.
+    pub axes: Vec<AxisName>,
+    /// The names of its temperatures in the order of the configuration.
+    pub sensors: Vec<String>,
+    /// The number of its controllers.
+    pub controllers: usize,
+}
+
+/// The part to which a quantity belongs. Numbers are places in the order of the configuration, from 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// The gateway itself.
+    Gateway,
+    /// An axis.
+    Axis(AxisName),
+    /// The tool.
+    Tool,
+    /// A temperature.
+    Sensor(usize),
+    /// A controller.
+    Controller(usize),
+}
+
+/// The unit of a quantity that is a number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unit {
+    /// Millimetres.
+    Mm,
+    /// Degrees.
+    Deg,
+    /// Micrometres.
+    Um,
+    /// Microradians.
+    Urad,
+    /// Degrees Celsius.
+    Degc,
+    /// Milliseconds.
+    Ms,
+}
+
+impl Unit {
+    /// The unit as people read it.
+    pub fn symbol(self) -> &'static str {
+        match self {
+            Self::Mm => "mm",
+            Self::Deg => "deg",
+            Self::Um => "µm",
+            Self::Urad => "µrad",
+            Self::Degc => "°C",
+            Self::Ms => "ms",
+        }
+    }
+
+    /// The unit of the same quantity of an axis of this kind; the table has those of linear axes.
+    fn on(self, kind: AxisKind) -> Self {
+        match (kind, self) {
+            (AxisKind::Rotary, Self::Mm) => Self::Deg,
+            (AxisKind::Rotary, Self::Um) => Self::Urad,
+            _ => self,
+        }
+    }
+}
+
+/// The type of the value of a quantity.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// A number in a unit.
+    Number(Unit),
+    /// A whole number.
+    Whole,
+    /// A whole number that only grows while the gateway runs.
+    Count,
+    /// Yes or no.
+    Truth,
+    /// A text.
+    Text,
+}
+
+/// The value of a quantity.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Value {
+    /// A finite number in the unit of the quantity.
+    Number(f64),
+    /// A whole number or a count.
+    Whole(u64),
+    /// Yes or no.
+    Truth(bool),
+    /// A text.
+    Text(String),
+}
+
+/// How far a value can be relied on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Quality {
+    /// It holds now.
+    Good,
+    /// It is used, with a warning.
+    Doubtful,
+    /// It held before; the present value is not known.
+    Stale,
+    /// Nothing is known.
+    Unknown,
+}
+
+/// One quantity at one moment.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Reading {
+    /// The value; `None` exactly where nothing is known.
+    pub value: Option<Value>,
+    /// How far it can be relied on.
+    pub quality: Quality,
+    /// Its age, ms.
+    pub age_ms: f64,
+}
+
+/// A quantity: its names, its meaning and how it is read from a state.
+pub struct Quantity {
+    /// The part to which it belongs.
+    pub part: Part,
+    /// Its name in its part: small letters and `_`.
+    pub row: &'static str,
+    /// Its name in the gateway: small letters, digits and `_`, a letter first; no two quantities have the same.
+    pub key: String,
+    /// The name of the axis, sensor or controller; empty for others.
+    pub of: String,
+    /// The type of its values.
+    pub kind: Kind,
+    /// Its meaning in words.
+    pub help: &'static str,
+    read: Box<dyn Fn(&Status) -> Reading + Send + Sync>,
+}
+
+/// A row of the table, for each part of a kind: name in the part, type (of linear axes), help, and how it is read. `P` tells the
+/// parts of the kind apart.
+pub struct Row<P>(
+    pub &'static str,
+    pub Kind,
+    pub &'static str,
+    pub fn(&Status, P) -> Reading,
+);
+
+const UM: Kind = Kind::Number(Unit::Um);
+const URAD: Kind = Kind::Number(Unit::Urad);
+const MS: Kind = Kind::Number(Unit::Ms);
+
+// Texts and numbers that do not change while the gateway runs are known all the time, others only while it cycles.
+#[rustfmt::skip]
+const OF_GATEWAY: &[Row<()>] = &[
+    Row("state", Kind::Text, "State of the gateway in one word",
+        |s, ()| known(s, Value::Text(s.state.name().to_owned()))),
+    Row("reasons", Kind::Text, "Reasons of the state and warnings, separated by semicolons",
+        |s, ()| known(s, Value::Text(reasons(s).join("; ")))),
+    Row("armed", Kind::Truth, "Whether it corrects, or will again by itself",
+        |s, ()| while_cycling(s, Some(Value::Truth(s.armed)))),
+    Row("correction_known", Kind::Truth, "Whether the correction that the control applies was confirmed in time",
+        |s, ()| known(s, Value::Truth(s.correction_known))),
+    Row("age", MS, "Age of this state",
+        |s, ()| good(s, number(Some(s.age_ms)))),
+    Row("active_controller", Kind::Whole, "Place of the controller that corrects, from 0",
+        |s, ()| while_cycling(s, s.controller.as_ref().map(|active| Value::Whole(active.number as u64)))),
+    Row("faults", Kind::Count, "Failed exchanges with controllers since the start",
+        |s, ()| while_cycling(s, Some(Value::Whole(s.faults)))),
+    Row("overruns", Kind::Count, "Missed periods since the start",
+        |s, ()| while_cycling(s, Some(Value::Whole(s.cycle.overruns)))),
+    Row("held_back", Kind::Count, "Cycles since the start in which slew or acceleration limits held the correction back",
+        |s, ()| while_cycling(s, Some(Value::Whole(s.held_back)))),
+    Row("simulated", Kind::Truth, "Whether the machine is the built-in simulation",
+        |s, ()| known(s, Value::Truth(s.simulated))),
+    Row("machine", Kind::Text, "Name of the machine in its machine file",
+        |s, ()| known(s, Value::Text(s.machine.name.clone()))),
+    Row("machine_file", Kind::Text, "Checksum of the machine file in use",
+        |s, ()| known(s, Value::Text(s.machine.hash.clone()))),
+];
+
+#[rustfmt::skip]
+const OF_AXIS: &[Row<AxisName>] = &[
+    Row("position", Kind::Number(Unit::Mm), "Position without the correction", position),
+    Row("correction", UM, "Correction that the control was last confirmed to apply", correction),
+    Row("wanted", UM, "Correction that the model asks for, before limits and ramps", wanted),
+    Row("sent", UM, "Correction that was sent last without a failure",
+        |s, axis| good(s, number(by_kind(axis, &s.sent_um, &s.sent_urad)))),
+    Row("proven", Kind::Truth, "Whether a test shift showed if the position contains the correction",
+        |s, axis| good(s, s.proven.get(&axis).map(|proven| Value::Truth(*proven != ProvenName::NotProven)))),
+];
+
+/// Those in µrad only where the machine has rotary axes.
+#[rustfmt::skip]
+const OF_TOOL: &[Row<()>] = &[
+    Row("error", UM, "Length of the model's position error of the tool tip without correction",
+        |s, ()| of_tool(s, s.error_um)),
+    Row("residual", UM, "Length of the position error that the applied correction leaves by the model",
+        |s, ()| of_tool(s, s.residual_um)),
+    Row("axis_error", URAD, "Length of the model's direction error of the tool axis without correction",
+        |s, ()| of_tool(s, s.error_axis_urad)),
+    Row("axis_residual", URAD, "Length of the direction error that the applied correction leaves by the model",
+        |s, ()| of_tool(s, s.residual_axis_urad)),
+];
+
+#[rustfmt::skip]
+const OF_SENSOR: &[Row<usize>] = &[
+    Row("temperature", Kind::Number(Unit::Degc), "Temperature of a sensor",
+        |s, place| temperature(s, s.temperatures.get(place))),
+];
+
+#[rustfmt::skip]
+const OF_CONTROLLER: &[Row<usize>] = &[
+    Row("answered", MS, "Time since the controller answered last",
+        |s, place| of_path(s, place, |path| number(path.answered_ms))),
+    Row("positions_age", MS, "Age of the positions of the controller",
+        |s, place| of_path(s, place, |path| number(path.positions_ms))),
+    Row("confirmed", MS, "Time since the correction of the controller was confirmed last",
+        |s, place| of_path(s, place, |path| number(path.confirmed_ms))),
+    Row("holds_correction", Kind::Truth, "Whether the controller applies a correction other than zero",
+        |s, place| of_path(s, place, |path| path.holds_correction.map(Value::Truth))),
+    Row("barrier", Kind::Truth, "Whether a barrier in the control takes the correction",
+        |s, place| of_path(s, place, |path| Some(Value::Truth(path.scheme == SchemeName::Barrier)))),
+];
+
+/// The quantities of a gateway, in order.
+pub fn quantities(shape: &Shape) -> Vec<Quantity> {
+    let mut list = Vec::new();
+    for row in OF_GATEWAY {
+        list.push(row.quantity(Part::Gateway, "", ()));
+    }
+    for &axis in &shape.axes {
+        for row in OF_AXIS {
+            list.push(row.quantity(Part::Axis(axis), &axis.to_string(), axis));
+        }
+    }
+    let has_rotary = shape.axes.iter().any(|axis| axis.is_rotary());
+    for row in OF_TOOL.iter().filter(|row| row.1 == UM || has_rotary) {
+        list.push(row.quantity(Part::Tool, "", ()));
+    }
+    for (place, sensor) in shape.sensors.iter().enumerate() {
+        for row in OF_SENSOR {
+            list.push(row.quantity(Part::Sensor(place), sensor, place));
+        }
+    }
+    for place in 0..shape.controllers {
+        for row in OF_CONTROLLER {
+            list.push(row.quantity(Part::Controller(place), &place.to_string(), place));
+        }
+    }
+    number_twins(&mut list);
+    list
+}
+
+impl<P: Copy + Send + Sync + 'static> Row<P> {
+    /// The quantity of one part, with the name of its axis, sensor or controller.
+    pub fn quantity(&self, part: Part, of: &str, id: P) -> Quantity {
+        let Self(row, kind, help, read) = *self;
+        let kind = match (kind, part) {
+            (Kind::Number(unit), Part::Axis(axis)) => Kind::Number(unit.on(axis.kind())),
+            _ => kind,
+        };
+        let key = match part {
+            Part::Gateway => row.to_owned(),
+            Part::Axis(_) => format!("{}_{row}", key_of(of)),
+            Part::Tool => format!("tool_{row}"),
+            Part::Sensor(_) => format!("{row}_{}", key_of(of)),
+            Part::Controller(place) => format!("path_{place}_{row}"),
+        };
+        Quantity {
+            part,
+            row,
+            key,
+            of: of.to_owned(),
+            kind,
+            help,
+            read: Box::new(move |status| read(status, id)),
+        }
+    }
+}
+
+impl Quantity {
+    /// The quantity in a state.
+    pub fn read(&self, status: &Status) -> Reading {
+        (self.read)(status)
+    }
+
+    /// Where it stands for people: folders from the outermost on.
+    pub fn folder(&self) -> Vec<&str> {
+        match self.part {
+            Part::Gateway => vec!["Gateway"],
+            Part::Axis(_) => vec!["Axes", &self.of],
+            Part::Tool => vec!["Tool"],
+            Part::Sensor(_) => vec!["Temperatures", &self.of],
+            Part::Controller(_) => vec!["Controllers", &self.of],
+        }
+    }
+
+    /// Its name in its folder: `PositionsAge`.
+    pub fn name(&self) -> String {
+        let words = self.row.split('_').map(|word| {
+            let (first, rest) = word.split_at(1);
+            first.to_ascii_uppercase() + rest
+        });
+        words.collect()
+    }
+}
+
+/// The letters and digits of a name, others as `_`.
+pub(super) fn key_of(name: &str) -> String {
+    let key = |c: char| match c {
+        c if c.is_ascii_alphanumeric() => c.to_ascii_lowercase(),
+        _ => '_',
+    };
+    name.chars().map(key).collect()
+}
+
+/// Adds a number to the keys of sensors whose names differ in other signs only.
+fn number_twins(list: &mut [Quantity]) {
+    let mut taken = BTreeSet::new();
+    for quantity in list {
+        let first = quantity.key.clone();
+        for number in 2_usize.. {
+            if taken.insert(quantity.key.clone()) {
+                break;
+            }
+            quantity.key = format!("{first}_{number}");
+        }
+    }
+}
+
+impl Reading {
+    fn new(value: Option<Value>, quality: Quality, age_ms: f64) -> Self {
+        let quality = match value {
+            Some(_) => quality,
+            None => Quality::Unknown,
+        };
+        Self {
+            value,
+            quality,
+            age_ms,
+        }
+    }
+
+    /// The value, where it holds now.
+    pub fn current(&self) -> Option<&Value> {
+        let is_current = self.quality <= Quality::Doubtful;
+        self.value.as_ref().filter(|_| is_current)
+    }
+}
+
+fn good(status: &Status, value: Option<Value>) -> Reading {
+    Reading::new(value, Quality::Good, status.age_ms)
+}
+
+fn known(status: &Status, value: Value) -> Reading {
+    good(status, Some(value))
+}
+
+fn while_cycling(status: &Status, value: Option<Value>) -> Reading {
+    good(status, value.filter(|_| status.state != StateName::Unknown))
+}
+
+/// A number that is not finite is not known.
+fn number(value: Option<f64>) -> Option<Value> {
+    value.filter(|value| value.is_finite()).map(Value::Number)
+}
+
+fn by_kind(axis: AxisName, linear: &ByAxis, rotary: &ByAxis) -> Option<f64> {
+    let values = match axis.kind() {
+        AxisKind::Linear => linear,
+        AxisKind::Rotary => rotary,
+    };
+    values.get(&axis).copied()
+}
+
+fn of_path(status: &Status, place: usize, value: impl Fn(&PathState) -> Option<Value>) -> Reading {
+    good(status, status.controllers.get(place).and_then(value))
+}
+
+/// The path that corrects.
+fn active(status: &Status) -> Option<&PathState> {
+    status.controllers.iter().find(|path| path.active)
+}
+
+/// A value that was computed from the positions: as good and as old as they are.
+fn by_position(status: &Status, value: Option<f64>) -> Reading {
+    let old = Reasons::POSITIONS_STALE | Reasons::POSITIONS_LOST;
+    let is_old = (old.texts()).any(|old| status.reasons.iter().any(|reason| reason == old));
+    let quality = if is_old {
+        Quality::Stale
+    } else {
+        Quality::Good
+    };
+    let age_ms = active(status).and_then(|path| path.positions_ms);
+    Reading::new(number(value), quality, age_ms.unwrap_or(status.age_ms))
+}
+
+fn position(status: &Status, axis: AxisName) -> Reading {
+    let position = by_kind(axis, &status.positions_mm, &status.positions_deg);
+    by_position(status, position)
+}
+
+fn wanted(status: &Status, axis: AxisName) -> Reading {
+    let is_known = position(status, axis).value.is_some();
+    let wanted = by_kind(axis, &status.wanted_um, &status.wanted_urad);
+    by_position(status, wanted.filter(|_| is_known))
+}
+
+fn of_tool(status: &Status, error: Option<[f64; 3]>) -> Reading {
+    by_position(status, error.map(|error| round(length(error))))
+}
+
+fn correction(status: &Status, axis: AxisName) -> Reading {
+    let correction = by_kind(axis, &status.correction_um, &status.correction_urad);
+    let quality = if status.correction_known {
+        Quality::Good
+    } else {
+        Quality::Stale
+    };
+    let confirmed = active(status).and_then(|path| path.confirmed_ms);
+    Reading::new(
+        number(correction),
+        quality,
+        confirmed.unwrap_or(status.age_ms),
+    )
+}
+
+fn temperature(status: &Status, sensor: Option<&SensorState>) -> Reading {
+    let degc = sensor.and_then(|sensor| sensor.degc);
+    let is_doubtful = sensor.is_some_and(|sensor| sensor.reason.is_some());
+    let quality = if is_doubtful {
+        Quality::Doubtful
+    } else {
+        Quality::Good
+    };
+    Reading::new(number(degc), quality, status.age_ms)
+}
+
+/// The length of an error.
+pub(crate) fn length(error: [f64; 3]) -> f64 {
+    error.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+/// The reasons of a state, without numbers that would make a new text each time.
+pub(crate) fn reasons(status: &Status) -> Vec<&str> {
+    let reasons = status.reasons.iter();
+    // The time of a silence, the position that is rejected.
+    reasons
+        .map(|reason| {
+            let known = Reasons::with_text(reason).and_then(|reason| reason.texts().next());
+            known.unwrap_or_else(|| {
+                reason
+                    .strip_suffix(" ms")
+                    .map_or(reason.as_str(), |_| "no cycle")
+            })
+        })
+        .collect()
+}

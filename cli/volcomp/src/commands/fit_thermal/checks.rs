@@ -1,0 +1,270 @@
+//! Checks that stop wrong terms: temperatures that no machine has, sensors that do not measure, files of the opposite sign.
+
+use std::{
+    ops::RangeInclusive,
+    path::{Path, PathBuf},
+};
+
+use volcomp_fit::{ThermalRun, ThermalSearch, search_thermal};
+
+use super::{Channel, columns::Columns, is_angular};
+use crate::commands::fixed;
+
+/// The temperatures of a machine, °C. Kelvin, and the values by which loggers report a fault, are outside.
+const PLAUSIBLE: RangeInclusive<f64> = -60.0..=200.0;
+/// The smallest step between rows that can be an outlier, K.
+const LEAST_JUMP_K: f64 = 5.0;
+/// An outlier is this many times the 95 % quantile of the steps between rows.
+const TIMES_USUAL: f64 = 8.0;
+/// Outliers are at most one row in this many: what lasts longer is a change.
+const ROWS_PER_OUTLIER: usize = 10;
+
+/// The first row, counted from 0, whose temperature cannot be one of a machine, and why.
+pub(super) fn implausible(degc: &[f64]) -> Option<(usize, String)> {
+    if let Some(row) = degc.iter().position(|value| !PLAUSIBLE.contains(value)) {
+        let why = format!(
+            "found {} °C, expected {} to {} °C",
+            degc[row],
+            PLAUSIBLE.start(),
+            PLAUSIBLE.end()
+        );
+        return Some((row, why));
+    }
+    let (from, to) = excursion(degc, LEAST_JUMP_K + TIMES_USUAL * usual_step(degc))?;
+    let rows = match to - from {
+        1 => "in this row alone".to_owned(),
+        count => format!("in {count} rows from here on"),
+    };
+    let beside = match from.checked_sub(1) {
+        Some(before) => degc[before],
+        None => degc[to],
+    };
+    let why = format!(
+        "found {} °C {rows}, between rows of about {beside} °C, expected no jump there and back: take these rows out of the file",
+        degc[from]
+    );
+    Some((from, why))
+}
+
+/// The 95 % quantile of the steps between rows, K.
+fn usual_step(degc: &[f64]) -> f64 {
+    let steps = degc.windows(2).map(|pair| (pair[1] - pair[0]).abs());
+    let mut steps: Vec<f64> = steps.collect();
+    steps.sort_by(f64::total_cmp);
+    steps.get(steps.len() * 95 / 100).copied().unwrap_or(0.0)
+}
+
+/// The first rows between a jump and a jump back; at an end of the record there is one jump only.
+fn excursion(degc: &[f64], jump_k: f64) -> Option<(usize, usize)> {
+    let most = (degc.len() / ROWS_PER_OUTLIER).max(1);
+    let is_jump = |row: usize| (degc[row] - degc[row - 1]).abs() > jump_k;
+    let jumps: Vec<usize> = (1..degc.len()).filter(|row| is_jump(*row)).collect();
+    let goes_back = |out: usize, back: usize| {
+        let way = degc[out] - degc[out - 1];
+        let returns = degc[back] - degc[back - 1];
+        way * returns < 0.0 && (degc[back] - degc[out - 1]).abs() < 0.5 * way.abs()
+    };
+    for (place, &out) in jumps.iter().enumerate() {
+        if let Some(&back) = jumps.get(place + 1)
+            && back - out <= most
+            && goes_back(out, back)
+        {
+            return Some((out, back));
+        }
+        // A sensor that has not measured yet, or that is taken off at the end.
+        if place == 0 && out <= most.min(3) {
+            return Some((0, out));
+        }
+        if out == degc.len() - 1 {
+            return Some((out, degc.len()));
+        }
+    }
+    None
+}
+
+/// A change of temperature, K, that moves a machine by more than [`LEAST_MOTION`] and takes longer than [`SHORTEST_S`].
+const CHANGE_K: f64 = 5.0;
+/// µm or µrad.
+const LEAST_MOTION: f64 = 0.5;
+const SHORTEST_S: f64 = 1800.0;
+
+/// Notes on times and displacements that are too small for the change of temperature.
+pub(super) fn too_small(files: &[Columns]) -> Vec<String> {
+    let largest = |of: &dyn Fn(&Columns) -> f64| files.iter().map(of).fold(0.0, f64::max);
+    // clap asks for at least one file.
+    let Some(first) = files.first() else {
+        return Vec::new();
+    };
+    let sensors = 0..first.sensors.len();
+    let change_k = largest(&|file| {
+        let changes = sensors.clone().map(|sensor| spread(&file.degc[sensor]));
+        changes.fold(0.0, f64::max)
+    });
+    if change_k < CHANGE_K {
+        return Vec::new();
+    }
+    let mut notes = Vec::new();
+    let lasts_s = largest(&|file| spread(&file.time_s));
+    if lasts_s < SHORTEST_S {
+        notes.push(format!(
+            "time_s: the longest file lasts {lasts_s} s, and a temperature changes by {change_k:.1} K: expected seconds"
+        ));
+    }
+    for (place, (name, _)) in first.displacements.iter().enumerate() {
+        let moves = largest(&|file| spread(&file.displacements[place].1));
+        if moves > 0.0 && moves < LEAST_MOTION {
+            let unit = if is_angular(name) { "µrad" } else { "µm" };
+            notes.push(format!(
+                "{name}: moves by {moves:.2e} {unit} at most, and a temperature changes by {change_k:.1} K: expected {unit}"
+            ));
+        }
+    }
+    notes
+}
+
+/// The largest less the smallest of some values.
+fn spread(values: &[f64]) -> f64 {
+    let least = values.iter().copied().fold(f64::INFINITY, f64::min);
+    let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    (most - least).max(0.0)
+}
+
+/// The columns of sensors whose temperature is the same in all rows of all files.
+pub(super) fn still_sensors(files: &[Columns]) -> Vec<String> {
+    // clap asks for at least one file.
+    let sensors = files.first().map_or(&[][..], |file| &file.sensors[..]);
+    let still = (sensors.iter().enumerate())
+        .filter(|(sensor, _)| is_still(files.iter().flat_map(|file| &file.degc[*sensor])));
+    still.map(|(_, name)| format!("{name}_degc")).collect()
+}
+
+/// A note on sensors that show one value in the whole of one file, and others in others.
+pub(super) fn still_in(path: &Path, file: &Columns, files: &[Columns]) -> Option<String> {
+    let still = file.sensors.iter().enumerate().filter(|(sensor, _)| {
+        let all = files.iter().flat_map(|file| &file.degc[*sensor]);
+        is_still(&file.degc[*sensor]) && !is_still(all)
+    });
+    let still: Vec<String> = still
+        .filter_map(|(sensor, name)| {
+            let degc = file.degc[sensor].first()?;
+            Some(format!("{name}_degc ({degc} °C)"))
+        })
+        .collect();
+    (!still.is_empty()).then(|| {
+        format!(
+            "{}: the same value in all rows of {}, but not in those of the other files: terms of a sensor that does not measure are wrong",
+            path.display(),
+            still.join(", ")
+        )
+    })
+}
+
+fn is_still<'a>(values: impl IntoIterator<Item = &'a f64>) -> bool {
+    let mut values = values.into_iter();
+    let first = values.next();
+    values.all(|value| Some(value) == first)
+}
+
+/// A file is checked from this share of its displacement on that the terms of the others do not predict.
+const NOT_PREDICTED: f64 = 0.5;
+/// A file looks inverted where the opposite sign leaves no more than this share of that.
+const EXPLAINED: f64 = 0.3;
+
+/// A note for each file that terms from the others predict with the opposite sign only.
+pub(super) fn inverted(
+    channel: &Channel,
+    runs: &[ThermalRun],
+    files: &[PathBuf],
+    search: &ThermalSearch,
+) -> Vec<String> {
+    let mut notes = Vec::new();
+    for (place, (left, run)) in channel.left_out.iter().zip(runs).enumerate() {
+        let size = run.rms_from_start();
+        if *left <= NOT_PREDICTED * size {
+            continue;
+        }
+        let mut others = runs.to_vec();
+        others.remove(place);
+        let Ok(terms) = search_thermal(&others, search) else {
+            continue;
+        };
+        let mut turned = run.clone();
+        for displacement in &mut turned.record.displacement {
+            *displacement = -*displacement;
+        }
+        let better = terms.rms_from_start(&turned);
+        if better >= EXPLAINED * left || better >= NOT_PREDICTED * size {
+            continue;
+        }
+        let mut named = files[place].display().to_string();
+        if let [_, _] = runs {
+            named = format!("{named} or {}", files[1 - place].display());
+        }
+        let unit = if channel.is_angular() { "µrad" } else { "µm" };
+        notes.push(format!(
+            "{}: {named} looks inverted: with the opposite sign {} {unit} would be left of its prediction from the others in place of {} {unit}",
+            channel.name,
+            fixed(better, 2),
+            fixed(*left, 2)
+        ));
+        if let [_, _] = runs {
+            break;
+        }
+    }
+    notes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Three hours of a spindle that warms up, a reading each minute with some noise.
+    fn warming() -> Vec<f64> {
+        let degc = |row: i32| {
+            let hours = f64::from(row) / 60.0;
+            let noise = 0.05 * (f64::from(row) * 12.9898).sin();
+            22.0 + 30.0 * (1.0 - (-2.0 * hours).exp()) + noise
+        };
+        (0..180).map(degc).collect()
+    }
+
+    #[test]
+    fn what_a_machine_does_is_taken() {
+        assert_eq!(implausible(&warming()), None);
+        // Coolant is switched on: a step that stays.
+        let mut step = warming();
+        step[90..].iter_mut().for_each(|t| *t -= 12.0);
+        assert_eq!(implausible(&step), None);
+        // A sensor in the wind: it goes up and down all the time.
+        let windy: Vec<f64> = (0..180)
+            .map(|row| 22.0 + 6.0 * f64::from(row % 2))
+            .collect();
+        assert_eq!(implausible(&windy), None);
+        // Frost, and a constant.
+        assert_eq!(implausible(&[-3.0; 100]), None);
+        assert_eq!(implausible(&[20.0]), None);
+        assert_eq!(implausible(&[]), None);
+    }
+
+    #[test]
+    fn faults_of_sensors_are_refused() {
+        for (value, rows, says) in [
+            // Before its first measurement, at the end, without a sensor, a single outlier.
+            (85.0, 0..1, "there and back"),
+            (85.0, 60..61, "there and back"),
+            (-10.0, 179..180, "there and back"),
+            (0.0, 17..18, "in this row alone"),
+            (0.0, 40..45, "in 5 rows from here on"),
+            // Without contact, kelvin, a broken wire.
+            (-127.0, 40..45, "expected -60 to 200 °C"),
+            (295.0, 0..180, "expected -60 to 200 °C"),
+            (850.0, 3..4, "expected -60 to 200 °C"),
+        ] {
+            let mut degc = warming();
+            degc[rows.clone()].fill(value);
+            let (row, why) = implausible(&degc).expect("a fault");
+            assert_eq!(row, rows.start, "{why}");
+            assert!(why.contains(says), "{why}");
+        }
+    }
+}
