@@ -223,7 +223,7 @@ impl Comparison {
     fn take_zero(&mut self, original: &Made) -> Result<(), NcError> {
         let system = original.system;
         let is_stated = self.stated.get(system).is_some_and(|stated| *stated);
-        let cuts = original.known && original.motion.cuts();
+        let cuts = original.known && original.cuts_from_stated_zero;
         if !is_stated || !cuts || self.zeros[system].is_some() {
             return Ok(());
         }
@@ -231,11 +231,12 @@ impl Comparison {
             return Ok(());
         };
         corrector.take_tool(&original.tool)?;
-        let zero = original.frame.zero();
-        let probed = self.truth.tip_error_mm(&zero);
+        let of_offset = original.frame.of_offset();
+        let off_mm = corrector.off_at_zero_mm(&of_offset);
         // What is added to the work offset moves the part by as much.
-        let off_mm = corrector.off_mm(&zero);
-        let added = each(|axis| zero[axis] + off_mm.get(axis).copied().unwrap_or(0.0));
+        let off = each(|axis| off_mm.get(axis).copied().unwrap_or(0.0));
+        let [zero, added] = [[0.0; 9], off].map(|at| of_offset.to_machine(&at));
+        let probed = self.truth.tip_error_mm(&zero);
         let [from, to] = [&zero, &added].map(|at| self.truth.ideal_tip_mm(at));
         let left = std::array::from_fn(|i| probed[i] - (to[i] - from[i]));
         self.zeros[system] = Some([probed, left]);
@@ -384,6 +385,7 @@ impl Comparison {
         };
         let truth = &self.truth;
         let zero = self.zeros.get(original.system).copied().flatten();
+        let zero = zero.filter(|_| original.cuts_from_stated_zero);
         let [before, after] = zero.unwrap_or_default();
         let from_zero = |at: [f64; 3], zero: [f64; 3]| std::array::from_fn(|i| at[i] - zero[i]);
         cut.take(

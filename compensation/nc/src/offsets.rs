@@ -5,6 +5,7 @@ use crate::{
     NcError,
     codes::Codes,
     control::Control,
+    coordinates::LETTERS,
     given::Given,
     interpret::{Interpreter, Outcome},
     modal::{Code, MOST_NUMBERED, NUMBERED, Plane, RS274_SYSTEMS},
@@ -117,7 +118,7 @@ impl Interpreter {
                 outcome.stores_home = Some(which);
             }
             Some(920) => {
-                self.shift_anew();
+                self.shifts_by(false, given)?;
                 self.update_frame();
                 for (axis, value) in given.axes()? {
                     // Where the axis is, the program reads this value from now on.
@@ -129,13 +130,14 @@ impl Interpreter {
                 outcome.presets = Some(given.places);
             }
             Some(520) => {
-                self.shift_anew();
+                self.shifts_by(true, given)?;
                 for (axis, value) in given.axes()? {
                     self.modal.shift[axis] = value * self.modal.scale(axis);
                     self.rests.shift_is_stated(axis);
                 }
             }
             Some(921) => {
+                self.check_end_of_shift(given)?;
                 (self.modal.shift, self.modal.shifted) = ([0.0; 9], false);
                 self.modal.shift_is_said = true;
                 self.rests.shift_is_zero();
@@ -156,13 +158,48 @@ impl Interpreter {
         Ok(codes.not_modal() != Some(40))
     }
 
-    /// A shift of some axes holds from now on: those that were switched off by G92.2 do not come back.
-    fn shift_anew(&mut self) {
+    /// A shift of some axes holds from now on, of G52 or of G92: those that were switched off by G92.2 do not come back.
+    ///
+    /// # Errors
+    /// One on top of the other, where the control keeps two.
+    fn shifts_by(&mut self, local: bool, given: &Given<'_>) -> Result<(), NcError> {
+        let is_shifted = self.modal.shifted && self.modal.shift != [0.0; 9];
+        if is_shifted && self.modal.shift_is_local != local && self.has_two_shifts() {
+            return Err(given.refused(if local {
+                "G52 while a shift of G92 is in force, which LinuxCNC replaces and this control adds to: end that of G92 before, by G92.1 with every axis that it shifts"
+            } else {
+                "G92 while a shift of G52 is in force, which LinuxCNC replaces and this control has besides: end that of G52 before, by zeros (G52 X0)"
+            }));
+        }
+        self.modal.shift_is_local = local;
         if !self.modal.shifted {
             self.modal.shift = [0.0; 9];
             self.rests.shift_is_zero();
         }
         (self.modal.shifted, self.modal.shift_is_said) = (true, true);
+        Ok(())
+    }
+
+    /// Whether G52 and G92 are two shifts on the control, and G92.1 ends that of the axes that it names.
+    fn has_two_shifts(&self) -> bool {
+        self.control.is_some_and(Control::is_fanuc_like)
+    }
+
+    /// # Errors
+    /// G92.1 that ends a shift of some axes only.
+    fn check_end_of_shift(&self, given: &Given<'_>) -> Result<(), NcError> {
+        let stays = |axis: &usize| {
+            self.modal.shifted && self.modal.shift[*axis] != 0.0 && given.word(*axis).is_none()
+        };
+        match (0..9).find(stays) {
+            Some(axis) if given.names_axes() && self.has_two_shifts() => {
+                let letter = char::from(LETTERS[axis]);
+                Err(given.refused(&format!(
+                    "G92.1 with the words of some axes while {letter} is shifted, too, which LinuxCNC ends with them and this control keeps: name every axis that is shifted, {letter} among them"
+                )))
+            }
+            _ => Ok(()),
+        }
     }
 
     /// G10.
