@@ -42,6 +42,7 @@ pub struct Average {
     pub places: u64,
     /// How far the machine is off at its zero; `None`: not at all.
     pub off_at_zero: Option<Note>,
+    pub(crate) off_at_zero_mm: [f64; 3],
     /// The mean of what is to be added to X, Y and Z, mm; 0 for an axis that does not correct.
     pub mean_mm: [f64; 3],
     /// How far single places, or readings, are from the mean, which is what stays uncorrected: the largest and the root of the mean square, µm.
@@ -70,14 +71,14 @@ pub enum MeanOf<'a> {
     Readings(&'a [Reading]),
 }
 
-/// The mean correction has come to an axis where the axis is beside it by less, mm.
-const COME_MM: f64 = 1e-6;
+/// The mean correction reaches an axis that moves by it within this tolerance, mm.
+const REACHED_MM: f64 = 1e-6;
 
 /// A direction whose share of the readings is smaller than this was not measured.
 const NOT_MEASURED: f64 = 1e-6;
 
-/// What X, Y and Z, as far as they correct, move by to take back the error that explains the readings best, mm, and the largest and the root of the
-/// mean square of readings, with that and without, µm.
+/// The offsets of X, Y and Z that correct the mean error (least squares over the readings), mm; and the maximum and RMS of the readings, with them and
+/// without, µm. `None` for a machine with rotary axes.
 fn mean_of(readings: &[Reading], corrector: &Corrector) -> Option<([f64; 3], [[f64; 2]; 2])> {
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
     for reading in readings {
@@ -93,8 +94,8 @@ fn mean_of(readings: &[Reading], corrector: &Corrector) -> Option<([f64; 3], [[f
             mean += along * (along.dot(&right) / value);
         }
     }
-    let [by, taken_back] = corrector.takes_back_mm(mean.into())?;
-    let sums = [taken_back.into(), Vector3::zeros()].map(|by| {
+    let [by, corrected] = corrector.offsets_against_mm(mean.into())?;
+    let sums = [corrected.into(), Vector3::zeros()].map(|by| {
         let mut sums = Sums::default();
         for reading in readings {
             let left = reading.error_mm - by.dot(&Vector3::from(reading.direction));
@@ -187,7 +188,7 @@ pub fn average(
     };
     let means: Vec<[f64; 3]> = sums.iter().map(mean).collect();
     if measured.is_some() {
-        // What was measured is all that is known of the zero, too.
+        // The measured mean is the only known error of the zero, too.
         off_mm = means.iter().map(|mean| mean.map(|mm| -mm)).collect();
     }
     let mut left = vec![Sums::default(); SYSTEMS];
@@ -195,12 +196,12 @@ pub fn average(
     let moved = job.setup.with_offsets_moved(&means);
     at_places(program, job, Some(&moved), |_, place| {
         let mean = means[place.system];
-        let lacks = |axis: &usize| (place.moved[*axis] - mean[*axis]).abs() > COME_MM;
+        let lacks = |axis: &usize| (place.moved[*axis] - mean[*axis]).abs() > REACHED_MM;
         if let Some(axis) = (0..3).find(lacks) {
             let letter = char::from(LETTERS[axis]);
             let offset = name_of_offset(place.system);
             let what = format!(
-                "the mean correction of {offset} does not come to {letter} here, since the place at which {letter} stands, or from which a way (G91) or a zero (G92) counts, was not named in G90 under {offset}: name {letter} before"
+                "the mean correction of {offset} does not reach {letter} here, because its position, or the start of its G91 move or its G92 zero, was not programmed in G90 under {offset}: program {letter} there first"
             );
             return Err(refused(place.line, &what));
         }
@@ -236,6 +237,7 @@ pub fn average(
             system: name_of_offset(system),
             places: of.places,
             off_at_zero: Note::off_at_zero(system, off_mm[system]),
+            off_at_zero_mm: off_mm[system],
             mean_mm: means[system],
             left_um: measured.map_or_else(|| left[system].um(), |(_, [left, _])| left),
             before_um: measured.map_or_else(|| of.um(), |(_, [_, before])| before),
@@ -262,13 +264,13 @@ struct CutPlace {
     at: Axes,
     /// The correction of X, Y and Z, mm.
     delta: [f64; 3],
-    /// By what X, Y and Z are elsewhere with the other set-up, mm.
+    /// Change of X, Y and Z with the other set-up, mm.
     moved: [f64; 3],
     frame: Frame,
     from_stated_zero: bool,
 }
 
-/// Executes the program, beside that with another set-up: `take` gets each place where it cuts, and the correction with the tool that cuts
+/// Executes the program, and in parallel with another set-up: `take` gets each place where it cuts, and the correction with the tool that cuts
 /// there.
 fn at_places(
     program: &[u8],
@@ -301,7 +303,7 @@ fn at_places(
             let beside = match moved.as_ref().map(Receiver::recv) {
                 Some(Ok(beside)) if beside.line == made.line => Some(beside),
                 Some(_) => {
-                    let what = "with the mean correction in its work offsets the program makes other motions here: it reads them";
+                    let what = "the program makes other motions with the mean correction in its work offsets, which it reads (such as #5221)";
                     found = Err(refused(made.line, what));
                     break;
                 }

@@ -34,11 +34,11 @@ pub(crate) struct Rests {
     offsets: Vec<Axes<u32>>,
     tool: u32,
     shift: Axes<u32>,
-    /// Which axes the program has named under a work offset as the set-up states it, and under no shift from elsewhere.
+    /// Axes that the program has named under a stated zero ([`Interpreter::rests_on_stated_zero`]).
     named: Axes<bool>,
-    /// Which axes are shifted from a place that was not named so (G92): zero is there, wherever the work offset is.
+    /// Axes with a G92 shift from a position that was not named so: that position defines zero, not the work offset.
     from_elsewhere: Axes<bool>,
-    /// Which work offsets the program has set itself.
+    /// Work offsets that the program has set (G10).
     set: [bool; SYSTEMS],
     /// Whether the places of G28 and G30 are known, and on what they rest.
     homes: [Axes<(bool, Basis)>; 2],
@@ -97,7 +97,7 @@ impl Rests {
         self.is_set(system);
     }
 
-    /// The program sets a work offset itself.
+    /// The program sets a work offset (G10).
     fn is_set(&mut self, system: usize) {
         if let Some(set) = self.set.get_mut(system) {
             *set = true;
@@ -129,7 +129,7 @@ impl Interpreter {
         self.known[axis] && self.rests.places[axis] == self.basis(axis)
     }
 
-    /// Whether the zero of the program rests on the work offset in force as the set-up states it.
+    /// Whether the active work offset of the set-up file defines the zero of the program: no G10 and no G92 shift from another position replaces it.
     pub(crate) fn rests_on_stated_zero(&self) -> bool {
         let is_set = self.rests.set[self.modal.system.min(SYSTEMS - 1)];
         let is_elsewhere = self.modal.shifted && self.rests.from_elsewhere.contains(&true);

@@ -4,7 +4,7 @@
 use std::sync::mpsc::Receiver;
 
 use crate::{
-    NcError,
+    Average, NcError,
     carriage::Carriages,
     coordinates::Axes,
     correction::Corrector,
@@ -13,6 +13,7 @@ use crate::{
     made::{Made, place_of, places, steps},
     modal::SYSTEMS,
     motion::{Move, Path},
+    setup::name_of_offset,
     turns::{SAME, Turns},
     vector::dot,
     verify::{Verification, Virtual, other_motions},
@@ -126,6 +127,8 @@ pub(crate) struct Comparison {
     cut: Option<Collector>,
     /// The correction of the result, and the work offsets that the set-up states.
     corrector: Option<Corrector>,
+    /// The mean corrections, where the result has these in its work offsets.
+    averages: Option<Vec<Average>>,
     stated: [bool; SYSTEMS],
     /// How far a zero lies beside its work offset that was probed on the machine with its errors, with the original program and with the result, to
     /// whose work offset the error there was added; mm in workpiece axes.
@@ -138,9 +141,10 @@ pub(crate) struct Comparison {
 }
 
 impl Comparison {
-    pub(crate) fn new(truth: Corrector, of: &Virtual<'_>) -> Self {
+    pub(crate) fn new(truth: Corrector, of: &Virtual<'_>, averages: Option<&[Average]>) -> Self {
         Self {
             truth,
+            averages: averages.map(<[_]>::to_vec),
             corrector: of.part.map(|(_, corrector)| corrector.clone()),
             stated: std::array::from_fn(|system| of.setup.offset(system).is_some()),
             zeros: vec![None; SYSTEMS],
@@ -232,7 +236,14 @@ impl Comparison {
         };
         corrector.take_tool(&original.tool)?;
         let of_offset = original.frame.of_offset();
-        let off_mm = corrector.off_at_zero_mm(&of_offset);
+        let off_mm = match &self.averages {
+            None => corrector.off_at_zero_mm(&of_offset),
+            Some(averages) => {
+                let name = name_of_offset(system);
+                let of = averages.iter().find(|of| of.system == name);
+                of.map_or([0.0; 3], |of| of.off_at_zero_mm)
+            }
+        };
         // What is added to the work offset moves the part by as much.
         let off = each(|axis| off_mm.get(axis).copied().unwrap_or(0.0));
         let [zero, added] = [[0.0; 9], off].map(|at| of_offset.to_machine(&at));

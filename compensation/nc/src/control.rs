@@ -97,7 +97,7 @@ impl Control {
                 Some("it makes an axis hypothetical on this control")
             }
             (Self::Klipper, 530) => Some(
-                "this control does not know it and goes to the place in the coordinates of the program: leave it out, or write the place in them",
+                "Klipper ignores it and moves in the coordinates of the program: remove it, or program the position in these coordinates",
             ),
             (Self::Haas, 70 | 80) => Some("it is not known for this control"),
             (Self::Fanuc | Self::Haas | Self::Mazak, 591..=593) => {
@@ -290,8 +290,8 @@ impl Interpreter {
     }
 
     /// # Errors
-    /// U, V or W without such an axis: on lathes with these controls it is a way along X, Y or Z.
-    pub(crate) fn check_ways_by_letters(
+    /// U, V or W without such an axis: incremental X, Y or Z on lathes with these controls.
+    pub(crate) fn check_incremental_letters(
         &self,
         codes: &Codes,
         given: &Given<'_>,
@@ -307,7 +307,7 @@ impl Interpreter {
         };
         let [letter, of] = [axis, axis - 6].map(|axis| char::from(LETTERS[axis]));
         Err(given.refused(&format!(
-            "a word of {letter}, which the machine file does not have, and which lathes with this control take for a way of {of}: write {of} with the place, or the axis {letter} into the machine file"
+            "{letter} without such an axis in the machine file: lathes with this control read it as an incremental {of}; program the position of {of}, or add the axis {letter} to the machine file"
         )))
     }
 

@@ -161,7 +161,7 @@ impl Frame {
         self.tip.as_ref().map_or(at, |tip| tip.to_axes(&at))
     }
 
-    /// The work offset alone, with the tool, whatever shifts or turns coordinates on top of it.
+    /// The frame of the work offset and the tool alone, without shifts and rotations.
     pub(crate) fn of_offset(&self) -> Self {
         Self {
             work: self.offset,

@@ -306,8 +306,8 @@ impl Corrector {
             .correction(&state, &self.places, &self.temperatures, most_mm)
     }
 
-    /// How far the machine is off at the zero of a work offset, whose rotary axes stand where they are and are not corrected: what is to be
-    /// added to the offset along those of X, Y and Z that correct, mm, in the mean of both directions of approach.
+    /// Error of the machine at the zero of a work offset, in the coordinates of that offset: the sum to add to its X, Y and Z, mm, as far as they
+    /// correct. Rotary axes are not corrected; mean of both directions of approach.
     pub(crate) fn off_at_zero_mm(&self, of_offset: &Frame) -> [f64; 3] {
         let Tooled {
             compiled, machine, ..
@@ -325,9 +325,9 @@ impl Corrector {
         [x, y, z]
     }
 
-    /// By what X, Y and Z, as far as they correct, take back an error of the tip, and what of it they take back: mm, the error and what is taken
-    /// back in workpiece axes. `None`: an axis turns, so that it is not the same everywhere.
-    pub(crate) fn takes_back_mm(&self, error_mm: [f64; 3]) -> Option<[[f64; 3]; 2]> {
+    /// Offsets of X, Y and Z, as far as they correct, against an error of the tip in workpiece axes; and the part of the error that they correct, in
+    /// workpiece axes; mm. `None` for a machine with rotary axes, where they depend on the position.
+    pub(crate) fn offsets_against_mm(&self, error_mm: [f64; 3]) -> Option<[[f64; 3]; 2]> {
         let slides = self.tool.slides()?;
         let error = Evaluation {
             position_mm: error_mm,

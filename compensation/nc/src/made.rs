@@ -20,7 +20,7 @@ pub(crate) struct Made {
     pub(crate) tool: Axes,
     /// Which of the work offsets holds.
     pub(crate) system: usize,
-    /// It cuts, or leads to where a cycle does, with a zero that rests on that work offset as the set-up states it.
+    /// It cuts, alone or by a cycle at its end, and the set-up file defines its zero.
     pub(crate) cuts_from_stated_zero: bool,
     /// It is known where X, Y and Z stand, as far as the machine has them.
     pub(crate) known: bool,

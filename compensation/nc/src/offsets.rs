@@ -158,17 +158,17 @@ impl Interpreter {
         Ok(codes.not_modal() != Some(40))
     }
 
-    /// A shift of some axes holds from now on, of G52 or of G92: those that were switched off by G92.2 do not come back.
+    /// Starts a shift of some axes by G52 (`local`) or G92: those that G92.2 has switched off do not come back.
     ///
     /// # Errors
-    /// One on top of the other, where the control keeps two.
+    /// G52 and G92 shifts together, on a control that adds them.
     fn shifts_by(&mut self, local: bool, given: &Given<'_>) -> Result<(), NcError> {
         let is_shifted = self.modal.shifted && self.modal.shift != [0.0; 9];
         if is_shifted && self.modal.shift_is_local != local && self.has_two_shifts() {
             return Err(given.refused(if local {
-                "G52 while a shift of G92 is in force, which LinuxCNC replaces and this control adds to: end that of G92 before, by G92.1 with every axis that it shifts"
+                "G52 while a G92 shift is active: this control adds the two, LinuxCNC replaces one by the other; end the G92 shift first, by G92.1 with every shifted axis"
             } else {
-                "G92 while a shift of G52 is in force, which LinuxCNC replaces and this control has besides: end that of G52 before, by zeros (G52 X0)"
+                "G92 while a G52 shift is active: this control adds the two, LinuxCNC replaces one by the other; end the G52 shift first, by zeros (G52 X0)"
             }));
         }
         self.modal.shift_is_local = local;
@@ -180,13 +180,13 @@ impl Interpreter {
         Ok(())
     }
 
-    /// Whether G52 and G92 are two shifts on the control, and G92.1 ends that of the axes that it names.
+    /// Whether the control adds the shifts of G52 and G92, and G92.1 ends those of the named axes only.
     fn has_two_shifts(&self) -> bool {
         self.control.is_some_and(Control::is_fanuc_like)
     }
 
     /// # Errors
-    /// G92.1 that ends a shift of some axes only.
+    /// G92.1 that ends the shift of some of the shifted axes only.
     fn check_end_of_shift(&self, given: &Given<'_>) -> Result<(), NcError> {
         let stays = |axis: &usize| {
             self.modal.shifted && self.modal.shift[*axis] != 0.0 && given.word(*axis).is_none()
@@ -195,7 +195,7 @@ impl Interpreter {
             Some(axis) if given.names_axes() && self.has_two_shifts() => {
                 let letter = char::from(LETTERS[axis]);
                 Err(given.refused(&format!(
-                    "G92.1 with the words of some axes while {letter} is shifted, too, which LinuxCNC ends with them and this control keeps: name every axis that is shifted, {letter} among them"
+                    "G92.1 without {letter}, which is shifted, too: this control keeps that shift, LinuxCNC ends it; name every shifted axis, also {letter}"
                 )))
             }
             _ => Ok(()),

@@ -202,7 +202,7 @@ impl SetUp {
         is_stated.then(|| self.offsets[system].offset)
     }
 
-    /// The same with X, Y and Z of its work offsets moved, mm.
+    /// The same with these sums added to X, Y and Z of its work offsets, mm.
     pub(crate) fn with_offsets_moved(&self, by: &[[f64; 3]]) -> Self {
         let mut moved = self.clone();
         for (offset, by) in moved.offsets.iter_mut().zip(by) {

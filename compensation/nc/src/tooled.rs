@@ -62,7 +62,7 @@ impl Tooled {
         })
     }
 
-    /// How it corrects; `None`: an axis turns.
+    /// `None` for a machine with rotary axes.
     pub(crate) fn slides(&self) -> Option<&Slides> {
         self.slides.as_ref()
     }
