@@ -1,7 +1,11 @@
 //! The simplest correction: the mean over all places where a program cuts, or over what was measured at a row of balls, moved into its work
 //! offsets.
 
-use std::{io::Write, sync::mpsc::sync_channel, thread};
+use std::{
+    io::Write,
+    sync::mpsc::{Receiver, sync_channel},
+    thread,
+};
 
 use volcomp_model::{
     Thermal,
@@ -12,7 +16,7 @@ use crate::{
     Job, NcError,
     bounds::Bounds,
     control::Control,
-    coordinates::{Axes, LETTERS},
+    coordinates::{Axes, Frame, LETTERS},
     correction::Corrector,
     dialect::Dialect,
     flow::{OLine, o_line},
@@ -22,7 +26,7 @@ use crate::{
     motion::{Path, half_deep},
     notes::Note,
     script::{NewWord, Script},
-    setup::name_of_offset,
+    setup::{SetUp, name_of_offset},
     verify::{WAITING, is_end, motions},
     words::{Number, each},
 };
@@ -38,6 +42,7 @@ pub struct Average {
     pub places: u64,
     /// How far the machine is off at its zero; `None`: not at all.
     pub off_at_zero: Option<Note>,
+    pub(crate) off_at_zero_mm: [f64; 3],
     /// The mean of what is to be added to X, Y and Z, mm; 0 for an axis that does not correct.
     pub mean_mm: [f64; 3],
     /// How far single places, or readings, are from the mean, which is what stays uncorrected: the largest and the root of the mean square, µm.
@@ -66,11 +71,15 @@ pub enum MeanOf<'a> {
     Readings(&'a [Reading]),
 }
 
+/// The mean correction reaches an axis that moves by it within this tolerance, mm.
+const REACHED_MM: f64 = 1e-6;
+
 /// A direction whose share of the readings is smaller than this was not measured.
 const NOT_MEASURED: f64 = 1e-6;
 
-/// The error that explains the readings best, mm, of which only axes that correct take their part, and the largest and the root of the mean square of readings, with it and without, µm.
-fn mean_of(readings: &[Reading], corrects: [bool; 3]) -> (Vector3<f64>, [[f64; 2]; 2]) {
+/// The offsets of X, Y and Z that correct the mean error (least squares over the readings), mm; and the maximum and RMS of the readings, with them and
+/// without, µm. `None` for a machine with rotary axes.
+fn mean_of(readings: &[Reading], corrector: &Corrector) -> Option<([f64; 3], [[f64; 2]; 2])> {
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
     for reading in readings {
         let along = Vector3::from(reading.direction);
@@ -85,12 +94,8 @@ fn mean_of(readings: &[Reading], corrects: [bool; 3]) -> (Vector3<f64>, [[f64; 2
             mean += along * (along.dot(&right) / value);
         }
     }
-    for (mean, corrects) in mean.iter_mut().zip(corrects) {
-        if !corrects {
-            *mean = 0.0;
-        }
-    }
-    let sums = [mean, Vector3::zeros()].map(|by| {
+    let [by, corrected] = corrector.offsets_against_mm(mean.into())?;
+    let sums = [corrected.into(), Vector3::zeros()].map(|by| {
         let mut sums = Sums::default();
         for reading in readings {
             let left = reading.error_mm - by.dot(&Vector3::from(reading.direction));
@@ -98,7 +103,7 @@ fn mean_of(readings: &[Reading], corrects: [bool; 3]) -> (Vector3<f64>, [[f64; 2
         }
         sums.um()
     });
-    (mean, sums)
+    Some((by, sums))
 }
 
 /// The sums over the places of one work offset.
@@ -147,11 +152,14 @@ pub fn average(
     job: Job<'_>,
     of: MeanOf<'_>,
 ) -> Result<Vec<Average>, NcError> {
-    if !job.corrector.is_only_linear() {
-        return Err(refused(
+    let turns = || {
+        refused(
             1,
             "a mean correction needs a machine without rotary axes: with them it is another one at each angle",
-        ));
+        )
+    };
+    if !job.corrector.is_only_linear() {
+        return Err(turns());
     }
     let is_printer = job.setup.control().is_some_and(Control::is_printer);
     if job.dialect != Dialect::Rs274 || is_printer {
@@ -162,29 +170,41 @@ pub fn average(
     }
     let mut sums = vec![Sums::default(); SYSTEMS];
     let mut off_mm = [[0.0; 3]; SYSTEMS].to_vec();
-    at_places(program, job, |corrector, place| {
-        if sums[place.system].places == 0 {
-            off_mm[place.system] = corrector.off_mm(&place.zero);
+    at_places(program, job, None, |corrector, place| {
+        if sums[place.system].places == 0 && place.from_stated_zero {
+            off_mm[place.system] = corrector.off_at_zero_mm(&place.frame.of_offset());
         }
         sums[place.system].take(place.delta);
         Ok(())
     })?;
     let measured = match of {
         MeanOf::Places => None,
-        MeanOf::Readings(readings) => {
-            let corrects = std::array::from_fn(|axis| job.corrector.corrects(axis));
-            Some(mean_of(readings, corrects))
-        }
+        MeanOf::Readings(readings) => Some(mean_of(readings, job.corrector).ok_or_else(turns)?),
     };
     let mean = |of: &Sums| match &measured {
-        None => of.sum.map(|sum| sum / (of.places as f64).max(1.0)),
-        Some((mean, _)) => (-mean).into(),
+        _ if of.places == 0 => [0.0; 3],
+        None => of.sum.map(|sum| sum / of.places as f64),
+        Some((mean, _)) => *mean,
     };
     let means: Vec<[f64; 3]> = sums.iter().map(mean).collect();
+    if measured.is_some() {
+        // The measured mean is the only known error of the zero, too.
+        off_mm = means.iter().map(|mean| mean.map(|mm| -mm)).collect();
+    }
     let mut left = vec![Sums::default(); SYSTEMS];
     let bounds = Bounds::new(job.corrector, job.limit);
-    at_places(program, job, |_, place| {
+    let moved = job.setup.with_offsets_moved(&means);
+    at_places(program, job, Some(&moved), |_, place| {
         let mean = means[place.system];
+        let lacks = |axis: &usize| (place.moved[*axis] - mean[*axis]).abs() > REACHED_MM;
+        if let Some(axis) = (0..3).find(lacks) {
+            let letter = char::from(LETTERS[axis]);
+            let offset = name_of_offset(place.system);
+            let what = format!(
+                "the mean correction of {offset} does not reach {letter} here, because its position, or the start of its G91 move or its G92 zero, was not programmed in G90 under {offset}: program {letter} there first"
+            );
+            return Err(refused(place.line, &what));
+        }
         let by = each(|axis| mean.get(axis).copied().unwrap_or(0.0));
         if let Some(violation) = bounds.violation(&[true; 9], &place.at, &by) {
             return Err(NcError::OutOfBounds {
@@ -217,6 +237,7 @@ pub fn average(
             system: name_of_offset(system),
             places: of.places,
             off_at_zero: Note::off_at_zero(system, off_mm[system]),
+            off_at_zero_mm: off_mm[system],
             mean_mm: means[system],
             left_um: measured.map_or_else(|| left[system].um(), |(_, [left, _])| left),
             before_um: measured.map_or_else(|| of.um(), |(_, [_, before])| before),
@@ -243,14 +264,18 @@ struct CutPlace {
     at: Axes,
     /// The correction of X, Y and Z, mm.
     delta: [f64; 3],
-    /// The axes at the zero of the work offset, mm.
-    zero: Axes,
+    /// Change of X, Y and Z with the other set-up, mm.
+    moved: [f64; 3],
+    frame: Frame,
+    from_stated_zero: bool,
 }
 
-/// Executes the program: `take` gets each place where it cuts, and the correction with the tool that cuts there.
+/// Executes the program, and in parallel with another set-up: `take` gets each place where it cuts, and the correction with the tool that cuts
+/// there.
 fn at_places(
     program: &[u8],
     job: Job<'_>,
+    moved: Option<&SetUp>,
     mut take: impl FnMut(&Corrector, CutPlace) -> Result<(), NcError>,
 ) -> Result<(), NcError> {
     let mut ideal = (**job.corrector.machine()).clone();
@@ -259,51 +284,38 @@ fn at_places(
     let ideal = Corrector::new(&ideal, job.corrector.temperatures(), 1.0)?;
     let mut corrector = job.corrector.clone();
     thread::scope(|scope| {
-        let (to, all) = sync_channel::<Made>(WAITING);
-        let run = scope.spawn(move || {
-            motions(
-                &mut &program[..],
-                &ideal,
-                job.setup,
-                (Dialect::Rs274, job.most_blocks),
-                to,
-            )
+        let ideal = &ideal;
+        let run_with = |setup| {
+            let (to, all) = sync_channel::<Made>(WAITING);
+            let limits = (Dialect::Rs274, job.most_blocks);
+            let run = scope.spawn(move || motions(&mut &program[..], ideal, setup, limits, to));
+            (run, all)
+        };
+        let (run, all) = run_with(job.setup);
+        let mut runs = vec![run];
+        let moved = moved.map(|setup| {
+            let (run, all) = run_with(setup);
+            runs.push(run);
+            all
         });
         let mut found = Ok(());
-        // The work offset under which each axis was named last: its mean is in the place of the axis.
-        let mut named_under = [None; 3];
         while let Ok(made) = all.recv() {
+            let beside = match moved.as_ref().map(Receiver::recv) {
+                Some(Ok(beside)) if beside.line == made.line => Some(beside),
+                Some(_) => {
+                    let what = "the program makes other motions with the mean correction in its work offsets, which it reads (such as #5221)";
+                    found = Err(refused(made.line, what));
+                    break;
+                }
+                None => None,
+            };
             if let Err(error) = corrector.take_tool(&made.tool) {
                 found = Err(error);
                 break;
             }
             corrector.goes(&made.motion.to);
-            let motion = &made.motion;
-            let is_home = matches!(motion.path, Path::Home(_));
-            for (axis, under) in named_under.iter_mut().enumerate() {
-                if motion.words[axis].is_some() {
-                    match (motion.in_machine || is_home, motion.incremental[axis]) {
-                        (true, _) => *under = None,
-                        (false, false) => *under = Some(made.system),
-                        (false, true) => {}
-                    }
-                }
-            }
             let Some(at) = cuts_at(&made) else { continue };
-            let lacks_mean = |axis: &usize| {
-                motion.incremental[*axis]
-                    && motion.words[*axis].is_some()
-                    && corrector.corrects(*axis)
-                    && named_under[*axis] != Some(made.system)
-            };
-            if let Some(axis) = (0..3).find(lacks_mean) {
-                let what = format!(
-                    "a way of {} (G91) from a place that was not named in G90 under this work offset: the mean correction is not in it",
-                    char::from(LETTERS[axis])
-                );
-                found = Err(refused(made.line, &what));
-                break;
-            }
+            let moved_at = beside.as_ref().and_then(cuts_at).unwrap_or(at);
             let stated = job.setup.offset(made.system);
             if stated.is_some_and(|stated| made.frame.work[..3] != stated[..3]) {
                 found = Err(refused(
@@ -325,7 +337,9 @@ fn at_places(
                 system: made.system,
                 at,
                 delta: std::array::from_fn(|i| delta[i]),
-                zero: made.frame.zero(),
+                moved: std::array::from_fn(|i| moved_at[i] - at[i]),
+                from_stated_zero: made.cuts_from_stated_zero,
+                frame: made.frame,
             };
             let taken = take(&corrector, place);
             if taken.is_err() {
@@ -334,12 +348,15 @@ fn at_places(
             }
         }
         // A sender that goes on gets an error.
-        drop(all);
-        match run.join() {
-            Ok(Err(error)) if found.is_ok() && !is_end(&error) => Err(error),
-            Ok(_) => found,
-            Err(panic) => std::panic::resume_unwind(panic),
+        drop((all, moved));
+        for run in runs {
+            match run.join() {
+                Ok(Err(error)) if found.is_ok() && !is_end(&error) => found = Err(error),
+                Ok(_) => {}
+                Err(panic) => std::panic::resume_unwind(panic),
+            }
         }
+        found
     })
 }
 

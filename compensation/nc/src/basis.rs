@@ -34,6 +34,12 @@ pub(crate) struct Rests {
     offsets: Vec<Axes<u32>>,
     tool: u32,
     shift: Axes<u32>,
+    /// Axes that the program has named under a stated zero ([`Interpreter::rests_on_stated_zero`]).
+    named: Axes<bool>,
+    /// Axes with a G92 shift from a position that was not named so: that position defines zero, not the work offset.
+    from_elsewhere: Axes<bool>,
+    /// Work offsets that the program has set (G10).
+    set: [bool; SYSTEMS],
     /// Whether the places of G28 and G30 are known, and on what they rest.
     homes: [Axes<(bool, Basis)>; 2],
     /// Numbers that nothing has yet.
@@ -54,6 +60,9 @@ impl Rests {
             offsets,
             tool: 0,
             shift: [0; 9],
+            named: [false; 9],
+            from_elsewhere: [false; 9],
+            set: [false; SYSTEMS],
             homes: setup.states_homes().map(|stated| {
                 stated.map(|stated| (true, if stated { OF_MACHINE } else { ASSUMED }))
             }),
@@ -72,18 +81,26 @@ impl Rests {
 
     /// The shift of all axes is stated from now on: it is none.
     pub(crate) fn shift_is_zero(&mut self) {
-        self.shift = [0; 9];
+        (self.shift, self.from_elsewhere) = ([0; 9], [false; 9]);
     }
 
     /// The shift of an axis is stated from now on.
     pub(crate) fn shift_is_stated(&mut self, axis: usize) {
-        self.shift[axis] = 0;
+        (self.shift[axis], self.from_elsewhere[axis]) = (0, false);
     }
 
     /// A work offset is stated along an axis from now on.
     pub(crate) fn offset_is_stated(&mut self, system: usize, axis: usize) {
         if let Some(offset) = self.offsets.get_mut(system) {
             offset[axis] = 0;
+        }
+        self.is_set(system);
+    }
+
+    /// The program sets a work offset (G10).
+    fn is_set(&mut self, system: usize) {
+        if let Some(set) = self.set.get_mut(system) {
+            *set = true;
         }
     }
 
@@ -112,22 +129,32 @@ impl Interpreter {
         self.known[axis] && self.rests.places[axis] == self.basis(axis)
     }
 
+    /// Whether the active work offset of the set-up file defines the zero of the program: no G10 and no G92 shift from another position replaces it.
+    pub(crate) fn rests_on_stated_zero(&self) -> bool {
+        let is_set = self.rests.set[self.modal.system.min(SYSTEMS - 1)];
+        let is_elsewhere = self.modal.shifted && self.rests.from_elsewhere.contains(&true);
+        !is_set && !is_elsewhere
+    }
+
     /// The program has named the place of an axis.
     pub(crate) fn is_named(&mut self, axis: usize) {
         let basis = self.basis(axis);
         self.rests.places[axis] = basis;
+        self.rests.named[axis] = self.rests_on_stated_zero();
         self.known[axis] = basis.iter().all(|number| number & LOST == 0);
     }
 
     /// An axis is at a place that was stated in the coordinates of the machine.
     pub(crate) fn is_at_machine_place(&mut self, axis: usize) {
         self.rests.places[axis] = OF_MACHINE;
+        self.rests.named[axis] = false;
         self.known[axis] = true;
     }
 
     /// The machine coordinate of an axis is taken as known, but not its coordinate in the program.
     pub(crate) fn is_assumed(&mut self, axis: usize) {
         self.rests.places[axis] = ASSUMED;
+        self.rests.named[axis] = false;
     }
 
     /// The program coordinates of X, Y and Z are unknown: many machines stay at the place where they change tools.
@@ -165,6 +192,7 @@ impl Interpreter {
         self.position[axis] = self.modal.homes[which][axis];
         let (known, basis) = self.rests.homes[which][axis];
         (self.known[axis], self.rests.places[axis]) = (known, basis);
+        self.rests.named[axis] = false;
         known && basis != ASSUMED
     }
 
@@ -180,6 +208,9 @@ impl Interpreter {
     /// G92 has said where axes are: the shift along them rests on what the places do.
     pub(crate) fn shift_is_from_place(&mut self, axis: usize, line: usize) {
         let known = self.mixed_with(axis).all(|axis| self.known[axis]);
+        if !(self.mixed_with(axis)).all(|axis| self.rests.named[axis]) && self.machine_has(axis) {
+            self.rests.from_elsewhere[axis] = true;
+        }
         if !known {
             self.rests.shift[axis] = self.rests.new_number(false);
             self.notes.add(Note::NoStart, line);
@@ -193,6 +224,7 @@ impl Interpreter {
     pub(crate) fn offset_is_from_place(&mut self, system: usize, axis: usize, line: usize) {
         let mixed = self.mixed_with(axis);
         let known = mixed.clone().all(|axis| self.known[axis]);
+        self.rests.is_set(system);
         if !known {
             self.notes.add(Note::NoStart, line);
         }

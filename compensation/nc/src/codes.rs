@@ -136,7 +136,8 @@ impl Codes {
                 }
                 continue;
             }
-            if code == 530 {
+            let refused = control.and_then(|control| control.refuses(code));
+            if code == 530 && refused.is_none() {
                 codes.in_machine = true;
                 continue;
             }
@@ -148,7 +149,6 @@ impl Codes {
                 continue;
             }
             codes.has_words |= code == PATH_MODE;
-            let refused = control.and_then(|control| control.refuses(code));
             let group = GROUPS.iter().find(|(_, codes)| codes.contains(&code));
             let group = group.map(|(group, _)| *group).filter(|_| refused.is_none());
             let numbered = control.is_some_and(|control| control.has_numbered_offset(code));

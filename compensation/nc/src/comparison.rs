@@ -4,7 +4,7 @@
 use std::sync::mpsc::Receiver;
 
 use crate::{
-    NcError,
+    Average, NcError,
     carriage::Carriages,
     coordinates::Axes,
     correction::Corrector,
@@ -13,6 +13,7 @@ use crate::{
     made::{Made, place_of, places, steps},
     modal::SYSTEMS,
     motion::{Move, Path},
+    setup::name_of_offset,
     turns::{SAME, Turns},
     vector::dot,
     verify::{Verification, Virtual, other_motions},
@@ -126,6 +127,8 @@ pub(crate) struct Comparison {
     cut: Option<Collector>,
     /// The correction of the result, and the work offsets that the set-up states.
     corrector: Option<Corrector>,
+    /// The mean corrections, where the result has these in its work offsets.
+    averages: Option<Vec<Average>>,
     stated: [bool; SYSTEMS],
     /// How far a zero lies beside its work offset that was probed on the machine with its errors, with the original program and with the result, to
     /// whose work offset the error there was added; mm in workpiece axes.
@@ -138,9 +141,10 @@ pub(crate) struct Comparison {
 }
 
 impl Comparison {
-    pub(crate) fn new(truth: Corrector, of: &Virtual<'_>) -> Self {
+    pub(crate) fn new(truth: Corrector, of: &Virtual<'_>, averages: Option<&[Average]>) -> Self {
         Self {
             truth,
+            averages: averages.map(<[_]>::to_vec),
             corrector: of.part.map(|(_, corrector)| corrector.clone()),
             stated: std::array::from_fn(|system| of.setup.offset(system).is_some()),
             zeros: vec![None; SYSTEMS],
@@ -223,7 +227,7 @@ impl Comparison {
     fn take_zero(&mut self, original: &Made) -> Result<(), NcError> {
         let system = original.system;
         let is_stated = self.stated.get(system).is_some_and(|stated| *stated);
-        let cuts = original.known && original.motion.cuts();
+        let cuts = original.known && original.cuts_from_stated_zero;
         if !is_stated || !cuts || self.zeros[system].is_some() {
             return Ok(());
         }
@@ -231,11 +235,19 @@ impl Comparison {
             return Ok(());
         };
         corrector.take_tool(&original.tool)?;
-        let zero = original.frame.zero();
-        let probed = self.truth.tip_error_mm(&zero);
+        let of_offset = original.frame.of_offset();
+        let off_mm = match &self.averages {
+            None => corrector.off_at_zero_mm(&of_offset),
+            Some(averages) => {
+                let name = name_of_offset(system);
+                let of = averages.iter().find(|of| of.system == name);
+                of.map_or([0.0; 3], |of| of.off_at_zero_mm)
+            }
+        };
         // What is added to the work offset moves the part by as much.
-        let off_mm = corrector.off_mm(&zero);
-        let added = each(|axis| zero[axis] + off_mm.get(axis).copied().unwrap_or(0.0));
+        let off = each(|axis| off_mm.get(axis).copied().unwrap_or(0.0));
+        let [zero, added] = [[0.0; 9], off].map(|at| of_offset.to_machine(&at));
+        let probed = self.truth.tip_error_mm(&zero);
         let [from, to] = [&zero, &added].map(|at| self.truth.ideal_tip_mm(at));
         let left = std::array::from_fn(|i| probed[i] - (to[i] - from[i]));
         self.zeros[system] = Some([probed, left]);
@@ -384,6 +396,7 @@ impl Comparison {
         };
         let truth = &self.truth;
         let zero = self.zeros.get(original.system).copied().flatten();
+        let zero = zero.filter(|_| original.cuts_from_stated_zero);
         let [before, after] = zero.unwrap_or_default();
         let from_zero = |at: [f64; 3], zero: [f64; 3]| std::array::from_fn(|i| at[i] - zero[i]);
         cut.take(

@@ -4,6 +4,7 @@ use crate::{
     NcError,
     block::{Block, Word},
     codes::{Codes, is_cycle},
+    coordinates::LETTERS,
     dialect::Dialect,
     fault::Fault,
     given::Given,
@@ -95,6 +96,9 @@ impl Control {
             (Self::Fanuc | Self::Mazak, 70) => {
                 Some("it makes an axis hypothetical on this control")
             }
+            (Self::Klipper, 530) => Some(
+                "Klipper ignores it and moves in the coordinates of the program: remove it, or program the position in these coordinates",
+            ),
             (Self::Haas, 70 | 80) => Some("it is not known for this control"),
             (Self::Fanuc | Self::Haas | Self::Mazak, 591..=593) => {
                 Some("it is not known for this control")
@@ -263,6 +267,28 @@ impl Interpreter {
             && has_time
             && !others
             && matches!(self.control, Some(Control::Fanuc | Control::Mazak))
+    }
+
+    /// # Errors
+    /// U, V or W without such an axis: incremental X, Y or Z on lathes with these controls.
+    pub(crate) fn check_incremental_letters(
+        &self,
+        codes: &Codes,
+        given: &Given<'_>,
+    ) -> Result<(), NcError> {
+        let is_lacked = |axis: &usize| given.word(*axis).is_some() && !self.machine_has(*axis);
+        let axis = (6..9).find(is_lacked).filter(|_| {
+            codes.not_modal() != Some(40)
+                && codes.with_arguments().is_none()
+                && self.control.is_some_and(Control::is_fanuc_like)
+        });
+        let Some(axis) = axis else {
+            return Ok(());
+        };
+        let [letter, of] = [axis, axis - 6].map(|axis| char::from(LETTERS[axis]));
+        Err(given.refused(&format!(
+            "{letter} without such an axis in the machine file: lathes with this control read it as an incremental {of}; program the position of {of}, or add the axis {letter} to the machine file"
+        )))
     }
 
     /// The letter that says how often a cycle is done, and whether 0 stores the cycle without a hole.

@@ -161,15 +161,14 @@ impl Frame {
         self.tip.as_ref().map_or(at, |tip| tip.to_axes(&at))
     }
 
-    /// Where the axes of the machine are with the tool at the zero of the work offset, whatever shifts or turns coordinates on top of it.
-    pub(crate) fn zero(&self) -> Axes {
-        let offset = Self {
+    /// The frame of the work offset and the tool alone, without shifts and rotations.
+    pub(crate) fn of_offset(&self) -> Self {
+        Self {
             work: self.offset,
             tool: self.tool,
             tip: self.tip.clone(),
             ..Self::default()
-        };
-        offset.to_machine(&[0.0; MAX_AXES])
+        }
     }
 
     /// Coordinates of the axes of the machine as those of the program.

@@ -5,13 +5,14 @@ use std::sync::Arc;
 use volcomp_model::{
     Machine, Temperatures,
     curve::ErrorCurve,
+    evaluator::Evaluation,
     kinematics::{Correctors, Form, State, actual_pose},
     vocabulary::{AxisKind, AxisName, Direction, MAX_AXES},
 };
 
 use crate::{
     NcError,
-    coordinates::{Axes, AxisPlaces, name_of},
+    coordinates::{Axes, AxisPlaces, Frame, name_of},
     play::Play,
     tooled::Tooled,
 };
@@ -305,16 +306,38 @@ impl Corrector {
             .correction(&state, &self.places, &self.temperatures, most_mm)
     }
 
-    /// How far the machine is off at a place whose rotary axes stand where they are and are not corrected: what X, Y and Z are further than their
-    /// coordinates, mm, in the mean of both directions of approach.
-    pub(crate) fn off_mm(&self, at: &Axes) -> [f64; 3] {
+    /// Error of the machine at the zero of a work offset, in the coordinates of that offset: the sum to add to its X, Y and Z, mm, as far as they
+    /// correct. Rotary axes are not corrected; mean of both directions of approach.
+    pub(crate) fn off_at_zero_mm(&self, of_offset: &Frame) -> [f64; 3] {
         let Tooled {
             compiled, machine, ..
         } = &*self.tool;
-        let linear = Correctors::choose(machine.chain(), &[AxisName::X, AxisName::Y, AxisName::Z]);
-        let parts = compiled.parts_of(&self.places.state(at), &linear);
-        let delta = self.places.linear_axes(&parts.delta(), -1.0);
-        [0, 1, 2].map(|axis| delta[axis])
+        let zero = of_offset.to_machine(&[0.0; MAX_AXES]);
+        let mut linear = [AxisName::X, AxisName::Y, AxisName::Z].to_vec();
+        linear.retain(|name| {
+            let place = machine.index_of(*name);
+            place.is_ok_and(|place| compiled.correctors().contains(place))
+        });
+        let linear = Correctors::choose(machine.chain(), &linear);
+        let parts = compiled.parts_of(&self.places.state(&zero), &linear);
+        let off = self.places.linear_axes(&parts.delta(), -1.0);
+        let [x, y, z, ..] = of_offset.moved_in_program(&zero, &off);
+        [x, y, z]
+    }
+
+    /// Offsets of X, Y and Z, as far as they correct, against an error of the tip in workpiece axes; and the part of the error that they correct, in
+    /// workpiece axes; mm. `None` for a machine with rotary axes, where they depend on the position.
+    pub(crate) fn offsets_against_mm(&self, error_mm: [f64; 3]) -> Option<[[f64; 3]; 2]> {
+        let slides = self.tool.slides()?;
+        let error = Evaluation {
+            position_mm: error_mm,
+            ..Evaluation::default()
+        };
+        let [x, y, z, ..] = self.places.axes(&slides.delta(&error));
+        let mut by = [0.0; MAX_AXES];
+        by[..3].copy_from_slice(&[x, y, z]);
+        let [from, to] = [&[0.0; MAX_AXES], &by].map(|at| self.ideal_tip_mm(at));
+        Some([[x, y, z], std::array::from_fn(|i| from[i] - to[i])])
     }
 
     /// The error of the tip at a place in the mean of both directions of approach, by the exact model; mm in workpiece axes.

@@ -70,6 +70,7 @@ impl Rewriter {
             });
         }
         for cycle in each.iter().chain(&outcome.cycle) {
+            self.notes_zero(line.number);
             let before = self.interpreter.position;
             let frame = self.interpreter.frame.clone();
             let mut carried = frame.moved_in_program(&before, &self.carried);

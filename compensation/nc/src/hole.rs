@@ -31,7 +31,7 @@ impl Rewriter {
         }
         for (place, motion) in holes.iter().enumerate() {
             self.counts.motions += 1;
-            self.tell(motion, line.number)?;
+            self.tell(motion, line.number, motion.cuts())?;
             self.note_axes(motion, line);
             self.corrector.wraps(&motion.wraps);
             if let Path::Hole {
@@ -44,7 +44,9 @@ impl Rewriter {
                 self.hole(motion, depth, [bottom, clearance], hole, line, out);
             }
             self.ends_part(1.0);
+            self.notes_zero(line.number);
         }
+        self.notes_unstated(line.number);
         Ok(())
     }
 

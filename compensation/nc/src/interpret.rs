@@ -293,6 +293,7 @@ impl Interpreter {
                 "G53 in G91, which LinuxCNC refuses and FANUC controls ignore: write G90 before",
             ));
         }
+        self.check_incremental_letters(codes, given)?;
         let has_own_h = given.has(b'H') && codes.tool_length().is_none();
         if has_own_h && (codes.polar().is_some() || codes.work_offset().is_some()) {
             return Err(given.refused("H beside G15, G16 or G54 to G59, with which Okuma controls choose a work offset, machine coordinates or the length of a tool: programs of these controls are not followed"));

@@ -20,6 +20,8 @@ pub(crate) struct Made {
     pub(crate) tool: Axes,
     /// Which of the work offsets holds.
     pub(crate) system: usize,
+    /// It cuts, alone or by a cycle at its end, and the set-up file defines its zero.
+    pub(crate) cuts_from_stated_zero: bool,
     /// It is known where X, Y and Z stand, as far as the machine has them.
     pub(crate) known: bool,
     /// Its words are inches.

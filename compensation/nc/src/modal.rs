@@ -141,6 +141,8 @@ pub(crate) struct Modal {
     /// The offset of G92 or G52, whether it holds or not.
     pub(crate) shift: Axes,
     pub(crate) shifted: bool,
+    /// It is that of G52.
+    pub(crate) shift_is_local: bool,
     /// The program has said what it is.
     pub(crate) shift_is_said: bool,
     pub(crate) tool_offset: Axes,
@@ -198,6 +200,7 @@ impl Default for Modal {
             offsets: vec![WorkOffset::default(); SYSTEMS],
             shift: [0.0; 9],
             shifted: false,
+            shift_is_local: false,
             shift_is_said: false,
             tool_offset: [0.0; 9],
             length_unit_mm: 1.0,

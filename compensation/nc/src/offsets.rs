@@ -5,6 +5,7 @@ use crate::{
     NcError,
     codes::Codes,
     control::Control,
+    coordinates::LETTERS,
     given::Given,
     interpret::{Interpreter, Outcome},
     modal::{Code, MOST_NUMBERED, Plane, RS274_SYSTEMS, numbered},
@@ -117,7 +118,7 @@ impl Interpreter {
                 outcome.stores_home = Some(which);
             }
             Some(920) => {
-                self.shift_anew();
+                self.shifts_by(false, given)?;
                 self.update_frame();
                 for (axis, value) in given.axes()? {
                     // Where the axis is, the program reads this value from now on.
@@ -129,13 +130,14 @@ impl Interpreter {
                 outcome.presets = Some(given.places);
             }
             Some(520) => {
-                self.shift_anew();
+                self.shifts_by(true, given)?;
                 for (axis, value) in given.axes()? {
                     self.modal.shift[axis] = value * self.modal.scale(axis);
                     self.rests.shift_is_stated(axis);
                 }
             }
             Some(921) => {
+                self.check_end_of_shift(given)?;
                 (self.modal.shift, self.modal.shifted) = ([0.0; 9], false);
                 self.modal.shift_is_said = true;
                 self.rests.shift_is_zero();
@@ -156,13 +158,48 @@ impl Interpreter {
         Ok(codes.not_modal() != Some(40))
     }
 
-    /// A shift of some axes holds from now on: those that were switched off by G92.2 do not come back.
-    fn shift_anew(&mut self) {
+    /// Starts a shift of some axes by G52 (`local`) or G92: those that G92.2 has switched off do not come back.
+    ///
+    /// # Errors
+    /// G52 and G92 shifts together, on a control that adds them.
+    fn shifts_by(&mut self, local: bool, given: &Given<'_>) -> Result<(), NcError> {
+        let is_shifted = self.modal.shifted && self.modal.shift != [0.0; 9];
+        if is_shifted && self.modal.shift_is_local != local && self.has_two_shifts() {
+            return Err(given.refused(if local {
+                "G52 while a G92 shift is active: this control adds the two, LinuxCNC replaces one by the other; end the G92 shift first, by G92.1 with every shifted axis"
+            } else {
+                "G92 while a G52 shift is active: this control adds the two, LinuxCNC replaces one by the other; end the G52 shift first, by zeros (G52 X0)"
+            }));
+        }
+        self.modal.shift_is_local = local;
         if !self.modal.shifted {
             self.modal.shift = [0.0; 9];
             self.rests.shift_is_zero();
         }
         (self.modal.shifted, self.modal.shift_is_said) = (true, true);
+        Ok(())
+    }
+
+    /// Whether the control adds the shifts of G52 and G92, and G92.1 ends those of the named axes only.
+    fn has_two_shifts(&self) -> bool {
+        self.control.is_some_and(Control::is_fanuc_like)
+    }
+
+    /// # Errors
+    /// G92.1 that ends the shift of some of the shifted axes only.
+    fn check_end_of_shift(&self, given: &Given<'_>) -> Result<(), NcError> {
+        let stays = |axis: &usize| {
+            self.modal.shifted && self.modal.shift[*axis] != 0.0 && given.word(*axis).is_none()
+        };
+        match (0..9).find(stays) {
+            Some(axis) if given.names_axes() && self.has_two_shifts() => {
+                let letter = char::from(LETTERS[axis]);
+                Err(given.refused(&format!(
+                    "G92.1 without {letter}, which is shifted, too: this control keeps that shift, LinuxCNC ends it; name every shifted axis, also {letter}"
+                )))
+            }
+            _ => Ok(()),
+        }
     }
 
     /// G10.

@@ -278,7 +278,8 @@ impl Rewriter {
             self.row(&holes, line, out)?;
         } else if let Some(motion) = &outcome.motion {
             self.counts.motions += 1;
-            self.tell(motion, line.number)?;
+            let calls = outcome.cycle.is_some() || self.interpreter.modal.each_motion.is_some();
+            self.tell(motion, line.number, calls || motion.cuts())?;
             self.motion(motion, line, out)?;
             self.ends_part(1.0);
         } else if let Some(words) = &outcome.presets {
@@ -319,7 +320,7 @@ impl Rewriter {
     }
 
     /// Sends a motion of the program to the receiver, if there is one.
-    pub(crate) fn tell(&mut self, motion: &Move, number: usize) -> Result<(), NcError> {
+    pub(crate) fn tell(&mut self, motion: &Move, number: usize, cuts: bool) -> Result<(), NcError> {
         let Some(tells) = &self.tells else {
             return Ok(());
         };
@@ -329,6 +330,7 @@ impl Rewriter {
             frame: self.interpreter.frame.clone(),
             tool: self.interpreter.modal.tool_offset,
             system: self.interpreter.modal.system,
+            cuts_from_stated_zero: cuts && self.interpreter.rests_on_stated_zero(),
             known: self.knows_place(),
             in_inches: self.interpreter.modal.unit_mm != 1.0,
         };
@@ -373,7 +375,9 @@ impl Rewriter {
             }
         }
         self.notes_unstated(line.number);
-        self.notes_zero(motion, line.number);
+        if motion.cuts() {
+            self.notes_zero(line.number);
+        }
         Ok(())
     }
 
@@ -381,16 +385,18 @@ impl Rewriter {
     pub(crate) fn is_zero_noted(&self) -> bool {
         let system = self.interpreter.modal.system;
         self.zeros_noted.get(system).is_none_or(|noted| *noted)
+            || !self.interpreter.rests_on_stated_zero()
     }
 
     /// Notes, where the program first cuts with a work offset that the set-up states, how far the machine is off at its zero.
-    fn notes_zero(&mut self, motion: &Move, line: usize) {
-        if self.is_zero_noted() || !self.knows_place() || !motion.cuts() {
+    pub(crate) fn notes_zero(&mut self, line: usize) {
+        if self.is_zero_noted() || !self.knows_place() {
             return;
         }
         let system = self.interpreter.modal.system;
         self.zeros_noted[system] = true;
-        let off_mm = self.corrector.off_mm(&self.interpreter.frame.zero());
+        let of_offset = self.interpreter.frame.of_offset();
+        let off_mm = self.corrector.off_at_zero_mm(&of_offset);
         if let Some(note) = Note::off_at_zero(system, off_mm) {
             self.interpreter.notes.add(note, line);
         }

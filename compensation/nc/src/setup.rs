@@ -199,6 +199,17 @@ impl SetUp {
         is_stated.then(|| self.offsets[system].offset)
     }
 
+    /// The same with these sums added to X, Y and Z of its work offsets, mm.
+    pub(crate) fn with_offsets_moved(&self, by: &[[f64; 3]]) -> Self {
+        let mut moved = self.clone();
+        for (offset, by) in moved.offsets.iter_mut().zip(by) {
+            for (offset, by) in offset.offset.iter_mut().zip(by) {
+                *offset += by;
+            }
+        }
+        moved
+    }
+
     /// Of which axes it states the places of G28 and G30.
     pub(crate) fn states_homes(&self) -> [Axes<bool>; 2] {
         self.states_homes

@@ -62,6 +62,11 @@ impl Tooled {
         })
     }
 
+    /// `None` for a machine with rotary axes.
+    pub(crate) fn slides(&self) -> Option<&Slides> {
+        self.slides.as_ref()
+    }
+
     /// The correction of a state: of one step or two where these neglect no more than `most_mm`, else the exact one.
     pub(crate) fn correction(
         &self,

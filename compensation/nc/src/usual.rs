@@ -184,6 +184,7 @@ impl Interpreter {
             offsets: _,
             shift: _,
             shifted: _,
+            shift_is_local: _,
             shift_is_said: _,
             tool_offset: _,
             length_unit_mm: _,
@@ -316,6 +317,9 @@ impl Rewriter {
             self.interpreter.set_motion(code);
         }
         self.interpreter.position = to;
+        for axis in line.order() {
+            self.interpreter.is_named(axis);
+        }
         self.carried = (self.interpreter.frame).moved_in_machine(&after, &carried);
         self.counts.lines += 1;
         self.counts.motions += 1;

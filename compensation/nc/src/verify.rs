@@ -9,7 +9,7 @@ use std::{
 use volcomp_model::{Machine, Temperatures, Thermal, vocabulary::CorrectionLimit};
 
 use crate::{
-    Decimals, NcError,
+    Average, Decimals, NcError,
     comparison::Comparison,
     correction::Corrector,
     deviation::{Deviation, Place},
@@ -89,19 +89,21 @@ pub fn verify(
     shares: &[f64],
     of: Virtual<'_>,
 ) -> Result<Verification, NcError> {
-    compare(original, result, &mut shares.iter().copied(), of)
+    compare(original, result, &mut shares.iter().copied(), of, None)
 }
 
-/// The same of a result in which each motion is what it was: that of [`average`](crate::average).
+/// The same for the result of [`average`](crate::average) and the mean corrections that it has returned.
 ///
 /// # Errors
 /// As [`verify`].
 pub fn verify_average(
     original: &mut (impl BufRead + Send),
     result: &mut (impl BufRead + Send),
+    averages: &[Average],
     of: Virtual<'_>,
 ) -> Result<Verification, NcError> {
-    compare(original, result, &mut std::iter::repeat(1.0), of)
+    let shares = &mut std::iter::repeat(1.0);
+    compare(original, result, shares, of, Some(averages))
 }
 
 fn compare(
@@ -109,6 +111,7 @@ fn compare(
     result: &mut (impl BufRead + Send),
     shares: &mut dyn Iterator<Item = f64>,
     of: Virtual<'_>,
+    averages: Option<&[Average]>,
 ) -> Result<Verification, NcError> {
     // Executed on a machine without errors: no line is changed.
     let mut ideal = of.truth.clone();
@@ -140,7 +143,7 @@ fn compare(
                 )
             }),
         ];
-        let compared = Comparison::new(truth, &of).all(&originals, &results, shares);
+        let compared = Comparison::new(truth, &of, averages).all(&originals, &results, shares);
         // A sender that goes on gets an error.
         drop((originals, results));
         for run in runs {

@@ -99,7 +99,7 @@ impl OnTruth<'_> {
             Written::Compensated(summary) => {
                 verify(&mut original, &mut result, &summary.shares, of)
             }
-            Written::Averaged(_) => verify_average(&mut original, &mut result, of),
+            Written::Averaged(averages) => verify_average(&mut original, &mut result, averages, of),
         }
         .map_err(|error| failure(&arguments.program, error))
     }

@@ -1,7 +1,10 @@
 //! The mean correction in the work offset, against means that are known on paper.
 
 use volcomp_model::{Machine, Temperatures};
-use volcomp_nc::{Average, Corrector, Job, MeanOf, NcError, Reading, SetUp, average};
+use volcomp_nc::{
+    Average, Corrector, Dialect, Job, MeanOf, NcError, Note, Part, Reading, SetUp, Virtual,
+    average, verify_average,
+};
 
 use crate::identity::TRAVELS;
 
@@ -165,6 +168,128 @@ fn the_mean_of_what_was_measured() {
     );
 }
 
+/// An error of 10 µm along X and 4 µm along Y of the workpiece, taken back along axes that go other ways than their letters say: each word is
+/// worked out by hand, and the zero is off by what the words add.
+#[test]
+fn measured_offsets_are_ways_of_the_axes() {
+    let readings =
+        [([1.0, 0.0, 0.0], 0.010), ([0.0, 1.0, 0.0], 0.004)].map(|(direction, mm)| Reading {
+            direction,
+            error_mm: mm,
+        });
+    for (correct, x, y, words, left_um, zero) in [
+        (
+            "",
+            "[1, 0, 0]",
+            "[0, 1, 0]",
+            "X-0.010 Y-0.004",
+            0.0,
+            [100, 40],
+        ),
+        (
+            "",
+            "[-1, 0, 0]",
+            "[0, 1, 0]",
+            "X0.010 Y-0.004",
+            0.0,
+            [-100, 40],
+        ),
+        // -(10, 4) = -7·(1, 0) - 5·(0.6, 0.8).
+        (
+            "",
+            "[1, 0, 0]",
+            "[0.6, 0.8, 0]",
+            "X-0.007 Y-0.005",
+            0.0,
+            [70, 50],
+        ),
+        // Along X alone 10·0.6 + 4·0.8 = 9.2 are taken back: 4.48 and -3.36 stay.
+        (
+            "correct = [\"X\"]",
+            "[0.6, 0.8, 0]",
+            "[0, 1, 0]",
+            "X-0.009 Y0.000",
+            4.48,
+            [92, 0],
+        ),
+        (
+            "correct = [\"Y\"]",
+            "[-1, 0, 0]",
+            "[0, 1, 0]",
+            "X0.000 Y-0.004",
+            10.0,
+            [0, 40],
+        ),
+    ] {
+        let axis = |direction: &str| format!("travel = [-500, 500]\ndirection = {direction}\n");
+        let machine = format!(
+            "structure = \"w b X Y Z t\"\n{correct}\n[axes.X]\n{}[axes.Y]\n{}[axes.Z]\n{}",
+            axis(x),
+            axis(y),
+            axis("[0, 0, 1]")
+        );
+        let machine = Machine::parse(&machine, "m.toml").expect("a machine");
+        let corrector = Corrector::new(&machine, &Temperatures::new(), 0.001).expect("compiles");
+        let setup = "[work_offset.G54]\nX = 0\nY = 0\nZ = 0\n";
+        let setup = SetUp::parse(setup, "setup.toml").expect("a set-up");
+        let mut out = Vec::new();
+        let found = average(
+            b"G90 G54 G0 X0 Y0 Z0\nG1 X10 F100\n",
+            &mut out,
+            Job::new(&corrector, &setup),
+            MeanOf::Readings(&readings),
+        )
+        .expect("averaged");
+        let out = String::from_utf8(out).expect("text");
+        assert!(
+            out.starts_with(&format!("G21 G90\nG10 L2 P1 {words} Z0.000\n")),
+            "{out}"
+        );
+        assert!((found[0].left_um[0] - left_um).abs() < 1e-9, "{found:?}");
+        let zero = Note::OffAtZero("G54".to_owned(), [zero[0], zero[1], 0]);
+        assert_eq!(found[0].off_at_zero, Some(zero));
+    }
+}
+
+/// A machine that is off by 10 µm and 4 µm everywhere makes a good part from a zero that was probed on it, and so does the mean that was measured, with
+/// what the note takes out of it again.
+#[test]
+fn a_probed_zero_has_what_was_measured() {
+    let machine =
+        |errors: &str| Machine::parse(&format!("{TRAVELS}{errors}"), "m.toml").expect("a machine");
+    let (model, truth) = (machine(""), machine("[errors]\nEXX = 10.0\nEYY = 4.0\n"));
+    let temperatures = Temperatures::new();
+    let corrector = Corrector::new(&model, &temperatures, 0.001).expect("compiles");
+    let setup = SetUp::parse(SETUP, "setup.toml").expect("a set-up");
+    let readings =
+        [([1.0, 0.0, 0.0], 0.010), ([0.0, 1.0, 0.0], 0.004)].map(|(direction, mm)| Reading {
+            direction,
+            error_mm: mm,
+        });
+    let program = b"G90 G54 G0 X0 Y0 Z0\nG81 X5 Y5 Z-5 R2 F100\nG80\n";
+    let mut out = Vec::new();
+    let of = MeanOf::Readings(&readings);
+    let averages = average(program, &mut out, Job::new(&corrector, &setup), of).expect("averaged");
+    let part = "[[feature]]\nname = \"hole\"\nkind = \"hole\"\nlines = [2, 2]\n";
+    let part = Part::parse(part, "part.toml").expect("a part");
+    let of = Virtual {
+        truth: &truth,
+        temperatures: &temperatures,
+        setup: &setup,
+        most_blocks: 1000,
+        dialect: Dialect::Rs274,
+        part: Some((&part, &corrector)),
+    };
+    let found = verify_average(&mut &program[..], &mut &out[..], &averages, of).expect("verified");
+    assert!(
+        found.before.max_um > 10.0 && found.after.max_um < 1e-6,
+        "{found:?}"
+    );
+    for found in found.features[0].found.clone().expect("found") {
+        assert!(found.position_um.is_some_and(|um| um < 1e-6), "{found:?}");
+    }
+}
+
 /// 100 µrad of pitch over a tool of 300 mm are 30 µm, in the mean as in each correction; and the number of a program stays first.
 #[test]
 fn the_tool_counts_and_the_number_of_the_program_stays_first() {
@@ -202,12 +327,56 @@ fn ways_from_other_offsets_are_refused() {
     ] {
         let text = message(scale, SETUP, program);
         assert!(
-            text.starts_with(&format!("line {line}: a way of X (G91)")),
+            text.starts_with(&format!("line {line}: the mean correction of ")),
             "{text}"
         );
+        assert!(text.contains(" does not reach X here"), "{text}");
     }
     let good = "G90 G54 G0 X0 Y0 Z0\nG91 G1 X100 F100\n";
     assert_eq!(run(scale, SETUP, good).expect("averaged").1[0].places, 1);
+}
+
+/// The mean is in no place that does not count from the work offset: one that is never named, one of another offset, and the zero of a G92 there.
+#[test]
+fn places_without_the_mean_are_refused() {
+    let errors = "EXX = { poly = [10.0, 0.1] }\nEYY = { poly = [4.0] }\n";
+    for (program, line, axis) in [
+        ("G90 G54\nG92 X0 Y0 Z0\nG1 X10 Y0 F100\n", 3, 'X'),
+        ("G90 G54\nG0 X0\nG1 X10 F100\n", 3, 'Y'),
+        ("G90 G54 G0 X0 Y0\nG1 X0 F100\nG1 X100\nG55 G1 Y5\n", 4, 'X'),
+        ("G90 G55 G0 X0 Y0\nG54\nG92 Y0\nG1 X0 Y0 F100\n", 4, 'Y'),
+        ("G90 G54 G0 X0 Y0\nG53 G0 Y0\nG1 X10 F100\n", 3, 'Y'),
+        // With the mean it goes twice as far.
+        ("G90 G54 G0 X0 Y0\nG1 X[#5221] F100\n", 2, 'X'),
+    ] {
+        let text = message(errors, SETUP, program);
+        assert!(
+            text.starts_with(&format!("line {line}: the mean correction of ")),
+            "{text}"
+        );
+        assert!(
+            text.contains(&format!(" does not reach {axis} here")),
+            "{text}"
+        );
+    }
+    // Z needs none; and a shift from a place that was named has it.
+    for good in [
+        "G90 G54 G0 X0 Y0\nG1 X10 F100\n",
+        "G90 G54 G0 X0 Y0\nG92 X5 Y5 Z5\nG1 X10 Y0 F100\n",
+        "G90 G54 G52 X5\nG0 X0 Y0\nG1 X10 F100\n",
+    ] {
+        let (_, found) = run(errors, SETUP, good).expect(good);
+        assert!(found[0].left_um[0] < 1e-6, "{found:?}");
+    }
+    let reads = message(
+        errors,
+        SETUP,
+        "G90 G54 G0 X0 Y0\no1 if [#5221 EQ 100]\nG1 X1 F100\no1 endif\nG1 X2 F100\n",
+    );
+    assert!(
+        reads.contains("the program makes other motions with the mean"),
+        "{reads}"
+    );
 }
 
 /// In inches, too, the new offset is written with the decimals of its words: 79.99984, not 79.99984000000001.

@@ -490,6 +490,69 @@ fn other_codes_are_refused_with_their_reason() {
     }
 }
 
+/// G52 and G92 are two shifts there, and G92.1 ends that of the axes that it names; LinuxCNC has one, which either replaces and G92.1 ends.
+#[test]
+fn two_shifts_are_not_taken_for_one() {
+    let starts = "[start]\nX = 0\nY = 0\nZ = 0\n";
+    for (shifts, line, expected) in [
+        ("G92 X5. Y5.\nG52 X50.\n", 5, Some("G52 while a G92 shift")),
+        ("G52 X5.\nG92 Y3.\n", 5, Some("G92 while a G52 shift")),
+        ("G92 X5. Y5.\nG92.1 X0.\n", 5, Some("G92.1 without Y")),
+        (
+            "G92 X5. Y5.\nG92.1 X0. Y0.\nG52 X5.\nG52 X0.\nG92 X5.\n",
+            0,
+            None,
+        ),
+        ("G92 X5. Y5.\nG92.1\n", 0, None),
+        ("G92 X5.\nG92.1 X0.\n", 0, None),
+    ] {
+        let program = around(shifts);
+        let linuxcnc = format!("control = \"linuxcnc\"\n{starts}");
+        assert!(result(&linuxcnc, &program).is_ok(), "{program}");
+        for control in COUNTING {
+            let found = result(&format!("{control}{starts}"), &program);
+            match expected {
+                Some(expected) => {
+                    let error = found.expect_err(shifts);
+                    let expected = format!("line {line}: {expected}");
+                    assert!(error.starts_with(&expected), "{control}{error}");
+                }
+                None => assert!(found.is_ok(), "{control}{found:?}"),
+            }
+        }
+    }
+}
+
+/// U and W are ways of X and Z on lathes; an axis W of the machine is one.
+#[test]
+fn ways_by_letters_are_refused() {
+    for line in [
+        "G1 U20. F100.",
+        "G0 W-5.",
+        "G28 U0. W0.",
+        "G92 V5.",
+        "G83 X1. W-2. R1. F1.",
+    ] {
+        for control in COUNTING {
+            let error = result(control, &around(line)).expect_err(line);
+            assert!(error.starts_with("line 4: "), "{error}");
+            assert!(
+                error.contains(" without such an axis in the machine file"),
+                "{error}"
+            );
+        }
+        let other = result("", &around(line));
+        assert!(
+            other.is_err() || other.is_ok_and(|text| text.contains(line)),
+            "{line}"
+        );
+    }
+    let machine = "structure = \"w X' W' b Y Z t\"\n[axes.X]\ntravel = [-1000, 1000]\n[axes.Y]\ntravel = [-1000, 1000]\n[axes.Z]\ntravel = [-1000, 1000]\n[axes.W]\ntravel = [-1000, 1000]\ndirection = [0, 0, 1]\n";
+    let program = around("G0 W-5.");
+    let taken = verified_in(Dialect::Rs274, [machine, FANUC, &program], Strategy::Plain);
+    assert_eq!(taken.expect("taken").0, program);
+}
+
 /// Work offsets by their numbers: X is 1 µm further for each millimetre of Y of the machine.
 #[test]
 fn work_offsets_have_numbers() {

@@ -113,6 +113,25 @@ fn a_place_is_counted_from_the_zero_that_was_probed() {
     assert_eq!(notes.by_line(), [(5, &zero)]);
 }
 
+/// A zero that the program sets where the axes stand is not that of the work offset, which was probed: the part counts from machine zero.
+#[test]
+fn an_own_zero_was_not_probed() {
+    let part = "[[feature]]\nname = \"hole\"\nkind = \"hole\"\nlines = [3, 3]\n";
+    let scale = "EXX = { poly = [0.0, 0.1] }";
+    let offset = "[work_offset.G54]\nX = 200.0\nY = 0.0\nZ = 0.0\n";
+    for (own, x, before_um) in [
+        ("G92 X0 Y0 Z0", 290.0, 29.0),
+        ("G10 L2 P1 X200 Y0 Z0", 90.0, 29.0),
+        ("G52 X0 Y0 Z0", 90.0, 9.0),
+    ] {
+        let program = format!("G21 G90 G17\n{own}\nG81 X{x} Y0 Z-20 R-5 F500\nG80\nM2\n");
+        let (found, _) = inspected_with([scale, scale], offset, &program, part);
+        let [before, after] = both(&found[0]);
+        near(before.position_um, before_um, 0.01);
+        near(after.position_um, 0.0, 0.6);
+    }
+}
+
 /// The flank of a tool that is tilted by 40 µrad leaves a cylinder whose axis leans by as much, and is 40·10⁻⁶·60 mm = 2.4 µm further
 /// away at its upper end than at its lower one; its axis through the tip's circle is the datum of the second, which is coaxial to itself.
 #[test]

@@ -25,3 +25,4 @@ mod traps;
 mod unknown_places;
 mod usual;
 mod verify;
+mod zeros;

@@ -212,6 +212,15 @@ fn unknown_filament_is_refused_where_it_has_to_be_shared() {
     }
 }
 
+/// Klipper does not know G53, and goes where the words lead without it; Marlin has machine coordinates.
+#[test]
+fn klipper_has_no_machine_coordinates() {
+    let program = "G0 X0 Y0 Z0\nG53 G0 X10\n";
+    let error = result("klipper", "", program).expect_err("refused");
+    assert!(error.starts_with("line 2: G53"), "{error}");
+    assert_eq!(result("marlin", "", program).as_deref(), Ok(program));
+}
+
 /// Lines that are no coordinates come out as they are, whatever letters and numbers are in them; whether the axes are known afterwards.
 #[test]
 fn commands_of_printers_pass_on() {
