@@ -331,7 +331,7 @@ fn a_volumetric_error_of_a_part_of_the_machine_is_told() {
     let model = write("model.toml", "EXX = { poly = [0.0, 0.02] }\n");
     let truth = write(
         "truth.toml",
-        "EXX = { poly = [0.0, 0.02] }\n[thermal]\nreference = 20.0\n[[thermal.expansion]]\nerror = \"EXX\"\nsensor = \"scale\"\nalpha_um_per_m_k = 11.5\nzero_mm = 0.0\n",
+        "EXX = { poly = [0.0, 0.02] }\n[thermal]\nreference = 20.0\n[[thermal.expansion]]\nerror = \"EXX\"\nsensor = \"scale\"\num_per_m_k = 11.5\n",
     );
     let (document, page) = report(&[&model, "--truth", &truth, "--tolerance", "V=5"]);
     assert_eq!(document["checks"][0]["outcome"], "undecided", "{document}");

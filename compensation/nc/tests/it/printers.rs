@@ -188,14 +188,14 @@ fn unknown_filament_is_refused_where_it_has_to_be_shared() {
         (
             "marlin",
             "M83\nG90\nG0 X0 Y0 Z0\n",
-            "line 4: a motion that is split: whether its E is a place or a way",
+            "line 4: a motion that is split: versions of Marlin differ in whether its E",
         ),
         (
             "marlin",
             "G91\nM82\nG90\nG0 X0 Y0 Z0\nG91\nM82\n",
-            "line 7: a motion that is split: whether its E",
+            "line 7: a motion that is split: versions of Marlin differ",
         ),
-        ("klipper", "G92\n", "line 1: G92 alone"),
+        ("klipper", "G92\n", "line 1: G92 without an axis"),
     ] {
         let error = result(control, BENT, &format!("{program}{line}")).expect_err(program);
         assert!(error.starts_with(expected), "{error}");
