@@ -82,7 +82,7 @@ fn calibrated(
     if let Some(observations) = &file.observations {
         let (found, last, notes) = settled(file, observations, known, stages, wanted)?;
         of_observations.extend(notes);
-        of_observations.extend(found.found.warnings.iter().cloned());
+        of_observations.extend(found.found.warnings.iter().map(ToString::to_string));
         stages = last;
         stages.machine = found.found.machine.clone();
         identified = Some(found);
