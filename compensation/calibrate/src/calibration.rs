@@ -5,18 +5,17 @@ use volcomp_vocabulary::{ErrorName, Urad};
 
 use crate::{
     calibration_file::{CalibrationFile, Location},
+    checks::{
+        different_machines, files_of, not_followed, odd, odd_values, same_readings, without_point,
+    },
     error::CalibrateError,
     fitted::{measured, notes_of},
     fitted_curve::FittedCurve,
     fitted_line::FittedLine,
     identified::{Identified, Wanted, settled},
     locations::located,
-    not_followed::not_followed,
     not_measured::not_measured,
-    odd::{odd, odd_values, without_point},
     provenance::with_provenance,
-    same_machine::{different_machines, files_of},
-    same_readings::same_readings,
     stages::Stages,
 };
 

@@ -26,10 +26,8 @@ mod linear;
 mod lines_share;
 mod location_file;
 mod locations;
-mod not_followed;
 mod not_measured;
 mod observed;
-mod odd;
 mod others;
 mod parallel_lines;
 mod profile;
@@ -37,10 +35,7 @@ mod proposal;
 mod provenance;
 mod questions;
 mod read;
-mod refusals;
-mod same_machine;
 mod same_place;
-mod same_readings;
 mod set_up;
 mod setup;
 mod setup_file;
@@ -52,13 +47,13 @@ mod stages;
 #[cfg(test)]
 mod testing;
 mod varied;
-mod with_files;
 
 pub use answers::{Answer, AnswerError, Subject, Turn};
 pub use calibration::{Calibration, calibrate, calibrated_machine};
 pub use calibration_file::{
     CalibrationFile, Line, Location, Squareness, SquarenessSource, Uncertainty,
 };
+pub use checks::{different_machines, with_files};
 pub use curve_choice::CurveChoice;
 pub use diagonals::Diagonals;
 pub use draft::{Draft, LeftOver, Proposed, Question, draft};
@@ -72,9 +67,7 @@ pub use location_file::{decode_location_errors, is_square};
 pub use not_measured::not_observed;
 pub use questions::OPEN;
 pub use read::{HOLDS_LOCATION, decode_holds_location};
-pub use same_machine::different_machines;
 pub use set_up::{SetUp, location_seen};
 pub use setup::{Method, Setup};
 pub use setup_file::decode_motion;
 pub use varied::LineScatter;
-pub use with_files::with_files;
