@@ -359,7 +359,9 @@ pub(crate) fn inverted(
     let mut notes = Vec::new();
     for (observation, own) in observations.fitted() {
         let mut turned: Vec<Row> = own.clone().map(|row| rows.get(row).clone()).collect();
-        turned.iter_mut().for_each(|row| row.seen.turn());
+        for row in &mut turned {
+            row.seen.turn();
+        }
         let is_same = turned
             .iter()
             .zip(own.clone())

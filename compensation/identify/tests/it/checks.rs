@@ -95,10 +95,14 @@ fn rows_that_no_machine_gave_are_refused() {
         ("C in radians", 200.0, |at| at[3] = at[3].to_radians()),
         ("X in inches", 200.0, |at| at[0] /= 25.4),
         ("inches", 200.0, |at| {
-            at[..3].iter_mut().for_each(|x| *x /= 25.4);
+            for x in &mut at[..3] {
+                *x /= 25.4;
+            }
         }),
         ("metres", 200.0, |at| {
-            at[..3].iter_mut().for_each(|x| *x /= 1000.0);
+            for x in &mut at[..3] {
+                *x /= 1000.0;
+            }
         }),
         ("X and Y exchanged", 200.0, |at| at.swap(0, 1)),
         ("another tool", 240.0, |_| ()),
