@@ -51,9 +51,9 @@ pub struct Calibration {
 /// unknowns cannot be found.
 pub fn calibrate(
     file: &CalibrationFile,
-    progress: impl FnMut(usize, usize),
+    mut progress: impl FnMut(usize, usize),
 ) -> Result<Calibration, CalibrateError> {
-    calibrated(file, Wanted::Everything, progress)
+    calibrated(file, Wanted::Everything, &mut progress)
 }
 
 /// The machine that [`calibrate`] makes, without the uncertainties of what was found from observations, which take longer.
@@ -61,13 +61,13 @@ pub fn calibrate(
 /// # Errors
 /// As [`calibrate`].
 pub fn calibrated_machine(file: &CalibrationFile) -> Result<Machine, CalibrateError> {
-    calibrated(file, Wanted::Machine, |_, _| {}).map(|calibration| calibration.machine)
+    calibrated(file, Wanted::Machine, &mut |_, _| {}).map(|calibration| calibration.machine)
 }
 
 fn calibrated(
     file: &CalibrationFile,
     wanted: Wanted,
-    mut progress: impl FnMut(usize, usize),
+    progress: &mut dyn FnMut(usize, usize),
 ) -> Result<Calibration, CalibrateError> {
     let count = measured(file).len();
     let mut done = 0;

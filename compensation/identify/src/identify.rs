@@ -88,9 +88,9 @@ pub(crate) struct Fitted {
 /// * A curve that cannot be built from what was found: [`IdentifyError::Curve`].
 pub fn identify(
     observations: &Observations,
-    progress: impl FnMut(usize, usize),
+    mut progress: impl FnMut(usize, usize),
 ) -> Result<Identification, IdentifyError> {
-    identify_followed(observations, &[], progress).map(|(found, _)| found)
+    followed(observations, &[], &mut progress).map(|(found, _)| found)
 }
 
 /// The same where other errors of the machine follow the unknowns: these are found by the residuals with all that follows
@@ -104,6 +104,15 @@ pub fn identify_followed(
     observations: &Observations,
     followers: &[Follower],
     mut progress: impl FnMut(usize, usize),
+) -> Result<(Identification, Response), IdentifyError> {
+    followed(observations, followers, &mut progress)
+}
+
+/// Compiled once, and not for each closure that is told the progress.
+fn followed(
+    observations: &Observations,
+    followers: &[Follower],
+    progress: &mut dyn FnMut(usize, usize),
 ) -> Result<(Identification, Response), IdentifyError> {
     let system = System::new(observations)?.followed_by(followers)?;
     let rows = system.prepare(observations.fitted().flat_map(|(o, _)| &o.rows));
