@@ -209,7 +209,7 @@ fn what_is_stated_twice_or_cannot_be_told_apart_is_refused() {
 
 /// Uncertainties of unknowns against the whole calibration repeated with other readings.
 fn uncertainties_are_those_of_repeats(path: &Path) {
-    const REPEATS: u64 = 100;
+    const REPEATS: u64 = 40;
     let mut file = CalibrationFile::read(path).expect("read");
     let stated = &mut file.uncertainty;
     (stated.reading_um, stated.reading_urad) = (1.0, 1.0);
