@@ -47,13 +47,12 @@ pub(crate) fn angular(
     let names = measured(file).into_iter();
     for error in names.filter(|error| error.component.is_angular()) {
         let joint = joint_of(&file.machine, error)?;
-        let (mut as_read, mut profiles) = (Vec::new(), Vec::new());
+        let mut profiles = Vec::new();
         for line in lines_of(file, error) {
             let read = Profile::new(line, &joint)?;
-            profiles.push(without_others(read.clone(), whole, set_up)?);
-            as_read.push(read);
+            profiles.push(without_others(read, whole, set_up)?);
         }
-        let told = contradictions(error, &as_read, &profiles, None)?;
+        let told = contradictions(error, &profiles, None)?;
         result.notes.extend(told.iter().cloned());
         result.contradictions.extend(told);
         let noise = noise_of_lines(&profiles);

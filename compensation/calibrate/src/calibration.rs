@@ -5,18 +5,17 @@ use volcomp_vocabulary::{ErrorName, Urad};
 
 use crate::{
     calibration_file::{CalibrationFile, Location},
+    checks::{
+        different_machines, files_of, not_followed, odd, odd_values, same_readings, without_point,
+    },
     error::CalibrateError,
     fitted::{measured, notes_of},
     fitted_curve::FittedCurve,
     fitted_line::FittedLine,
     identified::{Identified, Wanted, settled},
     locations::located,
-    not_followed::not_followed,
     not_measured::not_measured,
-    odd::{odd, odd_values, without_point},
     provenance::with_provenance,
-    same_machine::{different_machines, files_of},
-    same_readings::same_readings,
     stages::Stages,
 };
 
@@ -52,9 +51,9 @@ pub struct Calibration {
 /// unknowns cannot be found.
 pub fn calibrate(
     file: &CalibrationFile,
-    progress: impl FnMut(usize, usize),
+    mut progress: impl FnMut(usize, usize),
 ) -> Result<Calibration, CalibrateError> {
-    calibrated(file, Wanted::Everything, progress)
+    calibrated(file, Wanted::Everything, &mut progress)
 }
 
 /// The machine that [`calibrate`] makes, without the uncertainties of what was found from observations, which take longer.
@@ -62,13 +61,13 @@ pub fn calibrate(
 /// # Errors
 /// As [`calibrate`].
 pub fn calibrated_machine(file: &CalibrationFile) -> Result<Machine, CalibrateError> {
-    calibrated(file, Wanted::Machine, |_, _| {}).map(|calibration| calibration.machine)
+    calibrated(file, Wanted::Machine, &mut |_, _| {}).map(|calibration| calibration.machine)
 }
 
 fn calibrated(
     file: &CalibrationFile,
     wanted: Wanted,
-    mut progress: impl FnMut(usize, usize),
+    progress: &mut dyn FnMut(usize, usize),
 ) -> Result<Calibration, CalibrateError> {
     let count = measured(file).len();
     let mut done = 0;
@@ -82,7 +81,7 @@ fn calibrated(
     if let Some(observations) = &file.observations {
         let (found, last, notes) = settled(file, observations, known, stages, wanted)?;
         of_observations.extend(notes);
-        of_observations.extend(found.found.warnings.iter().cloned());
+        of_observations.extend(found.found.warnings.iter().map(ToString::to_string));
         stages = last;
         stages.machine = found.found.machine.clone();
         identified = Some(found);

@@ -14,8 +14,6 @@ const TIMES_NOISE: f64 = 3.0;
 const NEVER_BELOW: f64 = 0.5;
 /// No instrument reads more finely, µm or µrad.
 const LEAST_NOISE: f64 = 0.01;
-/// A factor on the tilts explains a difference when so much of its square goes with it.
-const EXPLAINED: f64 = 0.9;
 
 /// The tilts that were taken out of lines.
 pub(crate) struct Tilts<'a> {
@@ -24,23 +22,17 @@ pub(crate) struct Tilts<'a> {
     pub(crate) noise_urad: &'a BTreeMap<ErrorName, f64>,
 }
 
-/// Notes on the lines of an error that do not agree within their noise. `read` are the profiles as they were read, `cleared`
-/// the same without what tilts and locations add; `tilts` is `None` where no tilt acts on the error.
+/// Notes on the lines of an error that do not agree within their noise, without what tilts and locations add; `tilts` is `None` where
+/// no tilt acts on the error.
 pub(crate) fn contradictions(
     error: ErrorName,
-    read: &[Profile<'_>],
     cleared: &[Profile<'_>],
     tilts: Option<&Tilts<'_>>,
 ) -> Result<Vec<String>, ModelError> {
     let mut notes = Vec::new();
-    for (second, (read_2, cleared_2)) in read.iter().zip(cleared).enumerate() {
-        for (read_1, cleared_1) in read.iter().zip(cleared).take(second) {
-            notes.extend(contradiction(
-                error,
-                [read_1, read_2],
-                [cleared_1, cleared_2],
-                tilts,
-            )?);
+    for (second, line_2) in cleared.iter().enumerate() {
+        for line_1 in cleared.iter().take(second) {
+            notes.extend(contradiction(error, [line_1, line_2], tilts)?);
         }
     }
     Ok(notes)
@@ -48,26 +40,21 @@ pub(crate) fn contradictions(
 
 fn contradiction(
     error: ErrorName,
-    read: [&Profile<'_>; 2],
     cleared: [&Profile<'_>; 2],
     tilts: Option<&Tilts<'_>>,
 ) -> Result<Option<String>, ModelError> {
     let is_straightness = MotionKind::of(error) == MotionKind::Straightness;
-    let difference_of = |profiles: &[&Profile<'_>]| {
-        let beside = SideBySide::of(profiles, is_straightness)?;
-        let pairs = beside.lines[0].iter().zip(&beside.lines[1]);
-        let difference: Vec<f64> = pairs.map(|(first, second)| first - second).collect();
-        Some((difference, beside))
-    };
-    let Some((difference, beside)) = difference_of(&cleared) else {
+    let Some(beside) = SideBySide::of(&cleared, is_straightness) else {
         return Ok(None);
     };
+    let pairs = beside.lines[0].iter().zip(&beside.lines[1]);
+    let difference: Vec<f64> = pairs.map(|(first, second)| first - second).collect();
     let Some(noise) = noise(cleared, &beside) else {
         return Ok(None);
     };
     let of_tilts = tilts.map_or(Ok(0.0), |tilts| tilts.noise_um(error, cleared, &beside))?;
     let noise = noise.hypot(of_tilts).max(LEAST_NOISE);
-    let rms = (dot(&difference, &difference) / difference.len() as f64).sqrt();
+    let rms = (difference.iter().map(|d| d * d).sum::<f64>() / difference.len() as f64).sqrt();
     let largest = difference
         .iter()
         .fold(0.0_f64, |largest, d| largest.max(d.abs()));
@@ -76,28 +63,8 @@ fn contradiction(
     }
     let unit = error.component.symbol();
     let [first, second] = cleared.map(|profile| profile.line.file.display().to_string());
-    // What the tilts took out of the difference of the two lines.
-    let Some((raw, _)) = difference_of(&read) else {
-        return Ok(None);
-    };
-    let taken: Vec<f64> = raw
-        .iter()
-        .zip(&difference)
-        .map(|(raw, left)| raw - left)
-        .collect();
-    let (along, size) = (dot(&difference, &taken), dot(&taken, &taken));
-    let is_explained = along * along > EXPLAINED * size * dot(&difference, &difference);
-    let cause = if size > 0.0 && is_explained {
-        format!(
-            "they would agree with {:.2} times the tilts of {}: check unit and sign of its angular files, and `point` and `at` of these",
-            1.0 + along / size,
-            error.axis
-        )
-    } else {
-        "check the files, and their `point`, `at` and `sign`".to_owned()
-    };
     Ok(Some(format!(
-        "{error}: {first} and {second} contradict each other by up to ±{largest:.1} {unit}, RMS {rms:.1} {unit}, which is {:.0} times their noise of {noise:.2} {unit}: {cause}",
+        "{error}: {first} and {second} contradict each other by up to ±{largest:.1} {unit}, RMS {rms:.1} {unit}, which is {:.0} times their noise of {noise:.2} {unit}: check the files, and their `point`, `at`, `unit` and `sign`",
         rms / noise
     )))
 }
@@ -144,10 +111,6 @@ pub(crate) fn noise_of_lines(profiles: &[Profile<'_>]) -> Option<f64> {
         variance += profile.noise_of_mean().or_else(uneven)?.powi(2);
     }
     (!profiles.is_empty()).then(|| variance.sqrt() / profiles.len() as f64)
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 /// The standard deviation of the difference of two lines: from repeated runs, else from how unevenly each runs from target

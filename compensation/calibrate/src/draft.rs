@@ -9,13 +9,13 @@ use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisName, ErrorName};
 
 use crate::{
+    checks::different_machines,
     draft_keys::Told,
     draft_text::{self, Square},
     folder::files_below,
     hints::{self, Hints},
     proposal::{of_log, of_measurement, out_of_place},
     questions::{OPEN, question},
-    same_machine::different_machines,
     same_place,
 };
 

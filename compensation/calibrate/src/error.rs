@@ -25,14 +25,6 @@ pub enum CalibrateError {
     /// The unknowns cannot be found from the observations.
     #[error(transparent)]
     Identify(IdentifyError),
-    /// A stated location error does not fit the observations, which are refused with it and would not be with another value.
-    #[error("{stated}. With the value as it is: {rows}")]
-    Stated {
-        /// The value that is stated and the one that fits.
-        stated: String,
-        /// Why the rows are refused with the stated one.
-        rows: Box<IdentifyError>,
-    },
     /// The hash of a file that was read before cannot be made.
     #[error("{}: {source}", .file.display())]
     Hash {

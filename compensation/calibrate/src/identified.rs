@@ -9,11 +9,8 @@ use volcomp_model::Machine;
 use volcomp_vocabulary::ErrorName;
 
 use crate::{
-    calibration_file::CalibrationFile,
-    error::CalibrateError,
-    lines_share::LinesShare,
-    other_values::{cancelled, other_values, refused},
-    stages::Stages,
+    calibration_file::CalibrationFile, checks::contradicted_values, error::CalibrateError,
+    lines_share::LinesShare, stages::Stages,
 };
 
 /// What is found has settled when nothing moves by more than this part of its standard uncertainty.
@@ -71,7 +68,7 @@ pub(crate) fn settled(
     loop {
         rounds += 1;
         let found = on(&stages.machine, &followers, 0);
-        let (found, _) = found.map_err(|rows| refused(file, observations, rows))?;
+        let (found, _) = found?;
         let moved = before
             .as_ref()
             .map(|before| moved(before, &found.parameters));
@@ -136,9 +133,7 @@ pub(crate) fn settled(
             carries: followers.is_empty() && rounds > 1,
         };
         // A value that is wrong makes rows look wrong that are not: it comes first.
-        let mut first = other_values(&lines)?;
-        first.extend(cancelled(&file.locations, &found.parameters));
-        found.warnings.splice(0..0, first);
+        found.warnings.splice(0..0, contradicted_values(&lines)?);
         lines.add_to(&mut found, &stages)?;
     }
     Ok((Identified { found, rounds }, stages, notes))

@@ -47,15 +47,14 @@ pub(crate) fn linear<'a>(
     for error in names.filter(|error| !error.component.is_angular()) {
         let joint = joint_of(tilted, error)?;
         let straightness = MotionKind::of(error) == MotionKind::Straightness;
-        let (mut as_read, mut profiles) = (Vec::new(), Vec::new());
+        let mut profiles = Vec::new();
         for line in lines_of(file, error) {
             let read = Profile::new(line, &joint)?;
-            let profile = without_abbe(without_others(read.clone(), whole, set_up)?, tilted)?;
-            as_read.push(read);
+            let profile = without_abbe(without_others(read, whole, set_up)?, tilted)?;
             result.notes.extend(levers_left_in(&profile, tilted)?);
             profiles.push(profile);
         }
-        let told = contradictions(error, &as_read, &profiles, Some(tilts))?;
+        let told = contradictions(error, &profiles, Some(tilts))?;
         result.notes.extend(told.iter().cloned());
         result.contradictions.extend(told);
         if straightness {

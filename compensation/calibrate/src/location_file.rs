@@ -6,7 +6,7 @@ use volcomp_vocabulary::{AxisKind, AxisName, Component, ErrorName};
 
 use crate::{
     calibration_file::Location,
-    refusals::{NEVER_ABOVE, refuse_value},
+    checks::{NEVER_ABOVE, refuse_value},
     setup_file::{decode_errors, decode_sign},
     squares::{partner_of, reference_of},
 };

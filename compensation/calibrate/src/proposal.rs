@@ -7,8 +7,10 @@ use volcomp_model::{Axis, Machine};
 use volcomp_vocabulary::{AxisName, Component, ErrorName};
 
 use crate::{
-    draft::Proposed, draft_keys::Told, hints::Hints, odd::beyond_travel,
-    same_machine::other_machine,
+    checks::{beyond_travel, other_machine},
+    draft::Proposed,
+    draft_keys::Told,
+    hints::Hints,
 };
 
 /// A log of which nobody said which channel is what.

@@ -13,6 +13,7 @@ use volcomp_vocabulary::{AxisName, Direction, ErrorName};
 
 use crate::{
     calibration_file::{CalibrationFile, Line, Location, Squareness, Uncertainty},
+    checks,
     curve_choice::CurveChoice,
     diagonals::Diagonals,
     error::CalibrateError,
@@ -20,7 +21,6 @@ use crate::{
     observed::{Direct, decode_observations},
     provenance::sources_of,
     questions::refuse_open,
-    refusals, same_machine,
     setup::Setup,
     setup_file::{decode_motion, set_coordinates},
     squareness_file::decode_squareness,
@@ -82,9 +82,9 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<CalibrationFile, Calibrat
         let section = item.section()?;
         let line = decode_line(&section, &machine, &common)?;
         check_same_curve(&measurements, &line, &section)?;
-        refusals::refuse_file_twice(&measurements, &line, &section.require("file")?)?;
-        refusals::refuse_line_twice(&measurements, &line, &section.require("file")?)?;
-        refusals::refuse_file_of_another(&measurements, &line, &section.require("file")?)?;
+        checks::refuse_file_twice(&measurements, &line, &section.require("file")?)?;
+        checks::refuse_line_twice(&measurements, &line, &section.require("file")?)?;
+        checks::refuse_file_of_another(&measurements, &line, &section.require("file")?)?;
         measurements.push(line);
     }
     let mut squareness: Vec<Squareness> = Vec::new();
@@ -259,7 +259,7 @@ fn decode_line(
     section.allow(&[&own[..], &Setup::KEYS].concat())?;
     let error_value = section.require("error")?;
     let error = decode_motion(&error_value, machine)?;
-    refusals::refuse_turning(&error_value, error, machine)?;
+    checks::refuse_turning(&error_value, error, machine)?;
     let setup = Setup::decode(section, error, machine)?;
     let holds_location = decode_holds_location(section, error)?;
     let file_value = section.require("file")?;
@@ -281,8 +281,8 @@ fn decode_line(
     for reading in &mut readings.readings {
         reading.deviation *= setup.sign;
     }
-    same_machine::refuse_serial(&file_value, &readings, common.serial)?;
-    refusals::refuse(&file_value, &setup, &readings, machine)?;
+    checks::refuse_serial(&file_value, &readings, common.serial)?;
+    checks::refuse(&file_value, &setup, &readings, machine)?;
     let at = file_value.error("");
     let source = source_of(&file_value, &file, &setup, &readings, machine)?;
     Ok(Line {

@@ -10,9 +10,9 @@ use volcomp_vocabulary::{AxisKind, AxisName, ErrorName, Urad};
 
 use crate::{
     calibration_file::{Squareness, SquarenessSource},
+    checks::refuse_value,
     diagonals::{Diagonals, decode_diagonals},
     error::CalibrateError,
-    refusals::refuse_value,
     setup_file::decode_errors,
 };
 

@@ -8,12 +8,12 @@ use volcomp_model::Machine;
 
 use crate::{
     checked::{standard_uncertainty_um, unit_vector},
+    checks::limit_mm,
     error::IdentifyError,
     observations::{NumberKind, Quantity, Row, Seen, SetUp},
     read::ReadFile,
     rows::RowKind,
     setup_keys::{Reading, point, stated_vector},
-    span::Span,
 };
 
 /// The keys of a ball row besides those of every observation.
@@ -226,7 +226,7 @@ pub(crate) fn place_bar(
     rows: &mut [Row],
     setup: &mut SetUp,
 ) -> Result<(), InputError> {
-    let misplaced_mm = Span::of(machine, rows.iter()).limit_mm(MISPLACED_MM);
+    let misplaced_mm = limit_mm(machine, rows.iter(), MISPLACED_MM);
     let chain = machine.chain();
     let mut places = Vec::new();
     for row in rows.iter() {

@@ -117,53 +117,26 @@ pub enum IdentifyError {
         "found no rows to fit, expected at least one observation with rows and without `judge = true`"
     )]
     NothingToFit,
-    /// One row is further from the others than machines miss.
-    #[error(
-        "{}: this row is {found_mm:.1} mm from where the nominal machine would be, expected at most {limit_mm} mm: is it of another sphere or tool, or a slip?",
-        at(file, *line)
-    )]
-    FarRow {
-        /// The row file.
-        file: String,
-        /// The line in it, from 1.
-        line: usize,
-        /// How far the row is from the nominal machine in the set-up that fits all rows best.
-        found_mm: f64,
-        /// How far it may be.
-        limit_mm: f64,
-    },
-    /// Several rows are further from the nominal machine than machines miss.
+    /// Rows are further from the nominal machine than machines miss.
     #[error("{}", far_files(files))]
     FarRows {
         /// The files that they are in, the worst first.
         files: Vec<FarFile>,
     },
-    /// A sphere has one name in two files, and each file alone fits a place of its own.
+    /// After the fit the residuals of a file are larger than machines miss.
     #[error(
-        "{sphere} stands in {} and {} at different places, {apart_mm:.1} mm apart, and each file alone fits: give it another name in one of them, or look whether another tool or work offset was active in one of them", files[0], files[1]
-    )]
-    MovedSphere {
-        /// The sphere.
-        sphere: String,
-        /// The files in which it stands.
-        files: [String; 2],
-        /// How far its places are apart.
-        apart_mm: f64,
-    },
-    /// Something was shifted between two rows of a file.
-    #[error(
-        "{}: at this row what was seen jumps by {found_mm:.3} mm: this and the later rows fit if {why}. Expected rows of one set-up, and axes whose zero stays: measure the file anew, or give these rows a file of their own with other names of spheres and set-ups",
+        "{}: after the fit {typical_mm:.2} mm is left of the rows of this file, most at this row, expected at most {limit_mm} mm: did a zero, a sphere or the instrument move between two rows, or do the unknowns not describe the machine?",
         at(file, *line)
     )]
-    Jump {
+    Unexplained {
         /// The row file.
         file: String,
-        /// The line of the first row that is shifted, from 1.
+        /// The line of the row with the largest residual, from 1.
         line: usize,
-        /// How far it moves what was seen at the most.
-        found_mm: f64,
-        /// What explains it.
-        why: String,
+        /// The RMS residual; with robust weights the median.
+        typical_mm: f64,
+        /// How large it may be.
+        limit_mm: f64,
     },
     /// The frame of a tracker is not determined.
     #[error(
@@ -198,8 +171,8 @@ pub enum IdentifyError {
 /// A file with rows that are further from the nominal machine than machines miss.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "{}: {rows} of {of} rows are far from where the nominal machine would be, median {typical_mm:.1} mm, expected at most {limit_mm} mm: {}",
-    at(file, *line), self.why()
+    "{}: this row is {largest_mm:.1} mm from where the nominal machine would be, expected at most {limit_mm} mm ({rows} of {of} rows are further, median {typical_mm:.1} mm): do the machine file and the columns describe the machine that was measured (structure, points of the rotary axes, directions, units, tool, sphere)?",
+    at(file, *line)
 )]
 pub struct FarFile {
     /// The row file.
@@ -212,33 +185,10 @@ pub struct FarFile {
     pub of: usize,
     /// The median of the distances of those that are too far away.
     pub typical_mm: f64,
+    /// The distance of the row that is furthest away.
+    pub largest_mm: f64,
     /// How far they may be.
     pub limit_mm: f64,
-    /// What would explain it, all that do so equally well.
-    pub causes: Vec<Cause>,
-}
-
-impl FarFile {
-    fn why(&self) -> String {
-        /// Fewer rows than this share may be slips.
-        const SLIPS: f64 = 0.25;
-        if !self.causes.is_empty() {
-            let causes: Vec<String> = self.causes.iter().map(ToString::to_string).collect();
-            return causes.join("; or ");
-        }
-        if (self.rows as f64) < SLIPS * self.of as f64 {
-            return "are they of another sphere or tool, or slips?".to_owned();
-        }
-        "do the machine file and the columns of the axes describe the machine that was measured (structure, points of the rotary axes, directions, units, tool)?".to_owned()
-    }
-}
-
-/// Shifts of axes, µm, in words.
-fn shifts(shifts: &[(volcomp_vocabulary::AxisName, i64)]) -> String {
-    let each = shifts
-        .iter()
-        .map(|(axis, um)| format!("{axis} is shifted by {:.3} mm", *um as f64 * 1e-3));
-    each.collect::<Vec<_>>().join(", ")
 }
 
 /// A row in messages: its file and line, and the file alone where a row has no line.
@@ -257,55 +207,4 @@ fn far_files(files: &[FarFile]) -> String {
         words.push(format!("and {} more files", files.len() - SHOWN));
     }
     words.join("\n")
-}
-
-/// What makes rows fit that do not as they are.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum Cause {
-    /// The axis counts the other way.
-    #[error(
-        "they fit if {0} counts the other way: is its direction in the rows that of the machine file?"
-    )]
-    Reversed(volcomp_vocabulary::AxisName),
-    /// Coordinates of rotary axes are in radians.
-    #[error("they fit if the coordinates of the rotary axes are radians, expected degrees")]
-    Radians,
-    /// The coordinates of one rotary axis are in radians.
-    #[error("they fit if the coordinates of {0} are radians, expected degrees")]
-    RadiansOf(volcomp_vocabulary::AxisName),
-    /// The coordinates of one linear axis are in inches.
-    #[error("they fit if the coordinates of {0} are inches, expected mm")]
-    InchesOf(volcomp_vocabulary::AxisName),
-    /// Coordinates of linear axes are in inches.
-    #[error("they fit if the coordinates of the linear axes are inches, expected mm")]
-    Inches,
-    /// Coordinates of linear axes are in metres.
-    #[error("they fit if the coordinates of the linear axes are metres, expected mm")]
-    Metres,
-    /// The columns of two axes are exchanged.
-    #[error("they fit if the columns of {0} and {1} are exchanged")]
-    Exchanged(volcomp_vocabulary::AxisName, volcomp_vocabulary::AxisName),
-    /// The points of a tracker are in a left-handed frame.
-    #[error(
-        "they fit if x, y, z are of a left-handed frame, expected a right-handed one: is one of these columns with the opposite sign, or are two exchanged?"
-    )]
-    Mirrored,
-    /// Lengths that were read are in inches.
-    #[error("they fit if `length_mm` is inches, expected mm")]
-    LengthsInInches,
-    /// Readings have the opposite sign.
-    #[error(
-        "they fit with the opposite sign of the readings: does the instrument count the other way?"
-    )]
-    Turned,
-    /// Two tools are taken for each other.
-    #[error("they fit if the tools `{0}` and `{1}` are exchanged")]
-    ToolsExchanged(String, String),
-    /// All coordinates of linear axes are shifted, µm.
-    #[error("they fit if {} in all rows: was a work offset or a tool length active in the display? Expected machine coordinates", shifts(.0))]
-    Shifted(Vec<(volcomp_vocabulary::AxisName, i64)>),
-    /// Another tool was in the spindle.
-    #[error("they fit with the tool `{0}`: expected a column `tool` that names it")]
-    Tool(String),
 }

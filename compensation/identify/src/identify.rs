@@ -1,33 +1,31 @@
 //! From observations to a machine, in steps: set-up, rank, errors, judgement.
 
+use volcomp_document::Note;
 use volcomp_kinematics::nalgebra::DMatrix;
 use volcomp_model::Machine;
 
 use crate::{
+    checks::{
+        contradiction, few, inches, inverted, large, outliers, refuse_far, refuse_rows,
+        refuse_target, refuse_unexplained, small_moves,
+    },
     design::design,
-    doubts::{contradiction, small_moves},
     error::IdentifyError,
     followers::Follower,
     found_machine::machine_of,
-    judge::{Figures, figures, judged, left_out, outliers},
-    kept_curves::kept_curves,
+    judge::{Figures, figures, judged, left_out},
     left_open::{LeftOpen, left_at_zero, left_open, redundant},
-    mistaken::mistaken,
     next::{Next, next},
     observations::Observations,
-    order::in_order,
     parameters::{Parameter, covariance_in_units, parameters},
     params::Param,
-    plausible::plausible,
     prepared::Rows,
     rank::Rank,
-    refused::{check, refuse_jump, refuse_target},
     response::Response,
     sides::told_apart,
     solve::{Exactness, Solution, solve},
     start::start,
     system::System,
-    thin::{large, thin},
     uncertain::Uncertain,
     values::Values,
 };
@@ -68,8 +66,8 @@ pub struct Identification {
     pub degrees: f64,
     /// The pose that would help most.
     pub next: Option<Next>,
-    /// Messages that a person should read.
-    pub warnings: Vec<String>,
+    /// What could mislead, and what was assumed or not used.
+    pub warnings: Vec<Note>,
 }
 
 /// A fit to some rows.
@@ -85,14 +83,14 @@ pub(crate) struct Fitted {
 /// # Errors
 /// * Observations that no file could state: [`IdentifyError::Unusable`], [`IdentifyError::NoSuchPlace`].
 /// * No rows, too few or all alike; a frame that cannot be found; a search that does not end.
-/// * Rows that no machine like the nominal one can have given: [`IdentifyError::FarRow`], [`IdentifyError::FarRows`], and
-///   [`IdentifyError::Jump`] where something was shifted between two rows.
+/// * Rows that no machine like the nominal one can have given: [`IdentifyError::FarRows`], and
+///   [`IdentifyError::Unexplained`] where what is left after the fit is more than machines miss.
 /// * A curve that cannot be built from what was found: [`IdentifyError::Curve`].
 pub fn identify(
     observations: &Observations,
-    progress: impl FnMut(usize, usize),
+    mut progress: impl FnMut(usize, usize),
 ) -> Result<Identification, IdentifyError> {
-    identify_followed(observations, &[], progress).map(|(found, _)| found)
+    followed(observations, &[], &mut progress).map(|(found, _)| found)
 }
 
 /// The same where other errors of the machine follow the unknowns: these are found by the residuals with all that follows
@@ -107,19 +105,28 @@ pub fn identify_followed(
     followers: &[Follower],
     mut progress: impl FnMut(usize, usize),
 ) -> Result<(Identification, Response), IdentifyError> {
+    followed(observations, followers, &mut progress)
+}
+
+/// Compiled once, and not for each closure that is told the progress.
+fn followed(
+    observations: &Observations,
+    followers: &[Follower],
+    progress: &mut dyn FnMut(usize, usize),
+) -> Result<(Identification, Response), IdentifyError> {
     let system = System::new(observations)?.followed_by(followers)?;
     let rows = system.prepare(observations.fitted().flat_map(|(o, _)| &o.rows));
-    check(&system, &rows)?;
+    refuse_rows(&system, &rows)?;
     let fits = 1 + observations.folds;
     progress(0, fits);
     let values = start(&system, observations, &rows)?;
-    let far = plausible(&system, observations, &rows, &values);
-    refuse_jump(&system, observations, &rows, &values, far)?;
+    refuse_far(&system, observations, &rows, &values)?;
     let fitted = fit(&system, observations, &rows, values.clone())?;
     refuse_target(&system, &rows, &fitted.rank)?;
     progress(1, fits);
     let machine = machine_of(&system, &fitted.solution.values)?;
     let residuals = system.residuals(&rows, &fitted.solution.values);
+    refuse_unexplained(&system, observations, &rows, &residuals)?;
     let (left_out, why_not) = left_out(&system, observations, &rows, &values, |done| {
         progress(1 + done, fits);
     })?;
@@ -133,20 +140,25 @@ pub fn identify_followed(
     let names =
         |null: &Vec<(usize, f64)>| null.iter().map(|(c, w)| (system.name(*c), *w)).collect();
     let null: Vec<Vec<(String, f64)>> = fitted.rank.null.iter().map(names).collect();
+    let warning = |text: &String| Note::warning("", text.as_str());
     // First what makes the answer wrong, then what makes it uncertain, last what stands at every run.
-    let mut warnings = mistaken(&system, observations, &rows, &fitted);
-    warnings.extend(kept_curves(&system, observations, &rows, &fitted));
-    warnings.extend(in_order(&system, observations, &rows, &fitted));
+    let mut warnings = inverted(&system, observations, &rows, &fitted);
+    warnings.extend(inches(&system, observations, &fitted));
     warnings.extend(contradiction(observations, &rows, &residuals, &fitted));
     warnings.extend(outliers(observations, &rows, &residuals));
     warnings.extend(of_judged);
     warnings.extend(large(&system, &fitted));
-    warnings.extend(thin(&system, observations, &rows, &fitted));
-    warnings.extend(observations.notes.iter().cloned());
-    warnings.extend(observations.guessed_turns());
+    warnings.extend(few(&rows, &fitted));
+    warnings.extend(
+        observations
+            .notes
+            .iter()
+            .map(|text| Note::info("", text.as_str())),
+    );
+    warnings.extend(observations.guessed_turns().iter().map(warning));
     warnings.extend(small_moves(&system.machine, &rows));
     warnings.extend(why_not);
-    warnings.extend(left_at_zero(&system, &fitted, &null));
+    warnings.extend(left_at_zero(&system, &fitted, &null).iter().map(warning));
     let found = Identification {
         covariance: covariance_in_units(&system, &fitted),
         rank: fitted.rank.kept.len(),

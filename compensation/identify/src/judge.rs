@@ -2,12 +2,14 @@
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use volcomp_document::Note;
 use volcomp_kinematics::nalgebra::Vector3;
 
 use crate::{
+    checks::median,
     error::{IdentifyError, at},
     identify::fit,
-    observations::{Observations, Seen},
+    observations::Observations,
     prepared::Rows,
     system::System,
     values::Values,
@@ -69,12 +71,17 @@ pub(crate) fn left_out(
     rows: &Rows,
     start: &Values,
     mut done: impl FnMut(usize),
-) -> Result<(LeftOut, Option<String>), IdentifyError> {
+) -> Result<(LeftOut, Option<Note>), IdentifyError> {
     let folds = observations.folds;
     if folds < 2 {
         return Ok((None, None));
     }
-    let none = |why: String| Ok((None, Some(format!("no rows were left out: {why}"))));
+    let none = |why: String| {
+        Ok((
+            None,
+            Some(Note::info("", format!("no rows were left out: {why}"))),
+        ))
+    };
     let Some(parts) = parts(rows, folds) else {
         return none(format!(
             "{} poses make no {folds} parts (`folds`)",
@@ -107,7 +114,7 @@ pub(crate) fn judged(
     observations: &Observations,
     values: &Values,
     fitted: Figures,
-) -> (Option<Figures>, Vec<String>) {
+) -> (Option<Figures>, Vec<Note>) {
     const SHOWN: usize = 5;
     const TIMES: f64 = 10.0;
     let mut notes = Vec::new();
@@ -120,126 +127,24 @@ pub(crate) fn judged(
         let stated = observation.rows.iter().map(|row| row.uncertainty_mm);
         let expected = (1e-3 * fitted.rms_um).max(stated.fold(0.0, f64::max));
         if usual > TIMES * expected {
-            notes.push(format!(
-                "{}: its judged rows are {:.1} µm (median) from what was found, the fitted ones {:.1} µm RMS: are they of the same machine and set-up?",
-                observation.file,
+            let what = format!(
+                "its judged rows are {:.1} µm (median) from what was found, the fitted ones {:.1} µm RMS: are they of the same machine and set-up?",
                 1e3 * usual,
                 fitted.rms_um
-            ));
+            );
+            notes.push(Note::warning(observation.file.as_str(), what));
         }
         let rows = observation.rows.iter().zip(&sizes);
         let far = rows.filter(|(row, size)| **size > TIMES * usual.max(row.uncertainty_mm));
         notes.extend(far.take(SHOWN).map(|(row, size)| {
-            format!(
-                "{}: this judged row is {:.1} µm from what was found, the others {:.1} µm (median): is it a slip?",
-                at(&observation.file, row.line),
+            let what = format!(
+                "this judged row is {:.1} µm from what was found, the others {:.1} µm (median): is it a slip?",
                 1e3 * size,
                 1e3 * usual
-            )
+            );
+            Note::warning(at(&observation.file, row.line), what)
         }));
         all.extend(residuals);
     }
     ((!all.is_empty()).then(|| figures(&all)), notes)
-}
-
-/// Notes on rows that fit far worse than the others of their file, and on spheres that moved between files.
-pub(crate) fn outliers(
-    observations: &Observations,
-    rows: &Rows,
-    residuals: &[Vector3<f64>],
-) -> Vec<String> {
-    const SHOWN: usize = 10;
-    let mut notes = Vec::new();
-    let mut spheres: Vec<(usize, &str, Vector3<f64>, f64, usize)> = Vec::new();
-    for (observation, own) in observations.fitted() {
-        let sizes: Vec<f64> = residuals[own.clone()].iter().map(Vector3::norm).collect();
-        let directions = observation.rows.iter().map(|row| row.seen.count()).max();
-        // The median of the distances in one, two or three directions, in standard deviations.
-        let usual = match directions {
-            Some(3..) => 1.538,
-            Some(2) => 1.177,
-            _ => 0.6745,
-        };
-        let sigma = median(&sizes) / usual;
-        let is_far = |place: &usize| {
-            let row = rows.get(*place);
-            let size = residuals[*place].norm();
-            size > 6.0 * sigma && size > 4.0 * row.uncertainty_mm
-        };
-        let mut far: Vec<usize> = own.clone().filter(is_far).collect();
-        far.sort_by(|a, b| residuals[*b].norm().total_cmp(&residuals[*a].norm()));
-        for place in far.iter().take(SHOWN) {
-            let (row, size) = (rows.get(*place), residuals[*place].norm());
-            // Where the others fit exactly, no number says how many times worse it is than they are.
-            let beside = if sigma > 0.01 * row.uncertainty_mm {
-                format!("{:.0} times what is usual in this file", size / sigma)
-            } else {
-                format!("{:.0} times its uncertainty", size / row.uncertainty_mm)
-            };
-            notes.push(format!(
-                "{}: this row is {:.1} µm from what all rows say together, {beside}: is it a slip? `robust = true` lets such rows count less",
-                at(&observation.file, row.line),
-                1e3 * size,
-            ));
-        }
-        if far.len() > SHOWN {
-            notes.push(format!(
-                "{}: {} more rows like these",
-                observation.file,
-                far.len() - SHOWN
-            ));
-        }
-        for place in own {
-            let Seen::Sphere { centre, .. } = rows.get(place).seen else {
-                continue;
-            };
-            let u = rows.get(place).uncertainty_mm;
-            let file = observation.file.as_str();
-            match spheres
-                .iter_mut()
-                .find(|(c, f, ..)| *c == centre && *f == file)
-            {
-                Some((_, _, sum, largest, count)) => {
-                    *sum += residuals[place];
-                    *largest = largest.max(u);
-                    *count += 1;
-                }
-                None => spheres.push((centre, file, residuals[place], u, 1)),
-            }
-        }
-    }
-    notes.extend(moved_spheres(observations, &spheres));
-    notes
-}
-
-/// A sphere whose rows in two files are apart by more than their uncertainty explains.
-fn moved_spheres(
-    observations: &Observations,
-    spheres: &[(usize, &str, Vector3<f64>, f64, usize)],
-) -> Vec<String> {
-    let mut notes = Vec::new();
-    for (place, (centre, file, sum, u, count)) in spheres.iter().enumerate() {
-        for (other, before, other_sum, other_u, other_count) in &spheres[..place] {
-            if other != centre {
-                continue;
-            }
-            let mean = |sum: &Vector3<f64>, count: usize| sum / count as f64;
-            let apart = mean(sum, *count) - mean(other_sum, *other_count);
-            let expected = (u * u / *count as f64 + other_u * other_u / *other_count as f64).sqrt();
-            if apart.norm() > 6.0 * expected {
-                let name = &observations.setup.points[*centre].name;
-                notes.push(format!(
-                    "{name} seems to have moved by [{:.1}, {:.1}, {:.1}] µm between {before} and {file}: if so, give it another name in one of them",
-                    1e3 * apart.x, 1e3 * apart.y, 1e3 * apart.z
-                ));
-            }
-        }
-    }
-    notes
-}
-
-pub(crate) fn median(sizes: &[f64]) -> f64 {
-    let mut sorted = sizes.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or_default()
 }

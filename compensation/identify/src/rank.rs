@@ -164,6 +164,17 @@ fn combination(column: usize, kept: &[usize], weights: &DVector<f64>) -> Vec<(us
     others
 }
 
+/// Columns brought to the length 1; a column of zeros stays.
+pub(crate) fn of_unit_length(mut columns: DMatrix<f64>) -> DMatrix<f64> {
+    for mut column in columns.column_iter_mut() {
+        let length = column.norm();
+        if length > 0.0 {
+            column /= length;
+        }
+    }
+    columns
+}
+
 /// The smallest and the largest singular value.
 fn ends(matrix: &DMatrix<f64>) -> [f64; 2] {
     if matrix.is_empty() {

@@ -11,13 +11,12 @@ use volcomp_model::Machine;
 use crate::{
     ball_row,
     checked::{MOST_DRIFT, MOST_FOLDS, standard_uncertainty_um, unit_vector},
+    checks::{oblique, refuse_units},
     error::IdentifyError,
     observations::{Kind, NumberKind, Observation, Observations},
     rows::{RowKind, read_rows},
     setup_keys::{NamedSetUp, Reading, frame, number, point_of, targets},
-    sight::oblique,
     timeline::set_times,
-    units::check_units,
     unknown_file::{decode_penalty, decode_unknown},
 };
 
@@ -300,7 +299,7 @@ fn decode_observation(
         judge,
         reading,
     )?;
-    check_units(&table, machine, &rows.rows, &reading.setup)?;
+    refuse_units(&table, machine, &rows.rows, &reading.setup)?;
     if let (RowKind::Line { direction, .. }, Some(value)) = (&row_kind, section.get("direction"))
         && let Some(note) = oblique(&rows.rows, direction, machine)
     {

@@ -4,8 +4,8 @@ use volcomp_kinematics::nalgebra::{DMatrix, DVector};
 use volcomp_model::Machine;
 
 use crate::{
-    error::IdentifyError, followers::Follower, identify::Fitted, left::of_unit_length,
-    observations::Observations, parameters::told_by_searched, solve::weight, system::System,
+    error::IdentifyError, followers::Follower, identify::Fitted, observations::Observations,
+    parameters::told_by_searched, rank::of_unit_length, solve::weight, system::System,
     values::Values,
 };
 

@@ -2,7 +2,11 @@
 
 use volcomp_kinematics::nalgebra::DMatrix;
 
-use crate::{left::of_unit_length, params::Param, rank::LEAST_SHARE, system::System};
+use crate::{
+    params::Param,
+    rank::{LEAST_SHARE, of_unit_length},
+    system::System,
+};
 
 /// mm and mrad: no error of a machine is larger. Where the noise alone gives an unknown a larger standard uncertainty than this, the
 /// observations tell less of it than is known before any measurement: a value would be noise, and harm where it is applied.

@@ -91,10 +91,10 @@ pub(crate) fn of_calibration(
 }
 
 /// Warnings that are notes of another part.
-pub(crate) fn notes(texts: &[String]) -> impl Iterator<Item = Warning> {
+pub(crate) fn notes<T: ToString>(texts: &[T]) -> impl Iterator<Item = Warning> {
     texts.iter().map(|text| Warning {
         kind: WarningKind::Note,
-        text: text.clone(),
+        text: text.to_string(),
     })
 }
 

@@ -2,7 +2,10 @@
 
 use std::{path::Path, process::Command};
 
-use crate::program::Program;
+use crate::{
+    controlled::{configuration, control},
+    program::{Program, path},
+};
 
 const FAKETIME: &str = "/usr/lib/x86_64-linux-gnu/faketime/libfaketimeMT.so.1";
 
@@ -21,15 +24,9 @@ fn a_wall_clock_that_jumps_changes_nothing_but_the_dates() {
         .env("FAKETIME_TIMESTAMP_FILE", &stamp)
         .env("FAKETIME_NO_CACHE", "1")
         .env("FAKETIME_DONT_FAKE_MONOTONIC", "1");
-    let audit = dir.path().join("audit");
-    let tokens = crate::program::token_file(dir.path());
-    let arguments = [
-        "--simulate",
-        "--audit-dir",
-        crate::program::path(&audit),
-        "--token-file",
-        crate::program::path(&tokens),
-    ];
+    let control = control();
+    let config = configuration(dir.path(), &control, "auto_arm = true");
+    let arguments = ["--config", path(&config)];
     let mut program = Program::spawn(command, dir.path(), &arguments);
     program.wait_for("compensating");
     for jump in ["-10d", "+3650d", "+0"] {
@@ -46,7 +43,7 @@ fn a_wall_clock_that_jumps_changes_nothing_but_the_dates() {
     }
     program.signal("TERM");
     assert_eq!(program.end(), Some(0));
-    let text = std::fs::read_to_string(audit.join("audit.log")).expect("a log");
+    let text = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
     let records: Vec<serde_json::Value> = text
         .lines()
         .filter_map(|line| serde_json::from_str(line.split_once(' ')?.1).ok())

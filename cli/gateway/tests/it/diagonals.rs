@@ -101,7 +101,7 @@ impl Rig {
         let address = line.strip_prefix("listening on ").expect("an address");
         let configuration = format!(
             "machine = \"machine.toml\"\ncycle_ms = 4.0\nauto_arm = true\n[guard]\nlimit_um = 150.0\nslew_um_per_s = 500.0\n\
-             hold_ms = 200\nzero_after_ms = 2000\n[[controller]]\nurl = \"focas://{address}\"\naxes = [\"X\", \"Y\", \"Z\"]\n\
+             hold_ms = 200\nzero_after_ms = 2000\nramp_s = 0.1\ntest_shift_um = 0\n[[controller]]\nurl = \"focas://{address}\"\naxes = [\"X\", \"Y\", \"Z\"]\n\
              includes_correction = true\n{way}\n[audit]\ndir = \"audit\"\n"
         );
         file("gateway.toml", &configuration);

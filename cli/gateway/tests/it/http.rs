@@ -5,7 +5,10 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::program::{OPERATE, Program, VIEW, answer};
+use crate::{
+    controlled::{configuration, control},
+    program::{OPERATE, Program, VIEW, answer, change, path},
+};
 
 fn simulated() -> (tempfile::TempDir, Program) {
     let dir = tempfile::tempdir().expect("writable");
@@ -160,12 +163,12 @@ fn at_its_own_computer_disarming_needs_no_token() {
     for has_tokens in [true, false] {
         let dir = tempfile::tempdir().expect("writable");
         let audit = dir.path().join("audit");
-        let program = if has_tokens {
-            Program::simulated(dir.path())
-        } else {
-            let arguments = ["--simulate", "--audit-dir", crate::program::path(&audit)];
-            Program::start(dir.path(), &arguments)
-        };
+        let control = control();
+        let config = configuration(dir.path(), &control, "auto_arm = true");
+        if !has_tokens {
+            change(&config, "token_file = \"tokens\"\n", "");
+        }
+        let program = Program::start(dir.path(), &["--config", path(&config)]);
         program.wait_for("compensating");
         let disarm = |host: &str, headers: &str| {
             let head = format!("POST /api/disarm HTTP/1.1\r\nHost: {host}\r\n{headers}");
@@ -308,7 +311,7 @@ fn a_flood_does_not_touch_the_correction() {
             scope.spawn(|| {
                 let mut stream = program.connect();
                 let mut buffer = vec![0; 1 << 16];
-                for _ in 0..1250 {
+                for _ in 0..300 {
                     write!(stream, "GET /api/state HTTP/1.1\r\nHost: localhost\r\n\r\n")
                         .expect("sent");
                     // One answer at a time: its length stands in its head.
@@ -326,8 +329,9 @@ fn a_flood_does_not_touch_the_correction() {
             });
         }
     });
-    let state = program.state();
-    assert_eq!(state["state"], "compensating");
+    assert_eq!(program.state()["armed"], true);
+    // A cycle that came late on a busy computer is past.
+    let state = program.wait_for("compensating");
     assert!(state["cycle"]["count"].as_u64() > before["count"].as_u64());
 }
 

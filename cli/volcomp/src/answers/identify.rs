@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use schemars::JsonSchema;
 use serde::Serialize;
+use volcomp_document::Note;
 use volcomp_identify::{Figures, Identification};
 
 use super::ByAxis;
@@ -17,7 +18,8 @@ pub(crate) struct Identify {
     #[serde(flatten)]
     pub(crate) found: Found,
     /// Warnings in words: what cannot be told apart, rows that do not fit, notes on the files.
-    pub(crate) warnings: Vec<String>,
+    #[schemars(with = "Vec<String>")]
+    pub(crate) warnings: Vec<Note>,
 }
 
 /// What was found from observations, and how far it can be trusted.

@@ -33,7 +33,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     output.finish()?;
     let document = Document::new(arguments.output.display().to_string(), &found);
     let text = text(&document, &arguments.output);
-    Answer::new(&document, text, found.warnings)
+    let notes = found.warnings.iter().map(ToString::to_string);
+    Answer::new(&document, text, notes.collect())
 }
 
 /// Identifies with a progress bar.

@@ -209,7 +209,7 @@ fn what_is_stated_twice_or_cannot_be_told_apart_is_refused() {
 
 /// Uncertainties of unknowns against the whole calibration repeated with other readings.
 fn uncertainties_are_those_of_repeats(path: &Path) {
-    const REPEATS: u64 = 100;
+    const REPEATS: u64 = 40;
     let mut file = CalibrationFile::read(path).expect("read");
     let stated = &mut file.uncertainty;
     (stated.reading_um, stated.reading_urad) = (1.0, 1.0);
@@ -300,12 +300,12 @@ fn a_location_with_the_wrong_sign_is_named() {
         .expect("a String");
         let found = calibrated(folder.path(), &text);
         let told = found.warnings.into_iter();
-        told.filter(|note| note.contains("the opposite sign, "))
+        told.filter(|note| note.contains("the observations contradict its"))
             .collect::<Vec<_>>()
     };
     let others = "\"EZ0A\", \"EY0C\", \"EB0C\"";
     let told = notes(others, &[("EX0C", -15.0, 1.0)], 1.0);
-    let expected = "EX0C in [[location]]: the observations contradict its -15.0 µm and fit with the opposite sign, 15.0 µm";
+    let expected = "EX0C in [[location]]: the observations contradict its -15.0 µm and fit with 1";
     assert!(told.len() == 1 && told[0].starts_with(expected), "{told:?}");
     let two = [
         ("EX0C", 15.0, 1.0),
@@ -318,13 +318,10 @@ fn a_location_with_the_wrong_sign_is_named() {
         told[0].contains("EB0C") && told[1].contains("EY0C"),
         "{told:?}"
     );
-    // Right, small beside its uncertainty, small beside that of the observations, and wrong otherwise.
-    for (value, uncertainty, noise_um) in [
-        (15.0, 1.0, 1.0),
-        (-15.0, 10.0, 1.0),
-        (-15.0, 1.0, 60.0),
-        (60.0, 1.0, 1.0),
-    ] {
+    assert_eq!(notes(others, &[("EX0C", 60.0, 1.0)], 1.0).len(), 1);
+    // Right, small beside its uncertainty, small beside that of the observations.
+    for (value, uncertainty, noise_um) in [(15.0, 1.0, 1.0), (-15.0, 10.0, 1.0), (-15.0, 1.0, 60.0)]
+    {
         let told = notes(others, &[("EX0C", value, uncertainty)], noise_um);
         assert!(
             told.is_empty(),

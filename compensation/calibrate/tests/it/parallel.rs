@@ -107,7 +107,7 @@ fn a_pitch_that_is_twice_too_large_contradicts_the_lines() {
         "EYY-0-1050.csv and ",
         "EYY-0-650.csv contradict each other by up to ±",
         "times their noise of 0.",
-        "agree with 0.50 times the tilts of Y",
+        "check the files, and their `point`, `at`, `unit` and `sign`",
     ];
     assert!(has(&bad, &told), "{:?}", bad.warnings);
     let told = bad

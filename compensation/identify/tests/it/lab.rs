@@ -56,6 +56,12 @@ impl Lab {
     }
 }
 
+/// All notes of a result, a line for each.
+pub(crate) fn words(found: &Identification) -> String {
+    let notes: Vec<String> = found.warnings.iter().map(ToString::to_string).collect();
+    notes.join("\n")
+}
+
 /// The value and the uncertainty of a parameter.
 pub(crate) fn value(found: &Identification, name: &str) -> (f64, f64) {
     let parameter = found.parameters.iter().find(|p| p.name == name);

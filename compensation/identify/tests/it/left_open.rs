@@ -127,7 +127,7 @@ fn what_only_noise_is_known_of_is_not_determined() {
     };
     let (_, close) = identified(&lab(0.05, 5e-3), 5.0);
     assert_eq!(is_determined(&close), [false; 2]);
-    let said = close.warnings.join("\n");
+    let said = crate::lab::words(&close);
     for order in [1, 2] {
         let start = format!(
             "ECZ legendre {order} is not determined: with the stated noise its standard uncertainty would be "

@@ -1,21 +1,18 @@
 //! Identification against closed forms, an independent program, and its own statistics.
 
 mod ball_row;
+mod checks;
 mod coverage;
 mod draws;
 mod first_rows;
 mod fuzz_corpus;
-mod implausible;
-mod kept_curves;
 mod lab;
 mod left_open;
 mod limits;
 mod line;
 mod measure_next;
 mod messages;
-mod mistaken;
 mod notes;
-mod order;
 mod peer;
 mod penalised;
 mod products;

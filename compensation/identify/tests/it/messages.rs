@@ -238,16 +238,15 @@ fn a_slip_is_named_with_its_line_and_counts_less_where_asked() {
     lines[12] = cells.join(",");
     lab.write("t.csv", &lines.join("\n"));
     let found = lab.identify(&points("")).expect("found");
-    let note = found
-        .warnings
-        .iter()
+    let said = crate::lab::words(&found);
+    let note = said
+        .lines()
         .find(|w| w.contains("t.csv:13"))
         .expect("named");
     assert!(note.contains("is it a slip?"), "{note}");
     assert!(
-        found
-            .warnings
-            .iter()
+        crate::lab::words(&found)
+            .lines()
             .any(|w| w.contains("times the stated uncertainty"))
     );
     let plain = crate::lab::value(&found, "EC0Y").0;
@@ -277,12 +276,12 @@ fn poses_outside_travel_and_unused_columns_are_noted() {
         .collect();
     lab.write(
         "t.csv",
-        &text.join("\n").replace("\n500,400,", "\n505,400,"),
+        &text.join("\n").replace("\n500,400,", "\n500.2,400,"),
     );
     let found = lab.identify(&points("")).expect("found");
-    let words = found.warnings.join("\n");
+    let words = crate::lab::words(&found);
     assert!(
-        words.contains("line 4: X: found 505 mm, expected a position within the travel of X"),
+        words.contains("line 4: X: found 500.2 mm, expected a position within the travel of X"),
         "{words}"
     );
     assert!(
@@ -328,9 +327,9 @@ tip = [0.0, 0.0, -200.0]
     lab.write("two.csv", &table(0.03));
     let text = "folds = 0\nunknown = [\"EX0C\", \"EA0C\"]\n[[observation]]\nkind = \"sphere\"\nfile = \"one.csv\"\n[[observation]]\nkind = \"sphere\"\nfile = \"two.csv\"\n";
     let found = lab.identify(text).expect("found");
-    let note = found
-        .warnings
-        .iter()
+    let said = crate::lab::words(&found);
+    let note = said
+        .lines()
         .find(|w| w.contains("seems to have moved"))
         .expect("named");
     assert!(
@@ -401,7 +400,7 @@ fn observations_that_contradict_each_other_are_named() {
         "folds = 0\nunknown = [{{ error = \"EXX\", legendre = 1 }}, {{ error = \"EYY\", legendre = 1 }}]\n{files}"
     );
     let found = lab.identify(&text).expect("found");
-    let words = found.warnings.join("\n");
+    let words = crate::lab::words(&found);
     // 20 µm/m on 100, 200, 300, 400 mm: 5.5 µm RMS in each.
     assert!(
         words.contains("(long.csv 5.5 times, short.csv 5.5 times, y.csv 0.0 times)")

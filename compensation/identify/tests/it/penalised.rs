@@ -66,9 +66,8 @@ fn noise_is_found_where_it_was_stated_too_small() {
         found.variance
     );
     assert!(
-        found
-            .warnings
-            .iter()
+        crate::lab::words(&found)
+            .lines()
             .any(|w| w.contains("times the stated uncertainty")),
         "{:?}",
         found.warnings

@@ -150,7 +150,7 @@ file = \"t.csv\"
     let (other, _) = value(&found, "EZX legendre 2 × Y legendre 2");
     assert!(other.abs() < 1e-6, "{other}");
     // A turn of the frame and a slope over Y are the same thing.
-    let named = found.warnings.join("\n");
+    let named = crate::lab::words(&found);
     assert!(
         named.contains("× Y legendre 1 cannot be told apart"),
         "{named}"

@@ -133,9 +133,9 @@ fn a_series_from_half_a_turn_closes() {
     assert!((at(0.0) - at(360.0)).abs() < 1e-9);
     let difference = at(0.0) - at(180.0);
     assert!((difference.abs() - 50.0).abs() < 0.1, "{difference}");
-    let note = found
-        .warnings
-        .iter()
+    let said = crate::lab::words(&found);
+    let note = said
+        .lines()
         .find(|note| note.contains("only guessed there"));
     let note = note.expect("a note on what was not observed");
     assert!(

@@ -176,7 +176,7 @@ target = \"unknown\"
         .expect("there");
     assert!(mixed.determined);
     assert_eq!(mixed.given_zero, ["EXX constant"]);
-    let words = found.warnings.join("\n");
+    let words = crate::lab::words(&found);
     assert!(
         words.contains("EXX constant cannot be told apart from") && words.contains("EX0C"),
         "{words}"
@@ -389,7 +389,9 @@ fn a_series_over_a_part_of_a_turn_keeps_to_it() {
             goes_round || (there - expected).abs() < 1e-9,
             "{there} {expected}"
         );
-        let said = found.warnings.iter().any(|note| note.contains("of a turn"));
+        let said = crate::lab::words(&found)
+            .lines()
+            .any(|note| note.contains("of a turn"));
         assert_eq!(said, !goes_round, "{:?}", found.warnings);
     }
 }

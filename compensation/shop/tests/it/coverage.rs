@@ -342,17 +342,17 @@ poses = 24
 /// held 40 to 77 %.
 #[test]
 fn bands_of_unknowns_beside_lines_hold_the_truth() {
-    unknowns_beside_lines(5);
+    unknowns_beside_lines(5, 60);
 }
 
 /// The same with lines of two runs, whose scatter has one degree of freedom: with the formula of Welch and Satterthwaite the bands of
 /// `EA0C` and `EB0C` held 91 %.
 #[test]
 fn bands_of_unknowns_beside_lines_of_two_runs_hold_the_truth() {
-    unknowns_beside_lines(2);
+    unknowns_beside_lines(2, 300);
 }
 
-fn unknowns_beside_lines(runs: u32) {
+fn unknowns_beside_lines(runs: u32, few: u64) {
     const LASER_UM_PER_M: f64 = 1.5;
     const SQUARE_URAD: f64 = 2.0;
     let folder = tempfile::tempdir().expect("a folder");
@@ -369,7 +369,7 @@ fn unknowns_beside_lines(runs: u32) {
     let text = format!("{head}\n{unknown}\n{tables}{observation}");
     fs::write(folder.join("shop.toml"), text).expect("written");
     let mut shop = Shop::read(&folder.join("shop.toml")).expect("a valid shop");
-    let count = asked().unwrap_or(300);
+    let count = asked().unwrap_or(few);
     let names = ["EX0C", "EY0C", "EA0C", "EB0C"];
     let mut inside = names.map(|_| 0_u64);
     for seed in 0..count {
@@ -396,8 +396,12 @@ fn unknowns_beside_lines(runs: u32) {
     }
     let shares = inside.map(|inside| inside as f64 / count as f64);
     println!("unknowns beside lines of {runs} runs: {shares:?}");
-    // Of 300 shops 95 % scatter by 1.3 %, of 500 by 1 %.
-    let allowed = if count >= 500 { 0.02 } else { 0.03 };
+    // Of 60 shops 95 % scatter by 2.8 %, of 300 by 1.3 %, of 500 by 1 %.
+    let allowed = match count {
+        500.. => 0.02,
+        300..500 => 0.03,
+        _ => 0.07,
+    };
     for (name, share) in names.iter().zip(shares) {
         assert!((share - 0.95).abs() <= allowed, "{name}: {share}");
     }

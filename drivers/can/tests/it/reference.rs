@@ -1,6 +1,8 @@
 //! The words of the shipped file against the reference of the barrier: a control that scans, a gateway that answers, and a
 //! bus that loses messages.
 
+use std::time::{Duration, Instant};
+
 use volcomp_can::{BARRIER_DBC, BridgeConfig, CanController, SignalTable};
 use volcomp_guard::barrier::{
     Barrier, Counts, FRAME_WORDS, Layout, REPORT_WORDS, Refusal, Report, Seen, Session, Settings,
@@ -101,6 +103,11 @@ impl Control {
     }
 }
 
+/// What is only sent waits for nothing but a processor.
+fn late() -> Instant {
+    Instant::now() + Duration::from_secs(5)
+}
+
 /// A gateway that reads, and answers a new whole report with these counts.
 struct Gateway {
     controller: CanController<Bus>,
@@ -136,7 +143,7 @@ impl Gateway {
         let mut words = [0; FRAME_WORDS];
         let count = frame.encode(settings, &mut words);
         let words = Words::new(&words[..count]).unwrap();
-        self.controller.post(&words, soon()).unwrap();
+        self.controller.post(&words, late()).unwrap();
         Some(report)
     }
 }

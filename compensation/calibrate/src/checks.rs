@@ -1,0 +1,645 @@
+//! Checks that stop a wrong number: refusals of lines that cannot be what the calibration file says, and notes on results that could
+//! mislead.
+
+use volcomp_document::{InputError, Note, Value, quoted};
+use volcomp_kinematics::MotionFrame;
+use volcomp_metrology::{
+    Measurement, Metadata, MotionKind, ODD_ABOVE, Reading, ReferenceLine, SMALL_BELOW,
+    SeenReadings, axis_named, errors_named,
+};
+use volcomp_model::{Axis, Machine};
+use volcomp_vocabulary::{AxisKind, Component, Direction, Displacement, ErrorName, Um, Urad};
+
+use crate::{
+    calibration_file::{CalibrationFile, Line, SquarenessSource},
+    error::CalibrateError,
+    fitted_curve::FittedCurve,
+    fitted_line::FittedLine,
+    identified::CHANGE,
+    lines_share::LinesShare,
+    setup::{Method, Setup},
+};
+
+/// No machine tool is wrong by more: 100 mm and 100 mrad, in µm and µrad.
+pub(crate) const NEVER_ABOVE: f64 = 1e5;
+/// No angle of a machine tool varies by more along or about an axis: 5 mrad, in µrad. Arc seconds that are read as mrad do.
+const ANGLE_NEVER_VARIES: f64 = 5e3;
+/// Refuses a line of an error motion that turns with its axis: an instrument that does not turn sees two of them mixed. Only
+/// those along and about the axis itself are the same in both frames. `name` is the value that names the error.
+pub(crate) fn refuse_turning(
+    name: &Value<'_>,
+    error: ErrorName,
+    machine: &Machine,
+) -> Result<(), InputError> {
+    let turns = machine
+        .axis(error.axis)
+        .is_some_and(|axis| axis.motion_frame == MotionFrame::Turning);
+    let is_along = error.component.mcs_index() == error.axis.mcs_index();
+    if !turns || is_along {
+        return Ok(());
+    }
+    Err(name.error(format!(
+        "found {error}, and `motion_frame = \"turning\"` of {} in the machine file: instruments show error motions in the frame that does not turn, expected `motion_frame = \"fixed\"`",
+        error.axis
+    )))
+}
+
+/// Refuses the file of another error, read in the same way: the readings of one are not those of the other. Angles of a bridge may
+/// give the angular error itself and, summed up, a straightness.
+pub(crate) fn refuse_file_of_another(
+    before: &[Line],
+    line: &Line,
+    file: &Value<'_>,
+) -> Result<(), InputError> {
+    let is_direct = |line: &Line| line.setup.method == Method::Direct;
+    let same = before.iter().find(|other| {
+        other.file == line.file
+            && other.setup.error != line.setup.error
+            && is_direct(other) == is_direct(line)
+    });
+    same.map_or(Ok(()), |other| {
+        Err(file.error(format!(
+            "found {:?}, which is the file of {} at {}, expected that of {}",
+            line.file
+                .file_name()
+                .unwrap_or_default()
+                .display()
+                .to_string(),
+            other.setup.error,
+            other.place,
+            line.setup.error
+        )))
+    })
+}
+
+/// Refuses a file that another line of the same error names already: its readings would count twice. `file` is the value that
+/// names the file.
+pub(crate) fn refuse_file_twice(
+    before: &[Line],
+    line: &Line,
+    file: &Value<'_>,
+) -> Result<(), InputError> {
+    // Both were read; one that is no longer there is compared as it is named.
+    let place = |line: &Line| line.file.canonicalize().unwrap_or(line.file.clone());
+    let same = |other: &&Line| other.setup.error == line.setup.error && place(other) == place(line);
+    before.iter().find(same).map_or(Ok(()), |other| {
+        Err(file.error(format!(
+            "found {}, which {} names for {} already, expected each file once for an error: its readings would count twice",
+            quoted(file.text()?),
+            other.place,
+            line.setup.error
+        )))
+    })
+}
+
+/// Refuses a second file of one error along one line, over the same targets in the same direction: which of them holds is for a person
+/// to say, and the mean of both would be none of them. Files that go on where another ends, or hold the other direction, are
+/// one test.
+pub(crate) fn refuse_line_twice(
+    before: &[Line],
+    line: &Line,
+    file: &Value<'_>,
+) -> Result<(), InputError> {
+    let is_one_line = |other: &&Line| {
+        (other.setup.error, &other.setup.at, other.setup.point_mcs)
+            == (line.setup.error, &line.setup.at, line.setup.point_mcs)
+            && other.setup.method == line.setup.method
+            && (covers(&other.readings, &line.readings) || covers(&line.readings, &other.readings))
+    };
+    before.iter().find(is_one_line).map_or(Ok(()), |other| {
+        Err(file.error(format!(
+            "found {}, and {:?} ({}) measures {} along the same line already, with the same `at` and `point`: the mean of two tests is none of them, expected one of the files, or other places",
+            quoted(file.text()?),
+            other.file.file_name().unwrap_or_default().display().to_string(),
+            other.place,
+            line.setup.error
+        )))
+    })
+}
+
+/// Whether more than half of the readings of `other` are at places that `one` went over in the same direction.
+fn covers(one: &Measurement, other: &Measurement) -> bool {
+    let span = |direction| {
+        let readings = one.readings.iter().filter(|of| of.direction == direction);
+        readings.fold(None, |span: Option<[f64; 2]>, of| {
+            let [low, high] = span.unwrap_or([of.target; 2]);
+            Some([low.min(of.target), high.max(of.target)])
+        })
+    };
+    let spans = Direction::BOTH.map(|direction| (direction, span(direction)));
+    let is_covered = |of: &&Reading| {
+        spans.iter().any(|(direction, span)| {
+            *direction == of.direction
+                && span.is_some_and(|[low, high]| (low..=high).contains(&of.target))
+        })
+    };
+    let covered = other.readings.iter().filter(is_covered).count();
+    2 * covered > other.readings.len()
+}
+
+/// Refuses readings (µm or µrad) that cannot be those of this line: of another axis that the machine has, none of them
+/// within the travel, or of a size that only a wrong unit gives. `file` is the value that names the file.
+pub(crate) fn refuse(
+    file: &Value<'_>,
+    setup: &Setup,
+    readings: &Measurement,
+    machine: &Machine,
+) -> Result<(), InputError> {
+    let error = setup.error;
+    let stated = readings.metadata.axis.as_deref().and_then(axis_named);
+    if let Some(other) = stated.filter(|axis| *axis != error.axis && machine.axis(*axis).is_some())
+    {
+        return Err(file.error(format!(
+            "the file states that axis {other} was measured, expected {}, the axis of {error}",
+            error.axis
+        )));
+    }
+    let sizes = readings.readings.iter().map(|reading| reading.deviation);
+    let largest = sizes.fold(0.0_f64, |largest, size| largest.max(size.abs()));
+    if largest > NEVER_ABOVE {
+        let unit = if setup.reads_angles() { "mrad" } else { "mm" };
+        return Err(file.error(format!(
+            "found a deviation of {:.0} {unit}, expected less than 100 {unit}: check the unit of the file, or state `unit`",
+            largest * 1e-3
+        )));
+    }
+    if error.component.is_angular() {
+        let angles = || readings.readings.iter().map(|reading| reading.deviation);
+        let highest = angles().fold(f64::NEG_INFINITY, f64::max);
+        let varies = highest - angles().fold(f64::INFINITY, f64::min);
+        if varies > ANGLE_NEVER_VARIES {
+            return Err(file.error(format!(
+                "found angles that vary by {:.1} mrad, expected less than {:.0} mrad: are they in another unit? arcsec, urad, mrad and deg are read; state `unit`, or write it into the header of the file",
+                varies * 1e-3,
+                ANGLE_NEVER_VARIES * 1e-3
+            )));
+        }
+    }
+    let Some(axis) = machine.axis(error.axis) else {
+        return Ok(());
+    };
+    let [low, high] = axis.travel;
+    let mut targets = readings.readings.iter().map(|reading| reading.target);
+    if let Some([first, last]) = ends(readings)
+        && !targets.any(|target| axis.may_stand_at(target))
+    {
+        let unit = error.axis.kind().coordinate_unit();
+        return Err(file.error(format!(
+            "found targets from {first} to {last} {unit}, expected some within the travel of {}, {low} to {high} {unit}",
+            error.axis
+        )));
+    }
+    Ok(())
+}
+
+/// Refuses a stated value (µm or µrad) of a size that only a wrong unit gives.
+pub(crate) fn refuse_value(
+    value: &Value<'_>,
+    kind: AxisKind,
+    micro: f64,
+) -> Result<(), InputError> {
+    if micro.abs() <= NEVER_ABOVE {
+        return Ok(());
+    }
+    let unit = match kind {
+        AxisKind::Linear => "mm",
+        AxisKind::Rotary => "mrad",
+    };
+    Err(value.error(format!(
+        "found {:.0} {unit}, expected less than 100 {unit}: check its unit",
+        micro * 1e-3
+    )))
+}
+
+/// Whether two names of machines or serial numbers are of one machine: case and blanks at the ends are no difference.
+fn is_same_name(one: &str, other: &str) -> bool {
+    one.trim().eq_ignore_ascii_case(other.trim())
+}
+
+/// What is said of a file that states the name of another machine than the machine file.
+pub(crate) fn other_machine(readings: &Measurement, machine: &Machine) -> Option<String> {
+    let known = machine.name.trim();
+    let stated = readings.metadata.machine.as_deref()?.trim();
+    let is_other = !stated.is_empty() && !known.is_empty() && !is_same_name(stated, known);
+    is_other.then(|| {
+        format!(
+            "it states the machine `{stated}`, and the machine file is of `{known}`: is it the right machine?"
+        )
+    })
+}
+
+/// Notes where measurement files state different machines or serial numbers. Each file by its name.
+pub fn different_machines(files: &[(String, &Metadata)]) -> Vec<String> {
+    let mut notes = Vec::new();
+    for (what, is_serial) in [("machines", false), ("serial numbers", true)] {
+        let mut found: Vec<(&str, &str)> = Vec::new();
+        for (file, metadata) in files {
+            let text = if is_serial {
+                &metadata.serial
+            } else {
+                &metadata.machine
+            };
+            let text = text.as_deref().unwrap_or_default().trim();
+            if !text.is_empty() && !found.iter().any(|(known, _)| is_same_name(known, text)) {
+                found.push((text, file));
+            }
+        }
+        if found.len() > 1 {
+            let each = found
+                .iter()
+                .map(|(text, file)| format!("`{text}` ({file})"));
+            let each: Vec<String> = each.collect();
+            let each = each.join(", ");
+            notes.push(format!(
+                "the measurement files state different {what}: {each}"
+            ));
+        }
+    }
+    notes
+}
+
+/// The files of lines with what they say of themselves.
+pub(crate) fn files_of(lines: &[Line]) -> Vec<(String, &Metadata)> {
+    let file = |line: &Line| line.file.display().to_string();
+    let lines = lines.iter();
+    lines
+        .map(|line| (file(line), &line.readings.metadata))
+        .collect()
+}
+
+/// Refuses a file that states another serial number than the calibration file. `file` is the value that names the file.
+pub(crate) fn refuse_serial(
+    file: &Value<'_>,
+    readings: &Measurement,
+    serial: Option<&str>,
+) -> Result<(), InputError> {
+    let stated = readings.metadata.serial.as_deref().map(str::trim);
+    match (stated.filter(|stated| !stated.is_empty()), serial) {
+        (Some(stated), Some(expected)) if !is_same_name(stated, expected) => {
+            Err(file.error(format!(
+                "the file states the serial number `{stated}`, expected `{expected}`, the `serial` of this calibration file"
+            )))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Notes on files with the same readings under two names: no two tests scatter alike.
+pub(crate) fn same_readings(lines: &[Line]) -> Vec<String> {
+    let mut seen = SeenReadings::default();
+    let mut notes = Vec::new();
+    for line in lines {
+        // One file may be read for two errors.
+        let other: Option<&&Line> = seen.before(&line.readings, line);
+        if let Some(other) = other.filter(|other| other.file != line.file) {
+            notes.push(format!(
+                "{} ({}) has the same readings as {} ({}): is it one test under two names? No two tests scatter alike",
+                line.file.display(),
+                line.setup.error,
+                other.file.display(),
+                other.setup.error
+            ));
+        }
+    }
+    notes
+}
+
+/// A line over a smaller share of the travel is noted.
+const SHORT_BELOW: f64 = 0.5;
+/// A target so much of the travel beyond its end is noted: targets may stand a little beyond for the overrun.
+const BEYOND_ABOVE: f64 = 0.02;
+
+/// The smallest and the largest target.
+pub(crate) fn ends(readings: &Measurement) -> Option<[f64; 2]> {
+    let targets = readings.readings.iter().map(|reading| reading.target);
+    targets.fold(None, |ends, target| {
+        let [first, last] = ends.unwrap_or([target; 2]);
+        Some([target.min(first), target.max(last)])
+    })
+}
+
+/// Stated location and squareness errors, and uncertainties of these, of a size that only a wrong unit gives.
+pub(crate) fn odd_values(file: &CalibrationFile) -> Vec<String> {
+    let stated = Stated::all(file);
+    let note = |of: &Stated, what: &str, micro: f64| {
+        let size = Displacement::from_micro(of.error.component.kind(), micro);
+        let Stated { table, error, .. } = of;
+        format!(
+            "{error} in [[{table}]]: {what}{size:.0} is large for a machine tool: check its unit"
+        )
+    };
+    let values = stated.iter().filter(|of| of.value.abs() > ODD_ABOVE);
+    let values = values.map(|of| note(of, "", of.value));
+    let unsure = (stated.iter())
+        .filter(|of| of.table == "location" && of.uncertainty > ODD_ABOVE)
+        .map(|of| note(of, "a standard uncertainty of ", of.uncertainty));
+    values.chain(unsure).collect()
+}
+
+/// What is said of targets that go beyond the travel of their axis.
+pub(crate) fn beyond_travel(readings: &Measurement, axis: &Axis) -> Option<String> {
+    let [first, last] = ends(readings)?;
+    let [low, high] = axis.travel;
+    let beyond = (low - first).max(last - high);
+    let unit = axis.name.kind().coordinate_unit();
+    (axis.modulo.is_none() && beyond > BEYOND_ABOVE * (high - low)).then(|| {
+        format!(
+            "targets from {first} to {last} {unit} go beyond the travel of {}, {low} to {high} {unit}: is it the right axis and machine?",
+            axis.name
+        )
+    })
+}
+
+/// The largest deviation of a line, µm or µrad, without what its set-up adds: the line of a straightness, the mean tilt of a bridge.
+fn largest_deviation(line: &Line) -> Option<f64> {
+    let largest = |values: &mut dyn Iterator<Item = f64>| {
+        values.fold(0.0_f64, |largest, value| largest.max(value.abs()))
+    };
+    if MotionKind::of(line.setup.error) != MotionKind::Straightness {
+        let readings = line.readings.readings.iter();
+        return Some(largest(&mut readings.map(|reading| reading.deviation)));
+    }
+    let points = line.readings.mean_curve();
+    if line.setup.reads_angles() {
+        let mean = points.iter().map(|p| p.1).sum::<f64>() / points.len() as f64;
+        return Some(largest(&mut points.iter().map(|p| p.1 - mean)));
+    }
+    let reference = ReferenceLine::least_squares(&points).ok()?;
+    let left = reference.removed_from(&points);
+    Some(largest(&mut left.iter().map(|p| p.1)))
+}
+
+/// Notes on what is odd about a line that is not refused.
+pub(crate) fn odd(line: &Line, machine: &Machine) -> Vec<String> {
+    let error = line.setup.error;
+    let mut notes = Vec::new();
+    let mut note = |text: String| {
+        notes.push(format!("{} ({}): {text}", line.file.display(), line.place));
+    };
+    let (Some([first, last]), Some(axis)) = (ends(&line.readings), machine.axis(error.axis)) else {
+        return notes;
+    };
+    let [low, high] = axis.travel;
+    let unit = error.axis.kind().coordinate_unit();
+    let travel = high - low;
+    if let Some(said) = beyond_travel(&line.readings, axis) {
+        note(said);
+    }
+    if last - first < SHORT_BELOW * travel {
+        note(format!(
+            "targets from {first} to {last} {unit} cover {:.0} % of the travel of {}: beyond them {error} keeps its end values",
+            100.0 * (last - first) / travel,
+            error.axis
+        ));
+    }
+    let state_unit = if line.readings.unit.is_none() {
+        ", or state `unit`"
+    } else {
+        ""
+    };
+    if let Some(largest) = largest_deviation(line).filter(|largest| *largest > ODD_ABOVE) {
+        let kind = if line.setup.reads_angles() {
+            AxisKind::Rotary
+        } else {
+            AxisKind::Linear
+        };
+        let size = Displacement::from_micro(kind, largest);
+        note(format!(
+            "a deviation of {size:.0} is large for a machine tool: check the unit of the file{state_unit}"
+        ));
+    }
+    if let Some(said) = other_machine(&line.readings, machine) {
+        note(said);
+    }
+    if let Some(other) = named_in_title(line) {
+        note(format!(
+            "the title of the file names {other}, expected {error}: is it the right file?"
+        ));
+    }
+    let sizes = line.readings.readings.iter().map(|r| r.deviation.abs());
+    let largest = sizes.fold(0.0, f64::max);
+    if line.readings.unit.is_none() && largest > 0.0 && largest < SMALL_BELOW {
+        let (taken, perhaps) = if line.setup.reads_angles() {
+            ("µrad", "mrad")
+        } else {
+            ("µm", "mm")
+        };
+        note(format!(
+            "the unit of the deviations is not stated, taken as {taken}; all are below {SMALL_BELOW} {taken}: are they {perhaps}? State `unit`"
+        ));
+    }
+    notes
+}
+
+/// An error that the title of the file names where it does not name the error of the line.
+fn named_in_title(line: &Line) -> Option<ErrorName> {
+    let title = line.readings.metadata.title.as_deref()?;
+    let names = errors_named(title);
+    let other = *names.first()?;
+    (!names.contains(&line.setup.error)).then_some(other)
+}
+
+/// A note that names the lines which state no `point` though tilts of their axis are known: the lever may have been
+/// forgotten.
+pub(crate) fn without_point(lines: &[Line], tilted: &Machine) -> Option<String> {
+    let named = |line: &Line| {
+        let error = line.setup.error;
+        if error.component.is_angular() || line.setup.point_mcs.is_some() {
+            return None;
+        }
+        let angular = Component::ALL.into_iter().filter(|c| c.is_angular());
+        let tilts = angular.map(|component| ErrorName::motion(component, error.axis));
+        let tilts: Vec<String> = tilts
+            .filter(|tilt| tilted.error(*tilt).is_some())
+            .map(|tilt| tilt.to_string())
+            .collect();
+        (!tilts.is_empty()).then(|| {
+            format!(
+                "{} ({}): {error} with {}",
+                line.file.display(),
+                line.place,
+                tilts.join(" ")
+            )
+        })
+    };
+    let lines: Vec<String> = lines.iter().filter_map(named).collect();
+    (!lines.is_empty()).then(|| {
+        format!(
+            "no `point` is stated for the lines below, so each error is taken as measured at the point of its axis, and the levers of the tilts named beside it are taken from there; state `point` where a line ran elsewhere: {}",
+            lines.join("; ")
+        )
+    })
+}
+
+/// A warning for each error whose chosen curve leaves more of the readings than these scatter, whose targets are too sparse, or whose curve swings
+/// between them.
+pub(crate) fn not_followed(curves: &[FittedCurve], lines: &[FittedLine]) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let mut rest = curves;
+    // The branches of an error stand one after the other; one of them speaks for both.
+    while let Some(curve) = rest.first() {
+        let error = curve.error;
+        let (branches, others) = rest.split_at(
+            rest.iter()
+                .take_while(|branch| branch.error == error)
+                .count(),
+        );
+        rest = others;
+        let unit = if error.component.is_angular() {
+            Urad::SYMBOL
+        } else {
+            Um::SYMBOL
+        };
+        let choice = curve.choice.as_ref();
+        if let Some(said) = choice.and_then(|choice| choice.not_followed(unit)) {
+            warnings.push(format!("{error}: {said}"));
+        }
+        let along = error.axis.kind().coordinate_unit();
+        let said = branches
+            .iter()
+            .map(|branch| branch.between.warnings(unit, along))
+            .find(|said| !said.is_empty());
+        for said in said.into_iter().flatten() {
+            let files = files(lines, error);
+            warnings.push(format!("{files}{error}, axis {}: {said}", error.axis));
+        }
+    }
+    warnings
+}
+
+/// `a.csv, b.csv: `, the files of an error.
+fn files(lines: &[FittedLine], error: ErrorName) -> String {
+    let of_error = lines.iter().filter(|line| line.error == error);
+    let mut files: Vec<&str> = of_error
+        .flat_map(|line| &line.sources)
+        .map(|source| source.file.as_str())
+        .collect();
+    files.dedup();
+    if files.is_empty() {
+        String::new()
+    } else {
+        files.join(", ") + ": "
+    }
+}
+
+/// A location or squareness error that a calibration file states, µm or µrad, with its standard uncertainty.
+struct Stated {
+    table: &'static str,
+    place: usize,
+    error: ErrorName,
+    value: f64,
+    uncertainty: f64,
+}
+
+impl Stated {
+    fn all(file: &CalibrationFile) -> Vec<Self> {
+        let locations = file.locations.iter().enumerate();
+        let locations = locations.map(|(place, of)| Self {
+            table: "location",
+            place,
+            error: of.error,
+            value: of.value,
+            uncertainty: of.uncertainty,
+        });
+        let squareness = file.squareness.iter().enumerate();
+        let squareness = squareness.filter_map(|(place, of)| match of.source {
+            SquarenessSource::Value(value) => Some(Self {
+                table: "squareness",
+                place,
+                error: of.error,
+                value: value.0,
+                uncertainty: file.uncertainty.square_urad,
+            }),
+            SquarenessSource::Slopes { .. } | SquarenessSource::Diagonals => None,
+        });
+        locations.chain(squareness).collect()
+    }
+
+    /// The file with the value changed by `step`.
+    fn changed(&self, file: &CalibrationFile, step: f64) -> CalibrationFile {
+        let mut other = file.clone();
+        if self.table == "location" {
+            other.locations[self.place].value += step;
+        } else {
+            let value = SquarenessSource::Value(Urad(self.value + step));
+            other.squareness[self.place].source = value;
+        }
+        other
+    }
+}
+
+/// Stated values that the observations contradict: with another sign, in another unit, halved or doubled.
+pub(crate) fn contradicted_values(lines: &LinesShare<'_>) -> Result<Vec<Note>, CalibrateError> {
+    /// A contradiction in units of both standard uncertainties together, and as a share of the value.
+    const UNCERTAINTIES: f64 = 4.0;
+    const SHARE: f64 = 0.4;
+    let all = Stated::all(lines.file);
+    // To the opposite value, and further from one that is much smaller than what may be wanted of it.
+    let step = |of: &Stated| {
+        if 2.0 * of.value.abs() > CHANGE {
+            -2.0 * of.value
+        } else {
+            CHANGE
+        }
+    };
+    let machines = all.iter().map(|of| {
+        let file = of.changed(lines.file, step(of));
+        lines.fitted(&file).map(|stages| stages.machine)
+    });
+    let machines: Vec<_> = machines.collect::<Result<_, _>>()?;
+    let mut notes = Vec::new();
+    for (of, wanted) in all.iter().zip(lines.response.wanted(&machines)?) {
+        let Some(wanted) = wanted else { continue };
+        let change = wanted.share * step(of);
+        let own = (wanted.uncertainty * step(of)).abs();
+        if change.abs() > UNCERTAINTIES * own.hypot(of.uncertainty)
+            && change.abs() > SHARE * of.value.abs()
+        {
+            let [stated, fits] = [of.value, of.value + change]
+                .map(|micro| Displacement::from_micro(of.error.component.kind(), micro));
+            let digits = if of.value.abs() < 1.0 { 4 } else { 1 };
+            let what = format!(
+                "the observations contradict its {stated:.digits$} and fit with {fits:.1}, standard uncertainty {own:.1}"
+            );
+            let place = format!("{} in [[{}]]", of.error, of.table);
+            notes.push(Note::warning(place, what).hint("check its sign and unit"));
+        }
+    }
+    Ok(notes)
+}
+
+/// Sentences, each once behind the names of all files that it is about, from pairs of a file's name and what is to be said of it: in the order
+/// in which each was first said.
+pub fn with_files(notes: impl IntoIterator<Item = (String, String)>) -> Vec<String> {
+    let mut told: Vec<(String, Vec<String>)> = Vec::new();
+    for (file, note) in notes {
+        match told.iter_mut().find(|(text, _)| *text == note) {
+            Some((_, files)) if files.contains(&file) => {}
+            Some((_, files)) => files.push(file),
+            None => told.push((note, vec![file])),
+        }
+    }
+    let text = |(note, files): (String, Vec<String>)| format!("{}: {note}", files.join(", "));
+    told.into_iter().map(text).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::line;
+
+    /// Two programs write one machine in other cases; two machines are two.
+    #[test]
+    fn names_of_one_machine_are_compared_without_case() {
+        let told = |names: [&str; 2]| {
+            let mut lines = [line("EXX", |_| 0.0), line("EYY", |_| 0.0)];
+            for (line, name) in lines.iter_mut().zip(names) {
+                line.readings.metadata.machine = Some(name.to_owned());
+                line.readings.metadata.serial = Some(name.to_owned());
+            }
+            different_machines(&files_of(&lines))
+        };
+        assert_eq!(told(["VMC-5 ", "vmc-5"]), [""; 0]);
+        assert_eq!(told(["VMC-5", "VMC-6"]).len(), 2);
+    }
+}

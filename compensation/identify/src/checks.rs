@@ -1,0 +1,655 @@
+//! Checks that stop a wrong number: refusals before and after the fit, and notes on results that could mislead.
+
+use std::{collections::BTreeSet, ops::Range};
+
+use volcomp_document::{CsvTable, InputError, Note};
+use volcomp_kinematics::nalgebra::{DVector, Matrix3, Vector3};
+use volcomp_model::Machine;
+use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
+
+use crate::{
+    error::{FarFile, IdentifyError, at},
+    identify::Fitted,
+    observations::{Observations, Row, Seen, SetUp, Stand},
+    params::{Param, Part},
+    prepared::Rows,
+    rank::{Rank, of_unit_length},
+    solve::squares_by_chance,
+    system::System,
+    uncertain::LARGEST,
+    values::Values,
+};
+
+/// Limits are stated for rows that extend over these lengths, mm: nearly all machine tools.
+const USUAL_EXTENT_MM: [f64; 2] = [300.0, 2000.0];
+/// Smallest factor on a limit, for rows in a corner of a machine.
+const SMALLEST_FACTOR: f64 = 0.1;
+/// Largest distance of a row from the nominal machine, mm at usual extents: a machine that was just assembled misses by a few mm.
+const MAX_FROM_NOMINAL_MM: f64 = 10.0;
+/// Largest RMS residual of a file after the fit, mm at usual extents.
+const MAX_RESIDUAL_MM: f64 = 0.5;
+/// RMS residuals below this many stated uncertainties are within the instrument.
+const WITHIN_UNCERTAINTY: f64 = 6.0;
+/// A file counts as inverted if turning its sign leaves less than this share of the RMS residual.
+const INVERTED_LEAVES: f64 = 0.25;
+/// Fewer numbers per unknown than this leave nearly nothing to judge the unknowns by.
+const MIN_NUMBERS_PER_UNKNOWN: f64 = 1.5;
+/// Maximum number of rows or names that one check lists.
+const MAX_LISTED: usize = 5;
+
+/// The diagonal of the box around all coordinates of the linear axes, or around all nominal tips in workpiece axes where it is
+/// larger, mm: a tip on a sphere does not move, and axes at rest carry a tip that does.
+fn extent_mm<'r>(machine: &Machine, rows: impl Iterator<Item = &'r Row>) -> f64 {
+    let is_linear: Vec<bool> = (machine.axes().iter())
+        .map(|axis| axis.name.kind() == AxisKind::Linear)
+        .collect();
+    let mut coordinates = [[f64::INFINITY, f64::NEG_INFINITY]; MAX_AXES];
+    let mut tips = [[f64::INFINITY, f64::NEG_INFINITY]; 3];
+    let grow = |ends: &mut [f64; 2], at: f64| *ends = [ends[0].min(at), ends[1].max(at)];
+    for stand in rows.flat_map(stands) {
+        let q = coordinates.iter_mut().zip(&stand.state.q).zip(&is_linear);
+        q.filter(|(_, is_linear)| **is_linear)
+            .for_each(|((ends, q), _)| grow(ends, *q));
+        let tip = stand.ideal_tip_mm(machine.chain());
+        tips.iter_mut()
+            .zip(tip.iter())
+            .for_each(|(ends, at)| grow(ends, *at));
+    }
+    let diagonal = |ends: &[[f64; 2]]| {
+        let squares = ends.iter().map(|[low, high]| (high - low).max(0.0).powi(2));
+        squares.sum::<f64>().sqrt()
+    };
+    diagonal(&coordinates).max(diagonal(&tips))
+}
+
+/// The poses of a row: two of a length between poses.
+fn stands(row: &Row) -> impl Iterator<Item = &Stand> {
+    let from = match &row.seen {
+        Seen::Pair { from, .. } => Some(from),
+        _ => None,
+    };
+    core::iter::once(&row.stand).chain(from)
+}
+
+/// A limit in mm, stated for usual machine tools, for the extent of these rows; to two digits, as messages show it.
+pub(crate) fn limit_mm<'r>(
+    machine: &Machine,
+    rows: impl Iterator<Item = &'r Row>,
+    usual_mm: f64,
+) -> f64 {
+    scaled(usual_mm, extent_mm(machine, rows))
+}
+
+fn scaled(usual_mm: f64, extent_mm: f64) -> f64 {
+    let [small, large] = USUAL_EXTENT_MM;
+    let factor = if extent_mm <= 0.0 {
+        // Rows that extend over nothing say nothing of the size.
+        1.0
+    } else if extent_mm < small {
+        (extent_mm / small).max(SMALLEST_FACTOR)
+    } else {
+        (extent_mm / large).max(1.0)
+    };
+    let limit = usual_mm * factor;
+    let digit = 10.0_f64.powf(limit.log10().floor() - 1.0);
+    ((limit / digit).round() * digit * 1e6).round() / 1e6
+}
+
+/// Refuses the rows of one file whose unit cannot be mm.
+pub(crate) fn refuse_units(
+    table: &CsvTable,
+    machine: &Machine,
+    rows: &[Row],
+    setup: &SetUp,
+) -> Result<(), InputError> {
+    /// Targets that spread more or less than the tool by this factor are in another unit: an inch is 25 times a mm.
+    const OTHER_UNIT: f64 = 15.0;
+    /// A tool that moves less says nothing of the unit, mm.
+    const MIN_MOTION_MM: f64 = 1.0;
+    /// Largest difference of a length between two poses from the nominal one, mm at usual extents, and per mm of length.
+    const MAX_APART_MM: f64 = 5.0;
+    const MAX_APART_SHARE: f64 = 2e-3;
+    /// No ballbar and no tracer reaches this many times the diagonal of the travels.
+    const MAX_DIAGONALS: f64 = 20.0;
+    let nominal = |stand: &Stand| stand.ideal_tip_mm(machine.chain());
+    // A machine that only turns has arms of unknown length.
+    let diagonal = Some(machine.diagonal_of_travels_mm()).filter(|d| *d > 0.0);
+    let diagonal = diagonal.unwrap_or(f64::INFINITY);
+    let apart_mm = limit_mm(machine, rows.iter(), MAX_APART_MM);
+    let mut seen = Vec::new();
+    for row in rows {
+        match &row.seen {
+            Seen::Point { at_mm, .. } => seen.push((*at_mm, nominal(&row.stand))),
+            Seen::Pair {
+                from,
+                dead,
+                length_mm,
+            } => {
+                let dead = &setup.numbers[*dead];
+                let expected = (nominal(&row.stand) - nominal(from)).norm();
+                let found = length_mm + dead.value.unwrap_or_default();
+                if !dead.unknown && (found - expected).abs() > apart_mm + MAX_APART_SHARE * expected
+                {
+                    return Err(table.error_at(row.line, format!(
+                        "found a length of {length_mm} mm between poses that are nominally {expected:.3} mm apart: is it another unit, or are they other poses?"
+                    )));
+                }
+            }
+            Seen::Distance { length_mm, .. } if *length_mm > MAX_DIAGONALS * diagonal => {
+                return Err(table.error_at(row.line, format!(
+                    "found a length of {length_mm} mm at a machine whose travels are {diagonal:.0} mm from corner to corner, expected mm: is it another unit?"
+                )));
+            }
+            _ => {}
+        }
+    }
+    let spread = |points: &mut dyn Iterator<Item = Vector3<f64>>| {
+        let points: Vec<Vector3<f64>> = points.collect();
+        let count = points.len().max(1) as f64;
+        let middle = points.iter().sum::<Vector3<f64>>() / count;
+        let squares = points.iter().map(|point| (point - middle).norm_squared());
+        (squares.sum::<f64>() / count).sqrt()
+    };
+    let found = spread(&mut seen.iter().map(|(found, _)| *found));
+    let moved = spread(&mut seen.iter().map(|(_, nominal)| *nominal));
+    if moved > MIN_MOTION_MM && !(1.0 / OTHER_UNIT..=OTHER_UNIT).contains(&(found / moved)) {
+        return Err(table.header_error(format!(
+            "found x, y, z that spread by {found:.3} where the tool spreads by {moved:.3} mm, expected mm: are they in another unit?"
+        )));
+    }
+    Ok(())
+}
+
+/// A line of sight that goes neither along its rows (positioning) nor across them (straightness): its readings would count in a
+/// wrong direction.
+pub(crate) fn oblique(rows: &[Row], direction: &Vector3<f64>, machine: &Machine) -> Option<String> {
+    const ALIGNED_DEG: f64 = 1.0;
+    /// Largest spread across the line as a share of that along it.
+    const STRAIGHT: f64 = 1e-3;
+    const MIN_SPREAD_MM: f64 = 1.0;
+    let tips = rows
+        .iter()
+        .map(|row| row.stand.ideal_tip_mm(machine.chain()));
+    let tips: Vec<Vector3<f64>> = tips.collect();
+    let count = tips.len() as f64;
+    let middle = tips.iter().sum::<Vector3<f64>>() / count;
+    let squares: Matrix3<f64> = tips
+        .iter()
+        .map(|tip| (tip - middle) * (tip - middle).transpose())
+        .sum();
+    let found = (squares / count).symmetric_eigen();
+    let spread = found.eigenvalues.map(|square| square.max(0.0).sqrt());
+    let longest = spread.imax();
+    let across = (spread.norm_squared() - spread[longest].powi(2)).max(0.0);
+    if across.sqrt() > STRAIGHT * spread[longest] || spread[longest] <= MIN_SPREAD_MM {
+        return None;
+    }
+    let along: Vector3<f64> = found.eigenvectors.column(longest).into();
+    let along = along * along.dot(direction).signum();
+    let angle_deg = along.dot(direction).min(1.0).acos().to_degrees();
+    if angle_deg <= ALIGNED_DEG || angle_deg >= 90.0 - ALIGNED_DEG {
+        return None;
+    }
+    // Rounded first, so that no zero has a sign.
+    let [x, y, z] = along
+        .map(|x| format!("{:.3}", (x * 1e3).round() / 1e3 + 0.0))
+        .into();
+    Some(format!(
+        "the rows run along [{x}, {y}, {z}] in workpiece axes, {angle_deg:.1} deg from this direction: expected a line of sight along them, or across them for a straightness"
+    ))
+}
+
+/// Refuses rows from which nothing can be found.
+pub(crate) fn refuse_rows(system: &System, rows: &Rows) -> Result<(), IdentifyError> {
+    if rows.len() == 0 {
+        return Err(IdentifyError::NothingToFit);
+    }
+    let is_pair = |row: &Row| matches!(row.seen, Seen::Pair { .. });
+    let asks_for_errors = system.params.setup() < system.params.len();
+    if rows.poses().1 == 1 && !rows.iter().any(is_pair) && asks_for_errors {
+        return Err(IdentifyError::AllAlike { rows: rows.len() });
+    }
+    Ok(())
+}
+
+/// Refuses rows further from the nominal machine than machines are, once set-ups were found without any error of the machine
+/// (`values`).
+pub(crate) fn refuse_far(
+    system: &System,
+    observations: &Observations,
+    rows: &Rows,
+    values: &Values,
+) -> Result<(), IdentifyError> {
+    let limit_mm = limit_mm(&system.machine, rows.iter(), MAX_FROM_NOMINAL_MM);
+    let residuals = system.plain_residuals(rows, values);
+    let mut files: Vec<FarFile> = Vec::new();
+    for (observation, own) in observations.fitted() {
+        let mut far: Vec<(f64, usize)> = own
+            .clone()
+            .map(|row| (residuals[row].norm(), row))
+            .filter(|(size, _)| *size > limit_mm)
+            .collect();
+        far.sort_by(|a, b| b.0.total_cmp(&a.0));
+        if let Some(&(largest_mm, worst)) = far.first() {
+            files.push(FarFile {
+                file: observation.file.clone(),
+                line: rows.get(worst).line,
+                rows: far.len(),
+                of: own.len(),
+                typical_mm: far[far.len() / 2].0,
+                largest_mm,
+                limit_mm,
+            });
+        }
+    }
+    if files.is_empty() {
+        return Ok(());
+    }
+    files.sort_by(|a, b| b.typical_mm.total_cmp(&a.typical_mm));
+    Err(IdentifyError::FarRows { files })
+}
+
+/// Refuses a file whose residuals no machine explains. Robust weights leave out single rows: then the median counts.
+pub(crate) fn refuse_unexplained(
+    system: &System,
+    observations: &Observations,
+    rows: &Rows,
+    residuals: &[Vector3<f64>],
+) -> Result<(), IdentifyError> {
+    let limit_mm = limit_mm(&system.machine, rows.iter(), MAX_RESIDUAL_MM);
+    for (observation, own) in observations.fitted() {
+        let of_file: Vec<f64> = own.clone().map(|row| residuals[row].norm()).collect();
+        let count = of_file.len().max(1) as f64;
+        let typical_mm = if observations.robust {
+            median(&of_file)
+        } else {
+            (of_file.iter().map(|size| size * size).sum::<f64>() / count).sqrt()
+        };
+        let stated = own
+            .clone()
+            .map(|row| rows.get(row).uncertainty_mm)
+            .sum::<f64>()
+            / count;
+        let worst = own.max_by(|a, b| residuals[*a].norm().total_cmp(&residuals[*b].norm()));
+        let Some(worst) = worst.filter(|_| typical_mm > limit_mm.max(WITHIN_UNCERTAINTY * stated))
+        else {
+            continue;
+        };
+        return Err(IdentifyError::Unexplained {
+            file: observation.file.clone(),
+            line: rows.get(worst).line,
+            typical_mm,
+            limit_mm,
+        });
+    }
+    Ok(())
+}
+
+/// Refuses a target whose place nothing determines where tilts are found: they act over its lever, so that the machine found
+/// would be right at the target and wrong at the tip.
+pub(crate) fn refuse_target(
+    system: &System,
+    rows: &Rows,
+    rank: &Rank,
+) -> Result<(), IdentifyError> {
+    /// A smaller share in a combination moves the target by little.
+    const SHARE: f64 = 1e-3;
+    let is_tilt = |&param: &usize| match system.params.at(param) {
+        Param::Coefficient(place) => {
+            let error = system.unknowns.coefficients[place].error;
+            !error.location && error.component.is_angular() && !system.unknowns.is_convention(place)
+        }
+        Param::SetUp { .. } => false,
+    };
+    if !rank.kept.iter().any(is_tilt) {
+        return Ok(());
+    }
+    let targets: BTreeSet<usize> = rows
+        .iter()
+        .filter_map(|row| match row.seen {
+            Seen::Point { target, .. } => target,
+            _ => None,
+        })
+        .collect();
+    let is_target = |param: usize| {
+        matches!(system.params.at(param), Param::SetUp { part: Part::Point(place), order: 0, .. }
+            if targets.contains(&place))
+    };
+    // Where an error is left at zero, the target is known within the size of errors.
+    let of_setup = |null: &&Vec<(usize, f64)>| null[0].0 < system.params.setup();
+    for null in rank.null.iter().filter(of_setup) {
+        let target = (null.iter()).find(|(param, share)| is_target(*param) && share.abs() > SHARE);
+        if let Some(&(target, _)) = target {
+            let others = null.iter().filter(|(param, _)| *param != target);
+            let others: Vec<String> = others
+                .map(|(param, _)| system.name(*param))
+                .take(4)
+                .collect();
+            return Err(IdentifyError::Target {
+                target: system.name(target),
+                with: others.join(", "),
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Files whose readings fit far better with the opposite sign, by one linear refit for each.
+pub(crate) fn inverted(
+    system: &System,
+    observations: &Observations,
+    rows: &Rows,
+    fitted: &Fitted,
+) -> Vec<Note> {
+    if fitted.solution.excess().is_none() {
+        return Vec::new();
+    }
+    let values = &fitted.solution.values;
+    let equations = system.equations(rows, values);
+    let basis = of_unit_length(equations.jacobian.select_columns(&fitted.rank.kept));
+    let basis = basis.qr().q();
+    let left = |residuals: DVector<f64>| {
+        let along = &basis * (basis.transpose() * &residuals);
+        (residuals - along).norm_squared()
+    };
+    let now = left(equations.residuals.clone());
+    let freedom = fitted.solution.freedom.max(1.0);
+    let good = (INVERTED_LEAVES * INVERTED_LEAVES * now).max(squares_by_chance(freedom));
+    let plain = system.plain_equations(rows, values, false);
+    let mut notes = Vec::new();
+    for (observation, own) in observations.fitted() {
+        let mut turned: Vec<Row> = own.clone().map(|row| rows.get(row).clone()).collect();
+        for row in &mut turned {
+            row.seen.turn();
+        }
+        let is_same = turned
+            .iter()
+            .zip(own.clone())
+            .all(|(row, place)| row.seen == rows.get(place).seen);
+        let Some(&(first, _)) = plain.places.get(own.start).filter(|_| !is_same) else {
+            continue;
+        };
+        let there = system.plain_equations(&system.prepare(turned.iter()), values, false);
+        // Calibrated numbers of the set-up follow below the rows, and stay.
+        let count: usize = there.places.iter().map(|(_, count)| count).sum();
+        let mut change = DVector::zeros(plain.residuals.len());
+        let by = there.residuals.rows(0, count) - plain.residuals.rows(first, count);
+        change.rows_mut(first, count).copy_from(&by);
+        plain.sides.eliminate_from(&mut change);
+        let then = left(&equations.residuals + change);
+        if then < good {
+            let [now, then] = [now, then].map(|squares| (squares / freedom).sqrt());
+            let what = format!(
+                "looks inverted: with the opposite sign of its readings {then:.1} times the stated uncertainty is left in place of {now:.1}"
+            );
+            let note = Note::warning(observation.file.as_str(), what);
+            notes.push(note.hint("check the sign convention of the instrument"));
+        }
+    }
+    notes
+}
+
+/// Residuals larger than the stated uncertainties and chance explain, with the files that fit worst.
+pub(crate) fn contradiction(
+    observations: &Observations,
+    rows: &Rows,
+    residuals: &[Vector3<f64>],
+    fitted: &Fitted,
+) -> Option<Note> {
+    const SHOWN: usize = 3;
+    let factor = fitted.solution.excess()?;
+    let mut files: Vec<(f64, &str)> = Vec::new();
+    for (observation, own) in observations.fitted() {
+        let count: usize = own.clone().map(|row| rows.get(row).seen.count()).sum();
+        let squares = own.map(|row| (residuals[row].norm() / rows.get(row).uncertainty_mm).powi(2));
+        let times = (squares.sum::<f64>() / count.max(1) as f64).sqrt();
+        files.push((times, &observation.file));
+    }
+    files.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let worst: Vec<String> = files
+        .iter()
+        .take(SHOWN)
+        .map(|(times, file)| format!("{file} {times:.1} times"))
+        .collect();
+    let uncertainties = if fitted.solution.counts_residuals {
+        "The uncertainties follow from what is left, and count this already".to_owned()
+    } else if !observations.measured.is_empty() {
+        "So does the noise of the lines, which the uncertainties count".to_owned()
+    } else {
+        format!(
+            "The uncertainties count the stated ones alone: multiply them by {factor:.1} at the least"
+        )
+    };
+    let what = format!(
+        "what is left is {factor:.1} times the stated uncertainty ({}): the observations contradict each other, the unknowns do not describe the machine, or `uncertainty_um` is too small. {uncertainties}",
+        worst.join(", ")
+    );
+    Some(Note::warning("", what))
+}
+
+/// Linear axes that all keep to a small part of their travel: coordinates and readings may be in inches alike, and what is found
+/// holds for this part only.
+pub(crate) fn small_moves(machine: &Machine, rows: &Rows) -> Option<Note> {
+    const SMALL: f64 = 1.0 / 20.0;
+    let mut largest: Option<(f64, AxisName, f64)> = None;
+    for (place, axis) in machine.axes().iter().enumerate() {
+        let at = || rows.iter().flat_map(stands).map(|s| s.state.q[place]);
+        let moved = at().fold(f64::NEG_INFINITY, f64::max) - at().fold(f64::INFINITY, f64::min);
+        let share = moved / (axis.travel[1] - axis.travel[0]);
+        if axis.name.kind() == AxisKind::Linear
+            && share > 0.0
+            && largest.is_none_or(|(most, ..)| share > most)
+        {
+            largest = Some((share, axis.name, moved));
+        }
+    }
+    let (share, name, moved) = largest.filter(|(share, ..)| *share <= SMALL)?;
+    let what = format!(
+        "the rows move the linear axes over {:.1} % of their travel at the most ({name}: {moved:.1} mm): are they mm?",
+        100.0 * share
+    );
+    Some(Note::warning("", what))
+}
+
+/// Numbers that hardly exceed the unknowns.
+pub(crate) fn few(rows: &Rows, fitted: &Fitted) -> Option<Note> {
+    let numbers: usize = rows.iter().map(|row| row.seen.count()).sum();
+    let found = fitted.rank.kept.len();
+    // With penalties the unknowns count less, but more unknowns than numbers are few numbers all the same.
+    let is_few = (numbers as f64) < MIN_NUMBERS_PER_UNKNOWN * fitted.solution.degrees;
+    (is_few || numbers < found).then(|| {
+        let what = format!(
+            "{numbers} numbers in {} poses for {found} unknowns: they fit nearly whatever the machine is",
+            rows.poses().1
+        );
+        Note::warning("", what).hint("observe more poses before you trust what is found")
+    })
+}
+
+/// Errors that are larger than those of machines, and known to be.
+pub(crate) fn large(system: &System, fitted: &Fitted) -> Vec<Note> {
+    let values = &fitted.solution.values;
+    let mut large: Vec<(f64, usize)> = Vec::new();
+    for (place, &param) in fitted.rank.kept.iter().enumerate() {
+        let value = values.of(system.params.at(param)).abs();
+        // µm and µrad to mm and mrad.
+        let size = 1e-3 * system.unit_of(param).1 * value;
+        let variance = fitted.solution.covariance[(place, place)].max(0.0);
+        let is_error = matches!(system.params.at(param), Param::Coefficient(_));
+        if is_error && size > LARGEST && value > 3.0 * variance.sqrt() {
+            large.push((size, param));
+        }
+    }
+    large.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let note = |(size, param): &(f64, usize)| {
+        let is_length = system.unit_of(*param).0 == "um";
+        let unit = if is_length { "mm" } else { "mrad" };
+        let what = format!("{} is found to be {size:.1} {unit}", system.name(*param));
+        Note::warning("", what).hint("check signs, units, tools and points in the machine file")
+    };
+    let mut notes: Vec<Note> = large.iter().take(MAX_LISTED).map(note).collect();
+    if large.len() > MAX_LISTED {
+        let what = format!(
+            "{} more errors beyond 1 mm or 1 mrad",
+            large.len() - MAX_LISTED
+        );
+        notes.push(Note::warning("", what));
+    }
+    notes
+}
+
+/// Lengths in inches of which an unknown dead length takes up the difference where all are alike.
+pub(crate) fn inches(system: &System, observations: &Observations, fitted: &Fitted) -> Vec<Note> {
+    const MM_PER_INCH: f64 = 25.4;
+    const NEAR: f64 = 0.01;
+    let mut notes = Vec::new();
+    for (observation, _) in observations.fitted() {
+        let lengths = observation.rows.iter().filter_map(|row| match row.seen {
+            Seen::Distance {
+                dead, length_mm, ..
+            }
+            | Seen::Pair {
+                dead, length_mm, ..
+            } => Some((dead, length_mm)),
+            _ => None,
+        });
+        let lengths: Vec<(usize, f64)> = lengths.collect();
+        let dead = lengths.first().map(|(dead, _)| *dead);
+        let Some(dead) = dead.filter(|dead| system.setup.numbers[*dead].unknown) else {
+            continue;
+        };
+        let mean = lengths.iter().map(|(_, length)| length).sum::<f64>() / lengths.len() as f64;
+        let found = fitted.solution.values.numbers[dead][0];
+        let expected = (MM_PER_INCH - 1.0) * mean;
+        if mean > 0.0 && (found - expected).abs() < NEAR * expected {
+            let what = format!(
+                "the dead length is found to be {found:.3} mm, {:.1} times the lengths: is `length_mm` in inches?",
+                found / mean
+            );
+            notes.push(Note::warning(observation.file.as_str(), what));
+        }
+    }
+    notes
+}
+
+/// Rows that fit far worse than the others of their file, and spheres that moved between files.
+pub(crate) fn outliers(
+    observations: &Observations,
+    rows: &Rows,
+    residuals: &[Vector3<f64>],
+) -> Vec<Note> {
+    const SHOWN: usize = 10;
+    let mut notes = Vec::new();
+    for (observation, own) in observations.fitted() {
+        let sizes: Vec<f64> = residuals[own.clone()].iter().map(Vector3::norm).collect();
+        let directions = observation.rows.iter().map(|row| row.seen.count()).max();
+        // The median of the distances in one, two or three directions, in standard deviations.
+        let usual = match directions {
+            Some(3..) => 1.538,
+            Some(2) => 1.177,
+            _ => 0.6745,
+        };
+        let sigma = median(&sizes) / usual;
+        let is_far = |place: &usize| {
+            let size = residuals[*place].norm();
+            size > 6.0 * sigma && size > 4.0 * rows.get(*place).uncertainty_mm
+        };
+        let mut far: Vec<usize> = own.filter(is_far).collect();
+        far.sort_by(|a, b| residuals[*b].norm().total_cmp(&residuals[*a].norm()));
+        for place in far.iter().take(SHOWN) {
+            let (row, size) = (rows.get(*place), residuals[*place].norm());
+            // Where the others fit exactly, no number says how many times worse it is than they are.
+            let beside = if sigma > 0.01 * row.uncertainty_mm {
+                format!("{:.0} times what is usual in this file", size / sigma)
+            } else {
+                format!("{:.0} times its uncertainty", size / row.uncertainty_mm)
+            };
+            let what = format!(
+                "this row is {:.1} µm from what all rows say together, {beside}: is it a slip?",
+                1e3 * size
+            );
+            notes.push(
+                Note::warning(at(&observation.file, row.line), what)
+                    .hint("`robust = true` lets such rows count less"),
+            );
+        }
+        if far.len() > SHOWN {
+            let what = format!("{} more rows like these", far.len() - SHOWN);
+            notes.push(Note::warning(observation.file.as_str(), what));
+        }
+    }
+    notes.extend(moved_spheres(observations, rows, residuals));
+    notes
+}
+
+/// Spheres whose rows in two files are apart by more than their uncertainty explains.
+fn moved_spheres(
+    observations: &Observations,
+    rows: &Rows,
+    residuals: &[Vector3<f64>],
+) -> Vec<Note> {
+    /// The mean residual of a sphere in a file, and the standard uncertainty of the mean.
+    fn mean(
+        rows: &Rows,
+        residuals: &[Vector3<f64>],
+        own: Range<usize>,
+        of: usize,
+    ) -> Option<(Vector3<f64>, f64)> {
+        let is_of = |row: &usize| matches!(rows.get(*row).seen, Seen::Sphere { centre, .. } if centre == of);
+        let places: Vec<usize> = own.filter(is_of).collect();
+        let count = places.len() as f64;
+        let largest = places.iter().map(|row| rows.get(*row).uncertainty_mm);
+        let largest = largest.fold(0.0, f64::max);
+        let sum: Vector3<f64> = places.iter().map(|row| residuals[*row]).sum();
+        (!places.is_empty()).then(|| (sum / count, largest / count.sqrt()))
+    }
+    let mut notes = Vec::new();
+    for (centre, point) in observations.setup.points.iter().enumerate() {
+        let files: Vec<(&str, Vector3<f64>, f64)> = observations
+            .fitted()
+            .filter_map(|(observation, own)| {
+                let (mean, u) = mean(rows, residuals, own, centre)?;
+                Some((observation.file.as_str(), mean, u))
+            })
+            .collect();
+        for (place, (file, at, u)) in files.iter().enumerate() {
+            for (before, other, other_u) in &files[..place] {
+                let apart = 1e3 * (at - other);
+                if apart.norm() > 6e3 * u.hypot(*other_u) {
+                    let what = format!(
+                        "{} seems to have moved by [{:.1}, {:.1}, {:.1}] µm between {before} and {file}",
+                        point.name, apart.x, apart.y, apart.z
+                    );
+                    notes.push(
+                        Note::warning("", what).hint("if so, give it another name in one of them"),
+                    );
+                }
+            }
+        }
+    }
+    notes
+}
+
+pub(crate) fn median(sizes: &[f64]) -> f64 {
+    let mut sorted = sizes.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied().unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::scaled;
+
+    #[test]
+    fn limits_grow_with_the_extent_of_the_rows() {
+        for usual in [0.0, 300.0, 1000.0, 2000.0] {
+            for limit in [10.0, 1.0, 0.25, 2.0, 5.0] {
+                assert_eq!(scaled(limit, usual), limit, "{usual}");
+            }
+        }
+        assert_eq!(scaled(10.0, 50.0), 1.7);
+        assert_eq!(scaled(10.0, 20_000.0), 100.0);
+        // A corner of a machine.
+        assert_eq!(scaled(10.0, 1e-3), 1.0);
+    }
+}
