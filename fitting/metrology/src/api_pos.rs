@@ -1,11 +1,13 @@
 //! API laser files `.pos`: tables of means over the runs, errors in mm.
 
+use std::fmt::Write as _;
+
 use volcomp_document::quoted;
 
 use crate::decimal_comma::{begins_with_number, with_points};
 use crate::encoding::{decode, refuse_empty, wrong_kind};
 use crate::number::Place;
-use crate::text_report::{decimals_of, metadata_of, step_of};
+use crate::text_report::{decimals_of, head_of, metadata_of, step_of};
 use crate::{DeviationUnit, Direction, FileFormat, Measurement, MetrologyError, Quantity, Reading};
 
 const EXPECTED: &str = "a table headed `Position   Bidirectional Avg Error`";
@@ -260,4 +262,34 @@ fn compare(
         }
     }
     Ok(())
+}
+
+const MM_PER_UM: f64 = 1e-3;
+
+/// Writes the position file of an API laser (`.pos`): tables of targets and mean errors in mm, CRLF, seven decimals.
+///
+/// The file has no place for single runs: the means over the runs of a direction are written, and where both directions were
+/// run their mean in front. Deviations are taken to be µm, as the format holds lengths alone.
+pub fn write_pos(measurement: &Measurement) -> String {
+    let [forward, backward] = Direction::BOTH.map(|direction| measurement.mean_curve_in(direction));
+    let mut text = head_of(&measurement.metadata);
+    let mut table = |name: &str, rows: &[(f64, f64)]| {
+        // Writing to a String cannot fail.
+        let _ = write!(text, "Position   \t{name} Avg Error\r\n");
+        for (target, mean_um) in rows {
+            let _ = write!(text, "{target:.4}\t{:.7}\r\n", mean_um * MM_PER_UM);
+        }
+    };
+    if !forward.is_empty() && !backward.is_empty() {
+        table("Bidirectional", &measurement.mean_curve());
+    }
+    for (name, rows) in [
+        ("Forward Directional", &forward),
+        ("Backward Directional", &backward),
+    ] {
+        if !rows.is_empty() {
+            table(name, rows);
+        }
+    }
+    text
 }

@@ -6,10 +6,10 @@ use std::fmt::Write as _;
 use volcomp_document::{Column, CsvRow, CsvTable, quoted};
 use volcomp_vocabulary::{AxisKind, AxisName};
 
-use crate::counted::counted;
 use crate::csv_head::unit_of;
 use crate::encoding::{decode, first_line, refuse_empty, wrong_kind};
 use crate::number::{Place, decimals};
+use crate::test_plan::counted;
 use crate::{
     DeviationUnit, Direction, FileFormat, Measurement, MetrologyError, Reading, ReadingUnit,
     TargetUnit,

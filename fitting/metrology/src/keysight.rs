@@ -1,12 +1,16 @@
 //! Text reports of HP, Agilent and Keysight 5529/5530 lasers: statistics of each target.
 
+use std::fmt::Write as _;
+
 use volcomp_document::quoted;
 
 use crate::decimal_comma::{begins_with_number, with_points};
 use crate::encoding::{decode, refuse_empty, wrong_kind};
 use crate::number::Place;
-use crate::text_report::{decimals_of, metadata_of, step_of};
-use crate::{Direction, FileFormat, Measurement, MetrologyError, Reading, ReadingUnit};
+use crate::text_report::{decimals_of, head_of, metadata_of, step_of};
+use crate::{
+    DeviationUnit, Direction, FileFormat, Measurement, MetrologyError, Reading, ReadingUnit,
+};
 
 const EXPECTED: &str = "a report with rows of target, forward, reverse and system mean, 2σ forward, 2σ reverse and dead zone";
 /// What a row holds, in the order of the published report.
@@ -249,4 +253,57 @@ fn bracketed(line: &str) -> impl Iterator<Item = &str> {
     inner
         .filter_map(|part| part.split([')', ']']).next())
         .map(str::trim)
+}
+
+/// Decimals of targets, and of means and scatter in µm or µrad.
+const DECIMALS: usize = 4;
+
+/// Writes a text report in the order of the one published report of a 5529 laser: number, target, mean forward, reverse and of
+/// both, twice the standard deviation forward and reverse, dead zone (reverse minus forward); CRLF, four decimals, the unit in
+/// brackets in the heads.
+///
+/// The report has no place for single runs. Targets that were not approached from both sides have no dead zone, and are left
+/// out; where that is all, [`parse_keysight_report`](crate::parse_keysight_report) refuses the text. The standard deviation of a
+/// single run is written as 0.
+pub fn write_keysight_report(measurement: &Measurement) -> String {
+    let unit = match measurement.unit {
+        Some(DeviationUnit::Urad) => "urad",
+        _ => "microns",
+    };
+    let mut text = head_of(&measurement.metadata);
+    // Writing to a String cannot fail.
+    let _ = write!(
+        text,
+        "Error = Laser Reading (Reference) - Machine Reading (Command)\r\n\
+         No.  Position   Forward mean   Reverse mean   System mean   2 sigma forward   2 sigma reverse   Dead zone ({unit})\r\n"
+    );
+    let readings = measurement.by_target();
+    let both = readings.iter().filter_map(|at| {
+        let [forward, reverse] = Direction::BOTH.map(|direction| at.deviations(direction));
+        Some((at.target, scatter(&forward)?, scatter(&reverse)?))
+    });
+    for (index, (target, [forward, forward_2s], [reverse, reverse_2s])) in both.enumerate() {
+        let system = f64::midpoint(forward, reverse);
+        let _ = write!(text, "{:>3} {target:>12.DECIMALS$}", index + 1);
+        for value in [
+            forward,
+            reverse,
+            system,
+            forward_2s,
+            reverse_2s,
+            reverse - forward,
+        ] {
+            let _ = write!(text, " {value:>14.DECIMALS$}");
+        }
+        text.push_str("\r\n");
+    }
+    text
+}
+
+/// The mean and twice the standard deviation, `None` without readings.
+fn scatter(deviations: &[f64]) -> Option<[f64; 2]> {
+    let mean = crate::measurement::mean(deviations)?;
+    let squares: f64 = deviations.iter().map(|value| (value - mean).powi(2)).sum();
+    let freedom = deviations.len().saturating_sub(1).max(1);
+    Some([mean, 2.0 * (squares / freedom as f64).sqrt()])
 }

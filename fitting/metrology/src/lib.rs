@@ -2,37 +2,31 @@
 
 mod abbe;
 mod api_pos;
-mod api_pos_write;
 mod asme_b5_54;
 mod camonitor;
+mod checks;
 pub mod circular;
-mod counted;
 mod csv_file;
 mod csv_head;
 mod decimal_comma;
 mod dwell;
 mod edition;
 mod encoding;
-mod environment_notes;
 mod error;
 mod file_format;
 pub mod form;
 mod iso230_2;
 mod iso230_6;
 mod keysight;
-mod keysight_write;
 mod mapped_table;
 mod mapping;
 mod measurement;
 mod motion_kind;
 mod number;
-mod oddities;
-mod outliers;
 mod positioning_uncertainty;
 mod read;
 mod reading_unit;
 mod renishaw;
-mod seen_readings;
 mod squareness;
 mod squareness_uncertainty;
 mod standard_quantity;
@@ -48,37 +42,33 @@ mod travel;
 mod vdi_3441;
 
 pub use abbe::{CarriedSide, Rides, Travel, abbe_um, lever_mm};
-pub use api_pos::parse_pos;
-pub use api_pos_write::write_pos;
+pub use api_pos::{parse_pos, write_pos};
 pub use asme_b5_54::asme_b5_54;
 pub use camonitor::{Channel, ChannelLog, parse_camonitor};
+pub use checks::{
+    MATERIAL_WITHIN_K, ODD_ABOVE, OutlierHint, REFERENCE_DEGC, SMALL_BELOW, SeenReadings,
+    axis_named, environment_notes, material_compensation, odd_size, oddities, outlier_hints,
+};
 pub use csv_file::{parse_csv, write_csv};
 pub use dwell::{Channels, readings_at_dwells};
 pub use edition::Edition;
-pub use environment_notes::{
-    MATERIAL_WITHIN_K, REFERENCE_DEGC, environment_notes, material_compensation,
-};
 pub use error::{Finding, MetrologyError};
 pub use file_format::{FileFormat, Quantity};
 pub use iso230_2::{Approach, Iso230Part2, TargetRow, evaluate};
 pub use iso230_6::{
     DIAGONAL_NAMES, Diagonal, Iso230Part6, MeasuredDiagonal, SquarenessHint, evaluate_diagonals,
 };
-pub use keysight::parse_keysight_report;
-pub use keysight_write::write_keysight_report;
+pub use keysight::{parse_keysight_report, write_keysight_report};
 pub use mapped_table::parse_table_with;
 pub use mapping::{ColumnName, Columns, Mapping};
 pub use measurement::{DeviationUnit, Environment, Measurement, Metadata, Reading, StartEnd};
 pub use motion_kind::MotionKind;
-pub use oddities::{ODD_ABOVE, SMALL_BELOW, axis_named, odd_size, oddities};
-pub use outliers::{OutlierHint, outlier_hints};
 pub use positioning_uncertainty::{
     Contribution, PositioningUncertainty, UncertaintyInputs, positioning_uncertainty,
 };
 pub use read::{Content, READ_EXTENSIONS, read_content, read_file, read_file_with};
 pub use reading_unit::ReadingUnit;
 pub use renishaw::{Capture, RenishawKind, parse_ren, parse_renishaw, parse_rtx, write_renishaw};
-pub use seen_readings::SeenReadings;
 pub use squareness::{opening, squareness, squareness_parts};
 pub use squareness_uncertainty::{SquarenessInputs, SquarenessUncertainty, squareness_uncertainty};
 pub use standard_quantity::StandardQuantity;

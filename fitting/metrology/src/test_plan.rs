@@ -2,7 +2,7 @@
 
 use volcomp_vocabulary::{AxisKind, AxisName, Direction};
 
-use crate::{Edition, Measurement, TargetUnit, axis_named, counted::counted};
+use crate::{Edition, Measurement, TargetUnit, axis_named};
 
 /// The smallest test that the standard accepts for an axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -118,4 +118,9 @@ pub fn shortfalls(measurement: &Measurement, kind: AxisKind, edition: Edition) -
         ));
     }
     said
+}
+
+/// `1 run`, `2 runs`.
+pub(crate) fn counted(n: usize, noun: &str) -> String {
+    format!("{n} {noun}{}", if n == 1 { "" } else { "s" })
 }

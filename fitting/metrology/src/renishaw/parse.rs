@@ -3,9 +3,9 @@ use volcomp_document::quoted;
 use super::document::{Document, Section, key_value, section_name};
 use super::environment::environment;
 use super::{RenishawKind, directions, sections};
+use crate::checks::environment_notes;
 use crate::decimal_comma::with_points;
 use crate::encoding::{decode, refuse_empty, wrong_kind};
-use crate::environment_notes::environment_notes;
 use crate::{Measurement, Metadata, MetrologyError, Reading};
 
 const STRAIGHTNESS_NOT_PROVEN: &str = "deviations of .rts files are taken as µm, positive as the optics read them: no real file has proven unit and sign, so compare one with a known deviation";
