@@ -357,7 +357,7 @@ fn watched(step: Step, seen: &Seen, elapsed_s: f64, rules: &Rules, before_um: Op
             soaked_s,
             residual_um,
             known_s,
-            older_s,
+            older_s: 0.0,
         };
     }
     let known = seen.residual_um.filter(|um| um.is_finite());

@@ -91,6 +91,8 @@ fn a_machine_that_is_disarmed_is_not_watched() {
             seen: BTreeMap::from([(name(0), disarmed)]),
         };
         assert_eq!(rollout.step(event), []);
+        // An older version for a moment, which does not add up over moments.
+        assert_eq!(rollout.step(looked(10.0, &[(0, 0, 4.0)])), []);
     }
     assert_eq!(rollout.phase, Phase::Running);
     let mut actions = Vec::new();
