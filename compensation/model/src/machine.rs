@@ -113,38 +113,47 @@ impl Machine {
         let mut notes = self.notes_on_travel();
         notes.extend(odd::notes(self));
         let partly = self.partly_measured().into_iter();
-        notes.extend(partly.map(|(error, share)| {
+        notes.extend(partly.map(|(error, axis, share)| {
             format!(
-                "{error} is known on {:.0} % of the travel of {}: beyond, it keeps its end values",
-                100.0 * share,
-                error.axis
+                "{error} is known on {:.0} % of the travel of {axis}: beyond, it keeps its end values",
+                100.0 * share
             )
         }));
         notes
     }
 
-    /// The error motions whose curves cover less than 90 % of the travel, with the share that they cover, sorted by name. Other
-    /// axes, on which a grid may depend, stand in the middle.
-    pub fn partly_measured(&self) -> Vec<(ErrorName, f64)> {
-        const PLACES: u32 = 100;
+    /// The error motions whose curves cover less than 90 % of the travel of an axis, with that axis and the share that they
+    /// cover, the smallest where a grid depends on two axes; sorted by name.
+    pub fn partly_measured(&self) -> Vec<(ErrorName, AxisName, f64)> {
         let share = |(error, curve): (ErrorName, &ErrorCurve)| {
             let own = self.index_of(error.axis).ok()?;
-            let mut coordinates = [0.0; MAX_AXES];
-            for (coordinate, axis) in coordinates.iter_mut().zip(&self.axes) {
-                *coordinate = 0.5 * (axis.travel[0] + axis.travel[1]);
-            }
-            let [low, high] = self.axes[own].travel;
-            let covered = (0..=PLACES).filter(|place| {
-                let share = f64::from(*place) / f64::from(PLACES);
-                coordinates[own] = low + (high - low) * share;
-                curve.contains(own, &coordinates)
+            let domains = curve.fields().flat_map(|field| field.domains(own));
+            let shares = domains.filter_map(|(place, [from, to])| {
+                let axis = self.axes.get(place)?;
+                let [low, high] = axis.travel;
+                let covered = (to.min(high) - from.max(low)).max(0.0);
+                // An axis that does not travel is covered where it stands.
+                let share = if high > low {
+                    covered / (high - low)
+                } else {
+                    f64::from(u8::from(from <= low && low <= to))
+                };
+                Some((error, axis.name, share))
             });
-            Some((error, covered.count() as f64 / f64::from(PLACES + 1)))
+            shares.min_by(|one, other| one.2.total_cmp(&other.2))
         };
-        let mut found: Vec<(ErrorName, f64)> = self.errors().filter_map(share).collect();
-        found.retain(|(_, share)| *share < 0.9);
-        found.sort_unstable_by_key(|(error, _)| error.to_string());
+        let mut found: Vec<_> = self.errors().filter_map(share).collect();
+        found.retain(|(_, _, share)| *share < 0.9);
+        found.sort_unstable_by_key(|(error, ..)| error.to_string());
         found
+    }
+
+    /// Whether it states any error, thermal terms apart.
+    pub fn states_errors(&self) -> bool {
+        let is_some = |value: &f64| *value != 0.0;
+        self.errors().next().is_some()
+            || self.locations.values().any(is_some)
+            || self.assembly.as_flattened().iter().any(is_some)
     }
 
     fn notes_on_travel(&self) -> Vec<String> {

@@ -7,7 +7,7 @@ use volcomp_vocabulary::Direction;
 
 use crate::{
     curves::{curves, stated_curves},
-    identified::{files, identified},
+    identified::{files, identified, left_open},
     positioning::positioning,
     report::{Contribution, Report, SourceFile, Uncertainty, Warning, WarningKind},
     squares::{other_locations, pair_of, squares},
@@ -25,17 +25,17 @@ impl Report {
     ) -> Self {
         let lines = file.measurements.iter();
         let machine = &calibration.machine;
+        let identified = (calibration.identified.as_ref()).map(|of| identified(&of.found));
+        let mut not_measured = calibration.not_measured.clone();
+        not_measured.extend(identified.as_ref().and_then(left_open));
         let mut report = Self {
-            warnings: of_calibration(file, calibration, stated.edition),
+            warnings: of_calibration(file, calibration, &not_measured, stated.edition),
             curves: curves(file, calibration),
             positioning: positioning(file, stated.edition),
             squareness: squares(machine, |pair| is_measured(calibration, pair)),
             locations: other_locations(machine, &calibration.locations),
-            not_measured: calibration.not_measured.clone(),
-            identified: calibration
-                .identified
-                .as_ref()
-                .map(|of| identified(&of.found)),
+            not_measured,
+            identified,
             uncertainty: stated_uncertainty(file),
             ..Self::of_machine(source, machine, stated)
         };
@@ -66,7 +66,7 @@ impl Report {
         source: &str,
         observations: &Observations,
         found: &Identification,
-        not_measured: Vec<String>,
+        mut not_measured: Vec<String>,
         stated: &Stated,
     ) -> Self {
         let square = |pair| {
@@ -77,9 +77,11 @@ impl Report {
             let mut named = named.filter_map(|parameter| parameter.error);
             named.any(|error| error.location && pair_of(error) == Some(pair))
         };
+        let identified = identified(found);
+        not_measured.extend(left_open(&identified));
         let mut report = Self {
             squareness: squares(&found.machine, square),
-            identified: Some(identified(found)),
+            identified: Some(identified),
             ..Self::of_machine(source, &found.machine, stated)
         };
         let of_errors = not_measured.iter().map(|text| Warning {

@@ -47,6 +47,17 @@ pub(crate) fn identified(found: &Identification) -> Identified {
     }
 }
 
+/// A note on the unknowns that the observations do not determine: nothing follows of these errors.
+pub(crate) fn left_open(found: &Identified) -> Option<String> {
+    let open: Vec<&str> = found.left_open().collect();
+    (!open.is_empty()).then(|| {
+        format!(
+            "not determined by the observations, taken as 0: {}",
+            open.join(", ")
+        )
+    })
+}
+
 /// The files of observations.
 pub(crate) fn files(observations: &Observations) -> impl Iterator<Item = SourceFile> {
     observations.observations.iter().map(|of| SourceFile {

@@ -4,7 +4,7 @@
 use serde::{Deserialize, Serialize};
 use volcomp_fit::BandSource;
 use volcomp_metrology::{Iso230Part2, Vdi3441, Verdict};
-use volcomp_vocabulary::Direction;
+use volcomp_vocabulary::{Direction, ErrorName};
 
 /// A report of a calibration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -388,8 +388,10 @@ pub struct Volume {
     pub after: Option<OfState<Size>>,
     /// Whether a machine has thermal terms, which are left out.
     pub has_thermal: bool,
-    /// Whether curves of the machine cover a part of the travel only.
+    /// Whether curves of the machine of the last state cover a part of the travel only.
     pub is_partly_measured: bool,
+    /// Whether the machine of the last state states any error.
+    pub knows_errors: bool,
     /// Planes through the middle of the working space.
     pub slices: Vec<Slice>,
     /// The ends of the travels of X, Y and Z, mm; of an axis that is not there twice 0.
@@ -541,6 +543,18 @@ pub struct Identified {
     pub redundant: Vec<String>,
     /// The pose that would help most, in words.
     pub next: Option<String>,
+}
+
+impl Identified {
+    /// The coefficients of errors that the observations leave open and that are zero by no convention.
+    pub fn left_open(&self) -> impl Iterator<Item = &str> {
+        let open = self.parameters.iter().filter(|of| of.uncertainty.is_none());
+        let names = open.map(|of| of.name.as_str());
+        names.filter(|name| {
+            let error = name.split(' ').next().unwrap_or(name);
+            error.parse::<ErrorName>().is_ok() && !self.redundant.iter().any(|zero| zero == name)
+        })
+    }
 }
 
 /// What a model leaves of rows of observations.

@@ -176,14 +176,15 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
                 .filter(|_| found.is_some())
                 .map(|drawn| 2.0 * drawn.max_um);
             // Of a machine of which no error is known nothing follows.
-            let value = last.filter(|last| last.state != State::Found || report.knows_errors());
+            let value = last.filter(|last| match last.state {
+                State::Found => report.knows_errors(),
+                _ => volume.is_some_and(|volume| volume.knows_errors),
+            });
+            let is_partly = volume.is_some_and(|volume| volume.is_partly_measured)
+                || found.is_some() && !report.not_measured.is_empty();
             let of = if value.is_some() && volume.is_some_and(|volume| volume.has_thermal) {
                 CheckOf::AtReference
-            } else if found.is_some()
-                && value.is_some()
-                && (!report.not_measured.is_empty()
-                    || volume.is_some_and(|volume| volume.is_partly_measured))
-            {
+            } else if value.is_some() && is_partly {
                 CheckOf::MeasuredAlone
             } else if last.is_some_and(|last| last.state == State::TruthCorrected) {
                 CheckOf::Corrected
@@ -201,6 +202,10 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
 
 /// The size of an error, and its expanded uncertainty (k = 2) where what it is made of is stated.
 fn of_error(report: &Report, name: &str) -> (Option<f64>, Option<f64>) {
+    let identified = report.identified.as_ref();
+    if identified.is_some_and(|of| of.left_open().any(|open| is_of_error(open, name))) {
+        return (None, None);
+    }
     if let Some(curve) = report.curves.iter().find(|curve| curve.error == name) {
         return match extremes(curve) {
             Some([low, high]) => {
@@ -227,6 +232,11 @@ fn of_error(report: &Report, name: &str) -> (Option<f64>, Option<f64>) {
     let u = u.or_else(|| identified(report, name));
     let value = location.map(|location| location.value.abs());
     (value, u.filter(|_| value.is_some()).map(|u| 2.0 * u))
+}
+
+/// Whether an unknown is one of an error: `EXC cos 1` of EXC.
+fn is_of_error(unknown: &str, error: &str) -> bool {
+    unknown.split(' ').next() == Some(error)
 }
 
 /// The smallest and the largest mean reading, or where there are none value of the curve, each with its place.

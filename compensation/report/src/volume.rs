@@ -18,13 +18,13 @@ const VECTORS: usize = 5;
 pub type ErrorAt<'a> = &'a dyn Fn(&Pose) -> [f64; 6];
 
 /// The errors of one or of two states of a machine: their size over poses of all axes, and pictures over the working space with
-/// other axes where `others` says (mm or deg). Each state has a field for each tool, the first for the tool of the pictures.
+/// other axes where `others` says (mm or deg). `judged` is the machine whose errors the last state has. Each state has a field for each tool, the first for the tool of the pictures.
 /// `None` of a machine without two of the axes X, Y and Z.
 ///
 /// # Errors
 /// What [`Machine::state`] refuses of `others`.
 pub fn volume(
-    machine: &Machine,
+    [machine, judged]: [&Machine; 2],
     others: &[(AxisName, f64)],
     before: (State, &[ErrorField<'_>]),
     after: Option<(State, &[ErrorField<'_>])>,
@@ -75,7 +75,8 @@ pub fn volume(
             found: size.clone(),
         }),
         has_thermal: !machine.thermal().sensors().is_empty(),
-        is_partly_measured: !machine.partly_measured().is_empty(),
+        is_partly_measured: !judged.partly_measured().is_empty(),
+        knows_errors: judged.states_errors(),
         slices: slices(
             machine,
             others,

@@ -12,6 +12,7 @@ use crate::report::{Warning, WarningKind};
 pub(crate) fn of_calibration(
     file: &CalibrationFile,
     calibration: &Calibration,
+    not_measured: &[String],
     edition: Edition,
 ) -> Vec<Warning> {
     let mut all = Vec::new();
@@ -80,7 +81,7 @@ pub(crate) fn of_calibration(
             add(WarningKind::Outlier, named(line, hint.text));
         }
     }
-    for text in &calibration.not_measured {
+    for text in not_measured {
         add(WarningKind::NotMeasured, text.clone());
     }
     for text in &calibration.warnings {

@@ -37,6 +37,18 @@ impl Field {
         }
     }
 
+    /// The numbers of the coordinates looked at, each with the range in which it is known; none of a constant.
+    pub fn domains(&self, own: usize) -> Vec<(usize, [f64; 2])> {
+        match self {
+            Self::Curve(curve) => curve
+                .domain()
+                .map(|range| (own, range))
+                .into_iter()
+                .collect(),
+            Self::Grid(grid) => grid.axes().into_iter().zip(grid.domain()).collect(),
+        }
+    }
+
     /// Whether the coordinates looked at lie in their ranges.
     pub fn contains(&self, own: usize, coordinates: &[f64]) -> bool {
         match self {

@@ -303,8 +303,10 @@ fn working_space(
     );
     let fields_before = fields(&cases, &errors_before);
     let fields_after = fields(&cases, &errors_after);
+    let judged = second.unwrap_or(first).1;
     let second = second.map(|(state, _)| (state, &fields_after[..]));
-    report.volume = volume(machine, others, (first.0, &fields_before), second)?;
+    let machines = [machine, judged];
+    report.volume = volume(machines, others, (first.0, &fields_before), second)?;
     Ok(left_out(
         report,
         machine,

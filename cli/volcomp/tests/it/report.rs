@@ -233,6 +233,47 @@ fn what_was_not_measured_is_not_met() {
     assert!(page.contains("of the measured errors alone"));
 }
 
+/// An unknown that the observations leave open is no error of 0: a rotary table that never turned has its axis anywhere.
+#[test]
+fn what_observations_leave_open_is_not_met() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, text: &str| {
+        fs::write(folder.path().join(name), text).expect("written");
+    };
+    write(
+        "machine.toml",
+        "structure = \"w C' b X Y Z t\"\n[axes]\nX.travel = [0.0, 400.0]\nY.travel = [0.0, 400.0]\nZ.travel = [-300.0, 0.0]\nC.travel = [-360.0, 360.0]\n",
+    );
+    let mut rows = "X,Y,Z,C,x,y,z\n".to_owned();
+    for (x, y, z) in (0..27_u32).map(|i| (i % 3, i / 3 % 3, i / 9)) {
+        let [x, y, z] = [
+            200.0 * f64::from(x),
+            200.0 * f64::from(y),
+            -150.0 * f64::from(z),
+        ];
+        rows += &format!("{x},{y},{z},0,{:.6},{y},{z}\n", x + 2e-5 * x);
+    }
+    write("points.csv", &rows);
+    write(
+        "observations.toml",
+        "machine = \"machine.toml\"\nfolds = 0\nunknown = [\"EX0C\", \"EB0C\", { error = \"EXX\", legendre = 1 }]\n[[observation]]\nkind = \"points\"\nfile = \"points.csv\"\n",
+    );
+    let observations = folder
+        .path()
+        .join("observations.toml")
+        .display()
+        .to_string();
+    let call = [&observations, "--tolerance", "EX0C=5,EB0C=5,V=50"];
+    let (document, page) = report(&call);
+    let checks = document["checks"].as_array().expect("three");
+    for check in &checks[..2] {
+        assert_eq!(check["value"], Value::Null, "{check}");
+        assert_eq!(check["outcome"], "undecided", "{check}");
+    }
+    assert_eq!(checks[2]["of"], "the measured errors alone");
+    assert!(page.contains("not determined by the observations, taken as 0: EX0C, EB0C"));
+}
+
 /// Lengths and angles have no limit in common: a symbol alone is refused where both kinds are tested, and has what no narrower one has.
 #[test]
 fn a_limit_is_of_one_unit() {
@@ -336,14 +377,24 @@ fn a_volumetric_error_of_a_part_of_the_machine_is_told() {
     let (document, page) = report(&[&model, "--truth", &truth, "--tolerance", "V=5"]);
     assert_eq!(document["checks"][0]["outcome"], "undecided", "{document}");
     assert!(page.contains("thermal terms of scale are left out"));
-    let part = write(
-        "part.toml",
-        "EXX = { poly = [0.0, 0.02], domain = [200.0, 300.0] }\n",
-    );
-    let (document, page) = report(&[&part, "--tolerance", "V=50"]);
-    assert_eq!(document["checks"][0]["of"], "the measured errors alone");
-    assert!(
-        page.contains("EXX is known on 17 % of the travel of X"),
-        "{page}"
-    );
+    for (text, told) in [
+        (
+            "EXX = { poly = [0.0, 0.02], domain = [200.0, 300.0] }\n",
+            "EXX is known on 17 % of the travel of X",
+        ),
+        (
+            "EXX = { poly = [0.0, 0.02] }\nEZY = { grid = { axes = [\"Y\", \"Z\"], nodes = [[0, 200, 400], [-300, -200]], values = [[0, 0], [-10, 10], [0, 0]] } }\n",
+            "EZY is known on 20 % of the travel of Z",
+        ),
+    ] {
+        let part = write("part.toml", text);
+        for call in [&[&part[..]][..], &[&model, "--truth", &part]] {
+            let (document, page) = report(&[call, &["--tolerance", "V=500"]].concat());
+            assert_eq!(document["checks"][0]["of"], "the measured errors alone");
+            assert!(call.len() > 1 || page.contains(told), "{page}");
+        }
+    }
+    let bare = write("bare.toml", "");
+    let (document, _) = report(&[&model, "--truth", &bare, "--tolerance", "V=500"]);
+    assert_eq!(document["checks"][0]["outcome"], "undecided", "{document}");
 }

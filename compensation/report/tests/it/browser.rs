@@ -23,7 +23,7 @@ pub(crate) fn whole() -> Report {
     };
     let less = |pose: &Pose| errors(pose).map(|x| 0.2 * x);
     report.volume = volume(
-        machine,
+        [machine; 2],
         &[],
         (State::Truth, &[field(machine, &errors)]),
         Some((State::TruthCorrected, &[field(machine, &less)])),

@@ -347,7 +347,7 @@ fn the_working_space_has_the_sizes_of_its_errors() {
     };
     let half = |pose: &volcomp_kinematics::State| errors(pose).map(|x| 0.5 * x);
     let found = volume(
-        machine,
+        [machine; 2],
         &[],
         (State::Truth, &[field(machine, &errors)]),
         Some((State::TruthCorrected, &[field(machine, &half)])),
@@ -416,7 +416,7 @@ fn axes_that_stand_still_are_named() {
     let nothing = |_: &volcomp_kinematics::State| [0.0; 6];
     let others = [(volcomp_vocabulary::AxisName::C, 90.0)];
     report.volume = volume(
-        &machine,
+        [&machine; 2],
         &others,
         (State::Found, &[field(&machine, &nothing)]),
         None,
