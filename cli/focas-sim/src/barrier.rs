@@ -3,7 +3,10 @@
 use std::time::Duration;
 
 use volcomp_focas::simulator::{BarrierLadder, Ladder};
-use volcomp_guard::barrier::{Layout, Program, Protection};
+use volcomp_guard::{
+    barrier::{Program, Protection},
+    protocol::Layout,
+};
 use volcomp_port::Axis;
 use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement, Mm, Um, Urad};
 

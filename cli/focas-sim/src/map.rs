@@ -4,7 +4,10 @@ use volcomp_focas::{
     PmcAddress, PmcArea,
     simulator::{LadderProgram, World},
 };
-use volcomp_guard::barrier::Layout;
+use volcomp_guard::{
+    barrier,
+    protocol::{Counts, Layout},
+};
 use volcomp_tables::{
     GRID_AXES, OUTPUTS,
     control::{FRAME_WORDS, Lookup, REPORT_WORDS, Settings, SettingsError},
@@ -54,17 +57,19 @@ impl MapLadder {
     pub(crate) fn new(axes: Layout, slots: Vec<usize>, set: &Set) -> Result<Self, SettingsError> {
         let settings = Settings {
             grid: axes,
-            outputs: axes,
-            machine: set.machine,
+            outputs: barrier::Settings {
+                axes,
+                machine: set.machine,
+                limit: Counts::from_fn(|_| set.limit),
+                rate: Counts::from_fn(|_| set.rate),
+                step_scans: 1,
+                hold_scans: set.hold_scans,
+                time_out_scans: set.time_out_scans,
+            },
             position_step_millionths: [STEP_NM; GRID_AXES],
             output_step_nm: [STEP_NM; OUTPUTS],
             capacity: set.capacity,
-            limit: [set.limit; OUTPUTS],
-            rate: [set.rate; OUTPUTS],
             turned: [TURNED; GRID_AXES],
-            step_scans: 1,
-            hold_scans: set.hold_scans,
-            time_out_scans: set.time_out_scans,
         };
         Ok(Self {
             lookup: Lookup::start(settings, 0, 0, [0; OUTPUTS])?,
@@ -98,7 +103,7 @@ impl LadderProgram for MapLadder {
         let steps = self.steps(world);
         let report = self.lookup.scan(&mailbox, &steps, world.holds());
         let mut words = [0; REPORT_WORDS];
-        let count = report.encode(&self.settings, &mut words);
+        let count = report.encode(&mut words);
         world.set_words(address(REPORT), &words[..count]);
         for buffer in 0..2 {
             let at = BUFFERS + 2 * self.settings.capacity * buffer;
@@ -116,9 +121,8 @@ impl LadderProgram for MapLadder {
             let counts = shifts.get(*slot).copied().unwrap_or(0);
             *applied = i16::try_from(counts).unwrap_or(0);
         }
-        let memory = self.lookup.memory();
-        let (epoch, tick) = (memory.epoch, memory.tick);
-        if let Ok(lookup) = Lookup::start(self.settings, epoch, tick, applied) {
+        let link = self.lookup.memory().link;
+        if let Ok(lookup) = Lookup::start(self.settings, link.epoch, link.tick, applied) {
             self.lookup = lookup;
         }
     }

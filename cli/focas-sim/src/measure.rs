@@ -8,7 +8,7 @@ use std::{
 };
 
 use volcomp_focas::simulator::{Ladder, Simulator, World};
-use volcomp_guard::barrier::{Layout, Report as BarrierReport};
+use volcomp_guard::{barrier::Report as BarrierReport, protocol::Layout};
 
 use crate::{
     error::SimError,

@@ -3,9 +3,7 @@
 use std::time::{Duration, Instant};
 
 use volcomp_guard::{
-    BarrierMisfit, Limits,
-    barrier::{Layout, Report},
-    barrier_misfits, scans_fit,
+    BarrierMisfit, Limits, barrier::Report, barrier_misfits, protocol::Layout, scans_fit,
 };
 use volcomp_port::{DeviceError, Words};
 use volcomp_vocabulary::{AxisName, Displacement};

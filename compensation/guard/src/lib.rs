@@ -13,6 +13,7 @@ mod interlock;
 mod limits;
 mod position;
 mod proof;
+pub mod protocol;
 mod read_back;
 mod reasons;
 mod state;

@@ -4,8 +4,9 @@ use std::time::{Duration, Instant};
 
 use volcomp_guard::{
     BarrierLink, Interlock, Known, Limits, LimitsError, ReadBack, Reasons, Told,
-    barrier::{FRAME_WORDS, Layout, SettingsError},
+    barrier::FRAME_WORDS,
     ceiling,
+    protocol::{Layout, LayoutError},
 };
 use volcomp_kinematics::Correctors;
 use volcomp_port::{Controller, Description, Fault, ShownStates, Snapshot, UnfitAxes, Words};
@@ -377,8 +378,8 @@ fn link(plan: &PathPlan, owner: u16) -> Result<Option<BarrierLink>, PlanError> {
     let layout = Layout::of(axes.iter().copied()).map_err(|error| PlanError::Axes {
         device: plan.description.device.clone(),
         source: match error {
-            SettingsError::Twice { axis } => UnfitAxes::Twice(axis),
-            _ => UnfitAxes::Count(axes.len()),
+            LayoutError::Twice { axis } => UnfitAxes::Twice(axis),
+            LayoutError::NoAxes => UnfitAxes::Count(axes.len()),
         },
     })?;
     let link = BarrierLink::new(owner, barrier.machine, layout, barrier.scan);

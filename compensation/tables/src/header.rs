@@ -1,6 +1,6 @@
 //! The head of a map: what the control has to know before it reads a value.
 
-use volcomp_guard::barrier::Layout;
+use volcomp_guard::protocol::Layout;
 use volcomp_vocabulary::AxisName;
 
 use crate::NoMap;

@@ -28,7 +28,7 @@ pub use misfit::Misfit;
 pub use refresh::{Sensitivity, Transfer, refresh_s};
 pub use request::{Field, GridAxis, Output, Request, Table};
 pub use sender::{Allowed, Exchange, SendError, Sender, Step, Unfit};
-pub use volcomp_guard::barrier::Layout;
+pub use volcomp_guard::{barrier, protocol, protocol::Layout};
 pub use volcomp_model as model;
 pub use volcomp_vocabulary as vocabulary;
 pub use writer::{Loaded, Next, next_write, writes};

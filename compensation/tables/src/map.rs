@@ -1,6 +1,6 @@
 //! The map of the corrections over the work space, as words.
 
-use volcomp_guard::barrier::checksum;
+use volcomp_guard::protocol::checksum;
 
 use crate::{
     ByteOrder, HEADER_WORDS, Header, NoMap, OUTPUTS, Position, bytes::to_bytes,

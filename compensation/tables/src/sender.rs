@@ -1,8 +1,10 @@
 //! The sender: brings a map into a control and keeps it valid there, one exchange after the other.
 
+use volcomp_guard::protocol::{Refusal, Seen, Session};
+
 use crate::{
     HEADER_WORDS, Loaded, Map, Next, OUTPUTS,
-    control::{Body, FRAME_WORDS, Refusal, Report, Settings},
+    control::{Body, FRAME_WORDS, Frame, Report},
     next_write,
 };
 
@@ -136,6 +138,7 @@ impl Allowed {
     pub fn is_kept_by(&self, map: &Map, seen: &Report) -> Result<(), Unfit> {
         // Numbers that went through steps are not compared to the last bit.
         let beyond = |found: f64, most: f64| found.is_nan() || found > most * (1.0 + 1e-9);
+        let seen = &seen.of.settings;
         for output in 0..map.header().outputs.count().min(OUTPUTS) {
             let step = step_mm(map, output);
             let limit = f64::from(seen.limit[output]) * step;
@@ -211,8 +214,8 @@ const BEGINNINGS: u32 = 8;
 #[derive(Clone, Debug)]
 pub struct Sender {
     map: Map,
-    settings: Settings,
-    owner: u16,
+    machine: u16,
+    session: Session,
     allowed: Allowed,
     loaded: Loaded,
     begun: u32,
@@ -227,31 +230,26 @@ impl Sender {
     /// The map is beyond what is allowed.
     pub fn new(map: Map, machine: u16, owner: u16, allowed: Allowed) -> Result<Self, Unfit> {
         allowed.admits(&map)?;
-        let header = *map.header();
         Ok(Self {
-            // Frames and reports are made by the machine and the corrected axes alone.
-            settings: Settings {
-                grid: header.grid,
-                outputs: header.outputs,
-                machine,
-                position_step_millionths: header.lines.map(|lines| lines.step_millionths),
-                output_step_nm: header.output_step_nm,
-                capacity: u16::try_from(allowed.capacity).unwrap_or(u16::MAX),
-                limit: [1; OUTPUTS],
-                rate: [1; OUTPUTS],
-                turned: [1; crate::GRID_AXES],
-                step_scans: 1,
-                hold_scans: 1,
-                time_out_scans: 2,
-            },
             map,
-            owner: owner.max(1),
+            machine,
+            session: Session::new(owner),
             allowed,
             loaded: Loaded::Unknown,
             begun: 0,
             tick: None,
             in_use: None,
         })
+    }
+
+    /// Brings another map in place of this one, which it returns. The control keeps that in use until it has all of the other.
+    ///
+    /// # Errors
+    /// The map is beyond what is allowed: this one stays.
+    pub fn replace(&mut self, map: Map) -> Result<Map, Unfit> {
+        self.allowed.admits(&map)?;
+        (self.loaded, self.begun) = (Loaded::Unknown, 0);
+        Ok(std::mem::replace(&mut self.map, map))
     }
 
     /// The number of the map that the control had in use when it was last read, whoever sent that; `None`: none was, and the
@@ -264,7 +262,7 @@ impl Sender {
     /// What the words of a report say, `None`: they are torn, or of another machine.
     #[must_use]
     pub fn seen(&self, words: &[u16]) -> Option<Report> {
-        Report::decode(&self.settings, words)
+        Report::decode(self.machine, self.map.header().outputs, words)
     }
 
     /// Reads what the control publishes, and sends what comes next.
@@ -272,27 +270,29 @@ impl Sender {
     /// # Errors
     /// See [`SendError`]; after [`SendError::Exchange`] another step may be tried.
     pub fn step<C: Exchange>(&mut self, control: &mut C) -> Result<Step, SendError<C::Error>> {
-        let words = control.report().map_err(SendError::Exchange)?;
+        let words = control.report().map_err(|error| {
+            // The tick may have gone round when the next report comes.
+            self.session.forget();
+            SendError::Exchange(error)
+        })?;
         let Some(seen) = self.seen(&words) else {
             return Ok(Step::Unreadable);
         };
         self.in_use = seen.valid.then_some(seen.counter);
         // A program that stands would be answered with its own old tick for ever.
-        if self.tick.replace(seen.tick) == Some(seen.tick) {
+        if self.tick.replace(seen.of.tick) == Some(seen.of.tick) {
             return Ok(Step::Stands);
         }
         self.allowed.is_kept_by(&self.map, &seen)?;
-        let frame = match next_write(
-            &self.map,
-            self.settings.machine,
-            self.owner,
-            &seen,
-            self.loaded,
-        ) {
-            Next::Held { by } => {
-                let sequence = seen.sequence;
+        match self.session.read(seen.of.head()) {
+            Seen::Held { owner: by } => {
+                let sequence = seen.of.sequence;
                 return Err(SendError::Held { by, sequence });
             }
+            Seen::Old => return Ok(Step::Stands),
+            Seen::Confirmed { .. } => {}
+        }
+        let body = match next_write(&self.map, self.machine, &seen, self.loaded) {
             Next::ReadBack { buffer } => {
                 let wanted = self.map.words();
                 let found = control
@@ -305,27 +305,33 @@ impl Sender {
                 };
                 return Ok(Step::Loading);
             }
-            Next::Write(frame) => frame,
+            Next::Write(body) => body,
         };
-        let step = match frame.body {
+        let step = match body {
             Body::Keep { .. } => {
                 self.begun = 0;
                 Step::Kept
             }
             Body::Begin { .. } => {
                 self.loaded = Loaded::Unknown;
-                if matches!(seen.refusal, Refusal::Value | Refusal::Fit | Refusal::Map) {
+                if matches!(
+                    seen.of.refusal,
+                    Refusal::Value | Refusal::Fit | Refusal::Map
+                ) {
                     self.begun += 1;
                     if self.begun > BEGINNINGS {
-                        return Err(SendError::Refused(seen.refusal));
+                        return Err(SendError::Refused(seen.of.refusal));
                     }
                 }
                 Step::Loading
             }
             Body::Words { .. } | Body::Swap { .. } => Step::Loading,
         };
-        let frame = frame.encode(&self.settings);
-        control.write(&frame).map_err(SendError::Exchange)?;
+        if let Some(head) = self.session.answer() {
+            let frame = Frame { head, body };
+            let words = frame.encode(self.machine, self.map.header().outputs);
+            control.write(&words).map_err(SendError::Exchange)?;
+        }
         Ok(step)
     }
 }

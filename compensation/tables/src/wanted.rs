@@ -1,6 +1,6 @@
 //! A request in whole steps: its numbers are checked, and everything that follows is what a control has.
 
-use volcomp_guard::{barrier::Layout, ceiling};
+use volcomp_guard::{ceiling, protocol::Layout};
 use volcomp_vocabulary::{AxisName, Direction};
 
 use crate::{

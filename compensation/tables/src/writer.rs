@@ -2,23 +2,18 @@
 
 use crate::{
     Map,
-    control::{Body, DATA, Frame, Report},
+    control::{Body, DATA, Report},
 };
 
 /// What a sender does next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Next {
-    /// Write this frame to the mailbox.
-    Write(Frame),
+    /// Write a frame that says this.
+    Write(Body),
     /// Read the words of this buffer, 0 or 1, compare them with the map's, and ask again with what was found.
     ReadBack {
         /// The buffer that was loaded.
         buffer: u16,
-    },
-    /// Another sender holds the control: nothing is to be sent until its time is out.
-    Held {
-        /// The number of the other sender.
-        by: u16,
     },
 }
 
@@ -33,13 +28,10 @@ pub enum Loaded {
     Other,
 }
 
-/// What is to be sent next, so that `map` is in use and stays so. `owner` is the number that the sender drew at its start,
-/// `seen` what the control published last. Nothing is remembered: after any loss it goes on where the control is.
+/// What is to be sent next, so that `map` is in use and stays so. `seen` is what the control published last. Nothing is remembered:
+/// after any loss it goes on where the control is.
 #[must_use]
-pub fn next_write(map: &Map, machine: u16, owner: u16, seen: &Report, loaded: Loaded) -> Next {
-    if seen.owner != 0 && seen.owner != owner {
-        return Next::Held { by: seen.owner };
-    }
+pub fn next_write(map: &Map, machine: u16, seen: &Report, loaded: Loaded) -> Next {
     let counter = map.header().counter;
     let words = u16::try_from(map.words().len()).unwrap_or(u16::MAX);
     let body = match seen.loading {
@@ -57,13 +49,7 @@ pub fn next_write(map: &Map, machine: u16, owner: u16, seen: &Report, loaded: Lo
         }
         _ => Body::Begin { counter, words },
     };
-    Next::Write(Frame {
-        epoch: seen.epoch,
-        tick: seen.tick,
-        sequence: seen.sequence.wrapping_add(1),
-        owner,
-        body,
-    })
+    Next::Write(body)
 }
 
 /// Everything that brings a map into a control, in order: its beginning, its words, the swap.

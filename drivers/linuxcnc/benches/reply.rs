@@ -7,8 +7,9 @@ use std::{
     time::{Duration, Instant},
 };
 
-use volcomp_guard::barrier::{
-    Barrier, Counts, FRAME_WORDS, Layout, REPORT_WORDS, Report, Session, Settings,
+use volcomp_guard::{
+    barrier::{Barrier, FRAME_WORDS, REPORT_WORDS, Report, Settings},
+    protocol::{Counts, Layout, Session},
 };
 use volcomp_linuxcnc::{
     AxisState, Flags, Key, LinuxCncConfig, LinuxCncController, STATE_BYTES, State,
@@ -86,7 +87,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let read = controller.read(begun + Duration::from_secs(1))?;
         let report = read.report.ok_or("a report")?;
         let report = Report::decode(1, settings.axes, report.as_slice()).ok_or("a report")?;
-        session.read(&report);
+        session.read(report.head());
         let mut frame = [0; FRAME_WORDS];
         let values = PerChannel::leading([i16::try_from(round % 30_000)?; 3]);
         let frame_length = session

@@ -14,7 +14,10 @@ use std::{
 
 use serde_json::Value;
 use volcomp_focas::{Client, PmcArea, PositionKind};
-use volcomp_guard::barrier::{FRAME_WORDS, Layout, Report, Session};
+use volcomp_guard::{
+    barrier::{FRAME_WORDS, Report},
+    protocol::{Layout, Session},
+};
 use volcomp_test_support::{Running, machines::gantry};
 use volcomp_vocabulary::{AxisName, PerChannel};
 
@@ -300,7 +303,7 @@ fn a_barrier_stands_before_the_axes() {
             .map(|b| u16::from_le_bytes([b[0], b[1]]))
             .collect();
         let report = Report::decode(4711, layout, &words).expect("read whole");
-        session.read(&report);
+        session.read(report.head());
         let frame = session.frame(&PerChannel::leading([30, -10]));
         let mut words = [0; FRAME_WORDS];
         if let Some(frame) = frame {

@@ -5,7 +5,7 @@ use std::{
     time::Duration,
 };
 
-use volcomp_guard::{Reasons, barrier::Layout};
+use volcomp_guard::{Reasons, protocol::Layout};
 use volcomp_model::ModelError;
 use volcomp_port::Description;
 use volcomp_runtime::{AxisSettings, GuardSettings, PathPlan};

@@ -10,7 +10,8 @@ use std::{
 
 use volcomp_guard::{
     RATE_OVER_SLEW,
-    barrier::{Counts, Layout, Program, Settings, SettingsError},
+    barrier::{Program, Settings, SettingsError},
+    protocol::{Counts, Layout},
 };
 use volcomp_port::{
     Axis, Clock, ControlProgram, Controller, Description, Fault, Snapshot, Words,

@@ -40,7 +40,6 @@ struct Other {
 /// Another map whose record is on its way to the disk. Nothing of it is sent before.
 struct Recording {
     checked: Checked,
-    sender: Sender,
     receipt: Receipt,
     until: Instant,
 }
@@ -49,12 +48,11 @@ struct Sending {
     checked: Checked,
     place: Place,
     sender: Sender,
-    owner: u16,
     /// Maps that were confirmed while it runs.
     others: Receiver<Another>,
     recording: Option<Recording>,
     /// The map in use while another one is brought in its place.
-    before: Option<(Checked, Sender)>,
+    before: Option<Checked>,
     words: Option<Words>,
     log: Log,
     /// The number of the map in use; that of the map before while another one is brought.
@@ -87,7 +85,6 @@ pub fn run(checked: &Checked) -> Result<(), GatewayError> {
         checked: checked.clone(),
         place,
         sender: sender.map_err(|e| ended(checked, e.to_string()))?,
-        owner,
         others,
         recording: None,
         before: None,
@@ -157,16 +154,15 @@ impl Sending {
                 return Err("the map before is not in use yet".to_owned());
             }
             fits(&self.checked, &another)?;
-            let (map, config) = (another.map.clone(), &another.config);
-            let sender = Sender::new(map, config.number, self.owner, config.allowed);
-            Ok((*another, sender.map_err(|e| e.to_string())?))
+            let admitted = another.config.allowed.admits(&another.map);
+            admitted.map_err(|e| e.to_string())?;
+            Ok(*another)
         });
         match made {
-            Ok((checked, sender)) => {
+            Ok(checked) => {
                 let receipt = self.log.record(&checked, "another map is going to be sent");
                 self.recording = Some(Recording {
                     checked,
-                    sender,
                     receipt,
                     until: Instant::now() + RECORD,
                 });
@@ -187,11 +183,13 @@ impl Sending {
             return;
         };
         match recording.receipt.written() {
-            Some(true) => {
-                let checked = std::mem::replace(&mut self.checked, recording.checked);
-                let sender = std::mem::replace(&mut self.sender, recording.sender);
-                self.before = Some((checked, sender));
-            }
+            Some(true) => match self.sender.replace(recording.checked.map.clone()) {
+                Ok(_) => {
+                    let before = std::mem::replace(&mut self.checked, recording.checked);
+                    self.before = Some(before);
+                }
+                Err(unfit) => self.refuse(&unfit.to_string()),
+            },
             Some(false) => self.refuse("the audit log cannot be written"),
             None if Instant::now() < recording.until => self.recording = Some(recording),
             // The record may come onto the disk later: the one behind it tells what became of it.
@@ -204,12 +202,16 @@ impl Sending {
 
     /// The map before stays where the control does not take the other: whether there was one.
     fn go_back(&mut self, why: &str) -> bool {
-        let Some((checked, sender)) = self.before.take() else {
+        let Some(checked) = self.before.take() else {
             return false;
         };
+        // It was in use: it is as allowed as it was.
+        if self.sender.replace(checked.map.clone()).is_err() {
+            return false;
+        }
         self.tell(format!("another map is not sent: {why}"));
         self.record("another map was refused by the control");
-        (self.checked, self.sender) = (checked, sender);
+        self.checked = checked;
         true
     }
 
@@ -320,10 +322,11 @@ impl Sending {
             };
             match words.report().map(|words| self.sender.seen(&words)) {
                 Ok(Some(seen)) => {
-                    if last.replace(seen.applied) != Some(seen.applied) {
+                    let applied = seen.of.applied;
+                    if last.replace(applied) != Some(applied) {
                         since = Instant::now();
                     }
-                    is_zero = !seen.valid && seen.applied.iter().all(|steps| *steps == 0);
+                    is_zero = !seen.valid && applied.iter().all(|steps| *steps == 0);
                 }
                 Ok(None) => {}
                 Err(_) => self.words = None,

@@ -1,6 +1,7 @@
 //! The barrier itself: which frame is taken, and how the applied correction moves.
 
-use super::{Counts, DigitalLines, Frame, Refusal, Report, Settings, SettingsError, is_ahead};
+use super::{DigitalLines, Frame, Report, Settings, SettingsError};
+use crate::protocol::{Counts, Link, Refusal};
 
 /// The largest number of mailboxes that a barrier looks at.
 pub const MAILBOXES: usize = 4;
@@ -16,14 +17,8 @@ pub struct Barrier {
 /// All that a barrier remembers from one scan to the next, for simulators that stop and go on, and for model checkers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Memory {
-    /// Moves on at each start and at each time-out.
-    pub epoch: u16,
-    /// The number of scans, which wraps around.
-    pub tick: u16,
-    /// The sender whose frames are taken; 0: anybody's.
-    pub owner: u16,
-    /// The sequence of the last frame that was taken.
-    pub sequence: u16,
+    /// Whose frames are taken. A word on lines counts as a frame where it says since when none came.
+    pub link: Link,
     /// Why the last frame was not taken.
     pub refusal: Refusal,
     /// The correction that is applied, counts.
@@ -38,10 +33,7 @@ pub struct Memory {
     pub done: u32,
     /// The number of scans since the last step.
     pub waited: u16,
-    /// The number of scans since a frame or a word on lines was taken; it stands still at the time-out.
-    pub silent: u16,
-    /// Tick and sequence of the whole frame that was found last in each mailbox. A frame that nobody overwrites lies
-    /// there for ever: judged again it would be taken once tick and sequence have gone round.
+    /// Tick and sequence of the whole frame that was found last in each mailbox.
     pub found: [Option<(u16, u16)>; MAILBOXES],
     /// The level of the line that says that the others have settled; `None` before the first scan.
     pub latch: Option<bool>,
@@ -70,8 +62,7 @@ impl Barrier {
         let settings = settings.of_axes();
         let applied = settings.present(applied);
         let state = Memory {
-            epoch: epoch.wrapping_add(1),
-            tick,
+            link: Link::start(epoch, tick),
             applied,
             from: applied,
             goal: applied,
@@ -112,13 +103,12 @@ impl Barrier {
         lines: Option<&DigitalLines>,
         holds: bool,
     ) -> Report {
-        self.state.tick = self.state.tick.wrapping_add(1);
+        self.state.link.scan();
         let mut goal = None;
         for (mailbox, words) in mailboxes.iter().take(MAILBOXES).enumerate() {
             match self.judge(mailbox, words) {
                 Ok(Some(frame)) => {
-                    self.state.owner = frame.owner;
-                    self.state.sequence = frame.sequence;
+                    self.state.link.take(frame.head);
                     self.state.refusal = Refusal::None;
                     self.state.by_lines = false;
                     goal = Some(self.settings.present(&frame.counts()));
@@ -131,16 +121,11 @@ impl Barrier {
             goal = self.latched(lines).or(goal);
         }
         if goal.is_some() {
-            self.state.silent = 0;
-        } else if self.state.silent < self.settings.time_out_scans {
-            self.state.silent += 1;
-            if self.state.silent == self.settings.time_out_scans {
-                // Nobody sends: to zero, and no frame that was made before can be taken any more.
-                self.state.epoch = self.state.epoch.wrapping_add(1);
-                self.state.owner = 0;
-                self.state.by_lines = false;
-                goal = Some(Counts::default());
-            }
+            self.state.link.silent = 0;
+        } else if self.state.link.is_timed_out(self.settings.time_out_scans) {
+            // Nobody sends: to zero.
+            self.state.by_lines = false;
+            goal = Some(Counts::default());
         }
         if let Some(goal) = goal {
             self.aim(&goal);
@@ -159,10 +144,10 @@ impl Barrier {
     #[must_use]
     pub fn report(&self) -> Report {
         Report {
-            epoch: self.state.epoch,
-            tick: self.state.tick,
-            owner: self.state.owner,
-            sequence: self.state.sequence,
+            epoch: self.state.link.epoch,
+            tick: self.state.link.tick,
+            owner: self.state.link.owner,
+            sequence: self.state.link.sequence,
             refusal: self.state.refusal,
             applied: self.state.applied,
             settings: self.settings,
@@ -172,24 +157,9 @@ impl Barrier {
     /// The frame if it is to be taken, nothing if it was judged before or is the one that was taken last.
     fn judge(&mut self, mailbox: usize, words: &[u16]) -> Result<Option<Frame>, Refusal> {
         let frame = Frame::decode(&self.settings, words).ok_or(Refusal::Checksum)?;
-        let found = Some((frame.tick, frame.sequence));
-        if core::mem::replace(&mut self.state.found[mailbox], found) == found {
+        let found = &mut self.state.found[mailbox];
+        if !(self.state.link).judge(frame.head, found, self.settings.hold_scans)? {
             return Ok(None);
-        }
-        if frame.epoch != self.state.epoch {
-            return Err(Refusal::Epoch);
-        }
-        if frame.owner == 0 || self.state.owner != 0 && frame.owner != self.state.owner {
-            return Err(Refusal::Owner);
-        }
-        if self.state.owner != 0 && frame.sequence == self.state.sequence {
-            return Ok(None);
-        }
-        if self.state.tick.wrapping_sub(frame.tick) > self.settings.hold_scans {
-            return Err(Refusal::Tick);
-        }
-        if self.state.owner != 0 && !is_ahead(frame.sequence, self.state.sequence) {
-            return Err(Refusal::Sequence);
         }
         let within = |axis: usize| frame.values[axis].unsigned_abs() <= self.limit(axis);
         if !(0..self.settings.axes.count()).all(within) {
@@ -213,7 +183,7 @@ impl Barrier {
             Counts::default()
         };
         let axis = lines.axis;
-        let is_free = state.owner == 0 && (state.by_lines || state.applied == goal);
+        let is_free = state.link.owner == 0 && (state.by_lines || state.applied == goal);
         if !is_free
             || axis >= self.settings.axes.count()
             || lines.value.unsigned_abs() > self.limit(axis)

@@ -5,7 +5,8 @@ use core::time::Duration;
 use volcomp_port::{Axis, ControlProgram, Words};
 use volcomp_vocabulary::{AxisKind, Mm, PerChannel, Rad};
 
-use super::{Barrier, Counts, DigitalLines, Layout, REPORT_WORDS, Report, Settings, SettingsError};
+use super::{Barrier, DigitalLines, REPORT_WORDS, Report, Settings, SettingsError};
+use crate::protocol::{Counts, Layout};
 
 /// The barrier of a simulated control: it keeps its epoch over a restart, as a control does with a retained word.
 #[derive(Clone, Debug)]
@@ -166,7 +167,10 @@ impl ControlProgram for Program {
     }
 
     fn restart(&mut self, applied: &PerChannel<i16>) {
-        let (settings, epoch) = (self.barrier.report().settings, self.barrier.memory().epoch);
+        let (settings, epoch) = (
+            self.barrier.report().settings,
+            self.barrier.memory().link.epoch,
+        );
         // The tick begins anew: only the epoch is kept. The settings were accepted before.
         if let Ok(started) = Barrier::start(settings, epoch, 0, applied) {
             self.barrier = started;

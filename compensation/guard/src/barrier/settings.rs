@@ -1,8 +1,8 @@
 //! What a barrier is set to.
 
-use volcomp_vocabulary::{AxisName, MAX_AXES, PerChannel};
+use volcomp_vocabulary::PerChannel;
 
-use super::{Counts, Layout};
+use crate::protocol::{Counts, Layout, LayoutError};
 
 /// The largest number of a machine. The checksum counts modulo 65535, so a machine 65535 would be the machine 0.
 pub const LARGEST_MACHINE: u16 = 65_534;
@@ -29,15 +29,9 @@ pub struct Settings {
 /// A setting that makes no sense.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SettingsError {
-    /// There is no axis.
-    #[error("number of axes: found 0, expected 1 to {MAX_AXES}")]
-    NoAxes,
-    /// An axis that is named more than once.
-    #[error("axis {axis}: found twice, expected once")]
-    Twice {
-        /// The axis that was found again.
-        axis: AxisName,
-    },
+    /// The axes.
+    #[error(transparent)]
+    Layout(#[from] LayoutError),
     /// The number of the machine is beyond the largest.
     #[error("number of the machine: found {found}, expected 0 to {LARGEST_MACHINE}")]
     Machine {

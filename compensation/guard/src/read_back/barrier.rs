@@ -12,7 +12,8 @@ use super::{
 };
 use crate::{
     Limits, Reasons,
-    barrier::{Counts, FRAME_WORDS, Layout, Report, Seen, Session, Settings},
+    barrier::{FRAME_WORDS, Report, Settings},
+    protocol::{Counts, Layout, Seen, Session},
 };
 
 /// The stretch over which the control's scans are counted against the clock.
@@ -89,7 +90,7 @@ impl BarrierLink {
         if heard.is_some_and(|then| taken.saturating_sub(then) >= GAP) {
             self.session.forget();
         }
-        let seen = self.session.read(&report);
+        let seen = self.session.read(report.head());
         if seen == Seen::Old {
             return Landed::Unknown;
         }

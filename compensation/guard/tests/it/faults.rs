@@ -4,7 +4,8 @@ use std::time::Duration;
 
 use volcomp_guard::{
     Hold, Limits, Reasons, Request, State,
-    barrier::{Barrier, Counts, Settings},
+    barrier::{Barrier, Settings},
+    protocol::Counts,
 };
 use volcomp_vocabulary::{MAX_AXES, PerChannel};
 

@@ -10,7 +10,8 @@ use rand_chacha::ChaCha8Rng;
 use volcomp_guard::{
     AxisLimits, BarrierLink, ControlTimeOut, Guard, Inputs, Interlock, Interlocks, Limits, Output,
     PathHealth, ReadBack, Reading, Reasons, Request, Scheme, Selector, State, Told, Wanted,
-    barrier::{Barrier, Counts, FRAME_WORDS, Layout, Memory, REPORT_WORDS, Settings},
+    barrier::{Barrier, FRAME_WORDS, REPORT_WORDS, Settings},
+    protocol::{Counts, Layout},
 };
 use volcomp_vocabulary::{AxisKind, AxisName, PerChannel};
 

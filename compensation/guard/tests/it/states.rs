@@ -405,9 +405,9 @@ fn what_another_gateway_sent_is_a_fault_until_it_is_gone() {
             }
             let barrier = world.barrier.as_mut().expect("a barrier");
             let (settings, mut memory) = (barrier.report().settings, barrier.memory());
-            memory.owner = owner;
-            memory.sequence = memory.sequence.wrapping_add(ahead);
-            memory.epoch += epochs;
+            memory.link.owner = owner;
+            memory.link.sequence = memory.link.sequence.wrapping_add(ahead);
+            memory.link.epoch += epochs;
             *barrier = Barrier::resume(settings, memory).expect("good settings");
             let seen = world.run(PERIOD);
             assert_eq!(

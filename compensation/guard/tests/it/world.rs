@@ -5,7 +5,8 @@ use std::{collections::VecDeque, time::Duration};
 use volcomp_guard::{
     AxisLimits, BarrierLink, Guard, Inputs, Interlock, Interlocks, Known, Limits, Output, ReadBack,
     Reading, Reasons, Request, Scheme, State, Told, Wanted,
-    barrier::{Barrier, FRAME_WORDS, Layout, REPORT_WORDS, Settings},
+    barrier::{Barrier, FRAME_WORDS, REPORT_WORDS, Settings},
+    protocol::Layout,
 };
 use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES, PerChannel};
 

@@ -12,7 +12,8 @@ use volcomp_runtime::{
     Asked, BarrierSettings, ControlPath, Cycle, Model, PathPlan, PathSettings, Sensors,
     guard::{
         ControlTimeOut, Request, State,
-        barrier::{Barrier, Counts, Layout, REPORT_WORDS, Settings},
+        barrier::{Barrier, REPORT_WORDS, Settings},
+        protocol::{Counts, Layout},
     },
 };
 use volcomp_vocabulary::{AxisName, Displacement, MAX_AXES, PerChannel};

@@ -12,7 +12,8 @@ use volcomp_runtime::{
     Sensors,
     guard::{
         Request,
-        barrier::{Barrier, Counts, Layout, Settings},
+        barrier::{Barrier, Settings},
+        protocol::{Counts, Layout},
     },
 };
 use volcomp_vocabulary::{AxisName, MAX_AXES, PerChannel};

@@ -1,16 +1,13 @@
 //! The frames that a gateway sends to a control with a map.
 
-use volcomp_guard::barrier::checksum;
-
-use super::Settings;
+use volcomp_guard::protocol::{HEAD_WORDS, Head, Layout, is_whole, seal};
 
 /// Words of a map in one frame.
 pub const DATA: usize = 64;
 /// Words of a frame: head, body, checksum. Every frame has as many.
 pub const FRAME_WORDS: usize = BODY + 2 + DATA + 2;
 
-/// Epoch, tick, sequence, owner.
-const BODY: usize = 4;
+const BODY: usize = HEAD_WORDS;
 
 /// What a frame says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,24 +43,18 @@ pub enum Body {
 /// One frame: what shows that it is meant for now, and what it says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Frame {
-    /// The epoch that the control published last.
-    pub epoch: u16,
-    /// The tick that the control published last.
-    pub tick: u16,
-    /// One more than the sequence that the control published last.
-    pub sequence: u16,
-    /// The number that the sender drew at its start, never 0.
-    pub owner: u16,
+    /// What shows that it is meant for now.
+    pub head: Head,
     /// What it says.
     pub body: Body,
 }
 
 impl Frame {
-    /// The words of the frame, checksum and all.
+    /// The words of the frame for a machine and its corrected axes, checksum and all.
     #[must_use]
-    pub fn encode(&self, settings: &Settings) -> [u16; FRAME_WORDS] {
+    pub fn encode(&self, machine: u16, outputs: Layout) -> [u16; FRAME_WORDS] {
         let mut words = [0; FRAME_WORDS];
-        words[..BODY].copy_from_slice(&[self.epoch, self.tick, self.sequence, self.owner]);
+        words[..BODY].copy_from_slice(&self.head.words());
         match self.body {
             Body::Begin {
                 counter,
@@ -85,9 +76,7 @@ impl Frame {
                 words[BODY + 2] = counter;
             }
         }
-        let body = FRAME_WORDS - 2;
-        let check = checksum(settings.machine, settings.outputs, &words[..body]);
-        words[body..].copy_from_slice(&[check.sum, check.of_sums]);
+        seal(machine, outputs, &mut words);
         words
     }
 }
@@ -96,26 +85,16 @@ impl Frame {
 pub(super) struct Found<'a>(&'a [u16; FRAME_WORDS]);
 
 impl<'a> Found<'a> {
-    pub(super) fn in_mailbox(settings: &Settings, words: &'a [u16; FRAME_WORDS]) -> Option<Self> {
-        let body = FRAME_WORDS - 2;
-        let check = checksum(settings.machine, settings.outputs, &words[..body]);
-        ([check.sum, check.of_sums] == words[body..]).then_some(Self(words))
+    pub(super) fn in_mailbox(
+        machine: u16,
+        outputs: Layout,
+        words: &'a [u16; FRAME_WORDS],
+    ) -> Option<Self> {
+        is_whole(machine, outputs, words).then_some(Self(words))
     }
 
-    pub(super) fn epoch(&self) -> u16 {
-        self.0[0]
-    }
-
-    pub(super) fn tick(&self) -> u16 {
-        self.0[1]
-    }
-
-    pub(super) fn sequence(&self) -> u16 {
-        self.0[2]
-    }
-
-    pub(super) fn owner(&self) -> u16 {
-        self.0[3]
+    pub(super) fn head(&self) -> Head {
+        Head::of([self.0[0], self.0[1], self.0[2], self.0[3]])
     }
 
     /// 1 begin, 2 words, 3 swap, 4 keep.

@@ -1,10 +1,11 @@
 //! The look-up itself: which frame is taken, which map is in use, and how the applied correction moves.
 
-use volcomp_guard::barrier::checksum;
-
-use super::{
-    DATA, FRAME_WORDS, Refusal, Report, Settings, SettingsError, frame::Found, travel::Travel,
+use volcomp_guard::{
+    barrier,
+    protocol::{Counts, Link, Refusal, checksum},
 };
+
+use super::{DATA, FRAME_WORDS, Report, Settings, SettingsError, frame::Found, travel::Travel};
 use crate::{
     GRID_AXES, HEADER_WORDS, Header, OUTPUTS, Position, header::FURTHEST, interpolation::look_up,
 };
@@ -21,14 +22,8 @@ pub struct Lookup {
 /// What a look-up remembers from one scan to the next, besides its buffers.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Memory {
-    /// Moves on at each start and at each time-out.
-    pub epoch: u16,
-    /// The number of scans, which wraps around.
-    pub tick: u16,
-    /// The sender whose frames are taken; 0: anybody's.
-    pub owner: u16,
-    /// The sequence of the last frame that was taken.
-    pub sequence: u16,
+    /// Whose frames are taken.
+    pub link: Link,
     /// Why the last frame was not taken.
     pub refusal: Refusal,
     /// The head of the map in use; `None`: none is, and the corrections go to zero.
@@ -45,9 +40,7 @@ pub struct Memory {
     pub goal: [i16; OUTPUTS],
     /// Scans since the last movement.
     pub waited: u16,
-    /// Scans since a frame was taken; it stands still at the time-out.
-    pub silent: u16,
-    /// Tick and sequence of the whole frame that was found last: a frame that nobody overwrites lies there for ever.
+    /// Tick and sequence of the whole frame that was found last.
     pub found: Option<(u16, u16)>,
     travel: Option<[Travel; GRID_AXES]>,
 }
@@ -77,10 +70,9 @@ impl Lookup {
     ) -> Result<Self, SettingsError> {
         settings.check()?;
         let buffer = || vec![0; usize::from(settings.capacity)].into_boxed_slice();
-        let outputs = settings.outputs.count();
+        let outputs = settings.outputs.axes.count();
         let memory = Memory {
-            epoch: epoch.wrapping_add(1),
-            tick,
+            link: Link::start(epoch, tick),
             applied: core::array::from_fn(|at| if at < outputs { applied[at] } else { 0 }),
             ..Memory::default()
         };
@@ -112,23 +104,28 @@ impl Lookup {
         steps: &[i32; GRID_AXES],
         holds: bool,
     ) -> Report {
-        self.memory.tick = self.memory.tick.wrapping_add(1);
+        self.memory.link.scan();
         match self.judge(mailbox) {
             Ok(true) => {
                 self.memory.refusal = Refusal::None;
-                self.memory.silent = 0;
+                self.memory.link.silent = 0;
             }
             verdict => {
                 if let Err(refusal) = verdict {
                     self.memory.refusal = refusal;
                 }
-                self.wait();
+                let time_out = self.settings.outputs.time_out_scans;
+                if self.memory.link.is_timed_out(time_out) {
+                    // Nobody sends: to zero.
+                    self.memory.loading = None;
+                    self.memory.used = None;
+                }
             }
         }
         self.aim(steps);
         if !holds {
             self.memory.waited += 1;
-            if self.memory.waited >= self.settings.step_scans {
+            if self.memory.waited >= self.settings.outputs.step_scans {
                 self.memory.waited = 0;
                 self.step();
             }
@@ -139,63 +136,40 @@ impl Lookup {
     /// What is published after a scan.
     #[must_use]
     pub fn report(&self) -> Report {
-        let (memory, settings) = (&self.memory, &self.settings);
-        let outputs = settings.outputs.count();
-        let of = |values: [i16; OUTPUTS]| {
-            core::array::from_fn(|at| if at < outputs { values[at] } else { 0 })
-        };
+        let memory = &self.memory;
         Report {
-            epoch: memory.epoch,
-            tick: memory.tick,
-            owner: memory.owner,
-            sequence: memory.sequence,
-            refusal: memory.refusal,
+            of: barrier::Report {
+                epoch: memory.link.epoch,
+                tick: memory.link.tick,
+                owner: memory.link.owner,
+                sequence: memory.link.sequence,
+                refusal: memory.refusal,
+                applied: Counts::leading(memory.applied),
+                settings: self.settings.outputs,
+            },
             valid: memory.used.is_some(),
             counter: memory.counter,
             loading: memory
                 .loading
                 .map(|loading| (loading.counter, loading.next)),
             buffer: u16::from(memory.buffer != 0),
-            applied: memory.applied,
-            step_scans: settings.step_scans,
-            hold_scans: settings.hold_scans,
-            time_out_scans: settings.time_out_scans,
-            limit: of(settings.limit),
-            rate: of(settings.rate),
         }
     }
 
     /// Whether the frame in the mailbox is taken; `false`: it was judged before, or is the one that was taken last.
     fn judge(&mut self, mailbox: &[u16; FRAME_WORDS]) -> Result<bool, Refusal> {
-        let frame = Found::in_mailbox(&self.settings, mailbox).ok_or(Refusal::Checksum)?;
+        let of = &self.settings.outputs;
+        let frame = Found::in_mailbox(of.machine, of.axes, mailbox).ok_or(Refusal::Checksum)?;
         let memory = &mut self.memory;
-        let found = Some((frame.tick(), frame.sequence()));
-        if core::mem::replace(&mut memory.found, found) == found {
+        if !(memory.link).judge(frame.head(), &mut memory.found, of.hold_scans)? {
             return Ok(false);
-        }
-        if frame.epoch() != memory.epoch {
-            return Err(Refusal::Epoch);
-        }
-        if frame.owner() == 0 || memory.owner != 0 && frame.owner() != memory.owner {
-            return Err(Refusal::Owner);
-        }
-        if memory.owner != 0 && frame.sequence() == memory.sequence {
-            return Ok(false);
-        }
-        if memory.tick.wrapping_sub(frame.tick()) > self.settings.hold_scans {
-            return Err(Refusal::Tick);
-        }
-        let ahead = frame.sequence().wrapping_sub(memory.sequence);
-        if memory.owner != 0 && !(1..1 << 15).contains(&ahead) {
-            return Err(Refusal::Sequence);
         }
         let taken = self.take(&frame);
         if matches!(taken, Err(Refusal::Value | Refusal::Fit)) {
             self.memory.loading = None;
         }
         taken?;
-        self.memory.owner = frame.owner();
-        self.memory.sequence = frame.sequence();
+        self.memory.link.take(frame.head());
         Ok(true)
     }
 
@@ -240,12 +214,12 @@ impl Lookup {
         loading.next += u16::try_from(count).unwrap_or(0);
         // Values come after the whole head.
         let scale = i32::from(self.buffers[1 - self.memory.buffer][9]);
-        let outputs = self.settings.outputs.count();
+        let outputs = self.settings.outputs.axes.count();
         for (at, word) in data[..count].iter().enumerate() {
             let Some(value) = (first + at).checked_sub(HEADER_WORDS) else {
                 continue;
             };
-            let limit = i32::from(self.settings.limit[value % outputs]) * scale;
+            let limit = i32::from(self.settings.outputs.limit[value % outputs]) * scale;
             if i32::from(word.cast_signed()).abs() > limit {
                 return Err(Refusal::Value);
             }
@@ -264,8 +238,12 @@ impl Lookup {
         let buffer = 1 - self.memory.buffer;
         let words = self.buffers[buffer].get(..usize::from(loading.words));
         let words = words.ok_or(Refusal::Place)?;
-        let found = checksum(self.settings.machine, self.settings.outputs, words);
-        if [found.sum, found.of_sums] != check {
+        let found = checksum(
+            self.settings.outputs.machine,
+            self.settings.outputs.axes,
+            words,
+        );
+        if found.words() != check {
             self.memory.loading = None;
             return Err(Refusal::Map);
         }
@@ -284,40 +262,24 @@ impl Lookup {
     fn fits(&self, header: &Header, counter: u16, words: usize) -> bool {
         let settings = &self.settings;
         let axes = settings.grid.count();
-        let outputs = settings.outputs.count();
+        let outputs = settings.outputs.axes.count();
         let same_position = (0..axes).all(|axis| {
             header.lines[axis].step_millionths == settings.position_step_millionths[axis]
         });
         let same_output = header.output_step_nm[..outputs] == settings.output_step_nm[..outputs];
         let within = (0..axes).all(|axis| {
             (0..outputs).all(|output| {
-                let most = i32::from(settings.limit[output]) * i32::from(header.scale);
+                let most = i32::from(settings.outputs.limit[output]) * i32::from(header.scale);
                 i32::from(header.reversal[axis][output]).abs() <= most
             })
         });
         header.counter == counter
             && header.words() == words
             && header.grid == settings.grid
-            && header.outputs == settings.outputs
+            && header.outputs == settings.outputs.axes
             && same_position
             && same_output
             && within
-    }
-
-    /// Counts a scan without a frame.
-    fn wait(&mut self) {
-        let memory = &mut self.memory;
-        if memory.silent >= self.settings.time_out_scans {
-            return;
-        }
-        memory.silent += 1;
-        if memory.silent == self.settings.time_out_scans {
-            // Nobody sends: to zero, and no frame that was made before can be taken any more.
-            memory.epoch = memory.epoch.wrapping_add(1);
-            memory.owner = 0;
-            memory.loading = None;
-            memory.used = None;
-        }
     }
 
     /// Looks up where the corrections go.
@@ -341,9 +303,9 @@ impl Lookup {
         for (output, parts) in parts
             .into_iter()
             .enumerate()
-            .take(self.settings.outputs.count())
+            .take(self.settings.outputs.axes.count())
         {
-            let limit = i32::from(self.settings.limit[output]);
+            let limit = i32::from(self.settings.outputs.limit[output]);
             let before = i32::from(self.memory.goal[output]);
             // It stays while it is nearer than 0.6 of a step, so that a flickering position moves nothing.
             if 10 * (parts - before * scale).abs() <= 6 * scale {
@@ -357,12 +319,12 @@ impl Lookup {
 
     /// One movement: every output comes to the same share of its way, and none moves by more than its rate.
     fn step(&mut self) {
-        let outputs = self.settings.outputs.count();
+        let outputs = self.settings.outputs.axes.count();
         let way = |memory: &Memory, output: usize| {
             i32::from(memory.goal[output]) - i32::from(memory.applied[output])
         };
         let movements = (0..outputs).map(|output| {
-            let rate = u32::from(self.settings.rate[output].unsigned_abs());
+            let rate = u32::from(self.settings.outputs.rate[output].unsigned_abs());
             way(&self.memory, output)
                 .unsigned_abs()
                 .div_ceil(rate.max(1))

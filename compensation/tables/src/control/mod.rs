@@ -1,7 +1,6 @@
 //! The control's half of the map mode, as a reference that a control's program is held against.
 //!
-//! The wire is a black channel here as it is before a [`barrier`](volcomp_guard::barrier): frames may be lost, late,
-//! doubled, reordered or torn, and the control alone decides what it takes. A map comes in pieces through one mailbox, in
+//! By the rules of the [`protocol`](volcomp_guard::protocol) the control alone decides what it takes. A map comes in pieces through one mailbox, in
 //! their order, into the buffer that is not in use; a last frame swaps the buffers, and only where the checksum of all
 //! that arrived fits. What the axes get moves at a rate of its own, to another map as well as to zero, where it goes when
 //! nobody sends any more.
@@ -17,5 +16,5 @@ mod travel;
 
 pub use frame::{Body, DATA, FRAME_WORDS, Frame};
 pub use lookup::{Lookup, Memory};
-pub use report::{REPORT_WORDS, Refusal, Report};
+pub use report::{REPORT_WORDS, Report};
 pub use settings::{Settings, SettingsError};

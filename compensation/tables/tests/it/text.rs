@@ -5,6 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use volcomp_tables::{
     GRID_AXES, HEADER_WORDS, Header, OUTPUTS,
     control::{Body, DATA, FRAME_WORDS, Frame, Lookup, REPORT_WORDS, Settings},
+    protocol::{Head, Refusal},
 };
 use volcomp_test_support::structured_text::Block;
 
@@ -21,9 +22,9 @@ impl Control {
         let count = |count: usize| i64::try_from(count).expect("few");
         block.set("axes", 0, count(settings.grid.count()));
         block.set("gridLayout", 0, settings.grid.number().into());
-        block.set("outputs", 0, count(settings.outputs.count()));
-        block.set("layout", 0, settings.outputs.number().into());
-        block.set("machine", 0, settings.machine.into());
+        block.set("outputs", 0, count(settings.outputs.axes.count()));
+        block.set("layout", 0, settings.outputs.axes.number().into());
+        block.set("machine", 0, settings.outputs.machine.into());
         for axis in 0..GRID_AXES {
             let step = settings.position_step_millionths[axis];
             block.set("positionStep", axis, step.into());
@@ -31,13 +32,13 @@ impl Control {
         }
         for output in 0..OUTPUTS {
             block.set("outputStep", output, settings.output_step_nm[output].into());
-            block.set("limit", output, settings.limit[output].into());
-            block.set("rate", output, settings.rate[output].into());
+            block.set("limit", output, settings.outputs.limit[output].into());
+            block.set("rate", output, settings.outputs.rate[output].into());
         }
         block.set("capacity", 0, settings.capacity.into());
-        block.set("stepScans", 0, settings.step_scans.into());
-        block.set("holdScans", 0, settings.hold_scans.into());
-        block.set("timeOutScans", 0, settings.time_out_scans.into());
+        block.set("stepScans", 0, settings.outputs.step_scans.into());
+        block.set("holdScans", 0, settings.outputs.hold_scans.into());
+        block.set("timeOutScans", 0, settings.outputs.time_out_scans.into());
         block.set("epoch", 0, epoch.into());
         Self(block)
     }
@@ -88,8 +89,8 @@ fn random_map(rng: &mut ChaCha8Rng, settings: &Settings, counter: u16) -> Vec<u1
         5 => words[at + 4] = [0, 1, 32767, 32768][rng.random_range(0..4)],
         6 => words[at + rng.random_range(5..7)] ^= 1,
         7 | 18 => {
-            let output = rng.random_range(0..settings.outputs.count());
-            let beyond = i32::from(settings.limit[output]) * i32::from(words[9]) + 1;
+            let output = rng.random_range(0..settings.outputs.axes.count());
+            let beyond = i32::from(settings.outputs.limit[output]) * i32::from(words[9]) + 1;
             let place = 46 + 3 * rng.random_range(0..axes) + output;
             words[place] = i16::try_from(beyond).unwrap_or(i16::MIN).cast_unsigned();
         }
@@ -110,7 +111,7 @@ fn random_map(rng: &mut ChaCha8Rng, settings: &Settings, counter: u16) -> Vec<u1
         13 => {
             words[at + 4] = 1;
             let lines = (0..axes).map(|axis| usize::from(words[15 + 7 * axis]));
-            let values = settings.outputs.count() * lines.product::<usize>();
+            let values = settings.outputs.axes.count() * lines.product::<usize>();
             words.truncate(HEADER_WORDS + values);
             words[10] = u16::try_from(words.len()).expect("few");
         }
@@ -129,6 +130,7 @@ struct Sender {
 impl Sender {
     fn frame(&mut self, rng: &mut ChaCha8Rng, settings: &Settings, lookup: &Lookup) -> Vec<u16> {
         let now = lookup.report();
+        let of = now.of;
         if rng.random_bool(0.03) {
             *self = Self::new(rng, settings);
         }
@@ -192,25 +194,27 @@ impl Sender {
             }
             _ => {}
         }
-        let mut frame = Frame {
-            epoch: now.epoch,
-            tick: now.tick.wrapping_sub(rng.random_range(0..3)),
-            sequence: now.sequence.wrapping_add(1),
-            owner: if now.owner == 0 {
+        let mut head = Head {
+            epoch: of.epoch,
+            tick: of.tick.wrapping_sub(rng.random_range(0..3)),
+            sequence: of.sequence.wrapping_add(1),
+            owner: if of.owner == 0 {
                 rng.random_range(0..30)
             } else {
-                now.owner
+                of.owner
             },
-            body,
         };
         match rng.random_range(0..40) {
-            0 => frame.epoch = frame.epoch.wrapping_sub(rng.random_range(0..3)),
-            1 => frame.tick = rng.random(),
-            2 => frame.sequence = rng.random(),
-            3 => frame.owner = rng.random_range(0..3),
+            0 => head.epoch = head.epoch.wrapping_sub(rng.random_range(0..3)),
+            1 => head.tick = rng.random(),
+            2 => head.sequence = rng.random(),
+            3 => head.owner = rng.random_range(0..3),
             _ => {}
         }
-        let mut words = frame.encode(settings).to_vec();
+        let outputs = &settings.outputs;
+        let mut words = (Frame { head, body })
+            .encode(outputs.machine, outputs.axes)
+            .to_vec();
         match rng.random_range(0..40) {
             0 => {
                 let at = rng.random_range(0..words.len());
@@ -242,8 +246,8 @@ impl Sender {
 
 /// Fletcher's checksum, written here once more.
 fn checksum(settings: &Settings, words: &[u16]) -> [u16; 2] {
-    let layout = u64::from(settings.outputs.number());
-    let first = u64::from(settings.machine) + layout / 65535;
+    let layout = u64::from(settings.outputs.axes.number());
+    let first = u64::from(settings.outputs.machine) + layout / 65535;
     let (mut sum, mut of_sums) = (first % 65535, layout % 65535);
     for word in words {
         sum = (sum + u64::from(*word)) % 65535;
@@ -265,7 +269,7 @@ fn compare(text: &str) -> Result<(usize, [usize; 11]), String> {
         } else {
             rng.random()
         };
-        for applied in applied.iter_mut().skip(settings.outputs.count()) {
+        for applied in applied.iter_mut().skip(settings.outputs.axes.count()) {
             *applied = 0;
         }
         let mut lookup = Lookup::start(settings, epoch, tick, applied).expect("sensible");
@@ -297,7 +301,7 @@ fn compare(text: &str) -> Result<(usize, [usize; 11]), String> {
             }
             if scan > 0 && rng.random_bool(0.01) {
                 let before = lookup.memory();
-                (epoch, applied) = (before.epoch, before.applied);
+                (epoch, applied) = (before.link.epoch, before.applied);
                 let tick = rng.random();
                 lookup = Lookup::start(settings, epoch, tick, applied).expect("sensible");
                 control.begins(tick, applied);
@@ -306,9 +310,11 @@ fn compare(text: &str) -> Result<(usize, [usize; 11]), String> {
             let counter = lookup.report().counter;
             let report = lookup.scan(&mailbox, &steps, holds);
             swaps += usize::from(report.valid && report.counter != counter);
-            refused[report.refusal as usize] += 1;
+            // A look-up refuses nothing that comes on lines.
+            let kind = report.of.refusal as usize;
+            refused[kind - usize::from(kind > Refusal::Lines as usize)] += 1;
             let mut expected = [0; REPORT_WORDS];
-            let count = report.encode(&settings, &mut expected);
+            let count = report.encode(&mut expected);
             let found = control.scan(&mailbox, &steps, holds)?;
             if found != expected[..count] {
                 return Err(format!(

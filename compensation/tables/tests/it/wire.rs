@@ -6,8 +6,9 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_tables::{
     GRID_AXES, HEADER_WORDS, Loaded, Map, Next, OUTPUTS,
-    control::{FRAME_WORDS, Lookup, REPORT_WORDS, Report, Settings},
+    control::{FRAME_WORDS, Frame, Lookup, REPORT_WORDS, Report, Settings},
     next_write,
+    protocol::{Counts, Seen, Session},
 };
 
 use crate::world;
@@ -78,7 +79,7 @@ impl Wire {
         report: &Report,
     ) -> Option<Report> {
         let mut words = [0; REPORT_WORDS];
-        let count = report.encode(settings, &mut words);
+        let count = report.encode(&mut words);
         let before = core::mem::replace(&mut self.report, words[..count].to_vec());
         if rng.random_bool(self.bad.lost) {
             return None;
@@ -88,13 +89,13 @@ impl Wire {
             let at = rng.random_range(0..count);
             read[at..].copy_from_slice(&before[at..]);
         }
-        Report::decode(settings, &read)
+        Report::decode(settings.outputs.machine, settings.outputs.axes, &read)
     }
 }
 
 /// A gateway that sends maps of its own, one after the other.
 struct Gateway {
-    owner: u16,
+    session: Session,
     map: Map,
     loaded: Loaded,
     /// What it sent, by number, since a control counts only what belongs to one of them as whole.
@@ -162,9 +163,11 @@ fn reversals(map: &Map, output: usize) -> Vec<f64> {
 fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut settings = world::settings(&mut rng);
-    settings.time_out_scans = settings.time_out_scans.max(30);
-    settings.hold_scans = settings.hold_scans.clamp(4, 15);
-    let outputs = settings.outputs.count();
+    let of = &mut settings.outputs;
+    of.time_out_scans = of.time_out_scans.max(30);
+    of.hold_scans = of.hold_scans.clamp(4, 15);
+    let (machine, axes) = (of.machine, of.axes);
+    let outputs = axes.count();
     let mut lookup =
         Lookup::start(settings, rng.random(), rng.random(), [0; OUTPUTS]).expect("sensible");
     let mut gateways: Vec<Gateway> = (0..2)
@@ -172,7 +175,7 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
             let counter = rng.random_range(1..50);
             let map = world::map(&mut rng, &settings, counter);
             Gateway {
-                owner: rng.random_range(1..=u16::MAX),
+                session: Session::new(rng.random_range(1..=u16::MAX)),
                 sent: vec![map.clone()],
                 map,
                 loaded: Loaded::Unknown,
@@ -184,7 +187,7 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
     let mut steps = world::somewhere(&mut rng, gateways[0].map.header());
     let mut alive = [true, rng.random_bool(0.3)];
     let mut holds = false;
-    let (mut swaps, mut silent, mut since_taken) = (0, 0_u32, lookup.memory().sequence);
+    let (mut swaps, mut silent, mut since_taken) = (0, 0_u32, lookup.memory().link.sequence);
     for scan in 0..scans {
         for (gateway, wire) in gateways
             .iter_mut()
@@ -199,16 +202,14 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
                 let counter = gateway.map.header().counter + 1;
                 gateway.next_map(world::map(&mut rng, &settings, counter));
             }
-            match next_write(
-                &gateway.map,
-                settings.machine,
-                gateway.owner,
-                &seen,
-                gateway.loaded,
-            ) {
-                Next::Write(frame) => {
+            let Seen::Confirmed { .. } = gateway.session.read(seen.of.head()) else {
+                continue;
+            };
+            match next_write(&gateway.map, machine, &seen, gateway.loaded) {
+                Next::Write(body) => {
                     gateway.loaded = Loaded::Unknown;
-                    wire.write(&mut rng, scan, &frame.encode(&settings));
+                    let head = gateway.session.answer().expect("a report was read");
+                    wire.write(&mut rng, scan, &Frame { head, body }.encode(machine, axes));
                 }
                 Next::ReadBack { buffer } => {
                     let mut words = lookup.buffer(buffer.into()).to_vec();
@@ -218,7 +219,6 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
                     let same = words.starts_with(gateway.map.words());
                     gateway.loaded = if same { Loaded::Same } else { Loaded::Other };
                 }
-                Next::Held { .. } => {}
             }
         }
         for wire in &mut wires {
@@ -230,8 +230,8 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
         if rng.random_bool(0.002) {
             let memory = lookup.memory();
             let applied = memory.applied;
-            lookup =
-                Lookup::start(settings, memory.epoch, rng.random(), applied).expect("sensible");
+            lookup = Lookup::start(settings, memory.link.epoch, rng.random(), applied)
+                .expect("sensible");
             // Nothing is used before a swap, whatever lies in the mailbox.
             prop_assert!(!lookup.report().valid);
             silent = 0;
@@ -250,12 +250,12 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
             let most = if holds || output >= outputs {
                 0
             } else {
-                i32::from(settings.rate[output])
+                i32::from(settings.outputs.rate[output])
             };
             prop_assert!(moved <= most, "scan {scan}: {moved} of {most}");
         }
-        let taken = memory.sequence != since_taken || memory.silent == 0;
-        since_taken = memory.sequence;
+        let taken = memory.link.sequence != since_taken || memory.link.silent == 0;
+        since_taken = memory.link.sequence;
         silent = if taken { 0 } else { silent + u32::from(!holds) };
         if let Some(header) = &memory.used {
             // The map in use is one that was sent, word for word.
@@ -271,7 +271,7 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
             // And where the corrections go is what it says here, of one of the directions that an axis may have.
             for output in 0..outputs {
                 let scale = f64::from(header.scale);
-                let limit = f64::from(settings.limit[output]);
+                let limit = f64::from(settings.outputs.limit[output]);
                 // 0.6 of a step, the roundings of the values along five axes, and of the position within a cell.
                 let roundings = 0.6 + 0.5 * (1.0 + GRID_AXES as f64) / scale;
                 let fits = roundings + cell_rounding(map, output);
@@ -300,7 +300,7 @@ fn run(seed: u64, bad: Badness, scans: usize) -> Result<usize, TestCaseError> {
         }
         // Zero within the stated time after the last frame that was taken.
         if silent > settings.zero_within_scans() {
-            prop_assert_eq!(report.applied, [0; OUTPUTS]);
+            prop_assert_eq!(report.of.applied, Counts::default());
         }
     }
     Ok(swaps)
@@ -363,8 +363,9 @@ fn maps_come_into_use_over_good_wires_and_bad_ones() {
 fn an_old_swap_is_not_taken_in_another_epoch() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let mut settings = world::settings(&mut rng);
-    settings.hold_scans = 10;
-    settings.time_out_scans = 20;
+    (settings.outputs.hold_scans, settings.outputs.time_out_scans) = (10, 20);
+    let (machine, axes) = (settings.outputs.machine, settings.outputs.axes);
+    let mut session = Session::new(9);
     let map = world::map(&mut rng, &settings, 1);
     let mut lookup = Lookup::start(settings, 3, 0, [0; OUTPUTS]).expect("sensible");
     let steps = [0; GRID_AXES];
@@ -373,18 +374,25 @@ fn an_old_swap_is_not_taken_in_another_epoch() {
     let mut loaded = Loaded::Unknown;
     while swap.is_none() {
         let seen = lookup.scan(&mailbox, &steps, false);
-        match next_write(&map, settings.machine, 9, &seen, loaded) {
-            Next::Write(frame) if loaded == Loaded::Same => swap = Some(frame.encode(&settings)),
-            Next::Write(frame) => mailbox = frame.encode(&settings),
+        session.read(seen.of.head());
+        match next_write(&map, machine, &seen, loaded) {
+            Next::Write(body) => {
+                let head = session.answer().expect("nobody else sends");
+                let words = Frame { head, body }.encode(machine, axes);
+                if loaded == Loaded::Same {
+                    swap = Some(words);
+                } else {
+                    mailbox = words;
+                }
+            }
             Next::ReadBack { .. } => loaded = Loaded::Same,
-            Next::Held { by } => panic!("{by} holds the control"),
         }
     }
     let swap = swap.expect("made above");
-    for _ in 0..=settings.time_out_scans {
+    for _ in 0..=settings.outputs.time_out_scans {
         lookup.scan(&mailbox, &steps, false);
     }
     let report = lookup.scan(&swap, &steps, false);
     assert!(!report.valid);
-    assert_eq!(report.owner, 0);
+    assert_eq!(report.of.owner, 0);
 }

@@ -11,7 +11,10 @@ fn some_map(seed: u64) -> (Map, u16) {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let settings = world::settings(&mut rng);
     let counter = rng.random_range(1..=u16::MAX);
-    (world::map(&mut rng, &settings, counter), settings.machine)
+    (
+        world::map(&mut rng, &settings, counter),
+        settings.outputs.machine,
+    )
 }
 
 proptest! {

@@ -4,7 +4,9 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use volcomp_tables::{
     GRID_AXES, GridAxis, HEADER_WORDS, Header, Layout, Lines, Map, OUTPUTS, Output, Request,
+    barrier,
     control::Settings,
+    protocol::Counts,
     vocabulary::AxisName::{self, X, Y, Z},
 };
 
@@ -43,23 +45,25 @@ pub(crate) fn settings(rng: &mut ChaCha8Rng) -> Settings {
     let corrected = [Z, X, AxisName::W];
     Settings {
         grid: Layout::of(grid[..axes].iter().copied()).expect("each once"),
-        outputs: Layout::of(corrected[..outputs].iter().copied()).expect("each once"),
-        machine: rng.random_range(0..=65534),
         position_step_millionths: core::array::from_fn(|_| rng.random_range(1..2_000_000_000)),
         output_step_nm: core::array::from_fn(|_| rng.random_range(1..2_000_000_000)),
         capacity: 300,
-        limit: core::array::from_fn(|_| rng.random_range(1..furthest)),
-        rate: core::array::from_fn(|_| rng.random_range(1..60)),
         turned: core::array::from_fn(|_| rng.random_range(1..50)),
-        step_scans: rng.random_range(1..4),
-        hold_scans,
-        time_out_scans: 2 * hold_scans + rng.random_range(0..40),
+        outputs: barrier::Settings {
+            axes: Layout::of(corrected[..outputs].iter().copied()).expect("each once"),
+            machine: rng.random_range(0..=65534),
+            limit: Counts::from_fn(|_| rng.random_range(1..furthest)),
+            rate: Counts::from_fn(|_| rng.random_range(1..60)),
+            step_scans: rng.random_range(1..4),
+            hold_scans,
+            time_out_scans: 2 * hold_scans + rng.random_range(0..40),
+        },
     }
 }
 
 /// A map that fits these settings.
 pub(crate) fn map(rng: &mut ChaCha8Rng, settings: &Settings, counter: u16) -> Map {
-    let (axes, outputs) = (settings.grid.count(), settings.outputs.count());
+    let (axes, outputs) = (settings.grid.count(), settings.outputs.axes.count());
     // Room for 232 values.
     let most = [70_u16, 8, 4, 2, 2][axes - 1];
     let scale = [1, 3, 64][rng.random_range(0..3)];
@@ -83,7 +87,7 @@ pub(crate) fn map(rng: &mut ChaCha8Rng, settings: &Settings, counter: u16) -> Ma
         }
     });
     let most = |output: usize| {
-        let most = i32::from(settings.limit[output]) * i32::from(scale);
+        let most = i32::from(settings.outputs.limit[output]) * i32::from(scale);
         i16::try_from(most).unwrap_or(i16::MAX)
     };
     let mut reversal = [[0; OUTPUTS]; GRID_AXES];
@@ -97,7 +101,7 @@ pub(crate) fn map(rng: &mut ChaCha8Rng, settings: &Settings, counter: u16) -> Ma
         counter,
         model: rng.random(),
         grid: settings.grid,
-        outputs: settings.outputs,
+        outputs: settings.outputs.axes,
         scale,
         lines,
         reversal,

@@ -4,8 +4,9 @@
 use std::time::{Duration, Instant};
 
 use volcomp_can::{BARRIER_DBC, BridgeConfig, CanController, SignalTable};
-use volcomp_guard::barrier::{
-    Barrier, Counts, FRAME_WORDS, Layout, REPORT_WORDS, Refusal, Report, Seen, Session, Settings,
+use volcomp_guard::{
+    barrier::{Barrier, FRAME_WORDS, REPORT_WORDS, Report, Settings},
+    protocol::{Counts, Layout, Refusal, Seen, Session},
 };
 use volcomp_port::{Controller, Words};
 use volcomp_vocabulary::{AxisName, PerChannel};
@@ -135,7 +136,7 @@ impl Gateway {
     fn answers(&mut self, settings: &Settings, values: [i16; 3]) -> Option<Report> {
         let snapshot = self.controller.read(soon()).ok()?;
         let report = Report::decode(MACHINE, layout(), snapshot.report?.as_slice())?;
-        let Seen::Confirmed { landed, .. } = self.session.read(&report) else {
+        let Seen::Confirmed { landed, .. } = self.session.read(report.head()) else {
             return None;
         };
         self.landed += u32::from(landed);

@@ -10,8 +10,9 @@ use volcomp_focas::{
     BarrierArea, FocasConfig, FocasController, FocasError, PmcAddress, PmcArea,
     simulator::{BarrierLadder, Ladder, Options, Simulator, World},
 };
-use volcomp_guard::barrier::{
-    Counts, FRAME_WORDS, Program, Refusal, Report, Seen, Session, Settings,
+use volcomp_guard::{
+    barrier::{FRAME_WORDS, Program, Report, Settings},
+    protocol::{Counts, Refusal, Seen, Session},
 };
 use volcomp_port::{Controller, Fault, Heartbeat, Words};
 use volcomp_vocabulary::{AxisName, PerChannel};
@@ -83,7 +84,7 @@ impl Sender {
             return None;
         };
         self.last = Some(report);
-        Some(self.session.read(&report))
+        Some(self.session.read(report.head()))
     }
 
     pub(crate) fn frame(&mut self, um: [i16; 3]) -> Option<Words> {

@@ -4,7 +4,7 @@ use volcomp_focas::{
     BarrierArea, FocasConfig, FocasController,
     simulator::{BarrierLadder, Ladder, Options, Simulator, World},
 };
-use volcomp_guard::barrier::{Program, Seen};
+use volcomp_guard::{barrier::Program, protocol::Seen};
 
 use crate::{
     barrier::{AXES, Sender, area, r, settings},

@@ -10,7 +10,10 @@ use std::{
     time::{Duration, Instant},
 };
 
-use volcomp_guard::barrier::{Barrier, Counts, Layout, REPORT_WORDS, Settings};
+use volcomp_guard::{
+    barrier::{Barrier, REPORT_WORDS, Settings},
+    protocol::{Counts, Layout},
+};
 use volcomp_linuxcnc::{
     AxisState, COMMAND_BYTES, Command, Content, Flags, Key, LinuxCncConfig, STATE_BYTES, State,
 };

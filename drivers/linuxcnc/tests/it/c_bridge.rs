@@ -11,7 +11,10 @@ use std::{
 
 use proptest::prelude::*;
 use tempfile::TempDir;
-use volcomp_guard::barrier::{Barrier, Counts, FRAME_WORDS, Frame, Layout, REPORT_WORDS, Report};
+use volcomp_guard::{
+    barrier::{Barrier, FRAME_WORDS, Frame, REPORT_WORDS, Report},
+    protocol::{Counts, Layout},
+};
 use volcomp_linuxcnc::{Flags, Key, State};
 use volcomp_vocabulary::{AxisName, PerChannel};
 

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use volcomp_guard::barrier::Refusal;
+use volcomp_guard::protocol::Refusal;
 use volcomp_linuxcnc::Flags;
 
 /// The rows below the table's head of this first column: cells without marks.

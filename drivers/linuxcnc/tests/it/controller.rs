@@ -6,7 +6,10 @@ use std::{
 };
 
 use assert_no_alloc::assert_no_alloc;
-use volcomp_guard::barrier::{Barrier, Counts, FRAME_WORDS, Report, Session};
+use volcomp_guard::{
+    barrier::{Barrier, FRAME_WORDS, Report},
+    protocol::{Counts, Session},
+};
 use volcomp_linuxcnc::{Flags, LinuxCncConfig, LinuxCncController, STATE_BYTES};
 use volcomp_port::{Controller, DeviceError, Fault, Snapshot, Words, contract};
 use volcomp_vocabulary::{AxisName, Displacement, Mm, PerChannel};
@@ -56,7 +59,7 @@ fn a_correction_arrives_at_the_barrier() {
         if report.applied == wanted {
             break;
         }
-        session.read(&report);
+        session.read(report.head());
         let mut words = [0; FRAME_WORDS];
         let length = session
             .frame(&wanted)
@@ -68,7 +71,7 @@ fn a_correction_arrives_at_the_barrier() {
         assert!(Instant::now() < end, "{report:?}");
         std::thread::sleep(Duration::from_millis(1));
     }
-    assert_eq!(bridge.barrier.lock().unwrap().memory().owner, 77);
+    assert_eq!(bridge.barrier.lock().unwrap().memory().link.owner, 77);
     assert_eq!(controller.health().broken, 0);
 }
 

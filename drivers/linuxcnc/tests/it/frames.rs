@@ -1,7 +1,10 @@
 //! What lies in the mailboxes of a barrier: frames that are right, old, foreign, torn and random.
 
 use proptest::prelude::*;
-use volcomp_guard::barrier::{FRAME_WORDS, Frame, Layout, Report, Settings};
+use volcomp_guard::{
+    barrier::{FRAME_WORDS, Frame, Report, Settings},
+    protocol::Layout,
+};
 use volcomp_vocabulary::{AxisName, PerChannel};
 
 /// The settings of a barrier for a linear and a rotary axis, by the scans of a step and the largest age of a frame.

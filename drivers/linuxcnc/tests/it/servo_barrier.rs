@@ -10,7 +10,10 @@ use std::{
 };
 
 use proptest::{prelude::*, test_runner::TestRunner};
-use volcomp_guard::barrier::{Barrier, Counts, REPORT_WORDS, Settings};
+use volcomp_guard::{
+    barrier::{Barrier, REPORT_WORDS, Settings},
+    protocol::Counts,
+};
 use volcomp_linuxcnc::{self as linuxcnc, COMMAND_BYTES, Content, Flags, STATE_BYTES, State};
 use volcomp_port::Words;
 use volcomp_vocabulary::PerChannel;

@@ -14,7 +14,10 @@ use std::{
 };
 
 use volcomp_devices::Address;
-use volcomp_guard::barrier::{FRAME_WORDS, Frame, Layout, Report};
+use volcomp_guard::{
+    barrier::{FRAME_WORDS, Frame, Report},
+    protocol::Layout,
+};
 use volcomp_linuxcnc::{COMMAND_BYTES, Command, Content, Key, STATE_BYTES, State};
 use volcomp_port::Words;
 use volcomp_vocabulary::{AxisName, PerChannel};

@@ -9,10 +9,11 @@ mod canonical;
 
 use std::collections::{HashSet, VecDeque};
 
-use volcomp_guard::barrier::{
-    Barrier, Counts, FRAME_WORDS, Frame, Memory, Report, Seen, Session, Settings,
-};
 use volcomp_guard::vocabulary::PerChannel;
+use volcomp_guard::{
+    barrier::{Barrier, FRAME_WORDS, Frame, Memory, Report, Settings},
+    protocol::{Counts, Head, Seen, Session},
+};
 
 use canonical::{canonical, print_of};
 
@@ -199,10 +200,10 @@ fn acts(
 fn start_anew(world: &mut World, tick: i16, bounds: &Bounds) {
     let before = world.barrier;
     let kept = match bounds.without {
-        Without::KeptEpoch => before.epoch.wrapping_sub(1),
-        _ => before.epoch,
+        Without::KeptEpoch => before.link.epoch.wrapping_sub(1),
+        _ => before.link.epoch,
     };
-    let tick = before.tick.wrapping_add_signed(tick);
+    let tick = before.link.tick.wrapping_add_signed(tick);
     world.barrier = Barrier::start(bounds.settings, kept, tick, &before.applied)
         .expect("settings that make sense")
         .memory();
@@ -258,7 +259,7 @@ fn act(world: &mut World, place: usize, does: Does, bounds: &Bounds) -> Option<V
                     },
                     ..report
                 };
-                match sender.session.read(&report) {
+                match sender.session.read(report.head()) {
                     Seen::Confirmed { .. } => sender.knows = Some((0, false)),
                     Seen::Held { owner } => {
                         sender.knows = None;
@@ -286,11 +287,11 @@ fn owners(world: &World) -> HashSet<u16> {
         .air
         .iter()
         .chain(world.mailboxes.iter().flatten())
-        .map(|f| f.frame.owner);
+        .map(|f| f.frame.head.owner);
     let senders = world.senders.iter().flatten().map(|s| s.session.owner);
     flying
         .chain(senders)
-        .chain([world.barrier.owner, world.first])
+        .chain([world.barrier.link.owner, world.first])
         .collect()
 }
 
@@ -316,15 +317,18 @@ fn scan(mut world: World, bounds: &Bounds, tell: &mut impl FnMut(World, Option<V
     let settings = &bounds.settings;
     let mut before = world.barrier;
     if bounds.without == Without::Owner {
-        before.owner = 0;
+        before.link.owner = 0;
     }
     let start = || Barrier::resume(*settings, before).expect("settings that make sense");
     let held = world.mailboxes.map(|place| {
         place.map(|flying| {
-            let tick = before.tick.wrapping_add(1);
+            let tick = before.link.tick.wrapping_add(1);
             let frame = match bounds.without {
                 Without::Age => Frame {
-                    tick,
+                    head: Head {
+                        tick,
+                        ..flying.frame.head
+                    },
                     ..flying.frame
                 },
                 _ => flying.frame,
@@ -345,9 +349,11 @@ fn scan(mut world: World, bounds: &Bounds, tell: &mut impl FnMut(World, Option<V
     let mut first_alone = start();
     first_alone.scan(&mailboxes[..1], false);
     let first_alone = first_alone.memory();
-    let one = first_alone.silent == 0;
-    let again = one && (after.owner, after.sequence) == (first_alone.owner, first_alone.sequence);
-    let two = after.silent == 0 && !again;
+    let one = first_alone.link.silent == 0;
+    let again = one
+        && (after.link.owner, after.link.sequence)
+            == (first_alone.link.owner, first_alone.link.sequence);
+    let two = after.link.silent == 0 && !again;
     let mut violation = None;
     for (axis, limit) in settings
         .limit
@@ -364,7 +370,7 @@ fn scan(mut world: World, bounds: &Bounds, tell: &mut impl FnMut(World, Option<V
         let Some(taken) = taken.filter(|_| is_taken) else {
             continue;
         };
-        let owner = taken.frame.owner;
+        let owner = taken.frame.head.owner;
         if taken.stale {
             violation = Some(Violation::Stale);
         } else if u16::from(taken.age) > settings.hold_scans {
@@ -375,7 +381,7 @@ fn scan(mut world: World, bounds: &Bounds, tell: &mut impl FnMut(World, Option<V
         world.first = owner;
     }
     world.barrier = after;
-    if after.epoch != before.epoch {
+    if after.link.epoch != before.link.epoch {
         epoch_began(&mut world);
     }
     for flying in world

@@ -2,7 +2,8 @@
 
 use proptest::prelude::*;
 use volcomp_guard::{
-    barrier::{Barrier, Counts, Memory, Report, Seen, Session},
+    barrier::{Barrier, Report},
+    protocol::{Counts, Seen, Session},
     vocabulary::PerChannel,
 };
 
@@ -57,7 +58,7 @@ fn a_report_of_what_was_not_sent_is_anothers() {
         for (epoch, sequence) in sent {
             session.sends(*epoch, *sequence);
         }
-        let seen = session.read(&report(epoch, OWNER, sequence));
+        let seen = session.read(report(epoch, OWNER, sequence).head());
         let held = Seen::Held { owner: OWNER };
         assert_eq!(
             seen != held,
@@ -68,9 +69,9 @@ fn a_report_of_what_was_not_sent_is_anothers() {
             assert_eq!(session.frame(&Counts::default()), None);
         }
         // Free, or another's: the numbers do not matter.
-        let free = session.read(&report(epoch.wrapping_add(1), 0, sequence));
+        let free = session.read(report(epoch.wrapping_add(1), 0, sequence).head());
         assert!(matches!(free, Seen::Confirmed { .. }), "{free:?}");
-        let other = session.read(&report(epoch.wrapping_add(2), 3, sequence));
+        let other = session.read(report(epoch.wrapping_add(2), 3, sequence).head());
         assert_eq!(other, Seen::Held { owner: 3 });
     }
 }
@@ -107,7 +108,8 @@ proptest! {
         steps in prop::collection::vec(steps(), 1..300),
     ) {
         let settings = settings(1);
-        let start = Memory { epoch, sequence, ..at_zero(settings).memory() };
+        let mut start = at_zero(settings).memory();
+        (start.link.epoch, start.link.sequence) = (epoch, sequence);
         let mut barrier = Barrier::resume(settings, start).expect("good settings");
         let mut ways = [Session::new(OWNER); 2];
         let (mut frames, mut reports) = (Vec::<Vec<u16>>::new(), vec![barrier.report()]);
@@ -124,20 +126,20 @@ proptest! {
                 }
                 Step::Read(way, late) => {
                     let report = late.map_or_else(|| barrier.report(), |late| *late.get(&reports));
-                    let seen = ways[way].read(&report);
+                    let seen = ways[way].read(report.head());
                     prop_assert!(!matches!(seen, Seen::Held { .. }), "{:?} {:?}", ways[way], report);
                 }
                 Step::Send(way) => {
                     if let Some(frame) = ways[way].frame(&PerChannel::leading([1])) {
                         frames.push(words(&settings, &frame));
                         for way in &mut ways {
-                            way.sends(frame.epoch, frame.sequence);
+                            way.sends(frame.head.epoch, frame.head.sequence);
                         }
                     }
                 }
                 Step::PowerUp(tick) => {
                     let before = barrier.memory();
-                    barrier = Barrier::start(settings, before.epoch, tick, &before.applied).expect("good settings");
+                    barrier = Barrier::start(settings, before.link.epoch, tick, &before.applied).expect("good settings");
                     reports.push(barrier.report());
                 }
             }

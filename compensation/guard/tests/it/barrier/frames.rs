@@ -2,7 +2,8 @@
 
 use proptest::prelude::*;
 use volcomp_guard::{
-    barrier::{Barrier, Checksum, Counts, Frame, Layout, REPORT_WORDS, Report, checksum},
+    barrier::{Barrier, Frame, REPORT_WORDS, Report},
+    protocol::{Checksum, Counts, Head, Layout, checksum},
     vocabulary::{AxisName, PerChannel},
 };
 
@@ -42,14 +43,9 @@ fn the_checksum_is_the_one_of_its_definition() {
 }
 
 fn frames() -> impl Strategy<Value = Frame> {
-    (any::<[u16; 4]>(), any::<[i16; 9]>()).prop_map(|([epoch, tick, sequence, owner], values)| {
-        Frame {
-            epoch,
-            tick,
-            sequence,
-            owner,
-            values,
-        }
+    (any::<[u16; 4]>(), any::<[i16; 9]>()).prop_map(|(head, values)| Frame {
+        head: Head::of(head),
+        values,
     })
 }
 
@@ -89,10 +85,12 @@ proptest! {
     ) {
         let settings = settings(9);
         let two = Frame {
-            sequence: one.sequence.wrapping_add(apart),
-            tick: one.tick.wrapping_add(apart),
+            head: Head {
+                sequence: one.head.sequence.wrapping_add(apart),
+                tick: one.head.tick.wrapping_add(apart),
+                ..one.head
+            },
             values: core::array::from_fn(|i| one.values[i].wrapping_add(i16::from(steps[i]))),
-            ..one
         };
         let (first, last) = (words(&settings, &one), words(&settings, &two));
         for (a, b) in [(&first, &last), (&last, &first)] {

@@ -3,7 +3,8 @@
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_guard::{
-    barrier::{Barrier, Counts, DigitalLines, Refusal, Seen, Session},
+    barrier::{Barrier, DigitalLines},
+    protocol::{Counts, Refusal, Seen, Session},
     vocabulary::PerChannel,
 };
 
@@ -56,7 +57,7 @@ impl Rig {
 
     fn sends(&mut self, sender: &mut Session, wanted: Counts) {
         let report = self.barrier.report();
-        let seen = sender.read(&report);
+        let seen = sender.read(report.head());
         assert!(!matches!(seen, Seen::Held { .. }), "lines hold nothing");
         if let Some(frame) = sender.frame(&wanted) {
             self.frame = words(&report.settings, &frame);

@@ -1,7 +1,8 @@
 //! Several mailboxes at one barrier.
 
 use volcomp_guard::{
-    barrier::{Barrier, Counts, Seen, Session, Settings},
+    barrier::{Barrier, Settings},
+    protocol::{Counts, Seen, Session},
     vocabulary::PerChannel,
 };
 
@@ -12,7 +13,7 @@ fn answer(barrier: &Barrier, sender: &mut Session, wanted: i16, output: &mut i16
     let report = barrier.report();
     if let Seen::Confirmed {
         epoch_began: true, ..
-    } = sender.read(&report)
+    } = sender.read(report.head())
     {
         *output = report.applied[0];
     }

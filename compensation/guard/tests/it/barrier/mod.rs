@@ -14,7 +14,8 @@ mod text;
 mod tip;
 
 use volcomp_guard::{
-    barrier::{Barrier, Counts, FRAME_WORDS, Frame, Layout, Settings},
+    barrier::{Barrier, FRAME_WORDS, Frame, Settings},
+    protocol::{Counts, Layout},
     vocabulary::{AxisName, PerChannel},
 };
 

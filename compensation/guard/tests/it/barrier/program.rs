@@ -3,7 +3,8 @@
 use std::time::Duration;
 
 use volcomp_guard::{
-    barrier::{Counts, Program, Protection, Refusal, Report, Seen, Session, SettingsError},
+    barrier::{Program, Protection, Report, SettingsError},
+    protocol::{Counts, Refusal, Seen, Session},
     vocabulary::{AxisName, Displacement, Mm, PerChannel, Rad},
 };
 use volcomp_port::{Axis, ControlProgram};
@@ -87,7 +88,10 @@ fn a_restart_forgets_the_owner_and_keeps_epoch_and_axes() {
     let mut mailbox = Vec::new();
     let mut report = decode(&program.scan(&[], false));
     for _ in 0..40 {
-        assert!(matches!(session.read(&report), Seen::Confirmed { .. }));
+        assert!(matches!(
+            session.read(report.head()),
+            Seen::Confirmed { .. }
+        ));
         mailbox = words(&settings, &session.frame(&goal).expect("a report was read"));
         report = decode(&program.scan(&[&mailbox], false));
     }

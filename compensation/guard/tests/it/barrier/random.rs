@@ -6,7 +6,8 @@ use std::collections::HashMap;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_guard::{
-    barrier::{Barrier, Counts, Report, Seen, Session, Settings},
+    barrier::{Barrier, Report, Settings},
+    protocol::{Counts, Seen, Session},
     vocabulary::PerChannel,
 };
 
@@ -135,8 +136,9 @@ impl World {
                 // Off and on: what the axes hold remains, the tick does not.
                 let before = self.barrier.memory();
                 let tick = self.rng.random();
-                self.barrier = Barrier::start(self.settings, before.epoch, tick, &before.applied)
-                    .expect("sensible");
+                self.barrier =
+                    Barrier::start(self.settings, before.link.epoch, tick, &before.applied)
+                        .expect("sensible");
                 self.epoch_began();
             }
             _ => {
@@ -162,7 +164,7 @@ impl World {
         }
         let (report, made) = self.published;
         let sender = &mut self.senders[at];
-        let begins = match sender.session.read(&report) {
+        let begins = match sender.session.read(report.head()) {
             Seen::Old => return,
             Seen::Held { owner } => {
                 assert_ne!(
@@ -244,7 +246,7 @@ impl World {
             assert!(moved <= if holds { 0 } else { self.settings.rate[axis] });
             assert!(after.applied[axis].abs() <= self.settings.limit[axis]);
         }
-        if after.silent == 0 {
+        if after.link.silent == 0 {
             self.taken += 1;
             let (made, epochs) = self.sent[&self.mailbox];
             assert_eq!(epochs, self.epochs, "taken across an epoch");
@@ -255,7 +257,7 @@ impl World {
             let first = *self.first_owner.get_or_insert(report.owner);
             assert_eq!(first, report.owner, "two senders in one epoch");
         }
-        if after.epoch != before.epoch {
+        if after.link.epoch != before.link.epoch {
             self.epoch_began();
         }
     }

@@ -4,10 +4,8 @@ use std::time::Duration;
 
 use volcomp_guard::{
     BarrierLink, Limits, ReadBack, Told,
-    barrier::{
-        Barrier, Counts, FRAME_WORDS, Frame, Layout, REPORT_WORDS, Refusal, Report, Seen, Session,
-        Settings, SettingsError,
-    },
+    barrier::{Barrier, FRAME_WORDS, Frame, REPORT_WORDS, Report, Settings, SettingsError},
+    protocol::{Counts, Head, Layout, LayoutError, Refusal, Seen, Session},
     vocabulary::{AxisName, PerChannel},
 };
 
@@ -24,7 +22,7 @@ fn held(settings: Settings) -> (Barrier, Session, Report) {
     let mut sender = Session::new(7);
     let report = barrier.scan(&[], false);
     assert_eq!(
-        sender.read(&report),
+        sender.read(report.head()),
         Seen::Confirmed {
             landed: false,
             epoch_began: true
@@ -40,76 +38,83 @@ fn held(settings: Settings) -> (Barrier, Session, Report) {
 fn each_wrong_frame_is_refused_with_its_reason() {
     let settings = settings(3);
     let (barrier, _, report) = held(settings);
-    let good = Frame {
-        epoch: report.epoch,
-        tick: report.tick,
+    let good = Head {
         sequence: report.sequence.wrapping_add(1),
         owner: 7,
-        values: [0; 9],
+        ..report.head()
     };
-    let mut beyond = good;
-    beyond.values[2] = -21;
     let cases = [
         (
-            Frame {
+            Head {
                 epoch: good.epoch.wrapping_sub(1),
                 ..good
             },
             Refusal::Epoch,
         ),
-        (Frame { owner: 8, ..good }, Refusal::Owner),
-        (Frame { owner: 0, ..good }, Refusal::Owner),
+        (Head { owner: 8, ..good }, Refusal::Owner),
+        (Head { owner: 0, ..good }, Refusal::Owner),
         // The scan that judges it is one more than the report's.
         (
-            Frame {
+            Head {
                 tick: good.tick.wrapping_sub(5),
                 ..good
             },
             Refusal::Tick,
         ),
         (
-            Frame {
+            Head {
                 tick: good.tick.wrapping_add(2),
                 ..good
             },
             Refusal::Tick,
         ),
         (
-            Frame {
+            Head {
                 sequence: report.sequence.wrapping_sub(1),
                 ..good
             },
             Refusal::Sequence,
         ),
         (
-            Frame {
+            Head {
                 sequence: report.sequence.wrapping_add(1 << 15),
                 ..good
             },
             Refusal::Sequence,
         ),
-        (beyond, Refusal::Value),
         (
-            Frame {
+            Head {
                 tick: good.tick.wrapping_sub(4),
                 ..good
             },
             Refusal::None,
         ),
         (
-            Frame {
+            Head {
                 sequence: report.sequence.wrapping_add((1 << 15) - 1),
                 ..good
             },
             Refusal::None,
         ),
         (good, Refusal::None),
-    ];
-    for (frame, expected) in cases {
+    ]
+    .map(|(head, expected)| {
+        (
+            Frame {
+                head,
+                values: [0; 9],
+            },
+            expected,
+        )
+    });
+    let mut values = [0; 9];
+    values[2] = -21;
+    let beyond = (Frame { head: good, values }, Refusal::Value);
+    for (frame, expected) in cases.into_iter().chain([beyond]) {
         let mut barrier = barrier;
         let after = barrier.scan(&[&words(&settings, &frame)], false);
         assert_eq!(after.refusal, expected, "{frame:?}");
-        let taken = barrier.memory().silent == 0;
+        let taken = barrier.memory().link.silent == 0;
         assert_eq!(taken, expected == Refusal::None, "{frame:?}");
     }
 }
@@ -119,7 +124,7 @@ fn a_frame_for_another_machine_or_other_axes_does_not_fit() {
     let three = settings(3);
     let (mut barrier, mut sender, _) = held(three);
     let report = barrier.report();
-    sender.read(&barrier.scan(&[], false));
+    sender.read(barrier.scan(&[], false).head());
     let frame = sender
         .frame(&values(&[1, 2, 3]))
         .expect("a report was read");
@@ -156,7 +161,7 @@ fn a_frame_for_another_machine_or_other_axes_does_not_fit() {
 fn all_axes_go_on_one_line_at_the_rate_of_the_slowest() {
     let settings = settings(3);
     let (mut barrier, mut sender, _) = held(settings);
-    sender.read(&barrier.scan(&[], false));
+    sender.read(barrier.scan(&[], false).head());
     let goal = [20, -10, 3];
     let frame = sender.frame(&values(&goal)).expect("a report was read");
     let words = words(&settings, &frame);
@@ -180,7 +185,7 @@ fn without_frames_it_goes_to_zero_and_nothing_from_before_is_taken() {
     let (mut barrier, mut sender, _) = held(settings);
     let mut last = Vec::new();
     for _ in 0..20 {
-        let seen = sender.read(&barrier.scan(&[&last], false));
+        let seen = sender.read(barrier.scan(&[&last], false).head());
         assert!(matches!(seen, Seen::Confirmed { .. }));
         last = words(
             &settings,
@@ -210,7 +215,7 @@ fn without_frames_it_goes_to_zero_and_nothing_from_before_is_taken() {
 fn an_interlock_holds_and_does_not_keep_a_dead_sender_alive() {
     let settings = settings(1);
     let (mut barrier, mut sender, _) = held(settings);
-    sender.read(&barrier.scan(&[], false));
+    sender.read(barrier.scan(&[], false).head());
     let frame = words(
         &settings,
         &sender.frame(&values(&[20])).expect("a report was read"),
@@ -259,7 +264,7 @@ fn rates_below_one_count_a_scan() {
     for scan in 0..70 {
         let report = barrier.scan(&[&frame], false);
         applied.push(report.applied[0]);
-        sender.read(&report);
+        sender.read(report.head());
         // Another goal in every scan: the line begins anew each time and goes on all the same.
         let goal = 15 + scan % 2;
         frame = words(
@@ -279,16 +284,16 @@ fn a_sender_waits_for_another_and_for_its_own_former_life() {
     let (mut barrier, mut first, _) = held(settings);
     let mut second = Session::new(8);
     let report = barrier.scan(&[], false);
-    assert_eq!(second.read(&report), Seen::Held { owner: 7 });
+    assert_eq!(second.read(report.head()), Seen::Held { owner: 7 });
     assert_eq!(second.frame(&values(&[1])), None);
     assert_eq!(
-        first.read(&report),
+        first.read(report.head()),
         Seen::Confirmed {
             landed: true,
             epoch_began: false
         }
     );
-    assert_eq!(first.read(&report), Seen::Old);
+    assert_eq!(first.read(report.head()), Seen::Old);
     // The first is gone; the second waits for the time-out.
     let mut waited = 0;
     loop {
@@ -297,7 +302,7 @@ fn a_sender_waits_for_another_and_for_its_own_former_life() {
         if let Seen::Confirmed {
             epoch_began,
             landed,
-        } = second.read(&report)
+        } = second.read(report.head())
         {
             assert!(epoch_began && !landed);
             break;
@@ -309,10 +314,10 @@ fn a_sender_waits_for_another_and_for_its_own_former_life() {
 
 #[test]
 fn settings_without_sense_are_refused() {
-    assert_eq!(Layout::of([]), Err(SettingsError::NoAxes));
+    assert_eq!(Layout::of([]), Err(LayoutError::NoAxes));
     let twice = [AxisName::X, AxisName::Y, AxisName::X];
     let axis = AxisName::X;
-    assert_eq!(Layout::of(twice), Err(SettingsError::Twice { axis }));
+    assert_eq!(Layout::of(twice), Err(LayoutError::Twice { axis }));
     let good = settings(3);
     let mut no_rate = good;
     no_rate.rate[1] = 0;
@@ -379,7 +384,7 @@ fn a_report_from_before_the_last_one_says_nothing() {
     let (_, mut sender, report) = held(settings(1));
     let mut seen = |ticks: u16| {
         let tick = report.tick.wrapping_add(ticks);
-        sender.read(&Report { tick, ..report })
+        sender.read((Report { tick, ..report }).head())
     };
     assert_ne!(seen(30_000), Seen::Old);
     assert_eq!(seen(29_999), Seen::Old);
@@ -393,9 +398,9 @@ fn a_report_from_before_the_last_one_says_nothing() {
         epoch: report.epoch.wrapping_add(1),
         ..report
     };
-    assert_ne!(sender.read(&next), Seen::Old, "another epoch");
+    assert_ne!(sender.read(next.head()), Seen::Old, "another epoch");
     sender.forget();
-    assert_ne!(sender.read(&next), Seen::Old, "after a long silence");
+    assert_ne!(sender.read(next.head()), Seen::Old, "after a long silence");
 }
 
 /// The correction of a report that came twice was confirmed with the time of now: the position without it and the residual

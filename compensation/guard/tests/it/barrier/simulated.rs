@@ -8,7 +8,8 @@ use std::{
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_guard::{
-    barrier::{Counts, FRAME_WORDS, Program, Protection, Report, Seen, Session, Settings},
+    barrier::{FRAME_WORDS, Program, Protection, Report, Settings},
+    protocol::{Counts, Seen, Session},
     vocabulary::{AxisName, Displacement, Mm, PerChannel},
 };
 use volcomp_port::{
@@ -58,7 +59,7 @@ impl Sender {
     fn cycle(&mut self, controller: &mut impl Controller, goal: &Counts) -> Option<Seen> {
         let report = controller.read(soon()).ok()?.report?;
         let report = Report::decode(self.settings.machine, self.settings.axes, report.as_slice())?;
-        let seen = self.session.read(&report);
+        let seen = self.session.read(report.head());
         if let Some(frame) = self.session.frame(goal) {
             let mut words = [0; FRAME_WORDS];
             let length = frame.encode(&self.settings, &mut words);

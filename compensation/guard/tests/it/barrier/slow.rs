@@ -4,7 +4,8 @@ use std::time::Duration;
 
 use volcomp_guard::{
     BarrierLink, Guard, Inputs, Limits, ReadBack, Reading, Request, Told, Wanted,
-    barrier::{Barrier, Counts, FRAME_WORDS, Layout, REPORT_WORDS, Settings},
+    barrier::{Barrier, FRAME_WORDS, REPORT_WORDS, Settings},
+    protocol::{Counts, Layout},
     vocabulary::{AxisName, MAX_AXES, PerChannel},
 };
 

@@ -3,7 +3,8 @@
 use rand::{RngExt, SeedableRng, seq::SliceRandom};
 use rand_chacha::ChaCha8Rng;
 use volcomp_guard::{
-    barrier::{Barrier, Counts, DigitalLines, Frame, Layout, REPORT_WORDS, Settings},
+    barrier::{Barrier, DigitalLines, Frame, REPORT_WORDS, Settings},
+    protocol::{Counts, Head, Layout},
     vocabulary::{AxisName, PerChannel},
 };
 use volcomp_test_support::structured_text::Block;
@@ -115,15 +116,17 @@ fn random_settings(rng: &mut ChaCha8Rng) -> Settings {
 fn random_frame(rng: &mut ChaCha8Rng, settings: &Settings, barrier: &Barrier) -> Vec<u16> {
     let now = barrier.report();
     let mut frame = Frame {
-        epoch: now.epoch,
-        tick: now.tick.wrapping_sub(rng.random_range(0..3)),
-        sequence: now.sequence.wrapping_add(1),
-        owner: if now.owner == 0 && rng.random_bool(0.2) {
-            0
-        } else if now.owner == 0 {
-            rng.random()
-        } else {
-            now.owner
+        head: Head {
+            epoch: now.epoch,
+            tick: now.tick.wrapping_sub(rng.random_range(0..3)),
+            sequence: now.sequence.wrapping_add(1),
+            owner: if now.owner == 0 && rng.random_bool(0.2) {
+                0
+            } else if now.owner == 0 {
+                rng.random()
+            } else {
+                now.owner
+            },
         },
         values: core::array::from_fn(|axis| {
             let most = settings.limit[axis];
@@ -131,14 +134,14 @@ fn random_frame(rng: &mut ChaCha8Rng, settings: &Settings, barrier: &Barrier) ->
         }),
     };
     match rng.random_range(0..24) {
-        0 => frame.epoch = frame.epoch.wrapping_sub(rng.random_range(0..3)),
-        1 => frame.tick = rng.random(),
-        2 => frame.sequence = rng.random(),
-        3 => frame.owner = rng.random_range(0..3),
+        0 => frame.head.epoch = frame.head.epoch.wrapping_sub(rng.random_range(0..3)),
+        1 => frame.head.tick = rng.random(),
+        2 => frame.head.sequence = rng.random(),
+        3 => frame.head.owner = rng.random_range(0..3),
         4 => frame.values = rng.random(),
         5 => frame.values = [0; 9],
         6 => {
-            frame.tick = now
+            frame.head.tick = now
                 .tick
                 .wrapping_sub(settings.hold_scans)
                 .wrapping_add(rng.random_range(0..3));
@@ -208,7 +211,7 @@ fn compare(text: &str) -> Result<[usize; 2], String> {
                 random_lines(&mut rng, &settings, &barrier, lines);
             }
             if scan > 0 && rng.random_bool(0.005) {
-                let (epoch, tick) = (barrier.memory().epoch, rng.random());
+                let (epoch, tick) = (barrier.memory().link.epoch, rng.random());
                 let applied = barrier.memory().applied;
                 barrier = Barrier::start(settings, epoch, tick, &applied).expect("sensible");
                 control.begins(tick, &applied);
@@ -226,7 +229,7 @@ fn compare(text: &str) -> Result<[usize; 2], String> {
                 ));
             }
             let memory = barrier.memory();
-            taken[usize::from(memory.by_lines)] += usize::from(memory.silent == 0);
+            taken[usize::from(memory.by_lines)] += usize::from(memory.link.silent == 0);
         }
     }
     Ok(taken)
@@ -319,10 +322,12 @@ fn without_mailboxes_the_correction_goes_out_at_its_rate() {
         values[0] = 150;
         let epoch = u16::try_from(control.block.get("epoch", 0)).expect("a word");
         let frame = Frame {
-            epoch,
-            tick: number,
-            sequence: number + 1,
-            owner: 7,
+            head: Head {
+                epoch,
+                tick: number,
+                sequence: number + 1,
+                owner: 7,
+            },
             values,
         };
         let boxes = if enabled {

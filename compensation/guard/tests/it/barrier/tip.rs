@@ -5,7 +5,8 @@ use std::{collections::VecDeque, time::Duration};
 use volcomp_guard::{
     AxisLimits, BarrierLink, Guard, Inputs, Limits, ReadBack, Reading, Reasons, Request, Told,
     Wanted,
-    barrier::{Barrier, Counts, FRAME_WORDS, Layout, REPORT_WORDS, Settings},
+    barrier::{Barrier, FRAME_WORDS, REPORT_WORDS, Settings},
+    protocol::{Counts, Layout},
     vocabulary::{AxisKind, AxisName, PerChannel},
 };
 

@@ -174,7 +174,7 @@ impl Machine {
     /// The control starts anew. Its words are kept.
     fn power_up(&mut self) {
         if let Some(before) = self.barrier {
-            let Memory { epoch, .. } = before.memory();
+            let epoch = before.memory().link.epoch;
             let tick = self.random.random();
             let full = full_limits(self.limits.count);
             self.barrier = Some(barrier(&full, tick, epoch, &self.applied));

@@ -2,7 +2,10 @@
 
 use std::hash::{Hash, Hasher};
 
-use volcomp_guard::barrier::{Answered, Frame, Memory, Refusal, Settings};
+use volcomp_guard::{
+    barrier::{Frame, Settings},
+    protocol::{Head, Link, Refusal},
+};
 
 use super::{Flying, Turn, World};
 
@@ -51,12 +54,12 @@ pub(super) fn print_of(turn: Turn, world: &World) -> u128 {
 
 /// The same world with other numbers on its counters: relative to the barrier's, and cut off where they make no difference.
 pub(super) fn canonical(mut world: World, settings: &Settings) -> World {
-    let Memory {
+    let Link {
         epoch,
         tick,
         sequence,
         ..
-    } = world.barrier;
+    } = world.barrier.link;
     let oldest = settings.hold_scans.cast_signed() + 2;
     let epochs = |e: u16| if e == epoch { 100 } else { 99 };
     let ticks = |t: u16| {
@@ -69,20 +72,23 @@ pub(super) fn canonical(mut world: World, settings: &Settings) -> World {
     };
     let bound = u8::try_from(oldest).expect("small bounds");
     // Whether the frame in a mailbox was judged before.
-    let numbers = |place: &Option<Flying>| place.map(|f| (f.frame.tick, f.frame.sequence));
+    let numbers =
+        |place: &Option<Flying>| place.map(|f| (f.frame.head.tick, f.frame.head.sequence));
     let judged = [0, 1].map(|way| {
         let found = world.barrier.found[way];
         found.is_some() && found == numbers(&world.mailboxes[way])
     });
     // An epoch does not come again: of a frame from another one nothing counts but that. All of them are taken as the one
     // that would be accepted, were it not for its epoch.
-    let owner = world.barrier.owner;
+    let owner = world.barrier.link.owner;
     let dead = Flying {
         frame: Frame {
-            epoch: epoch.wrapping_sub(1),
-            tick,
-            sequence: sequence.wrapping_add(1),
-            owner: if owner == 0 { u16::MAX } else { owner },
+            head: Head {
+                epoch: epoch.wrapping_sub(1),
+                tick,
+                sequence: sequence.wrapping_add(1),
+                owner: if owner == 0 { u16::MAX } else { owner },
+            },
             values: [1; 9],
         },
         age: bound,
@@ -93,13 +99,13 @@ pub(super) fn canonical(mut world: World, settings: &Settings) -> World {
         .iter_mut()
         .chain(world.mailboxes.iter_mut().flatten())
     {
-        if flying.frame.epoch != epoch {
+        if flying.frame.head.epoch != epoch {
             *flying = dead;
         }
         let frame = &mut flying.frame;
-        frame.epoch = epochs(frame.epoch);
-        frame.tick = ticks(frame.tick);
-        frame.sequence = sequences(frame.sequence);
+        frame.head.epoch = epochs(frame.head.epoch);
+        frame.head.tick = ticks(frame.head.tick);
+        frame.head.sequence = sequences(frame.head.sequence);
         flying.age = flying.age.min(bound);
     }
     for sender in world.senders.iter_mut().flatten() {
@@ -119,10 +125,11 @@ pub(super) fn canonical(mut world: World, settings: &Settings) -> World {
                 (last.tick, last.sequence) = (tick, sequence);
                 sender.knows = sender.knows.map(|_| (bound, true));
             }
-            *last = Answered {
+            *last = Head {
                 epoch: epochs(last.epoch),
                 tick: ticks(last.tick),
                 sequence: sequences(last.sequence),
+                owner: 0,
             };
         }
     }
@@ -135,7 +142,7 @@ pub(super) fn canonical(mut world: World, settings: &Settings) -> World {
         };
     }
     let barrier = &mut world.barrier;
-    (barrier.epoch, barrier.tick, barrier.sequence) = (100, 1000, 1000);
+    (barrier.link.epoch, barrier.link.tick, barrier.link.sequence) = (100, 1000, 1000);
     barrier.refusal = Refusal::None;
     if barrier.done >= barrier.steps {
         (barrier.from, barrier.steps, barrier.done) = (barrier.applied, 0, 0);
@@ -156,26 +163,23 @@ fn renumber_owners(world: &mut World) {
         });
         *owner = u16::try_from(place).expect("few owners");
     };
-    rename(&mut world.barrier.owner);
+    rename(&mut world.barrier.link.owner);
     rename(&mut world.first);
     for sender in world.senders.iter_mut().flatten() {
         rename(&mut sender.session.owner);
     }
     for flying in world.mailboxes.iter_mut().flatten() {
-        rename(&mut flying.frame.owner);
+        rename(&mut flying.frame.head.owner);
     }
     // Sorted by what is no name, so that the names do not depend on the names before.
     world.air.sort_by_key(|f| {
-        (
-            f.age,
-            f.stale,
-            Frame {
-                owner: 0,
-                ..f.frame
-            },
-        )
+        let head = Head {
+            owner: 0,
+            ..f.frame.head
+        };
+        (f.age, f.stale, head, f.frame.values)
     });
     for flying in &mut world.air {
-        rename(&mut flying.frame.owner);
+        rename(&mut flying.frame.head.owner);
     }
 }

@@ -1,6 +1,6 @@
 //! The sender's side: what a report says, and the frame that answers it.
 
-use super::{Counts, Frame, Report, is_ahead};
+use super::{Head, is_ahead};
 
 /// What a report means for a sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,27 +23,16 @@ pub enum Seen {
     },
 }
 
-/// The numbers of a report that a frame answers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Answered {
-    /// The epoch of the report.
-    pub epoch: u16,
-    /// The tick of the report.
-    pub tick: u16,
-    /// The sequence of the report.
-    pub sequence: u16,
-}
-
 /// The number of epochs whose frames a sender remembers: a report that was late is of one of these.
 const MOST_EPOCHS: usize = 4;
 
-/// What a sender knows of a barrier.
+/// What a sender knows of a control.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Session {
     /// The number that this sender drew at its start.
     pub owner: u16,
     /// The numbers of the last whole report, when frames may be sent.
-    pub last: Option<Answered>,
+    pub last: Option<Head>,
     /// Epoch and sequence of the last frame.
     pub sent: Option<(u16, u16)>,
     /// The newest sequence of this sender's frames in each of the last epochs in which it sent any, by whatever path. Each epoch is
@@ -64,15 +53,14 @@ impl Session {
         }
     }
 
-    /// Takes a whole report, and says what it means.
-    pub fn read(&mut self, report: &Report) -> Seen {
-        let Report {
+    /// Takes the numbers of a whole report, and says what they mean.
+    pub fn read(&mut self, report: Head) -> Seen {
+        let Head {
             epoch,
             tick,
             sequence,
             owner,
-            ..
-        } = *report;
+        } = report;
         if self
             .last
             .is_some_and(|last| last.epoch == epoch && !is_ahead(tick, last.tick))
@@ -85,11 +73,7 @@ impl Session {
             return Seen::Held { owner };
         }
         let epoch_began = self.last.is_none_or(|last| last.epoch != epoch);
-        self.last = Some(Answered {
-            epoch,
-            tick,
-            sequence,
-        });
+        self.last = Some(report);
         Seen::Confirmed {
             landed: owner == self.owner && self.sent == Some((epoch, sequence)),
             epoch_began,
@@ -133,23 +117,17 @@ impl Session {
         self.last = None;
     }
 
-    /// The frame that answers the last report with these values; `None` when there is no report to answer. To be sent
-    /// at once: its age counts from the report.
-    pub fn frame(&mut self, values: &Counts) -> Option<Frame> {
-        let Answered {
-            epoch,
-            tick,
-            sequence,
-        } = self.last?;
-        let sequence = sequence.wrapping_add(1);
-        self.sent = Some((epoch, sequence));
-        self.sends(epoch, sequence);
-        Some(Frame {
-            epoch,
-            tick,
-            sequence,
+    /// The head of the frame that answers the last report; `None` when there is no report to answer. To be sent at once: its age
+    /// counts from the report.
+    pub fn answer(&mut self) -> Option<Head> {
+        let last = self.last?;
+        let head = Head {
+            sequence: last.sequence.wrapping_add(1),
             owner: self.owner,
-            values: core::array::from_fn(|axis| values[axis]),
-        })
+            ..last
+        };
+        self.sent = Some((head.epoch, head.sequence));
+        self.sends(head.epoch, head.sequence);
+        Some(head)
     }
 }

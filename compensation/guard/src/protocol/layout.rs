@@ -2,9 +2,21 @@
 
 use volcomp_vocabulary::{AxisName, MAX_AXES};
 
-use super::SettingsError;
+/// Why axes make no layout.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum LayoutError {
+    /// There is no axis.
+    #[error("number of axes: found 0, expected 1 to {MAX_AXES}")]
+    NoAxes,
+    /// An axis that is named more than once.
+    #[error("axis {axis}: found twice, expected once")]
+    Twice {
+        /// The axis that was found again.
+        axis: AxisName,
+    },
+}
 
-/// The axes of a barrier in the order of its words. Its number starts the checksum together with the machine's, so that
+/// The corrected axes in the order of its words. Its number starts the checksum together with the machine's, so that
 /// frames and reports for other axes, or for the same axes in another order, do not fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Layout {
@@ -17,7 +29,7 @@ impl Layout {
     ///
     /// # Errors
     /// No axis, or one that is named twice.
-    pub fn of(axes: impl IntoIterator<Item = AxisName>) -> Result<Self, SettingsError> {
+    pub fn of(axes: impl IntoIterator<Item = AxisName>) -> Result<Self, LayoutError> {
         let mut layout = Self {
             count: 0,
             number: 0,
@@ -25,13 +37,13 @@ impl Layout {
         let mut seen = [false; MAX_AXES];
         for axis in axes {
             if core::mem::replace(&mut seen[axis.index()], true) {
-                return Err(SettingsError::Twice { axis });
+                return Err(LayoutError::Twice { axis });
             }
             layout.count += 1;
             layout.number = 10 * layout.number + digit(axis);
         }
         if layout.count == 0 {
-            return Err(SettingsError::NoAxes);
+            return Err(LayoutError::NoAxes);
         }
         Ok(layout)
     }

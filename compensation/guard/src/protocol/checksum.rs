@@ -11,6 +11,14 @@ pub struct Checksum {
     pub of_sums: u16,
 }
 
+impl Checksum {
+    /// The sum, and the sum of the sums.
+    #[must_use]
+    pub fn words(self) -> [u16; 2] {
+        [self.sum, self.of_sums]
+    }
+}
+
 /// Fletcher's checksum modulo 65535 of the words, started from the machine's number and the layout's, so that a frame for
 /// another machine, for other axes or for another order of them does not fit. The words 0 and 65535 weigh the same: -1 and 0 counts
 /// cannot be told apart by it, which is one step of an axis at the most.
