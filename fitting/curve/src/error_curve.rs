@@ -1,3 +1,5 @@
+use alloc::vec::Vec;
+
 use volcomp_vocabulary::Direction;
 
 use crate::{Curve, CurveError, Grid, domain};
