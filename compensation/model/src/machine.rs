@@ -4,9 +4,7 @@ use std::collections::BTreeMap;
 
 use volcomp_curve::ErrorCurve;
 use volcomp_kinematics::{Chain, ErrorMotion, MotionFrame, State, Structure, nalgebra::Vector3};
-use volcomp_vocabulary::{
-    AxisKind, AxisName, Component, Displacement, ErrorName, MAX_AXES, PerAxis,
-};
+use volcomp_vocabulary::{AxisKind, AxisName, Component, Displacement, ErrorName, PerAxis};
 
 use crate::{
     axis::Axis,
