@@ -13,7 +13,7 @@ use proptest::prelude::*;
 use tempfile::TempDir;
 use volcomp_guard::{
     barrier::{Barrier, FRAME_WORDS, Frame, REPORT_WORDS, Report},
-    protocol::{Counts, Layout},
+    protocol::{Counts, Head, Layout},
 };
 use volcomp_linuxcnc::{Flags, Key, State};
 use volcomp_vocabulary::{AxisName, PerChannel};
@@ -174,10 +174,11 @@ impl Run {
                 continue;
             };
             let frame = Frame {
-                epoch: report.epoch,
-                tick: report.tick,
-                sequence: report.sequence.wrapping_add(1),
-                owner: 9,
+                head: Head {
+                    sequence: report.sequence.wrapping_add(1),
+                    owner: 9,
+                    ..report.head()
+                },
                 values: *PerChannel::leading([counts, 0]),
             };
             let mut words = [0; FRAME_WORDS];

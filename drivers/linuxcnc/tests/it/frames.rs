@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use volcomp_guard::{
     barrier::{FRAME_WORDS, Frame, Report, Settings},
-    protocol::Layout,
+    protocol::{Head, Layout},
 };
 use volcomp_vocabulary::{AxisName, PerChannel};
 
@@ -70,10 +70,12 @@ fn words_of(post: Post, last: &Report) -> Vec<u16> {
             torn,
         } => {
             let frame = Frame {
-                epoch: last.epoch.wrapping_sub(before.into()),
-                tick: last.tick.wrapping_sub(old),
-                sequence: last.sequence.wrapping_add(ahead),
-                owner,
+                head: Head {
+                    epoch: last.epoch.wrapping_sub(before.into()),
+                    tick: last.tick.wrapping_sub(old),
+                    sequence: last.sequence.wrapping_add(ahead),
+                    owner,
+                },
                 values: *PerChannel::leading(values),
             };
             let mut words = [0; FRAME_WORDS];

@@ -16,7 +16,7 @@ use std::{
 use volcomp_devices::Address;
 use volcomp_guard::{
     barrier::{FRAME_WORDS, Frame, Report},
-    protocol::Layout,
+    protocol::{Head, Layout},
 };
 use volcomp_linuxcnc::{COMMAND_BYTES, Command, Content, Key, STATE_BYTES, State};
 use volcomp_port::Words;
@@ -90,10 +90,11 @@ impl Beside {
     fn send(&self, report: &Report, ahead: u16, key: &Key) {
         let up = report.tick % 1000 < 500;
         let frame = Frame {
-            epoch: report.epoch,
-            tick: report.tick,
-            sequence: report.sequence.wrapping_add(ahead),
-            owner: report.owner.max(1),
+            head: Head {
+                sequence: report.sequence.wrapping_add(ahead),
+                owner: report.owner.max(1),
+                ..report.head()
+            },
             values: *PerChannel::leading([if up { 30_000 } else { -30_000 }; 3]),
         };
         let mut words = [0; FRAME_WORDS];
