@@ -491,7 +491,12 @@ pub(crate) fn not_followed(curves: &[FittedCurve], lines: &[FittedLine]) -> Vec<
             Um::SYMBOL
         };
         let choice = curve.choice.as_ref();
-        if let Some(said) = choice.and_then(|choice| choice.not_followed(unit)) {
+        let of_curves = || {
+            let mut said = branches.iter().map(|branch| &branch.between);
+            said.find_map(|between| between.not_followed(unit))
+        };
+        let said = choice.and_then(|choice| choice.not_followed(unit));
+        if let Some(said) = said.or_else(of_curves) {
             warnings.push(format!("{error}: {said}"));
         }
         let along = error.axis.kind().coordinate_unit();

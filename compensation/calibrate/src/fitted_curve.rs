@@ -45,6 +45,11 @@ pub(crate) struct Resampled {
 }
 
 impl FittedCurve {
+    /// Whether the curve follows its readings, as far as these repeat.
+    pub fn follows(&self) -> bool {
+        !self.between.is_not_followed()
+    }
+
     /// The band of 95 % at the targets and between them, of the readings alone, in the unit of the error; `None` where it is not known. It is
     /// resampled from the runs at each call, which takes longer than the curve.
     pub fn band(&self) -> Option<Band> {

@@ -26,6 +26,10 @@ impl Report {
         let lines = file.measurements.iter();
         let machine = &calibration.machine;
         let identified = (calibration.identified.as_ref()).map(|of| identified(&of.found));
+        let not_followed = calibration.curves.iter().filter(|curve| !curve.follows());
+        let mut not_followed: Vec<String> =
+            not_followed.map(|curve| curve.error.to_string()).collect();
+        not_followed.dedup();
         let mut not_measured = calibration.not_measured.clone();
         not_measured.extend(identified.as_ref().and_then(left_open));
         let mut report = Self {
@@ -35,6 +39,7 @@ impl Report {
             squareness: squares(machine, |pair| is_measured(calibration, pair)),
             locations: other_locations(machine, &calibration.locations),
             not_measured,
+            not_followed,
             identified,
             uncertainty: stated_uncertainty(file),
             ..Self::of_machine(source, machine, stated)
@@ -112,6 +117,7 @@ impl Report {
             volume: None,
             uncertainty: None,
             not_measured: Vec::new(),
+            not_followed: Vec::new(),
             identified: None,
             version: env!("CARGO_PKG_VERSION").to_owned(),
         };

@@ -31,6 +31,8 @@ pub struct Report {
     pub uncertainty: Option<Uncertainty>,
     /// The errors that nothing measured, and what each can do.
     pub not_measured: Vec<String>,
+    /// The errors whose curves do not follow their readings.
+    pub not_followed: Vec<String>,
     /// What was found from observations of the whole machine.
     pub identified: Option<Identified>,
     /// The version of volcomp that made the report.
@@ -100,6 +102,8 @@ pub enum CheckOf {
     Symbol,
     /// Of the measured errors alone, where others were not measured.
     MeasuredAlone,
+    /// Of curves of which one does not follow its readings.
+    Curves,
     /// Of what the correction leaves, while the figures of tests are of the machine without it.
     Corrected,
     /// Of the machine at the reference temperature: its thermal terms are left out.
@@ -119,6 +123,7 @@ impl core::fmt::Display for CheckOf {
         match self {
             Self::Symbol => Ok(()),
             Self::MeasuredAlone => f.write_str("the measured errors alone"),
+            Self::Curves => f.write_str("curves that do not follow their readings"),
             Self::Corrected => f.write_str("what the correction leaves"),
             Self::AtReference => f.write_str("the machine at the reference temperature alone"),
             Self::Test { error, file } => write!(f, "{error}, {file}"),

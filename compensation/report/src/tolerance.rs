@@ -126,7 +126,10 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
             let uncertainty = u.filter(|_| value.is_some());
             let outcome = match decide(value, tolerance.limit, uncertainty) {
                 // At another temperature the figure is another one.
-                Verdict::Pass if of == CheckOf::AtReference => Verdict::Undecided,
+                // And a curve that does not follow its readings is not the error.
+                Verdict::Pass if matches!(of, CheckOf::AtReference | CheckOf::Curves) => {
+                    Verdict::Undecided
+                }
                 outcome => outcome,
             };
             all.push(Check {
@@ -184,6 +187,8 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
                 || found.is_some() && !report.not_measured.is_empty();
             let of = if value.is_some() && volume.is_some_and(|volume| volume.has_thermal) {
                 CheckOf::AtReference
+            } else if found.is_some() && !report.not_followed.is_empty() {
+                CheckOf::Curves
             } else if value.is_some() && is_partly {
                 CheckOf::MeasuredAlone
             } else if last.is_some_and(|last| last.state == State::TruthCorrected) {
@@ -239,7 +244,8 @@ fn is_of_error(unknown: &str, error: &str) -> bool {
     unknown.split(' ').next() == Some(error)
 }
 
-/// The smallest and the largest mean reading, or where there are none value of the curve, each with its place.
+/// The smallest and the largest mean reading, or where there are none value of the curve, each with its place; `None` of so few targets that no
+/// two readings can differ, once the line of a straightness is taken out.
 fn extremes(curve: &Curve) -> Option<[(f64, f64); 2]> {
     let means = curve
         .lines
@@ -249,6 +255,15 @@ fn extremes(curve: &Curve) -> Option<[(f64, f64); 2]> {
     if points.is_empty() {
         let of_curve = curve.branches.iter().flat_map(|branch| &branch.points);
         points = of_curve.copied().collect();
+    } else {
+        let mut targets: Vec<f64> = points.iter().map(|(x, _)| *x).collect();
+        targets.sort_unstable_by(f64::total_cmp);
+        targets.dedup();
+        let error = curve.error.parse::<ErrorName>();
+        let is_straightness = error.is_ok_and(|of| MotionKind::of(of) == MotionKind::Straightness);
+        if targets.len() < 2 + usize::from(is_straightness) {
+            return None;
+        }
     }
     let by_value = |a: &&(f64, f64), b: &&(f64, f64)| a.1.total_cmp(&b.1);
     let (low, high) = (

@@ -149,6 +149,21 @@ impl Between {
             && (self.leave_one_out > MORE_THAN_REPEATS * repeats || self.widest_gap > WIDE_GAP)
     }
 
+    /// Whether the curve does not follow the readings: it leaves more than seven times what they repeat to, and more than a tenth of their height.
+    pub fn is_not_followed(&self) -> bool {
+        let repeats = self.repeatability.unwrap_or(f64::INFINITY);
+        self.residual > MORE_THAN_REPEATS * repeats && self.residual > OF_HEIGHT * self.height
+    }
+
+    /// Says that the curve does not follow the readings, whose `unit` that is.
+    pub fn not_followed(&self, unit: &str) -> Option<String> {
+        let repeats = self.repeatability.filter(|_| self.is_not_followed())?;
+        Some(format!(
+            "the curve does not follow the readings: it leaves {:.2} {unit} of them (root mean square), which repeat to {repeats:.2} {unit}: let the kind of curve be chosen from the readings, or state another one",
+            self.residual
+        ))
+    }
+
     /// What a person should read of it; `unit` is that of the readings, `along` that of the targets.
     pub fn warnings(&self, unit: &str, along: &str) -> Vec<String> {
         let sparse = self.is_too_sparse().then(|| {

@@ -142,10 +142,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             "no {what} meets the residual asked for: the best is shown"
         ));
     }
-    if let Some((choice, _)) = &auto {
-        notes.extend(choice.not_followed(&unit.to_string()));
-    }
     let between = Between::of(&fit, &x, &u, noise);
+    let of_choice = auto
+        .as_ref()
+        .and_then(|(choice, _)| choice.not_followed(&unit.to_string()));
+    notes.extend(of_choice.or_else(|| between.not_followed(&unit.to_string())));
     let along = kind.map_or("mm or deg", AxisKind::coordinate_unit);
     let file = arguments.data.display();
     let of_axis = axis.map_or(String::new(), |axis| format!("axis {axis}: "));

@@ -268,7 +268,7 @@ fn what_observations_leave_open_is_not_met() {
     let checks = document["checks"].as_array().expect("three");
     for check in &checks[..2] {
         assert_eq!(check["value"], Value::Null, "{check}");
-        assert_eq!(check["outcome"], "undecided", "{check}");
+        assert_eq!(check["outcome"], "not_evaluated", "{check}");
     }
     assert_eq!(checks[2]["of"], "the measured errors alone");
     assert!(page.contains("not determined by the observations, taken as 0: EX0C, EB0C"));

@@ -118,7 +118,10 @@ pub(super) fn verdict(page: &mut Page, report: &Report) {
             Cell::Path(match &check.of {
                 CheckOf::Symbol if check.symbol == VOLUME => LARGEST.to_owned(),
                 CheckOf::Symbol => described(&check.symbol),
-                CheckOf::MeasuredAlone | CheckOf::Corrected | CheckOf::AtReference => {
+                CheckOf::MeasuredAlone
+                | CheckOf::Curves
+                | CheckOf::Corrected
+                | CheckOf::AtReference => {
                     format!("{LARGEST}; of {}", check.of)
                 }
                 CheckOf::Test { .. } => check.of.to_string(),

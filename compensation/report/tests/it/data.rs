@@ -223,6 +223,35 @@ fn editions_and_vdi_stand_in_the_report() {
     );
 }
 
+/// Waves that a polynomial does not follow are no error of the curve: what V is of that does not pass. Of one target there is no range.
+#[test]
+fn a_figure_that_the_curve_does_not_bear_out_does_not_pass() {
+    let shop = Shop::new();
+    shop.write(
+        "exx.csv",
+        &crate::csv(17, 50.0, 5, |x, _| 20.0 * (x / 40.0).sin()),
+    );
+    let (_, calibration) = shop.calibrated();
+    let mut report = shop.report();
+    assert_eq!(report.not_followed, ["EXX"]);
+    let machine = &calibration.machine;
+    let none = |_: &volcomp_kinematics::State| [0.0; 6];
+    let fields = [field(machine, &none)];
+    let of_curves = (State::Found, &fields[..]);
+    report.volume = volume([machine; 2], &[], of_curves, None).expect("three axes");
+    let limits = tolerances("V=1000,EXX=60").expect("two");
+    let found = checks(&report, &limits);
+    assert_eq!(
+        (found[0].outcome, &found[0].of),
+        (Verdict::Undecided, &CheckOf::Curves)
+    );
+    // That of the readings does.
+    assert_eq!(found[1].outcome, Verdict::Pass);
+    shop.write("exx.csv", &crate::csv(1, 50.0, 5, |_, _| 20.0));
+    let found = checks(&shop.report(), &limits);
+    assert_eq!(found[1].outcome, Verdict::NotEvaluated, "{found:?}");
+}
+
 #[test]
 fn figures_stand_against_tolerances() {
     use Verdict::{Fail, NotEvaluated, Pass};

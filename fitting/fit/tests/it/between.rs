@@ -91,3 +91,31 @@ fn targets_that_are_too_sparse_are_warned_of() {
     };
     assert!(!unknown.is_too_sparse());
 }
+
+/// A parabola through waves of five gaps leaves nearly all of them; a table follows them, and a parabola follows a bend.
+#[test]
+fn a_curve_that_does_not_follow_its_readings_is_told() {
+    let x = targets(31);
+    let length = 5.0 * (x[1] - x[0]);
+    let wave = |x: f64| 20.0 * (std::f64::consts::TAU * x / length).sin();
+    let bend = |x: f64| 1e-5 * x * x;
+    let parabola = Method::Polynomial { order: 2 };
+    let of = |truth: &dyn Fn(f64) -> f64, method: Method| {
+        let u = noisy(&x, NOISE, 3, truth);
+        between(&method.fit(&x, &u).expect("a curve"), &x, &u)
+    };
+    let found = of(&wave, parabola);
+    let said = found.not_followed("µm").expect("a warning");
+    assert!(said.contains("does not follow the readings"), "{said}");
+    for (truth, method) in [
+        (&wave as &dyn Fn(f64) -> f64, Method::CubicTable),
+        (&bend, parabola),
+    ] {
+        assert_eq!(of(truth, method).not_followed("µm"), None);
+    }
+    let unknown = Between {
+        repeatability: None,
+        ..found
+    };
+    assert!(!unknown.is_not_followed());
+}
