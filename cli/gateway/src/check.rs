@@ -1,8 +1,8 @@
-//! What `check` prints: the plan of a configuration.
+//! What `check` prints: the effective configuration, and what follows from it.
 
 use std::path::Path;
 
-use crate::{config::Config, error::GatewayError, plan::Plan};
+use crate::{config::Config, documents::PlanDocument, error::GatewayError, plan::Plan, toml_text};
 
 /// Checks a configuration. `online` asks the controls, too.
 ///
@@ -18,8 +18,38 @@ pub fn check(path: &Path, online: bool, json: bool) -> Result<String, GatewayErr
     if json {
         line(&found)
     } else {
-        Ok(plan.text_of(&found))
+        Ok(text(&found, &plan.config))
     }
+}
+
+/// The effective configuration as TOML; what follows from it as comments, so that the whole can be read again.
+pub fn text(found: &PlanDocument, config: &Config) -> String {
+    let mut text = config.effective_toml();
+    let follows = toml_text::of(found, &["notes", "configuration", "defaults"]);
+    text += "\n";
+    for line in follows.lines() {
+        text += format!("# {line}").trim_end();
+        text += "\n";
+    }
+    for note in &found.notes {
+        text += &wrapped(note);
+    }
+    text
+}
+
+/// A note over as many lines as it needs.
+fn wrapped(note: &str) -> String {
+    let (mut text, mut line) = (String::new(), "# note:".to_owned());
+    for word in note.split(' ') {
+        if line.chars().count() + 1 + word.chars().count() > 79 {
+            text += &line;
+            text += "\n";
+            "#      ".clone_into(&mut line);
+        }
+        line += " ";
+        line += word;
+    }
+    text + &line + "\n"
 }
 
 /// A document as one line.

@@ -39,9 +39,9 @@ pub fn ask(dashboard: &DashboardConfig, token: Option<&str>) -> Result<Status, G
     let request = format!(
         "GET /api/state HTTP/1.1\r\nHost: {address}\r\n{authorization}Connection: close\r\n\r\n"
     );
-    let text = match &dashboard.tls {
+    let text = match &dashboard.tls_certificate {
         None => exchange(stream, &request),
-        Some((certificate, _)) => exchange(encrypted(stream, address, certificate)?, &request),
+        Some(certificate) => exchange(encrypted(stream, address, certificate)?, &request),
     }
     .map_err(failed)?;
     let (head, body) = text.split_once("\r\n\r\n").unwrap_or((&text, ""));

@@ -11,7 +11,7 @@ use volcomp_devices::{
 };
 use volcomp_digital_io::{DigitalAxis, DigitalController, Wiring};
 use volcomp_focas::{
-    BarrierArea, Block, FocasConfig, FocasController, PmcAddress, ShiftSource, inspect,
+    BarrierArea, Block, FocasConfig, FocasController, PmcAddress, ShiftSource, Width, inspect,
 };
 use volcomp_guard::Limits;
 use volcomp_linuxcnc::{LinuxCncConfig, LinuxCncController};
@@ -20,8 +20,8 @@ use volcomp_runtime::{BarrierSettings, PathSettings};
 use volcomp_sinumerik::SinumerikConfig;
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Um, Urad};
 
-use crate::config::{ControllerConfig, ThermometerConfig};
-use crate::documents::{OnlinePlan, OpcUaPlan, PmcPlan};
+use crate::config::{ControllerConfig, PmcByte, Referenced, ThermometerConfig};
+use crate::documents::{OnlinePlan, PmcPlan};
 use crate::linuxcnc;
 use crate::online;
 use crate::sinumerik;
@@ -164,7 +164,10 @@ impl ControllerDevice {
         own: &ControllerConfig,
         limits: Option<&Limits>,
     ) -> Result<(), DeviceError> {
-        match (&self.kind, &own.linuxcnc.ini) {
+        match (
+            &self.kind,
+            own.linuxcnc.as_ref().and_then(|table| table.ini.as_ref()),
+        ) {
             (Kind::LinuxCnc(config), Some(file)) => {
                 linuxcnc::check(&self.address, own, config, file, limits)
             }
@@ -201,7 +204,7 @@ impl ControllerDevice {
         // A frame waits for the control's scan, and is seen in the report after another one.
         let behind = config
             .barrier
-            .map_or(behind, |barrier| behind.max(2 * (barrier.scan + period)));
+            .map_or(behind, |barrier| behind.max(2 * (barrier.scan() + period)));
         let cycles = behind.as_nanos().div_ceil(period.as_nanos().max(1));
         PathSettings {
             fixed: config
@@ -209,11 +212,11 @@ impl ControllerDevice {
                 .iter()
                 .map(|(name, at)| (*name, Displacement::from_coordinate(name.kind(), *at)))
                 .collect(),
-            not_driven: config.not_driven.clone(),
+            not_driven: config.not_driven(),
             unwatched: config.unwatched,
-            only_thermal: config.only_thermal,
-            hold: config.hold,
-            proves: config.proves.unwrap_or(!is_digital),
+            only_thermal: config.only_thermal(),
+            hold: config.hold(),
+            proves: config.test_shift.unwrap_or(!is_digital),
             position_steps: match &self.kind {
                 Kind::Lines(lines) => [lines.position_step()].into(),
                 Kind::Can(can) => can.position_steps(),
@@ -230,7 +233,7 @@ impl ControllerDevice {
             read_back_cycles: usize::try_from(cycles).unwrap_or(usize::MAX).max(1),
             barrier: config.barrier.map(|barrier| BarrierSettings {
                 machine: barrier.machine,
-                scan: barrier.scan,
+                scan: barrier.scan(),
             }),
             ..PathSettings::default()
         }
@@ -280,19 +283,6 @@ impl ControllerDevice {
             _ => None,
         }
     }
-
-    /// How the server of a SINUMERIK control is asked, and its nodes; `None`: another device.
-    pub fn opc_ua(&self) -> Option<OpcUaPlan> {
-        match &self.kind {
-            Kind::Sinumerik(config) => Some(sinumerik::plan(config)),
-            Kind::Focas(_) | Kind::Can(_) | Kind::Lines(_) | Kind::LinuxCnc(_) => None,
-        }
-    }
-
-    /// Whether the step of corrections is told by the device itself.
-    pub fn tells_resolution(&self) -> bool {
-        matches!(self.kind, Kind::Can(_))
-    }
 }
 
 fn can(
@@ -337,7 +327,16 @@ fn focas(address: &Address, config: &ControllerConfig) -> Result<FocasConfig, De
         return Err(address.wrong(found, expected));
     }
     if let Some(area) = config.area {
-        (focas.shift.first, focas.shift.width) = (area.first, area.width);
+        focas.shift.first = PmcByte {
+            pmc: area.pmc,
+            at: area.first,
+        }
+        .into();
+        focas.shift.width = match area.width {
+            1 => Width::Byte,
+            4 => Width::Long,
+            _ => Width::Word,
+        };
         focas.copied = area.copied;
     }
     if let Some(um) = config.resolution_um {
@@ -347,13 +346,18 @@ fn focas(address: &Address, config: &ControllerConfig) -> Result<FocasConfig, De
         focas.shift.count_rotary = Urad(urad).to_rad();
     }
     focas.reads.clone_from(&config.reads);
-    focas.heartbeat = config.heartbeat;
+    focas.heartbeat = config.heartbeat.map(Into::into);
     focas.barrier = config.barrier.and_then(|barrier| {
         let (frame, report) = (barrier.frame?, barrier.report?);
-        Some(BarrierArea { frame, report })
+        Some(BarrierArea {
+            frame: frame.into(),
+            report: report.into(),
+        })
     });
-    if let Some(referenced) = config.referenced {
-        focas.referenced = referenced;
+    match config.referenced {
+        None => {}
+        Some(Referenced::Not(_)) => focas.referenced = None,
+        Some(Referenced::Byte(byte)) => focas.referenced = Some(byte.into()),
     }
     focas.includes_correction = config.includes_correction;
     Ok(focas)
@@ -368,7 +372,7 @@ fn lines(config: &ControllerConfig, channel: String) -> Result<Lines, DeviceErro
         );
         return Err(DeviceError::option(&*config.url, what, "name one axis"));
     };
-    let words = &config.digital;
+    let words = config.digital.unwrap_or_default();
     let axis = config.digital_axis(name).map_err(|missing| {
         let found = missing.to_string();
         DeviceError::option(&*config.url, found, "state it").caused_by(missing)

@@ -6,14 +6,12 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use volcomp_document::{InputError, PrivateError, ReadError};
+use volcomp_document::{InputError, InputErrors, PrivateError, ReadError};
 use volcomp_model::ModelError;
 use volcomp_port::DeviceError;
 use volcomp_runtime::{PlanError, StartError};
 use volcomp_vocabulary::AxisName;
 use volcomp_web::TlsError;
-
-use crate::plan_keys::by_keys;
 
 /// Why a gateway does not start, or does not do what it is asked.
 #[derive(Debug, thiserror::Error)]
@@ -22,6 +20,9 @@ pub enum GatewayError {
     /// A place in the configuration or the machine file.
     #[error(transparent)]
     Place(#[from] InputError),
+    /// Everything that is wrong in a configuration.
+    #[error(transparent)]
+    Configuration(#[from] InputErrors),
     /// A machine file that does not make a machine.
     #[error(transparent)]
     Model(ModelError),
@@ -45,7 +46,7 @@ pub enum GatewayError {
         source: ReadError,
     },
     /// Controllers, machine and limits do not fit together.
-    #[error("{file}: {}", by_keys(source))]
+    #[error("{file}: {source}")]
     Plan {
         /// The path of the configuration file.
         file: String,
@@ -479,6 +480,7 @@ impl GatewayError {
             | Self::Tls(TlsError::Write { .. })
             | Self::System { .. } => 1,
             Self::Place(_)
+            | Self::Configuration(_)
             | Self::Map { .. }
             | Self::Model(_)
             | Self::Unreadable(_)

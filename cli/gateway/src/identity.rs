@@ -1,53 +1,51 @@
 //! What a person confirms: a machine file together with the limits within which it corrects.
 
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    time::Duration,
-};
+use std::collections::{BTreeMap, BTreeSet};
 
 use sha2::{Digest, Sha256};
 use volcomp_port::Description;
-use volcomp_runtime::{AxisSettings, GuardSettings, Model};
+use volcomp_runtime::Model;
 use volcomp_vocabulary::Um;
 
-use crate::documents::{ConfirmedLimits, LimitChanges, Question};
+use crate::{
+    config::GuardTable,
+    documents::{ConfirmedLimits, LimitChanges, Question},
+};
+
+/// The keys of `[guard]` that a person confirms: limits, rates, accelerations, the times of holds and ramps, and what needs
+/// no confirmation.
+const CONFIRMED_KEYS: [&str; 17] = [
+    "limit_um",
+    "slew_um_per_s",
+    "accel_um_per_s2",
+    "confirm_um",
+    "test_shift_um",
+    "limit_urad",
+    "slew_urad_per_s",
+    "accel_urad_per_s2",
+    "confirm_urad",
+    "test_shift_urad",
+    "limit_without_barrier_um",
+    "limit_without_barrier_urad",
+    ROTARY_STEP,
+    "hold_ms",
+    "zero_after_ms",
+    "ramp_s",
+    "stop_s",
+];
 
 /// The key of the largest step of the tool tip with which a rotary axis is corrected: which axes correct depends on it.
 const ROTARY_STEP: &str = "rotary_step_um";
 
-/// What a configuration allows, by its keys: limits, rates, accelerations, the times of holds and ramps, and what needs no
-/// confirmation. An acceleration that is not limited has none.
-pub(crate) fn limits(guard: &GuardSettings) -> ConfirmedLimits {
-    let of = |unit: &str, settings: AxisSettings<f64>| {
-        [
-            (format!("limit_{unit}"), settings.limit),
-            (format!("slew_{unit}_per_s"), settings.slew_per_s),
-            (format!("accel_{unit}_per_s2"), settings.accel_per_s2),
-            (format!("confirm_{unit}"), settings.confirm),
-            (format!("test_shift_{unit}"), settings.test_shift),
-        ]
-    };
-    let rotary = guard.rotary.map(|rotary| of("urad", rotary.map(|x| x.0)));
-    let rotary_step = (guard.rotary).map(|_| (ROTARY_STEP.to_owned(), guard.rotary_step.0));
-    let without = guard.without_barrier;
-    let all = of("um", guard.linear.map(|x| x.0))
+/// What a configuration allows, by its keys. An acceleration that is not limited has none.
+pub(crate) fn limits(guard: &GuardTable) -> ConfirmedLimits {
+    let keys = serde_json::to_value(guard).unwrap_or_default();
+    let has_rotary = guard.limit_urad.is_some();
+    CONFIRMED_KEYS
         .into_iter()
-        .chain(rotary.into_iter().flatten())
-        .chain(rotary_step)
-        .chain([
-            ("limit_without_barrier_um".to_owned(), without.linear.0),
-            ("limit_without_barrier_urad".to_owned(), without.rotary.0),
-            ("hold_ms".to_owned(), ms(guard.hold)),
-            ("zero_after_ms".to_owned(), ms(guard.zero_after)),
-            ("ramp_s".to_owned(), guard.ramp.as_secs_f64()),
-            ("stop_s".to_owned(), guard.stop.as_secs_f64()),
-        ]);
-    all.filter(|(_, value)| value.is_finite()).collect()
-}
-
-/// Milliseconds to the nanosecond, as somebody writes them.
-fn ms(time: Duration) -> f64 {
-    (time.as_secs_f64() * 1e9).round() / 1e6
+        .filter(|key| has_rotary || *key != ROTARY_STEP)
+        .filter_map(|key| Some((key.to_owned(), keys.get(key)?.as_f64()?)))
+        .collect()
 }
 
 /// The limits that differ, with the old and the new value.
@@ -171,9 +169,11 @@ fn hash(model: &Model, changes: &LimitChanges, limits: &ConfirmedLimits) -> Stri
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
     use volcomp_model::{Fading, Machine};
     use volcomp_port::{Axis, Heartbeat, ShownStates};
-    use volcomp_vocabulary::{AxisName, Displacement, Urad};
+
+    use volcomp_vocabulary::{AxisName, Displacement};
 
     use super::*;
 
@@ -206,11 +206,15 @@ mod tests {
         }
     }
 
-    fn settings(rotary_step: f64) -> GuardSettings {
-        let mut guard = GuardSettings::new(AxisSettings::new(Um(100.0), Um(500.0)));
-        guard.rotary = Some(AxisSettings::new(Urad(300.0), Urad(500.0)));
-        guard.rotary_step = Um(rotary_step);
-        guard
+    fn settings(rotary_step_um: f64) -> GuardTable {
+        GuardTable {
+            limit_um: 100.0,
+            slew_um_per_s: 500.0,
+            limit_urad: Some(300.0),
+            slew_urad_per_s: Some(500.0),
+            rotary_step_um,
+            ..GuardTable::default()
+        }
     }
 
     /// Half a step of A moves the tip by 0.05 µm: with less allowed A is not corrected any more, and the axes move.

@@ -23,7 +23,6 @@ mod observe;
 mod online;
 pub mod options;
 pub mod plan;
-mod plan_keys;
 pub mod process;
 pub mod published;
 pub mod rehearse;
@@ -37,6 +36,7 @@ mod sinumerik;
 pub mod slot;
 pub mod text;
 mod times;
+mod toml_text;
 
 /// Bytes as hexadecimal digits.
 fn hex(bytes: &[u8]) -> String {

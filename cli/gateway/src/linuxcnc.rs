@@ -61,7 +61,8 @@ fn key(address: &Address, config: &ControllerConfig) -> Result<Key, DeviceError>
         return Err(address.wrong("found key_file in the URL", "state it as linuxcnc.key_file"));
     }
     let expected = "expected a file with the key of the bridge, such as (umask 077; openssl rand -hex 16 > volcomp.key) makes it";
-    let Some(file) = &config.linuxcnc.key_file else {
+    let table = config.linuxcnc.as_ref();
+    let Some(file) = table.and_then(|table| table.key_file.as_ref()) else {
         return Err(address.wrong("found no linuxcnc.key_file", expected));
     };
     Key::read(file).map_err(|error| {
@@ -89,7 +90,7 @@ pub(crate) fn check(
     })?;
     let problems = ini.problems(&Expected {
         control,
-        scan_ms: (config.barrier).map_or(1.0, |barrier| barrier.scan.as_secs_f64() * 1e3),
+        scan_ms: config.barrier.map_or(1.0, |barrier| barrier.scan_ms),
         least: limits.map(least),
     });
     if problems.is_empty() {

@@ -30,7 +30,7 @@ use crate::{config::Config, error::GatewayError};
 /// Another gateway on this computer has one of them.
 pub(crate) fn lock(config: &Config) -> Result<Vec<UnixListener>, GatewayError> {
     let mut locked = BTreeSet::new();
-    let mut locks = vec![lock_folder(&config.audit_dir)?];
+    let mut locks = vec![lock_folder(config.audit_dir())?];
     let controllers = config.controllers.iter().map(|c| (&c.url, false));
     let thermometers = config.thermometers.iter().map(|t| (&t.url, true));
     for (url, only_read) in controllers.chain(thermometers) {

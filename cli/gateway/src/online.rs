@@ -39,7 +39,7 @@ pub(crate) fn barrier(
     let Some((_, last)) = decoded.last() else {
         return Err(strange(device, config.machine, axes, layout));
     };
-    let scan = config.scan;
+    let scan = config.scan();
     let counted = match &decoded[..] {
         [(first_at, first), (last_at, last)] => Some((
             u32::from(last.tick.wrapping_sub(first.tick)),

@@ -2,7 +2,11 @@
 
 use std::{net::SocketAddr, path::PathBuf, time::Duration};
 
-use crate::{config::Config, error::GatewayError, simulate};
+use crate::{
+    config::{Config, tables::ms},
+    error::GatewayError,
+    simulate,
+};
 
 /// How the gateway is called.
 #[derive(Clone, Debug, Default)]
@@ -36,12 +40,12 @@ impl Options {
             config.dashboard.token_file = Some(file.clone());
         }
         if let Some(dir) = &self.audit_dir {
-            config.audit_dir.clone_from(dir);
+            config.audit.dir.clone_from(dir);
             // The models that are in force stand beside the log.
             config = config.with_machine_in_force();
         }
         if let (None, Some(cycle)) = (&self.config, self.simulated_cycle) {
-            config.cycle = cycle;
+            config.cycle_ms = ms(cycle);
         }
         Ok(config)
     }

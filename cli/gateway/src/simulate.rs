@@ -10,11 +10,11 @@ use volcomp_port::{
     simulated::{self, Controls, Move, SimulatedController, SimulatedThermometer, Warming},
 };
 
-use volcomp_runtime::{AxisSettings, GuardSettings, Realtime, WithoutBarrier};
-use volcomp_vocabulary::{AxisName, Displacement, Mm, PerAxis, PerChannel, Um, Urad};
+use volcomp_runtime::GuardSettings;
+use volcomp_vocabulary::{AxisName, Displacement, Mm, PerAxis, PerChannel};
 
 use crate::{
-    config::{Config, DashboardConfig, InteropConfig, StatedKeys},
+    config::{AuditConfig, Config, GuardTable},
     error::GatewayError,
 };
 
@@ -229,44 +229,38 @@ fn program() -> Vec<Move> {
 pub fn config() -> Config {
     Config {
         file: "built-in configuration".to_owned(),
-        stated: StatedKeys::default(),
         machine: "built-in".into(),
         configured_machine: "built-in".into(),
-        cycle: Duration::from_millis(4),
         auto_arm: true,
-        guard: Some(guard()),
-        controllers: Vec::new(),
-        thermometers: Vec::new(),
-        dashboard: DashboardConfig::default(),
-        audit_dir: std::env::temp_dir().join(format!("volcomp-gateway-{}", std::process::id())),
-        realtime: Realtime {
-            priority: 60,
-            cpu: None,
-            reference: false,
+        guard: Some(limits()),
+        audit: AuditConfig {
+            dir: std::env::temp_dir().join(format!("volcomp-gateway-{}", std::process::id())),
         },
-        fleet: None,
-        interop: InteropConfig::default(),
+        ..Config::default()
     }
 }
 
 /// The built-in limits. They also stand in where a configuration has none, and arming is forbidden.
 pub fn guard() -> GuardSettings {
-    let linear = AxisSettings {
-        warn: Um(200.0),
-        accel_per_s2: Um(20_000.0),
-        confirm: Um(50.0),
-        test_shift: AxisSettings::<Um>::TEST_SHIFT,
-        ..AxisSettings::<Um>::new(Um(250.0), Um(500.0))
+    limits().settings()
+}
+
+fn limits() -> GuardTable {
+    let mut limits = GuardTable {
+        limit_um: 250.0,
+        warn_um: Some(200.0),
+        slew_um_per_s: 500.0,
+        accel_um_per_s2: Some(20_000.0),
+        confirm_um: Some(50.0),
+        limit_urad: Some(250.0),
+        warn_urad: Some(200.0),
+        slew_urad_per_s: Some(500.0),
+        accel_urad_per_s2: Some(20_000.0),
+        confirm_urad: Some(50.0),
+        limit_without_barrier_um: 250.0,
+        limit_without_barrier_urad: 250.0,
+        ..GuardTable::default()
     };
-    GuardSettings {
-        rotary: Some(AxisSettings {
-            test_shift: AxisSettings::<Urad>::TEST_SHIFT,
-            ..linear.map(|Um(number)| Urad(number))
-        }),
-        without_barrier: WithoutBarrier {
-            linear: linear.limit,
-            rotary: Urad(linear.limit.0),
-        },
-        ..GuardSettings::new(linear)
-    }
+    limits.complete();
+    limits
 }

@@ -5,12 +5,12 @@ use std::path::Path;
 use volcomp_devices::Address;
 use volcomp_guard::Limits;
 use volcomp_port::{Controller, DeviceError, Thermometer};
-use volcomp_sinumerik::{Security, Server, Sign, SinumerikConfig, User};
+use volcomp_sinumerik::{Server, SinumerikConfig, User};
 use volcomp_vocabulary::{Um, Urad};
 
 use crate::{
-    config::{ControllerConfig, ServerConfig, ThermometerConfig},
-    documents::{OnlinePlan, OpcUaPlan, round},
+    config::{ControllerConfig, SinumerikTable, ThermometerConfig, tables::of_ms},
+    documents::{OnlinePlan, round},
 };
 
 /// The control of a `[[controller]]`.
@@ -21,8 +21,8 @@ pub(crate) fn controller(
     address: &Address,
     config: &ControllerConfig,
 ) -> Result<SinumerikConfig, DeviceError> {
-    let table = &config.sinumerik;
-    let mut control = SinumerikConfig::new(server(address, &table.server)?, &config.axes);
+    let table = config.sinumerik.clone().unwrap_or_default();
+    let mut control = SinumerikConfig::new(server(address, &table)?, &config.axes);
     if let Some(channel) = &config.channel
         && *channel != control.channel
     {
@@ -33,8 +33,8 @@ pub(crate) fn controller(
         return Err(address.wrong(format!("channel: found {channel:?}"), expected));
     }
     control.reads.clone_from(&config.reads);
-    control.numbers.clone_from(&table.numbers);
-    control.nodes = table.nodes.clone();
+    control.numbers = table.numbers;
+    control.nodes = table.nodes;
     control.sign = table.sign;
     control.includes_correction = config.includes_correction;
     if let Some(um) = config.resolution_um {
@@ -46,7 +46,7 @@ pub(crate) fn controller(
     Ok(control)
 }
 
-pub(crate) fn server(address: &Address, config: &ServerConfig) -> Result<Server, DeviceError> {
+pub(crate) fn server(address: &Address, config: &SinumerikTable) -> Result<Server, DeviceError> {
     if cfg!(not(feature = "sinumerik")) {
         return Err(address.unsupported(
             "this build of the gateway has no OPC UA",
@@ -54,9 +54,7 @@ pub(crate) fn server(address: &Address, config: &ServerConfig) -> Result<Server,
         ));
     }
     let mut server = Server::new(&*address.text);
-    if let Some(namespace) = &config.namespace {
-        server.namespace.clone_from(namespace);
-    }
+    server.namespace.clone_from(&config.namespace);
     server.user = match (&config.user, &config.password_file) {
         (Some(name), Some(file)) => Some(User {
             name: name.clone(),
@@ -66,8 +64,8 @@ pub(crate) fn server(address: &Address, config: &ServerConfig) -> Result<Server,
     };
     server.security = config.security;
     server.pki.clone_from(&config.certificates);
-    server.period = config.period;
-    server.time_out = config.time_out;
+    server.period = of_ms(config.period_ms);
+    server.time_out = of_ms(config.time_out_ms);
     server.source_timestamps = config.source_timestamps;
     Ok(server)
 }
@@ -81,31 +79,6 @@ fn password(address: &Address, file: &Path) -> Result<String, DeviceError> {
             .caused_by(error)
     })?;
     Ok(text.lines().next().unwrap_or_default().to_owned())
-}
-
-/// How the server is asked, for the plan.
-pub(crate) fn plan(config: &SinumerikConfig) -> OpcUaPlan {
-    let server = &config.server;
-    OpcUaPlan {
-        namespace: server.namespace.clone(),
-        user: server.user.as_ref().map(|user| user.name.clone()),
-        security: match server.security {
-            Security::None => "none",
-            Security::Sign => "sign",
-            Security::SignAndEncrypt => "sign-and-encrypt",
-        }
-        .to_owned(),
-        period_ms: round(server.period.as_secs_f64() * 1e3),
-        time_out_ms: round(server.time_out.as_secs_f64() * 1e3),
-        source_timestamps: server.source_timestamps,
-        positions: config.nodes.position.clone(),
-        settings: config.nodes.setting.clone(),
-        sign: match config.sign {
-            Sign::Adds => "adds",
-            Sign::Subtracts => "subtracts",
-        }
-        .to_owned(),
-    }
 }
 
 /// Temperatures of a control, as they are configured.
@@ -131,7 +104,7 @@ impl Temperatures {
             .cloned()
             .zip(config.nodes.iter().cloned());
         Ok(Self {
-            server: server(address, &config.sinumerik)?,
+            server: server(address, &config.sinumerik.clone().unwrap_or_default())?,
             sensors: sensors.collect(),
         })
     }

@@ -1,9 +1,9 @@
-//! Why settings make no correction, and why a correction does not start. A program with a configuration file can match
-//! the variants and name its own keys.
+//! Why settings make no correction, and why a correction does not start. Messages name the keys of the gateway's
+//! configuration.
 
 use std::time::Duration;
 
-use volcomp_guard::LimitsError;
+use volcomp_guard::{LimitsError, Quantity};
 use volcomp_port::UnfitAxes;
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 
@@ -24,7 +24,7 @@ pub enum PlanError {
         axes: Vec<AxisName>,
     },
     /// The position of an axis is stated that the machine lacks.
-    #[error("{device}: fixed position of axis {axis}: the machine {machine} has the axes {}", letters(.axes))]
+    #[error("{device}: fixed: axis {axis}: the machine {machine} has the axes {}", letters(.axes))]
     NoSuchFixedAxis {
         /// The device as the driver names it.
         device: String,
@@ -44,7 +44,7 @@ pub enum PlanError {
         source: UnfitAxes,
     },
     /// The stated position of an axis is no finite coordinate of its kind.
-    #[error("{device}: fixed position of axis {axis}: expected a finite number of {}", axis.kind().coordinate_unit())]
+    #[error("{device}: fixed: axis {axis}: expected a finite {} coordinate", axis.kind())]
     FixedPosition {
         /// The device as the driver names it.
         device: String,
@@ -53,7 +53,7 @@ pub enum PlanError {
     },
     /// The stated position of an axis is beyond its travel.
     #[error(
-        "{device}: fixed position of axis {axis}: found {} {unit}, expected a position within its travel, {} to {} {unit}",
+        "{device}: fixed: axis {axis}: found {} {unit}, expected a position within its travel, {} to {} {unit}",
         found.mm_or_deg(), travel[0].mm_or_deg(), travel[1].mm_or_deg(),
         unit = axis.kind().coordinate_unit()
     )]
@@ -69,7 +69,7 @@ pub enum PlanError {
     },
     /// The position of a rotary axis is stated that may be driven.
     #[error(
-        "{device}: fixed position of axis {axis}: a rotary axis that turns takes the correction of the linear axes round with it, and nobody tells where it is: expected a controller that reads its position, or the setting `not_driven` for an axis without a drive"
+        "{device}: fixed: axis {axis} turns, and its position is unknown: name it in reads = [\"{axis}\"] of a controller that shows its position, or, if no drive turns it, in not_driven = [\"{axis}\"] beside fixed"
     )]
     FixedRotary {
         /// The device as the driver names it.
@@ -79,7 +79,7 @@ pub enum PlanError {
     },
     /// An axis is stated to have no drive whose position is not stated, or that is linear.
     #[error(
-        "{device}: setting `not_driven`: axis {axis}: expected a rotary axis whose fixed position is stated"
+        "{device}: not_driven: axis {axis}: expected a rotary axis whose position fixed states"
     )]
     NotDriven {
         /// The device as the driver names it.
@@ -89,7 +89,7 @@ pub enum PlanError {
     },
     /// The position of an axis is stated although the controller shows where it is.
     #[error(
-        "{device}: fixed position of axis {axis}: the controller shows where this axis stands, expected no fixed position"
+        "{device}: fixed: axis {axis} is one of the controller's axes, which shows its position"
     )]
     FixedIsShown {
         /// The device as the driver names it.
@@ -114,7 +114,7 @@ pub enum PlanError {
     },
     /// Nothing on the control's side notices when the program stops.
     #[error(
-        "{device}: nothing at the control ramps the correction out when this program stops: expected a heartbeat that the control watches, or the setting `unwatched`"
+        "{device}: no fail-safe in the control when the gateway stops: configure a barrier (preferred) or a heartbeat that the control watches, or accept the risk with unwatched = true"
     )]
     Unwatched {
         /// The device as the driver names it.
@@ -165,7 +165,7 @@ pub enum PlanError {
     },
     /// The device cannot keep up with the cycle.
     #[error(
-        "{device}: cycle: found {found_ms} ms, expected at least {shortest_ms} ms, the shortest cycle of this device"
+        "{device}: cycle_ms: found {found_ms} ms, expected at least {shortest_ms} ms, the shortest cycle of this device"
     )]
     CycleTooShort {
         /// The device as the driver names it.
@@ -176,7 +176,7 @@ pub enum PlanError {
         shortest_ms: f64,
     },
     /// A rotary axis is to be corrected, and nothing is allowed to rotary axes.
-    #[error("{device}: axis {axis} is rotary: expected limits of rotary axes, found none")]
+    #[error("{device}: axis {axis} is rotary: [guard] limit_urad and slew_urad_per_s are missing")]
     NoRotaryLimits {
         /// The device as the driver names it.
         device: String,
@@ -215,7 +215,7 @@ pub enum PlanError {
     },
     /// A limit is larger than the largest correction that the device can be told.
     #[error(
-        "{device}: limit of axis {axis}: found {found}, expected at most {largest}, the largest correction that this device can be told"
+        "{device}: [guard] limit_{} of axis {axis}: found {found}, expected at most {largest}, the largest correction that this device carries", axis.kind().micro_unit()
     )]
     BeyondDevice {
         /// The device as the driver names it.
@@ -269,12 +269,42 @@ fn step_of(axis: AxisName) -> &'static str {
 }
 
 fn limits_text(device: &str, axis: Option<AxisName>, error: &LimitsError) -> String {
+    let kind = axis.map_or(AxisKind::Linear, AxisName::kind);
+    let unit = kind.micro_unit();
+    let key = match error.what {
+        Quantity::Resolution => format!("resolution_{unit}"),
+        Quantity::Limit => format!("[guard] limit_{unit}"),
+        Quantity::Warn => format!("[guard] warn_{unit}"),
+        Quantity::Slew => format!("[guard] slew_{unit}_per_s"),
+        Quantity::Accel => format!("[guard] accel_{unit}_per_s2"),
+        Quantity::TestShift => format!("[guard] test_shift_{unit}"),
+        Quantity::Axes => "axes".to_owned(),
+        Quantity::Period => "cycle_ms".to_owned(),
+        Quantity::Hold => "[guard] hold_ms".to_owned(),
+        Quantity::ZeroAfter => "[guard] zero_after_ms".to_owned(),
+        Quantity::ReadBack => {
+            "cycles until a correction is read back, from [controller.barrier] scan_ms and cycle_ms"
+                .to_owned()
+        }
+    };
     let of = axis.map_or(String::new(), |axis| format!(" of axis {axis}"));
+    let step = match (error.what, kind) {
+        (Quantity::Limit, _) if !error.expected.contains("step") => String::new(),
+        (Quantity::Limit, AxisKind::Linear) => step_key("um", "1 µm"),
+        (Quantity::Limit, AxisKind::Rotary) => step_key("urad", "0.001°"),
+        _ => String::new(),
+    };
     format!(
-        "{device}: {}{of}: found {}, expected {}",
-        error.what,
+        "{device}: {key}{of}: found {}, expected {}{step}",
         error.found(),
         error.expected
+    )
+}
+
+/// The origin of the step of an axis.
+fn step_key(unit: &str, default: &str) -> String {
+    format!(
+        ", which is resolution_{unit} ({default} where it is not stated; on CAN the factor in the DBC file)"
     )
 }
 

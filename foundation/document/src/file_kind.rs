@@ -64,6 +64,11 @@ impl Section<'_> {
         let Err(unknown) = self.allow(expected) else {
             return Ok(());
         };
+        Err(self.other_kind(kind, expected).unwrap_or(unknown))
+    }
+
+    /// The error of a file that has a key of another kind of file, and none of this kind's own.
+    pub fn other_kind(&self, kind: FileKind, expected: &[&str]) -> Option<InputError> {
         let key_of = |kind: FileKind| kind.own_keys().iter().find(|key| self.get(key).is_some());
         // A calibration file may have observations, too.
         let foreign = |kind: FileKind| {
@@ -81,11 +86,11 @@ impl Section<'_> {
         match found {
             Some((other, key)) if key_of(kind).is_none() => {
                 let (found, expected) = (other.name(), kind.name());
-                Err(self.error(format!(
+                Some(self.error(format!(
                     "found {found} (it has the key `{key}`), expected {expected}"
                 )))
             }
-            _ => Err(unknown),
+            _ => None,
         }
     }
 }

@@ -8,6 +8,16 @@ use crate::{
     toml_file::{Section, Value},
 };
 
+/// What was expected of a number within a range; an infinite end is no limit.
+pub(crate) fn expected_range(range: RangeInclusive<f64>) -> String {
+    let (low, high) = range.into_inner();
+    match (low.is_finite(), high.is_finite()) {
+        (true, false) => format!("a number of {low} or more"),
+        (false, true) => format!("a number of {high} or less"),
+        _ => format!("a number from {low} to {high}"),
+    }
+}
+
 impl<'a> Section<'a> {
     /// The value of a key as `decode` returns it; `None` where the key is not there.
     ///
@@ -107,12 +117,7 @@ impl Value<'_> {
         if range.contains(&found) {
             return Ok(found);
         }
-        let (low, high) = range.into_inner();
-        let expected = match (low.is_finite(), high.is_finite()) {
-            (true, false) => format!("a number of {low} or more"),
-            (false, true) => format!("a number of {high} or less"),
-            _ => format!("a number from {low} to {high}"),
-        };
+        let expected = expected_range(range);
         Err(self.error(format!("found {found}, expected {expected}")))
     }
 

@@ -119,7 +119,12 @@ impl Document {
         })
     }
 
-    fn error(&self, span: Range<usize>, key: String, message: impl Into<String>) -> InputError {
+    pub(crate) fn error(
+        &self,
+        span: Range<usize>,
+        key: String,
+        message: impl Into<String>,
+    ) -> InputError {
         let before = self.text.as_bytes().iter().take(span.start);
         InputError {
             file: self.name.clone(),
@@ -136,7 +141,7 @@ impl Document {
 const MEANT: usize = 4;
 
 /// What was probably meant with an unknown word; where nothing is near, all that is expected.
-fn meant(found: &str, expected: &[&str]) -> String {
+pub(crate) fn meant(found: &str, expected: &[&str]) -> String {
     let near = near(found, expected);
     let near: Vec<String> = (near.iter().take(MEANT))
         .map(|word| format!("`{word}`"))
@@ -149,6 +154,10 @@ fn meant(found: &str, expected: &[&str]) -> String {
 }
 
 impl<'a> Section<'a> {
+    pub(crate) fn table(&self) -> &'a DeTable<'a> {
+        self.table
+    }
+
     /// The full key of this table, empty for the root.
     pub fn key(&self) -> &str {
         &self.key

@@ -1,8 +1,7 @@
 //! The table `[guard]`: what is allowed to every controller.
 
-use std::time::Duration;
-
-use volcomp_document::{InputError, Section};
+use serde::{Deserialize, Serialize};
+use volcomp_document::Mistakes;
 use volcomp_model::Fading;
 use volcomp_runtime::{
     AxisSettings, GuardSettings, Rapid, WithoutBarrier,
@@ -10,200 +9,277 @@ use volcomp_runtime::{
 };
 use volcomp_vocabulary::{Um, Urad};
 
-pub(super) fn guard(section: &Section<'_>, cycle_ms: f64) -> Result<GuardSettings, InputError> {
-    section.allow(&[
-        "limit_um",
-        "warn_um",
-        "slew_um_per_s",
-        "accel_um_per_s2",
-        "confirm_um",
-        "test_shift_um",
-        "limit_urad",
-        "warn_urad",
-        "slew_urad_per_s",
-        "accel_urad_per_s2",
-        "confirm_urad",
-        "test_shift_urad",
-        "limit_without_barrier_um",
-        "limit_without_barrier_urad",
-        "rotary_step_um",
-        "hold_ms",
-        "zero_after_ms",
-        "ramp_s",
-        "stop_s",
-        "hand_back_s",
-        "rapid_m_per_min",
-        "rapid_rpm",
-        "max_degc_per_min",
-        "range_degc",
-        "temperature_stale_s",
-        "temperature_hold_s",
-        "temperature_fade_s",
-        "temperature_stuck_s",
-        "temperature_neighbours_k",
-    ])?;
-    let hold_ms = section
-        .require("hold_ms")?
-        .number_in(cycle_ms..=ceiling::HOLD.as_secs_f64() * 1e3)?;
-    let zero_after_ms = section
-        .require("zero_after_ms")?
-        .number_in(hold_ms..=600_000.0)?;
-    let linear = axis_settings(section, &LINEAR)?.map(Um);
-    let default = GuardSettings::new(linear);
-    let seconds = |key: &str, range, default: Duration| {
-        section
-            .number_or(key, range, default.as_secs_f64())
-            .map(Duration::from_secs_f64)
-    };
-    let range_degc = match section.get("range_degc") {
-        Some(value) => {
-            let [low, high] = value.vector::<2>()?;
-            if low >= high {
-                return Err(value.error(format!(
-                    "found {low} to {high}, expected the lower temperature first"
-                )));
-            }
-            [low, high]
-        }
-        None => default.temperatures.range_degc,
-    };
-    let believed = default.temperatures;
-    let stuck_s = section.number_or(
-        "temperature_stuck_s",
-        0.0..=1e7,
-        believed
-            .stuck_after
-            .map_or(0.0, |after| after.as_secs_f64()),
-    )?;
-    let number = |key: &str, range, default| section.number_or(key, range, default);
-    Ok(GuardSettings {
-        linear,
-        rotary: rotary(section)?,
-        without_barrier: without_barrier(section, default.without_barrier)?,
-        rotary_step: Um(section.number_or(
-            "rotary_step_um",
-            1e-3..=1000.0,
-            default.rotary_step.0,
-        )?),
-        hold: Duration::from_secs_f64(hold_ms * 1e-3),
-        zero_after: Duration::from_secs_f64(zero_after_ms * 1e-3),
-        ramp: seconds("ramp_s", 0.0..=600.0, default.ramp)?,
-        stop: seconds("stop_s", 0.0..=600.0, default.stop)?,
-        hand_back: seconds("hand_back_s", 0.0..=3600.0, default.hand_back)?,
-        rapid: rapid(section, default.rapid)?,
-        temperatures: SensorLimits {
-            max_degc_per_min: number(
-                "max_degc_per_min",
-                0.01..=1000.0,
-                default.temperatures.max_degc_per_min,
-            )?,
-            range_degc,
-            stale: seconds("temperature_stale_s", 0.1..=3600.0, believed.stale)?,
-            stuck_after: (stuck_s > 0.0).then(|| Duration::from_secs_f64(stuck_s)),
-            neighbours_k: section
-                .get("temperature_neighbours_k")
-                .map(|value| value.number_in(0.1..=1000.0))
-                .transpose()?,
-        },
-        fading: Fading {
-            hold_s: number("temperature_hold_s", 0.0..=1e6, default.fading.hold_s)?,
-            fade_s: number("temperature_fade_s", 1.0..=1e6, default.fading.fade_s)?,
-        },
-    })
+use super::tables::{ms, of_ms};
+
+/// The table `[guard]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+#[expect(missing_docs, reason = "the keys, which the manual describes")]
+pub struct GuardTable {
+    pub limit_um: f64,
+    pub warn_um: Option<f64>,
+    pub slew_um_per_s: f64,
+    pub accel_um_per_s2: Option<f64>,
+    pub confirm_um: Option<f64>,
+    pub test_shift_um: Option<f64>,
+    pub limit_urad: Option<f64>,
+    pub warn_urad: Option<f64>,
+    pub slew_urad_per_s: Option<f64>,
+    pub accel_urad_per_s2: Option<f64>,
+    pub confirm_urad: Option<f64>,
+    pub test_shift_urad: Option<f64>,
+    pub limit_without_barrier_um: f64,
+    pub limit_without_barrier_urad: f64,
+    pub rotary_step_um: f64,
+    pub hold_ms: f64,
+    pub zero_after_ms: f64,
+    pub ramp_s: f64,
+    pub stop_s: f64,
+    pub hand_back_s: f64,
+    pub rapid_m_per_min: f64,
+    pub rapid_rpm: f64,
+    pub max_degc_per_min: f64,
+    pub range_degc: [f64; 2],
+    pub temperature_stale_s: f64,
+    pub temperature_hold_s: f64,
+    pub temperature_fade_s: f64,
+    pub temperature_stuck_s: f64,
+    pub temperature_neighbours_k: Option<f64>,
 }
 
-/// How fast axes move at the most.
-fn rapid(section: &Section<'_>, default: Rapid) -> Result<Rapid, InputError> {
-    let (linear, rotary) = (default.linear_m_per_min, default.rotary_rpm);
-    Ok(Rapid {
-        linear_m_per_min: section.number_or("rapid_m_per_min", 0.1..=1e4, linear)?,
-        rotary_rpm: section.number_or("rapid_rpm", 0.1..=1e5, rotary)?,
-    })
-}
-
-/// The largest corrections on a path without a barrier.
-fn without_barrier(
-    section: &Section<'_>,
-    default: WithoutBarrier,
-) -> Result<WithoutBarrier, InputError> {
-    let linear = ("limit_without_barrier_um", 1e-3..=LINEAR.most);
-    let rotary = ("limit_without_barrier_urad", 1e-3..=ROTARY.most);
-    Ok(WithoutBarrier {
-        linear: Um(section.number_or(linear.0, linear.1, default.linear.0)?),
-        rotary: Urad(section.number_or(rotary.0, rotary.1, default.rotary.0)?),
-    })
-}
-
-/// The settings of rotary axes; `None` without `limit_urad`, and then no other key of them makes sense.
-fn rotary(section: &Section<'_>) -> Result<Option<AxisSettings<Urad>>, InputError> {
-    if section.get("limit_urad").is_some() {
-        return Ok(Some(axis_settings(section, &ROTARY)?.map(Urad)));
-    }
-    for name in AXIS_KEYS {
-        if let Some(value) = section.get(&ROTARY.key(name)) {
-            return Err(value.error(
-                "found this key without limit_urad, expected both or neither: without limit_urad no rotary axis is corrected",
-            ));
-        }
-    }
-    Ok(None)
-}
-
-/// The keys that each kind of axis has, without their units.
-const AXIS_KEYS: [&str; 6] = [
-    "limit",
-    "warn",
-    "slew_per_s",
-    "accel_per_s2",
-    "confirm",
-    "test_shift",
-];
-
-/// The keys of one kind of axis: their unit, µm or µrad, and the largest values that are taken.
-struct OfKind {
-    unit: &'static str,
-    most: f64,
-    fastest_per_s: f64,
-    test_shift: f64,
-}
-
-const LINEAR: OfKind = OfKind {
-    unit: "um",
-    most: ceiling::LIMIT.0 * 1e3,
-    fastest_per_s: ceiling::SLEW_PER_S.0 * 1e3,
-    test_shift: AxisSettings::<Um>::TEST_SHIFT.0,
-};
-const ROTARY: OfKind = OfKind {
-    unit: "urad",
-    most: ceiling::LIMIT_ROTARY.0 * 1e6,
-    fastest_per_s: ceiling::SLEW_PER_S_ROTARY.0 * 1e6,
-    test_shift: AxisSettings::<Urad>::TEST_SHIFT.0,
-};
-
-impl OfKind {
-    /// The key of a name such as `slew_per_s`: `slew_um_per_s`.
-    fn key(&self, name: &str) -> String {
-        let unit = self.unit;
-        match name.split_once("_per") {
-            Some((name, per)) => format!("{name}_{unit}_per{per}"),
-            None => format!("{name}_{unit}"),
+impl Default for GuardTable {
+    fn default() -> Self {
+        let guard = GuardSettings::new(AxisSettings::new(Um(0.0), Um(0.0)));
+        let temperatures = guard.temperatures;
+        let stuck_after = temperatures.stuck_after.unwrap_or_default();
+        Self {
+            limit_um: 0.0,
+            warn_um: None,
+            slew_um_per_s: 0.0,
+            accel_um_per_s2: None,
+            confirm_um: None,
+            test_shift_um: None,
+            limit_urad: None,
+            warn_urad: None,
+            slew_urad_per_s: None,
+            accel_urad_per_s2: None,
+            confirm_urad: None,
+            test_shift_urad: None,
+            limit_without_barrier_um: guard.without_barrier.linear.0,
+            limit_without_barrier_urad: guard.without_barrier.rotary.0,
+            rotary_step_um: guard.rotary_step.0,
+            hold_ms: ms(guard.hold),
+            zero_after_ms: ms(guard.zero_after),
+            ramp_s: guard.ramp.as_secs_f64(),
+            stop_s: guard.stop.as_secs_f64(),
+            hand_back_s: guard.hand_back.as_secs_f64(),
+            rapid_m_per_min: guard.rapid.linear_m_per_min,
+            rapid_rpm: guard.rapid.rotary_rpm,
+            max_degc_per_min: temperatures.max_degc_per_min,
+            range_degc: temperatures.range_degc,
+            temperature_stale_s: temperatures.stale.as_secs_f64(),
+            temperature_hold_s: guard.fading.hold_s,
+            temperature_fade_s: guard.fading.fade_s,
+            temperature_stuck_s: stuck_after.as_secs_f64(),
+            temperature_neighbours_k: temperatures.neighbours_k,
         }
     }
 }
 
-/// The settings of one kind of axis. A test shift that is not stated is the default, or the limit if that is smaller.
-fn axis_settings(section: &Section<'_>, of: &OfKind) -> Result<AxisSettings<f64>, InputError> {
-    let [limit, warn, slew_per_s, accel_per_s2, confirm, test_shift] =
-        AXIS_KEYS.map(|name| of.key(name));
-    let limit = section.require(&limit)?.number_in(1e-3..=of.most)?;
-    Ok(AxisSettings {
+/// A test shift that is not stated is the default, or the limit if that is smaller.
+fn axes(
+    limit: f64,
+    slew_per_s: f64,
+    [warn, accel, confirm, test_shift]: [Option<f64>; 4],
+    default_shift: f64,
+) -> AxisSettings<f64> {
+    AxisSettings {
         limit,
-        warn: section.number_or(&warn, 0.0..=limit, limit)?,
-        slew_per_s: section
-            .require(&slew_per_s)?
-            .number_in(1e-3..=of.fastest_per_s)?,
-        accel_per_s2: section.number_or(&accel_per_s2, 1e-3..=1e12, f64::INFINITY)?,
-        confirm: section.number_or(&confirm, 0.0..=1e6, limit)?,
-        test_shift: section.number_or(&test_shift, 0.0..=limit, of.test_shift.min(limit))?,
-    })
+        warn: warn.unwrap_or(limit),
+        slew_per_s,
+        accel_per_s2: accel.unwrap_or(f64::INFINITY),
+        confirm: confirm.unwrap_or(limit),
+        test_shift: test_shift.unwrap_or(default_shift.min(limit)),
+    }
+}
+
+impl GuardTable {
+    /// The settings of the guard.
+    pub fn settings(&self) -> GuardSettings {
+        let linear = axes(
+            self.limit_um,
+            self.slew_um_per_s,
+            [
+                self.warn_um,
+                self.accel_um_per_s2,
+                self.confirm_um,
+                self.test_shift_um,
+            ],
+            AxisSettings::<Um>::TEST_SHIFT.0,
+        );
+        let rotary = self.limit_urad.zip(self.slew_urad_per_s);
+        let rotary = rotary.map(|(limit, slew)| {
+            let more = [
+                self.warn_urad,
+                self.accel_urad_per_s2,
+                self.confirm_urad,
+                self.test_shift_urad,
+            ];
+            axes(limit, slew, more, AxisSettings::<Urad>::TEST_SHIFT.0).map(Urad)
+        });
+        let seconds = |s: f64| of_ms(s * 1e3);
+        GuardSettings {
+            linear: linear.map(Um),
+            rotary,
+            without_barrier: WithoutBarrier {
+                linear: Um(self.limit_without_barrier_um),
+                rotary: Urad(self.limit_without_barrier_urad),
+            },
+            rotary_step: Um(self.rotary_step_um),
+            hold: of_ms(self.hold_ms),
+            zero_after: of_ms(self.zero_after_ms),
+            ramp: seconds(self.ramp_s),
+            stop: seconds(self.stop_s),
+            hand_back: seconds(self.hand_back_s),
+            rapid: Rapid {
+                linear_m_per_min: self.rapid_m_per_min,
+                rotary_rpm: self.rapid_rpm,
+            },
+            temperatures: SensorLimits {
+                max_degc_per_min: self.max_degc_per_min,
+                range_degc: self.range_degc,
+                stale: seconds(self.temperature_stale_s),
+                stuck_after: (self.temperature_stuck_s > 0.0)
+                    .then(|| seconds(self.temperature_stuck_s)),
+                neighbours_k: self.temperature_neighbours_k,
+            },
+            fading: Fading {
+                hold_s: self.temperature_hold_s,
+                fade_s: self.temperature_fade_s,
+            },
+        }
+    }
+
+    /// The table with the defaults that follow from other keys.
+    pub(crate) fn complete(&mut self) {
+        let settings = self.settings();
+        let linear = settings.linear;
+        self.warn_um.get_or_insert(linear.warn.0);
+        self.confirm_um.get_or_insert(linear.confirm.0);
+        self.test_shift_um.get_or_insert(linear.test_shift.0);
+        if let Some(rotary) = settings.rotary {
+            self.warn_urad.get_or_insert(rotary.warn.0);
+            self.confirm_urad.get_or_insert(rotary.confirm.0);
+            self.test_shift_urad.get_or_insert(rotary.test_shift.0);
+        }
+    }
+
+    pub(super) fn validate(&self, cycle_ms: f64, found: &mut Mistakes<'_>) {
+        for key in ["limit_um", "slew_um_per_s", "hold_ms", "zero_after_ms"] {
+            found.require("guard", key);
+        }
+        // A limit that is missing or could not be read bounds nothing.
+        let above = |limit: f64| if limit > 0.0 { limit } else { f64::INFINITY };
+        let most_um = ceiling::LIMIT.0 * 1e3;
+        let most_urad = ceiling::LIMIT_ROTARY.0 * 1e6;
+        let slew_um = 1e-3..=ceiling::SLEW_PER_S.0 * 1e3;
+        let slew_urad = 1e-3..=ceiling::SLEW_PER_S_ROTARY.0 * 1e6;
+        let limit = above(self.limit_um);
+        let limit_urad = above(self.limit_urad.unwrap_or_default());
+        let longest_ms = ceiling::HOLD.as_secs_f64() * 1e3;
+        let [low, high] = self.range_degc;
+        for (key, number, range) in [
+            ("limit_um", Some(self.limit_um), 1e-3..=most_um),
+            ("warn_um", self.warn_um, 0.0..=limit),
+            ("slew_um_per_s", Some(self.slew_um_per_s), slew_um),
+            ("accel_um_per_s2", self.accel_um_per_s2, 1e-3..=1e12),
+            ("confirm_um", self.confirm_um, 0.0..=1e6),
+            ("test_shift_um", self.test_shift_um, 0.0..=limit),
+            ("limit_urad", self.limit_urad, 1e-3..=most_urad),
+            ("warn_urad", self.warn_urad, 0.0..=limit_urad),
+            ("slew_urad_per_s", self.slew_urad_per_s, slew_urad),
+            ("accel_urad_per_s2", self.accel_urad_per_s2, 1e-3..=1e12),
+            ("confirm_urad", self.confirm_urad, 0.0..=1e6),
+            ("test_shift_urad", self.test_shift_urad, 0.0..=limit_urad),
+            (
+                "limit_without_barrier_um",
+                Some(self.limit_without_barrier_um),
+                1e-3..=most_um,
+            ),
+            (
+                "limit_without_barrier_urad",
+                Some(self.limit_without_barrier_urad),
+                1e-3..=most_urad,
+            ),
+            ("rotary_step_um", Some(self.rotary_step_um), 1e-3..=1000.0),
+            ("hold_ms", Some(self.hold_ms), cycle_ms..=longest_ms),
+            ("ramp_s", Some(self.ramp_s), 0.0..=600.0),
+            ("stop_s", Some(self.stop_s), 0.0..=600.0),
+            ("hand_back_s", Some(self.hand_back_s), 0.0..=3600.0),
+            ("rapid_m_per_min", Some(self.rapid_m_per_min), 0.1..=1e4),
+            ("rapid_rpm", Some(self.rapid_rpm), 0.1..=1e5),
+            (
+                "max_degc_per_min",
+                Some(self.max_degc_per_min),
+                0.01..=1000.0,
+            ),
+            (
+                "temperature_stale_s",
+                Some(self.temperature_stale_s),
+                0.1..=3600.0,
+            ),
+            (
+                "temperature_hold_s",
+                Some(self.temperature_hold_s),
+                0.0..=1e6,
+            ),
+            (
+                "temperature_fade_s",
+                Some(self.temperature_fade_s),
+                1.0..=1e6,
+            ),
+            (
+                "temperature_stuck_s",
+                Some(self.temperature_stuck_s),
+                0.0..=1e7,
+            ),
+            (
+                "temperature_neighbours_k",
+                self.temperature_neighbours_k,
+                0.1..=1000.0,
+            ),
+        ] {
+            if let Some(number) = number {
+                found.range(&format!("guard.{key}"), number, range);
+            }
+        }
+        if found.states("guard.hold_ms") {
+            let range = self.hold_ms..=600_000.0;
+            found.range("guard.zero_after_ms", self.zero_after_ms, range);
+        }
+        if low >= high || !(low.abs() < 1e6 && high.abs() < 1e6) {
+            let message = format!("found {low} to {high}, expected the lower temperature first");
+            found.add("guard.range_degc", message);
+        }
+        let of_rotary = [
+            "warn_urad",
+            "slew_urad_per_s",
+            "accel_urad_per_s2",
+            "confirm_urad",
+            "test_shift_urad",
+        ];
+        if found.states("guard.limit_urad") {
+            found.require("guard", "slew_urad_per_s");
+            return;
+        }
+        for key in of_rotary {
+            let key = format!("guard.{key}");
+            if found.states(&key) {
+                found.add(
+                    &key,
+                    "found this key without limit_urad, expected both or neither: without limit_urad no rotary axis is corrected",
+                );
+            }
+        }
+    }
 }

@@ -1,8 +1,8 @@
 //! Which keys of `[[controller]]` each kind of controller can use: one table. A key that has no effect is refused,
 //! since whoever wrote it relies on it.
 
-use volcomp_devices::{Address, Scheme};
-use volcomp_document::{InputError, Section};
+use volcomp_devices::Scheme;
+use volcomp_document::Mistakes;
 
 /// The kind of a controller, by the scheme of its URL.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,19 +58,11 @@ const KEYS_OF_A_READER: [&str; 8] = [
     "linuxcnc",
 ];
 
-/// Refuses keys about corrections at a controller that writes none.
-pub(super) fn check_reader(section: &Section<'_>) -> Result<(), InputError> {
-    for (key, _) in CONTROLLER_KEYS {
-        if let Some(value) = section
-            .get(key)
-            .filter(|_| !KEYS_OF_A_READER.contains(&key))
-        {
-            return Err(value.error(
-                "found this key for a controller that is only read (axes = []), expected it only where axes are written",
-            ));
-        }
-    }
-    Ok(())
+/// Whether a controller of this kind uses a key.
+pub(super) fn uses(kind: ControllerKind, is_reader: bool, key: &str) -> bool {
+    let mut keys = CONTROLLER_KEYS.iter();
+    keys.any(|(known, kinds)| *known == key && kinds.contains(&kind))
+        && (!is_reader || KEYS_OF_A_READER.contains(&key))
 }
 
 impl ControllerKind {
@@ -100,25 +92,26 @@ impl ControllerKind {
     }
 }
 
-/// The URL of a device; an error names the key and its line.
-pub(super) fn address(section: &Section<'_>) -> Result<Address, InputError> {
-    let url = section.require("url")?;
-    Address::parse(url.text()?).map_err(|error| url.error(error.to_string()))
-}
-
-/// Refuses keys that are not known, a URL that is none, and keys that a controller of this kind cannot use.
-pub(super) fn check(section: &Section<'_>) -> Result<(), InputError> {
-    section.allow(&CONTROLLER_KEYS.map(|(key, _)| key))?;
-    let kind = ControllerKind::of(address(section)?.scheme);
+/// Refuses keys that a controller of this kind cannot use. `at` is its table.
+pub(super) fn check(found: &mut Mistakes<'_>, at: &str, kind: ControllerKind, is_reader: bool) {
     for (key, kinds) in CONTROLLER_KEYS {
-        if let Some(value) = section.get(key).filter(|_| !kinds.contains(&kind)) {
+        let place = format!("{at}.{key}");
+        if !found.states(&place) {
+            continue;
+        }
+        if !kinds.contains(&kind) {
             let names: Vec<&str> = kinds.iter().map(|kind| kind.name()).collect();
-            return Err(value.error(format!(
+            let message = format!(
                 "found this key for {}, expected it only for {}",
                 kind.name(),
                 names.join(" or ")
-            )));
+            );
+            found.add(&place, message);
+        } else if is_reader && !KEYS_OF_A_READER.contains(&key) {
+            found.add(
+                &place,
+                "found this key for a controller that is only read (axes = []), expected it only where axes are written",
+            );
         }
     }
-    Ok(())
 }

@@ -5,9 +5,10 @@ use std::{
     time::Duration,
 };
 
+use serde::{Deserialize, Serialize};
 use volcomp_devices::{Address, Scheme};
-use volcomp_document::{Document, InputError, Section, Value};
-use volcomp_focas::{Block, MapPlaces, PmcAddress, PmcArea};
+use volcomp_document::{Document, InputErrors, Mistakes};
+use volcomp_focas::{Block, MapPlaces, PmcAddress};
 use volcomp_guard::{barrier::LARGEST_MACHINE, ceiling};
 use volcomp_sinumerik::MapNodes;
 use volcomp_tables::{
@@ -15,11 +16,8 @@ use volcomp_tables::{
     control::{FRAME_WORDS, REPORT_WORDS},
 };
 
-use super::{
-    controller::byte,
-    sinumerik::{SERVER_KEYS, keys_of_server},
-};
-use crate::{config::ServerConfig, error::GatewayError};
+use super::{AuditConfig, PmcByte, PmcLetter, SinumerikTable, tables::of_ms, validate};
+use crate::error::GatewayError;
 
 /// The longest time without a sender until a control goes to zero, s.
 const LONGEST_SILENCE_S: f64 = 60.0;
@@ -49,7 +47,7 @@ pub enum MapControl {
     /// A SINUMERIK, over OPC UA.
     Sinumerik {
         /// How its server is reached.
-        server: ServerConfig,
+        server: Box<SinumerikTable>,
         /// The nodes of the words.
         nodes: MapNodes,
     },
@@ -62,27 +60,151 @@ pub enum MapControl {
     },
 }
 
+/// The keys of the file.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Keys {
+    map: PathBuf,
+    url: String,
+    number: u16,
+    capacity: usize,
+    scan_ms: f64,
+    limit_um: f64,
+    slew_um_per_s: f64,
+    zero_after_ms: f64,
+    sinumerik: SinumerikTable,
+    #[serde(with = "NodesKeys")]
+    nodes: MapNodes,
+    pmc: PmcTable,
+    audit: AuditConfig,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(
+    remote = "MapNodes",
+    deny_unknown_fields,
+    default = "MapNodes::default"
+)]
+struct NodesKeys {
+    mailbox: String,
+    report: String,
+    buffers: String,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct PmcTable {
+    time_out_ms: f64,
+    mailbox: PmcByte,
+    report: PmcByte,
+    buffers: PmcByte,
+}
+
+impl Default for PmcTable {
+    fn default() -> Self {
+        let byte = |at| PmcByte {
+            pmc: PmcLetter::D,
+            at,
+        };
+        Self {
+            time_out_ms: 500.0,
+            mailbox: byte(0),
+            report: byte(144),
+            buffers: byte(200),
+        }
+    }
+}
+
+impl Default for Keys {
+    fn default() -> Self {
+        Self {
+            map: PathBuf::new(),
+            url: String::new(),
+            number: 0,
+            capacity: 0,
+            scan_ms: 0.0,
+            limit_um: 0.0,
+            slew_um_per_s: 0.0,
+            zero_after_ms: 0.0,
+            sinumerik: SinumerikTable::default(),
+            nodes: MapNodes::default(),
+            pmc: PmcTable::default(),
+            audit: AuditConfig::default(),
+        }
+    }
+}
+
 impl MapSender {
     /// Reads a file.
     ///
     /// # Errors
-    /// A file that cannot be read, or with file, line and key what is wrong in it.
+    /// A file that cannot be read, or with file, line and key everything that is wrong in it.
     pub fn read(path: &Path) -> Result<Self, GatewayError> {
         let folder = path.parent().unwrap_or(Path::new(""));
-        let file = path.display().to_string();
-        Ok(Document::read(path)?.decode(|root| Self::decode(&root, &file, folder))?)
+        let document = Document::read(path)?;
+        Ok(Self::decode(
+            &document,
+            &path.display().to_string(),
+            folder,
+        )?)
     }
 
     /// Takes the text of a file; paths in it are relative to `folder`.
     ///
     /// # Errors
-    /// With file, line and key what is wrong.
-    pub fn parse(text: &str, file: &str, folder: &Path) -> Result<Self, InputError> {
-        Document::new(file, text).decode(|root| Self::decode(&root, file, folder))
+    /// With file, line and key everything that is wrong.
+    pub fn parse(text: &str, file: &str, folder: &Path) -> Result<Self, InputErrors> {
+        Self::decode(&Document::new(file, text), file, folder)
     }
 
-    fn decode(root: &Section<'_>, file: &str, folder: &Path) -> Result<Self, InputError> {
-        root.allow(&[
+    fn decode(document: &Document, file: &str, folder: &Path) -> Result<Self, InputErrors> {
+        let (mut keys, mut found) = document.structure::<Keys>(|_| None)?;
+        let is_fanuc = keys.validate(&mut found);
+        keys.sinumerik.join(folder);
+        let sender = Self {
+            file: file.to_owned(),
+            map: folder.join(&keys.map),
+            url: keys.url,
+            number: keys.number,
+            allowed: Allowed {
+                limit_mm: keys.limit_um * 1e-3,
+                slew_mm_per_s: keys.slew_um_per_s * 1e-3,
+                zero_after_s: keys.zero_after_ms * 1e-3,
+                scan_s: keys.scan_ms * 1e-3,
+                capacity: keys.capacity,
+            },
+            control: if is_fanuc {
+                MapControl::Fanuc {
+                    at_most: of_ms(keys.pmc.time_out_ms),
+                    places: keys.pmc.places(keys.capacity),
+                }
+            } else {
+                MapControl::Sinumerik {
+                    server: Box::new(keys.sinumerik),
+                    nodes: keys.nodes,
+                }
+            },
+            audit_dir: folder.join(keys.audit.dir),
+        };
+        found.none_or(sender)
+    }
+}
+
+impl PmcTable {
+    fn places(&self, capacity: usize) -> MapPlaces {
+        MapPlaces {
+            mailbox: self.mailbox.into(),
+            report: self.report.into(),
+            buffers: self.buffers.into(),
+            capacity,
+        }
+    }
+}
+
+impl Keys {
+    /// Whether the control is a FANUC, and every mistake.
+    fn validate(&self, found: &mut Mistakes<'_>) -> bool {
+        for key in [
             "map",
             "url",
             "number",
@@ -91,143 +213,108 @@ impl MapSender {
             "limit_um",
             "slew_um_per_s",
             "zero_after_ms",
-            "sinumerik",
-            "nodes",
-            "pmc",
-            "audit",
-        ])?;
-        let number = |key, range| root.require(key)?.number_in(range);
+        ] {
+            found.require("", key);
+        }
+        if found.states("map") {
+            validate::path("map", &self.map, found);
+        }
+        validate::path("audit.dir", &self.audit.dir, found);
+        found.whole("number", self.number, 0..=LARGEST_MACHINE);
+        // A head and one value at the least.
+        found.whole("capacity", self.capacity, HEADER_WORDS + 1..=MOST_WORDS);
         let most_um = ceiling::LIMIT.0 * 1e3;
         let fastest_um = ceiling::SLEW_PER_S.0 * 1e3;
-        let (url, scheme) = url(&root.require("url")?)?;
-        // A head and one value at the least.
-        let capacity: usize = root
-            .require("capacity")?
-            .whole(HEADER_WORDS + 1..=MOST_WORDS)?;
-        let control = match scheme {
-            Scheme::Focas => fanuc(root, capacity)?,
-            _ => sinumerik(root, folder)?,
-        };
-        let audit = root
-            .section("audit")?
-            .map(|section| {
-                section.allow(&["dir"])?;
-                section.optional("dir", |value| not_empty(value).map(|dir| folder.join(dir)))
-            })
-            .transpose()?;
-        Ok(Self {
-            file: file.to_owned(),
-            map: folder.join(not_empty(&root.require("map")?)?),
-            url,
-            number: root.require("number")?.whole(0..=LARGEST_MACHINE)?,
-            allowed: Allowed {
-                limit_mm: number("limit_um", 0.001..=most_um)? * 1e-3,
-                slew_mm_per_s: number("slew_um_per_s", 0.001..=fastest_um)? * 1e-3,
-                zero_after_s: number("zero_after_ms", 100.0..=LONGEST_SILENCE_S * 1e3)? * 1e-3,
-                scan_s: number("scan_ms", 0.1..=1000.0)? * 1e-3,
-                capacity,
-            },
-            control,
-            audit_dir: audit.flatten().unwrap_or_else(|| folder.join("audit")),
-        })
-    }
-}
-
-fn not_empty<'a>(value: &Value<'a>) -> Result<&'a str, InputError> {
-    match value.text()? {
-        "" => Err(value.error("found an empty text, expected a name")),
-        text => Ok(text),
-    }
-}
-
-fn url(value: &Value<'_>) -> Result<(String, Scheme), InputError> {
-    let text = value.text()?;
-    match Address::parse(text) {
-        Ok(address) if matches!(address.scheme, Scheme::OpcUa | Scheme::Focas) => {
-            Ok((text.to_owned(), address.scheme))
-        }
-        _ => Err(value.error(format!(
-            "found {text:?}, expected opc.tcp://HOST:4840 (SINUMERIK) or focas://HOST:8193 (FANUC)"
-        ))),
-    }
-}
-
-/// Refuses a table of the other make.
-fn none_of(root: &Section<'_>, keys: &[&str], scheme: &str) -> Result<(), InputError> {
-    for key in keys {
-        if let Some(value) = root.get(key) {
-            return Err(value.error(format!(
-                "found this table, expected it only for {scheme}://"
-            )));
-        }
-    }
-    Ok(())
-}
-
-fn sinumerik(root: &Section<'_>, folder: &Path) -> Result<MapControl, InputError> {
-    none_of(root, &["pmc"], "focas")?;
-    let server = match root.section("sinumerik")? {
-        Some(section) => {
-            section.allow(&SERVER_KEYS)?;
-            keys_of_server(&section, folder)?
-        }
-        None => ServerConfig::default(),
-    };
-    let nodes = match root.section("nodes")? {
-        Some(section) => nodes(&section)?,
-        None => MapNodes::default(),
-    };
-    Ok(MapControl::Sinumerik { server, nodes })
-}
-
-fn fanuc(root: &Section<'_>, capacity: usize) -> Result<MapControl, InputError> {
-    none_of(root, &["sinumerik", "nodes"], "opc.tcp")?;
-    let section = root.section("pmc")?;
-    if let Some(section) = &section {
-        section.allow(&["time_out_ms", "mailbox", "report", "buffers"])?;
-    }
-    let place = |key, at| match section.as_ref().and_then(|section| section.get(key)) {
-        None => {
-            let area = PmcArea::D;
-            Ok(PmcAddress { area, at })
-        }
-        Some(value) => {
-            let place = byte(&value)?;
-            if place.area.is_of_ladder() {
-                return Ok(place);
+        found.range("limit_um", self.limit_um, 0.001..=most_um);
+        found.range("slew_um_per_s", self.slew_um_per_s, 0.001..=fastest_um);
+        let longest = LONGEST_SILENCE_S * 1e3;
+        found.range("zero_after_ms", self.zero_after_ms, 100.0..=longest);
+        found.range("scan_ms", self.scan_ms, 0.1..=1000.0);
+        let scheme = Address::parse(&self.url).map(|address| address.scheme);
+        let (others, scheme) = match scheme {
+            Ok(Scheme::Focas) => {
+                self.validate_pmc(found);
+                (&["sinumerik", "nodes"][..], "opc.tcp")
             }
-            Err(value.error(format!(
-                "found {:?}, expected R or D, the memory of the ladder's own",
-                place.area
-            )))
+            Ok(Scheme::OpcUa) => {
+                self.validate_nodes(found);
+                (&["pmc"][..], "focas")
+            }
+            _ => {
+                if found.states("url") {
+                    let message = format!(
+                        "found {:?}, expected opc.tcp://HOST:4840 (SINUMERIK) or focas://HOST:8193 (FANUC)",
+                        self.url
+                    );
+                    found.add("url", message);
+                }
+                return false;
+            }
+        };
+        for key in others {
+            if found.states(key) {
+                let message = format!("found this table, expected it only for {scheme}://");
+                found.add(key, message);
+            }
         }
-    };
-    let places = MapPlaces {
-        mailbox: place("mailbox", 0)?,
-        report: place("report", 144)?,
-        buffers: place("buffers", 200)?,
-        capacity,
-    };
-    let at_most_ms = match section
-        .as_ref()
-        .and_then(|section| section.get("time_out_ms"))
-    {
-        Some(value) => value.number_in(10.0..=2000.0)?,
-        None => 500.0,
-    };
-    if !places.fits() {
-        return Err(root.require("capacity")?.error(format!(
-            "found {capacity} words in each of two buffers from {:?}{} on, expected them to end at byte 65535 at the latest",
-            places.buffers.area, places.buffers.at
-        )));
+        scheme == "opc.tcp"
     }
-    if let Some(what) = overlap(&places) {
-        return Err(root.error(format!("pmc: found {what} in one another's place, expected each of mailbox, report and buffers in its own")));
+
+    fn validate_nodes(&self, found: &mut Mistakes<'_>) {
+        validate::server(&self.sinumerik, "sinumerik", found);
+        for key in ["numbers", "sign", "nodes"].map(|key| format!("sinumerik.{key}")) {
+            if found.states(&key) {
+                found.add(&key, "found this key, expected it only for a controller");
+            }
+        }
+        let nodes = &self.nodes;
+        for (key, node) in [("mailbox", &nodes.mailbox), ("report", &nodes.report)] {
+            if node.is_empty() {
+                found.add(
+                    &format!("nodes.{key}"),
+                    "found an empty text, expected a name",
+                );
+            }
+        }
+        if !(nodes.buffers.contains("{byte}") && nodes.buffers.contains("{count}")) {
+            let message = format!(
+                "found {:?}, expected {{byte}} and {{count}} in it: the buffers are read in pieces",
+                nodes.buffers
+            );
+            found.add("nodes.buffers", message);
+        }
     }
-    Ok(MapControl::Fanuc {
-        at_most: Duration::from_secs_f64(at_most_ms * 1e-3),
-        places,
-    })
+
+    fn validate_pmc(&self, found: &mut Mistakes<'_>) {
+        let (pmc, capacity) = (&self.pmc, self.capacity);
+        found.range("pmc.time_out_ms", pmc.time_out_ms, 10.0..=2000.0);
+        for (key, place) in [
+            ("mailbox", pmc.mailbox),
+            ("report", pmc.report),
+            ("buffers", pmc.buffers),
+        ] {
+            if !PmcAddress::from(place).area.is_of_ladder() {
+                let message = format!(
+                    "found {:?}, expected R or D, the memory of the ladder's own",
+                    place.pmc
+                );
+                found.add(&format!("pmc.{key}"), message);
+            }
+        }
+        let places = pmc.places(capacity);
+        if !places.fits() {
+            let message = format!(
+                "found {capacity} words in each of two buffers from {:?}{} on, expected them to end at byte 65535 at the latest",
+                places.buffers.area, places.buffers.at
+            );
+            found.add("capacity", message);
+        } else if let Some(what) = overlap(&places) {
+            let message = format!(
+                "found {what} in one another's place, expected each of mailbox, report and buffers in its own"
+            );
+            found.add("pmc", message);
+        }
+    }
 }
 
 /// Two of the three that share bytes. Both buffers end within the addresses of the PMC: see [`MapPlaces::fits`].
@@ -249,24 +336,4 @@ fn overlap(places: &MapPlaces) -> Option<String> {
         .iter()
         .find(|(one, other)| one.shared(other).is_some())
         .map(|(one, other)| format!("{} and {}", one.what, other.what))
-}
-
-fn nodes(section: &Section<'_>) -> Result<MapNodes, InputError> {
-    section.allow(&["mailbox", "report", "buffers"])?;
-    let default = MapNodes::default();
-    let text = |key, default: String| match section.get(key) {
-        Some(value) => not_empty(&value).map(str::to_owned),
-        None => Ok(default),
-    };
-    let buffers = text("buffers", default.buffers)?;
-    if !(buffers.contains("{byte}") && buffers.contains("{count}")) {
-        return Err(section.error(format!(
-            "buffers: found {buffers:?}, expected {{byte}} and {{count}} in it: the buffers are read in pieces"
-        )));
-    }
-    Ok(MapNodes {
-        mailbox: text("mailbox", default.mailbox)?,
-        report: text("report", default.report)?,
-        buffers,
-    })
 }

@@ -23,9 +23,8 @@ pub use model::{
     ModelState, ModelTakeOff, ModelsKept, UploadedFile,
 };
 pub use plan::{
-    AuditPlan, AxisPlan, BarrierPlan, CheckFailure, ControllerPlan, DashboardPlan, FleetPlan,
-    GuardPlan, InteropPlan, MachinePlan, OnlineBarrier, OnlineBarrierAxis, OnlinePlan, OpcUaPlan,
-    PlanDocument, PmcPlan, SensorPlan, Source, Stated, ThermometerPlan, TokenPlan,
+    AxisPlan, BarrierPlan, CheckFailure, ControllerPlan, FleetPlan, MachinePlan, OnlineBarrier,
+    OnlineBarrierAxis, OnlinePlan, PlanDocument, PmcPlan, SensorPlan, TokenPlan,
 };
 pub use record::{
     Broken, ConfirmedLimits, Details, Event, LastOutput, LimitChanges, Record, Standing, Start,

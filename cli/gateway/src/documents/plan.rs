@@ -1,111 +1,45 @@
-//! The plan that a configuration makes: the document of `check --json`.
+//! What a configuration means: the document of `check --json`.
 
 use std::collections::BTreeMap;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
 use volcomp_vocabulary::{AxisKind, AxisName};
 
 use super::ByAxis;
 
-/// Where a value comes from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum Source {
-    /// The configuration file states it.
-    Configuration,
-    /// The configuration does not state it; this is the gateway's default.
-    Default,
-    /// The device states it: its signals, its profile, its driver.
-    Device,
-}
-
-/// A value that holds, and where it comes from.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct Stated<T> {
-    /// The value that holds, in the unit of its key.
-    pub value: T,
-    /// Where it comes from.
-    pub source: Source,
-    /// The value that the source asks for, where another one holds; the notes say why.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub asked: Option<T>,
-}
-
-impl<T> Stated<T> {
-    /// A value that holds as its source states it.
-    pub fn by(source: Source, value: T) -> Self {
-        Self {
-            value,
-            source,
-            asked: None,
-        }
-    }
-}
-
-impl<T: PartialEq> Stated<T> {
-    /// The same, where the source asked for another value.
-    #[must_use]
-    pub fn instead_of(mut self, asked: T) -> Self {
-        self.asked = (asked != self.value).then_some(asked);
-        self
-    }
-}
-
-/// The plan that a configuration makes: every device, limit and path, and where each value comes from.
+/// The effective configuration, and what follows from it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PlanDocument {
-    /// Notes in words, to be read before the first start; none of them forbids it.
+    /// Warnings and notes in words, to be read before the first start; none of them forbids it.
     pub notes: Vec<String>,
+    /// Every key of the configuration that has an effect, with its value, as the file states it.
+    pub configuration: Map<String, Value>,
+    /// The full keys in it that the file does not state, such as `controller[0].channel`: their values are defaults.
+    pub defaults: Vec<String>,
     /// The machine that is corrected.
     pub machine: MachinePlan,
-    /// The time of a cycle, ms.
-    pub cycle_ms: Stated<f64>,
-    /// Whether it arms itself after the start.
-    pub auto_arm: Stated<bool>,
-    /// The limits of the guard for every controller; null without `[guard]`: the gateway does not arm then.
-    pub guard: Option<GuardPlan>,
-    /// The controllers in the order of preference.
+    /// The controllers in the order of preference, those that are only read last.
     pub controllers: Vec<ControllerPlan>,
-    /// The thermometers in the order of the configuration.
-    pub thermometers: Vec<ThermometerPlan>,
-    /// The sensors that thermal terms of the machine name.
+    /// The sensors of the thermometers, and those that thermal terms of the machine name.
     pub sensors: Vec<SensorPlan>,
-    /// The dashboard and who may use it.
-    pub dashboard: DashboardPlan,
-    /// Where the audit log is kept.
-    pub audit: AuditPlan,
-    /// The centre of the fleet; missing where there is none.
+    /// The tokens of the dashboard, without the secrets.
+    pub tokens: Vec<TokenPlan>,
+    /// The state of the fleet; missing where there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fleet: Option<FleetPlan>,
-    /// Over which ways other systems read the gateway; missing where there are none.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub interop: Vec<InteropPlan>,
-    /// What the controls told when they were asked (`--online`), in the order of the configuration; only those are listed
-    /// whose bus has something to compare. Missing where nobody asked.
+    /// What the controls reported (`--online`), in the order of the configuration; only those whose bus has something to
+    /// compare. Missing without `--online`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub online: Option<Vec<OnlinePlan>>,
 }
 
-/// The centre of the fleet, and what it has put in force.
+/// What the centre of the fleet has activated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FleetPlan {
-    /// The addresses of the servers, separated by commas.
-    pub url: String,
-    /// The site.
-    pub site: String,
-    /// The name of the machine in the fleet.
-    pub machine: String,
-    /// The serial number of the machine tool.
-    pub serial: String,
     /// The public nkey by which the server knows the machine.
     pub nkey: String,
-    /// The public keys whose manifests count, base64.
-    pub trusted_keys: Vec<String>,
-    /// The folder of what was accepted and of what waits to be sent.
-    pub dir: Stated<String>,
-    /// The file with certificates that are trusted besides those of the system.
-    pub ca: Option<String>,
     /// The version of the manifest whose machine file corrects; 0: the configured machine file does.
     pub version: u64,
     /// The version of the highest manifest that was accepted; 0: none was.
@@ -191,91 +125,66 @@ pub struct MachinePlan {
     pub axes: Vec<AxisName>,
 }
 
-/// The limits of the guard that hold for every controller.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct GuardPlan {
-    /// Positions that are older are held, ms.
-    pub hold_ms: Stated<f64>,
-    /// Positions that are older ramp the correction to zero, ms.
-    pub zero_after_ms: Stated<f64>,
-    /// The time that a ramp takes, s: what is asked for, or 20 cycles if that is longer.
-    pub ramp_s: Stated<f64>,
-    /// The longest time that a stop may ramp out, s.
-    pub stop_s: Stated<f64>,
-    /// A rotary axis is corrected where half its step moves the tool tip by this at the most, µm.
-    pub rotary_step_um: Stated<f64>,
-    /// How long a better controller must be usable before it takes over again, s.
-    pub hand_back_s: Stated<f64>,
-    /// Positions that say that a linear axis moves faster are not believed, m/min.
-    pub rapid_m_per_min: Stated<f64>,
-    /// Positions that say that a rotary axis moves faster are not believed, 1/min.
-    pub rapid_rpm: Stated<f64>,
-    /// The fastest change of a temperature, K in a minute.
-    pub max_degc_per_min: Stated<f64>,
-    /// The lowest and the highest temperature that is believed, °C.
-    pub range_degc: Stated<[f64; 2]>,
-    /// A temperature that is older is stale, s.
-    pub temperature_stale_s: Stated<f64>,
-    /// A temperature with the same digits for this long is told to be stuck, s; 0: never.
-    pub temperature_stuck_s: Stated<f64>,
-    /// A temperature farther than this from the median of the others is told to disagree, K; null: not compared.
-    pub temperature_neighbours_k: Stated<Option<f64>>,
-    /// Thermal terms whose sensor is missing keep their last value for so long, s.
-    pub temperature_hold_s: Stated<f64>,
-    /// Thermal terms whose sensor is missing then fade to zero over so long, s.
-    pub temperature_fade_s: Stated<f64>,
-}
-
-/// One controller of a plan.
+/// What follows for one controller.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ControllerPlan {
     /// The URL of the device.
     pub url: String,
     /// The name of the channel by which its corrections reach the axes.
-    pub channel: Stated<String>,
+    pub channel: String,
     /// Whether the control's side notices when the gateway stops, and `unwatched` does not state otherwise.
     pub watched: bool,
     /// Whether a second gateway on this controller is noticed.
     pub sees_other_gateways: bool,
     /// The shortest cycle that it keeps up with, ms.
     pub shortest_cycle_ms: f64,
-    /// Whether it carries the correction of thermal terms alone.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub only_thermal: bool,
-    /// Positions that are older are held on this path, ms; null: those of the guard.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub hold_ms: Option<f64>,
+    /// The axes that correct, in the order X Y Z A B C U V W.
+    pub axes: Vec<AxisPlan>,
+    /// The axes that do not correct, in the same order: they are held, and nothing but zero is written to them.
+    #[schemars(with = "Vec<String>")]
+    pub held: Vec<AxisName>,
+    /// The largest correction of each of them that the machine file needs over a grid of the travels, without what
+    /// temperatures add: µm, µrad. More than the limit is not corrected.
+    #[serde(default)]
+    #[schemars(with = "BTreeMap<String, f64>")]
+    pub needs: ByAxis,
+    /// The largest change of the correction of each of them by temperatures for each kelvin of the sensors: µm, µrad.
+    /// Missing for axes that no thermal term moves.
+    #[serde(default)]
+    #[schemars(with = "BTreeMap<String, f64>")]
+    pub needs_per_k: ByAxis,
     /// The barrier in the control, as the configuration states it; missing where it states none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub barrier: Option<BarrierPlan>,
     /// FANUC controls: the addresses in the PMC that are written and read.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pmc: Option<PmcPlan>,
-    /// SINUMERIK controls: how the server is asked, and its nodes.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub opc_ua: Option<OpcUaPlan>,
-    /// Its axes that correct, in the order X Y Z A B C U V W.
-    pub axes: Vec<AxisPlan>,
-    /// The largest correction of each of them that the machine file asks for over a grid of the travels, without what
-    /// temperatures add: µm, µrad. More than the limit is not corrected.
-    #[serde(default)]
-    #[schemars(with = "BTreeMap<String, f64>")]
-    pub needs: ByAxis,
-    /// How much temperatures may change the correction of each of them with each kelvin of the sensors, at the most: µm, µrad.
-    /// Not there for axes that no thermal term moves.
-    #[serde(default)]
-    #[schemars(with = "BTreeMap<String, f64>")]
-    pub needs_per_k: ByAxis,
-    /// Its axes that do not correct, in the same order: they are held, and nothing but zero is written to them.
-    #[schemars(with = "Vec<String>")]
-    pub held: Vec<AxisName>,
-    /// Axes that it shows and never writes, in the same order: where they stand makes the correction of the others.
-    #[serde(default)]
-    #[schemars(with = "Vec<String>")]
-    pub reads: Vec<AxisName>,
-    /// Machine axes that it does not show and that stand at this position: mm, deg.
-    #[schemars(with = "BTreeMap<String, f64>")]
-    pub fixed: ByAxis,
+}
+
+/// What holds for one axis of a controller, in µm for linear and µrad for rotary axes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct AxisPlan {
+    /// The letter of the axis.
+    #[schemars(with = "String")]
+    pub name: AxisName,
+    /// The unit of the numbers below: `µm` or `µrad`.
+    pub unit: String,
+    /// The largest correction that is written, in either direction: whole steps within the configured limits.
+    pub limit: f64,
+    /// The smallest step of a correction.
+    pub resolution: f64,
+    /// The shift at arming that shows whether positions contain the correction; 0: not made.
+    pub test_shift: f64,
+}
+
+impl AxisPlan {
+    /// The unit of corrections of this kind of axis.
+    pub fn unit_of(kind: AxisKind) -> &'static str {
+        match kind {
+            AxisKind::Linear => "µm",
+            AxisKind::Rotary => "µrad",
+        }
+    }
 }
 
 /// The barrier in a control, as the configuration states it.
@@ -311,77 +220,6 @@ pub struct PmcPlan {
     pub referenced: Option<String>,
 }
 
-/// How the OPC UA server of a SINUMERIK control is asked. Node ids are patterns: `{axis}` is the number of an axis in the
-/// control, `{db}` 30 more.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct OpcUaPlan {
-    /// The namespace of the nodes.
-    pub namespace: String,
-    /// Who logs in; null: nobody, anonymous.
-    pub user: Option<String>,
-    /// How messages are protected: `none`, `sign` or `sign-and-encrypt`.
-    pub security: String,
-    /// The time from one reading to the next, ms.
-    pub period_ms: f64,
-    /// How long a request may take, ms.
-    pub time_out_ms: f64,
-    /// Whether the server's source timestamps make positions older.
-    pub source_timestamps: bool,
-    /// The nodes of positions.
-    pub positions: String,
-    /// The nodes of SD43900, the correction.
-    pub settings: String,
-    /// Whether a positive SD43900 moves an axis in its positive direction (`adds`) or not (`subtracts`).
-    pub sign: String,
-}
-
-/// The limits and properties of one axis of a controller, in µm for linear and µrad for rotary axes.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct AxisPlan {
-    /// The letter of the axis.
-    #[schemars(with = "String")]
-    pub name: AxisName,
-    /// The kind of the axis: `linear` or `rotary`.
-    pub kind: String,
-    /// The unit of the numbers below: `µm` or `µrad`.
-    pub unit: String,
-    /// The largest correction that is written, in either direction: whole steps within the limit that is asked for.
-    pub limit: Stated<f64>,
-    /// Corrections above are reported.
-    pub warn: Stated<f64>,
-    /// The largest change of the correction in a second.
-    pub slew_per_s: Stated<f64>,
-    /// The largest change of the slew in a second; null: not limited.
-    pub accel_per_s2: Stated<Option<f64>>,
-    /// A change of model that moves a corner further needs a confirmation.
-    pub confirm: Stated<f64>,
-    /// The smallest step of a correction.
-    pub resolution: Stated<f64>,
-    /// The shift at arming that shows whether positions contain the correction; 0: not made.
-    pub test_shift: f64,
-    /// Whether reported positions contain the correction.
-    pub includes_correction: Stated<bool>,
-}
-
-impl AxisPlan {
-    /// The unit of corrections of this kind of axis, as people read it.
-    pub fn unit_of(kind: AxisKind) -> &'static str {
-        match kind {
-            AxisKind::Linear => "µm",
-            AxisKind::Rotary => "µrad",
-        }
-    }
-}
-
-/// One thermometer of a plan.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub struct ThermometerPlan {
-    /// The URL of the device.
-    pub url: String,
-    /// The names of its sensors.
-    pub sensors: Vec<String>,
-}
-
 /// A sensor that thermal terms name.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct SensorPlan {
@@ -393,19 +231,6 @@ pub struct SensorPlan {
     pub thermometer: Option<String>,
 }
 
-/// The dashboard of a plan.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct DashboardPlan {
-    /// The address and port on which it listens.
-    pub listen: Stated<String>,
-    /// Whether it speaks TLS.
-    pub tls: bool,
-    /// Whether reading needs a token.
-    pub reading_needs_token: bool,
-    /// The tokens that are known, without the secret.
-    pub tokens: Vec<TokenPlan>,
-}
-
 /// A token of a plan.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct TokenPlan {
@@ -413,24 +238,6 @@ pub struct TokenPlan {
     pub name: String,
     /// The role of its holder: `view` (read only), `operate` or `engineer`.
     pub role: String,
-}
-
-/// A way over which other systems read the gateway.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub struct InteropPlan {
-    /// Its table in the configuration, such as `shdr`.
-    pub table: String,
-    /// The address and port on which it listens, or the URL with which it connects.
-    pub address: String,
-    /// The name under which others see the gateway.
-    pub name: String,
-}
-
-/// The audit log of a plan.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct AuditPlan {
-    /// The folder of the log.
-    pub dir: Stated<String>,
 }
 
 /// The document on standard error when a call with `--json` fails.

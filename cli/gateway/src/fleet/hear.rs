@@ -12,12 +12,9 @@ use volcomp_vocabulary::AxisName;
 use super::{
     Shared,
     act::Actor,
-    store::{self, Held, Kept},
+    store::{Held, Kept},
 };
-use crate::{
-    config::FleetConfig,
-    request::{Ask, Asked, Asks, CentreAsk},
-};
+use crate::request::{Ask, Asked, Asks, CentreAsk};
 
 /// So many values that change nothing wait to be answered; further ones are not answered.
 const OTHERS: usize = 4;
@@ -91,7 +88,7 @@ fn shortened(error: &NotAccepted) -> String {
 
 impl Hearer {
     pub(super) fn new(
-        config: &FleetConfig,
+        trust: Trust,
         axes: Vec<AxisName>,
         kept: &Kept,
         asks: Asks,
@@ -102,7 +99,7 @@ impl Hearer {
             trust: Trust {
                 axes,
                 highest: kept.standing.highest,
-                ..store::trust(config)
+                ..trust
             },
             newest: kept.newest.clone(),
             asks,

@@ -149,8 +149,8 @@ pub fn start(
         telling: Arc::default(),
     });
     published.set_fleet(FleetState {
-        site: fleet.identity.site.to_string(),
-        machine: fleet.identity.machine.to_string(),
+        site: fleet.site.clone(),
+        machine: fleet.machine.clone(),
         connected: false,
         version: kept.standing.active.unwrap_or(0),
         accepted: kept.standing.highest,
@@ -161,6 +161,10 @@ pub fn start(
         waiting: None,
         dropped: 0,
     });
+    let identity = fleet.identity().map_err(|error| {
+        let what = error.to_string();
+        GatewayError::Place(config.source.error(&config.file, "fleet", what))
+    })?;
     let settings = settings(fleet)?;
     let (stop, stopped) = watch::channel(false);
     let (acknowledge, acknowledged) = mpsc::unbounded_channel::<Acknowledgement>();
@@ -175,14 +179,13 @@ pub fn start(
         acknowledge,
     });
     let hearer = Hearer::new(
-        fleet,
+        store::trust(fleet, identity.machine.clone()),
         model.axes.clone(),
         &kept,
         asks.clone(),
         switch.clone(),
         Arc::clone(&shared),
     );
-    let identity = fleet.identity.clone();
     let until = stopped.clone();
     let known = Arc::clone(&shared);
     let (watched, of) = (Arc::clone(&shared), shown.clone());
@@ -200,7 +203,12 @@ pub fn start(
         until_stopped(until, Box::pin(work)).await;
     })
     .map_err(failed)?;
-    let teller = Teller::new(store, config.audit_dir.clone(), Arc::clone(&shared), link);
+    let teller = Teller::new(
+        store,
+        config.audit_dir().to_owned(),
+        Arc::clone(&shared),
+        link,
+    );
     let telling = spawn("volcomp-told", teller.run(acknowledged, stopped)).map_err(failed)?;
     Ok(Some(Fleet {
         stop,

@@ -12,7 +12,7 @@ use std::{
 };
 
 use serde::{Deserialize, Serialize};
-use volcomp_fleet::{Desired, Manifest, Outcome, Trust};
+use volcomp_fleet::{Desired, MachineId, Manifest, Outcome, Trust};
 
 use crate::{audit::replace_file, config::FleetConfig};
 
@@ -224,7 +224,7 @@ fn verified(path: &Path, config: &FleetConfig) -> Option<Held> {
     let manifest: Manifest = serde_json::from_str(&desired.manifest).ok()?;
     let trust = Trust {
         axes: manifest.axes,
-        ..trust(config)
+        ..trust(config, config.identity().ok()?.machine)
     };
     let accepted = trust.accept(&desired).ok()?;
     Some(Held {
@@ -234,10 +234,10 @@ fn verified(path: &Path, config: &FleetConfig) -> Option<Held> {
 }
 
 /// What a machine trusts, without its axes.
-pub(crate) fn trust(config: &FleetConfig) -> Trust {
+pub(crate) fn trust(config: &FleetConfig, machine: MachineId) -> Trust {
     Trust {
-        keys: config.trusted_keys.clone(),
-        machine: config.identity.machine.clone(),
+        keys: config.trusted(),
+        machine,
         serial: config.serial.clone(),
         axes: Vec::new(),
         highest: 0,

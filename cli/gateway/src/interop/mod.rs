@@ -5,7 +5,7 @@
     allow(unused_variables, reason = "without any way there is nothing to do")
 )]
 
-use crate::{config::InteropConfig, error::GatewayError, published::Published};
+use crate::{config::Config, error::GatewayError, published::Published};
 
 pub mod alarms;
 #[cfg(feature = "opc-ua-server")]
@@ -31,7 +31,7 @@ impl Interop {
     ///
     /// # Errors
     /// An address at which this computer does not let it listen, or a file that cannot be used.
-    pub fn open(config: &InteropConfig) -> Result<Self, GatewayError> {
+    pub fn open(config: &Config) -> Result<Self, GatewayError> {
         Ok(Self {
             #[cfg(feature = "shdr")]
             shdr: config.shdr.as_ref().map(shdr::Bound::new).transpose()?,

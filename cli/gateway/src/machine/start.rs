@@ -55,7 +55,7 @@ pub(super) fn start(
     slot: &Slot,
 ) -> Result<Option<Started>, GatewayError> {
     let listener = http::listen(plan.config.dashboard.listen)?;
-    let (interop, shape) = (Interop::open(&plan.config.interop)?, plan.shape());
+    let (interop, shape) = (Interop::open(&plan.config)?, plan.shape());
     let locks = lock(&plan.config)?;
     let (audit, found) = open_audit(&plan.config)?;
     let Opened {
@@ -70,7 +70,11 @@ pub(super) fn start(
     } = plan.open()?;
     // What is not remembered is not zero: the device tells it, or a person has to look.
     let unknown = || (PerAxis::from_fn(|_| f64::NAN), Duration::ZERO);
-    let remembered = last_output(&config.audit_dir.join("output.json"), &model, &controllers);
+    let remembered = last_output(
+        &config.audit_dir().join("output.json"),
+        &model,
+        &controllers,
+    );
     let (output, age) = remembered.unwrap_or_else(unknown);
     cycle.restore(&output, age);
     if !slot.launch() {
@@ -88,7 +92,7 @@ pub(super) fn start(
         sensors: &sensors,
         truth: truth.as_ref(),
         auto_arm: config.auto_arm,
-        cycle: config.cycle,
+        cycle: config.cycle(),
     };
     let first: Status = observe::status(&facts, &Report::default(), &Times::default());
     let (publisher, published) = published(first, Arc::clone(&model), handle.pulse());
@@ -123,7 +127,7 @@ pub(super) fn start(
         sensors,
         model,
         truth,
-        standing: standing::read(&config.audit_dir),
+        standing: standing::read(config.audit_dir()),
         config,
         life: slot.life().clone(),
         proven_within: machine.proven_within,
@@ -163,8 +167,8 @@ fn forbids_of_centre(config: &Config) -> Reasons {
 
 /// The audit log, and what was found when it was opened.
 fn open_audit(config: &Config) -> Result<(AuditLog, Found), GatewayError> {
-    let (audit, found) = AuditLog::open(&config.audit_dir)
-        .map_err(|e| GatewayError::system(config.audit_dir.display().to_string(), e))?;
+    let (audit, found) = AuditLog::open(config.audit_dir())
+        .map_err(|e| GatewayError::system(config.audit_dir().display().to_string(), e))?;
     if found.cut_bytes > 0 {
         tracing::warn!(
             "audit log: a torn tail of {} bytes was cut after {} records",

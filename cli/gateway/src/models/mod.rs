@@ -114,7 +114,7 @@ impl Models {
         switch: &DisarmSwitch,
     ) -> Result<Self, GatewayError> {
         let shared = Arc::new(Shared {
-            store: Store::new(&config.audit_dir),
+            store: Store::new(config.audit_dir()),
             is_built_in,
             cycle_cpu: config.realtime.cpu,
             published: published.clone(),

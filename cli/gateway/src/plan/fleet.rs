@@ -1,6 +1,5 @@
 //! Whether the table `[fleet]` can be used, and what the centre has put in force so far.
 
-use super::describe::stated;
 use crate::{config::Config, documents::FleetPlan, error::GatewayError};
 
 /// What was found of the fleet.
@@ -62,25 +61,14 @@ pub(super) fn check(config: &Config) -> Result<Option<Checked>, GatewayError> {
 }
 
 impl Checked {
-    /// The fleet as a part of the plan.
-    pub(super) fn document(&self, config: &Config) -> Option<FleetPlan> {
-        use base64::{Engine, engine::general_purpose::STANDARD};
-        let fleet = config.fleet.as_ref()?;
-        Some(FleetPlan {
-            url: fleet.url.clone(),
-            site: fleet.identity.site.to_string(),
-            machine: fleet.identity.machine.to_string(),
-            serial: fleet.serial.clone(),
+    /// What the centre has activated.
+    pub(super) fn document(&self) -> FleetPlan {
+        FleetPlan {
             nkey: self.nkey.clone(),
-            trusted_keys: (fleet.trusted_keys.iter())
-                .map(|key| STANDARD.encode(key.as_bytes()))
-                .collect(),
-            dir: stated(config, "fleet.dir", fleet.dir.display().to_string()),
-            ca: fleet.ca.as_ref().map(|ca| ca.display().to_string()),
             version: self.version,
             accepted: self.accepted,
             enabled: self.enabled,
-        })
+        }
     }
 
     /// What a person should know before the gateway is started for the first time.

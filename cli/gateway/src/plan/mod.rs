@@ -31,7 +31,6 @@ mod notes;
 mod overlap;
 mod positions;
 mod seen;
-mod text;
 
 /// A configuration with everything that it names, checked. No device has been opened.
 pub struct Plan {
@@ -88,7 +87,7 @@ impl Plan {
     /// # Errors
     /// The first thing that is wrong.
     pub fn new(config: Config) -> Result<Self, GatewayError> {
-        let guard = config.guard.clone().unwrap_or_else(simulate::guard);
+        let guard = config.guard_settings().unwrap_or_else(simulate::guard);
         let (devices, machine) = if config.controllers.is_empty() {
             let simulation = Simulation::with_barrier(Clock::system())?;
             let machine = simulation.model.clone();
@@ -125,7 +124,7 @@ impl Plan {
         }
         devices.look_through(&config, &paths)?;
         let (tokens, tls) = dashboard(&config.dashboard)?;
-        audit_folder::check(&config.audit_dir)?;
+        audit_folder::check(config.audit_dir())?;
         let fleet = fleet::check(&config)?;
         interop::check(&config)?;
         Ok(Self {
@@ -208,7 +207,7 @@ impl Plan {
             paths,
             self.guard.hand_back,
             Sensors::new(thermometers, self.guard.temperatures),
-            self.config.cycle,
+            self.config.cycle(),
         )
         .and_then(|cycle| cycle.with_readers(readers))
         .map_err(plan)?
@@ -252,19 +251,6 @@ impl Plan {
             online: Some(told.into_iter().flatten().collect()),
             ..self.document()?
         })
-    }
-
-    /// The plan as `check` prints it.
-    ///
-    /// # Errors
-    /// As [`Plan::document`].
-    pub fn text(&self) -> Result<String, GatewayError> {
-        Ok(self.text_of(&self.document()?))
-    }
-
-    /// A document of this plan as `check` prints it.
-    pub fn text_of(&self, document: &PlanDocument) -> String {
-        text::text(document, &self.config)
     }
 }
 
@@ -416,7 +402,7 @@ fn paths(
     model: &Model,
     guard: &GuardSettings,
 ) -> Result<Vec<PathPlan>, GatewayError> {
-    let period: Duration = config.cycle;
+    let period: Duration = config.cycle();
     let path = |description: Description, settings: &PathSettings| {
         PathPlan::new(description, model, guard, settings, period).map_err(|source| {
             GatewayError::Plan {
@@ -451,7 +437,7 @@ fn paths(
                             source,
                         })?;
                 let settings = PathSettings {
-                    time_out: controller.digital.time_out.map(|after| ControlTimeOut {
+                    time_out: controller.time_out().map(|after| ControlTimeOut {
                         after,
                         to_zero: time_to_zero(guard),
                     }),
@@ -468,9 +454,8 @@ pub(crate) fn dashboard(
     dashboard: &DashboardConfig,
 ) -> Result<(Tokens, Option<Tls>), GatewayError> {
     let listen = dashboard.listen;
-    let tls = dashboard
-        .tls
-        .as_ref()
+    let tls = (dashboard.tls_certificate.as_ref())
+        .zip(dashboard.tls_key.as_ref())
         .map(|(certificate, key)| tls::acceptor(certificate, key))
         .transpose()?;
     let is_local = !dashboard.reading_needs_token();

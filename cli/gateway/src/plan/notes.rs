@@ -4,12 +4,11 @@ use volcomp_runtime::{LeftOut, PathPlan, WhyLeftOut};
 use volcomp_vocabulary::Displacement;
 
 use super::{Devices, Plan, interop};
-use crate::documents::{AxisPlan, ControllerPlan, GuardPlan, SensorPlan, round};
+use crate::documents::{AxisPlan, ControllerPlan, SensorPlan, round};
 
 /// The notes of a plan, in whole sentences.
 pub(super) fn notes(
     plan: &Plan,
-    guard: Option<&GuardPlan>,
     controllers: &[ControllerPlan],
     sensors: &[SensorPlan],
 ) -> Vec<String> {
@@ -17,12 +16,12 @@ pub(super) fn notes(
     if let Some(fleet) = &plan.fleet {
         notes.extend(fleet.notes(&plan.config));
     }
-    match guard {
+    match plan.config.guard {
         None => notes.push("[guard] is missing: it will not arm".to_owned()),
-        Some(guard) => {
-            notes.extend(ramp(plan, guard));
+        Some(_) => {
+            notes.extend(ramp(plan));
             for (index, controller) in controllers.iter().enumerate() {
-                notes.extend(by_axes(controller, limit));
+                notes.extend(by_axes(controller, |axis| limit(plan, axis)));
                 notes.extend(by_axes(controller, |axis| beyond_limit(controller, axis)));
                 notes.extend(by_axes(controller, |axis| test_shift(plan, index, axis)));
             }
@@ -49,7 +48,7 @@ pub(super) fn notes(
         notes.extend(linear_near_singular(plan, path));
     }
     for controller in &plan.config.controllers {
-        let unseen = controller.unseen;
+        let unseen = controller.unseen();
         let states = [
             ("referenced", unseen.referenced),
             ("alarm", unseen.alarm),
@@ -119,12 +118,15 @@ fn linear_near_singular(plan: &Plan, path: &PathPlan) -> Option<String> {
 }
 
 /// A ramp that takes longer than it is asked to.
-fn ramp(plan: &Plan, guard: &GuardPlan) -> Option<String> {
-    let asked = guard.ramp_s.asked?;
+fn ramp(plan: &Plan) -> Option<String> {
+    let asked = plan.guard.ramp;
+    let taken = plan.paths.iter().map(|path| path.limits.ramp_taken());
+    let taken = taken.max().filter(|taken| *taken != asked)?;
     Some(format!(
-        "ramp_s: {asked} s are asked for, and a ramp takes {} s: at least 20 cycles, and a cycle takes {} ms",
-        guard.ramp_s.value,
-        round(plan.config.cycle.as_secs_f64() * 1e3)
+        "ramp_s: {} s are asked for, and a ramp takes {} s: at least 20 cycles, and a cycle takes {} ms",
+        round(asked.as_secs_f64()),
+        round(taken.as_secs_f64()),
+        plan.config.cycle_ms
     ))
 }
 
@@ -149,24 +151,24 @@ fn by_axes(
 }
 
 /// A limit that is lowered since there is no barrier, or is no whole number of steps.
-fn limit(axis: &AxisPlan) -> Option<String> {
-    let asked = axis.limit.asked?;
-    if axis.limit.value == 0.0 {
-        // It does not correct, which is told by itself.
+fn limit(plan: &Plan, axis: &AxisPlan) -> Option<String> {
+    let asked = round(plan.guard.of(axis.name)?.limit.um_or_urad());
+    // One at 0 does not correct, which another note says.
+    if asked == axis.limit || axis.limit == 0.0 {
         return None;
     }
-    if asked - axis.limit.value >= axis.resolution.value {
+    if asked - axis.limit >= axis.resolution {
         return Some(format!(
             "without a barrier in the control corrections go up to {} {unit}, not {asked} {unit}: a late write or a wrong reading may make a step as large as that (limit_without_barrier_{})",
-            axis.limit.value,
+            axis.limit,
             if axis.unit == "µm" { "um" } else { "urad" },
             unit = axis.unit
         ));
     }
     Some(format!(
         "the limit {asked} {unit} is no whole number of steps of {} {unit}: corrections go up to {} {unit}",
-        axis.resolution.value,
-        axis.limit.value,
+        axis.resolution,
+        axis.limit,
         unit = axis.unit
     ))
 }
@@ -174,10 +176,10 @@ fn limit(axis: &AxisPlan) -> Option<String> {
 /// A limit below what the machine file asks for somewhere.
 fn beyond_limit(controller: &ControllerPlan, axis: &AxisPlan) -> Option<String> {
     let (needs, unit) = (*controller.needs.get(&axis.name)?, &axis.unit);
-    (needs > axis.limit.value + axis.resolution.value).then(|| {
+    (needs > axis.limit + axis.resolution).then(|| {
         format!(
             "the machine file asks for up to {needs} {unit} within the travels, and the limit is {} {unit}: beyond it the error is corrected only in part",
-            axis.limit.value
+            axis.limit
         )
     })
 }
@@ -189,7 +191,7 @@ fn test_shift(plan: &Plan, index: usize, axis: &AxisPlan) -> Option<String> {
         Devices::Configured { controllers, .. } => {
             let config = plan.config.controllers.get(index)?;
             let device = controllers.get(index)?;
-            device.settings(config, plan.config.cycle).proves
+            device.settings(config, plan.config.cycle()).proves
         }
     };
     let asked = round(plan.guard.of(axis.name)?.test_shift.um_or_urad());

@@ -1,6 +1,5 @@
 //! Bytes of a control that a configuration uses twice, named by the keys of both.
 
-use volcomp_document::InputError;
 use volcomp_focas::Block;
 
 use crate::{config::Config, devices::ControllerDevice, error::GatewayError};
@@ -26,20 +25,17 @@ pub(super) fn check(
 
 /// The error at the key of one block, or at that of the other where the place of the first is the driver's own.
 fn refused(config: &Config, one: (usize, Block), other: (usize, Block)) -> GatewayError {
-    let stated = |(index, block): (usize, Block)| {
-        config
-            .stated
-            .place(&format!("controller.{index}.{}", block.key))
-    };
-    let url = |(index, _): (usize, Block)| config.stated.place(&format!("controller.{index}.url"));
-    let (at, beside) = if stated(one).is_some() || stated(other).is_none() {
+    let source = &config.source;
+    let key = |(index, block): (usize, Block)| format!("controller[{index}].{}", block.key);
+    let url = |(index, _): (usize, Block)| format!("controller[{index}].url");
+    let (at, beside) = if source.states(&key(one)) || !source.states(&key(other)) {
         (one, other)
     } else {
         (other, one)
     };
-    let where_beside = match (stated(beside), url(beside)) {
-        (Some(place), _) => format!("{} in line {}", place.key, place.line),
-        (None, Some(url)) => format!("the driver's own place, {} in line {}", url.key, url.line),
+    let where_beside = match (source.line(&key(beside)), source.line(&url(beside))) {
+        (Some(line), _) => format!("{} in line {line}", key(beside)),
+        (None, Some(line)) => format!("the driver's own place, {} in line {line}", url(beside)),
         (None, None) => "the driver's own place".to_owned(),
     };
     let verb = if at.1.first == at.1.last {
@@ -51,19 +47,10 @@ fn refused(config: &Config, one: (usize, Block), other: (usize, Block)) -> Gatew
         "{} {verb} {} ({where_beside}): expected bytes of their own for each",
         at.1, beside.1
     );
-    GatewayError::Place(match stated(at).or_else(|| url(at)) {
-        Some(place) => InputError {
-            message,
-            ..place.clone()
-        },
-        // No text: the configuration was put together by a program.
-        None => InputError {
-            file: config.file.clone(),
-            line: 1,
-            key: String::new(),
-            message,
-            span: 0..0,
-            text: "".into(),
-        },
-    })
+    let place = if source.states(&key(at)) {
+        key(at)
+    } else {
+        url(at)
+    };
+    GatewayError::Place(source.error(&config.file, &place, message))
 }

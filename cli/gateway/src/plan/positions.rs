@@ -41,7 +41,7 @@ pub(super) fn readers(
                     file: file(),
                     source,
                 })?;
-            let settings = device.settings(controller, config.cycle);
+            let settings = device.settings(controller, config.cycle());
             ReaderPlan::new(description, model, &settings).map_err(|source| GatewayError::Plan {
                 file: file(),
                 source,

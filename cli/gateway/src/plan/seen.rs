@@ -33,7 +33,7 @@ pub(super) fn check<'a>(
             &config.file,
             &controller.url,
             description.shown,
-            controller.unseen,
+            controller.unseen(),
         )?;
         device
             .check_travel(travel)

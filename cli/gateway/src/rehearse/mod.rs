@@ -113,7 +113,7 @@ impl Rehearsal {
                 .collect(),
             catalogue: CATALOGUE.len(),
             seed: self.seed,
-            cycle_ms: plan.config.cycle.as_secs_f64() * 1e3,
+            cycle_ms: plan.config.cycle_ms,
             simulated_s: round(simulated.as_secs_f64()),
             not_rehearsed: not_rehearsed(plan),
             controllers,

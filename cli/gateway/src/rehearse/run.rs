@@ -136,7 +136,7 @@ impl<'a> Run<'a> {
 
     /// One cycle.
     pub(super) fn step(&mut self, request: Option<Request>) {
-        self.rig.clock.advance(self.plan.config.cycle);
+        self.rig.clock.advance(self.plan.config.cycle());
         let asked = Asked {
             request,
             ..Asked::default()
@@ -186,7 +186,7 @@ impl<'a> Run<'a> {
             hold.feed_hold
                 .store(proving && standing < STANDING, Ordering::Relaxed);
             standing = if proving && standing < STANDING + Duration::from_secs(1) {
-                standing + self.plan.config.cycle
+                standing + self.plan.config.cycle()
             } else {
                 Duration::ZERO
             };
@@ -448,7 +448,7 @@ fn cycle(
         vec![control.with_owner(path, owner).map_err(wrong)?],
         guard.hand_back,
         Sensors::new(thermometers.into_iter().collect(), guard.temperatures),
-        plan.config.cycle,
+        plan.config.cycle(),
     )
     .map_err(wrong)?;
     Ok(cycle.with_rapid(guard.rapid).with_clock(rig.clock.clone()))

@@ -51,14 +51,14 @@ pub(super) struct Recording {
 impl Service {
     /// Where the machine file and the limits stand that were armed last.
     pub(super) fn confirmed_paths(&self) -> [PathBuf; 2] {
-        let dir = &self.parts.config.audit_dir;
+        let dir = self.parts.config.audit_dir();
         ["confirmed-machine.toml", "confirmed-limits.json"].map(|name| dir.join(name))
     }
 
     /// The facts by which a change is judged; `None` without limits.
     pub(super) fn judge(&mut self, confirmed: Option<String>) -> Option<Judge> {
         let report = *self.parts.handle.report();
-        let guard = self.parts.config.guard.as_ref()?;
+        let guard = self.parts.config.guard_settings()?;
         let sensors = self.parts.sensors.iter().zip(&report.sensors);
         let degc = sensors.filter_map(|(name, sensor)| Some((name.clone(), sensor.degc?)));
         Some(Judge {
@@ -82,7 +82,7 @@ impl Service {
     /// Begins to compare the model and the limits of now with those that were armed last.
     fn comparison(&mut self, confirm: Option<String>) -> Option<Receiver<Compared>> {
         let judge = self.judge(confirm);
-        let fading = self.parts.config.guard.as_ref().map(|guard| guard.fading);
+        let fading = self.parts.config.guard_settings().map(|guard| guard.fading);
         let fading = fading.unwrap_or_default();
         let (paths, limits) = (self.confirmed_paths(), self.limits());
         let model = Arc::clone(&self.parts.model);

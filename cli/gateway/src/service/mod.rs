@@ -175,7 +175,7 @@ impl Service {
             lags: Lags::new(&parts.model, &parts.sensors),
             watchdog: Watchdog::new(
                 parts.proven_within,
-                parts.config.cycle,
+                parts.config.cycle(),
                 pulse.patience(),
                 now,
             ),
@@ -281,7 +281,7 @@ impl Service {
         hurry: &mut dyn FnMut() -> bool,
         mut meanwhile: impl FnMut(&mut Self),
     ) -> bool {
-        let guard = self.parts.config.guard.as_ref();
+        let guard = self.parts.config.guard_settings();
         let end = Instant::now() + guard.map_or(Duration::ZERO, |guard| guard.stop);
         let before = self.parts.handle.report().cycle;
         while Instant::now() < end && !hurry() && !self.is_without_control() {
@@ -441,7 +441,7 @@ impl Service {
             sensors: &parts.sensors,
             truth: parts.truth.as_ref(),
             auto_arm: parts.config.auto_arm,
-            cycle: parts.config.cycle,
+            cycle: parts.config.cycle(),
         };
         let mut status = observe::status(&facts, report, &self.times);
         if self.is_faulted_from_before() && report.state == State::Disarmed {
@@ -476,7 +476,7 @@ impl Service {
             monotonic_s: monotonic().as_secs_f64(),
             correction: report.correction.to_vec(),
         };
-        let path = self.parts.config.audit_dir.join("output.json");
+        let path = self.parts.config.audit_dir().join("output.json");
         self.output = LatestOutput {
             at: Instant::now(),
             correction: report.correction,

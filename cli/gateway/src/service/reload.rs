@@ -411,7 +411,7 @@ pub(super) fn plan_with(
 fn can_change(old: &Config, config: &Config) -> Result<(), ReloadError> {
     let fixed = |config: &Config| {
         // Without limits the cycle runs with those of the simulation.
-        let guard = config.guard.clone().unwrap_or_else(simulate::guard);
+        let guard = config.guard_settings().unwrap_or_else(simulate::guard);
         (
             guard.hand_back,
             guard.temperatures,
@@ -427,13 +427,16 @@ fn can_change(old: &Config, config: &Config) -> Result<(), ReloadError> {
             config.thermometers == old.thermometers,
             FixedKey::Thermometer,
         ),
-        (config.cycle == old.cycle, FixedKey::CycleMs),
+        (config.cycle() == old.cycle(), FixedKey::CycleMs),
         (config.dashboard == old.dashboard, FixedKey::Dashboard),
-        (config.audit_dir == old.audit_dir, FixedKey::Audit),
+        (config.audit == old.audit, FixedKey::Audit),
         (config.realtime == old.realtime, FixedKey::Realtime),
         (config.fleet == old.fleet, FixedKey::Fleet),
         (guard, FixedKey::GuardTimes),
-        (config.interop == old.interop, FixedKey::Interop),
+        (
+            (&config.shdr, &config.opc_ua) == (&old.shdr, &old.opc_ua),
+            FixedKey::Interop,
+        ),
     ];
     match same.into_iter().find(|(same, _)| !same) {
         Some((_, key)) => Err(ReloadError::Changed {

@@ -160,7 +160,7 @@ impl Service {
         Effect {
             request,
             cycle: self.parts.handle.report().cycle,
-            until: Instant::now() + EFFECT.max(self.parts.config.cycle * 5),
+            until: Instant::now() + EFFECT.max(self.parts.config.cycle() * 5),
         }
     }
 

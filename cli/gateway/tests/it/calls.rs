@@ -7,6 +7,7 @@ use std::{
 };
 
 use serde_json::Value;
+use volcomp_gateway::check;
 use volcomp_test_support::{Running, free_port};
 
 use crate::{
@@ -48,7 +49,7 @@ fn status_and_check_speak_for_themselves() {
     let config = configuration(dir.path(), &control, "");
     let (status, text, _) = call(&["check", path(&config)]);
     assert_eq!(status, Some(0), "{text}");
-    assert!(text.contains("axes X Y Z"), "{text}");
+    assert!(text.contains("axes = [\"X\", \"Y\", \"Z\"]"), "{text}");
     for (from, to, expected) in [
         ("limit_um = 150.0", "limit_um = \"much\"", "guard.limit_um"),
         ("slew_um_per_s = 500.0", "", "slew_um_per_s"),
@@ -97,9 +98,9 @@ fn the_documented_configuration_is_right() {
     crate::program::token_file(dir.path());
     let config = volcomp_gateway::config::Config::read(&config).unwrap_or_else(|e| panic!("{e}"));
     let plan = volcomp_gateway::plan::Plan::new(config).unwrap_or_else(|e| panic!("{e}"));
-    let text = plan.text().expect("a plan");
+    let text = check::text(&plan.document().expect("a plan"), &plan.config);
     assert!(text.contains("focas://192.0.2.10:8193"), "{text}");
-    assert!(text.contains("axes X Y Z"), "{text}");
+    assert!(text.contains("axes = [\"X\", \"Y\", \"Z\"]"), "{text}");
 }
 
 #[test]

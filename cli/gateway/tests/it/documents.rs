@@ -49,10 +49,10 @@ fn live_documents_fit_their_schemas() {
         .expect("built");
     let plan: Value = serde_json::from_slice(&check.stdout).expect("one document");
     validate("gateway-check.json", &plan);
-    assert_eq!(
-        plan["controllers"][0]["axes"][0]["limit"]["source"],
-        "configuration"
-    );
+    assert_eq!(plan["configuration"]["guard"]["limit_um"], 150.0);
+    let defaults = plan["defaults"].to_string();
+    assert!(!defaults.contains("guard.limit_um"), "{defaults}");
+    assert!(defaults.contains("guard.ramp_s"), "{defaults}");
     program.signal("TERM");
     assert_eq!(program.end(), Some(0));
     let log = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");

@@ -187,3 +187,54 @@ fn keys_of_rotary_axes_stand_only_beside_their_limit() {
         assert!(message.contains("limit_urad"), "{message}");
     }
 }
+
+/// Ten mistakes in one file, in values, keys and rules of all its tables, are ten messages, each with its line and key.
+#[test]
+fn every_mistake_is_reported_at_once() {
+    let text = "cycle_ms = 400.0
+auto_arm = 1
+[guard]
+limit_um = \"much\"
+warn_um = 200
+hold = 50
+zero_after_ms = 500
+[[controller]]
+url = \"can://can0\"
+axes = [\"X\", \"X\"]
+area = { pmc = \"Q\", first = 100 }
+unwatched = true
+[[controller]]
+url = \"sinumerik-s7://192.0.2.9\"
+axes = [\"Q\"]
+[dashboard]
+listen = \"here\"
+tls_key = \"key.pem\"
+[several]
+";
+    let refused = Config::parse(text, "G.toml", Path::new("")).expect_err("wrong");
+    let said = refused.to_string();
+    let found: Vec<String> = said
+        .lines()
+        .map(|line| line.chars().take(64).collect())
+        .collect();
+    let expected = [
+        "G.toml:1: key `machine` is missing",
+        "G.toml:1: cycle_ms: found 400, expected a number from 0.25 to 10",
+        "G.toml:2: auto_arm: found 1, expected true or false",
+        "G.toml:3: guard: key `slew_um_per_s` is missing",
+        "G.toml:3: guard: key `hold_ms` is missing",
+        "G.toml:4: guard.limit_um: found the text \"much\", expected a fin",
+        "G.toml:6: guard.hold: unknown key, did you mean `hold_ms`?",
+        "G.toml:10: controller[0].axes: axis X stands twice",
+        "G.toml:11: controller[0].area.pmc: found \"Q\", expected one of: ",
+        "G.toml:14: controller[1].url: found \"sinumerik-s7://192.0.2.9\", ",
+        "G.toml:15: controller[1].axes: found \"Q\": ",
+        "G.toml:16: dashboard: found one of tls_certificate and tls_key, ",
+        "G.toml:17: dashboard.listen: found `here`, expected an address a",
+        "G.toml:19: several: found several machines in one gateway, which",
+    ];
+    for (found, expected) in found.iter().zip(expected) {
+        assert!(found.starts_with(expected), "{found}\n{said}");
+    }
+    assert_eq!(found.len(), expected.len(), "{said}");
+}

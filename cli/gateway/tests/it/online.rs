@@ -34,10 +34,7 @@ fn a_control_is_asked_from_which_words_it_takes_the_shifts() {
     let config = configuration(dir.path(), &control, "");
     let (text, errors, status) = said(&check(&config, &["--online"]));
     assert_eq!(status, Some(0), "{errors}");
-    assert!(
-        text.contains("shift words         from R100 on (parameter 1280)"),
-        "{text}"
-    );
+    assert!(text.contains("# shift_words = 100"), "{text}");
     let (json, ..) = said(&check(&config, &["--online", "--json"]));
     let document: Value = serde_json::from_str(&json).expect("JSON");
     crate::documents::validate("gateway-check.json", &document);
@@ -57,7 +54,7 @@ fn a_control_is_asked_from_which_words_it_takes_the_shifts() {
     let (text, errors, status) = said(&check(&config, &["--online"]));
     assert_eq!(status, Some(0), "{errors}");
     assert!(
-        text.contains("note: the control does not tell parameters 1203"),
+        text.contains("the control does not tell parameters 1203"),
         "{text}"
     );
     // Offline nothing is asked, and a control that is not there is no matter.
@@ -90,11 +87,11 @@ fn a_barrier_that_would_not_arm_is_found_before_the_start() {
     };
     let text = fits(&[]);
     for expected in [
-        "  barrier             machine 4711\n    layout            123: X Y Z in this order\n    scan              2 ms",
-        "  barrier             machine 4711, layout 123: fits",
-        "    owner             0: free",
-        "    axis X            limit 150 µm, rate 1000 µm/s",
-        "    time-out          450 ms",
+        "[controller.barrier]\nmachine = 4711\nscan_ms = 2.0",
+        "# barrier = { machine = 4711, layout = 123, axes = [\"X\", \"Y\", \"Z\"], scan_ms = 2.0 }",
+        "# owner = 0\n",
+        "#   { name = \"X\", limit = 150.0, rate_per_s = 1000.0 },",
+        "# time_out_ms = 450.0",
     ] {
         assert!(text.contains(expected), "{expected}\n{text}");
     }

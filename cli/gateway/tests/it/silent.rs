@@ -63,7 +63,9 @@ impl Drop for Gateway {
 fn gateway() -> Gateway {
     let dir = tempfile::tempdir().expect("writable");
     let config = volcomp_gateway::config::Config {
-        audit_dir: dir.path().to_owned(),
+        audit: volcomp_gateway::config::AuditConfig {
+            dir: dir.path().to_owned(),
+        },
         auto_arm: false,
         ..simulate::config()
     };

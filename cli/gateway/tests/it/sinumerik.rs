@@ -223,10 +223,9 @@ fn thirty_micrometres_of_drift_are_removed_and_geometry_is_left_alone() {
     let (text, errors, status) = said(&check(&config, &["--online"]));
     assert_eq!(status, Some(0), "{errors}");
     for part in [
-        "thermal only",
-        "SD43900",
-        "100 mm/min or rev/min at the most",
-        "every 100 ms",
+        "terms = [\"thermal\"]",
+        "# fastest_per_min = { X = 100.0",
+        "period_ms = 100.0",
     ] {
         assert!(text.contains(part), "{part}: {text}");
     }

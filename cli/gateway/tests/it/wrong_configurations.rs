@@ -184,7 +184,7 @@ pub(crate) const CASES: &[Wrong] = &[
     ),
     wrong(
         &[("heartbeat", "unseen = [\"alarms\"]\nheartbeat")],
-        "found \"alarms\", expected referenced, alarm or emergency_stop",
+        "found \"alarms\", expected one of: referenced, alarm, emergency_stop",
     ),
     wrong(
         &[(
@@ -242,7 +242,7 @@ pub(crate) const CASES: &[Wrong] = &[
             "heartbeat = { pmc = \"R\", at = 120 }",
             "[controller.barrier]\nmachine = 7\nscan_ms = 8.0\nframe = { pmc = \"R\", at = 200 }\nreport = { pmc = \"R\", at = 240 }\n[[controller]]\nurl = \"gpio://?position=a:0-14&correction=b:0-7\"\naxes = [\"X\"]\nfixed = { Y = 0.0, Z = 0.0 }\nunwatched = true\nunseen = [\"referenced\", \"alarm\", \"emergency_stop\"]",
         )],
-        "gpio://?position=a:0-14&correction=b:0-7: digital.latch: missing",
+        "controller[1].digital.latch: missing for gpio://?position=a:0-14&correction=b:0-7",
     ),
     // Two ways of which one would leave its correction on an axis that the other does not write.
     wrong(
@@ -636,7 +636,7 @@ pub(crate) const CASES: &[Wrong] = &[
     // Other systems.
     wrong(
         &[("[dashboard]", "[shdr]\nlisten = \"here\"\n[dashboard]")],
-        "shdr.listen: found `here`, expected an address and port such as 127.0.0.1:7878",
+        "shdr.listen: found `here`, expected an address and port such as 127.0.0.1:8080",
     ),
     wrong(
         &[("[dashboard]", "[shdr]\ndevice = \" \"\n[dashboard]")],
@@ -672,11 +672,19 @@ pub(crate) const CASES: &[Wrong] = &[
         "found [sparkplug], which is gone, expected [opc_ua] or [shdr]",
     ),
     wrong(
+        &[("[dashboard]", "[several]\n[dashboard]")],
+        "found several machines in one gateway, which is gone",
+    ),
+    wrong(
+        &[("focas://127.0.0.1:1", "sinumerik-s7://192.0.2.9")],
+        "found \"sinumerik-s7://192.0.2.9\", the S7 protocol, which is gone, expected opc.tcp://HOST:4840",
+    ),
+    wrong(
         &[(
             "machine = \"machine.toml\"\n",
             "[[machine]]\nname = \"mill-1\"\n",
         )],
-        "found [[machine]], several machines in one gateway, which is gone",
+        "found several machines in one gateway, which is gone",
     ),
     // The machine.
     wrong(&[("machine.toml", "missing.toml")], "missing.toml"),

@@ -60,13 +60,13 @@ fn what_does_not_fit_is_named() {
                 .insert(AxisName::U, Displacement::Length(Mm(1.0)));
         },
     ));
-    assert!(message.contains("fixed position of axis U"), "{message}");
+    assert!(message.contains("fixed: axis U"), "{message}");
     let message = with(planned(
         |d| d.heartbeat = Heartbeat::Unwatched,
         |_| {},
         |_| {},
     ));
-    assert!(message.contains("expected a heartbeat"), "{message}");
+    assert!(message.contains("unwatched = true"), "{message}");
     let message = with(planned(
         |d| d.shortest_cycle = Duration::from_micros(7500),
         |_| {},
@@ -136,7 +136,7 @@ fn a_fixed_position_beyond_the_travel_is_refused() {
             }
         ));
         let expected = format!(
-            "simulated: fixed position of axis Z: found {at} mm, expected a position within its travel, {low} to {high} mm"
+            "simulated: fixed: axis Z: found {at} mm, expected a position within its travel, {low} to {high} mm"
         );
         assert_eq!(error.to_string(), expected);
     }

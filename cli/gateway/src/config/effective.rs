@@ -1,0 +1,84 @@
+//! The effective configuration: every key that has an effect, as its file would state it, with the defaults marked.
+
+use serde_json::{Map, Value};
+
+use super::{Config, kinds};
+use crate::toml_text;
+
+impl Config {
+    /// Every key that has an effect, with its value, in the order of the manual.
+    pub fn effective(&self) -> Map<String, Value> {
+        let Ok(Value::Object(mut keys)) = serde_json::to_value(self) else {
+            return Map::new();
+        };
+        let controllers = keys.get_mut("controller").and_then(Value::as_array_mut);
+        for (value, own) in controllers.into_iter().flatten().zip(&self.controllers) {
+            if let (Some(table), Some(kind)) = (value.as_object_mut(), own.kind()) {
+                let is_reader = own.axes.is_empty();
+                table.retain(|key, _| kinds::uses(kind, is_reader, key));
+            }
+        }
+        let thermometers = keys.get_mut("thermometer").and_then(Value::as_array_mut);
+        for table in thermometers.into_iter().flatten() {
+            if let Some(server) = table.get_mut("sinumerik").and_then(Value::as_object_mut) {
+                server.retain(|key, _| !["numbers", "sign", "nodes"].contains(&key.as_str()));
+            }
+        }
+        if let Some(guard) = keys.get_mut("guard").and_then(Value::as_object_mut)
+            && guard.get("limit_urad").is_some_and(Value::is_null)
+        {
+            guard.retain(|key, _| !key.ends_with("_urad"));
+        }
+        without_empty(&mut keys);
+        keys
+    }
+
+    /// The full keys of the effective configuration that the file does not state.
+    pub fn defaults(&self) -> Vec<String> {
+        let mut defaults = Vec::new();
+        self.collect(&self.effective(), "", &mut defaults);
+        defaults
+    }
+
+    fn collect(&self, table: &Map<String, Value>, above: &str, defaults: &mut Vec<String>) {
+        for (key, value) in table {
+            let key = format!("{above}{key}");
+            match value {
+                Value::Object(table) => self.collect(table, &format!("{key}."), defaults),
+                Value::Array(items) if items.iter().any(Value::is_object) => {
+                    for (index, item) in items.iter().enumerate() {
+                        if let Value::Object(table) = item {
+                            self.collect(table, &format!("{key}[{index}]."), defaults);
+                        }
+                    }
+                }
+                _ if self.source.states(&key) => {}
+                _ => defaults.push(key),
+            }
+        }
+    }
+
+    /// The effective configuration as TOML; values that the file does not state are marked.
+    pub fn effective_toml(&self) -> String {
+        toml_text::marked(&self.effective(), &|key| !self.source.states(key))
+    }
+}
+
+/// Takes out keys without a value, and lists and tables without an entry.
+fn without_empty(table: &mut Map<String, Value>) {
+    table.retain(|key, value| match value {
+        Value::Null => false,
+        Value::Object(inner) => {
+            without_empty(inner);
+            !inner.is_empty()
+        }
+        Value::Array(items) => {
+            for inner in items.iter_mut().filter_map(Value::as_object_mut) {
+                without_empty(inner);
+            }
+            // Whether a controller is only read, and which sensors a thermometer has, is said by no entry as well.
+            !items.is_empty() || ["axes", "names"].contains(&key.as_str())
+        }
+        _ => true,
+    });
+}

@@ -1,0 +1,105 @@
+//! Documents as TOML for people: values in a line each, small tables inline.
+
+use serde::Serialize;
+use serde_json::{Map, Value};
+
+/// The column of the mark of a default.
+const MARK_COLUMN: usize = 48;
+/// The most keys of a table that is written in one line.
+const MAX_INLINE: usize = 5;
+
+/// A document without these keys of its root.
+pub(crate) fn of(document: &impl Serialize, without: &[&str]) -> String {
+    let Ok(Value::Object(mut table)) = serde_json::to_value(document) else {
+        return String::new();
+    };
+    table.retain(|key, _| !without.contains(&key.as_str()));
+    marked(&table, &|_| false)
+}
+
+/// A table whose values are marked where `is_default` says so of their full key, such as `controller[0].url`.
+pub(crate) fn marked(table: &Map<String, Value>, is_default: &dyn Fn(&str) -> bool) -> String {
+    let mut text = String::new();
+    write(&mut text, table, ["", ""], is_default);
+    text
+}
+
+/// Writes the values of a table, then the tables in it, by the name of the table in headers and its full key.
+fn write(
+    text: &mut String,
+    table: &Map<String, Value>,
+    [header, key]: [&str; 2],
+    is_default: &dyn Fn(&str) -> bool,
+) {
+    let dot = if key.is_empty() { "" } else { "." };
+    let has_header = |value: &&Value| has_header(value, key.is_empty());
+    for (name, value) in table.iter().filter(|(_, value)| !has_header(value)) {
+        if value.is_null() {
+            continue;
+        }
+        let mut line = format!("{name} = {}", toml(value));
+        if is_default(&format!("{key}{dot}{name}")) {
+            let width = line.chars().count();
+            line += &" ".repeat(MARK_COLUMN.saturating_sub(width).max(2));
+            line += "# default";
+        }
+        *text += &line;
+        *text += "\n";
+    }
+    for (name, value) in table.iter().filter(|(_, value)| has_header(value)) {
+        let (header, key) = (format!("{header}{dot}{name}"), format!("{key}{dot}{name}"));
+        let gap = if text.is_empty() { "" } else { "\n" };
+        match value {
+            Value::Array(items) => {
+                for (index, item) in items.iter().enumerate() {
+                    *text += &format!("{}[[{header}]]\n", if index > 0 { "\n" } else { gap });
+                    if let Value::Object(table) = item {
+                        let key = format!("{key}[{index}]");
+                        write(text, table, [&header, &key], is_default);
+                    }
+                }
+            }
+            Value::Object(table) => {
+                *text += &format!("{gap}[{header}]\n");
+                write(text, table, [&header, &key], is_default);
+            }
+            _ => {}
+        }
+    }
+}
+
+/// Whether a value is written under a header: every table of the root, and large ones in it.
+fn has_header(value: &Value, is_root: bool) -> bool {
+    let is_large = |value: &Value| match value {
+        Value::Object(table) => {
+            is_root || table.len() > MAX_INLINE || table.values().any(Value::is_object)
+        }
+        _ => false,
+    };
+    match value {
+        Value::Array(items) => items.iter().any(is_large),
+        value => is_large(value),
+    }
+}
+
+fn toml(value: &Value) -> String {
+    match value {
+        Value::String(text) => volcomp_document::toml_string(text),
+        Value::Array(items) => {
+            let rows = items.iter().any(Value::is_object);
+            let items: Vec<String> = items.iter().map(toml).collect();
+            if rows {
+                format!("[\n  {},\n]", items.join(",\n  "))
+            } else {
+                format!("[{}]", items.join(", "))
+            }
+        }
+        Value::Object(table) => {
+            let stated = table.iter().filter(|(_, value)| !value.is_null());
+            let entries = stated.map(|(key, value)| format!("{key} = {}", toml(value)));
+            let entries: Vec<String> = entries.collect();
+            format!("{{ {} }}", entries.join(", "))
+        }
+        other => other.to_string(),
+    }
+}
