@@ -14,6 +14,7 @@ pub(crate) fn of(document: &impl Serialize, without: &[&str]) -> String {
         return String::new();
     };
     table.retain(|key, _| !without.contains(&key.as_str()));
+    without_empty(&mut table);
     marked(&table, &|_| false)
 }
 
@@ -22,6 +23,25 @@ pub(crate) fn marked(table: &Map<String, Value>, is_default: &dyn Fn(&str) -> bo
     let mut text = String::new();
     write(&mut text, table, ["", ""], is_default);
     text
+}
+
+/// Takes out keys without a value, and lists and tables without an entry.
+pub(crate) fn without_empty(table: &mut Map<String, Value>) {
+    table.retain(|key, value| match value {
+        Value::Null => false,
+        Value::Object(inner) => {
+            without_empty(inner);
+            !inner.is_empty()
+        }
+        Value::Array(items) => {
+            for inner in items.iter_mut().filter_map(Value::as_object_mut) {
+                without_empty(inner);
+            }
+            // Whether a controller is only read, and which sensors a thermometer has, is said by no entry as well.
+            !items.is_empty() || ["axes", "names"].contains(&key.as_str())
+        }
+        _ => true,
+    });
 }
 
 /// Writes the values of a table, then the tables in it, by the name of the table in headers and its full key.
@@ -34,9 +54,6 @@ fn write(
     let dot = if key.is_empty() { "" } else { "." };
     let has_header = |value: &&Value| has_header(value, key.is_empty());
     for (name, value) in table.iter().filter(|(_, value)| !has_header(value)) {
-        if value.is_null() {
-            continue;
-        }
         let mut line = format!("{name} = {}", toml(value));
         if is_default(&format!("{key}{dot}{name}")) {
             let width = line.chars().count();
@@ -52,7 +69,8 @@ fn write(
         match value {
             Value::Array(items) => {
                 for (index, item) in items.iter().enumerate() {
-                    *text += &format!("{}[[{header}]]\n", if index > 0 { "\n" } else { gap });
+                    let gap = if index > 0 { "\n" } else { gap };
+                    text.extend([gap, "[[", &header, "]]\n"]);
                     if let Value::Object(table) = item {
                         let key = format!("{key}[{index}]");
                         write(text, table, [&header, &key], is_default);
@@ -60,7 +78,7 @@ fn write(
                 }
             }
             Value::Object(table) => {
-                *text += &format!("{gap}[{header}]\n");
+                text.extend([gap, "[", &header, "]\n"]);
                 write(text, table, [&header, &key], is_default);
             }
             _ => {}
@@ -95,8 +113,8 @@ fn toml(value: &Value) -> String {
             }
         }
         Value::Object(table) => {
-            let stated = table.iter().filter(|(_, value)| !value.is_null());
-            let entries = stated.map(|(key, value)| format!("{key} = {}", toml(value)));
+            let entries = table.iter();
+            let entries = entries.map(|(key, value)| format!("{key} = {}", toml(value)));
             let entries: Vec<String> = entries.collect();
             format!("{{ {} }}", entries.join(", "))
         }

@@ -83,13 +83,14 @@ impl Document {
                     }
                     Err(error) => error,
                 };
-                let wrong = error.span().and_then(|span| take(&mut table, "", &span));
+                let span = error.span().unwrap_or_default();
+                let wrong = take(&mut table, "", &span);
                 let Some((key, value)) = wrong else {
                     return Err(self.error(0..0, String::new(), error.message()).into());
                 };
                 let message = match replaced(&key) {
                     Some(sentence) => sentence.to_owned(),
-                    None => words(error.message(), value.get_ref()),
+                    None => words(error.message(), self.text.get(span).unwrap_or_default()),
                 };
                 // A key that could not be read is missing in the next reading.
                 let within = format!("{key}.");
@@ -183,6 +184,7 @@ impl Mistakes<'_> {
     }
 
     /// Notes a whole number outside `range`, both ends included.
+    #[expect(clippy::needless_pass_by_value, reason = "it is a number")]
     pub fn whole<N: PartialOrd + fmt::Display>(
         &mut self,
         key: &str,
@@ -285,8 +287,8 @@ fn value_holds(value: &Spanned<DeValue<'_>>, holds: &impl Fn(Range<usize>) -> bo
     inside || holds(value.span())
 }
 
-/// The words of serde in those of the messages of this crate.
-fn words(message: &str, value: &DeValue<'_>) -> String {
+/// The words of serde in those of the messages of this crate. `stated` is the text that is wrong.
+fn words(message: &str, stated: &str) -> String {
     let quoted = |text: &str| -> Vec<String> {
         let parts = text.split('`').skip(1).step_by(2);
         parts.map(str::to_owned).collect()
@@ -310,13 +312,11 @@ fn words(message: &str, value: &DeValue<'_>) -> String {
         .iter()
         .find_map(|start| message.strip_prefix(start));
     let Some((found, expected)) = invalid.and_then(|rest| rest.rsplit_once(", expected ")) else {
-        return match value {
-            DeValue::String(text) if message == "invalid socket address syntax" => {
-                format!("found `{text}`, expected an address and port such as 127.0.0.1:8080")
+        return match message {
+            "invalid socket address syntax" => {
+                format!("found {stated}, expected an address and port such as 127.0.0.1:8080")
             }
-            DeValue::String(text) if !message.starts_with("found") => {
-                format!("found \"{text}\": {message}")
-            }
+            _ if message.starts_with("expected") => format!("found {stated}, {message}"),
             _ => message.to_owned(),
         };
     };
@@ -400,7 +400,7 @@ F:2: count: found -1, expected a whole number from 0 to 65535
 F:3: word: found \"grey\", expected one of: binary, gray-code
 F:4: range: found 1, expected an array of 2 numbers
 F:5: names: found 1, expected a text in quotes
-F:6: listen: found `here`, expected an address and port such as 127.0.0.1:8080
+F:6: listen: found \"here\", expected an address and port such as 127.0.0.1:8080
 F:7: old: found old, expected limit_um
 F:8: limit: unknown key, did you mean `limit_um`?
 F:12: part[1].on: found 1, expected true or false
@@ -450,8 +450,8 @@ F:3: part[0].inner: of no use";
     /// Each mistake is another reading: a file full of them is no endless work.
     #[test]
     fn a_file_full_of_mistakes_ends() {
-        let text: String = (0..5000).map(|n| format!("k{n} = 1\n")).collect();
-        let document = Document::new("F", &text);
+        let lines: Vec<String> = (0..5000).map(|n| format!("k{n} = 1")).collect();
+        let document = Document::new("F", &lines.join("\n"));
         let found = document.structure::<File>(|_| None).err().expect("wrong");
         assert_eq!(found.0.len(), MAX_MISTAKES);
     }

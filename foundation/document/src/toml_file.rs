@@ -18,7 +18,7 @@ use crate::{bound::bounded, error::InputError, nearest::near, syntax};
 #[derive(Clone, Debug)]
 pub struct Document {
     name: String,
-    text: Arc<str>,
+    pub(crate) text: Arc<str>,
 }
 
 /// A table of a document, with its full key.

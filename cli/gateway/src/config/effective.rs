@@ -15,7 +15,10 @@ impl Config {
         for (value, own) in controllers.into_iter().flatten().zip(&self.controllers) {
             if let (Some(table), Some(kind)) = (value.as_object_mut(), own.kind()) {
                 let is_reader = own.axes.is_empty();
-                table.retain(|key, _| kinds::uses(kind, is_reader, key));
+                let has_barrier = own.barrier.is_some();
+                table.retain(|key, _| {
+                    kinds::uses(kind, is_reader, key) && !(has_barrier && key == "unwatched")
+                });
             }
         }
         let thermometers = keys.get_mut("thermometer").and_then(Value::as_array_mut);
@@ -29,7 +32,7 @@ impl Config {
         {
             guard.retain(|key, _| !key.ends_with("_urad"));
         }
-        without_empty(&mut keys);
+        toml_text::without_empty(&mut keys);
         keys
     }
 
@@ -62,23 +65,4 @@ impl Config {
     pub fn effective_toml(&self) -> String {
         toml_text::marked(&self.effective(), &|key| !self.source.states(key))
     }
-}
-
-/// Takes out keys without a value, and lists and tables without an entry.
-fn without_empty(table: &mut Map<String, Value>) {
-    table.retain(|key, value| match value {
-        Value::Null => false,
-        Value::Object(inner) => {
-            without_empty(inner);
-            !inner.is_empty()
-        }
-        Value::Array(items) => {
-            for inner in items.iter_mut().filter_map(Value::as_object_mut) {
-                without_empty(inner);
-            }
-            // Whether a controller is only read, and which sensors a thermometer has, is said by no entry as well.
-            !items.is_empty() || ["axes", "names"].contains(&key.as_str())
-        }
-        _ => true,
-    });
 }

@@ -188,70 +188,39 @@ impl GuardTable {
         let limit_urad = above(self.limit_urad.unwrap_or_default());
         let longest_ms = ceiling::HOLD.as_secs_f64() * 1e3;
         let [low, high] = self.range_degc;
-        for (key, number, range) in [
-            ("limit_um", Some(self.limit_um), 1e-3..=most_um),
-            ("warn_um", self.warn_um, 0.0..=limit),
-            ("slew_um_per_s", Some(self.slew_um_per_s), slew_um),
-            ("accel_um_per_s2", self.accel_um_per_s2, 1e-3..=1e12),
-            ("confirm_um", self.confirm_um, 0.0..=1e6),
-            ("test_shift_um", self.test_shift_um, 0.0..=limit),
-            ("limit_urad", self.limit_urad, 1e-3..=most_urad),
-            ("warn_urad", self.warn_urad, 0.0..=limit_urad),
-            ("slew_urad_per_s", self.slew_urad_per_s, slew_urad),
-            ("accel_urad_per_s2", self.accel_urad_per_s2, 1e-3..=1e12),
-            ("confirm_urad", self.confirm_urad, 0.0..=1e6),
-            ("test_shift_urad", self.test_shift_urad, 0.0..=limit_urad),
-            (
-                "limit_without_barrier_um",
-                Some(self.limit_without_barrier_um),
-                1e-3..=most_um,
-            ),
-            (
-                "limit_without_barrier_urad",
-                Some(self.limit_without_barrier_urad),
-                1e-3..=most_urad,
-            ),
-            ("rotary_step_um", Some(self.rotary_step_um), 1e-3..=1000.0),
-            ("hold_ms", Some(self.hold_ms), cycle_ms..=longest_ms),
-            ("ramp_s", Some(self.ramp_s), 0.0..=600.0),
-            ("stop_s", Some(self.stop_s), 0.0..=600.0),
-            ("hand_back_s", Some(self.hand_back_s), 0.0..=3600.0),
-            ("rapid_m_per_min", Some(self.rapid_m_per_min), 0.1..=1e4),
-            ("rapid_rpm", Some(self.rapid_rpm), 0.1..=1e5),
-            (
-                "max_degc_per_min",
-                Some(self.max_degc_per_min),
-                0.01..=1000.0,
-            ),
-            (
-                "temperature_stale_s",
-                Some(self.temperature_stale_s),
-                0.1..=3600.0,
-            ),
-            (
-                "temperature_hold_s",
-                Some(self.temperature_hold_s),
-                0.0..=1e6,
-            ),
-            (
-                "temperature_fade_s",
-                Some(self.temperature_fade_s),
-                1.0..=1e6,
-            ),
-            (
-                "temperature_stuck_s",
-                Some(self.temperature_stuck_s),
-                0.0..=1e7,
-            ),
-            (
-                "temperature_neighbours_k",
-                self.temperature_neighbours_k,
-                0.1..=1000.0,
-            ),
+        let keys = serde_json::to_value(self).unwrap_or_default();
+        for (key, range) in [
+            ("limit_um", 1e-3..=most_um),
+            ("warn_um", 0.0..=limit),
+            ("slew_um_per_s", slew_um),
+            ("accel_um_per_s2", 1e-3..=1e12),
+            ("confirm_um", 0.0..=1e6),
+            ("test_shift_um", 0.0..=limit),
+            ("limit_urad", 1e-3..=most_urad),
+            ("warn_urad", 0.0..=limit_urad),
+            ("slew_urad_per_s", slew_urad),
+            ("accel_urad_per_s2", 1e-3..=1e12),
+            ("confirm_urad", 0.0..=1e6),
+            ("test_shift_urad", 0.0..=limit_urad),
+            ("limit_without_barrier_um", 1e-3..=most_um),
+            ("limit_without_barrier_urad", 1e-3..=most_urad),
+            ("rotary_step_um", 1e-3..=1000.0),
+            ("hold_ms", cycle_ms..=longest_ms),
+            ("ramp_s", 0.0..=600.0),
+            ("stop_s", 0.0..=600.0),
+            ("hand_back_s", 0.0..=3600.0),
+            ("rapid_m_per_min", 0.1..=1e4),
+            ("rapid_rpm", 0.1..=1e5),
+            ("max_degc_per_min", 0.01..=1000.0),
+            ("temperature_stale_s", 0.1..=3600.0),
+            ("temperature_hold_s", 0.0..=1e6),
+            ("temperature_fade_s", 1.0..=1e6),
+            ("temperature_stuck_s", 0.0..=1e7),
+            ("temperature_neighbours_k", 0.1..=1000.0),
         ] {
-            if let Some(number) = number {
-                found.range(&format!("guard.{key}"), number, range);
-            }
+            // JSON has no number that is not finite.
+            let number = keys.get(key).and_then(serde_json::Value::as_f64);
+            found.range(&format!("guard.{key}"), number.unwrap_or(f64::NAN), range);
         }
         if found.states("guard.hold_ms") {
             let range = self.hold_ms..=600_000.0;

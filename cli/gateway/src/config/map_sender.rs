@@ -61,7 +61,7 @@ pub enum MapControl {
 }
 
 /// The keys of the file.
-#[derive(Deserialize)]
+#[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct Keys {
     map: PathBuf,
@@ -111,25 +111,6 @@ impl Default for PmcTable {
             mailbox: byte(0),
             report: byte(144),
             buffers: byte(200),
-        }
-    }
-}
-
-impl Default for Keys {
-    fn default() -> Self {
-        Self {
-            map: PathBuf::new(),
-            url: String::new(),
-            number: 0,
-            capacity: 0,
-            scan_ms: 0.0,
-            limit_um: 0.0,
-            slew_um_per_s: 0.0,
-            zero_after_ms: 0.0,
-            sinumerik: SinumerikTable::default(),
-            nodes: MapNodes::default(),
-            pmc: PmcTable::default(),
-            audit: AuditConfig::default(),
         }
     }
 }

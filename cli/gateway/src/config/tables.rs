@@ -1,4 +1,5 @@
 //! The tables of a configuration, key by key: the field names are the keys.
+#![expect(missing_docs, reason = "the manual describes the keys")]
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -29,19 +30,13 @@ use super::ControllerKind;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ControllerConfig {
-    /// The URL of the device.
     pub url: String,
     /// The name of the channel by which its corrections reach the axes; `None`: the driver's own.
     pub channel: Option<String>,
-    /// The axes that it shows and corrects, in the order of the control; none where it is only read.
     pub axes: Vec<AxisName>,
-    /// Further axes that it shows and does not write.
     pub reads: Vec<AxisName>,
-    /// Machine axes that it does not show, with their positions: mm, deg.
     pub fixed: BTreeMap<AxisName, f64>,
-    /// Rotary axes of `fixed` without a drive.
     pub not_driven: Vec<AxisName>,
-    /// Whether reported positions contain the correction.
     pub includes_correction: bool,
     /// The terms that it carries; `["thermal"]`, `None`: all.
     pub terms: Option<Vec<String>>,
@@ -49,9 +44,7 @@ pub struct ControllerConfig {
     pub hold_ms: Option<f64>,
     /// Whether the test shift at arming is made; `None`: not on digital lines.
     pub test_shift: Option<bool>,
-    /// Accepts that nothing at the control notices when the gateway stops.
     pub unwatched: bool,
-    /// The states of the control that the device does not show, and that are accepted as missing.
     pub unseen: Vec<StateKey>,
     /// The smallest step of a correction of a linear axis; `None`: the driver's own.
     pub resolution_um: Option<f64>,
@@ -59,7 +52,6 @@ pub struct ControllerConfig {
     pub resolution_urad: Option<f64>,
     /// FOCAS: the words of the shifts in the PMC; `None`: the driver's own place.
     pub area: Option<AreaConfig>,
-    /// FOCAS: the byte that every correction counts up, for the ladder to watch.
     pub heartbeat: Option<PmcByte>,
     /// FOCAS: the byte whose bits say which axes are referenced; `None`: the driver's own.
     pub referenced: Option<Referenced>,
@@ -69,7 +61,6 @@ pub struct ControllerConfig {
     pub digital: Option<DigitalConfig>,
     /// SINUMERIK: how the server is reached, and its nodes; `None`: another device.
     pub sinumerik: Option<SinumerikTable>,
-    /// LinuxCNC: the files that gateway and control share.
     pub linuxcnc: Option<LinuxCncTable>,
 }
 
@@ -77,17 +68,13 @@ pub struct ControllerConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum StateKey {
-    /// Whether every axis was sent to its reference.
     Referenced,
-    /// Whether an alarm is on.
     Alarm,
-    /// Whether the emergency stop is pressed.
     EmergencyStop,
 }
 
 /// The areas of the PMC that a configuration can name.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[expect(missing_docs, reason = "the letters of the areas")]
 pub enum PmcLetter {
     G,
     F,
@@ -100,9 +87,7 @@ pub enum PmcLetter {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PmcByte {
-    /// Its area.
     pub pmc: PmcLetter,
-    /// Its number in the area.
     pub at: u16,
 }
 
@@ -110,14 +95,10 @@ pub struct PmcByte {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AreaConfig {
-    /// The area of the words.
     pub pmc: PmcLetter,
-    /// The number of the first byte.
     pub first: u16,
-    /// The bytes of each word: 1, 2 or 4.
     #[serde(default = "word")]
     pub width: u16,
-    /// Whether a ladder copies the words to those from which the control takes the shifts.
     #[serde(default)]
     pub copied: bool,
 }
@@ -130,9 +111,7 @@ fn word() -> u16 {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum Referenced {
-    /// Not requested.
     Not(bool),
-    /// The byte.
     Byte(PmcByte),
 }
 
@@ -163,13 +142,9 @@ impl<'de> Deserialize<'de> for Referenced {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct BarrierConfig {
-    /// The number of the machine, which starts the checksums.
     pub machine: u16,
-    /// The time from one scan of the control's program to the next.
     pub scan_ms: f64,
-    /// FOCAS: the first byte of the frame in the PMC.
     pub frame: Option<PmcByte>,
-    /// FOCAS: the first byte of the report in the PMC.
     pub report: Option<PmcByte>,
 }
 
@@ -177,9 +152,7 @@ pub struct BarrierConfig {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LinuxCncTable {
-    /// The file with the key that the bridge has, too.
     pub key_file: Option<PathBuf>,
-    /// The INI file of the control, which `check` reads.
     pub ini: Option<PathBuf>,
 }
 
@@ -187,29 +160,20 @@ pub struct LinuxCncTable {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct DigitalConfig {
-    /// The number of lines that carry the position.
     pub position_bits: u32,
-    /// The travel of a linear axis for one count of the position.
     pub position_mm_per_count: Option<f64>,
-    /// The travel of a rotary axis for one count of the position.
     pub position_deg_per_count: Option<f64>,
-    /// The position of a linear axis at count 0.
     pub position_zero_mm: Option<f64>,
-    /// The position of a rotary axis at count 0.
     pub position_zero_deg: Option<f64>,
-    /// The code of the position word.
     #[serde(with = "PositionCodeKey")]
     pub position_code: PositionCode,
-    /// The number of lines that carry the correction.
     pub correction_bits: u32,
-    /// The code of the correction word.
     #[serde(with = "CorrectionCodeKey")]
     pub correction_code: CorrectionCode,
     /// The line that changes its level when the correction word has settled, from 0; `None`: there is none.
     pub latch: Option<u32>,
     /// The time without an edge of the latch after which the control takes the correction to zero; `None`: never.
     pub time_out_ms: Option<f64>,
-    /// How torn words are recognised.
     #[serde(with = "CoherenceKey")]
     pub coherence: Coherence,
 }
@@ -260,29 +224,19 @@ impl Default for DigitalConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SinumerikTable {
-    /// The namespace of the nodes.
     pub namespace: String,
     /// The user name; `None`: anonymous.
     pub user: Option<String>,
-    /// The file with the user's password.
     pub password_file: Option<PathBuf>,
-    /// How messages are protected.
     #[serde(with = "SecurityKey")]
     pub security: Security,
-    /// The folder with certificates.
     pub certificates: Option<PathBuf>,
-    /// The time from one reading to the next.
     pub period_ms: f64,
-    /// The timeout of a request.
     pub time_out_ms: f64,
-    /// Whether the server's source timestamps make positions older.
     pub source_timestamps: bool,
-    /// The numbers of the axes in the control; empty: 1, 2, 3 and so on.
     pub numbers: Vec<u16>,
-    /// How SD43900 moves an axis.
     #[serde(with = "SignKey")]
     pub sign: Sign,
-    /// The node ids.
     #[serde(with = "NodesKeys")]
     pub nodes: Nodes,
 }
@@ -339,12 +293,8 @@ impl Default for SinumerikTable {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ThermometerConfig {
-    /// The URL of the device.
     pub url: String,
-    /// The names of its sensors: on Modbus in the order of its channels, on CAN a choice among those of the DBC file; none:
-    /// all of them.
     pub names: Vec<String>,
-    /// SINUMERIK: the node of each of them.
     pub nodes: Vec<String>,
     /// SINUMERIK: how the server is reached; `None`: another device.
     pub sinumerik: Option<SinumerikTable>,
@@ -354,15 +304,11 @@ pub struct ThermometerConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct DashboardConfig {
-    /// The address and port on which it listens.
     pub listen: SocketAddr,
-    /// The file with named tokens, mode 0600.
     pub token_file: Option<PathBuf>,
     /// The certificate, PEM; `None`: without TLS.
     pub tls_certificate: Option<PathBuf>,
-    /// Its key, PEM.
     pub tls_key: Option<PathBuf>,
-    /// Host names, besides addresses, under which browsers may request it.
     pub hosts: Vec<String>,
 }
 
@@ -382,7 +328,6 @@ impl Default for DashboardConfig {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct AuditConfig {
-    /// The folder of the audit log.
     pub dir: PathBuf,
 }
 
@@ -413,49 +358,29 @@ pub(crate) fn realtime() -> Realtime {
 }
 
 /// The table `[fleet]`: the centre that sends the machine file and receives the condition of the machine.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct FleetConfig {
-    /// The addresses of the NATS servers, separated by commas.
     pub url: String,
-    /// The site.
     pub site: String,
-    /// The name of the machine in the fleet.
     pub machine: String,
-    /// The serial number of the machine tool.
     pub serial: String,
-    /// The file with the seed of the nkey of the machine, mode 0600.
     pub nkey_file: PathBuf,
-    /// The public keys whose manifests count, base64.
     pub trusted_keys: Vec<String>,
-    /// The folder of accepted manifests, their machine files and messages that wait.
+    #[serde(default = "fleet_dir")]
     pub dir: PathBuf,
-    /// Certificates that are trusted besides those of the system, PEM.
     pub ca: Option<PathBuf>,
 }
 
-impl Default for FleetConfig {
-    fn default() -> Self {
-        Self {
-            url: String::new(),
-            site: String::new(),
-            machine: String::new(),
-            serial: String::new(),
-            nkey_file: PathBuf::new(),
-            trusted_keys: Vec::new(),
-            dir: PathBuf::from("fleet"),
-            ca: None,
-        }
-    }
+fn fleet_dir() -> PathBuf {
+    PathBuf::from("fleet")
 }
 
 /// The table `[shdr]`: an adapter for agents of MTConnect.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ShdrConfig {
-    /// The address and port on which it listens.
     pub listen: SocketAddr,
-    /// Whether other computers may reach it.
     pub anyone_may_read: bool,
     /// The name of the device that an agent shows; `None`: that of the machine.
     pub device: Option<String>,
@@ -475,9 +400,7 @@ impl Default for ShdrConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct OpcUaConfig {
-    /// The address and port on which it listens.
     pub listen: SocketAddr,
-    /// Whether other computers may reach it.
     pub anyone_may_read: bool,
 }
 
@@ -522,10 +445,9 @@ impl BarrierConfig {
 impl SinumerikTable {
     /// Makes every path relative to the folder of the file.
     pub(super) fn join(&mut self, folder: &Path) {
-        for path in [&mut self.password_file, &mut self.certificates] {
-            if let Some(path) = path {
-                *path = folder.join(&*path);
-            }
+        let paths = [&mut self.password_file, &mut self.certificates];
+        for path in paths.into_iter().flatten() {
+            *path = folder.join(&*path);
         }
     }
 }
@@ -647,8 +569,6 @@ const LINE_STEP: Deg = Deg(1e-3);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("[[controller]]: {key}: missing, expected a number, since axis {axis} is rotary")]
 pub struct MissingKey {
-    /// The rotary axis that needs the key.
     pub axis: AxisName,
-    /// The key that is missing.
     pub key: &'static str,
 }

@@ -64,10 +64,24 @@ pub(super) fn validate(config: &Config, found: &mut Mistakes<'_>) {
 }
 
 pub(super) fn dashboard(own: &DashboardConfig, found: &mut Mistakes<'_>) {
-    if own.tls_certificate.is_some() != own.tls_key.is_some() {
+    let stated = [own.tls_certificate.is_some(), own.tls_key.is_some()];
+    both(
+        found,
+        "dashboard",
+        ["tls_certificate", "tls_key"],
+        stated,
+        "",
+    );
+}
+
+/// Refuses one of two keys without the other.
+fn both(found: &mut Mistakes<'_>, at: &str, keys: [&str; 2], stated: [bool; 2], why: &str) {
+    let [one, other] = keys;
+    if let [true, false] | [false, true] = stated {
+        let key = if stated[0] { one } else { other };
         found.add(
-            "dashboard",
-            "found one of tls_certificate and tls_key, expected both or neither",
+            &format!("{at}.{key}"),
+            format!("found one of {one} and {other}, expected both or neither{why}"),
         );
     }
 }
@@ -351,7 +365,7 @@ fn latches(controllers: &[ControllerConfig], found: &mut Mistakes<'_>) {
     for (index, one) in controllers.iter().enumerate() {
         let is_lines = one.kind() == Some(ControllerKind::Lines);
         let latch = one.digital.and_then(|digital| digital.latch);
-        if is_lines && !one.axes.is_empty() && latch.is_none() {
+        if is_lines && one.barrier.is_none() && !one.axes.is_empty() && latch.is_none() {
             found.add(
                 &format!("controller[{index}].digital.latch"),
                 format!(
@@ -366,18 +380,14 @@ fn latches(controllers: &[ControllerConfig], found: &mut Mistakes<'_>) {
 /// How the OPC UA server of a SINUMERIK control is reached. `at` is its table.
 pub(super) fn server(table: &SinumerikTable, at: &str, found: &mut Mistakes<'_>) {
     let key = |name: &str| format!("{at}.{name}");
-    if table.user.is_some() != table.password_file.is_some() {
-        found.add(
-            at,
-            "found one of user and password_file, expected both or none",
-        );
-    }
-    if table.certificates.is_some() != (table.security != Security::None) {
-        found.add(
-            at,
-            "found one of security and certificates, expected both or none: a secured connection needs the folder, and no other uses it",
-        );
-    }
+    let user = [table.user.is_some(), table.password_file.is_some()];
+    both(found, at, ["user", "password_file"], user, "");
+    let secured = [
+        table.security != Security::None,
+        table.certificates.is_some(),
+    ];
+    let why = ": a secured connection needs the folder, and no other uses it";
+    both(found, at, ["security", "certificates"], secured, why);
     for (name, text) in [
         ("namespace", Some(&table.namespace)),
         ("user", table.user.as_ref()),

@@ -39,7 +39,7 @@ pub(super) fn document(plan: &Plan) -> Result<PlanDocument, ModelError> {
         controllers,
         sensors,
         tokens: plan.tokens.plan(),
-        fleet: plan.fleet.as_ref().map(|fleet| fleet.document()),
+        fleet: plan.fleet.as_ref().map(super::fleet::Checked::document),
         online: None,
     })
 }

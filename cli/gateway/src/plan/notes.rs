@@ -16,15 +16,14 @@ pub(super) fn notes(
     if let Some(fleet) = &plan.fleet {
         notes.extend(fleet.notes(&plan.config));
     }
-    match plan.config.guard {
-        None => notes.push("[guard] is missing: it will not arm".to_owned()),
-        Some(_) => {
-            notes.extend(ramp(plan));
-            for (index, controller) in controllers.iter().enumerate() {
-                notes.extend(by_axes(controller, |axis| limit(plan, axis)));
-                notes.extend(by_axes(controller, |axis| beyond_limit(controller, axis)));
-                notes.extend(by_axes(controller, |axis| test_shift(plan, index, axis)));
-            }
+    if plan.config.guard.is_none() {
+        notes.push("[guard] is missing: it will not arm".to_owned());
+    } else {
+        notes.extend(ramp(plan));
+        for (index, controller) in controllers.iter().enumerate() {
+            notes.extend(by_axes(controller, |axis| limit(plan, axis)));
+            notes.extend(by_axes(controller, |axis| beyond_limit(controller, axis)));
+            notes.extend(by_axes(controller, |axis| test_shift(plan, index, axis)));
         }
     }
     let writes =

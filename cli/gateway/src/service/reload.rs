@@ -427,7 +427,7 @@ fn can_change(old: &Config, config: &Config) -> Result<(), ReloadError> {
             config.thermometers == old.thermometers,
             FixedKey::Thermometer,
         ),
-        (config.cycle() == old.cycle(), FixedKey::CycleMs),
+        (config.cycle_ms == old.cycle_ms, FixedKey::CycleMs),
         (config.dashboard == old.dashboard, FixedKey::Dashboard),
         (config.audit == old.audit, FixedKey::Audit),
         (config.realtime == old.realtime, FixedKey::Realtime),

@@ -52,7 +52,7 @@ fn live_documents_fit_their_schemas() {
     assert_eq!(plan["configuration"]["guard"]["limit_um"], 150.0);
     let defaults = plan["defaults"].to_string();
     assert!(!defaults.contains("guard.limit_um"), "{defaults}");
-    assert!(defaults.contains("guard.ramp_s"), "{defaults}");
+    assert!(defaults.contains("guard.stop_s"), "{defaults}");
     program.signal("TERM");
     assert_eq!(program.end(), Some(0));
     let log = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");

@@ -228,9 +228,9 @@ tls_key = \"key.pem\"
         "G.toml:10: controller[0].axes: axis X stands twice",
         "G.toml:11: controller[0].area.pmc: found \"Q\", expected one of: ",
         "G.toml:14: controller[1].url: found \"sinumerik-s7://192.0.2.9\", ",
-        "G.toml:15: controller[1].axes: found \"Q\": ",
-        "G.toml:16: dashboard: found one of tls_certificate and tls_key, ",
-        "G.toml:17: dashboard.listen: found `here`, expected an address a",
+        "G.toml:15: controller[1].axes: found \"Q\", expected one of the a",
+        "G.toml:17: dashboard.listen: found \"here\", expected an address ",
+        "G.toml:18: dashboard.tls_key: found one of tls_certificate and t",
         "G.toml:19: several: found several machines in one gateway, which",
     ];
     for (found, expected) in found.iter().zip(expected) {

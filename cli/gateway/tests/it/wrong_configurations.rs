@@ -636,7 +636,7 @@ pub(crate) const CASES: &[Wrong] = &[
     // Other systems.
     wrong(
         &[("[dashboard]", "[shdr]\nlisten = \"here\"\n[dashboard]")],
-        "shdr.listen: found `here`, expected an address and port such as 127.0.0.1:8080",
+        "shdr.listen: found \"here\", expected an address and port such as 127.0.0.1:8080",
     ),
     wrong(
         &[("[dashboard]", "[shdr]\ndevice = \" \"\n[dashboard]")],
