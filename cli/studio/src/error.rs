@@ -8,7 +8,7 @@ use volcomp_model::ModelError;
 use volcomp_nc::NcError;
 use volcomp_tables::axis_table::ExchangeError;
 
-use crate::uploads::MAX_FILES;
+use crate::folder::MAX_FILES;
 
 /// Why the studio refuses a request.
 #[derive(Debug, thiserror::Error)]

@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 use volcomp_calibrate::{Calibration, CalibrationFile, LeftOver, calibrate};
+use volcomp_model::Machine;
 use volcomp_report::{
     Report, Stated, Tolerance, Verdict as Outcome, checks, html, plot::escaped, refuse_two_units,
     tolerances,
@@ -9,7 +10,7 @@ use volcomp_report::{
 
 use crate::{
     error::StudioError,
-    folder::{CALIBRATION, Folder},
+    folder::{CALIBRATION, Folder, MACHINE},
     questions::{answered, name_of},
 };
 
@@ -60,9 +61,17 @@ impl Verdict {
     }
 }
 
+/// A machine with its report, and the errors that are missing because their file was not used.
+struct Found {
+    machine: Machine,
+    report: Report,
+    missed: Vec<String>,
+}
+
 impl Folder {
-    /// Fits the measurements: writes `result/machine.toml` and `result/report.html`. `allowed` holds tolerances as `volcomp report
-    /// --tolerance` takes them, `A=10,EC0Y=20`; empty: none.
+    /// Fits the measurements: writes `result/machine.toml` and `result/report.html`. Without measurement files the result is the
+    /// machine file with the errors that it states. `allowed` holds tolerances as `volcomp report --tolerance` takes them,
+    /// `A=10,EC0Y=20`; empty: none.
     ///
     /// # Errors
     /// Open questions, readings from which nothing can be fitted, tolerances that cannot be read.
@@ -71,20 +80,12 @@ impl Folder {
             "" => Vec::new(),
             text => tolerances(text)?,
         };
-        let left_over = if self.is_by_hand() {
-            Vec::new()
-        } else {
-            self.calibration_file()?
-        };
-        let file = CalibrationFile::read(&self.at(CALIBRATION))?;
-        let calibration = calibrate(&file, |_, _| {})?;
-        let machine = &calibration.machine;
-        let stated = Stated {
-            machine: (!machine.name.is_empty()).then(|| machine.name.clone()),
-            ..Stated::default()
-        };
-        let mut report = Report::of_calibration(CALIBRATION, &file, &calibration, &stated);
-        report.add_working_space(machine)?;
+        let Found {
+            machine,
+            mut report,
+            missed,
+        } = self.found()?;
+        report.add_working_space(&machine)?;
         refuse_two_units(&report, &limits)?;
         report.checks = checks(&report, &limits);
         // Files are named from the folder on, as in the calibration file.
@@ -94,7 +95,7 @@ impl Folder {
         self.write(REPORT, page.as_bytes())?;
         let size = report.volume.as_ref().map(|volume| &volume.before.found);
         let warnings = report.warnings.iter().map(|of| of.text.clone());
-        let warnings = missed(&left_over, &calibration, &file).chain(warnings);
+        let warnings = missed.into_iter().chain(warnings);
         Ok(Fitted {
             machine: machine.checksum(),
             verdict: Verdict::of(&report, &limits),
@@ -102,6 +103,34 @@ impl Folder {
             worst_at: size.map(|size| size.place()),
             curves: report.curves.len(),
             warnings: warnings.map(|text| self.relative(text)).collect(),
+        })
+    }
+
+    /// The machine with the errors of its measurements, or as its file states them.
+    fn found(&self) -> Result<Found, StudioError> {
+        let stated = |machine: &Machine| Stated {
+            machine: (!machine.name.is_empty()).then(|| machine.name.clone()),
+            ..Stated::default()
+        };
+        let left_over = if self.is_by_hand() {
+            Vec::new()
+        } else if self.measurement_files()?.is_empty() {
+            let machine = self.machine()?;
+            return Ok(Found {
+                report: Report::of_machine(MACHINE, &machine, &stated(&machine)),
+                machine,
+                missed: Vec::new(),
+            });
+        } else {
+            self.calibration_file()?
+        };
+        let file = CalibrationFile::read(&self.at(CALIBRATION))?;
+        let calibration = calibrate(&file, |_, _| {})?;
+        let stated = stated(&calibration.machine);
+        Ok(Found {
+            report: Report::of_calibration(CALIBRATION, &file, &calibration, &stated),
+            missed: missed(&left_over, &calibration, &file).collect(),
+            machine: calibration.machine,
         })
     }
 

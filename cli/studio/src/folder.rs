@@ -16,13 +16,18 @@ use volcomp_calibrate::{Draft, LeftOver, draft_of, files_below};
 use volcomp_model::Machine;
 use volcomp_nc::SetUp;
 use volcomp_vocabulary::AxisName;
+use volcomp_web::file_name;
 
 use crate::{
     error::StudioError,
     fit::{FITTED, REPORT},
     questions::{Answered, DraftSeen, GivenAnswer, answered, questions},
-    uploads::{LARGEST_FILE, MAX_FILES, sanitised},
 };
+
+/// The largest number of measurement files in a folder.
+pub const MAX_FILES: usize = 200;
+/// The largest file that is taken, bytes.
+pub const LARGEST_FILE: usize = 8 * 1024 * 1024;
 
 pub(crate) const MACHINE: &str = "machine.toml";
 pub(crate) const CALIBRATION: &str = "calibration.toml";
@@ -279,7 +284,7 @@ impl Folder {
     /// # Errors
     /// A name that is none, a TOML file that is neither, a file that is too large or one too many.
     pub fn take(&self, name: &str, bytes: &[u8]) -> Result<(), StudioError> {
-        let name = sanitised(name)?;
+        let name = name_of_upload(name)?;
         let wrong = |why: String| StudioError::Upload {
             name: name.clone(),
             why,
@@ -400,6 +405,14 @@ impl Folder {
             .chain(&own)
             .any(|path| is_newer(changed(path)))
     }
+}
+
+/// The name of a dropped file.
+pub(crate) fn name_of_upload(name: &str) -> Result<String, StudioError> {
+    file_name::sanitised(name).ok_or_else(|| StudioError::Upload {
+        name: name.chars().take(100).collect(),
+        why: "expected a file name with a letter or a digit".to_owned(),
+    })
 }
 
 impl FileSeen {

@@ -22,8 +22,12 @@ use serde_json::json;
 use volcomp_web::{headers, hosts, is_of_another_page};
 
 use crate::{
-    error::StudioError, fit::REPORT, folder::Folder, outputs::TableRequest, questions::GivenAnswer,
-    send::Target, uploads::LARGEST_FILE,
+    error::StudioError,
+    fit::REPORT,
+    folder::{Folder, LARGEST_FILE},
+    outputs::TableRequest,
+    questions::GivenAnswer,
+    send::Target,
 };
 
 /// The largest NC program, bytes.

@@ -13,8 +13,7 @@ use volcomp_vocabulary::{AxisName, CorrectionLimit, Displacement};
 
 use crate::{
     error::StudioError,
-    folder::{Folder, RESULT, SETUP},
-    uploads::sanitised,
+    folder::{Folder, RESULT, SETUP, name_of_upload},
 };
 
 /// Which tables are written.
@@ -153,7 +152,7 @@ impl Folder {
             let key = "tolerance_um";
             return Err(StudioError::Request { key, why });
         }
-        let name = sanitised(name)?;
+        let name = name_of_upload(name)?;
         let wrong = |source: NcError| StudioError::Nc {
             name: name.clone(),
             source: Box::new(source),

@@ -60,9 +60,10 @@ function show(now) {
   list("notes", draft ? draft.notes : []);
   element("questions-panel").hidden = !draft && !state.by_hand;
   element("by-hand").hidden = !state.by_hand;
-  for (const id of ["questions", "questions-row", "calibration-fold"]) element(id).hidden = !draft;
+  for (const id of ["questions-fold", "questions-row", "calibration-fold"]) element(id).hidden = !draft;
   if (draft) showQuestions(draft);
-  element("fit-panel").hidden = !state.machine || state.files.length === 0;
+  element("fit-panel").hidden = !state.machine;
+  element("fit").textContent = state.files.length || state.by_hand ? "Fit the measurements" : "Take the errors that the machine file states";
   const hasReport = state.results.includes("result/report.html");
   element("stale").hidden = !state.is_stale;
   element("report-part").hidden = !hasReport;
@@ -194,6 +195,7 @@ function fill(field, value) {
 
 function showQuestions(draft) {
   element("text").textContent = draft.text;
+  if (draft.open) element("questions-fold").open = true;
   element("open").textContent = draft.open ? `(${draft.open} open)` : "(none open)";
   const form = element("questions");
   form.replaceChildren();
@@ -268,7 +270,9 @@ async function fit() {
   list("warnings", fitted.warnings);
   element("report").src = `report.html?${fitted.machine.slice(-12)}${Date.now()}`;
   show(await ask("api/state"));
-  verdict.scrollIntoView();
+  // Answered, the questions are out of the way of the result.
+  element("questions-fold").open = false;
+  element("fit-panel").scrollIntoView();
 }
 
 async function upload(files) {

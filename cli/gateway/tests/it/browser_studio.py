@@ -15,13 +15,13 @@ names = ("machine.toml", "ebx.csv", "exx.csv", "eyx.csv", "exy.csv", "ezx-level.
 files = [str(pathlib.Path(folder) / name) for name in names]
 
 
-def hold(page, selector):
+def hold(page, selector, hold_ms=1300):
     button = page.locator(selector).first
     button.scroll_into_view_if_needed()
     box = button.bounding_box()
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     page.mouse.down()
-    page.wait_for_timeout(1300)
+    page.wait_for_timeout(hold_ms)
     page.mouse.up()
 
 
@@ -152,12 +152,43 @@ with sync_playwright() as playwright:
     look(page, "sent")
     # The gateway compares, and corrects with it once an engineer has confirmed it there.
     page.goto(page.locator("#gateway-done a").get_attribute("href"))
+    page.wait_for_selector("#in-force dd")
+    # Without an engineer's token nothing can be done.
+    for control in ("#machine-file", "#configured", "#activate"):
+        assert page.is_disabled(control), control
+    assert page.is_enabled("#disarm")
     page.fill("#token", token)
     page.click("#token-form button")
     page.wait_for_selector("#activate:not([disabled])")
     assert page.locator("#diagonals svg").count() == 4
     look(page, "gateway")
+    assert token not in page.url and token not in page.content()
+    # A short touch does nothing, a second puts it in force, after a question where it moves far.
+    before = page.inner_text("#in-force")
+    hold(page, "#activate", 300)
+    page.wait_for_timeout(700)
+    assert page.inner_text("#in-force") == before
     hold(page, "#activate")
+    page.wait_for_selector("#confirm-panel:not([hidden])")
+    assert "moves by" in page.inner_text("#confirm-lines")
+    hold(page, "#confirm", 300)
+    page.wait_for_timeout(700)
+    assert page.is_visible("#confirm-panel"), "a short touch confirms nothing"
+    hold(page, "#confirm")
+    until(page, lambda: "erna" in page.inner_text("#in-force"))
+    # Back to the configured file, and forward again from the history.
+    page.wait_for_selector("#configured:not([disabled])")
+    hold(page, "#configured")
+    page.wait_for_selector("#confirm-panel:not([hidden])")
+    hold(page, "#confirm")
+    until(page, lambda: "erna" not in page.inner_text("#in-force"))
+    page.wait_for_selector("#history td button:not([disabled])")
+    hold(page, "#history td button")
+    page.wait_for_selector("#confirm-panel:not([hidden])")
+    page.click("#not-now")
+    assert page.is_hidden("#confirm-panel")
+    look(page, "history")
+    hold(page, "#history td button")
     page.wait_for_selector("#confirm-panel:not([hidden])")
     hold(page, "#confirm")
     until(page, lambda: "erna" in page.inner_text("#in-force"))

@@ -31,12 +31,9 @@ fn one_file_becomes_a_machine_file_by_its_defaults() {
         "{refused}"
     );
     folder.answer(&defaults(&folder)).expect("answers");
-    let fitted = folder.fit("EXX.E=100,V=100").expect("fitted");
-    assert_eq!((fitted.curves, fitted.verdict), (1, Verdict::Undecided));
-    assert_eq!(
-        folder.fit("EXX.E=1").expect("fitted").verdict,
-        Verdict::Fail
-    );
+    let fitted = folder.fit("EXX=100,V=100").expect("fitted");
+    assert_eq!((fitted.curves, fitted.verdict), (1, Verdict::Pass));
+    assert_eq!(folder.fit("EXX=1").expect("fitted").verdict, Verdict::Fail);
     assert_eq!(folder.fit("").expect("fitted").verdict, Verdict::None);
     let machine = Machine::read(dir.path().join("result/machine.toml")).expect("valid");
     assert_eq!(machine.checksum(), fitted.machine);
@@ -142,6 +139,19 @@ fn a_calibration_file_of_the_user_is_used_and_never_replaced() {
     let machine = Machine::read(dir.path().join("result/machine.toml")).expect("valid");
     let library = calibrated_machine(&file).expect("fitted");
     assert_eq!(machine.checksum(), library.checksum());
+}
+
+#[test]
+fn without_measurement_files_the_machine_file_is_the_result() {
+    let (dir, folder) = small();
+    fs::remove_file(dir.path().join("exx.csv")).expect("there");
+    let text = fs::read_to_string(dir.path().join("machine.toml")).expect("there");
+    let text = format!("{text}\n[errors]\nEC0Y = 12.0\n");
+    folder.set_machine("machine.toml", &text).expect("valid");
+    let fitted = folder.fit("EC0Y=20").expect("stated");
+    assert_eq!((fitted.curves, fitted.verdict), (0, Verdict::Pass));
+    let machine = Machine::read(dir.path().join("result/machine.toml")).expect("valid");
+    assert!(machine.locations().values().eq([&12.0]));
 }
 
 #[test]
@@ -300,7 +310,7 @@ fn tables_and_programs_hold_the_correction() {
     let text = fs::read_to_string(dir.path().join(&done.file)).expect("written");
     // The table goes 8 µm too far: it is sent to 399.992.
     assert!(text.contains("X399.992"), "{text}");
-    let wrong = folder.nc("part.ngc", b"G1 X1 F1000\nG1 X+-3\n", 1.0);
+    let wrong = folder.nc("part.ngc", b"G1 X1 F1000\nG1 X1.2.3\n", 1.0);
     let wrong = wrong.expect_err("no number").to_string();
     assert!(
         wrong.starts_with("part.ngc: ") && wrong.contains('2'),

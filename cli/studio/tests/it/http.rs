@@ -130,7 +130,7 @@ fn a_folder_becomes_a_machine_file_over_http() {
     let answered = page.post("api/answers", &defaults(&state)).json();
     assert_eq!(answered["draft"]["open"], 0, "{answered}");
     let fitted = page
-        .post("api/fit", &json!({ "tolerance": "EXX.E=1" }))
+        .post("api/fit", &json!({ "tolerance": "EXX=1" }))
         .json();
     assert_eq!(
         (&fitted["verdict"], &fitted["curves"]),

@@ -1,21 +1,11 @@
-//! Names and bounds of files that are dropped on the page.
+//! The names of files that a browser sends.
 
-use crate::error::StudioError;
-
-/// The largest number of measurement files in a folder.
-pub const MAX_FILES: usize = 200;
-/// The largest file that is taken, bytes.
-pub const LARGEST_FILE: usize = 8 * 1024 * 1024;
-/// The longest file name, bytes.
+/// The longest name, bytes.
 const LONGEST_NAME: usize = 120;
 
-/// The name of a file in the folder: the last part of what the browser calls it, reduced to letters, digits and a few signs.
-/// It is never hidden and never leads out of the folder.
-pub(crate) fn sanitised(name: &str) -> Result<String, StudioError> {
-    let wrong = || StudioError::Upload {
-        name: name.chars().take(LONGEST_NAME).collect(),
-        why: "expected a file name with a letter or a digit".to_owned(),
-    };
+/// A name that is safe as one part of a path: the last part of what the browser calls the file, reduced to letters, digits,
+/// blanks and `-_.+`, at most 120 bytes. It is never hidden and never leads out of a folder. `None` of a name without a letter or a digit.
+pub fn sanitised(name: &str) -> Option<String> {
     let last = name.rsplit(['/', '\\']).next().unwrap_or_default();
     let is_plain = |c: char| c.is_alphanumeric() || matches!(c, '-' | '_' | '.' | '+' | ' ');
     let plain: String = last
@@ -36,11 +26,7 @@ pub(crate) fn sanitised(name: &str) -> Result<String, StudioError> {
         }
         plain = format!("{short}.{ending}");
     }
-    if plain.chars().any(char::is_alphanumeric) {
-        Ok(plain)
-    } else {
-        Err(wrong())
-    }
+    plain.chars().any(char::is_alphanumeric).then_some(plain)
 }
 
 #[cfg(test)]
@@ -66,7 +52,7 @@ mod tests {
             assert_eq!(sanitised(given).expect(given), found);
         }
         for none in ["", ".", "..", "../", "<>", "/"] {
-            assert!(sanitised(none).is_err(), "{none}");
+            assert_eq!(sanitised(none), None, "{none}");
         }
     }
 
@@ -74,7 +60,7 @@ mod tests {
         /// Whatever a browser sends: one name in this folder, not hidden, which every file system takes.
         #[test]
         fn a_name_is_one_part_of_a_path(given in "\\PC{0,300}|.{0,300}") {
-            if let Ok(name) = sanitised(&given) {
+            if let Some(name) = sanitised(&given) {
                 prop_assert!(!name.starts_with('.') && name.len() <= LONGEST_NAME, "{name}");
                 let path = Path::new("/folder").join(&name);
                 prop_assert_eq!(path.parent(), Some(Path::new("/folder")));
