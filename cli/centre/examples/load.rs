@@ -39,8 +39,7 @@ use volcomp_centre::{
 };
 use volcomp_fleet::{
     Condition, Envelope, Hub, Identity, Keeping, Kind, LinkSettings, MachineUser, ServerSettings,
-    Subjects,
-    server::{Server, free_address},
+    Subjects, server::Server,
 };
 
 /// The state of a gateway as it tells it.
@@ -103,7 +102,7 @@ impl Bench {
         let centre = KeyPair::new_user();
         let settings = ServerSettings {
             name: "load".to_owned(),
-            listen: free_address().unwrap(),
+            listen: volcomp_test_support::free_address(),
             store: folder.path().join("streams"),
             tls: None,
             cluster: None,

@@ -13,7 +13,7 @@ use tempfile::TempDir;
 use tokio::task::JoinHandle;
 use volcomp_fleet::{
     Identity, Keeping, LinkSettings, MachineUser, ServerSettings,
-    server::{Server, ServerError, free_address},
+    server::{Server, ServerError},
 };
 
 pub use self::confirm::CONFIRMS_AFTER;
@@ -130,9 +130,10 @@ impl Demo {
             identity: machine.identity.clone(),
             nkey: user.public_key(),
         });
+        let free = StdListener::bind("127.0.0.1:0").and_then(|free| free.local_addr());
         let settings = ServerSettings {
             name: "demo".to_owned(),
-            listen: free_address().map_err(io("the server"))?,
+            listen: free.map_err(io("the server"))?.to_string(),
             store: folder.path().join("server"),
             tls: None,
             cluster: None,

@@ -169,10 +169,12 @@ pub fn average(
         ));
     }
     let mut sums = vec![Sums::default(); SYSTEMS];
-    let mut off_mm = [[0.0; 3]; SYSTEMS].to_vec();
+    // Of each offset from whose stated zero the program cuts.
+    let mut off_mm = [None; SYSTEMS].to_vec();
     at_places(program, job, None, |corrector, place| {
-        if sums[place.system].places == 0 && place.from_stated_zero {
-            off_mm[place.system] = corrector.off_at_zero_mm(&place.frame.of_offset());
+        if place.from_stated_zero {
+            let off = || corrector.off_at_zero_mm(&place.frame.of_offset());
+            off_mm[place.system].get_or_insert_with(off);
         }
         sums[place.system].take(place.delta);
         Ok(())
@@ -189,7 +191,9 @@ pub fn average(
     let means: Vec<[f64; 3]> = sums.iter().map(mean).collect();
     if measured.is_some() {
         // The measured mean is the only known error of the zero, too.
-        off_mm = means.iter().map(|mean| mean.map(|mm| -mm)).collect();
+        for (off, mean) in off_mm.iter_mut().zip(&means) {
+            *off = off.map(|_| mean.map(|mm| -mm));
+        }
     }
     let mut left = vec![Sums::default(); SYSTEMS];
     let bounds = Bounds::new(job.corrector, job.limit);
@@ -236,8 +240,8 @@ pub fn average(
         averages.push(Average {
             system: name_of_offset(system),
             places: of.places,
-            off_at_zero: Note::off_at_zero(system, off_mm[system]),
-            off_at_zero_mm: off_mm[system],
+            off_at_zero: off_mm[system].and_then(|off| Note::off_at_zero(system, off)),
+            off_at_zero_mm: off_mm[system].unwrap_or_default(),
             mean_mm: means[system],
             left_um: measured.map_or_else(|| left[system].um(), |(_, [left, _])| left),
             before_um: measured.map_or_else(|| of.um(), |(_, [_, before])| before),

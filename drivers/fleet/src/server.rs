@@ -3,7 +3,7 @@
 use std::{
     ffi::OsStr,
     io::{self, Write},
-    net::{TcpListener, TcpStream},
+    net::TcpStream,
     os::unix::fs::{MetadataExt, OpenOptionsExt, fchown},
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
@@ -54,14 +54,6 @@ pub fn program() -> Option<PathBuf> {
     folders
         .chain([PathBuf::from(ON_DEBIAN)])
         .find(|file| file.is_file())
-}
-
-/// A local address that is free now.
-///
-/// # Errors
-/// The operating system gives none.
-pub fn free_address() -> io::Result<String> {
-    Ok(TcpListener::bind("127.0.0.1:0")?.local_addr()?.to_string())
 }
 
 /// Writes a configuration, which may hold the password of a cluster, in the place of the one before: only its owner can read

@@ -28,7 +28,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-pub use ports::free_port;
+pub use ports::{free_address, free_port};
 pub use running::Running;
 
 /// The repository's root folder.

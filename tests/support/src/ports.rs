@@ -24,3 +24,8 @@ pub fn free_port() -> u16 {
     }
     panic!("no port from {FIRST} on is free");
 }
+
+/// The same as an address of this computer.
+pub fn free_address() -> String {
+    format!("127.0.0.1:{}", free_port())
+}

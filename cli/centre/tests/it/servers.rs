@@ -18,7 +18,8 @@ use tokio_rustls::{
         pki_types::{CertificateDer, pem::PemObject},
     },
 };
-use volcomp_fleet::server::{free_address, program};
+use volcomp_fleet::server::program;
+use volcomp_test_support::free_address;
 
 use crate::{
     command::{call, done},
@@ -79,18 +80,18 @@ fn three_servers_of_one_centre_join_with_tls() {
     };
     let folder = centre();
     let folder = folder.path();
-    let addresses: Vec<String> = (0..3).map(|_| free_address().unwrap()).collect();
+    let addresses: Vec<String> = (0..3).map(|_| free_address()).collect();
     let mut running = Vec::new();
     let mut monitors = Vec::new();
     for place in 0..3 {
-        let listen = free_address().unwrap();
+        let listen = free_address();
         let name = format!("server-{place}");
         configure(folder, &name, &listen, Some((place, &addresses)));
         let file = format!("{name}.conf");
         assert_eq!(done(folder, &format!("nats-config --output {file}")), "");
         let mode = std::fs::metadata(folder.join(&file)).unwrap().permissions();
         assert_eq!(mode.mode() & 0o777, 0o600);
-        let monitor = free_address().unwrap();
+        let monitor = free_address();
         let port = monitor.rsplit(':').next().unwrap();
         let child = Command::new(&server)
             .args(["-m", port, "-a", "127.0.0.1", "-c"])

@@ -21,7 +21,7 @@ use volcomp_centre::{
 };
 use volcomp_fleet::{
     Keeping, LinkSettings, MachineUser, ServerSettings, SigningKey,
-    server::{Server, free_address, program},
+    server::{Server, program},
 };
 
 use crate::{
@@ -70,11 +70,13 @@ impl Shop {
                 nkey: key.public_key(),
             })
             .collect();
-        let routes: Vec<String> = (0..servers).map(|_| free_address().unwrap()).collect();
+        let routes: Vec<String> = (0..servers)
+            .map(|_| volcomp_test_support::free_address())
+            .collect();
         let settings: Vec<ServerSettings> = (0..servers)
             .map(|place| ServerSettings {
                 name: format!("server-{place}"),
-                listen: free_address().unwrap(),
+                listen: volcomp_test_support::free_address(),
                 store: folder.path().join(format!("streams-{place}")),
                 tls: None,
                 cluster: (servers > 1).then(|| volcomp_fleet::Cluster {

@@ -8,7 +8,7 @@ use std::{
 use serde_json::Value;
 use volcomp_fleet::{
     Desired, Identity, Keeping, MachineUser, Manifest, ModelRef, ServerSettings, SigningKey,
-    server::{Server, free_address, program},
+    server::{Server, program},
 };
 use volcomp_focas::simulator::Simulator;
 use volcomp_vocabulary::AxisName;
@@ -52,7 +52,7 @@ impl Centre {
         };
         let settings = ServerSettings {
             name: "one".to_owned(),
-            listen: free_address().expect("an address"),
+            listen: volcomp_test_support::free_address(),
             store: folder.path().join("streams"),
             tls: None,
             cluster: None,

@@ -12,7 +12,7 @@ use std::{
 use clap::Parser;
 use serde_json::{Value, json};
 use volcomp_centre::command::Arguments;
-use volcomp_fleet::server::{free_address, program};
+use volcomp_fleet::server::program;
 use volcomp_focas::simulator::Simulator;
 use volcomp_test_support::{Running, until};
 
@@ -166,7 +166,7 @@ impl Whole {
         };
         let folder = tempfile::tempdir().expect("writable");
         let at = folder.path();
-        let free = || [(); 2].map(|()| free_address().expect("an address"));
+        let free = || [(); 2].map(|()| volcomp_test_support::free_address());
         let [listen, page] = place.addresses.clone().unwrap_or_else(free);
         let url = format!("nats://{listen}");
         // A cycle that comes late on a busy computer leaves a residual, and stops no roll-out here.

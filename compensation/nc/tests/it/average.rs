@@ -290,6 +290,24 @@ fn a_probed_zero_has_what_was_measured() {
     }
 }
 
+/// A zero that the program sets itself was not probed: only the first cut from the zero that the set-up states speaks of that one.
+#[test]
+fn an_own_zero_was_not_probed() {
+    let reading = [Reading {
+        direction: [1.0, 0.0, 0.0],
+        error_mm: 0.010,
+    }];
+    let own = "G90 G54 G0 X0 Y0\nG53 G0 Z0\nG92 Z0\nG1 X1 F100\n";
+    let both = format!("{own}G92.1\nG0 Z0\nG1 X2\n");
+    let zero = Note::OffAtZero("G54".to_owned(), [100, 0, 0]);
+    for of in [MeanOf::Places, MeanOf::Readings(&reading)] {
+        let (_, found) = run_of("EXX = 10.0", SETUP, own, of).expect(own);
+        assert_eq!(found[0].off_at_zero, None, "{of:?}");
+        let (_, found) = run_of("EXX = 10.0", SETUP, &both, of).expect(&both);
+        assert_eq!(found[0].off_at_zero.as_ref(), Some(&zero), "{of:?}");
+    }
+}
+
 /// 100 µrad of pitch over a tool of 300 mm are 30 µm, in the mean as in each correction; and the number of a program stays first.
 #[test]
 fn the_tool_counts_and_the_number_of_the_program_stays_first() {

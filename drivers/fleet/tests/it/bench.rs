@@ -4,7 +4,7 @@ use async_nats::{ConnectOptions, jetstream};
 use nkeys::KeyPair;
 use volcomp_fleet::{
     Identity, Keeping, LinkSettings, MachineUser, ServerSettings,
-    server::{Server, free_address, program},
+    server::{Server, program},
 };
 
 /// A server with its users.
@@ -36,7 +36,7 @@ impl Bench {
         let machines = ["mill-a", "mill-b"].map(|name| (identity(name), KeyPair::new_user()));
         let settings = ServerSettings {
             name: "one".to_owned(),
-            listen: free_address().unwrap(),
+            listen: volcomp_test_support::free_address(),
             store: folder.path().join("streams"),
             tls: None,
             cluster: None,

@@ -8,8 +8,9 @@ use nkeys::KeyPair;
 use tokio::time::timeout;
 use volcomp_fleet::{
     Cluster, Keeping, NoConfiguration, RoutePassword, ServerSettings,
-    server::{Server, free_address, program},
+    server::{Server, program},
 };
+use volcomp_test_support::free_address;
 
 use crate::bench::identity;
 
@@ -21,7 +22,7 @@ const NEVER: Duration = Duration::from_millis(800);
 fn settings(name: &str, folder: &Path, centre: &KeyPair, cluster: Cluster) -> ServerSettings {
     ServerSettings {
         name: name.to_owned(),
-        listen: free_address().unwrap(),
+        listen: free_address(),
         store: folder.join("streams"),
         tls: None,
         cluster: Some(cluster),
@@ -53,7 +54,7 @@ fn who_does_not_know_the_password_does_not_join() {
     }
     let folder = tempfile::tempdir().unwrap();
     let centre = KeyPair::new_user();
-    let addresses = [(); 4].map(|()| free_address().unwrap());
+    let addresses = [(); 4].map(|()| free_address());
     let routes: Vec<String> = (addresses[..3].iter())
         .map(|address| format!("nats://{address}"))
         .collect();
