@@ -97,7 +97,7 @@ pub enum Origin {
         /// The path of the calibration file.
         path: String,
     },
-    /// The form of the web page.
+    /// The text of a machine file that the interface received without a name.
     Form,
 }
 

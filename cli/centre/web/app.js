@@ -10,7 +10,6 @@ const PAGES = [
   ["rollout", null, "engineer", startPage],
   ["models", "Models", "viewer", modelsPage],
   ["model", null, "viewer", modelPage],
-  ["build", "Build", "engineer", buildPage],
   ["network", "Network", "engineer", networkPage],
   ["alarms", "Alarms", "viewer", alarmsPage],
   ["users", "Users", "admin", usersPage],

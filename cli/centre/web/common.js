@@ -226,3 +226,11 @@ function drawSections(place, map, origin = "model") {
     place.append(table(["body diagonal", "range before, µm", "range after, µm"], map.diagonals_um.map(([name, [before, after]]) => make("tr", {}, cell(name), cell(fixed(before, 1)), cell(fixed(after, 1)))), "narrow"));
   }
 }
+
+/** Numbers between blanks or semicolons. A comma is none of both: whoever writes 0,035 would get two numbers. */
+const numbersIn = (text) => text.split(/[\s;]+/).filter(Boolean).map((word) => {
+  if (word.includes(",")) throw new Refused(0, `found ${JSON.stringify(word)}, expected a point as the decimal sign, and blanks or semicolons between numbers: no comma`);
+  const number = Number(word.replace("−", "-"));
+  if (!Number.isFinite(number)) throw new Refused(0, `found ${JSON.stringify(word)}, expected a number`);
+  return number;
+});

@@ -1,5 +1,5 @@
 "use strict";
-/* global foldedCurves, diagonalOf, leftOf, ends */
+/* global diagonalOf, leftOf, ends */
 
 const HOLD_MS = 1000, LOOK_MS = 1000;
 const element = (id) => document.getElementById(id);
@@ -9,11 +9,7 @@ const headers = () => (token() ? { Authorization: `Bearer ${token()}` } : {});
 let isEngineer = false, mayOperate = false, state = null, candidate = null;
 /** What a person has to confirm: the request that is repeated with the hash. */
 let asked = null;
-/** The answers that were typed, by files and key: neither a look at the gateway nor a reload of the page must take them away. */
-const typed = new Map();
-/** Questions whose answers differ from file to file. */
-const OF_ONE = ["error", "file"];
-let drawn = "", marked = "", busy = false, wantsResult = false;
+let drawn = "", busy = false, wantsResult = false;
 
 function text(id, value) {
   const target = element(id);
@@ -70,7 +66,6 @@ function showState() {
     : `The configured machine file, as it is on disk now, is another model than the one in force. ${DIFFERS[state.from]}`);
   element("no-files").hidden = !state.no_files;
   text("no-files", state.no_files ? `No files are taken here: ${state.no_files}.` : "");
-  text("most", `at most ${state.most_files} files, each up to ${size(state.largest_file_bytes)}`);
   const body = element("history").tBodies[0];
   body.replaceChildren();
   const now = state.history.find((entry) => entry.outcome === "in-force" && entry.hash === state.hash);
@@ -108,240 +103,42 @@ function list(id, lines) {
   for (const line of lines) make("li", "", target, line);
 }
 
-/** The files, each with a button that takes it off. The last one is discarded. */
-function showFiles(files, may) {
-  const target = element("files"), now = JSON.stringify([files, may]);
-  if (target.dataset.shown === now) return;
-  target.dataset.shown = now;
-  target.replaceChildren();
-  for (const file of files) {
-    const line = make("li", "", target, `${file.name}, ${size(file.bytes)}`);
-    if (files.length === 1) continue;
-    const off = make("button", "plain", line, "take off");
-    off.title = `take ${file.name} off the list`;
-    off.disabled = !may;
-    off.addEventListener("click", () => post("take-off", { candidate: candidate.id, name: file.name }));
-  }
-}
-
 function showCandidate() {
   const step = candidate ? candidate.step : null;
-  const isWorking = step === "working";
-  text("candidate", !candidate && state && state.no_files ? "" : !candidate ? "Upload what was measured, or a machine file that is ready."
-    : isWorking ? "The gateway looks at the files …"
-      : `Begun by ${candidate.who}, ${when(candidate.since)} UTC.`);
-  const hasMachine = candidate && candidate.files.some((file) => file.name.toLowerCase().endsWith(".toml"));
   const takesFiles = isEngineer && !(state && state.no_files);
-  element("measurements").disabled = !takesFiles || isWorking || busy || hasMachine;
+  text("candidate", !candidate && state && state.no_files ? "" : !candidate ? "Send a machine file."
+    : `${candidate.file.name}, ${size(candidate.file.bytes)}, from ${candidate.who}, ${when(candidate.since)} UTC${step === "working" ? "; it is compared with the model in force …" : ""}`);
   element("machine-file").disabled = !takesFiles || Boolean(candidate) || busy;
-  element("machine-file").parentElement.hidden = Boolean(candidate);
-  showFiles(candidate ? candidate.files : [], isEngineer && !isWorking && !busy);
-  // What went wrong is said where it can be mended.
-  const error = (candidate && candidate.error) || "", hasDraft = Boolean(candidate && candidate.draft);
-  for (const [id, isHere] of [["error", !hasDraft], ["open", hasDraft]]) {
-    element(id).hidden = !error || !isHere;
-    text(id, error);
-  }
-  element("working").hidden = !isWorking;
-  element("draft").hidden = !candidate || hasMachine || step !== "uploading";
-  element("draft").disabled = !isEngineer || busy || !candidate || candidate.files.length === 0;
+  element("choose").hidden = Boolean(candidate);
+  const error = (candidate && candidate.error) || "";
+  element("error").hidden = !error;
+  text("error", error);
   element("discard").hidden = !candidate;
   element("discard").disabled = !isEngineer;
-  element("calibrate").disabled = !isEngineer || isWorking;
-  const refusal = (candidate && candidate.result && candidate.result.refusal) || "";
+  const result = candidate && candidate.result, refusal = (result && result.refusal) || "";
   element("activate").disabled = !isEngineer || step !== "ready" || Boolean(refusal);
   element("refusal").hidden = !refusal;
   text("refusal", refusal);
   element("configured").disabled = !takesFiles || !state || !(state.from === "upload" || state.configured.differs) || state.from === "centre";
-  const draft = candidate && candidate.draft;
-  element("questions-panel").hidden = !draft;
-  const result = candidate && candidate.result;
   element("result-panel").hidden = !result;
-  // What is drawn already stays, with what is being typed into it.
-  const now = JSON.stringify(candidate && [candidate.id, draft && { ...draft, answers: [] }, result, isEngineer]);
-  if (now === drawn) {
-    if (error !== marked) markOpen();
-    marked = error;
-    return;
-  }
-  [drawn, marked] = [now, error];
-  if (draft) showDraft(draft);
-  // Answered, they are out of the way of the result.
-  element("questions-fold").open = !result;
+  // A button that is held must not be drawn anew.
+  const now = JSON.stringify(candidate && [candidate.id, result]);
+  if (now === drawn) return;
+  drawn = now;
   if (result) showResult(result);
   if (result && wantsResult) element("result-panel").scrollIntoView();
   wantsResult = wantsResult && !result;
-}
-
-/** Where the gateway says no to the answers, the first field that keeps it from going on is shown. */
-function showOpen() {
-  if (!wantsResult || !candidate || candidate.step === "working" || !candidate.error) return;
-  wantsResult = false;
-  const first = element("questions").querySelector(".open-field");
-  if (first) first.scrollIntoView({ block: "center" });
-}
-
-/** What an answer is kept under: numbers of measurements become others where a file is added or taken off. */
-function keyOf(draft, of, key) {
-  const measurement = draft.measurements[Number(of)];
-  return `${measurement ? measurement.files.join(" ") : of} ${key}`;
-}
-
-function keep(key, value) {
-  typed.set(key, value);
-  sessionStorage.setItem("typed", JSON.stringify({ candidate: candidate.id, answers: [...typed] }));
-}
-
-/** What was typed before the page was loaded anew. */
-function recall() {
-  try {
-    const kept = JSON.parse(sessionStorage.getItem("typed") || "null");
-    if (kept && kept.candidate === candidate.id) for (const [key, value] of kept.answers) typed.set(key, value);
-  } catch { /* nothing that could be used */ }
-}
-
-function fieldOf(question, parent) {
-  let field;
-  if (question.choices.length) {
-    field = make("select", "", parent);
-    make("option", "", field, "").value = "";
-    for (const choice of question.choices) make("option", "", field, choice).value = choice;
-  } else {
-    field = make("input", "", parent);
-    field.autocomplete = "off";
-    field.inputMode = question.key === "error" || question.key.startsWith("channels") ? "text" : "decimal";
-    if (question.key === "point") field.placeholder = "x, y, z";
-  }
-  return field;
-}
-
-function lineOf(question, parent) {
-  const line = make("label", "question", parent);
-  const words = make("span", "", line, `${question.question} `);
-  make("code", "", words, question.key);
-  return line;
-}
-
-/** A field for each question that many measurements have: it fills those that are empty. */
-function showForAll(questions, form) {
-  const kinds = new Map();
-  for (const question of questions) if (!OF_ONE.includes(question.key)) kinds.set(question.key, [...(kinds.get(question.key) || []), question]);
-  const many = [...kinds.values()].filter((of) => of.length > 1);
-  if (many.length === 0) return;
-  const group = make("fieldset", "for-all", form);
-  make("legend", "", group, "The same for all of these");
-  make("p", "said", group, "What stands here is filled into the fields below that are empty. What was typed there stays.");
-  const fields = many.map((of) => {
-    const line = lineOf({ ...of[0], question: `${of.length} times: ${of[0].question}` }, group);
-    const field = fieldOf(of[0], line);
-    field.dataset.all = of[0].key;
-    return field;
-  });
-  const fill = make("button", "plain", make("div", "row", group), "Fill the empty fields");
-  fill.type = "button";
-  fill.addEventListener("click", () => {
-    for (const all of fields.filter((field) => field.value.trim())) {
-      for (const field of form.querySelectorAll(`[data-key="${all.dataset.all}"]`)) {
-        if (field.value.trim() || field.closest(".left-out")) continue;
-        field.value = all.value.trim();
-        field.dispatchEvent(new Event("input"));
-      }
-    }
-  });
-}
-
-/** Marks the fields that keep the gateway from making a model: those that are empty, or the one that it names. */
-function markOpen() {
-  const error = (candidate && candidate.error) || "";
-  for (const field of element("questions").querySelectorAll("[data-key]:not([data-key=leave_out])")) {
-    const isWrong = error.startsWith(field.dataset.named) || (error.includes("open question") && !field.value.trim());
-    field.classList.toggle("open-field", isWrong && !field.closest(".left-out"));
-  }
-}
-
-function showDraft(draft) {
-  recall();
-  for (const answer of draft.answers) {
-    const key = keyOf(draft, answer.of, answer.key);
-    if (!typed.has(key)) typed.set(key, answer.value);
-  }
-  for (const [id, lines] of [["conflicts", draft.conflicts], ["left-over", draft.left_over], ["notes", draft.notes]]) {
-    list(id, lines);
-    element(id).parentElement.hidden = lines.length === 0;
-  }
-  text("text", draft.text);
-  const form = element("questions");
-  form.replaceChildren();
-  const groups = new Map();
-  for (const question of draft.questions) groups.set(question.of, [...(groups.get(question.of) || []), question]);
-  if (groups.size === 0) make("p", "", form, "None: the files say everything.");
-  showForAll(draft.questions, form);
-  for (const [of, questions] of groups) {
-    const group = make("fieldset", "", form);
-    const measurement = draft.measurements[Number(of)];
-    make("legend", "", group, measurement ? `${measurement.error || "unknown error"}: ${measurement.files.join(" or ")}` : `Squareness ${of}`);
-    if (measurement) for (const said of measurement.said) make("p", "said", group, said);
-    for (const question of questions) {
-      const field = fieldOf(question, lineOf(question, group));
-      const key = keyOf(draft, of, question.key);
-      field.dataset.of = of;
-      field.dataset.key = question.key;
-      // As a refusal of the gateway names it.
-      field.dataset.named = `${measurement ? measurement.files.join(", ") : of}: ${question.key}: `;
-      field.value = typed.get(key) || "";
-      field.addEventListener("input", () => {
-        keep(key, field.value);
-        field.classList.remove("open-field");
-      });
-    }
-    const out = make("label", "out", group);
-    const box = make("input", "", out);
-    box.type = "checkbox";
-    box.dataset.of = of;
-    box.dataset.key = "leave_out";
-    const outKey = keyOf(draft, of, "leave_out");
-    box.checked = typed.get(outKey) === "true";
-    make("span", "", out, "leave this out");
-    const mark = () => group.classList.toggle("left-out", box.checked);
-    box.addEventListener("change", () => { keep(outKey, String(box.checked)); mark(); markOpen(); });
-    mark();
-  }
-  markOpen();
-}
-
-function answers() {
-  const found = [];
-  for (const field of element("questions").querySelectorAll("[data-key]")) {
-    const value = field.type === "checkbox" ? (field.checked ? "true" : "") : field.value.trim();
-    if (value) found.push({ of: field.dataset.of, key: field.dataset.key, value });
-  }
-  return found;
 }
 
 function showResult(result) {
   text("result-name", result.name);
   text("result-hash", result.hash);
   list("warnings", result.warnings);
-  const table = element("fits"), body = table.tBodies[0];
-  table.hidden = result.fits.length === 0;
-  body.replaceChildren();
-  const fixed = (value, unit) => (value === null ? "–" : `${value.toFixed(2)} ${unit}`);
-  for (const fit of result.fits) {
-    const unit = fit.unit === "urad" ? "µrad" : "µm";
-    const row = body.insertRow();
-    const largest = Math.max(Math.abs(fit.residual_min), Math.abs(fit.residual_max));
-    for (const cell of [`${fit.error}${fit.direction ? ` ${fit.direction}` : ""}`, fit.curve, fit.readings.length, fixed(fit.residual_rms, unit), fixed(largest, unit), fixed(fit.leave_one_out, unit)]) make("td", "", row, String(cell));
-  }
-  const square = Object.entries(result.squareness_urad).map(([error, value]) => `${error} ${value.toFixed(1)} µrad`.replace("-", "−"));
-  text("squareness", square.length ? `Squareness: ${square.join(", ")}` : "");
   drawPlots(result);
 }
 
-/** Curves and diagonals in the width of the window; what was unfolded stays so. */
+/** Diagonals in the width of the window. */
 function drawPlots(result) {
-  const isOpen = new Set([...element("curves").querySelectorAll("details[open]")].map((fold) => fold.dataset.axis));
-  element("curves").replaceChildren(...foldedCurves(result.fits));
-  for (const fold of element("curves").children) fold.open = isOpen.has(fold.dataset.axis);
   const range = ends(result.diagonals.flatMap((diagonal) => leftOf(diagonal).flatMap((p) => p.slice(1))));
   element("diagonals-part").hidden = result.diagonals.length === 0;
   element("diagonals").replaceChildren(...result.diagonals.map((diagonal) => diagonalOf(diagonal, range)));
@@ -384,24 +181,17 @@ async function putInForce(what, body) {
   look();
 }
 
-async function upload(kind, input) {
+async function upload(input) {
   busy = true;
-  const files = [...input.files];
+  const [file] = input.files;
   try {
-    for (const [index, file] of files.entries()) {
-      text("answer", `uploading ${file.name} (${index + 1} of ${files.length}) …`);
-      const at = candidate ? `&candidate=${candidate.id}` : "";
-      const response = await fetch(`/api/model/upload?kind=${kind}&name=${encodeURIComponent(file.name)}${at}`, { method: "POST", headers: headers(), body: file });
-      const answer = await response.json();
-      if (!response.ok) {
-        text("answer", `${file.name}: ${answer.error}`);
-        return;
-      }
-      candidate = answer;
-    }
-    text("answer", "");
+    text("answer", `sending ${file.name} …`);
+    const response = await fetch(`/api/model/upload?kind=machine&name=${encodeURIComponent(file.name)}`, { method: "POST", headers: headers(), body: file });
+    const answer = await response.json();
+    wantsResult = response.ok;
+    text("answer", response.ok ? "" : `${file.name}: ${answer.error}`);
   } catch {
-    text("answer", "the upload was cut: the gateway does not answer, or ended the connection");
+    text("answer", "the file was cut: the gateway does not answer, or ended the connection");
   } finally {
     input.value = "";
     busy = false;
@@ -409,10 +199,9 @@ async function upload(kind, input) {
   }
 }
 
-async function post(what, body, then = () => null) {
+async function post(what, body) {
   try {
     const { ok, answer } = await ask(`/api/model/${what}`, body);
-    if (ok) then();
     text("answer", ok ? "" : answer.error);
   } catch {
     text("answer", "the gateway does not answer");
@@ -433,16 +222,14 @@ async function look() {
     text("state", machine.answer.state.replace("-", " "));
     element("state").dataset.state = machine.answer.state;
     document.title = `Model – ${machine.answer.machine.name}`;
-    const before = JSON.stringify(state), was = candidate && candidate.id;
+    const before = JSON.stringify(state);
     state = model.answer;
     // It may be gone by now, which the next look shows.
     const made = state.candidate ? await ask("/api/model/candidate") : { ok: false };
     candidate = made.ok ? made.answer : null;
-    if (was && (!candidate || candidate.id !== was)) typed.clear();
     // A button that is being held must not be drawn anew under the finger.
     if (JSON.stringify(state) !== before) showState();
     showCandidate();
-    showOpen();
   } catch {
     text("state", "no connection");
     element("state").dataset.state = "unknown";
@@ -492,14 +279,8 @@ element("disarm").addEventListener("click", async () => {
   text("answer", ok ? "" : `disarm refused: ${answer.error || answer.state}`);
   look();
 });
-element("measurements").addEventListener("change", () => upload("measurement", element("measurements")));
-element("machine-file").addEventListener("change", () => upload("machine", element("machine-file")));
-element("draft").addEventListener("click", () => post("draft", { candidate: candidate.id }));
+element("machine-file").addEventListener("change", () => upload(element("machine-file")));
 element("discard").addEventListener("click", () => post("discard", { candidate: candidate.id }));
-element("questions").addEventListener("submit", (event) => {
-  event.preventDefault();
-  post("answers", { candidate: candidate.id, answers: answers() }, () => { wantsResult = true; });
-});
 element("not-now").addEventListener("click", () => { question(null, null); text("answer", ""); });
 guard(element("activate"), (shown) => putInForce("activate", shown), () => ({ candidate: candidate.id, hash: candidate.result.hash }));
 guard(element("configured"), () => putInForce("back", { hash: null }));

@@ -111,6 +111,11 @@ Examples:
   volcomp demo
   volcomp demo -o demo --seed 7 --curve mls";
 
+pub(crate) const STUDIO: &str = "\
+Examples:
+  volcomp studio lasers
+  volcomp studio lasers --listen 127.0.0.1:8100 --no-browser";
+
 pub(crate) const INSPECT: &str = "\
 Examples:
   volcomp inspect exx.rtl

@@ -94,6 +94,8 @@ enum Command {
     Form(commands::form::Arguments),
     #[command(after_help = examples::CALIBRATE)]
     Calibrate(commands::calibrate::Arguments),
+    #[command(after_help = examples::STUDIO)]
+    Studio(commands::studio::Arguments),
     #[command(after_help = examples::REPORT)]
     Report(commands::report::Arguments),
     #[command(after_help = examples::IDENTIFY)]
@@ -153,6 +155,7 @@ fn main() -> ExitCode {
         Command::Squareness(a) => commands::squareness::run(a),
         Command::Form(a) => commands::form::run(a),
         Command::Calibrate(a) => commands::calibrate::run(a),
+        Command::Studio(a) => commands::studio::run(a),
         Command::Report(a) => commands::report::run(a),
         Command::Identify(a) => commands::identify::run(a),
         Command::Simulate(a) => commands::simulate::run(a),

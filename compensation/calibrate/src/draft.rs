@@ -106,7 +106,17 @@ pub fn draft(
     machine_file: &str,
     named: impl Fn(&Path) -> String,
 ) -> std::io::Result<Draft> {
-    let paths = files_below(folder)?;
+    let paths = files_below(folder, usize::MAX)?;
+    Ok(draft_of(paths, machine, machine_file, named))
+}
+
+/// The draft of these files, as [`draft`] makes that of a folder.
+pub fn draft_of(
+    paths: Vec<PathBuf>,
+    machine: &Machine,
+    machine_file: &str,
+    named: impl Fn(&Path) -> String,
+) -> Draft {
     let looked_at = paths.clone();
     let (mut proposed, mut left_over, mut notes) = (Vec::new(), Vec::new(), Vec::new());
     let mut conflicts = Vec::new();
@@ -176,7 +186,7 @@ pub fn draft(
     }
     questions.extend(squares.iter().map(Square::question));
     let text = draft_text::text(machine_file, &proposed, &squares, &conflicts, &left_over);
-    Ok(Draft {
+    Draft {
         looked_at,
         text,
         proposed,
@@ -186,7 +196,7 @@ pub fn draft(
         notes,
         machine_file: machine_file.to_owned(),
         squares,
-    })
+    }
 }
 
 /// What is wrong with a file, without the file's name at its beginning, which stands before the reason.

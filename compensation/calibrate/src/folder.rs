@@ -3,20 +3,23 @@
 use std::path::{Path, PathBuf};
 
 /// Files below a folder in the order of their names, without hidden ones and the TOML files that say something of others. Links to folders are
-/// not followed.
+/// not followed. The search ends once it has found more than `most` files.
 ///
 /// # Errors
 /// A folder that cannot be read.
-pub fn files_below(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
+pub fn files_below(folder: &Path, most: usize) -> std::io::Result<Vec<PathBuf>> {
     let mut paths = Vec::new();
-    list(folder, 0, &mut paths)?;
+    list(folder, 0, most, &mut paths)?;
     paths.sort();
     Ok(paths)
 }
 
-fn list(folder: &Path, depth: usize, paths: &mut Vec<PathBuf>) -> std::io::Result<()> {
+fn list(folder: &Path, depth: usize, most: usize, paths: &mut Vec<PathBuf>) -> std::io::Result<()> {
     const DEEPEST: usize = 8;
     for entry in std::fs::read_dir(folder)? {
+        if paths.len() > most {
+            return Ok(());
+        }
         let entry = entry?;
         let path = entry.path();
         let name = entry.file_name().to_string_lossy().into_owned();
@@ -29,7 +32,7 @@ fn list(folder: &Path, depth: usize, paths: &mut Vec<PathBuf>) -> std::io::Resul
         let kind = entry.file_type()?;
         if kind.is_dir() {
             if depth < DEEPEST {
-                list(&path, depth + 1, paths)?;
+                list(&path, depth + 1, most, paths)?;
             }
         } else {
             paths.push(path);

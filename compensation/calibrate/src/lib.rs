@@ -56,7 +56,7 @@ pub use calibration_file::{
 pub use checks::{different_machines, with_files};
 pub use curve_choice::CurveChoice;
 pub use diagonals::Diagonals;
-pub use draft::{Draft, LeftOver, Proposed, Question, draft};
+pub use draft::{Draft, LeftOver, Proposed, Question, draft, draft_of};
 pub use error::CalibrateError;
 pub use fitted_curve::{FitQuality, FittedCurve, Quality};
 pub use fitted_line::FittedLine;

@@ -136,7 +136,7 @@ pub(super) fn models(models: &[Model]) -> String {
 pub(super) fn model(model: &Model) -> String {
     let letters: Vec<String> = model.axes.iter().map(ToString::to_string).collect();
     let origin = match &model.origin {
-        Origin::Form => "the form of the page".to_owned(),
+        Origin::Form => "a text without a file name".to_owned(),
         Origin::File { name } => format!("the machine file {name}"),
         Origin::Calibration { path } => format!("the calibration {path}"),
     };

@@ -1,4 +1,4 @@
-//! Models: their texts, formulas and maps, and the form that makes one.
+//! Models: their texts, formulas and maps.
 
 use std::sync::Arc;
 
@@ -15,10 +15,10 @@ use super::{
     state::{PageState, Shared},
 };
 use crate::{
+    described::{Described, beyond_every_guard},
     drift::date_s,
-    form::{Described, Form, build, described},
     map::error_map,
-    models::NewModel,
+    models::{NewModel, NoModel},
     records::{Model, Origin},
     store::Store,
     users::User,
@@ -55,7 +55,9 @@ struct Shown {
 pub(super) async fn model(State(page): Shared, Path(checksum): Path<String>) -> Answer {
     let (model, text) = found(&page, checksum).await?;
     let described = page
-        .work(move || Machine::parse(&text, "the model").map(|machine| described(&machine, &text)))
+        .work(move || {
+            Machine::parse(&text, "the model").map(|machine| Described::new(&machine, &text))
+        })
         .await?
         .map_err(Refused::inside)?;
     document(&Shown { model, described })
@@ -75,15 +77,6 @@ pub(super) async fn map(State(page): Shared, Path(checksum): Path<String>) -> An
     Ok(json_bytes(bytes))
 }
 
-pub(super) async fn form(State(page): Shared, body: Bytes) -> Answer {
-    let form: Form = read(&body)?;
-    let built = page
-        .work(move || build(&form))
-        .await?
-        .map_err(|error| Refused::wrong(error.to_string()))?;
-    document(&built)
-}
-
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Add {
@@ -92,7 +85,7 @@ struct Add {
     /// The day of the measurements, `2026-11-25`; empty where that is not known.
     #[serde(default)]
     measured: String,
-    /// The name of the file it was read from; without one it comes from the form.
+    /// The name of the file it was read from.
     #[serde(default)]
     file: Option<String>,
     /// What a person should read.
@@ -134,11 +127,16 @@ pub(super) async fn add(
     let origin = file.map_or(Origin::Form, |name| Origin::File { name });
     let by = user.name.to_string();
     let made = page
-        .work(move || NewModel::of_text(text, "the machine file", origin, &by))
+        .work(move || {
+            let new = NewModel::of_text(text, "the machine file", origin, &by)?;
+            let map = error_map(&Machine::parse(&new.text, "the machine file")?)?;
+            Ok::<_, NoModel>((new, beyond_every_guard(&map)))
+        })
         .await?;
-    let NewModel { mut model, text } = made.map_err(|error| Refused::wrong(error.to_string()))?;
+    let (NewModel { mut model, text }, beyond) =
+        made.map_err(|error| Refused::wrong(error.to_string()))?;
     model.measured = measured;
-    for note in notes {
+    for note in beyond.into_iter().chain(notes) {
         if !model.notes.contains(&note) {
             model.notes.push(note);
         }

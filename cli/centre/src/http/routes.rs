@@ -18,9 +18,8 @@ use super::{
 };
 use crate::users::Role;
 
-/// The largest body of a request, bytes; that of a form with measurement files is larger.
+/// The largest body of a request, bytes.
 const MAX_BODY: usize = 2 * 1024 * 1024;
-const MAX_FORM: usize = 16 * 1024 * 1024;
 /// A request must be answered after so long.
 const AT_MOST: Duration = Duration::from_secs(60);
 
@@ -80,7 +79,6 @@ routes! {
     "POST" "/api/machines" ENGINEER => post(change::machine);
     "POST" "/api/machines/{machine}/remove" ENGINEER => post(change::remove_machine);
     "POST" "/api/models" ENGINEER => post(models::add);
-    "POST" "/api/form" ENGINEER => post(models::form).layer(DefaultBodyLimit::max(MAX_FORM));
     "POST" "/api/rollouts" ENGINEER => post(rollouts::start_rollout);
     "POST" "/api/rollouts/{rollout}" ENGINEER => post(rollouts::wish);
     "POST" "/api/rollouts/{rollout}/keep" ENGINEER => post(rollouts::keep);
@@ -111,7 +109,11 @@ const PAGES: [(&str, &str, &str); 11] = [
         JAVASCRIPT,
         include_str!("../../web/machine.js"),
     ),
-    ("/build.js", JAVASCRIPT, include_str!("../../web/build.js")),
+    (
+        "/models.js",
+        JAVASCRIPT,
+        include_str!("../../web/models.js"),
+    ),
     (
         "/rollouts.js",
         JAVASCRIPT,

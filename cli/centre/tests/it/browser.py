@@ -130,42 +130,6 @@ with sync_playwright() as playwright:
         row = next(row for row in open(coming.value.path()) if row.startswith("X,X,800,"))
         assert abs(float(row.split(",")[3]) - 24) < 0.01, row
         shot(page, "model")
-        # A model by form.
-        page.click("#tabs a[href='#build']")
-        # The page before has a form, too.
-        page.wait_for_selector("main form:has-text('Linear type number')")
-        # Each field says what it is, in which unit, with an example.
-        bare = page.evaluate("() => [...document.querySelectorAll('main form label')].filter((one) => one.querySelector('.what') && !one.querySelector('.hint')).map((one) => one.querySelector('.what').textContent)")
-        assert all(one.startswith(("from", "to")) for one in bare), bare
-        for part in ("Linear type number", "Rotary type number", "EYX: straightness of X: motion along Y", "EAX: roll of X", "ISO 230-1", "EC0Y: squareness of Y to X"):
-            assert part in page.text_content("main form"), part
-        page.select_option("main form select >> nth=1", "1")
-        page.locator(".line textarea").first.fill("0, 0,02")
-        page.click("text=Show the model")
-        page.wait_for_selector(".said.bad:has-text('EXX: found \"0,\", expected a point as the decimal sign')")
-        # An error as of a comma in the wrong place: nothing is saved before somebody has said that it is right.
-        page.locator(".line textarea").first.fill("0 20")
-        page.click("text=Show the model")
-        page.wait_for_selector("#warning:has-text('mm')")
-        assert page.is_disabled("text=Save as a model")
-        page.check("text=The numbers are right")
-        assert page.is_enabled("text=Save as a model")
-        # A file whose name tells no error.
-        page.set_input_files("input[type=file]", {"name": "monday.csv", "mimeType": "text/csv", "buffer": b"0,0\n"})
-        page.click("text=Show the model")
-        page.wait_for_selector(".said.bad:has-text('monday.csv: expected the error that it holds')")
-        page.click(".line.file >> text=Remove")
-        page.locator(".line textarea").first.fill("0 0.02")
-        page.click("text=Show the model")
-        page.wait_for_selector("#warning", state="detached")
-        page.wait_for_selector("#built canvas.map")
-        assert "w X' b Y Z t" in page.inner_text("#built")
-        shot(page, "build")
-        page.click("text=Save as a model")
-        page.wait_for_selector("#built a[href^='#model/']")
-        page.locator(".line textarea").first.fill("0 no-number")
-        page.click("text=Show the model")
-        page.wait_for_selector(".said.bad:has-text('EXX')")
         # A roll-out waits for a centre that runs; it can be held.
         page.click("#tabs a[href='#rollouts']")
         page.click("a[href='#rollout/']")

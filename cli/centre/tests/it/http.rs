@@ -386,27 +386,22 @@ fn a_machine_is_registered_and_shown_with_what_is_not_known() {
 }
 
 #[test]
-fn a_model_is_made_by_form_saved_and_rolled_out() {
+fn a_machine_file_is_added_and_rolled_out() {
     let page = Page::start();
     let engineer = page.session(Role::Engineer);
-    let axis = |name: &str, travel: [f64; 2]| json!({ "axis": name, "travel": travel });
-    let form = json!({
-        "name": "mill-1 <b>bold</b>",
-        "structure": { "translational": 1 },
-        "axes": [axis("X", [0.0, 800.0]), axis("Y", [0.0, 600.0]), axis("Z", [-500.0, 0.0])],
-        "errors": [
-            { "error": "EXX", "value": { "poly": [0.0, 0.02] } },
-            { "error": "EC0Y", "value": { "number": 12.0 } },
-        ],
-    });
-    let built = page.post("/api/form", &engineer, &form);
-    assert_eq!(built.status, 200, "{}", built.body);
-    let built = built.json();
-    assert_eq!(built["structure"], "w X' b Y Z t");
-    assert_eq!(built["type_numbers"], json!([1, 0]));
-    let body = json!({ "text": built["text"], "measured": "2026-11-20", "notes": [] });
+    let text = "name = \"mill-1 <b>bold</b>\"\nstructure = \"w X' b Y Z t\"\naxes.X.travel = [0.0, 800.0]\naxes.Y.travel = [0.0, 600.0]\naxes.Z.travel = [-500.0, 0.0]\n[errors]\nEXX = { poly = [0.0, 0.02] }\nEC0Y = 12.0\n";
+    let body = json!({ "text": text, "file": "m.toml", "measured": "2026-11-20", "notes": [] });
     let saved = page.post("/api/models", &engineer, &body);
     assert_eq!(saved.status, 200, "{}", saved.body);
+    assert!(!saved.json()["model"]["notes"].to_string().contains("guard"));
+    let beyond = json!({ "text": text.replace("0.02", "20.0") });
+    let beyond = page.post("/api/models", &engineer, &beyond).json();
+    assert!(
+        beyond["model"]["notes"]
+            .to_string()
+            .contains("No guard corrects"),
+        "{beyond}"
+    );
     let sha = saved.json()["model"]["sha256"]
         .as_str()
         .expect("a checksum")
@@ -416,11 +411,10 @@ fn a_model_is_made_by_form_saved_and_rolled_out() {
         .get(&format!("/api/models/{}", &sha[..12]), &viewer)
         .json();
     assert_eq!(model["model"]["measured"], "2026-11-20");
-    assert_eq!(model["described"]["text"], built["text"]);
-    assert_eq!(
-        page.get(&format!("/api/models/{sha}/map"), &viewer).json(),
-        built["map"]
-    );
+    assert_eq!(model["described"]["text"], text);
+    assert_eq!(model["described"]["type_numbers"], json!([1, 0]));
+    let map = page.get(&format!("/api/models/{sha}/map"), &viewer).json();
+    assert_eq!(map["sections"].as_array().expect("a list").len(), 3);
     let start = json!({ "model": sha, "machines": ["mill-1"] });
     assert_eq!(page.post("/api/rollouts", &engineer, &start).status, 404);
     let machine = json!({

@@ -17,10 +17,9 @@ pub use answer::{Answer, Confirmation, Question, Refusal, Reloaded, Settled};
 pub use history::{History, HistoryPoint};
 pub use map::{ErrorMap, MapAxis};
 pub use model::{
-    Candidate, CandidateBrief, CandidateDraft, CandidateResult, CandidateStep, ConfiguredModel,
-    DraftAnswer, DraftQuestion, DraftedMeasurement, ModelActivate, ModelAnswers, ModelBack,
-    ModelDiagonal, ModelEntry, ModelFit, ModelInForce, ModelOutcome, ModelRequest, ModelSource,
-    ModelState, ModelTakeOff, ModelsKept, UploadedFile,
+    Candidate, CandidateBrief, CandidateResult, CandidateStep, ConfiguredModel, ModelActivate,
+    ModelBack, ModelDiagonal, ModelEntry, ModelInForce, ModelOutcome, ModelRequest, ModelSource,
+    ModelState, ModelsKept, UploadedFile,
 };
 pub use plan::{
     AxisPlan, BarrierPlan, CheckFailure, ControllerPlan, FleetPlan, MachinePlan, OnlineBarrier,
@@ -54,11 +53,9 @@ pub fn schemas() -> Vec<(&'static str, Schema)> {
         ("gateway-map.json", schema_for!(ErrorMap)),
         ("gateway-model.json", schema_for!(ModelState)),
         ("gateway-model-activate.json", schema_for!(ModelActivate)),
-        ("gateway-model-answers.json", schema_for!(ModelAnswers)),
         ("gateway-model-back.json", schema_for!(ModelBack)),
         ("gateway-model-candidate.json", schema_for!(Candidate)),
         ("gateway-model-request.json", schema_for!(ModelRequest)),
-        ("gateway-model-take-off.json", schema_for!(ModelTakeOff)),
         ("gateway-models-kept.json", schema_for!(ModelsKept)),
         ("gateway-rehearsal.json", schema_for!(RehearsalDocument)),
         ("gateway-standing.json", schema_for!(Standing)),

@@ -1,6 +1,4 @@
-//! The models of a machine: which one corrects, which ones there were, and the one that somebody is making from measurements.
-
-use std::collections::BTreeMap;
+//! The models of a machine: which one corrects, which ones there were, and the machine file that an engineer has sent.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -12,7 +10,7 @@ pub enum ModelSource {
     /// The machine file that the configuration names.
     #[default]
     File,
-    /// A machine file, or measurement files, that a person has uploaded.
+    /// A machine file that an engineer has sent.
     Upload,
     /// The centre of the fleet.
     Centre,
@@ -92,18 +90,14 @@ pub struct ModelState {
     pub put_in_force: Option<ModelInForce>,
     /// The machine file of the configuration.
     pub configured: ConfiguredModel,
-    /// The model that somebody is making; null: nobody is.
+    /// The machine file that an engineer has sent and that is not in force; null: none.
     pub candidate: Option<CandidateBrief>,
     /// What became of each model, the newest first.
     pub history: Vec<ModelEntry>,
     /// The hashes of the models that are kept and can be gone back to.
     pub kept: Vec<String>,
-    /// The largest file that can be uploaded, bytes.
+    /// The largest machine file that is taken, bytes.
     pub largest_file_bytes: u64,
-    /// The largest sum of all files of one upload, bytes.
-    pub largest_upload_bytes: u64,
-    /// The largest number of files of one upload.
-    pub most_files: usize,
     /// Why no file is taken, in words; null: files are taken.
     #[serde(default)]
     pub no_files: Option<String>,
@@ -124,14 +118,14 @@ pub struct ConfiguredModel {
     pub differs: bool,
 }
 
-/// The model that somebody is making, in short.
+/// The machine file that an engineer has sent, in short.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct CandidateBrief {
     /// The name by which requests name it.
     pub id: String,
-    /// The name of the token of whoever is making it.
+    /// The name of the token that sent it.
     pub who: String,
-    /// When it was begun, ISO 8601 in UTC.
+    /// When it was received, ISO 8601 in UTC.
     pub since: String,
     /// How far it is.
     pub step: CandidateStep,
@@ -141,14 +135,12 @@ pub struct CandidateBrief {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum CandidateStep {
-    /// Files are being uploaded.
-    Uploading,
-    /// The files are looked through, or the calibration is made.
+    /// It is compared with the model in force.
     Working,
-    /// Questions are open.
-    Asking,
-    /// There is a machine file, which can be put in force.
+    /// It can be put in force, where `refusal` of its result is null.
     Ready,
+    /// It is no valid machine file.
+    Refused,
 }
 
 /// The answer to `GET /api/model/candidate`.
@@ -157,85 +149,24 @@ pub struct Candidate {
     /// Name, maker and step.
     #[serde(flatten)]
     pub brief: CandidateBrief,
-    /// The hash of the model in force when it was begun: what is not measured is taken from that one.
-    pub based_on: String,
-    /// The files that were uploaded.
-    pub files: Vec<UploadedFile>,
-    /// What went wrong last, in words; null: nothing.
+    /// The file.
+    pub file: UploadedFile,
+    /// Why it is no valid machine file; null: it is, or is not compared yet.
     pub error: Option<String>,
-    /// The calibration file that was drafted from measurement files, and its questions.
-    pub draft: Option<CandidateDraft>,
-    /// The machine file that came of it.
+    /// Its comparison with the model in force.
     pub result: Option<CandidateResult>,
 }
 
-/// A file that was uploaded.
+/// A file that was received.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct UploadedFile {
-    /// Its name in the folder of uploads.
+    /// Its name.
     pub name: String,
     /// Its size.
     pub bytes: u64,
 }
 
-/// A drafted calibration file.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct CandidateDraft {
-    /// Its text, with the answers so far.
-    pub text: String,
-    /// The measurements that it proposes, in the order by which answers name them.
-    pub measurements: Vec<DraftedMeasurement>,
-    /// What nobody but the one who measured can say.
-    pub questions: Vec<DraftQuestion>,
-    /// The answers so far, as they were typed, those that were refused included.
-    pub answers: Vec<DraftAnswer>,
-    /// Files that were given the same place, or hold the same readings.
-    pub conflicts: Vec<String>,
-    /// Files that are not used, each with the reason.
-    pub left_over: Vec<String>,
-    /// What is odd about the files that are used.
-    pub notes: Vec<String>,
-}
-
-/// A measurement of a draft.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub struct DraftedMeasurement {
-    /// The files; several where one must be chosen.
-    pub files: Vec<String>,
-    /// The error that they measure; null: asked for.
-    pub error: Option<String>,
-    /// What the files say of themselves.
-    pub said: Vec<String>,
-}
-
-/// A question of a draft.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub struct DraftQuestion {
-    /// The number of the measurement, or the name of a squareness: `of` of the answer.
-    pub of: String,
-    /// The file or files, or the squareness, in words.
-    pub about: String,
-    /// The key of the calibration file: `point`, `at.Y`.
-    pub key: String,
-    /// What is asked.
-    pub question: String,
-    /// The answers that there are; empty: a number or a text.
-    pub choices: Vec<String>,
-}
-
-/// An answer to a question of a draft.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct DraftAnswer {
-    /// As in the question.
-    pub of: String,
-    /// As in the question, or `leave_out`.
-    pub key: String,
-    /// What was typed; for `leave_out` `true`.
-    pub value: String,
-}
-
-/// The machine file that came of an upload.
+/// A machine file, compared with the model in force.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CandidateResult {
     /// Its hash.
@@ -249,48 +180,8 @@ pub struct CandidateResult {
     pub refusal: Option<String>,
     /// Messages that a person should read first; where it may be of another machine (name, structure, travels), that comes first.
     pub warnings: Vec<String>,
-    /// The measurement files that it was made of; empty where a machine file was uploaded.
-    #[serde(default)]
-    pub used: Vec<String>,
-    /// Every fitted curve, angular errors first; empty where a machine file was uploaded.
-    pub fits: Vec<ModelFit>,
-    /// Every squareness that was found, by its error name, µrad.
-    pub squareness_urad: BTreeMap<String, f64>,
     /// The diagonals of the work space, by the model in force and by this one.
     pub diagonals: Vec<ModelDiagonal>,
-}
-
-/// A fitted curve as plain data, to be drawn.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct ModelFit {
-    /// The error: `EXX`.
-    pub error: String,
-    /// `forward` or `backward`; null: one curve for both directions.
-    pub direction: Option<String>,
-    /// The kind of curve, as the machine file names it.
-    pub curve: String,
-    /// The unit of the coordinate: `mm` or `deg`.
-    pub along: String,
-    /// The unit of the error: `um` or `urad`.
-    pub unit: String,
-    /// The smallest residual, reading minus curve.
-    pub residual_min: f64,
-    /// The largest residual.
-    pub residual_max: f64,
-    /// Root mean square of the residuals.
-    pub residual_rms: f64,
-    /// Root mean square of the leave-one-out errors; null where a reading cannot be predicted from the others.
-    pub leave_one_out: Option<f64>,
-    /// Mean readings as they were fitted: coordinate, reading.
-    pub readings: Vec<[f64; 2]>,
-    /// Coordinate and residual of each of them.
-    pub residuals: Vec<[f64; 2]>,
-    /// The curve: coordinate, value.
-    pub fit: Vec<[f64; 2]>,
-    /// The same error in the model in force, mean of both directions where this is one of two: coordinate, value.
-    pub before: Vec<[f64; 2]>,
-    /// Where the uncertainty is known: coordinate, lower and upper end of the band (k = 2); null where it is not.
-    pub band: Option<Vec<[f64; 3]>>,
 }
 
 /// The displacement error along a diagonal of the work space.
@@ -302,32 +193,12 @@ pub struct ModelDiagonal {
     pub points: Vec<[f64; 3]>,
 }
 
-/// The body of `POST /api/model/answers`.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct ModelAnswers {
-    /// The candidate.
-    pub candidate: String,
-    /// All answers, those that were given before included.
-    pub answers: Vec<DraftAnswer>,
-}
-
-/// The body of `POST /api/model/draft` and `discard`.
+/// The body of `POST /api/model/discard`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ModelRequest {
     /// The candidate.
     pub candidate: String,
-}
-
-/// The body of `POST /api/model/take-off`.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct ModelTakeOff {
-    /// The candidate.
-    pub candidate: String,
-    /// The name of the file, as `files` of the candidate has it.
-    pub name: String,
 }
 
 /// The body of `POST /api/model/activate`.

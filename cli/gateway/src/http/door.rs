@@ -24,10 +24,10 @@ use crate::{
 
 /// A request must be answered after so long, by the service too.
 const AT_MOST: Duration = Duration::from_secs(10);
-/// The path of requests that bring files, which take as long as they take.
+/// The path of requests that bring a machine file, over a slow line perhaps.
 pub(super) const UPLOAD: &str = "/api/model/upload";
-/// A file must have come after so long.
-const UPLOAD_AT_MOST: Duration = Duration::from_secs(600);
+/// Timeout of receiving a machine file.
+const UPLOAD_AT_MOST: Duration = Duration::from_secs(300);
 
 /// Who is let in.
 pub struct Door {

@@ -1,8 +1,7 @@
-//! The requests about models: how it stands, files that are uploaded, answers to questions, and the way into force.
+//! The requests about models: their state, a machine file that is received, and the way into force.
 
 use std::{
     net::{IpAddr, SocketAddr},
-    sync::Arc,
     time::Duration,
 };
 
@@ -15,7 +14,6 @@ use axum::{
     routing::post,
 };
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
-use tokio::sync::{mpsc, oneshot};
 use tokio_stream::StreamExt;
 
 use super::{
@@ -24,28 +22,23 @@ use super::{
     tokens::{Holder, Role},
 };
 use crate::{
-    documents::{ModelActivate, ModelAnswers, ModelBack, ModelRequest, ModelTakeOff},
-    models::{Answering, Place, UploadError, UploadKind},
+    documents::{ModelActivate, ModelBack, ModelRequest},
+    models::{Answering, LARGEST_FILE, Place},
     request::Reply,
 };
 
-/// The largest body of a request that brings no file, bytes: two hundred files have many questions.
-const MAX_BODY: usize = 1024 * 1024;
+/// The largest body of a request that brings no file, bytes.
+const MAX_BODY: usize = 16 * 1024;
 /// The next part of a file must come within this.
 const PART_WITHIN: Duration = Duration::from_secs(30);
-/// So many parts of a file wait for the disk.
-const PARTS: usize = 4;
 
 /// The requests of an engineer.
 pub(super) fn router() -> Router<Shared> {
     Router::new()
         .route(UPLOAD, post(upload))
-        .route("/api/model/draft", post(draft))
-        .route("/api/model/answers", post(answers))
         .route("/api/model/activate", post(activate))
         .route("/api/model/back", post(back))
         .route("/api/model/discard", post(discard))
-        .route("/api/model/take-off", post(take_off))
         .layer(DefaultBodyLimit::max(MAX_BODY))
 }
 
@@ -56,7 +49,7 @@ pub(super) async fn state(State(dashboard): State<Shared>) -> Response {
 pub(super) async fn candidate(State(dashboard): State<Shared>) -> Response {
     match dashboard.models.candidate() {
         Some(candidate) => Json(candidate).into_response(),
-        None => refuse(StatusCode::NOT_FOUND, "nobody is making a model"),
+        None => refuse(StatusCode::NOT_FOUND, "no engineer has sent a machine file"),
     }
 }
 
@@ -102,15 +95,14 @@ fn asked<T: DeserializeOwned>(
     Ok((holder, decoded(body)?))
 }
 
-/// What the address of an upload says.
+/// The query of an upload.
 #[derive(Deserialize)]
 struct Upload {
     kind: String,
     name: String,
-    candidate: Option<String>,
 }
 
-/// Takes one file: its body is the file itself.
+/// Takes a machine file: the body is the file itself.
 async fn upload(
     State(dashboard): State<Shared>,
     Extension(from): Extension<SocketAddr>,
@@ -123,110 +115,58 @@ async fn upload(
         Err(denied) => return *denied,
     };
     let Ok(Query(asked)) = asked else {
-        return refuse(
-            StatusCode::BAD_REQUEST,
-            "expected ?kind=machine or measurement, &name=NAME in UTF-8, and &candidate=ID from the second file on",
-        );
+        let why = "expected ?kind=machine&name=NAME in UTF-8";
+        return refuse(StatusCode::BAD_REQUEST, why);
     };
-    let kind = match asked.kind.as_str() {
-        "machine" => UploadKind::Machine,
-        "measurement" => UploadKind::Measurement,
-        _ => {
-            return refuse(
-                StatusCode::BAD_REQUEST,
-                "expected kind=machine or kind=measurement",
-            );
+    match asked.kind.as_str() {
+        "machine" => {}
+        "measurement" => {
+            let why = "measurement files are not taken here: make a machine file of them with `volcomp studio`, which sends it";
+            return refuse(StatusCode::BAD_REQUEST, why);
         }
-    };
-    let length = headers
-        .get(header::CONTENT_LENGTH)
-        .and_then(|length| length.to_str().ok()?.parse().ok());
+        _ => return refuse(StatusCode::BAD_REQUEST, "expected kind=machine"),
+    }
     let models = &dashboard.models;
-    let id = asked.candidate.as_deref();
-    let place = match models.begin_file(&holder.name, kind, &asked.name, id, length) {
-        Ok(place) => Arc::new(place),
+    // Given back when the file is received, or has failed.
+    let _place: Place = match models.place() {
+        Ok(place) => place,
         Err(reply) => return told(reply),
     };
-    match received(&dashboard, &place, body).await {
-        Ok(bytes) => answered(models.file_done(&place, bytes)),
-        Err(error) => told(models.file_failed(&place, &error)),
+    match received(&headers, body).await {
+        Ok(bytes) => answered(models.take(&holder.name, &asked.name, bytes)),
+        Err(refusal) => *refusal,
     }
 }
 
-/// A part of a file for the thread that writes it.
-enum Part {
-    Bytes(Bytes),
-    End,
-}
-
-/// Brings a body onto the disk: its size.
-async fn received(dashboard: &Shared, place: &Arc<Place>, body: Body) -> Result<u64, UploadError> {
-    let (parts, coming) = mpsc::channel(PARTS);
-    let (tell, written) = oneshot::channel();
-    let place = Arc::clone(place);
-    dashboard.models.write(move || {
-        let done = write(&place, coming);
-        // Before it is told: whoever asked gives the place back with the answer.
-        drop(place);
-        // Whoever asked may have gone.
-        let _ = tell.send(done);
-    })?;
+/// The whole body.
+async fn received(headers: &HeaderMap, body: Body) -> Result<Vec<u8>, Box<Response>> {
+    let refused = |status, why: &str| Err(Box::new(refuse(status, why)));
+    let large = || {
+        let mib = LARGEST_FILE / 1024 / 1024;
+        let why = format!("the file is larger than {mib} MiB, the most that is taken");
+        refused(StatusCode::PAYLOAD_TOO_LARGE, &why)
+    };
+    let length = headers.get(header::CONTENT_LENGTH);
+    let length = length.and_then(|length| length.to_str().ok()?.parse().ok());
+    if length.is_some_and(|length: usize| length > LARGEST_FILE) {
+        return large();
+    }
+    let mut bytes = Vec::with_capacity(length.unwrap_or_default());
     let mut stream = body.into_data_stream();
-    // A disk that refuses ends the channel, and its reason comes below.
     loop {
-        let part = match tokio::time::timeout(PART_WITHIN, stream.next()).await {
-            Ok(Some(Ok(bytes))) => Part::Bytes(bytes),
-            Ok(None) => Part::End,
+        match tokio::time::timeout(PART_WITHIN, stream.next()).await {
+            Ok(Some(Ok(part))) if bytes.len() + part.len() > LARGEST_FILE => return large(),
+            Ok(Some(Ok(part))) => bytes.extend_from_slice(&part),
+            Ok(None) => return Ok(bytes),
             // Cut, or silent: what has come is thrown away.
-            Ok(Some(Err(_))) | Err(_) => break,
-        };
-        let is_end = matches!(part, Part::End);
-        if parts.send(part).await.is_err() || is_end {
-            break;
-        }
-    }
-    drop(parts);
-    let gone = || std::io::Error::other("the thread that writes has ended");
-    written.await.unwrap_or_else(|_| Err(gone().into()))
-}
-
-/// Writes the parts of a file as they come.
-fn write(place: &Place, mut parts: mpsc::Receiver<Part>) -> Result<u64, UploadError> {
-    let mut file = place.open()?;
-    loop {
-        match parts.blocking_recv() {
-            Some(Part::Bytes(bytes)) => file.write(&bytes)?,
-            Some(Part::End) => return file.done(),
-            None => {
-                return Err(UploadError::Cut {
-                    bytes: file.bytes(),
-                });
+            Ok(Some(Err(_))) | Err(_) => {
+                let count = bytes.len();
+                let why = format!(
+                    "the file ended in the middle: {count} bytes came, and nothing of it was kept"
+                );
+                return refused(StatusCode::BAD_REQUEST, &why);
             }
         }
-    }
-}
-
-async fn draft(
-    State(dashboard): State<Shared>,
-    Extension(from): Extension<SocketAddr>,
-    headers: HeaderMap,
-    body: Bytes,
-) -> Response {
-    match asked::<ModelRequest>(&dashboard, from.ip(), &headers, &body) {
-        Ok((_, asked)) => answered(dashboard.models.draft(&asked.candidate)),
-        Err(refusal) => *refusal,
-    }
-}
-
-async fn answers(
-    State(dashboard): State<Shared>,
-    Extension(from): Extension<SocketAddr>,
-    headers: HeaderMap,
-    body: Bytes,
-) -> Response {
-    match asked::<ModelAnswers>(&dashboard, from.ip(), &headers, &body) {
-        Ok((_, asked)) => answered(dashboard.models.answer(&asked.candidate, asked.answers)),
-        Err(refusal) => *refusal,
     }
 }
 
@@ -238,18 +178,6 @@ async fn discard(
 ) -> Response {
     match asked::<ModelRequest>(&dashboard, from.ip(), &headers, &body) {
         Ok((_, asked)) => answered(dashboard.models.discard(&asked.candidate)),
-        Err(refusal) => *refusal,
-    }
-}
-
-async fn take_off(
-    State(dashboard): State<Shared>,
-    Extension(from): Extension<SocketAddr>,
-    headers: HeaderMap,
-    body: Bytes,
-) -> Response {
-    match asked::<ModelTakeOff>(&dashboard, from.ip(), &headers, &body) {
-        Ok((_, asked)) => answered(dashboard.models.take_off(&asked.candidate, &asked.name)),
         Err(refusal) => *refusal,
     }
 }

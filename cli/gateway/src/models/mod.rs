@@ -1,8 +1,9 @@
-//! New models: files that are uploaded, what is made of them, and the way into force, which is that of a reload.
+//! New models: machine files that engineers send, their comparison with the model in force, and the way into force, which is
+//! that of a reload.
 //!
-//! Nothing here touches the cycle. Requests come from the dashboard; files are written and calibrations made on quiet threads;
-//! one thread, the desk, keeps the models on disk and asks the service to take one. State: the folder of `store`, and the
-//! candidate that somebody is making, which does not outlive the program.
+//! Nothing here touches the cycle. Requests come from the dashboard; machine files are compared on quiet threads; one thread, the
+//! desk, keeps the models on disk and asks the service to take one. State: the folder of `store`, and the candidate, which does
+//! not outlive the program.
 
 use std::{
     path::PathBuf,
@@ -18,7 +19,7 @@ use volcomp_runtime::DisarmSwitch;
 
 use crate::{
     config::Config,
-    documents::{Answer, Candidate, DraftAnswer, ModelSource, ModelState, Refusal},
+    documents::{Answer, Candidate, ModelSource, ModelState, Refusal},
     error::GatewayError,
     published::Published,
     request::{Asks, Reply},
@@ -27,30 +28,16 @@ use crate::{
 mod candidate;
 mod desk;
 mod diagonals;
-mod measured;
 mod patience;
 mod quiet;
-mod receiving;
 pub(crate) mod store;
-mod uploads;
 
 use candidate::Held;
+pub(crate) use candidate::{LARGEST_FILE, Place};
 pub(crate) use desk::{Activate, Note};
 use desk::{Desk, GIVEN_UP, Job, Told};
 use patience::Patience;
-pub(crate) use receiving::Place;
 use store::Store;
-pub(crate) use uploads::UploadError;
-use uploads::{LARGEST_FILE, MOST_FILES, TIMES};
-
-/// What a file is that somebody uploads.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum UploadKind {
-    /// A machine file.
-    Machine,
-    /// A measurement file.
-    Measurement,
-}
 
 /// The models of a machine, as the dashboard has them.
 #[derive(Clone)]
@@ -124,8 +111,6 @@ impl Models {
             candidate: Mutex::default(),
             uploading: AtomicUsize::new(0),
         });
-        // What was being made when the program ended is made anew; nobody can have begun another one yet.
-        let _ = std::fs::remove_dir_all(shared.store.uploads());
         let (jobs, work) = channel();
         let desk = Desk::new(Arc::clone(&shared), config.configured_machine.clone());
         quiet::spawn("volcomp-models", config.realtime.cpu, move || {
@@ -162,9 +147,7 @@ impl Models {
             candidate: candidate.as_ref().map(|held| held.document.brief.clone()),
             history: told.kept.history.iter().rev().cloned().collect(),
             kept: told.there.clone(),
-            largest_file_bytes: LARGEST_FILE,
-            largest_upload_bytes: LARGEST_FILE * TIMES,
-            most_files: MOST_FILES,
+            largest_file_bytes: LARGEST_FILE as u64,
             no_files: shared.is_built_in.then(|| BUILT_IN.to_owned()),
             trouble: told.trouble.clone(),
         }
@@ -174,21 +157,6 @@ impl Models {
     pub(crate) fn candidate(&self) -> Option<Candidate> {
         let candidate = lock(&self.shared.candidate);
         candidate.as_ref().map(|held| held.document.clone())
-    }
-
-    /// All files are there: they are looked through.
-    pub(crate) fn draft(&self, id: &str) -> Result<Candidate, Reply> {
-        self.shared.look_through(id)
-    }
-
-    /// Takes the answers to the questions, and makes the calibration where none is open.
-    pub(crate) fn answer(&self, id: &str, answers: Vec<DraftAnswer>) -> Result<Candidate, Reply> {
-        self.shared.calibrate(id, answers)
-    }
-
-    /// Takes a file off the candidate.
-    pub(crate) fn take_off(&self, id: &str, name: &str) -> Result<Candidate, Reply> {
-        self.shared.take_off(id, name)
     }
 
     /// Gives the candidate up.
@@ -205,10 +173,7 @@ impl Models {
         hash: &str,
         confirm: Option<String>,
     ) -> Result<Answering, Reply> {
-        let what = {
-            let held = self.shared.held(id).ok_or_else(gone)?;
-            held.ready(hash, &self.shared.published.model().hash)?
-        };
+        let what = self.shared.ready(id, hash)?;
         Ok(self.ask(who, what, confirm))
     }
 
@@ -273,14 +238,7 @@ const BUILT_IN: &str = "the built-in simulation has its own machine file, which 
 fn gone() -> Reply {
     refused(
         409,
-        "the model that this is about is not being made any more: it was discarded, or put in force",
-    )
-}
-
-fn working() -> Reply {
-    refused(
-        409,
-        "the files are being looked at: wait until that is done",
+        "this machine file is not here any more: it was discarded, or put in force",
     )
 }
 

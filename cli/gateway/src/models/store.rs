@@ -10,6 +10,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use rustix::fs::statvfs;
 use volcomp_model::Machine;
 
 use crate::{
@@ -20,6 +21,9 @@ use crate::{
 const STANDING: &str = "standing.json";
 /// The largest number of lines of the history; the models of these lines are kept, no others.
 pub(crate) const MOST: usize = 100;
+
+/// This much of the disk stays free, bytes: the audit log, without which nothing is armed, needs room.
+const RESERVE: u64 = 64 * 1024 * 1024;
 
 /// The folder.
 #[derive(Clone, Debug)]
@@ -33,11 +37,6 @@ impl Store {
         Self {
             dir: audit_dir.join("models"),
         }
-    }
-
-    /// The folder of uploads.
-    pub(crate) fn uploads(&self) -> PathBuf {
-        self.dir.join("uploads")
     }
 
     /// The machine file of a model, by its hash.
@@ -102,18 +101,19 @@ impl Store {
         }
     }
 
-    /// Makes the folder and that of uploads, for this user alone.
-    pub(crate) fn make(&self) -> io::Result<()> {
+    /// Makes the folder, for this user alone.
+    fn make(&self) -> io::Result<()> {
         let mut builder = fs::DirBuilder::new();
-        builder.recursive(true).mode(0o700).create(self.uploads())
+        builder.recursive(true).mode(0o700).create(&self.dir)
     }
 
-    /// Keeps a machine file.
+    /// Keeps a machine file, where [`RESERVE`] stays free beside it.
     pub(crate) fn keep(&self, hash: &str, text: &str) -> io::Result<()> {
         self.make()?;
         if self.text(hash).is_ok() {
             return Ok(());
         }
+        check_room(&self.dir, text.len() as u64)?;
         write(&self.machine(hash), text)
     }
 
@@ -175,6 +175,22 @@ pub(crate) fn add(kept: &mut ModelsKept, entry: ModelEntry) {
     kept.history.push(entry);
     let more = kept.history.len().saturating_sub(MOST);
     kept.history.drain(..more);
+}
+
+/// Refuses a file that would take room of the audit log.
+fn check_room(folder: &Path, bytes: u64) -> io::Result<()> {
+    // A file system that does not state its room is tried.
+    let Ok(disk) = statvfs(folder) else {
+        return Ok(());
+    };
+    let free = disk.f_bavail.saturating_mul(disk.f_frsize);
+    if free >= bytes.saturating_add(RESERVE) {
+        return Ok(());
+    }
+    let mib = RESERVE / 1024 / 1024;
+    let why =
+        format!("the disk is full: less than {mib} MiB would stay free, which the audit log needs");
+    Err(io::Error::new(io::ErrorKind::StorageFull, why))
 }
 
 /// Writes a file whole or not at all; what is half written where the disk is full takes no room.

@@ -6,11 +6,15 @@ use std::{
     process::{Command, Stdio},
 };
 
+use serde_json::Value;
+use volcomp_model::{Machine, Temperatures};
+use volcomp_studio::{Folder, Studio};
 use volcomp_test_support::peers;
+use volcomp_vocabulary::AxisName;
 
 use crate::{
     controlled::control,
-    models::{ENGINEER, engineers, examples, measured_control, measured_rig_in},
+    models::{ENGINEER, engineers, examples, measured_control, measured_rig_in, model},
     paths::{nobody, two_ways},
     program::{OPERATE, Program, change, path, token_file},
 };
@@ -86,17 +90,56 @@ fn a_person_sees_what_is_missing_and_what_is_not_known() {
     });
 }
 
+/// A folder of laser files becomes a machine file in the studio, and the gateway corrects with it.
 #[test]
-fn a_person_makes_a_model_from_measurements() {
+fn an_engineer_brings_measurements_from_the_studio_into_force() {
     let dir = tempfile::tempdir().expect("writable");
     let control = measured_control();
     let config = measured_rig_in(dir.path(), &control);
-    // Small enough that the model of the example is asked about.
+    // Small enough that the model of the example is to be confirmed.
     change(&config, "confirm_um = 10.0", "confirm_um = 1.0");
     let program = Program::start(dir.path(), &["--config", path(&config)]);
     program.wait_for("compensating");
-    let url = format!("http://{}/", program.address);
-    let folder = examples();
-    let arguments = [url.as_str(), ENGINEER, path(&folder)];
-    run("browser_model.py", &arguments, "gateway-model.png", || {});
+    let gateway = format!("http://{}/", program.address);
+    let measured = tempfile::tempdir().expect("writable");
+    let folder = Folder::open(measured.path()).expect("a folder");
+    let studio = Studio::listen(folder, "127.0.0.1:0".parse().expect("an address"));
+    let studio = studio.expect("a free port");
+    let page = studio.url();
+    // It serves until the test program ends.
+    std::thread::spawn(move || studio.run());
+    let lasers = examples();
+    let arguments = [page.as_str(), &gateway, ENGINEER, path(&lasers)];
+    run("browser_studio.py", &arguments, "studio.png", || {});
+    let result = measured.path().join("result/machine.toml");
+    let Ok(machine) = Machine::read(&result) else {
+        // Without a browser there is no result, which `run` has reported.
+        return;
+    };
+    assert_eq!(model(&program)["hash"], machine.checksum().as_str());
+    program
+        .wait(|state| state["state"] == "compensating" && corrects_as(&machine, state))
+        .unwrap_or_else(|state| panic!("another correction: {state}"));
+}
+
+/// Whether the published correction is that of a machine at the published position, within 1.5 µm: a step of what is written to the
+/// control, and half of one between two cycles. The correction is some 10 µm.
+fn corrects_as(machine: &Machine, state: &Value) -> bool {
+    let at = |list: &str, axis: AxisName| state[list][axis.to_string()].as_f64();
+    let axes = [AxisName::X, AxisName::Y, AxisName::Z];
+    let position: Option<Vec<(AxisName, f64)>> = axes
+        .iter()
+        .map(|axis| Some((*axis, at("positions_mm", *axis)?)))
+        .collect();
+    let Some(position) = position else {
+        return false;
+    };
+    let pose = machine.state(&position).expect("its axes");
+    let options = machine.correction_options();
+    let found = machine.correction_at(&pose, &Temperatures::new(), &options);
+    axes.iter().all(|axis| {
+        let place = machine.index_of(*axis).expect("its axis");
+        let expected_um = 1e3 * found.delta[place];
+        at("correction_um", *axis).is_some_and(|um| (um - expected_um).abs() < 1.5)
+    })
 }

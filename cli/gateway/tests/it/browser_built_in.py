@@ -20,7 +20,7 @@ with sync_playwright() as playwright:
     page.wait_for_selector("#role:has-text('token of erna')")
     # It looks at the gateway again and again.
     page.wait_for_timeout(2500)
-    for control in ("#measurements", "#machine-file", "#configured"):
+    for control in ("#machine-file", "#configured"):
         assert page.is_disabled(control), control
     assert "its own machine file" in page.inner_text("#no-files"), page.inner_text("#no-files")
     assert not page.is_visible("#differs"), page.inner_text("#differs")

@@ -4,20 +4,16 @@ use std::{
     path::{Path, PathBuf},
     process::Command,
     sync::Arc,
-    thread::ScopedJoinHandle,
     time::{Duration, Instant},
 };
 
-use serde_json::{Value, json};
 use volcomp_focas::simulator::{Options, Simulator, World};
 use volcomp_test_support::peers;
 
 use crate::{
     controlled::configuration,
-    models::{
-        activate, candidate, engineers, machine_file, model, post, upload, wait_model, with_y,
-    },
-    program::{Answer, PATIENCE, Program, change, path},
+    models::{activate, candidate, engineers, machine_file, model, wait_model, with_y},
+    program::{Program, change, path},
 };
 
 /// A gateway that corrects a machine at standstill, on a disk that hangs while a file is there.
@@ -150,76 +146,6 @@ fn ending_ramps_out_and_ends_in_its_time() {
             .log()
             .contains("the disk of the audit log does not answer")
     );
-}
-
-/// Waits until an upload has begun a candidate, whose folder the disk does not make: its name.
-fn begun(program: &Program, sent: &ScopedJoinHandle<'_, Answer>) -> Value {
-    loop {
-        let now = candidate(program);
-        if now["id"].is_string() {
-            return now["id"].clone();
-        }
-        assert!(!sent.is_finished(), "it was not begun");
-        std::thread::sleep(Duration::from_millis(5));
-    }
-}
-
-/// Before, the thread that serves HTTP waited for the disk with the first file of a model, and nobody could disarm.
-#[test]
-fn an_upload_to_it_holds_nobody_up() {
-    let Some(rig) = Rig::start() else {
-        return;
-    };
-    rig.hang();
-    let program = &rig.program;
-    std::thread::scope(|scope| {
-        let sent = scope.spawn(|| upload(program, "kind=machine&name=m.toml", b"rubbish"));
-        let id = begun(program, &sent);
-        let state = program.get("/api/model");
-        assert_eq!(state.json()["candidate"]["id"], id, "{}", state.body);
-        let disarmed = program.post("/api/disarm", "");
-        assert_eq!(disarmed.status, 200, "{}", disarmed.body);
-        program.wait_for("disarmed");
-        let discarded = post(program, "discard", &json!({ "candidate": id }));
-        assert_eq!(discarded.status, 200, "{}", discarded.body);
-        assert!(!sent.is_finished(), "the disk hangs");
-        std::fs::remove_file(&rig.hangs).expect("ours");
-        // It is discarded by now.
-        let sent = sent.join().expect("no panic");
-        assert_eq!(sent.status, 409, "{}", sent.body);
-    });
-    // Nothing of it stays.
-    let uploads = rig.dir.path().join("audit/models/uploads");
-    let end = Instant::now() + PATIENCE;
-    while std::fs::read_dir(&uploads).expect("there").count() > 0 {
-        assert!(Instant::now() < end);
-        std::thread::sleep(Duration::from_millis(20));
-    }
-}
-
-/// The folder of a model that was discarded is removed while its file is still being written: the answer said that the disk
-/// refuses the file.
-#[test]
-fn a_file_of_a_discarded_model_is_told_so_whatever_the_disk_says() {
-    let Some(rig) = Rig::start() else {
-        return;
-    };
-    rig.hang();
-    let program = &rig.program;
-    std::thread::scope(|scope| {
-        let sent = scope.spawn(|| upload(program, "kind=machine&name=m.toml", b"rubbish"));
-        let id = begun(program, &sent);
-        let discarded = post(program, "discard", &json!({ "candidate": id }));
-        assert_eq!(discarded.status, 200, "{}", discarded.body);
-        // Nothing can be written there once the disk answers again.
-        let uploads = rig.dir.path().join("audit/models/uploads");
-        let _ = std::fs::remove_dir_all(&uploads);
-        std::fs::write(&uploads, "").expect("writable");
-        std::fs::remove_file(&rig.hangs).expect("ours");
-        let sent = sent.join().expect("no panic");
-        assert_eq!(sent.status, 409, "{}", sent.body);
-        assert!(sent.body.contains("discarded"), "{}", sent.body);
-    });
 }
 
 /// Before, the request waited at the disk, and the model came into force whenever that answered again.

@@ -40,6 +40,7 @@ pub(crate) mod simulate;
 mod simulated_files;
 pub(crate) mod squareness;
 pub(crate) mod straightness;
+pub(crate) mod studio;
 mod uncertainty;
 
 use std::path::{Path, PathBuf};

@@ -1,7 +1,6 @@
 //! `volcomp report`: one HTML file from a calibration, an identification or a machine file.
 
 use std::{
-    collections::BTreeSet,
     fmt::Write as _,
     path::{Path, PathBuf},
 };
@@ -10,13 +9,10 @@ use volcomp_calibrate::{CalibrationFile, not_observed};
 use volcomp_document::Document as Toml;
 use volcomp_identify::Observations;
 use volcomp_kinematics::{Form, State as Pose, volumetric_error};
-use volcomp_model::{
-    DIAGONAL_TARGETS, ErrorField, Machine, Temperatures, diagonal_targets, diagonals,
-};
+use volcomp_model::{ErrorField, Machine, Temperatures};
 use volcomp_report::{
-    Diagonal, Diagonals, Edition, OfState, Report, Size, State, Stated, Tolerance,
-    Verdict as Outcome, Warning, WarningKind, checks, html, refuse_two_units, tolerances,
-    uncertainty, volume,
+    Diagonals, Edition, OfState, Report, Size, State, Stated, Tolerance, Verdict as Outcome,
+    body_diagonals, checks, html, refuse_two_units, tolerances, uncertainty, volume,
 };
 use volcomp_vocabulary::AxisName;
 
@@ -262,7 +258,21 @@ fn working_space(
         (None, Some(_)) => ((State::Truth, truth.actual()), Some(corrected)),
         (None, None) => (found, None),
     };
-    report.diagonals = body_diagonals(machine, others, &truth, first, second)?;
+    let along = |(state, actual): (State, &Machine)| {
+        let command = |pose: &Pose| match state {
+            State::TruthCorrected => truth.command(pose),
+            _ => *pose,
+        };
+        let found = body_diagonals(machine, actual, others, command)?;
+        Ok::<_, Failure>(found.map(|found| OfState { state, found }))
+    };
+    report.diagonals = match along(first)? {
+        Some(before) => Some(Diagonals {
+            before,
+            after: second.map(along).transpose()?.flatten(),
+        }),
+        None => None,
+    };
     // The tool of the pictures first, then both ends of the range of tools.
     let mut tools = vec![("", Machine::clone(machine))];
     for name in machine.tool_range()? {
@@ -305,83 +315,11 @@ fn working_space(
     let fields_after = fields(&cases, &errors_after);
     let judged = second.unwrap_or(first).1;
     let second = second.map(|(state, _)| (state, &fields_after[..]));
-    let machines = [machine, judged];
-    report.volume = volume(machines, others, (first.0, &fields_before), second)?;
-    Ok(left_out(
-        report,
-        machine,
-        [Some(machine), before.as_ref(), Some(truth.actual())],
-    ))
-}
-
-/// Says that the thermal terms of the machines are left out, which makes a figure within its tolerance undecided.
-fn left_out(
-    report: &mut Report,
-    machine: &Machine,
-    machines: [Option<&Machine>; 3],
-) -> Option<String> {
-    let sensors = machines.into_iter().flatten();
-    let sensors: BTreeSet<&str> = sensors.flat_map(|of| of.thermal().sensors()).collect();
-    if sensors.is_empty() {
-        return None;
-    }
-    if let Some(volume) = &mut report.volume {
-        volume.has_thermal = true;
-    }
-    let text = format!(
-        "the figures computed from the model hold at {} °C: thermal terms of {} are left out; `volcomp map --temperature` gives the volumetric error at others, `volcomp check` what each kelvin adds",
-        machine.thermal().reference_degc,
-        sensors.into_iter().collect::<Vec<_>>().join(", ")
-    );
-    report.warnings.push(Warning {
-        kind: WarningKind::Temperature,
-        text: text.clone(),
-    });
-    Some(text)
-}
-
-/// The body diagonals of one or two states; `None` of a machine without one of the axes X, Y and Z.
-fn body_diagonals(
-    machine: &Machine,
-    others: &[(AxisName, f64)],
-    truth: &Compensation<'_>,
-    first: (State, &Machine),
-    second: Option<(State, &Machine)>,
-) -> Result<Option<Diagonals>, Failure> {
-    let is_linear = |name| machine.axis(name).is_some();
-    if ![AxisName::X, AxisName::Y, AxisName::Z]
-        .into_iter()
-        .all(is_linear)
-    {
-        return Ok(None);
-    }
-    let none = Temperatures::new();
-    let of = |(state, actual): (State, &Machine)| {
-        let command = |pose: &Pose| match state {
-            State::TruthCorrected => truth.command(pose),
-            _ => *pose,
-        };
-        let points = DIAGONAL_TARGETS as usize;
-        let along = diagonals(actual, &actual.source(&none), points, others, command)?;
-        let targets = diagonal_targets(actual, points, others)?;
-        let named = along.into_iter().zip(targets).map(|(found, (_, poses))| {
-            let tips = poses.iter().map(|pose| machine.chain().ideal_tip_mm(pose));
-            let tips: Vec<_> = tips.collect();
-            let from = tips.first().copied().unwrap_or_default();
-            let places = tips.iter().map(|tip| (tip - from).norm());
-            Diagonal {
-                name: found.name.to_owned(),
-                points: places.zip(found.deviation_um).collect(),
-                range_um: found.range_um,
-            }
-        });
-        let found = named.collect();
-        Ok::<_, Failure>(OfState { state, found })
-    };
-    Ok(Some(Diagonals {
-        before: of(first)?,
-        after: second.map(of).transpose()?,
-    }))
+    let judged = [machine, judged];
+    report.volume = volume(judged, others, (first.0, &fields_before), second)?;
+    let machines = [Some(machine), before.as_ref(), Some(truth.actual())];
+    let reference_degc = machine.thermal().reference_degc;
+    Ok(report.leave_out_temperatures(reference_degc, machines.into_iter().flatten()))
 }
 
 /// A tool by name with the machine that has it, its correction on the truth, and the machine before.

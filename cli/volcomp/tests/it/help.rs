@@ -77,6 +77,10 @@ fn every_command_has_two_examples_that_run() {
                 example.split_whitespace().any(|word| word == command),
                 "{example}"
             );
+            // It serves until it is ended, and opens a browser: `studio.rs` runs it.
+            if command == "studio" {
+                continue;
+            }
             let output = Command::new("sh")
                 .args(["-c", &example.replace("127.0.0.1:8193", &address)])
                 .env("PATH", &path)

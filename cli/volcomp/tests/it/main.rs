@@ -21,6 +21,7 @@ mod report;
 mod schema;
 mod simulated;
 mod structures;
+mod studio;
 mod uncertainty;
 mod units;
 mod whole_way;

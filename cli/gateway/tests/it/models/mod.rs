@@ -2,7 +2,6 @@
 
 mod files;
 mod in_force;
-mod measured;
 mod refused;
 
 use std::{

@@ -1,0 +1,93 @@
+//! The map of a model, against closed forms.
+
+use volcomp_centre::{
+    described::{Described, beyond_every_guard},
+    map::{ErrorMap, error_map},
+};
+use volcomp_model::Machine;
+
+/// A machine of 500 × 400 × 300 mm with these errors.
+fn machine(errors: &str) -> Machine {
+    let text = format!(
+        "name = \"quotes <script>\"\ntype = {{ translational = 0, rotary = 0, rotary_axes = [] }}\naxes.X.travel = [0.0, 500.0]\naxes.Y.travel = [0.0, 400.0]\naxes.Z.travel = [0.0, 300.0]\n[errors]\n{errors}\n"
+    );
+    Machine::parse(&text, "m").expect("right")
+}
+
+fn map(errors: &str) -> ErrorMap {
+    error_map(&machine(errors)).expect("within the travels")
+}
+
+/// 5 µm at one target between the nodes of any grid.
+#[test]
+fn the_largest_error_is_seen_between_the_nodes_of_the_map() {
+    let map = map("EYX = { table = [[0, 0], [111, 0], [112, 5], [113, 0], [500, 0]] }");
+    assert!(
+        (map.largest_um[0] - 5.0).abs() < 0.01,
+        "{:?}",
+        map.largest_um
+    );
+}
+
+#[test]
+fn a_squareness_takes_the_diagonals_apart_and_the_correction_takes_it_away() {
+    let machine = machine("EC0Y = 20.0");
+    let map = error_map(&machine).expect("within the travels");
+    let described = Described::new(&machine, &machine.to_toml());
+    assert_eq!(described.structure, "w b X Y Z t");
+    assert_eq!(described.type_numbers, Some([0, 0]));
+    assert!(described.formula[0].starts_with("dX = "));
+    // 20 µrad over 400 mm of Y; what is left is half a step of 1 µm in one axis.
+    assert!(
+        (map.largest_um[0] - 8.0).abs() < 0.01 && map.largest_um[1] <= 0.51,
+        "{:?}",
+        map.largest_um
+    );
+    // Along a diagonal of the box the tip misses by 20 µrad · y · x/d.
+    let d = (500.0_f64.powi(2) + 400.0_f64.powi(2) + 300.0_f64.powi(2)).sqrt();
+    let range_um = 20e-3 * 400.0 * 500.0 / d;
+    for (name, [before, after]) in &map.diagonals_um {
+        assert!(
+            (before - range_um).abs() < 0.01,
+            "{name}: {before} {range_um}"
+        );
+        assert!(*after < 1.1, "{name}: {after}");
+    }
+    assert_eq!(map.sections.len(), 3);
+    for section in &map.sections {
+        let rows = &section.before_um;
+        assert_eq!((rows.len(), rows[0].len()), (21, 21));
+    }
+    // The first section is over X across and Y up: the error grows upwards only.
+    let rows = &map.sections[0].before_um;
+    assert!(
+        (rows[20][0] - 8.0).abs() < 0.01 && rows[0][20] < 0.01,
+        "{rows:?}"
+    );
+}
+
+/// "Largest before and after" of the page, against the corner of the work space, where a scale error along three axes is largest.
+#[test]
+fn the_largest_error_of_the_map_is_that_of_the_work_space() {
+    let scale = "{ poly = [0.0, 0.1] }";
+    let map = map(&format!("EXX = {scale}\nEYY = {scale}\nEZZ = {scale}"));
+    // 100 µm/m along 500, 400 and 300 mm.
+    let largest_um = (50.0_f64.powi(2) + 40.0_f64.powi(2) + 30.0_f64.powi(2)).sqrt();
+    let [found_um, _] = map.largest_um;
+    assert!(
+        (found_um - largest_um).abs() < 0.5,
+        "{found_um} µm, the corner has {largest_um:.1} µm"
+    );
+}
+
+/// A comma in the wrong place makes metres of micrometres: above what a guard corrects at most, a note says so.
+#[test]
+fn an_error_beyond_what_a_guard_corrects_has_a_note() {
+    // 500 mm of X: 1.9 mm and 2.1 mm at its end.
+    for (slope, is_beyond) in [(3.8, false), (4.2, true)] {
+        let map = map(&format!("EXX = {{ poly = [0.0, {slope}] }}"));
+        let note = beyond_every_guard(&map);
+        assert_eq!(note.is_some(), is_beyond, "{note:?}");
+        assert!(note.iter().all(|text| text.contains("2.1 mm")));
+    }
+}

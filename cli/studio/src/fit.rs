@@ -1,0 +1,188 @@
+//! From the calibration file to the machine file and the report.
+
+use serde::Serialize;
+use volcomp_calibrate::{Calibration, CalibrationFile, LeftOver, calibrate};
+use volcomp_model::Machine;
+use volcomp_report::{
+    Report, Stated, Tolerance, Verdict as Outcome, checks, html, plot::escaped, refuse_two_units,
+    tolerances,
+};
+
+use crate::{
+    error::StudioError,
+    folder::{CALIBRATION, Folder, MACHINE},
+    questions::{answered, name_of},
+};
+
+pub(crate) const REPORT: &str = "result/report.html";
+pub(crate) const FITTED: &str = "result/machine.toml";
+
+/// The result of a fit. Curves with their bands, map and figures are in the report.
+#[derive(Clone, Debug, Serialize)]
+pub struct Fitted {
+    /// The checksum of the machine file.
+    pub machine: String,
+    /// The verdict on the tolerances.
+    pub verdict: Verdict,
+    /// The largest volumetric error over poses of all axes after best-fit rigid-body alignment, µm; `None` of a machine without
+    /// two linear axes.
+    pub position_um: Option<f64>,
+    /// The pose at which it is reached.
+    pub worst_at: Option<String>,
+    /// Number of fitted curves.
+    pub curves: usize,
+    /// Messages to read before the machine file is used, the gravest first.
+    pub warnings: Vec<String>,
+}
+
+/// The verdict on all tolerances together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Verdict {
+    /// Every figure is within its limit.
+    Pass,
+    /// A figure is beyond its limit.
+    Fail,
+    /// A figure is nearer to its limit than its uncertainty, or cannot be evaluated.
+    Undecided,
+    /// No tolerance was stated.
+    None,
+}
+
+impl Verdict {
+    fn of(report: &Report, limits: &[Tolerance]) -> Self {
+        let outcomes = report.checks.iter().map(|check| check.outcome);
+        match Outcome::of_all(outcomes) {
+            _ if limits.is_empty() => Self::None,
+            Outcome::Pass => Self::Pass,
+            Outcome::Fail => Self::Fail,
+            Outcome::Undecided | Outcome::NotEvaluated => Self::Undecided,
+        }
+    }
+}
+
+/// A machine with its report, and the errors that are missing because their file was not used.
+struct Found {
+    machine: Machine,
+    report: Report,
+    missed: Vec<String>,
+}
+
+impl Folder {
+    /// Fits the measurements: writes `result/machine.toml` and `result/report.html`. Without measurement files the result is the
+    /// machine file with the errors that it states. `allowed` holds tolerances as `volcomp report --tolerance` takes them,
+    /// `A=10,EC0Y=20`; empty: none.
+    ///
+    /// # Errors
+    /// Open questions, readings from which nothing can be fitted, tolerances that cannot be read.
+    pub fn fit(&self, allowed: &str) -> Result<Fitted, StudioError> {
+        let limits = match allowed.trim() {
+            "" => Vec::new(),
+            text => tolerances(text)?,
+        };
+        let Found {
+            machine,
+            mut report,
+            missed,
+        } = self.found()?;
+        report.add_working_space(&machine)?;
+        refuse_two_units(&report, &limits)?;
+        report.checks = checks(&report, &limits);
+        // Files are named from the folder on, as in the calibration file.
+        let folder = escaped(&self.at("").display().to_string());
+        let page = html(&report).replace(&folder, "");
+        self.write(FITTED, machine.to_toml().as_bytes())?;
+        self.write(REPORT, page.as_bytes())?;
+        let size = report.volume.as_ref().map(|volume| &volume.before.found);
+        let warnings = report.warnings.iter().map(|of| of.text.clone());
+        let warnings = missed.into_iter().chain(warnings);
+        Ok(Fitted {
+            machine: machine.checksum(),
+            verdict: Verdict::of(&report, &limits),
+            position_um: size.map(|size| size.form_max_um),
+            worst_at: size.map(|size| size.place()),
+            curves: report.curves.len(),
+            warnings: warnings.map(|text| self.relative(text)).collect(),
+        })
+    }
+
+    /// The machine with the errors of its measurements, or as its file states them.
+    fn found(&self) -> Result<Found, StudioError> {
+        let stated = |machine: &Machine| Stated {
+            machine: (!machine.name.is_empty()).then(|| machine.name.clone()),
+            ..Stated::default()
+        };
+        let left_over = if self.is_by_hand() {
+            Vec::new()
+        } else if self.measurement_files()?.is_empty() {
+            let machine = self.machine()?;
+            return Ok(Found {
+                report: Report::of_machine(MACHINE, &machine, &stated(&machine)),
+                machine,
+                missed: Vec::new(),
+            });
+        } else {
+            self.calibration_file()?
+        };
+        let file = CalibrationFile::read(&self.at(CALIBRATION))?;
+        let calibration = calibrate(&file, |_, _| {})?;
+        let stated = stated(&calibration.machine);
+        Ok(Found {
+            report: Report::of_calibration(CALIBRATION, &file, &calibration, &stated),
+            missed: missed(&left_over, &calibration, &file).collect(),
+            machine: calibration.machine,
+        })
+    }
+
+    /// Writes the calibration file from the draft and the answers. Returns the files that it does not use.
+    fn calibration_file(&self) -> Result<Vec<LeftOver>, StudioError> {
+        let machine = self.machine()?;
+        let draft = self.drafted(self.measurement_files()?, &machine);
+        if draft.proposed.is_empty() {
+            let reasons: Vec<String> = draft.left_over.iter().map(ToString::to_string).collect();
+            let reasons = match reasons[..] {
+                [] => String::new(),
+                _ => format!(": {}", reasons.join("; ")),
+            };
+            return Err(StudioError::NoMeasurement { reasons });
+        }
+        let given = self.answers()?;
+        let whole = answered(&draft, &given)?.whole;
+        self.keep(&given, &whole)?;
+        if let Some(first) = whole.questions.first() {
+            return Err(StudioError::Open {
+                count: whole.questions.len(),
+                first: format!("{} of {}", first.key, first.of),
+            });
+        }
+        if whole.proposed.is_empty() {
+            let all: Vec<String> = draft.proposed.iter().map(name_of).collect();
+            let reasons = format!(": {} are left out", all.join(", "));
+            return Err(StudioError::NoMeasurement { reasons });
+        }
+        Ok(whole.left_over)
+    }
+}
+
+/// The errors that nothing measured because their file was not used: in the list of warnings the two would be far apart.
+fn missed<'a>(
+    left_over: &'a [LeftOver],
+    calibration: &'a Calibration,
+    file: &'a CalibrationFile,
+) -> impl Iterator<Item = String> + 'a {
+    left_over.iter().filter_map(|of| {
+        let error = of.error?;
+        let mut curves = calibration.curves.iter();
+        if curves.any(|curve| curve.error == error) {
+            return None;
+        }
+        let taken = match file.machine.error(error) {
+            Some(_) => "kept from machine.toml",
+            None => "taken as 0",
+        };
+        Some(format!(
+            "{error} is {taken}, because its file was not used: {}: {}",
+            of.file, of.reason
+        ))
+    })
+}

@@ -1,0 +1,427 @@
+//! The folder that the user names: the whole state of the studio.
+//!
+//! Inputs: the measurement files, `machine.toml` (the machine as built), `answers.json` and `calibration.toml`, which is written
+//! from the draft and the answers; a `setup.toml` for NC programs. Everything that is computed is below `result/`, which can be
+//! removed at any time. Invariant: a `calibration.toml` without `answers.json` was written by the user; it is used as it is
+//! and never replaced.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    time::SystemTime,
+};
+
+use serde::Serialize;
+use volcomp_calibrate::{Draft, LeftOver, draft_of, files_below};
+use volcomp_model::Machine;
+use volcomp_nc::SetUp;
+use volcomp_vocabulary::AxisName;
+use volcomp_web::file_name;
+
+use crate::{
+    error::StudioError,
+    fit::{FITTED, REPORT},
+    questions::{Answered, DraftSeen, GivenAnswer, answered, questions},
+};
+
+/// The largest number of measurement files in a folder.
+pub const MAX_FILES: usize = 200;
+/// The largest file that is taken, bytes.
+pub const LARGEST_FILE: usize = 8 * 1024 * 1024;
+
+pub(crate) const MACHINE: &str = "machine.toml";
+pub(crate) const CALIBRATION: &str = "calibration.toml";
+pub(crate) const SETUP: &str = "setup.toml";
+const ANSWERS: &str = "answers.json";
+/// The folder of what is computed.
+pub(crate) const RESULT: &str = "result";
+
+/// A folder with the measurements of one machine.
+#[derive(Clone, Debug)]
+pub struct Folder {
+    path: PathBuf,
+}
+
+/// The folder as the page shows it.
+#[derive(Clone, Debug, Serialize)]
+pub struct State {
+    /// The path of the folder.
+    pub folder: String,
+    /// The measurement files.
+    pub files: Vec<FileSeen>,
+    /// The machine; `None` without a valid machine file.
+    pub machine: Option<MachineSeen>,
+    /// The text of `machine.toml`; empty without one.
+    pub machine_text: String,
+    /// Why the machine file is not valid.
+    pub machine_error: Option<String>,
+    /// `calibration.toml` was written by the user: it is used as it is.
+    pub by_hand: bool,
+    /// The drafted calibration; `None` without a machine, and where `calibration.toml` was written by the user.
+    pub draft: Option<DraftSeen>,
+    /// The files below `result/`.
+    pub results: Vec<String>,
+    /// An input has changed since the report was written.
+    pub is_stale: bool,
+}
+
+/// A measurement file.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct FileSeen {
+    /// Its name in the folder.
+    pub name: String,
+    /// The error that it measures, where the file says so or an answer does.
+    pub error: Option<String>,
+    /// What the file holds.
+    pub said: Vec<String>,
+    /// Why it is not used.
+    pub not_used: Option<String>,
+}
+
+/// A machine.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct MachineSeen {
+    /// The name that the file states.
+    pub name: String,
+    /// The structure code.
+    pub structure: String,
+    /// Each axis with its travel, mm or deg.
+    pub axes: Vec<(AxisName, [f64; 2])>,
+}
+
+impl MachineSeen {
+    fn of(machine: &Machine) -> Self {
+        let axes = machine.axes().iter();
+        Self {
+            name: machine.name.clone(),
+            structure: machine.chain().structure().to_string(),
+            axes: axes.map(|axis| (axis.name, axis.travel)).collect(),
+        }
+    }
+}
+
+impl Folder {
+    /// Opens a folder.
+    ///
+    /// # Errors
+    /// There is no such folder.
+    pub fn open(path: &Path) -> Result<Self, StudioError> {
+        let whole = path.canonicalize();
+        let path = whole.map_err(StudioError::disk(path.display()))?;
+        fs::read_dir(&path).map_err(StudioError::disk(path.display()))?;
+        Ok(Self { path })
+    }
+
+    /// A file in the folder.
+    pub(crate) fn at(&self, name: &str) -> PathBuf {
+        self.path.join(name)
+    }
+
+    /// A message without the path of this folder.
+    pub(crate) fn relative(&self, message: impl ToString) -> String {
+        let path = format!("{}/", self.path.display());
+        message.to_string().replace(&path, "")
+    }
+
+    /// Everything that the page shows, read from the folder.
+    ///
+    /// # Errors
+    /// The folder cannot be read, or holds too many files. A wrong machine file is part of the state.
+    pub fn state(&self) -> Result<State, StudioError> {
+        let paths = self.measurement_files()?;
+        let results = self.results()?;
+        let mut state = State {
+            folder: self.path.display().to_string(),
+            files: Vec::new(),
+            machine: None,
+            machine_text: String::new(),
+            machine_error: None,
+            by_hand: self.is_by_hand(),
+            draft: None,
+            is_stale: self.is_stale(&paths),
+            results,
+        };
+        let machine = match self.machine() {
+            Ok(machine) => machine,
+            Err(error) => {
+                if !matches!(error, StudioError::NoMachine) {
+                    state.machine_error = Some(self.relative(error));
+                    state.machine_text = self.text_of(MACHINE);
+                }
+                let names = paths.iter().map(|path| self.relative(path.display()));
+                state.files = names.map(FileSeen::named).collect();
+                return Ok(state);
+            }
+        };
+        state.machine = Some(MachineSeen::of(&machine));
+        state.machine_text = self.text_of(MACHINE);
+        let draft = self.drafted(paths, &machine);
+        let given = self.answers()?;
+        // An answer that is refused was written by another program: the questions are shown without the answers.
+        let answered = answered(&draft, &given).or_else(|_| answered(&draft, &[]))?;
+        state.files = self.files(&draft, &answered);
+        if !state.by_hand {
+            let whole = &answered.whole;
+            state.draft = Some(DraftSeen {
+                questions: questions(&draft, &answered.decided, &machine),
+                answers: given,
+                open: whole.questions.len(),
+                conflicts: whole.conflicts.clone(),
+                notes: whole.notes.clone(),
+                text: whole.text.clone(),
+            });
+        }
+        Ok(state)
+    }
+
+    /// The machine file.
+    pub(crate) fn machine(&self) -> Result<Machine, StudioError> {
+        let path = self.at(MACHINE);
+        if !path.exists() {
+            return Err(StudioError::NoMachine);
+        }
+        Ok(Machine::read(path)?)
+    }
+
+    fn text_of(&self, name: &str) -> String {
+        fs::read_to_string(self.at(name)).unwrap_or_default()
+    }
+
+    /// Whether the user has written the calibration file.
+    pub(crate) fn is_by_hand(&self) -> bool {
+        self.at(CALIBRATION).exists() && !self.at(ANSWERS).exists()
+    }
+
+    /// The files that may be measurements.
+    pub(crate) fn measurement_files(&self) -> Result<Vec<PathBuf>, StudioError> {
+        // Results and answers are on top of the measurement files.
+        let most = 2 * MAX_FILES;
+        let found = files_below(&self.path, most);
+        let mut paths = found.map_err(StudioError::disk(self.path.display()))?;
+        let (result, answers) = (self.at(RESULT), self.at(ANSWERS));
+        paths.retain(|path| !path.starts_with(&result) && *path != answers);
+        if paths.len() > MAX_FILES {
+            return Err(StudioError::TooManyFiles {
+                folder: self.path.display().to_string(),
+            });
+        }
+        Ok(paths)
+    }
+
+    /// The draft of measurement files.
+    pub(crate) fn drafted(&self, paths: Vec<PathBuf>, machine: &Machine) -> Draft {
+        let named = |path: &Path| self.relative(path.display());
+        draft_of(paths, machine, MACHINE, named)
+    }
+
+    fn files(&self, draft: &Draft, answered: &Answered) -> Vec<FileSeen> {
+        let mut files = Vec::new();
+        for (place, of) in draft.proposed.iter().enumerate() {
+            let error = answered.decided.proposed[place].error;
+            let said = of.said.iter().filter(|said| !said.is_empty());
+            let said: Vec<String> = said.cloned().collect();
+            files.extend(of.files.iter().map(|name| FileSeen {
+                error: error.map(|error| error.to_string()),
+                said: said.clone(),
+                ..FileSeen::named(name.clone())
+            }));
+        }
+        for LeftOver { file, reason, .. } in &answered.whole.left_over {
+            let reason = Some(self.relative(reason));
+            match files.iter_mut().find(|known| known.name == *file) {
+                Some(known) => known.not_used = reason,
+                None => files.push(FileSeen {
+                    not_used: reason,
+                    ..FileSeen::named(file.clone())
+                }),
+            }
+        }
+        files.sort_by(|one, other| one.name.cmp(&other.name));
+        files
+    }
+
+    /// The answers so far.
+    pub(crate) fn answers(&self) -> Result<Vec<GivenAnswer>, StudioError> {
+        let path = self.at(ANSWERS);
+        if !path.exists() {
+            return Ok(Vec::new());
+        }
+        let text = fs::read_to_string(path).map_err(StudioError::disk(ANSWERS))?;
+        serde_json::from_str(&text).map_err(|e| StudioError::Upload {
+            name: ANSWERS.to_owned(),
+            why: format!("{e}; expected the answers as this page writes them, or no such file"),
+        })
+    }
+
+    /// Replaces the answers, and writes the calibration file with them.
+    ///
+    /// # Errors
+    /// An answer that its question does not take; a calibration file of the user.
+    pub fn answer(&self, given: &[GivenAnswer]) -> Result<(), StudioError> {
+        let machine = self.machine()?;
+        let draft = self.drafted(self.measurement_files()?, &machine);
+        let answered = answered(&draft, given)?;
+        self.keep(given, &answered.whole)
+    }
+
+    /// Writes answers and calibration file.
+    pub(crate) fn keep(&self, given: &[GivenAnswer], whole: &Draft) -> Result<(), StudioError> {
+        if self.is_by_hand() {
+            return Err(StudioError::Upload {
+                name: CALIBRATION.to_owned(),
+                why: "found a file that this page has not written, and does not replace; move it away to answer questions here".to_owned(),
+            });
+        }
+        let text = serde_json::to_string_pretty(given);
+        let text = text.map_err(|e| StudioError::disk(ANSWERS)(e.into()))?;
+        self.write(ANSWERS, text.as_bytes())?;
+        self.write(CALIBRATION, whole.text.as_bytes())
+    }
+
+    /// Takes a dropped file: a machine file as `machine.toml`, a set-up file for NC programs as `setup.toml`, anything else as a
+    /// measurement file under its own name. A measurement file with other content is never replaced.
+    ///
+    /// # Errors
+    /// A name that is none, a TOML file that is neither, a file that is too large or one too many.
+    pub fn take(&self, name: &str, bytes: &[u8]) -> Result<(), StudioError> {
+        let name = name_of_upload(name)?;
+        let wrong = |why: String| StudioError::Upload {
+            name: name.clone(),
+            why,
+        };
+        if bytes.len() > LARGEST_FILE {
+            let mib = LARGEST_FILE / 1024 / 1024;
+            return Err(wrong(format!(
+                "larger than {mib} MiB, the most that is taken"
+            )));
+        }
+        let ending = Path::new(&name).extension().unwrap_or_default();
+        if ending.eq_ignore_ascii_case("toml") {
+            let text = std::str::from_utf8(bytes);
+            let text = text.map_err(|e| wrong(format!("{e}; expected a text in UTF-8")))?;
+            if name.eq_ignore_ascii_case(SETUP) {
+                SetUp::parse(text, SETUP).map_err(|e| wrong(e.to_string()))?;
+                return self.write(SETUP, bytes);
+            }
+            return self.set_machine(&name, text);
+        }
+        if name.eq_ignore_ascii_case(ANSWERS) || name.eq_ignore_ascii_case(RESULT) {
+            return Err(wrong(
+                "a name of the studio itself; rename the file".to_owned(),
+            ));
+        }
+        let path = self.at(&name);
+        if path.exists() {
+            let same = fs::read(&path).is_ok_and(|there| there == bytes);
+            let other = "is in the folder with another content; rename one of them";
+            return if same {
+                Ok(())
+            } else {
+                Err(wrong(other.to_owned()))
+            };
+        }
+        if self.measurement_files()?.len() >= MAX_FILES {
+            return Err(wrong(format!(
+                "the folder holds {MAX_FILES} files, the most that are taken"
+            )));
+        }
+        self.write(&name, bytes)
+    }
+
+    /// Writes the machine file once it is valid; the one before stays as `.machine.toml.bak`.
+    ///
+    /// # Errors
+    /// The key and the line that are wrong, under the name that the text came from.
+    pub fn set_machine(&self, name: &str, text: &str) -> Result<(), StudioError> {
+        Machine::parse(text, name)?;
+        let path = self.at(MACHINE);
+        if path.exists() {
+            let kept = fs::copy(&path, self.at(".machine.toml.bak"));
+            kept.map_err(StudioError::disk(MACHINE))?;
+        }
+        self.write(MACHINE, text.as_bytes())
+    }
+
+    /// Writes a file below the folder; it appears whole, by rename.
+    pub(crate) fn write(&self, name: &str, bytes: &[u8]) -> Result<(), StudioError> {
+        let path = self.at(name);
+        let file = path.file_name().unwrap_or_default().to_string_lossy();
+        let part = path.with_file_name(format!(".{file}.part"));
+        let folder = path.parent().unwrap_or(&self.path);
+        let written = fs::create_dir_all(folder)
+            .and_then(|()| fs::write(&part, bytes))
+            .and_then(|()| fs::rename(&part, &path));
+        written.map_err(StudioError::disk(name))
+    }
+
+    /// The files below `result/`, by their names from the folder on.
+    pub(crate) fn results(&self) -> Result<Vec<String>, StudioError> {
+        let result = self.at(RESULT);
+        if !result.is_dir() {
+            return Ok(Vec::new());
+        }
+        let found = files_below(&result, MAX_FILES).map_err(StudioError::disk(RESULT))?;
+        let names = found.iter().map(|path| self.relative(path.display()));
+        let mut names: Vec<String> = names.collect();
+        // The machine file ends in .toml, which `files_below` leaves out.
+        names.extend(self.at(FITTED).exists().then(|| FITTED.to_owned()));
+        names.sort();
+        Ok(names)
+    }
+
+    /// A file below `result/`.
+    ///
+    /// # Errors
+    /// No such file is listed in the state.
+    pub fn result(&self, name: &str) -> Result<Vec<u8>, StudioError> {
+        if !self.results()?.iter().any(|known| known == name) {
+            return Err(StudioError::Request {
+                key: "name",
+                why: format!("found {name:?}, expected one of the files below {RESULT}/"),
+            });
+        }
+        fs::read(self.at(name)).map_err(StudioError::disk(name))
+    }
+
+    /// The machine with the fitted errors.
+    pub(crate) fn fitted(&self) -> Result<Machine, StudioError> {
+        let path = self.at(FITTED);
+        if !path.exists() {
+            return Err(StudioError::NoResult);
+        }
+        Ok(Machine::read(path)?)
+    }
+
+    /// Whether an input is newer than the report.
+    fn is_stale(&self, measurements: &[PathBuf]) -> bool {
+        let changed = |path: &Path| fs::metadata(path).and_then(|of| of.modified()).ok();
+        let Some(written) = changed(&self.at(REPORT)) else {
+            return false;
+        };
+        let is_newer = |at: Option<SystemTime>| at.is_some_and(|at| at > written);
+        let own = [MACHINE, CALIBRATION].map(|name| self.at(name));
+        measurements
+            .iter()
+            .chain(&own)
+            .any(|path| is_newer(changed(path)))
+    }
+}
+
+/// The name of a dropped file.
+pub(crate) fn name_of_upload(name: &str) -> Result<String, StudioError> {
+    file_name::sanitised(name).ok_or_else(|| StudioError::Upload {
+        name: name.chars().take(100).collect(),
+        why: "expected a file name with a letter or a digit".to_owned(),
+    })
+}
+
+impl FileSeen {
+    fn named(name: String) -> Self {
+        Self {
+            name,
+            error: None,
+            said: Vec::new(),
+            not_used: None,
+        }
+    }
+}

@@ -1,0 +1,346 @@
+//! The page and its requests, on this computer only.
+//!
+//! Every path begins with a random token that only the opened address contains: a page of another site cannot know it. A foreign
+//! Host or Origin is refused as well. Requests work one after the other, so that two windows cannot write at the same time.
+
+use std::{
+    net::{SocketAddr, TcpListener},
+    sync::{Arc, Mutex, PoisonError},
+};
+
+use axum::{
+    Json, Router,
+    body::Bytes,
+    extract::{DefaultBodyLimit, Query, Request, State as Shared},
+    http::{HeaderValue, Method, StatusCode, header},
+    middleware::{Next, from_fn},
+    response::{IntoResponse, Response},
+    routing::{get, post},
+};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
+use serde_json::json;
+use volcomp_web::{headers, hosts, is_of_another_page};
+
+use crate::{
+    error::StudioError,
+    fit::REPORT,
+    folder::{Folder, LARGEST_FILE},
+    outputs::TableRequest,
+    questions::GivenAnswer,
+    send::Target,
+};
+
+/// The largest NC program, bytes.
+const LARGEST_PROGRAM: usize = 64 * 1024 * 1024;
+
+/// The report has its styles and its script in the file. As a sandboxed document it cannot send requests to the studio.
+const REPORT_POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'; sandbox allow-scripts allow-modals";
+
+/// The studio on a folder, ready to serve.
+pub struct Studio {
+    listener: TcpListener,
+    address: SocketAddr,
+    token: String,
+    folder: Folder,
+}
+
+impl Studio {
+    /// Listens at an address of this computer; port 0: any free one.
+    ///
+    /// # Errors
+    /// An address that other computers reach, or that is in use.
+    pub fn listen(folder: Folder, address: SocketAddr) -> Result<Self, StudioError> {
+        if !address.ip().is_loopback() {
+            return Err(StudioError::Request {
+                key: "--listen",
+                why: format!(
+                    "found {address}, expected an address of this computer such as 127.0.0.1:0"
+                ),
+            });
+        }
+        let system = |source| StudioError::System {
+            what: "the page's address",
+            source,
+        };
+        let listener = TcpListener::bind(address).map_err(system)?;
+        listener.set_nonblocking(true).map_err(system)?;
+        let address = listener.local_addr().map_err(system)?;
+        let mut random = [0_u8; 16];
+        getrandom::fill(&mut random).map_err(|e| StudioError::System {
+            what: "random numbers",
+            source: std::io::Error::other(e),
+        })?;
+        let token = random.iter().map(|byte| format!("{byte:02x}")).collect();
+        Ok(Self {
+            listener,
+            address,
+            token,
+            folder,
+        })
+    }
+
+    /// The address at which it listens.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// The address of the page, with the token.
+    pub fn url(&self) -> String {
+        format!("http://{}/{}/", self.address, self.token)
+    }
+
+    /// Serves until the process ends.
+    ///
+    /// # Errors
+    /// The operating system gives no thread.
+    pub fn run(self) -> Result<(), StudioError> {
+        let system = |source| StudioError::System {
+            what: "a thread",
+            source,
+        };
+        let runtime = tokio::runtime::Builder::new_multi_thread()
+            .worker_threads(1)
+            .enable_all()
+            .build()
+            .map_err(system)?;
+        let router = router(&self.token, self.folder);
+        runtime.block_on(async {
+            let listener = tokio::net::TcpListener::from_std(self.listener).map_err(system)?;
+            volcomp_web::serve(listener, None, router).await;
+            Ok(())
+        })
+    }
+}
+
+type Page = Arc<Mutex<Folder>>;
+
+const PAGES: [(&str, &str, &str); 4] = [
+    (
+        "",
+        "text/html; charset=utf-8",
+        include_str!("../web/index.html"),
+    ),
+    (
+        "studio.js",
+        "text/javascript; charset=utf-8",
+        include_str!("../web/studio.js"),
+    ),
+    (
+        "studio.css",
+        "text/css; charset=utf-8",
+        include_str!("../web/studio.css"),
+    ),
+    ("icon.svg", "image/svg+xml", include_str!("../web/icon.svg")),
+];
+
+fn router(token: &str, folder: Folder) -> Router {
+    let at = |path: &str| format!("/{token}/{path}");
+    let mut router = Router::new();
+    for (path, kind, text) in PAGES {
+        let file = move || async move { ([(header::CONTENT_TYPE, kind)], text) };
+        router = router.route(&at(path), get(file));
+    }
+    router
+        .route(&at("report.html"), get(report))
+        .route(&at("file"), get(file))
+        .route(&at("api/state"), get(state))
+        .route(&at("api/upload"), post(upload))
+        .route(&at("api/machine"), post(machine))
+        .route(&at("api/answers"), post(answers))
+        .route(&at("api/fit"), post(fit))
+        .route(&at("api/tables"), post(tables))
+        .route(&at("api/send"), post(send))
+        // One byte more: what is too large is refused with its name.
+        .layer(DefaultBodyLimit::max(LARGEST_FILE + 1))
+        .route(
+            &at("api/nc"),
+            post(nc).layer(DefaultBodyLimit::max(LARGEST_PROGRAM)),
+        )
+        .fallback(|| async {
+            let why = "there is no such page: open the address that `volcomp studio` prints";
+            refuse(StatusCode::NOT_FOUND, why)
+        })
+        .layer(from_fn(every_request))
+        .with_state(Arc::new(Mutex::new(folder)))
+}
+
+/// Host, origin, and the headers of every answer.
+async fn every_request(request: Request, next: Next) -> Response {
+    let is_report = request.uri().path().ends_with("/report.html");
+    let host = request.headers().get(header::HOST);
+    let is_ours = host
+        .and_then(|host| host.to_str().ok())
+        .is_some_and(|host| hosts::is_known(host, &[]));
+    let changes = request.method() != Method::GET;
+    let mut response = if !is_ours {
+        let why = "expected the address of this computer as Host";
+        refuse(StatusCode::MISDIRECTED_REQUEST, why)
+    } else if changes && is_of_another_page(request.headers()) {
+        refuse(
+            StatusCode::FORBIDDEN,
+            "a page of another origin may not change anything",
+        )
+    } else {
+        next.run(request).await
+    };
+    headers::put(response.headers_mut());
+    if is_report && response.status() == StatusCode::OK {
+        let of = response.headers_mut();
+        let policy = HeaderValue::from_static(REPORT_POLICY);
+        of.insert(header::CONTENT_SECURITY_POLICY, policy);
+        of.insert(
+            header::X_FRAME_OPTIONS,
+            HeaderValue::from_static("SAMEORIGIN"),
+        );
+    }
+    response
+}
+
+fn refuse(status: StatusCode, why: &str) -> Response {
+    (status, Json(json!({ "error": why }))).into_response()
+}
+
+/// Works on the folder on a thread of its own: a fit takes seconds.
+async fn work<T: Send + 'static>(
+    page: Page,
+    work: impl FnOnce(&Folder) -> Result<T, StudioError> + Send + 'static,
+) -> Result<T, Response> {
+    let done = tokio::task::spawn_blocking(move || {
+        let folder = page.lock().unwrap_or_else(PoisonError::into_inner);
+        work(&folder).map_err(|error| (error.status(), folder.relative(error)))
+    });
+    match done.await {
+        Ok(Ok(done)) => Ok(done),
+        Ok(Err((status, why))) => {
+            let status = StatusCode::from_u16(status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
+            Err(refuse(status, &why))
+        }
+        Err(_) => Err(refuse(
+            StatusCode::INTERNAL_SERVER_ERROR,
+            "a fault of the program; details are on standard error",
+        )),
+    }
+}
+
+async fn answered<T: Serialize + Send + 'static>(
+    page: Page,
+    of: impl FnOnce(&Folder) -> Result<T, StudioError> + Send + 'static,
+) -> Response {
+    match work(page, of).await {
+        Ok(document) => Json(document).into_response(),
+        Err(refusal) => refusal,
+    }
+}
+
+/// A request with a JSON body.
+async fn asked<R: DeserializeOwned + Send + 'static, T: Serialize + Send + 'static>(
+    page: Page,
+    body: &Bytes,
+    of: impl FnOnce(&Folder, R) -> Result<T, StudioError> + Send + 'static,
+) -> Response {
+    match serde_json::from_slice(body) {
+        Ok(request) => answered(page, move |folder| of(folder, request)).await,
+        Err(e) => refuse(StatusCode::BAD_REQUEST, &format!("the request: {e}")),
+    }
+}
+
+async fn state(Shared(page): Shared<Page>) -> Response {
+    answered(page, Folder::state).await
+}
+
+async fn report(Shared(page): Shared<Page>) -> Response {
+    match work(page, |folder| folder.result(REPORT)).await {
+        Ok(bytes) => ([(header::CONTENT_TYPE, "text/html; charset=utf-8")], bytes).into_response(),
+        Err(refusal) => refusal,
+    }
+}
+
+#[derive(Deserialize)]
+struct Named {
+    name: String,
+}
+
+/// A file below `result/`, to be saved under its name.
+async fn file(Shared(page): Shared<Page>, Query(Named { name }): Query<Named>) -> Response {
+    let base = name.rsplit('/').next().unwrap_or_default();
+    let base: String = base.chars().filter(char::is_ascii).collect();
+    let saved = format!(
+        "attachment; filename=\"{}\"",
+        base.replace(['"', '\\'], "_")
+    );
+    match work(page, move |folder| folder.result(&name)).await {
+        Ok(bytes) => {
+            let kind = "application/octet-stream".to_owned();
+            let of = [
+                (header::CONTENT_TYPE, kind),
+                (header::CONTENT_DISPOSITION, saved),
+            ];
+            (of, bytes).into_response()
+        }
+        Err(refusal) => refusal,
+    }
+}
+
+/// One dropped file: the body is the file itself.
+async fn upload(
+    Shared(page): Shared<Page>,
+    Query(Named { name }): Query<Named>,
+    body: Bytes,
+) -> Response {
+    answered(page, move |folder| {
+        folder.take(&name, &body)?;
+        folder.state()
+    })
+    .await
+}
+
+#[derive(Deserialize)]
+struct MachineText {
+    text: String,
+}
+
+async fn machine(Shared(page): Shared<Page>, body: Bytes) -> Response {
+    asked(page, &body, |folder, MachineText { text }| {
+        folder.set_machine("machine.toml", &text)?;
+        folder.state()
+    })
+    .await
+}
+
+async fn answers(Shared(page): Shared<Page>, body: Bytes) -> Response {
+    asked(page, &body, |folder, given: Vec<GivenAnswer>| {
+        folder.answer(&given)?;
+        folder.state()
+    })
+    .await
+}
+
+#[derive(Deserialize)]
+struct Allowed {
+    tolerance: String,
+}
+
+async fn fit(Shared(page): Shared<Page>, body: Bytes) -> Response {
+    asked(page, &body, |folder, of: Allowed| folder.fit(&of.tolerance)).await
+}
+
+async fn tables(Shared(page): Shared<Page>, body: Bytes) -> Response {
+    asked(page, &body, |folder, of: TableRequest| folder.tables(&of)).await
+}
+
+#[derive(Deserialize)]
+struct Program {
+    name: String,
+    tolerance_um: f64,
+}
+
+async fn nc(Shared(page): Shared<Page>, Query(of): Query<Program>, body: Bytes) -> Response {
+    answered(page, move |folder| {
+        folder.nc(&of.name, &body, of.tolerance_um)
+    })
+    .await
+}
+
+async fn send(Shared(page): Shared<Page>, body: Bytes) -> Response {
+    asked(page, &body, |folder, target: Target| folder.send(&target)).await
+}

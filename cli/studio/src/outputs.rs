@@ -1,0 +1,206 @@
+//! Tables for controls and NC programs from the fitted machine.
+
+use std::{collections::BTreeMap, io::BufReader, path::Path};
+
+use serde::{Deserialize, Serialize};
+use volcomp_document::read_text;
+use volcomp_model::Temperatures;
+use volcomp_nc::{Corrector, Dialect, Job, NcError, SetUp, compensate};
+use volcomp_tables::axis_table::{
+    AxisNumbers, Facts, Format, TableOptions, WriteOptions, loss, sampled, write,
+};
+use volcomp_vocabulary::{AxisName, CorrectionLimit, Displacement};
+
+use crate::{
+    error::StudioError,
+    folder::{Folder, RESULT, SETUP, name_of_upload},
+};
+
+/// Which tables are written.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TableRequest {
+    /// The format, as `volcomp export --format` takes it.
+    pub format: String,
+    /// Distance of the positions along a linear axis, mm.
+    pub step_mm: f64,
+    /// Distance of the positions along a rotary axis, deg.
+    pub step_deg: f64,
+    /// Where the axes are that a table does not go over, mm or deg.
+    pub at: BTreeMap<AxisName, f64>,
+    /// Largest correction of an axis, µm or µrad: where the machine needs more, nothing is written.
+    pub limit_um: f64,
+}
+
+/// The tables that were written.
+#[derive(Clone, Debug, Serialize)]
+pub struct TablesDone {
+    /// The files, named from the folder on.
+    pub files: Vec<String>,
+    /// What is left of the error of each axis.
+    pub left: Vec<AxisLeft>,
+    /// What the files do not hold, and what the control needs besides.
+    pub notes: Vec<String>,
+    /// The sign of a number in the files.
+    pub sign: String,
+    /// What the sign of the format rests on.
+    pub trust: String,
+}
+
+/// What is left of the error of an axis where the tables correct.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct AxisLeft {
+    /// The axis.
+    pub axis: AxisName,
+    /// `um` or `urad`.
+    pub unit: &'static str,
+    /// The largest error without tables.
+    pub without: f64,
+    /// The largest error with them.
+    pub largest: f64,
+}
+
+/// A compensated NC program.
+#[derive(Clone, Debug, Serialize)]
+pub struct NcDone {
+    /// The program, named from the folder on.
+    pub file: String,
+    /// Lines that were read.
+    pub lines: u64,
+    /// Motions in them.
+    pub motions: u64,
+    /// Lines with other coordinates.
+    pub changed: u64,
+    /// Lines that were added.
+    pub added: u64,
+    /// What the user should know.
+    pub notes: Vec<NcNote>,
+}
+
+/// A note on a line of a program.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct NcNote {
+    /// The line, from 1.
+    pub line: usize,
+    /// The note.
+    pub text: String,
+}
+
+impl Folder {
+    /// Writes compensation tables to `result/tables/FORMAT/`.
+    ///
+    /// # Errors
+    /// An unknown format, values out of range, a machine whose errors the format cannot hold.
+    pub fn tables(&self, request: &TableRequest) -> Result<TablesDone, StudioError> {
+        let wrong = |key, why: String| StudioError::Request { key, why };
+        let format: Format =
+            (request.format.parse()).map_err(|e: volcomp_tables::axis_table::UnknownFormat| {
+                wrong("format", e.to_string())
+            })?;
+        let limit = CorrectionLimit::new(request.limit_um);
+        let limit = limit.map_err(|e| wrong("limit_um", e.to_string()))?;
+        let machine = self.fitted()?;
+        let none = Temperatures::new();
+        let options = TableOptions {
+            step_mm: request.step_mm,
+            step_deg: request.step_deg,
+            at: request.at.iter().map(|(axis, at)| (*axis, *at)).collect(),
+            limit,
+        };
+        let reference = options.reference(&machine)?;
+        let write_options = WriteOptions {
+            facts: Facts::of(&machine, reference, String::new()),
+            axes: AxisNumbers::of_machine(&machine),
+            encoder: 0,
+            detection_unit: 0.001,
+        };
+        let content = sampled(&machine, &none, &options, format)?;
+        let written = write(format, &content, &write_options)?;
+        let lost = loss(&machine, &none, &options, format, &write_options)?;
+        let mut files = Vec::new();
+        for file in &written.files {
+            let name = format!("{RESULT}/tables/{format}/{}", file.name);
+            self.write(&name, file.text.as_bytes())?;
+            files.push(name);
+        }
+        let left = lost.axes.iter().map(|of| {
+            let micro = |value| Displacement::new(of.axis.kind(), value).um_or_urad();
+            AxisLeft {
+                axis: of.axis,
+                unit: if of.axis.is_rotary() { "urad" } else { "um" },
+                without: micro(of.correction),
+                largest: micro(of.largest),
+            }
+        });
+        Ok(TablesDone {
+            files,
+            left: left.collect(),
+            notes: written.notes,
+            sign: format.sign().to_owned(),
+            trust: format.trust().to_owned(),
+        })
+    }
+
+    /// Compensates an NC program and writes it to `result/nc/`. `setup.toml` of the folder, where there is one, states what the
+    /// program relies on.
+    ///
+    /// # Errors
+    /// The line that cannot be read or compensated.
+    pub fn nc(&self, name: &str, program: &[u8], tolerance_um: f64) -> Result<NcDone, StudioError> {
+        if !(1e-3..=1e3).contains(&tolerance_um) {
+            let why = format!("found {tolerance_um}, expected µm from 0.001 to 1000");
+            let key = "tolerance_um";
+            return Err(StudioError::Request { key, why });
+        }
+        let name = name_of_upload(name)?;
+        let wrong = |source: NcError| StudioError::Nc {
+            name: name.clone(),
+            source: Box::new(source),
+        };
+        let machine = self.fitted()?;
+        let path = self.at(SETUP);
+        let setup = if path.exists() {
+            let text = read_text(&path).map_err(|e| wrong_setup(&e))?;
+            SetUp::parse(&text, SETUP).map_err(|e| wrong_setup(&e))?
+        } else {
+            SetUp::default()
+        };
+        let none = Temperatures::new();
+        let corrector = Corrector::new(&machine, &none, 1e-3 * tolerance_um).map_err(wrong)?;
+        let control = setup.control();
+        let job = Job {
+            dialect: control.map_or_else(
+                || Dialect::of_file(Path::new(&name)),
+                volcomp_nc::Control::dialect,
+            ),
+            ..Job::new(&corrector, &setup)
+        };
+        let mut output = Vec::new();
+        let mut input = BufReader::new(program);
+        let summary = compensate(&mut input, &mut output, job, |_| Ok(())).map_err(wrong)?;
+        let file = format!("{RESULT}/nc/{name}");
+        self.write(&file, &output)?;
+        let counts = &summary.counts;
+        let notes = summary.notes.by_line().into_iter();
+        Ok(NcDone {
+            file,
+            lines: counts.lines,
+            motions: counts.motions,
+            changed: counts.changed,
+            added: counts.added,
+            notes: notes
+                .map(|(line, note)| NcNote {
+                    line,
+                    text: note.to_string(),
+                })
+                .collect(),
+        })
+    }
+}
+
+fn wrong_setup(error: &dyn std::error::Error) -> StudioError {
+    StudioError::Upload {
+        name: SETUP.to_owned(),
+        why: error.to_string(),
+    }
+}

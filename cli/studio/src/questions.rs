@@ -1,0 +1,164 @@
+//! The drafted calibration of a folder as the page shows it: measurements, questions with choices and defaults, answers.
+
+use serde::{Deserialize, Serialize};
+use volcomp_calibrate::{Answer, AnswerError, Draft, Proposed, Question, Subject, Turn};
+use volcomp_model::Machine;
+use volcomp_vocabulary::ErrorName;
+
+/// An answer, as it was typed.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GivenAnswer {
+    /// The measurement file or files, or the squareness, as in [`QuestionAsked::of`].
+    pub of: String,
+    /// The key, as in [`QuestionAsked::key`], or `leave_out`.
+    pub key: String,
+    /// What was typed; `true` for `leave_out`.
+    pub value: String,
+}
+
+/// A question of the draft.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct QuestionAsked {
+    /// The measurement file or files, or the squareness.
+    pub of: String,
+    /// The key of the calibration file: `point`, `at.Y`.
+    pub key: String,
+    /// The question in words.
+    pub question: String,
+    /// The possible answers; empty: a number or a text.
+    pub choices: Vec<String>,
+    /// What holds where the calibration file does not state the key.
+    pub default: Option<String>,
+}
+
+/// A drafted calibration.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct DraftSeen {
+    /// Every question, the answered ones included.
+    pub questions: Vec<QuestionAsked>,
+    /// The answers so far.
+    pub answers: Vec<GivenAnswer>,
+    /// Number of questions without an answer.
+    pub open: usize,
+    /// Files at the same place, or with the same readings.
+    pub conflicts: Vec<String>,
+    /// Checks of the files that are used.
+    pub notes: Vec<String>,
+    /// The calibration file with these answers.
+    pub text: String,
+}
+
+/// A draft with answers.
+pub(crate) struct Answered {
+    /// With the answers that decide which keys a measurement has: errors and units.
+    pub(crate) decided: Draft,
+    /// With all answers.
+    pub(crate) whole: Draft,
+}
+
+/// Takes answers in two turns: which questions there are follows from the errors and units of the first one. Answers to what is
+/// not asked any more, because its file or its error is another one now, are passed over.
+pub(crate) fn answered(draft: &Draft, given: &[GivenAnswer]) -> Result<Answered, AnswerError> {
+    let is_asked = |draft: &Draft, answer: &Answer| match &answer.of {
+        Subject::Measurement(place) => {
+            let mut asked = draft.proposed[*place].questions().into_iter();
+            answer.key == LEAVE_OUT || asked.any(|question| question.key == answer.key)
+        }
+        Subject::Squareness(error) => {
+            let name = error.to_string();
+            let mut asked = draft.questions.iter();
+            asked.any(|q| q.of == name && (answer.key == LEAVE_OUT || q.key == answer.key))
+        }
+    };
+    let all: Vec<Answer> = given.iter().filter_map(|of| answer(draft, of)).collect();
+    let mut decided = draft.clone();
+    for turn in [Turn::Error, Turn::Unit] {
+        let now = all.iter().filter(|answer| Turn::of(&answer.key) == turn);
+        let now: Vec<Answer> = now.filter(|of| is_asked(&decided, of)).cloned().collect();
+        decided = decided.answered(&now)?;
+    }
+    let rest = all.iter().filter(|of| Turn::of(&of.key) == Turn::Other);
+    let rest: Vec<Answer> = rest.filter(|of| is_asked(&decided, of)).cloned().collect();
+    let whole = decided.answered(&rest)?;
+    Ok(Answered { decided, whole })
+}
+
+const LEAVE_OUT: &str = "leave_out";
+
+/// The files of a measurement, as questions and answers name it.
+pub(crate) fn name_of(proposed: &Proposed) -> String {
+    proposed.files.join(", ")
+}
+
+/// `None` where its measurement is not in the folder any more.
+fn answer(draft: &Draft, given: &GivenAnswer) -> Option<Answer> {
+    let mut proposed = draft.proposed.iter();
+    let of = match proposed.position(|of| name_of(of) == given.of) {
+        Some(place) => Subject::Measurement(place),
+        None => Subject::Squareness(given.of.parse::<ErrorName>().ok()?),
+    };
+    Some(Answer {
+        of,
+        key: given.key.clone(),
+        value: given.value.clone(),
+    })
+}
+
+/// Every question of a draft, the answered ones included, so that an answer can be changed.
+pub(crate) fn questions(draft: &Draft, decided: &Draft, machine: &Machine) -> Vec<QuestionAsked> {
+    let mut asked = Vec::new();
+    let mut of_measurements = 0;
+    for (first, now) in draft.proposed.iter().zip(&decided.proposed) {
+        let open = now.questions();
+        of_measurements += open.len();
+        // A deciding question that has its answer is open no longer.
+        let mut all = first.questions();
+        all.retain(|of| {
+            Turn::of(&of.key) != Turn::Other && open.iter().all(|open| open.key != of.key)
+        });
+        all.extend(open);
+        asked.extend(all.into_iter().map(|question| QuestionAsked {
+            of: name_of(first),
+            choices: choices(&question, &first.files),
+            default: default_of(&question.key, now.error, machine),
+            key: question.key,
+            question: question.question,
+        }));
+    }
+    let squares = decided.questions.iter().skip(of_measurements);
+    asked.extend(squares.map(|question| QuestionAsked {
+        of: question.of.clone(),
+        key: question.key.clone(),
+        question: question.question.clone(),
+        choices: Vec::new(),
+        default: None,
+    }));
+    asked
+}
+
+fn choices(question: &Question, files: &[String]) -> Vec<String> {
+    match question.key.as_str() {
+        "file" => files.to_vec(),
+        _ => question
+            .choices()
+            .iter()
+            .map(|word| (*word).to_owned())
+            .collect(),
+    }
+}
+
+/// What the calibration takes where a file does not state the key.
+fn default_of(key: &str, error: Option<ErrorName>, machine: &Machine) -> Option<String> {
+    let text = match key {
+        "rides" => "carriage".to_owned(),
+        "sign" => "1".to_owned(),
+        "point" => {
+            let [x, y, z] = machine.axis(error?.axis)?.point_mm.unwrap_or_default();
+            format!("{x}, {y}, {z}")
+        }
+        _ if key.starts_with("at.") => "0".to_owned(),
+        _ => return None,
+    };
+    Some(text)
+}

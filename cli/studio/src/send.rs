@@ -1,0 +1,329 @@
+//! The fitted machine file on its way to a gateway or to the centre, over their own HTTP interfaces. Both compare it with the
+//! model that they have; nothing corrects with it before an engineer confirms it there.
+
+use std::{
+    io::{Read, Write},
+    net::{TcpStream, ToSocketAddrs},
+    sync::Arc,
+    time::{Duration, Instant},
+};
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use tokio_rustls::rustls::{
+    ClientConfig, ClientConnection, RootCertStore, StreamOwned,
+    crypto::ring,
+    pki_types::{CertificateDer, ServerName, pem::PemObject},
+};
+use url::Url;
+
+use crate::{
+    error::StudioError,
+    fit::FITTED,
+    folder::{Folder, MACHINE},
+};
+
+/// A connection or an answer that takes longer has failed.
+const TIMEOUT: Duration = Duration::from_secs(15);
+/// The gateway compares a machine file within this.
+const COMPARE_TIMEOUT: Duration = Duration::from_secs(60);
+const POLL_INTERVAL: Duration = Duration::from_millis(300);
+/// No answer is longer, bytes.
+const LONGEST_ANSWER: u64 = 4 * 1024 * 1024;
+
+/// Where the machine file goes, and with whose permission. Nothing of it is kept.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields, tag = "to", rename_all = "lowercase")]
+pub enum Target {
+    /// The gateway of a machine.
+    Gateway {
+        /// The address of its dashboard, `http://192.0.2.7:8080`.
+        url: String,
+        /// The token of an engineer.
+        token: String,
+        /// The certificate to trust, PEM; needed for `https`.
+        #[serde(default)]
+        certificate: String,
+    },
+    /// The centre of many machines.
+    Centre {
+        /// The address of its web interface.
+        url: String,
+        /// The name of a user with the role engineer.
+        name: String,
+        /// The password.
+        password: String,
+        /// The certificate to trust, PEM; needed for `https`.
+        #[serde(default)]
+        certificate: String,
+    },
+}
+
+/// What the gateway or the centre has answered.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Sent {
+    /// The outcome in a sentence.
+    pub said: String,
+    /// Messages to read before the machine file is confirmed.
+    pub warnings: Vec<String>,
+    /// The page on which an engineer confirms it.
+    pub page: String,
+}
+
+impl Folder {
+    /// Sends `result/machine.toml`.
+    ///
+    /// # Errors
+    /// There is no result yet; nobody answers, or the answer is a refusal.
+    pub fn send(&self, target: &Target) -> Result<Sent, StudioError> {
+        // Read as a machine first: a damaged file is named here and not by the other side.
+        self.fitted()?;
+        let text = String::from_utf8_lossy(&self.result(FITTED)?).into_owned();
+        match target {
+            Target::Gateway {
+                url,
+                token,
+                certificate,
+            } => to_gateway(&Server::new(url, certificate)?, token, &text),
+            Target::Centre {
+                url,
+                name,
+                password,
+                certificate,
+            } => to_centre(&Server::new(url, certificate)?, [name, password], &text),
+        }
+    }
+}
+
+fn to_gateway(server: &Server, token: &str, text: &str) -> Result<Sent, StudioError> {
+    let headers = [("Authorization", format!("Bearer {token}"))];
+    let upload = format!("/api/model/upload?kind=machine&name={MACHINE}");
+    let sent = server.request("POST", &upload, &headers, text)?;
+    sent.accepted(server)?;
+    let begun = Instant::now();
+    let candidate = loop {
+        let answer = server.request("GET", "/api/model/candidate", &headers, "")?;
+        let candidate = answer.accepted(server)?;
+        if candidate["step"] != "working" {
+            break candidate;
+        }
+        if begun.elapsed() > COMPARE_TIMEOUT {
+            return Err(server.failed("the gateway has not compared the machine file in time"));
+        }
+        std::thread::sleep(POLL_INTERVAL);
+    };
+    if let Some(error) = candidate["error"].as_str() {
+        return Err(server.failed(error));
+    }
+    let result = &candidate["result"];
+    let refusal = result["refusal"].as_str().map(ToOwned::to_owned);
+    Ok(Sent {
+        said: "The gateway has the machine file and has compared it with its model. An engineer puts it in force on the gateway's page Model.".to_owned(),
+        warnings: refusal.into_iter().chain(texts(&result["warnings"])).collect(),
+        page: server.url("/model"),
+    })
+}
+
+fn to_centre(
+    server: &Server,
+    [name, password]: [&String; 2],
+    text: &str,
+) -> Result<Sent, StudioError> {
+    // The header without which the centre takes no change.
+    let ours = ("X-Volcomp", "1".to_owned());
+    let login = json!({ "name": name, "password": password }).to_string();
+    let answer = server.request("POST", "/api/login", std::slice::from_ref(&ours), &login)?;
+    answer.accepted(server)?;
+    let cookie = answer.header("set-cookie").unwrap_or_default();
+    let cookie = cookie.split(';').next().unwrap_or_default().to_owned();
+    let headers = [ours, ("Cookie", cookie)];
+    let body = json!({ "text": text, "file": MACHINE }).to_string();
+    let answer = server.request("POST", "/api/models", &headers, &body);
+    // The session ends whether or not the model was taken; without an answer it ends by itself.
+    let _ = server.request("POST", "/api/logout", &headers, "{}");
+    let answer = answer?.accepted(server)?;
+    let model = &answer["model"];
+    let said = match answer["added"].as_bool() {
+        Some(false) => "The centre had this machine file already.",
+        _ => "The centre has the machine file. An engineer rolls it out there.",
+    };
+    Ok(Sent {
+        said: said.to_owned(),
+        warnings: texts(&model["notes"]),
+        page: server.url("/"),
+    })
+}
+
+fn texts(list: &Value) -> Vec<String> {
+    let list = list.as_array().into_iter().flatten();
+    list.filter_map(|text| text.as_str().map(ToOwned::to_owned))
+        .collect()
+}
+
+/// A server by its address.
+struct Server {
+    url: Url,
+    host: String,
+    port: u16,
+    tls: Option<Arc<ClientConfig>>,
+}
+
+impl Server {
+    fn new(address: &str, certificate: &str) -> Result<Self, StudioError> {
+        let wrong = |why: String| StudioError::Request { key: "url", why };
+        let expected = "expected an address such as http://192.0.2.7:8080";
+        let url = Url::parse(address.trim());
+        let url = url.map_err(|e| wrong(format!("found {address:?}: {e}; {expected}")))?;
+        let tls = match url.scheme() {
+            "http" => None,
+            "https" => Some(trusting(certificate)?),
+            _ => return Err(wrong(format!("found {address:?}, {expected}"))),
+        };
+        let (Some(host), Some(port)) = (url.host_str(), url.port_or_known_default()) else {
+            return Err(wrong(format!("found {address:?}, {expected}")));
+        };
+        Ok(Self {
+            host: host.trim_matches(['[', ']']).to_owned(),
+            port,
+            tls,
+            url,
+        })
+    }
+
+    fn url(&self, path: &str) -> String {
+        let origin = self.url.origin().ascii_serialization();
+        format!("{origin}{path}")
+    }
+
+    fn failed(&self, why: impl ToString) -> StudioError {
+        StudioError::Send {
+            address: self.url.origin().ascii_serialization(),
+            why: why.to_string(),
+        }
+    }
+
+    fn request(
+        &self,
+        method: &str,
+        path: &str,
+        headers: &[(&str, String)],
+        body: &str,
+    ) -> Result<Answer, StudioError> {
+        let at = self.url.origin().ascii_serialization();
+        let authority = at.split("://").nth(1).unwrap_or_default();
+        let mut text = format!("{method} {path} HTTP/1.1\r\nHost: {authority}\r\n");
+        for (name, value) in headers {
+            if value.contains(['\r', '\n']) {
+                return Err(self.failed("a name or token with a line break in it"));
+            }
+            text += &format!("{name}: {value}\r\n");
+        }
+        let length = body.len();
+        text += &format!("Content-Length: {length}\r\nConnection: close\r\n\r\n{body}");
+        let found = self.exchange(&text).map_err(|e| self.failed(e))?;
+        Answer::read(&found).ok_or_else(|| self.failed("the answer is not HTTP/1.1"))
+    }
+
+    fn exchange(&self, request: &str) -> std::io::Result<String> {
+        let mut addresses = (self.host.as_str(), self.port).to_socket_addrs()?;
+        let address = addresses.next().ok_or(std::io::ErrorKind::NotFound)?;
+        let stream = TcpStream::connect_timeout(&address, TIMEOUT)?;
+        stream.set_read_timeout(Some(TIMEOUT))?;
+        stream.set_write_timeout(Some(TIMEOUT))?;
+        let Some(config) = &self.tls else {
+            return exchanged(stream, request);
+        };
+        let name = ServerName::try_from(self.host.clone()).map_err(std::io::Error::other)?;
+        let connection = ClientConnection::new(Arc::clone(config), name);
+        let connection = connection.map_err(std::io::Error::other)?;
+        exchanged(StreamOwned::new(connection, stream), request)
+    }
+}
+
+fn exchanged(mut stream: impl Read + Write, request: &str) -> std::io::Result<String> {
+    stream.write_all(request.as_bytes())?;
+    let mut text = Vec::new();
+    match stream.take(LONGEST_ANSWER).read_to_end(&mut text) {
+        Ok(_) => {}
+        // Some end TLS without the closing alert.
+        Err(e) if e.kind() == std::io::ErrorKind::UnexpectedEof && !text.is_empty() => {}
+        Err(e) => return Err(e),
+    }
+    Ok(String::from_utf8_lossy(&text).into_owned())
+}
+
+/// The stated certificate is all that is trusted: gateways and centres sign their own.
+fn trusting(certificate: &str) -> Result<Arc<ClientConfig>, StudioError> {
+    let wrong = |e: &dyn std::error::Error| StudioError::Request {
+        key: "certificate",
+        why: format!("{e}; expected the server's certificate, PEM"),
+    };
+    let certificate =
+        CertificateDer::from_pem_slice(certificate.as_bytes()).map_err(|e| wrong(&e))?;
+    let mut roots = RootCertStore::empty();
+    roots.add(certificate).map_err(|e| wrong(&e))?;
+    let config = ClientConfig::builder_with_provider(Arc::new(ring::default_provider()))
+        .with_safe_default_protocol_versions()
+        .map_err(|e| wrong(&e))?;
+    let config = config.with_root_certificates(roots).with_no_client_auth();
+    Ok(Arc::new(config))
+}
+
+/// An answer of HTTP.
+#[derive(Debug)]
+struct Answer {
+    status: u16,
+    head: String,
+    body: String,
+}
+
+impl Answer {
+    fn read(text: &str) -> Option<Self> {
+        let (head, body) = text.split_once("\r\n\r\n")?;
+        let status = head.split_whitespace().nth(1)?.parse().ok()?;
+        Some(Self {
+            status,
+            head: head.to_owned(),
+            body: body.to_owned(),
+        })
+    }
+
+    fn header(&self, name: &str) -> Option<&str> {
+        let mut lines = self.head.lines().filter_map(|line| line.split_once(':'));
+        let found = lines.find(|(key, _)| key.eq_ignore_ascii_case(name));
+        found.map(|(_, value)| value.trim())
+    }
+
+    /// The document of an answer that is no refusal.
+    fn accepted(&self, server: &Server) -> Result<Value, StudioError> {
+        let document: Value = serde_json::from_str(self.body.trim()).unwrap_or_default();
+        if self.status == 200 {
+            return Ok(document);
+        }
+        let why = document["error"].as_str();
+        let why = why.map_or_else(|| self.body.trim().to_owned(), ToOwned::to_owned);
+        Err(server.failed(format!("status {}: {why}", self.status)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_answer_is_read_with_its_headers() {
+        let text = "HTTP/1.1 409 Conflict\r\nSet-Cookie: a=b; Path=/\r\n\r\n{\"error\":\"busy\"}";
+        let answer = Answer::read(text).expect("HTTP");
+        assert_eq!(answer.header("set-cookie"), Some("a=b; Path=/"));
+        let server = Server::new("http://127.0.0.1:1/x", "").expect("an address");
+        let refused = answer.accepted(&server).expect_err("409").to_string();
+        assert_eq!(refused, "http://127.0.0.1:1: status 409: busy");
+    }
+
+    #[test]
+    fn addresses_that_are_none_are_refused() {
+        for wrong in ["", "192.0.2.7:8080", "ftp://192.0.2.7", "https://192.0.2.7"] {
+            assert!(Server::new(wrong, "").is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,321 @@
+//! From a folder to a machine file, without HTTP.
+
+use std::fs;
+
+use volcomp_calibrate::{CalibrationFile, calibrated_machine};
+use volcomp_model::{Machine, Temperatures, diagonals};
+use volcomp_studio::{Folder, GivenAnswer, TableRequest, Verdict};
+use volcomp_test_support::root;
+
+use crate::{SLOPE, copy, defaults, small};
+
+fn given(of: &str, key: &str, value: &str) -> GivenAnswer {
+    GivenAnswer {
+        of: of.to_owned(),
+        key: key.to_owned(),
+        value: value.to_owned(),
+    }
+}
+
+#[test]
+fn one_file_becomes_a_machine_file_by_its_defaults() {
+    let (dir, folder) = small();
+    let state = folder.state().expect("readable");
+    assert_eq!(state.files.len(), 1);
+    assert_eq!(state.files[0].error.as_deref(), Some("EXX"));
+    let open = state.draft.expect("drafted").open;
+    assert!(open > 0, "where the other axes were is not in the file");
+    let refused = folder.fit("").expect_err("open").to_string();
+    assert!(
+        refused.starts_with(&format!("{open} open questions")),
+        "{refused}"
+    );
+    folder.answer(&defaults(&folder)).expect("answers");
+    let fitted = folder.fit("EXX=100,V=100").expect("fitted");
+    assert_eq!((fitted.curves, fitted.verdict), (1, Verdict::Pass));
+    assert_eq!(folder.fit("EXX=1").expect("fitted").verdict, Verdict::Fail);
+    assert_eq!(folder.fit("").expect("fitted").verdict, Verdict::None);
+    let machine = Machine::read(dir.path().join("result/machine.toml")).expect("valid");
+    assert_eq!(machine.checksum(), fitted.machine);
+    let curve = machine
+        .error("EXX".parse().expect("a name"))
+        .expect("fitted");
+    let at = |x: f64| curve.value(0, &[x, 0.0, 0.0], None);
+    assert!((at(400.0) - at(0.0) - 8.0).abs() < 0.2, "{}", at(400.0));
+    let report = fs::read_to_string(dir.path().join("result/report.html")).expect("written");
+    let path = dir.path().canonicalize().expect("there");
+    assert!(report.contains("exx.csv") && !report.contains(&path.display().to_string()));
+    // Everything is in the folder: another start finds it.
+    let again = Folder::open(dir.path()).expect("there");
+    let state = again.state().expect("readable");
+    assert_eq!(state.draft.expect("drafted").open, 0);
+    assert_eq!(state.results, ["result/machine.toml", "result/report.html"]);
+    assert!(!state.is_stale);
+}
+
+/// The gantry of the examples: its laser files were simulated from `truth.toml`, which the studio does not see.
+#[test]
+fn the_files_of_a_gantry_give_the_machine_that_they_were_made_from() {
+    let example = root().join("examples/from-files/gantry");
+    let dir = tempfile::tempdir().expect("writable");
+    copy(&example.join("lasers"), &dir.path().join("lasers"));
+    fs::copy(
+        example.join("machine.toml"),
+        dir.path().join("machine.toml"),
+    )
+    .expect("writable");
+    let folder = Folder::open(dir.path()).expect("there");
+    // What the set-up was is in the calibration file of the example; a key that is not there has its default.
+    let text = fs::read_to_string(example.join("calibration.toml")).expect("there");
+    let stated: toml::Table = text.parse().expect("TOML");
+    let rows = |key: &str| stated[key].as_array().expect("a list").clone();
+    let all: Vec<toml::Value> = [rows("measurement"), rows("squareness")].concat();
+    let answers = || {
+        let draft = folder.state().expect("readable").draft.expect("drafted");
+        let questions = draft.questions.into_iter();
+        questions
+            .map(|asked| {
+                let is_it = |row: &&toml::Value| {
+                    let text = |key: &str| row.get(key).and_then(toml::Value::as_str);
+                    text("file") == Some(&asked.of)
+                        || text("file").is_none() && text("error") == Some(&asked.of)
+                };
+                let row = all.iter().find(is_it);
+                let row = row.unwrap_or_else(|| panic!("{}: not stated", asked.of));
+                let value = match asked.key.split_once('.') {
+                    Some((table, key)) => row.get(table).and_then(|of| of.get(key)),
+                    None => row.get(&asked.key),
+                };
+                let value = match value {
+                    Some(toml::Value::String(text)) => text.clone(),
+                    Some(other) => other.to_string(),
+                    None => {
+                        let default = asked.default.clone();
+                        default.unwrap_or_else(|| panic!("{}: {}", asked.of, asked.key))
+                    }
+                };
+                given(&asked.of, &asked.key, &value)
+            })
+            .collect::<Vec<_>>()
+    };
+    // An error or a unit that is answered may bring further questions.
+    for _ in 0..2 {
+        folder.answer(&answers()).expect("answers");
+    }
+    let fitted = folder.fit("").expect("fitted");
+    assert!(fitted.curves >= 18, "{}", fitted.curves);
+    let machine = Machine::read(dir.path().join("result/machine.toml")).expect("valid");
+    let truth = Machine::read(example.join("truth.toml")).expect("valid");
+    let none = Temperatures::new();
+    let along =
+        |of: &Machine| diagonals(of, &of.source(&none), 20, &[], |pose| *pose).expect("X, Y and Z");
+    for (found, true_one) in along(&machine).iter().zip(along(&truth)) {
+        let left = found.deviation_um.iter().zip(&true_one.deviation_um);
+        let left = left.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(
+            left < 0.1 * true_one.range_um,
+            "{}: {left} µm of {}",
+            found.name,
+            true_one.range_um
+        );
+    }
+}
+
+#[test]
+fn a_calibration_file_of_the_user_is_used_and_never_replaced() {
+    let example = root().join("examples/from-files/gantry");
+    let dir = tempfile::tempdir().expect("writable");
+    copy(&example, dir.path());
+    let before = fs::read_to_string(dir.path().join("calibration.toml")).expect("there");
+    let folder = Folder::open(dir.path()).expect("there");
+    let state = folder.state().expect("readable");
+    assert!(state.by_hand && state.draft.is_none());
+    folder.fit("").expect("fitted");
+    let refused = folder.answer(&[]).expect_err("not replaced").to_string();
+    assert!(refused.starts_with("calibration.toml: "), "{refused}");
+    let after = fs::read_to_string(dir.path().join("calibration.toml")).expect("there");
+    assert_eq!(before, after);
+    let file = CalibrationFile::read(&example.join("calibration.toml")).expect("valid");
+    let machine = Machine::read(dir.path().join("result/machine.toml")).expect("valid");
+    let library = calibrated_machine(&file).expect("fitted");
+    assert_eq!(machine.checksum(), library.checksum());
+}
+
+#[test]
+fn without_measurement_files_the_machine_file_is_the_result() {
+    let (dir, folder) = small();
+    fs::remove_file(dir.path().join("exx.csv")).expect("there");
+    let text = fs::read_to_string(dir.path().join("machine.toml")).expect("there");
+    let text = format!("{text}\n[errors]\nEC0Y = 12.0\n");
+    folder.set_machine("machine.toml", &text).expect("valid");
+    let fitted = folder.fit("EC0Y=20").expect("stated");
+    assert_eq!((fitted.curves, fitted.verdict), (0, Verdict::Pass));
+    let machine = Machine::read(dir.path().join("result/machine.toml")).expect("valid");
+    assert!(machine.locations().values().eq([&12.0]));
+}
+
+#[test]
+fn the_answer_that_decides_the_error_decides_what_is_asked() {
+    let (dir, folder) = small();
+    fs::remove_file(dir.path().join("exx.csv")).expect("there");
+    folder.take("scan.csv", SLOPE.as_bytes()).expect("taken");
+    let asks = |key: &str| {
+        let draft = folder.state().expect("readable").draft.expect("drafted");
+        draft.questions.iter().any(|of| of.key == key)
+    };
+    assert!(asks("error"));
+    let mut answers = vec![given("scan.csv", "error", "EXX")];
+    folder.answer(&answers).expect("taken");
+    assert!(asks("error") && asks("at.Y") && !asks("at.X"));
+    answers = [answers, defaults(&folder)].concat();
+    folder.answer(&answers).expect("taken");
+    folder.fit("").expect("fitted");
+    // Another error: what is not asked any more is passed over, and what is asked now is open.
+    answers[0] = given("scan.csv", "error", "EYX");
+    folder.answer(&answers).expect("taken");
+    assert!(asks("sign"));
+    answers[0] = given("scan.csv", "error", "EYQ");
+    let refused = folder.answer(&answers).expect_err("no error").to_string();
+    assert!(
+        refused.contains("scan.csv: error: found \"EYQ\""),
+        "{refused}"
+    );
+    // A file that is gone takes its answers with it.
+    fs::remove_file(dir.path().join("scan.csv")).expect("there");
+    assert_eq!(folder.state().expect("readable").files, []);
+}
+
+#[test]
+fn a_squareness_that_answers_make_possible_can_be_answered() {
+    let (dir, folder) = small();
+    fs::remove_file(dir.path().join("exx.csv")).expect("there");
+    let other = SLOPE.replace("8.1", "8.2");
+    folder.take("one.csv", SLOPE.as_bytes()).expect("taken");
+    folder.take("two.csv", other.as_bytes()).expect("taken");
+    let mut answers = vec![
+        given("one.csv", "error", "EYX"),
+        given("two.csv", "error", "EXY"),
+    ];
+    folder.answer(&answers).expect("taken");
+    answers = [answers, defaults(&folder)].concat();
+    answers.push(given("EC0Y", "reference_angle_urad", "5"));
+    folder.answer(&answers).expect("taken");
+    let draft = folder.state().expect("readable").draft.expect("drafted");
+    assert!(
+        draft.text.contains("reference_angle_urad = 5.0"),
+        "{}",
+        draft.text
+    );
+}
+
+#[test]
+fn a_file_that_is_not_used_is_named_with_the_error_that_it_would_have_given() {
+    let (_dir, folder) = small();
+    folder
+        .take("EYY-report.xlsx", b"PK rubbish")
+        .expect("taken");
+    let state = folder.state().expect("readable");
+    let reason = state.files.iter().find(|of| of.name == "EYY-report.xlsx");
+    assert!(reason.expect("listed").not_used.is_some());
+    folder.answer(&defaults(&folder)).expect("answers");
+    let warnings = folder.fit("").expect("fitted").warnings;
+    let first = "EYY is taken as 0, because its file was not used: EYY-report.xlsx: ";
+    assert!(warnings[0].starts_with(first), "{warnings:?}");
+    let out = [given("exx.csv", "leave_out", "true")];
+    folder.answer(&out).expect("taken");
+    let refused = folder.fit("").expect_err("nothing is left").to_string();
+    assert!(refused.contains("exx.csv are left out"), "{refused}");
+}
+
+#[test]
+fn dropped_files_stay_in_the_folder_and_replace_no_measurement() {
+    let (dir, folder) = small();
+    folder.take("exx.csv", SLOPE.as_bytes()).expect("the same");
+    for (name, bytes, why) in [
+        (
+            "exx.csv",
+            "target_mm,deviation_um\n0,1\n",
+            "with another content",
+        ),
+        ("answers.json", "[]", "a name of the studio"),
+        ("gateway.toml", "cycle_ms = 4.0", "gateway.toml"),
+        ("setup.toml", "nonsense = 1", "setup.toml"),
+        ("..", "", "expected a file name"),
+    ] {
+        let refused = folder.take(name, bytes.as_bytes()).expect_err(name);
+        assert!(refused.to_string().contains(why), "{name}: {refused}");
+    }
+    let large = vec![b'0'; volcomp_studio::LARGEST_FILE + 1];
+    assert!(folder.take("large.csv", &large).is_err());
+    folder
+        .take("../../escaped.csv", b"target_mm,deviation_um\n0,1\n")
+        .expect("its name");
+    assert!(dir.path().join("escaped.csv").exists());
+    for place in 0..volcomp_studio::MAX_FILES - 2 {
+        fs::write(dir.path().join(format!("{place}.csv")), "").expect("writable");
+    }
+    let refused = folder.take("more.csv", b"0").expect_err("one too many");
+    assert!(
+        refused.to_string().contains("the most that are taken"),
+        "{refused}"
+    );
+    fs::write(dir.path().join("more.csv"), "").expect("writable");
+    let refused = folder.state().expect_err("too many").to_string();
+    assert!(refused.contains("found more than 200 files"), "{refused}");
+}
+
+#[test]
+fn tables_and_programs_hold_the_correction() {
+    let (dir, folder) = small();
+    let request = |limit_um: f64| TableRequest {
+        format: "csv".to_owned(),
+        step_mm: 100.0,
+        step_deg: 15.0,
+        at: [("Y".parse().expect("an axis"), 100.0)].into(),
+        limit_um,
+    };
+    let none = folder.tables(&request(250.0)).expect_err("no result");
+    assert!(
+        none.to_string()
+            .starts_with("result/machine.toml: not found")
+    );
+    folder.answer(&defaults(&folder)).expect("answers");
+    folder.fit("").expect("fitted");
+    let done = folder.tables(&request(250.0)).expect("written");
+    assert!(
+        !done.files.is_empty()
+            && done
+                .files
+                .iter()
+                .all(|of| of.starts_with("result/tables/csv/"))
+    );
+    let x = done
+        .left
+        .iter()
+        .find(|of| of.axis.to_string() == "X")
+        .expect("X");
+    assert!((x.without - 8.0).abs() < 0.5 && x.largest < 0.2, "{x:?}");
+    assert!(
+        folder.tables(&request(1.0)).is_err(),
+        "8 µm are beyond 1 µm"
+    );
+    let program = "G21 G90\nG1 X400 Y0 Z0 F1000\nM2\n";
+    let done = folder
+        .nc("part.ngc", program.as_bytes(), 1.0)
+        .expect("written");
+    assert_eq!(
+        (done.file.as_str(), done.motions),
+        ("result/nc/part.ngc", 1)
+    );
+    let text = fs::read_to_string(dir.path().join(&done.file)).expect("written");
+    // The table goes 8 µm too far: it is sent to 399.992.
+    assert!(text.contains("X399.992"), "{text}");
+    let wrong = folder.nc("part.ngc", b"G1 X1 F1000\nG1 X1.2.3\n", 1.0);
+    let wrong = wrong.expect_err("no number").to_string();
+    assert!(
+        wrong.starts_with("part.ngc: ") && wrong.contains('2'),
+        "{wrong}"
+    );
+    // What was written before is no measurement.
+    assert_eq!(folder.state().expect("readable").files.len(), 1);
+}

@@ -1,0 +1,333 @@
+//! The page over real HTTP.
+
+use std::{
+    io::{Read, Write},
+    net::{SocketAddr, TcpListener, TcpStream},
+    thread,
+};
+
+use serde_json::{Value, json};
+use tempfile::TempDir;
+use volcomp_studio::{Folder, Studio};
+
+use crate::{SLOPE, small};
+
+struct Page {
+    _dir: TempDir,
+    address: SocketAddr,
+    path: String,
+}
+
+struct Answer {
+    status: u16,
+    head: String,
+    body: String,
+}
+
+impl Answer {
+    fn json(&self) -> Value {
+        serde_json::from_str(&self.body).unwrap_or_else(|e| panic!("{e}: {}", self.body))
+    }
+
+    fn has(&self, header: &str) -> bool {
+        self.head
+            .to_ascii_lowercase()
+            .contains(&header.to_ascii_lowercase())
+    }
+}
+
+fn raw(address: SocketAddr, request: &str, headers: &str, body: &str) -> Answer {
+    let mut stream = TcpStream::connect(address).expect("it listens");
+    let length = body.len();
+    let text = format!(
+        "{request} HTTP/1.1\r\n{headers}Content-Length: {length}\r\nConnection: close\r\n\r\n{body}"
+    );
+    // A body that is too large is refused before its end.
+    let _ = stream.write_all(text.as_bytes());
+    let mut answer = String::new();
+    let _ = stream.read_to_string(&mut answer);
+    let (head, body) = answer.split_once("\r\n\r\n").unwrap_or((&answer, ""));
+    Answer {
+        status: head
+            .split(' ')
+            .nth(1)
+            .and_then(|of| of.parse().ok())
+            .unwrap_or(0),
+        head: head.to_owned(),
+        body: body.to_owned(),
+    }
+}
+
+impl Page {
+    fn open(dir: TempDir, folder: Folder) -> Self {
+        let studio = Studio::listen(folder, "127.0.0.1:0".parse().expect("an address"));
+        let studio = studio.expect("a free port");
+        let (address, url) = (studio.address(), studio.url());
+        let path = url
+            .strip_prefix(&format!("http://{address}"))
+            .expect("its address");
+        let path = path.to_owned();
+        thread::spawn(move || studio.run());
+        Self {
+            _dir: dir,
+            address,
+            path,
+        }
+    }
+
+    fn send(&self, method: &str, path: &str, headers: &str, body: &str) -> Answer {
+        let host = format!("Host: {}\r\n{headers}", self.address);
+        raw(
+            self.address,
+            &format!("{method} {}{path}", self.path),
+            &host,
+            body,
+        )
+    }
+
+    fn get(&self, path: &str) -> Answer {
+        self.send("GET", path, "", "")
+    }
+
+    fn post(&self, path: &str, body: &Value) -> Answer {
+        self.send("POST", path, "", &body.to_string())
+    }
+}
+
+fn page() -> Page {
+    let (dir, folder) = small();
+    Page::open(dir, folder)
+}
+
+/// The defaults of all open questions, as the page sends them.
+fn defaults(state: &Value) -> Value {
+    let questions = state["draft"]["questions"].as_array().expect("a list");
+    let answers = questions
+        .iter()
+        .map(|of| json!({ "of": of["of"], "key": of["key"], "value": of["default"] }));
+    answers.collect()
+}
+
+#[test]
+fn a_folder_becomes_a_machine_file_over_http() {
+    let page = page();
+    let html = page.get("");
+    assert_eq!(html.status, 200);
+    assert!(
+        html.has("content-security-policy: default-src 'self'")
+            && html.has("x-frame-options: DENY")
+    );
+    let state = page.get("api/state").json();
+    let refused = page.post("api/fit", &json!({ "tolerance": "" }));
+    assert_eq!(refused.status, 422);
+    assert!(
+        refused.json()["error"]
+            .as_str()
+            .expect("a text")
+            .contains("open questions")
+    );
+    assert_eq!(page.get("report.html").status, 422);
+    let answered = page.post("api/answers", &defaults(&state)).json();
+    assert_eq!(answered["draft"]["open"], 0, "{answered}");
+    let fitted = page
+        .post("api/fit", &json!({ "tolerance": "EXX=1" }))
+        .json();
+    assert_eq!(
+        (&fitted["verdict"], &fitted["curves"]),
+        (&json!("fail"), &json!(1))
+    );
+    // The report can be framed by the page, and cannot send requests to the studio.
+    let report = page.get("report.html");
+    assert_eq!(report.status, 200);
+    assert!(report.has("x-frame-options: SAMEORIGIN") && report.has("sandbox allow-scripts"));
+    assert!(report.body.contains("<svg"));
+    let file = page.get("file?name=result/machine.toml");
+    assert!(file.has("attachment; filename=\"machine.toml\"") && file.body.contains("EXX"));
+    for name in [
+        "machine.toml",
+        "../secret",
+        "result/../machine.toml",
+        "/etc/passwd",
+    ] {
+        assert_eq!(page.get(&format!("file?name={name}")).status, 422, "{name}");
+    }
+    let request = json!({ "format": "csv", "step_mm": 100, "step_deg": 15, "limit_um": 250, "at": { "Y": 100 } });
+    let tables = page.post("api/tables", &request).json();
+    assert!(
+        tables["files"][0]
+            .as_str()
+            .expect("a name")
+            .starts_with("result/tables/csv/"),
+        "{tables}"
+    );
+    let program = page.send(
+        "POST",
+        "api/nc?name=part.ngc&tolerance_um=1",
+        "",
+        "G21 G90\nG1 X400 F100\nM2\n",
+    );
+    assert_eq!(
+        program.json()["file"],
+        "result/nc/part.ngc",
+        "{}",
+        program.body
+    );
+    assert!(
+        page.get("file?name=result/nc/part.ngc")
+            .body
+            .contains("X399.992")
+    );
+}
+
+#[test]
+fn dropped_files_are_taken_with_their_bounds() {
+    let page = page();
+    let upload =
+        |name: &str, body: &str| page.send("POST", &format!("api/upload?name={name}"), "", body);
+    let other = SLOPE.replace("8.1", "8.3");
+    let state = upload("..%2F..%2Feyy.csv", &other).json();
+    assert_eq!(state["files"][1]["name"], "eyy.csv", "{state}");
+    assert_eq!(upload("exx.csv", "0").status, 422);
+    let large = "0".repeat(volcomp_studio::LARGEST_FILE + 2);
+    assert!([0, 413].contains(&upload("large.csv", &large).status));
+    let wrong = page.post("api/machine", &json!({ "text": "structure = 3" }));
+    assert_eq!(wrong.status, 422);
+    assert!(wrong.body.contains("machine.toml:1"), "{}", wrong.body);
+    assert_eq!(
+        page.post("api/fit", &json!({ "tolerence": "" })).status,
+        400
+    );
+}
+
+#[test]
+fn another_site_and_another_computer_stay_outside() {
+    let page = page();
+    let (host, at) = (format!("Host: {}\r\n", page.address), page.address);
+    let state = format!("GET {}api/state", page.path);
+    // Without the token there is nothing.
+    for path in [
+        "/",
+        "/api/state",
+        "/0123456789abcdef0123456789abcdef/api/state",
+    ] {
+        assert_eq!(
+            raw(at, &format!("GET {path}"), &host, "").status,
+            404,
+            "{path}"
+        );
+    }
+    assert_eq!(raw(at, &state, "Host: evil.example\r\n", "").status, 421);
+    assert_eq!(raw(at, &state, "", "").status, 421);
+    for foreign in [
+        "Origin: http://evil.example\r\n",
+        "Origin: null\r\n",
+        "Sec-Fetch-Site: cross-site\r\n",
+    ] {
+        let refused = page.send("POST", "api/answers", foreign, "[]");
+        assert_eq!(refused.status, 403, "{foreign}");
+    }
+    let own = format!("Origin: http://{at}\r\n");
+    assert_eq!(page.send("POST", "api/answers", &own, "[]").status, 200);
+    let (_dir, folder) = small();
+    let everywhere = Studio::listen(folder, "0.0.0.0:0".parse().expect("an address"));
+    assert!(everywhere.is_err());
+}
+
+/// A server that answers each request with the next of these documents, and returns what it received.
+fn server(answers: Vec<(&'static str, String)>) -> (SocketAddr, thread::JoinHandle<Vec<String>>) {
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
+    let address = listener.local_addr().expect("bound");
+    let served = thread::spawn(move || {
+        let mut received = Vec::new();
+        for (head, body) in answers {
+            let (mut stream, _) = listener.accept().expect("a client");
+            let mut text = String::new();
+            let mut buffer = [0; 65536];
+            loop {
+                let count = stream.read(&mut buffer).expect("readable");
+                text += &String::from_utf8_lossy(&buffer[..count]);
+                let (head, body) = text.split_once("\r\n\r\n").unwrap_or((&text, ""));
+                let length = head
+                    .lines()
+                    .find_map(|line| line.strip_prefix("Content-Length: "));
+                let length: usize = length.and_then(|of| of.parse().ok()).unwrap_or(0);
+                if text.contains("\r\n\r\n") && body.len() >= length || count == 0 {
+                    break;
+                }
+            }
+            received.push(text);
+            let answer = format!("HTTP/1.1 {head}\r\n\r\n{body}");
+            stream.write_all(answer.as_bytes()).expect("it reads");
+        }
+        received
+    });
+    (address, served)
+}
+
+#[test]
+fn the_machine_file_goes_to_gateway_and_centre_with_their_permission() {
+    let page = page();
+    page.post("api/answers", &defaults(&page.get("api/state").json()));
+    let unfitted = json!({ "to": "gateway", "url": "http://127.0.0.1:1", "token": "t" });
+    assert_eq!(page.post("api/send", &unfitted).status, 409);
+    page.post("api/fit", &json!({ "tolerance": "" }));
+    assert_eq!(
+        page.post("api/send", &unfitted).status,
+        502,
+        "nobody is there"
+    );
+    let done = json!({ "step": "ready", "error": null, "result": { "refusal": null, "warnings": ["look"] } });
+    let (address, served) = server(vec![
+        ("200 OK", json!({ "step": "working" }).to_string()),
+        ("200 OK", json!({ "step": "working" }).to_string()),
+        ("200 OK", done.to_string()),
+    ]);
+    let request = json!({ "to": "gateway", "url": format!("http://{address}/"), "token": "erna" });
+    let sent = page.post("api/send", &request).json();
+    assert_eq!(sent["warnings"], json!(["look"]), "{sent}");
+    assert_eq!(sent["page"], format!("http://{address}/model"));
+    let received = served.join().expect("no panic");
+    assert!(received[0].starts_with("POST /api/model/upload?kind=machine&name=machine.toml"));
+    assert!(received[0].contains("Authorization: Bearer erna") && received[0].contains("[errors]"));
+    let (address, served) = server(vec![
+        (
+            "200 OK\r\nSet-Cookie: volcomp-centre=abc; Path=/; HttpOnly",
+            "{}".to_owned(),
+        ),
+        (
+            "200 OK",
+            json!({ "added": true, "model": { "notes": [] } }).to_string(),
+        ),
+        ("200 OK", "{}".to_owned()),
+    ]);
+    let request = json!({ "to": "centre", "url": format!("http://{address}"), "name": "anna", "password": "p" });
+    let sent = page.post("api/send", &request).json();
+    assert!(
+        sent["said"]
+            .as_str()
+            .expect("a text")
+            .starts_with("The centre has"),
+        "{sent}"
+    );
+    let received = served.join().expect("no panic");
+    assert!(
+        received[1].contains("Cookie: volcomp-centre=abc\r\n")
+            && received[1].contains("X-Volcomp: 1")
+    );
+    assert!(received[2].starts_with("POST /api/logout"));
+    // A refusal reaches the page in its words.
+    let refused = (
+        "401 Unauthorized",
+        json!({ "error": "a valid token is needed" }).to_string(),
+    );
+    let (address, served) = server(vec![refused]);
+    let request = json!({ "to": "gateway", "url": format!("http://{address}"), "token": "no" });
+    let answer = page.post("api/send", &request);
+    assert_eq!(answer.status, 502);
+    assert!(
+        answer.body.contains("a valid token is needed"),
+        "{}",
+        answer.body
+    );
+    served.join().expect("no panic");
+}

@@ -1,0 +1,62 @@
+//! `volcomp studio`: the local web application over a folder of measurement files.
+
+use std::{
+    net::SocketAddr,
+    path::PathBuf,
+    process::{Command, Stdio},
+};
+
+use volcomp_studio::{Folder, Studio, StudioError};
+
+use super::Answer;
+use crate::{failure::Failure, output};
+
+/// From a folder of measurement files to a machine file, in the browser
+///
+/// Opens a page on this computer: what each file is, the questions that the files do not answer, curves with bands, map and verdict;
+/// then machine file, report, tables for controls and NC programs, and the way to a gateway or the centre. Everything is in the folder:
+/// measurement files, machine.toml, answers.json, calibration.toml, and what is computed in result/. Ctrl-C ends it.
+#[derive(clap::Args)]
+pub(crate) struct Arguments {
+    /// Folder of the measurement files of one machine
+    #[arg(value_name = "FOLDER", default_value = ".")]
+    folder: PathBuf,
+    /// Address of this computer to listen at; port 0: any free one
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:0")]
+    listen: SocketAddr,
+    /// Print the page's address without opening a browser
+    #[arg(long)]
+    no_browser: bool,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
+    let folder = Folder::open(&arguments.folder).map_err(Failure::input)?;
+    let studio = Studio::listen(folder, arguments.listen).map_err(|error| match error {
+        StudioError::System { .. } => Failure::Work(error.to_string()),
+        other => Failure::input(other),
+    })?;
+    let url = studio.url();
+    output::print(&format!("listening on {}\nopen {url}\n", studio.address()))?;
+    if !arguments.no_browser {
+        open(&url);
+    }
+    let ended = studio.run();
+    ended.map_err(|error| Failure::Work(error.to_string()))?;
+    Answer::new(&(), String::new(), Vec::new())
+}
+
+/// Opens the browser; where that fails the address stands on standard output.
+fn open(url: &str) {
+    let program = if cfg!(target_os = "macos") {
+        "open"
+    } else if cfg!(windows) {
+        "explorer"
+    } else {
+        "xdg-open"
+    };
+    let mut command = Command::new(program);
+    command.arg(url).stdout(Stdio::null()).stderr(Stdio::null());
+    if let Err(error) = command.spawn() {
+        tracing::debug!("{program}: {error}");
+    }
+}
