@@ -11,7 +11,7 @@ use volcomp_report::{
 use crate::{
     error::StudioError,
     folder::{CALIBRATION, Folder, MACHINE},
-    questions::{answered, name_of},
+    questions::{name_of, with_answers},
 };
 
 pub(crate) const REPORT: &str = "result/report.html";
@@ -19,7 +19,7 @@ pub(crate) const FITTED: &str = "result/machine.toml";
 
 /// The result of a fit. Curves with their bands, map and figures are in the report.
 #[derive(Clone, Debug, Serialize)]
-pub struct Fitted {
+pub struct FitResult {
     /// The checksum of the machine file.
     pub machine: String,
     /// The verdict on the tolerances.
@@ -62,7 +62,7 @@ impl Verdict {
 }
 
 /// A machine with its report, and the errors that are missing because their file was not used.
-struct Found {
+struct MachineWithReport {
     machine: Machine,
     report: Report,
     missed: Vec<String>,
@@ -75,12 +75,12 @@ impl Folder {
     ///
     /// # Errors
     /// Open questions, readings from which nothing can be fitted, tolerances that cannot be read.
-    pub fn fit(&self, allowed: &str) -> Result<Fitted, StudioError> {
+    pub fn fit(&self, allowed: &str) -> Result<FitResult, StudioError> {
         let limits = match allowed.trim() {
             "" => Vec::new(),
             text => tolerances(text)?,
         };
-        let Found {
+        let MachineWithReport {
             machine,
             mut report,
             missed,
@@ -96,7 +96,7 @@ impl Folder {
         let size = report.volume.as_ref().map(|volume| &volume.before.found);
         let warnings = report.warnings.iter().map(|of| of.text.clone());
         let warnings = missed.into_iter().chain(warnings);
-        Ok(Fitted {
+        Ok(FitResult {
             machine: machine.checksum(),
             verdict: Verdict::of(&report, &limits),
             position_um: size.map(|size| size.form_max_um),
@@ -107,7 +107,7 @@ impl Folder {
     }
 
     /// The machine with the errors of its measurements, or as its file states them.
-    fn found(&self) -> Result<Found, StudioError> {
+    fn found(&self) -> Result<MachineWithReport, StudioError> {
         let stated = |machine: &Machine| Stated {
             machine: (!machine.name.is_empty()).then(|| machine.name.clone()),
             ..Stated::default()
@@ -116,7 +116,7 @@ impl Folder {
             Vec::new()
         } else if self.measurement_files()?.is_empty() {
             let machine = self.machine()?;
-            return Ok(Found {
+            return Ok(MachineWithReport {
                 report: Report::of_machine(MACHINE, &machine, &stated(&machine)),
                 machine,
                 missed: Vec::new(),
@@ -127,7 +127,7 @@ impl Folder {
         let file = CalibrationFile::read(&self.at(CALIBRATION))?;
         let calibration = calibrate(&file, |_, _| {})?;
         let stated = stated(&calibration.machine);
-        Ok(Found {
+        Ok(MachineWithReport {
             report: Report::of_calibration(CALIBRATION, &file, &calibration, &stated),
             missed: missed(&left_over, &calibration, &file).collect(),
             machine: calibration.machine,
@@ -137,7 +137,7 @@ impl Folder {
     /// Writes the calibration file from the draft and the answers. Returns the files that it does not use.
     fn calibration_file(&self) -> Result<Vec<LeftOver>, StudioError> {
         let machine = self.machine()?;
-        let draft = self.drafted(self.measurement_files()?, &machine);
+        let draft = self.draft(self.measurement_files()?, &machine);
         if draft.proposed.is_empty() {
             let reasons: Vec<String> = draft.left_over.iter().map(ToString::to_string).collect();
             let reasons = match reasons[..] {
@@ -147,7 +147,7 @@ impl Folder {
             return Err(StudioError::NoMeasurement { reasons });
         }
         let given = self.answers()?;
-        let whole = answered(&draft, &given)?.whole;
+        let whole = with_answers(&draft, &given)?.whole;
         self.keep(&given, &whole)?;
         if let Some(first) = whole.questions.first() {
             return Err(StudioError::Open {

@@ -21,7 +21,7 @@ use volcomp_web::file_name;
 use crate::{
     error::StudioError,
     fit::{FITTED, REPORT},
-    questions::{Answered, DraftSeen, GivenAnswer, answered, questions},
+    questions::{AnsweredDraft, DraftState, TypedAnswer, questions, with_answers},
 };
 
 /// The largest number of measurement files in a folder.
@@ -48,9 +48,9 @@ pub struct State {
     /// The path of the folder.
     pub folder: String,
     /// The measurement files.
-    pub files: Vec<FileSeen>,
+    pub files: Vec<FileState>,
     /// The machine; `None` without a valid machine file.
-    pub machine: Option<MachineSeen>,
+    pub machine: Option<MachineState>,
     /// The text of `machine.toml`; empty without one.
     pub machine_text: String,
     /// Why the machine file is not valid.
@@ -58,7 +58,7 @@ pub struct State {
     /// `calibration.toml` was written by the user: it is used as it is.
     pub by_hand: bool,
     /// The drafted calibration; `None` without a machine, and where `calibration.toml` was written by the user.
-    pub draft: Option<DraftSeen>,
+    pub draft: Option<DraftState>,
     /// The files below `result/`.
     pub results: Vec<String>,
     /// An input has changed since the report was written.
@@ -67,7 +67,7 @@ pub struct State {
 
 /// A measurement file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct FileSeen {
+pub struct FileState {
     /// Its name in the folder.
     pub name: String,
     /// The error that it measures, where the file says so or an answer does.
@@ -80,7 +80,7 @@ pub struct FileSeen {
 
 /// A machine.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct MachineSeen {
+pub struct MachineState {
     /// The name that the file states.
     pub name: String,
     /// The structure code.
@@ -89,7 +89,7 @@ pub struct MachineSeen {
     pub axes: Vec<(AxisName, [f64; 2])>,
 }
 
-impl MachineSeen {
+impl MachineState {
     fn of(machine: &Machine) -> Self {
         let axes = machine.axes().iter();
         Self {
@@ -149,20 +149,20 @@ impl Folder {
                     state.machine_text = self.text_of(MACHINE);
                 }
                 let names = paths.iter().map(|path| self.relative(path.display()));
-                state.files = names.map(FileSeen::named).collect();
+                state.files = names.map(FileState::named).collect();
                 return Ok(state);
             }
         };
-        state.machine = Some(MachineSeen::of(&machine));
+        state.machine = Some(MachineState::of(&machine));
         state.machine_text = self.text_of(MACHINE);
-        let draft = self.drafted(paths, &machine);
+        let draft = self.draft(paths, &machine);
         let given = self.answers()?;
         // An answer that is refused was written by another program: the questions are shown without the answers.
-        let answered = answered(&draft, &given).or_else(|_| answered(&draft, &[]))?;
+        let answered = with_answers(&draft, &given).or_else(|_| with_answers(&draft, &[]))?;
         state.files = self.files(&draft, &answered);
         if !state.by_hand {
             let whole = &answered.whole;
-            state.draft = Some(DraftSeen {
+            state.draft = Some(DraftState {
                 questions: questions(&draft, &answered.decided, &machine),
                 answers: given,
                 open: whole.questions.len(),
@@ -209,30 +209,30 @@ impl Folder {
     }
 
     /// The draft of measurement files.
-    pub(crate) fn drafted(&self, paths: Vec<PathBuf>, machine: &Machine) -> Draft {
+    pub(crate) fn draft(&self, paths: Vec<PathBuf>, machine: &Machine) -> Draft {
         let named = |path: &Path| self.relative(path.display());
         draft_of(paths, machine, MACHINE, named)
     }
 
-    fn files(&self, draft: &Draft, answered: &Answered) -> Vec<FileSeen> {
+    fn files(&self, draft: &Draft, answered: &AnsweredDraft) -> Vec<FileState> {
         let mut files = Vec::new();
         for (place, of) in draft.proposed.iter().enumerate() {
             let error = answered.decided.proposed[place].error;
             let said = of.said.iter().filter(|said| !said.is_empty());
             let said: Vec<String> = said.cloned().collect();
-            files.extend(of.files.iter().map(|name| FileSeen {
+            files.extend(of.files.iter().map(|name| FileState {
                 error: error.map(|error| error.to_string()),
                 said: said.clone(),
-                ..FileSeen::named(name.clone())
+                ..FileState::named(name.clone())
             }));
         }
         for LeftOver { file, reason, .. } in &answered.whole.left_over {
             let reason = Some(self.relative(reason));
             match files.iter_mut().find(|known| known.name == *file) {
                 Some(known) => known.not_used = reason,
-                None => files.push(FileSeen {
+                None => files.push(FileState {
                     not_used: reason,
-                    ..FileSeen::named(file.clone())
+                    ..FileState::named(file.clone())
                 }),
             }
         }
@@ -241,7 +241,7 @@ impl Folder {
     }
 
     /// The answers so far.
-    pub(crate) fn answers(&self) -> Result<Vec<GivenAnswer>, StudioError> {
+    pub(crate) fn answers(&self) -> Result<Vec<TypedAnswer>, StudioError> {
         let path = self.at(ANSWERS);
         if !path.exists() {
             return Ok(Vec::new());
@@ -257,15 +257,15 @@ impl Folder {
     ///
     /// # Errors
     /// An answer that its question does not take; a calibration file of the user.
-    pub fn answer(&self, given: &[GivenAnswer]) -> Result<(), StudioError> {
+    pub fn answer(&self, given: &[TypedAnswer]) -> Result<(), StudioError> {
         let machine = self.machine()?;
-        let draft = self.drafted(self.measurement_files()?, &machine);
-        let answered = answered(&draft, given)?;
+        let draft = self.draft(self.measurement_files()?, &machine);
+        let answered = with_answers(&draft, given)?;
         self.keep(given, &answered.whole)
     }
 
     /// Writes answers and calibration file.
-    pub(crate) fn keep(&self, given: &[GivenAnswer], whole: &Draft) -> Result<(), StudioError> {
+    pub(crate) fn keep(&self, given: &[TypedAnswer], whole: &Draft) -> Result<(), StudioError> {
         if self.is_by_hand() {
             return Err(StudioError::Upload {
                 name: CALIBRATION.to_owned(),
@@ -283,7 +283,7 @@ impl Folder {
     ///
     /// # Errors
     /// A name that is none, a TOML file that is neither, a file that is too large or one too many.
-    pub fn take(&self, name: &str, bytes: &[u8]) -> Result<(), StudioError> {
+    pub fn receive(&self, name: &str, bytes: &[u8]) -> Result<(), StudioError> {
         let name = name_of_upload(name)?;
         let wrong = |why: String| StudioError::Upload {
             name: name.clone(),
@@ -384,7 +384,7 @@ impl Folder {
     }
 
     /// The machine with the fitted errors.
-    pub(crate) fn fitted(&self) -> Result<Machine, StudioError> {
+    pub(crate) fn fitted_machine(&self) -> Result<Machine, StudioError> {
         let path = self.at(FITTED);
         if !path.exists() {
             return Err(StudioError::NoResult);
@@ -415,7 +415,7 @@ pub(crate) fn name_of_upload(name: &str) -> Result<String, StudioError> {
     })
 }
 
-impl FileSeen {
+impl FileState {
     fn named(name: String) -> Self {
         Self {
             name,

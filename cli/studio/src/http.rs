@@ -26,7 +26,7 @@ use crate::{
     fit::REPORT,
     folder::{Folder, LARGEST_FILE},
     outputs::TableRequest,
-    questions::GivenAnswer,
+    questions::TypedAnswer,
     send::Target,
 };
 
@@ -222,7 +222,7 @@ async fn work<T: Send + 'static>(
     }
 }
 
-async fn answered<T: Serialize + Send + 'static>(
+async fn respond<T: Serialize + Send + 'static>(
     page: Page,
     of: impl FnOnce(&Folder) -> Result<T, StudioError> + Send + 'static,
 ) -> Response {
@@ -233,19 +233,19 @@ async fn answered<T: Serialize + Send + 'static>(
 }
 
 /// A request with a JSON body.
-async fn asked<R: DeserializeOwned + Send + 'static, T: Serialize + Send + 'static>(
+async fn respond_to<R: DeserializeOwned + Send + 'static, T: Serialize + Send + 'static>(
     page: Page,
     body: &Bytes,
     of: impl FnOnce(&Folder, R) -> Result<T, StudioError> + Send + 'static,
 ) -> Response {
     match serde_json::from_slice(body) {
-        Ok(request) => answered(page, move |folder| of(folder, request)).await,
+        Ok(request) => respond(page, move |folder| of(folder, request)).await,
         Err(e) => refuse(StatusCode::BAD_REQUEST, &format!("the request: {e}")),
     }
 }
 
 async fn state(Shared(page): Shared<Page>) -> Response {
-    answered(page, Folder::state).await
+    respond(page, Folder::state).await
 }
 
 async fn report(Shared(page): Shared<Page>) -> Response {
@@ -256,12 +256,12 @@ async fn report(Shared(page): Shared<Page>) -> Response {
 }
 
 #[derive(Deserialize)]
-struct Named {
+struct FileName {
     name: String,
 }
 
 /// A file below `result/`, to be saved under its name.
-async fn file(Shared(page): Shared<Page>, Query(Named { name }): Query<Named>) -> Response {
+async fn file(Shared(page): Shared<Page>, Query(FileName { name }): Query<FileName>) -> Response {
     let base = name.rsplit('/').next().unwrap_or_default();
     let base: String = base.chars().filter(char::is_ascii).collect();
     let saved = format!(
@@ -284,11 +284,11 @@ async fn file(Shared(page): Shared<Page>, Query(Named { name }): Query<Named>) -
 /// One dropped file: the body is the file itself.
 async fn upload(
     Shared(page): Shared<Page>,
-    Query(Named { name }): Query<Named>,
+    Query(FileName { name }): Query<FileName>,
     body: Bytes,
 ) -> Response {
-    answered(page, move |folder| {
-        folder.take(&name, &body)?;
+    respond(page, move |folder| {
+        folder.receive(&name, &body)?;
         folder.state()
     })
     .await
@@ -300,7 +300,7 @@ struct MachineText {
 }
 
 async fn machine(Shared(page): Shared<Page>, body: Bytes) -> Response {
-    asked(page, &body, |folder, MachineText { text }| {
+    respond_to(page, &body, |folder, MachineText { text }| {
         folder.set_machine("machine.toml", &text)?;
         folder.state()
     })
@@ -308,7 +308,7 @@ async fn machine(Shared(page): Shared<Page>, body: Bytes) -> Response {
 }
 
 async fn answers(Shared(page): Shared<Page>, body: Bytes) -> Response {
-    asked(page, &body, |folder, given: Vec<GivenAnswer>| {
+    respond_to(page, &body, |folder, given: Vec<TypedAnswer>| {
         folder.answer(&given)?;
         folder.state()
     })
@@ -316,16 +316,19 @@ async fn answers(Shared(page): Shared<Page>, body: Bytes) -> Response {
 }
 
 #[derive(Deserialize)]
-struct Allowed {
+struct FitRequest {
     tolerance: String,
 }
 
 async fn fit(Shared(page): Shared<Page>, body: Bytes) -> Response {
-    asked(page, &body, |folder, of: Allowed| folder.fit(&of.tolerance)).await
+    respond_to(page, &body, |folder, of: FitRequest| {
+        folder.fit(&of.tolerance)
+    })
+    .await
 }
 
 async fn tables(Shared(page): Shared<Page>, body: Bytes) -> Response {
-    asked(page, &body, |folder, of: TableRequest| folder.tables(&of)).await
+    respond_to(page, &body, |folder, of: TableRequest| folder.tables(&of)).await
 }
 
 #[derive(Deserialize)]
@@ -335,12 +338,12 @@ struct Program {
 }
 
 async fn nc(Shared(page): Shared<Page>, Query(of): Query<Program>, body: Bytes) -> Response {
-    answered(page, move |folder| {
+    respond(page, move |folder| {
         folder.nc(&of.name, &body, of.tolerance_um)
     })
     .await
 }
 
 async fn send(Shared(page): Shared<Page>, body: Bytes) -> Response {
-    asked(page, &body, |folder, target: Target| folder.send(&target)).await
+    respond_to(page, &body, |folder, target: Target| folder.send(&target)).await
 }

@@ -9,9 +9,9 @@ mod questions;
 mod send;
 
 pub use error::StudioError;
-pub use fit::{Fitted, Verdict};
-pub use folder::{FileSeen, Folder, LARGEST_FILE, MAX_FILES, MachineSeen, State};
+pub use fit::{FitResult, Verdict};
+pub use folder::{FileState, Folder, LARGEST_FILE, MAX_FILES, MachineState, State};
 pub use http::Studio;
-pub use outputs::{AxisLeft, NcDone, NcNote, TableRequest, TablesDone};
-pub use questions::{DraftSeen, GivenAnswer, QuestionAsked};
-pub use send::{Sent, Target};
+pub use outputs::{AxisResidual, NcNote, NcProgram, TableFiles, TableRequest};
+pub use questions::{DraftQuestion, DraftState, TypedAnswer};
+pub use send::{Delivery, Target};

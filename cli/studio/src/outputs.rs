@@ -34,11 +34,11 @@ pub struct TableRequest {
 
 /// The tables that were written.
 #[derive(Clone, Debug, Serialize)]
-pub struct TablesDone {
+pub struct TableFiles {
     /// The files, named from the folder on.
     pub files: Vec<String>,
     /// What is left of the error of each axis.
-    pub left: Vec<AxisLeft>,
+    pub left: Vec<AxisResidual>,
     /// What the files do not hold, and what the control needs besides.
     pub notes: Vec<String>,
     /// The sign of a number in the files.
@@ -49,7 +49,7 @@ pub struct TablesDone {
 
 /// What is left of the error of an axis where the tables correct.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct AxisLeft {
+pub struct AxisResidual {
     /// The axis.
     pub axis: AxisName,
     /// `um` or `urad`.
@@ -62,7 +62,7 @@ pub struct AxisLeft {
 
 /// A compensated NC program.
 #[derive(Clone, Debug, Serialize)]
-pub struct NcDone {
+pub struct NcProgram {
     /// The program, named from the folder on.
     pub file: String,
     /// Lines that were read.
@@ -91,7 +91,7 @@ impl Folder {
     ///
     /// # Errors
     /// An unknown format, values out of range, a machine whose errors the format cannot hold.
-    pub fn tables(&self, request: &TableRequest) -> Result<TablesDone, StudioError> {
+    pub fn tables(&self, request: &TableRequest) -> Result<TableFiles, StudioError> {
         let wrong = |key, why: String| StudioError::Request { key, why };
         let format: Format =
             (request.format.parse()).map_err(|e: volcomp_tables::axis_table::UnknownFormat| {
@@ -99,7 +99,7 @@ impl Folder {
             })?;
         let limit = CorrectionLimit::new(request.limit_um);
         let limit = limit.map_err(|e| wrong("limit_um", e.to_string()))?;
-        let machine = self.fitted()?;
+        let machine = self.fitted_machine()?;
         let none = Temperatures::new();
         let options = TableOptions {
             step_mm: request.step_mm,
@@ -125,14 +125,14 @@ impl Folder {
         }
         let left = lost.axes.iter().map(|of| {
             let micro = |value| Displacement::new(of.axis.kind(), value).um_or_urad();
-            AxisLeft {
+            AxisResidual {
                 axis: of.axis,
                 unit: if of.axis.is_rotary() { "urad" } else { "um" },
                 without: micro(of.correction),
                 largest: micro(of.largest),
             }
         });
-        Ok(TablesDone {
+        Ok(TableFiles {
             files,
             left: left.collect(),
             notes: written.notes,
@@ -146,7 +146,12 @@ impl Folder {
     ///
     /// # Errors
     /// The line that cannot be read or compensated.
-    pub fn nc(&self, name: &str, program: &[u8], tolerance_um: f64) -> Result<NcDone, StudioError> {
+    pub fn nc(
+        &self,
+        name: &str,
+        program: &[u8],
+        tolerance_um: f64,
+    ) -> Result<NcProgram, StudioError> {
         if !(1e-3..=1e3).contains(&tolerance_um) {
             let why = format!("found {tolerance_um}, expected µm from 0.001 to 1000");
             let key = "tolerance_um";
@@ -157,7 +162,7 @@ impl Folder {
             name: name.clone(),
             source: Box::new(source),
         };
-        let machine = self.fitted()?;
+        let machine = self.fitted_machine()?;
         let path = self.at(SETUP);
         let setup = if path.exists() {
             let text = read_text(&path).map_err(|e| wrong_setup(&e))?;
@@ -182,7 +187,7 @@ impl Folder {
         self.write(&file, &output)?;
         let counts = &summary.counts;
         let notes = summary.notes.by_line().into_iter();
-        Ok(NcDone {
+        Ok(NcProgram {
             file,
             lines: counts.lines,
             motions: counts.motions,

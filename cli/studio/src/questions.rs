@@ -8,10 +8,10 @@ use volcomp_vocabulary::ErrorName;
 /// An answer, as it was typed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct GivenAnswer {
-    /// The measurement file or files, or the squareness, as in [`QuestionAsked::of`].
+pub struct TypedAnswer {
+    /// The measurement file or files, or the squareness, as in [`DraftQuestion::of`].
     pub of: String,
-    /// The key, as in [`QuestionAsked::key`], or `leave_out`.
+    /// The key, as in [`DraftQuestion::key`], or `leave_out`.
     pub key: String,
     /// What was typed; `true` for `leave_out`.
     pub value: String,
@@ -19,7 +19,7 @@ pub struct GivenAnswer {
 
 /// A question of the draft.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct QuestionAsked {
+pub struct DraftQuestion {
     /// The measurement file or files, or the squareness.
     pub of: String,
     /// The key of the calibration file: `point`, `at.Y`.
@@ -34,11 +34,11 @@ pub struct QuestionAsked {
 
 /// A drafted calibration.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct DraftSeen {
+pub struct DraftState {
     /// Every question, the answered ones included.
-    pub questions: Vec<QuestionAsked>,
+    pub questions: Vec<DraftQuestion>,
     /// The answers so far.
-    pub answers: Vec<GivenAnswer>,
+    pub answers: Vec<TypedAnswer>,
     /// Number of questions without an answer.
     pub open: usize,
     /// Files at the same place, or with the same readings.
@@ -50,7 +50,7 @@ pub struct DraftSeen {
 }
 
 /// A draft with answers.
-pub(crate) struct Answered {
+pub(crate) struct AnsweredDraft {
     /// With the answers that decide which keys a measurement has: errors and units.
     pub(crate) decided: Draft,
     /// With all answers.
@@ -59,7 +59,10 @@ pub(crate) struct Answered {
 
 /// Takes answers in two turns: which questions there are follows from the errors and units of the first one. Answers to what is
 /// not asked any more, because its file or its error is another one now, are passed over.
-pub(crate) fn answered(draft: &Draft, given: &[GivenAnswer]) -> Result<Answered, AnswerError> {
+pub(crate) fn with_answers(
+    draft: &Draft,
+    given: &[TypedAnswer],
+) -> Result<AnsweredDraft, AnswerError> {
     let is_asked = |draft: &Draft, answer: &Answer| match &answer.of {
         Subject::Measurement(place) => {
             let mut asked = draft.proposed[*place].questions().into_iter();
@@ -81,7 +84,7 @@ pub(crate) fn answered(draft: &Draft, given: &[GivenAnswer]) -> Result<Answered,
     let rest = all.iter().filter(|of| Turn::of(&of.key) == Turn::Other);
     let rest: Vec<Answer> = rest.filter(|of| is_asked(&decided, of)).cloned().collect();
     let whole = decided.answered(&rest)?;
-    Ok(Answered { decided, whole })
+    Ok(AnsweredDraft { decided, whole })
 }
 
 const LEAVE_OUT: &str = "leave_out";
@@ -92,7 +95,7 @@ pub(crate) fn name_of(proposed: &Proposed) -> String {
 }
 
 /// `None` where its measurement is not in the folder any more.
-fn answer(draft: &Draft, given: &GivenAnswer) -> Option<Answer> {
+fn answer(draft: &Draft, given: &TypedAnswer) -> Option<Answer> {
     let mut proposed = draft.proposed.iter();
     let of = match proposed.position(|of| name_of(of) == given.of) {
         Some(place) => Subject::Measurement(place),
@@ -106,7 +109,7 @@ fn answer(draft: &Draft, given: &GivenAnswer) -> Option<Answer> {
 }
 
 /// Every question of a draft, the answered ones included, so that an answer can be changed.
-pub(crate) fn questions(draft: &Draft, decided: &Draft, machine: &Machine) -> Vec<QuestionAsked> {
+pub(crate) fn questions(draft: &Draft, decided: &Draft, machine: &Machine) -> Vec<DraftQuestion> {
     let mut asked = Vec::new();
     let mut of_measurements = 0;
     for (first, now) in draft.proposed.iter().zip(&decided.proposed) {
@@ -118,7 +121,7 @@ pub(crate) fn questions(draft: &Draft, decided: &Draft, machine: &Machine) -> Ve
             Turn::of(&of.key) != Turn::Other && open.iter().all(|open| open.key != of.key)
         });
         all.extend(open);
-        asked.extend(all.into_iter().map(|question| QuestionAsked {
+        asked.extend(all.into_iter().map(|question| DraftQuestion {
             of: name_of(first),
             choices: choices(&question, &first.files),
             default: default_of(&question.key, now.error, machine),
@@ -127,7 +130,7 @@ pub(crate) fn questions(draft: &Draft, decided: &Draft, machine: &Machine) -> Ve
         }));
     }
     let squares = decided.questions.iter().skip(of_measurements);
-    asked.extend(squares.map(|question| QuestionAsked {
+    asked.extend(squares.map(|question| DraftQuestion {
         of: question.of.clone(),
         key: question.key.clone(),
         question: question.question.clone(),

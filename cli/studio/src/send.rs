@@ -61,7 +61,7 @@ pub enum Target {
 
 /// What the gateway or the centre has answered.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Sent {
+pub struct Delivery {
     /// The outcome in a sentence.
     pub said: String,
     /// Messages to read before the machine file is confirmed.
@@ -75,9 +75,9 @@ impl Folder {
     ///
     /// # Errors
     /// There is no result yet; nobody answers, or the answer is a refusal.
-    pub fn send(&self, target: &Target) -> Result<Sent, StudioError> {
+    pub fn send(&self, target: &Target) -> Result<Delivery, StudioError> {
         // Read as a machine first: a damaged file is named here and not by the other side.
-        self.fitted()?;
+        self.fitted_machine()?;
         let text = String::from_utf8_lossy(&self.result(FITTED)?).into_owned();
         match target {
             Target::Gateway {
@@ -95,7 +95,7 @@ impl Folder {
     }
 }
 
-fn to_gateway(server: &Server, token: &str, text: &str) -> Result<Sent, StudioError> {
+fn to_gateway(server: &Server, token: &str, text: &str) -> Result<Delivery, StudioError> {
     let headers = [("Authorization", format!("Bearer {token}"))];
     let upload = format!("/api/model/upload?kind=machine&name={MACHINE}");
     let sent = server.request("POST", &upload, &headers, text)?;
@@ -117,7 +117,7 @@ fn to_gateway(server: &Server, token: &str, text: &str) -> Result<Sent, StudioEr
     }
     let result = &candidate["result"];
     let refusal = result["refusal"].as_str().map(ToOwned::to_owned);
-    Ok(Sent {
+    Ok(Delivery {
         said: "The gateway has the machine file and has compared it with its model. An engineer puts it in force on the gateway's page Model.".to_owned(),
         warnings: refusal.into_iter().chain(texts(&result["warnings"])).collect(),
         page: server.url("/model"),
@@ -128,7 +128,7 @@ fn to_centre(
     server: &Server,
     [name, password]: [&String; 2],
     text: &str,
-) -> Result<Sent, StudioError> {
+) -> Result<Delivery, StudioError> {
     // The header without which the centre takes no change.
     let ours = ("X-Volcomp", "1".to_owned());
     let login = json!({ "name": name, "password": password }).to_string();
@@ -147,7 +147,7 @@ fn to_centre(
         Some(false) => "The centre had this machine file already.",
         _ => "The centre has the machine file. An engineer rolls it out there.",
     };
-    Ok(Sent {
+    Ok(Delivery {
         said: said.to_owned(),
         warnings: texts(&model["notes"]),
         page: server.url("/"),

@@ -3,6 +3,8 @@
 const element = (id) => document.getElementById(id);
 const UNITS = { um: "µm", urad: "µrad" };
 const VERDICTS = { pass: "Every tolerance is met.", fail: "A tolerance is not met.", undecided: "Whether the tolerances are met is not proven.", none: "No tolerance was stated." };
+/** As the studio bounds it, bytes. */
+const LARGEST_FILE = 8 * 1024 * 1024;
 /** Questions whose answers differ from file to file. */
 const OF_ONE = ["error", "file"];
 let state = null, busy = false;
@@ -30,7 +32,10 @@ async function ask(path, body) {
   try {
     const sent = body instanceof Blob || typeof body === "string" ? body : JSON.stringify(body);
     const response = await fetch(path, body === undefined ? {} : { method: "POST", body: sent });
-    const answer = await response.json();
+    const said = await response.text();
+    let answer = { error: `${said} (status ${response.status})` };
+    // What is refused before the studio reads it, a body that is too large, is no document.
+    try { answer = JSON.parse(said); } catch { /* said as it is */ }
     tell(response.ok ? "" : answer.error);
     return response.ok ? answer : null;
   } catch {
@@ -277,8 +282,9 @@ async function fit() {
 
 async function upload(files) {
   for (const file of files) {
+    if (file.size > LARGEST_FILE) return tell(`${file.name}: larger than 8 MiB, the most that is taken`);
     const now = await ask(`api/upload?name=${encodeURIComponent(file.name)}`, file);
-    if (!now) break;
+    if (!now) return;
     show(now);
   }
 }

@@ -4,13 +4,13 @@ use std::fs;
 
 use volcomp_calibrate::{CalibrationFile, calibrated_machine};
 use volcomp_model::{Machine, Temperatures, diagonals};
-use volcomp_studio::{Folder, GivenAnswer, TableRequest, Verdict};
+use volcomp_studio::{Folder, TableRequest, TypedAnswer, Verdict};
 use volcomp_test_support::root;
 
 use crate::{SLOPE, copy, defaults, small};
 
-fn given(of: &str, key: &str, value: &str) -> GivenAnswer {
-    GivenAnswer {
+fn given(of: &str, key: &str, value: &str) -> TypedAnswer {
+    TypedAnswer {
         of: of.to_owned(),
         key: key.to_owned(),
         value: value.to_owned(),
@@ -158,7 +158,7 @@ fn without_measurement_files_the_machine_file_is_the_result() {
 fn the_answer_that_decides_the_error_decides_what_is_asked() {
     let (dir, folder) = small();
     fs::remove_file(dir.path().join("exx.csv")).expect("there");
-    folder.take("scan.csv", SLOPE.as_bytes()).expect("taken");
+    folder.receive("scan.csv", SLOPE.as_bytes()).expect("taken");
     let asks = |key: &str| {
         let draft = folder.state().expect("readable").draft.expect("drafted");
         draft.questions.iter().any(|of| of.key == key)
@@ -190,8 +190,8 @@ fn a_squareness_that_answers_make_possible_can_be_answered() {
     let (dir, folder) = small();
     fs::remove_file(dir.path().join("exx.csv")).expect("there");
     let other = SLOPE.replace("8.1", "8.2");
-    folder.take("one.csv", SLOPE.as_bytes()).expect("taken");
-    folder.take("two.csv", other.as_bytes()).expect("taken");
+    folder.receive("one.csv", SLOPE.as_bytes()).expect("taken");
+    folder.receive("two.csv", other.as_bytes()).expect("taken");
     let mut answers = vec![
         given("one.csv", "error", "EYX"),
         given("two.csv", "error", "EXY"),
@@ -212,7 +212,7 @@ fn a_squareness_that_answers_make_possible_can_be_answered() {
 fn a_file_that_is_not_used_is_named_with_the_error_that_it_would_have_given() {
     let (_dir, folder) = small();
     folder
-        .take("EYY-report.xlsx", b"PK rubbish")
+        .receive("EYY-report.xlsx", b"PK rubbish")
         .expect("taken");
     let state = folder.state().expect("readable");
     let reason = state.files.iter().find(|of| of.name == "EYY-report.xlsx");
@@ -230,7 +230,9 @@ fn a_file_that_is_not_used_is_named_with_the_error_that_it_would_have_given() {
 #[test]
 fn dropped_files_stay_in_the_folder_and_replace_no_measurement() {
     let (dir, folder) = small();
-    folder.take("exx.csv", SLOPE.as_bytes()).expect("the same");
+    folder
+        .receive("exx.csv", SLOPE.as_bytes())
+        .expect("the same");
     for (name, bytes, why) in [
         (
             "exx.csv",
@@ -242,19 +244,19 @@ fn dropped_files_stay_in_the_folder_and_replace_no_measurement() {
         ("setup.toml", "nonsense = 1", "setup.toml"),
         ("..", "", "expected a file name"),
     ] {
-        let refused = folder.take(name, bytes.as_bytes()).expect_err(name);
+        let refused = folder.receive(name, bytes.as_bytes()).expect_err(name);
         assert!(refused.to_string().contains(why), "{name}: {refused}");
     }
     let large = vec![b'0'; volcomp_studio::LARGEST_FILE + 1];
-    assert!(folder.take("large.csv", &large).is_err());
+    assert!(folder.receive("large.csv", &large).is_err());
     folder
-        .take("../../escaped.csv", b"target_mm,deviation_um\n0,1\n")
+        .receive("../../escaped.csv", b"target_mm,deviation_um\n0,1\n")
         .expect("its name");
     assert!(dir.path().join("escaped.csv").exists());
     for place in 0..volcomp_studio::MAX_FILES - 2 {
         fs::write(dir.path().join(format!("{place}.csv")), "").expect("writable");
     }
-    let refused = folder.take("more.csv", b"0").expect_err("one too many");
+    let refused = folder.receive("more.csv", b"0").expect_err("one too many");
     assert!(
         refused.to_string().contains("the most that are taken"),
         "{refused}"

@@ -6,7 +6,7 @@ mod http;
 use std::{fs, path::Path};
 
 use tempfile::TempDir;
-use volcomp_studio::{Folder, GivenAnswer};
+use volcomp_studio::{Folder, TypedAnswer};
 
 /// A folder with one positioning test of a machine with one axis.
 pub(crate) fn small() -> (TempDir, Folder) {
@@ -16,7 +16,7 @@ pub(crate) fn small() -> (TempDir, Folder) {
     folder
         .set_machine("machine.toml", machine)
         .expect("a machine");
-    folder.take("exx.csv", SLOPE.as_bytes()).expect("taken");
+    folder.receive("exx.csv", SLOPE.as_bytes()).expect("taken");
     (dir, folder)
 }
 
@@ -24,12 +24,12 @@ pub(crate) fn small() -> (TempDir, Folder) {
 pub(crate) const SLOPE: &str = "target_mm,run,direction,deviation_um\n0,1,+,0\n100,1,+,2\n200,1,+,4\n300,1,+,6\n400,1,+,8\n0,2,+,0.1\n100,2,+,2.1\n200,2,+,4.1\n300,2,+,6.1\n400,2,+,8.1\n";
 
 /// The defaults of all questions.
-pub(crate) fn defaults(folder: &Folder) -> Vec<GivenAnswer> {
+pub(crate) fn defaults(folder: &Folder) -> Vec<TypedAnswer> {
     let draft = folder.state().expect("readable").draft.expect("drafted");
     let questions = draft.questions.into_iter();
     questions
         .filter_map(|question| {
-            Some(GivenAnswer {
+            Some(TypedAnswer {
                 value: question.default?,
                 of: question.of,
                 key: question.key,
