@@ -4,15 +4,15 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use schemars::JsonSchema;
+use serde::Serialize;
 use volcomp_kinematics::{
     CorrectionOptions, MotionFrame, State, actual_pose, vector_from_rotation,
 };
 use volcomp_model::{Machine, Temperatures, corrected, quantised};
 use volcomp_vocabulary::AxisKind;
 
-use crate::{
-    answers::diagonals::Compensated, commands::thermal_note, failure::Failure, table::folded,
-};
+use crate::{commands::thermal_note, failure::Failure, table::folded};
 
 /// How the correction is applied.
 #[derive(Args)]
@@ -34,6 +34,17 @@ impl CompensationArguments {
     pub(crate) fn is_asked_for(&self) -> bool {
         self.compensated || self.truth.is_some() || self.resolution.is_some()
     }
+}
+
+/// How a correction was applied before the errors were computed.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+pub(crate) struct Compensated {
+    /// The machine file whose errors act on the corrected command; null: the model itself, which proves nothing.
+    pub(crate) truth: Option<String>,
+    /// Step to which the correction of linear axes is rounded, µm; null: not rounded.
+    pub(crate) resolution_um: Option<f64>,
+    /// Step to which the correction of rotary axes is rounded, µrad; the same number as that of linear axes.
+    pub(crate) resolution_urad: Option<f64>,
 }
 
 /// A machine whose correction is applied, and the machine on which it acts.

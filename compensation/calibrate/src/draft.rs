@@ -21,45 +21,73 @@ use crate::{
 
 /// A calibration file that somebody has to complete.
 #[derive(Clone, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Draft {
     /// Every file that was looked at: what must not be overwritten.
+    #[cfg_attr(feature = "serde", serde(skip))]
     pub looked_at: Vec<PathBuf>,
     /// The calibration file, with `"?"` where a value is not known and a comment that asks for it.
+    #[cfg_attr(feature = "serde", serde(skip))]
     pub text: String,
     /// The measurements that it proposes.
+    #[cfg_attr(feature = "serde", serde(rename = "measurements"))]
     pub proposed: Vec<Proposed>,
-    /// What nobody but the one who measured can say.
+    /// Values that only the person who measured knows; empty: the file is complete.
     pub questions: Vec<Question>,
     /// Files that were given the same place, or hold the same readings.
     pub conflicts: Vec<String>,
     /// Files that fit nothing, each with the reason.
     pub left_over: Vec<LeftOver>,
     /// What is odd about the files that are used.
+    #[cfg_attr(feature = "serde", serde(rename = "warnings"))]
     pub notes: Vec<String>,
     /// The machine file, as the text names it.
+    #[cfg_attr(feature = "serde", serde(skip))]
     pub(crate) machine_file: String,
+    #[cfg_attr(feature = "serde", serde(skip))]
     pub(crate) squares: Vec<Square>,
 }
 
 /// One `[[measurement]]` of a draft.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Proposed {
     /// The files; several where they are measurements of the same error at the same place.
     pub files: Vec<String>,
     /// The error, where it is known.
     pub error: Option<ErrorName>,
     /// Where the other axes stood, `None` where it is not known.
+    #[cfg_attr(feature = "serde", serde(serialize_with = "as_map"))]
+    #[cfg_attr(
+        feature = "schema",
+        schemars(with = "std::collections::BTreeMap<AxisName, Option<f64>>")
+    )]
     pub at: Vec<(AxisName, Option<f64>)>,
     /// Keys with their value as it stands in the file, `"?"` where it is open.
+    #[cfg_attr(feature = "serde", serde(skip))]
     pub keys: Vec<(&'static str, String)>,
     /// What stands above the table as comments.
+    #[cfg_attr(feature = "serde", serde(skip))]
     pub said: Vec<String>,
     /// What its keys follow from, beside the error.
+    #[cfg_attr(feature = "serde", serde(skip))]
     pub(crate) told: Told,
+}
+
+#[cfg(feature = "serde")]
+fn as_map<S: serde::Serializer>(
+    at: &[(AxisName, Option<f64>)],
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(at.iter().map(|(axis, place)| (axis, place)))
 }
 
 /// A value that is not known.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Question {
     /// The measurement file or files, or the squareness.
     pub of: String,
@@ -71,6 +99,8 @@ pub struct Question {
 
 /// A file that fits nothing.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct LeftOver {
     /// The file, as it is named from the calibration file.
     pub file: String,

@@ -27,8 +27,11 @@ pub(crate) const CHANGE: f64 = 10.0;
 
 /// Errors found from observations.
 #[derive(Clone, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Identified {
     /// What was found, with its uncertainties, rank and residuals.
+    #[cfg_attr(feature = "serde", serde(flatten))]
     pub found: Identification,
     /// How often the unknowns were identified until the measured lines, cleared of them, had settled.
     pub rounds: usize,

@@ -28,9 +28,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!(
         "left of fitted rows {:.2} µm, of rows left out {:.2} µm, of judged rows {:.2} µm",
         found.residual.rms_um,
-        found
-            .left_out
-            .map_or(f64::NAN, |(figures, _)| figures.rms_um),
+        found.left_out.map_or(f64::NAN, |left| left.figures.rms_um),
         found.judged.map_or(f64::NAN, |figures| figures.rms_um)
     );
     println!(

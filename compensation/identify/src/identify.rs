@@ -13,7 +13,7 @@ use crate::{
     error::IdentifyError,
     followers::Follower,
     found_machine::machine_of,
-    judge::{Figures, figures, judged, left_out},
+    judge::{Figures, LeftOut, figures, judged, left_out},
     left_open::{LeftOpen, left_at_zero, left_open, redundant},
     next::{Next, next},
     observations::Observations,
@@ -32,14 +32,18 @@ use crate::{
 
 /// What was found, and how far it can be trusted.
 #[derive(Clone, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Identification {
     /// The machine with the errors that were found.
+    #[cfg_attr(feature = "serde", serde(skip))]
     pub machine: Machine,
     /// Every unknown: set-ups first, then the errors.
     pub parameters: Vec<Parameter>,
     /// The covariance of the determined parameters in their order, in the products of their units. It follows from the stated
     /// uncertainties alone: where the unknowns do not describe the machine, `variance` is above 1 and a warning says so. With
     /// penalties and with robust weights it follows from what is left.
+    #[cfg_attr(feature = "serde", serde(skip))]
     pub covariance: DMatrix<f64>,
     /// How many combinations of the unknowns the observations determine.
     pub rank: usize,
@@ -51,23 +55,51 @@ pub struct Identification {
     /// straightnesses, as far as location errors, other constants or the set-up move the tool alike. They are conventions.
     pub redundant: Vec<String>,
     /// Every combination that moves nothing: names and weights, the one that was left at zero first.
+    #[cfg_attr(feature = "serde", serde(serialize_with = "as_maps"))]
+    #[cfg_attr(
+        feature = "schema",
+        schemars(with = "Vec<std::collections::BTreeMap<String, f64>>")
+    )]
     pub null: Vec<Vec<(String, f64)>>,
     /// The errors that the observations leave open though they are no convention.
+    #[cfg_attr(feature = "serde", serde(skip))]
     pub left_open: Vec<LeftOpen>,
     /// What is left of the fitted rows.
+    #[cfg_attr(feature = "serde", serde(rename = "residual_um"))]
     pub residual: Figures,
-    /// What is left of rows that were left out of the fit, and in how many parts.
-    pub left_out: Option<(Figures, usize)>,
-    /// What is left of the rows that are only predicted.
+    /// What is left of rows that were left out of the fit; `None`: not judged.
+    #[cfg_attr(feature = "serde", serde(rename = "left_out_um"))]
+    pub left_out: Option<LeftOut>,
+    /// What is left of the rows of observations with `judge = true`; `None` where there are none.
+    #[cfg_attr(
+        feature = "serde",
+        serde(rename = "judged_um", skip_serializing_if = "Option::is_none")
+    )]
     pub judged: Option<Figures>,
     /// The variance of the residuals in units of the stated one.
+    #[cfg_attr(feature = "serde", serde(skip))]
     pub variance: f64,
-    /// The effective number of unknowns.
+    /// The effective number of unknowns; with penalties smaller than the rank.
+    #[cfg_attr(feature = "serde", serde(rename = "effective"))]
     pub degrees: f64,
-    /// The pose that would help most.
+    /// The pose that would help most; `None` where nothing is uncertain.
     pub next: Option<Next>,
     /// What could mislead, and what was assumed or not used.
     pub warnings: Vec<Note>,
+}
+
+#[cfg(feature = "serde")]
+fn as_maps<S: serde::Serializer>(
+    null: &[Vec<(String, f64)>],
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    struct Weights<'a>(&'a [(String, f64)]);
+    impl serde::Serialize for Weights<'_> {
+        fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+            serializer.collect_map(self.0.iter().map(|(name, weight)| (name, weight)))
+        }
+    }
+    serializer.collect_seq(null.iter().map(|weights| Weights(weights)))
 }
 
 /// A fit to some rows.

@@ -17,12 +17,16 @@ use crate::{
 
 /// The size of what is left of rows: distances in three directions for `points` and `sphere`, else the number itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Figures {
     /// Root mean square, µm.
+    #[cfg_attr(feature = "serde", serde(rename = "rms"))]
     pub rms_um: f64,
     /// The largest, µm.
+    #[cfg_attr(feature = "serde", serde(rename = "max"))]
     pub max_um: f64,
-    /// How many rows.
+    /// Number of rows.
     pub rows: usize,
 }
 
@@ -60,8 +64,17 @@ fn parts(rows: &Rows, count: usize) -> Option<Vec<usize>> {
     Some(pose_of.into_iter().map(|pose| part[pose]).collect())
 }
 
-/// The figures of rows that were left out, and in how many parts.
-pub(crate) type LeftOut = Option<(Figures, usize)>;
+/// What is left of rows that were left out of the fit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct LeftOut {
+    /// The size of what is left.
+    #[cfg_attr(feature = "serde", serde(flatten))]
+    pub figures: Figures,
+    /// Number of parts in which the poses were left out.
+    pub folds: usize,
+}
 
 /// What is left of rows that were left out of the fit, in so many parts by pose; everything, penalties included, is
 /// found anew from the others. A note in place of it where the poses are too few.
@@ -71,7 +84,7 @@ pub(crate) fn left_out(
     rows: &Rows,
     start: &Values,
     mut done: impl FnMut(usize),
-) -> Result<(LeftOut, Option<Note>), IdentifyError> {
+) -> Result<(Option<LeftOut>, Option<Note>), IdentifyError> {
     let folds = observations.folds;
     if folds < 2 {
         return Ok((None, None));
@@ -104,7 +117,8 @@ pub(crate) fn left_out(
         residuals.extend(system.residuals(&left, &fitted.solution.values));
         done(fold + 1);
     }
-    Ok((Some((figures(&residuals), folds)), None))
+    let figures = figures(&residuals);
+    Ok((Some(LeftOut { figures, folds }), None))
 }
 
 /// What is left of the rows that are only predicted, and notes on those that are far off beside the others of their file, and on

@@ -47,7 +47,7 @@ pub use error::{FarFile, IdentifyError};
 pub use followers::Follower;
 pub use found_machine::machine_with;
 pub use identify::{Identification, identify, identify_followed};
-pub use judge::Figures;
+pub use judge::{Figures, LeftOut};
 pub use left_open::LeftOpen;
 pub use next::Next;
 pub use observations::{

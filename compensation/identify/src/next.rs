@@ -1,5 +1,7 @@
 //! What to measure next: of many poses the one that makes the largest uncertainty smallest.
 
+use std::collections::BTreeMap;
+
 use volcomp_kinematics::nalgebra::{DMatrix, DVector};
 use volcomp_vocabulary::{AxisName, Displacement};
 
@@ -14,16 +16,20 @@ use crate::{
 
 /// A pose to be measured next.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Next {
-    /// Coordinates, mm or deg, in the order of the chain.
-    pub pose: Vec<(AxisName, f64)>,
+    /// The coordinates of every axis, mm or deg.
+    pub pose: BTreeMap<AxisName, f64>,
     /// The file whose set-up is to be used.
     pub file: String,
     /// What is to be observed.
     pub kind: Kind,
     /// The sphere, the ball or the target there; `None` where there is nothing to choose.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub target: Option<String>,
     /// The tool in the spindle; `None` where it is that of `[tool]`.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub tool: Option<String>,
     /// The error coefficient that is least certain in its largest effect on the tip in the workspace; of those that are not determined,
     /// where a pose tells of any, the one that it tells most of.

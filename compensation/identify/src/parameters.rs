@@ -12,10 +12,13 @@ use crate::{
 
 /// What was found of one unknown.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Parameter {
     /// The name: `EX0C`, `EXX legendre 2`, `tracker.csv:frame.x`.
     pub name: String,
     /// The error that it belongs to; `None` for a number of a set-up.
+    #[cfg_attr(feature = "serde", serde(skip))]
     pub error: Option<ErrorName>,
     /// The value in `unit`; 0 where it is not determined.
     pub value: f64,

@@ -1,5 +1,7 @@
 //! The body diagonals of ISO 230-6 on the model.
 
+use std::collections::BTreeMap;
+
 use volcomp_kinematics::{ErrorSource, State, actual_pose};
 use volcomp_vocabulary::{AxisKind, AxisName, PerAxis};
 
@@ -11,9 +13,13 @@ const MOST_TARGETS: usize = 1_000_000;
 /// One body diagonal of ISO 230-6: the deviation along it.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Diagonal {
     /// `PPP`, `NPP`, `PNP`, `PPN`: the directions of motion of X, Y, Z.
+    #[cfg_attr(feature = "serde", serde(skip))]
     pub name: &'static str,
+    /// The targets, mm and deg.
+    pub at: Vec<BTreeMap<AxisName, f64>>,
     /// Deviation along the diagonal at each target, µm, zero at the first.
     pub deviation_um: Vec<f64>,
     /// Largest minus smallest deviation, µm.
@@ -87,7 +93,7 @@ pub fn diagonals<S: ErrorSource>(
     points: usize,
     others: &[(AxisName, f64)],
     command: impl Fn(&State) -> State,
-) -> Result<Vec<Diagonal>, ModelError> {
+) -> Result<[Diagonal; 4], ModelError> {
     let chain = machine.chain();
     let tip = |state: &State| chain.ideal_tip_mm(state);
     let diagonal = |(name, targets): (&'static str, Vec<State>)| {
@@ -105,14 +111,15 @@ pub fn diagonals<S: ErrorSource>(
         let first = along_um.first().copied().unwrap_or(0.0);
         let deviation_um: Vec<f64> = along_um.iter().map(|value| value - first).collect();
         let range_um = range(&deviation_um);
+        let at = targets.iter().map(|target| machine.coordinates(target));
         Diagonal {
             name,
+            at: at.collect(),
             deviation_um,
             range_um,
         }
     };
-    let targets = diagonal_targets(machine, points, others)?;
-    Ok(targets.into_iter().map(diagonal).collect())
+    Ok(diagonal_targets(machine, points, others)?.map(diagonal))
 }
 
 fn range(values: &[f64]) -> f64 {

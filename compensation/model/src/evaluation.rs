@@ -1,5 +1,7 @@
 //! The answers of a machine at a state: its error, its correction, and the curves and axes outside their ranges.
 
+use std::collections::BTreeMap;
+
 use volcomp_kinematics::{
     Correction, CorrectionOptions, Form, State, VolumetricError, correct, volumetric_error,
 };
@@ -35,6 +37,18 @@ impl Machine {
             state.q[index] = Displacement::from_coordinate(axis.kind(), found).mm_or_rad();
         }
         Ok(state)
+    }
+
+    /// The coordinates of every axis at a state, mm and deg.
+    pub fn coordinates(&self, state: &State) -> BTreeMap<AxisName, f64> {
+        let axes = self.axes().iter().zip(&state.q);
+        axes.map(|(axis, &q)| {
+            (
+                axis.name,
+                Displacement::new(axis.name.kind(), q).mm_or_deg(),
+            )
+        })
+        .collect()
     }
 
     /// The errors as kinematics asks for them, at steady temperatures.

@@ -39,7 +39,7 @@ pub(crate) fn identified(found: &Identification) -> Identified {
         of: found.parameters.len().saturating_sub(found.redundant.len()),
         score: found.score_of_determined,
         residual: left(found.residual),
-        left_out: found.left_out.map(|(of, _)| left(of)),
+        left_out: found.left_out.map(|of| left(of.figures)),
         judged: found.judged.map(left),
         null_space: null.map(|of| of.iter().map(weighted).collect()).collect(),
         redundant: found.redundant.clone(),

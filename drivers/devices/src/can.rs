@@ -11,7 +11,7 @@ use volcomp_port::{DeviceError, Temperature};
 use crate::{
     address::Address,
     facts::{BusFacts, Facts, SeenFrames},
-    probed::{Probe, ProbedPosition},
+    probed::Probe,
 };
 
 /// The signals of a URL: the DBC file it names, else the shipped one.
@@ -72,11 +72,9 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
         }
         for signal in &message.signals {
             if let Some((name, at)) = signal.position(frame.data()) {
-                let name = name.to_string();
-                probe.positions.push(ProbedPosition { name, at });
+                probe.add_position(name.to_string(), at);
             } else if let Some((name, degc)) = signal.temperature(frame.data()) {
-                let found = Temperature::good(degc, Instant::now());
-                probe.temperatures.push((name, found));
+                probe.add_temperature(name, Temperature::good(degc, Instant::now()));
             }
         }
     }

@@ -1,9 +1,10 @@
 //! Properties of a device that are neither positions, temperatures nor inputs, by the kind of device.
 
-use std::time::Duration;
-
 /// Further properties that a device reports when it is asked once.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "serde", serde(untagged))]
 pub enum Facts {
     /// The properties of a control over FOCAS.
     Control(ControlFacts),
@@ -14,7 +15,9 @@ pub enum Facts {
 }
 
 /// The properties of a control over FOCAS.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ControlFacts {
     /// The type of the control and of the machine, such as `31 M`.
     pub control: String,
@@ -26,37 +29,40 @@ pub struct ControlFacts {
     pub emergency_stop: bool,
     /// Whether the control shows an alarm.
     pub alarm: bool,
-    /// From which words the control takes the shifts of its axes, by its own parameters; otherwise why it does not tell.
-    pub shift_source: Result<ShiftParameters, String>,
-    /// The median of the times from a request to its answer.
-    pub round_trip_median: Duration,
-    /// The longest of the times from a request to its answer.
-    pub round_trip_longest: Duration,
-}
-
-/// The parameters of a control by which it takes the shifts of its axes from words in R.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ShiftParameters {
-    /// Whether the extended external machine zero point shift is in use (parameter 1203#0).
-    pub in_use: bool,
-    /// The first byte in R of the words, two bytes for each axis of the control (parameter 1280).
-    pub first: u32,
+    /// Whether the extended external machine zero point shift is in use (parameter 1203#0); `None` where the control does
+    /// not report it.
+    pub shift_in_use: Option<bool>,
+    /// The first byte in R of the words of this shift, two bytes for each axis of the control (parameter 1280); `None` where
+    /// the control does not report it.
+    pub shift_words: Option<u32>,
+    /// Why the control does not report these parameters; `None` where it does.
+    pub shift_untold: Option<String>,
+    /// The median of the times from a request to its answer, µs.
+    pub round_trip_p50_us: f64,
+    /// The longest of the times from a request to its answer, µs.
+    pub round_trip_max_us: f64,
 }
 
 /// The properties of a Modbus module.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ModuleFacts {
     /// The name of the profile by which the registers of the module are read.
     pub profile: String,
-    /// The parts of the profile that nobody has compared with a real module yet, in words.
+    /// The parts of the profile that were never compared with a real module, in words.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Vec::is_empty"))]
     pub unproven: Vec<String>,
-    /// Whether the module tells the levels of its outputs; `None`: it has none. Where it does not, outputs that carry no
+    /// Whether the module reports the levels of its outputs; `None`: it has none. Where it does not, outputs that carry no
     /// correction are switched off when a correction is written.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub outputs_told: Option<bool>,
 }
 
 /// The traffic that was seen on a CAN bus.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct BusFacts {
     /// The identifiers that were seen, classic ones first, each in ascending order.
     pub frames: Vec<SeenFrames>,
@@ -66,6 +72,8 @@ pub struct BusFacts {
 
 /// The frames of one identifier that were seen on a CAN bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SeenFrames {
     /// The identifier of the frames.
     pub id: u32,

@@ -8,8 +8,8 @@ use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 
 use crate::{
     address::Address,
-    facts::{ControlFacts, Facts, ShiftParameters},
-    probed::{Probe, ProbedPosition},
+    facts::{ControlFacts, Facts},
+    probed::Probe,
 };
 
 /// Exchanges whose times are told.
@@ -36,9 +36,9 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
         .positions(PositionKind::Machine, names.len())
         .map_err(told)?;
     let status = client.status().map_err(told)?;
-    let shift_source = match client.shift_source().map_err(told)? {
-        ShiftSource::Told { in_use, first } => Ok(ShiftParameters { in_use, first }),
-        ShiftSource::Untold { why } => Err(why),
+    let (shift_in_use, shift_words, shift_untold) = match client.shift_source().map_err(told)? {
+        ShiftSource::Told { in_use, first } => (Some(in_use), Some(first), None),
+        ShiftSource::Untold { why } => (None, None, Some(why)),
     };
     let mut times = Vec::new();
     for _ in 0..TIMED {
@@ -47,17 +47,14 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
         times.push(begun.elapsed());
     }
     times.sort_unstable();
-    let position = |(name, value): (&char, f64)| {
+    let microseconds = |time: Duration| (time.as_secs_f64() * 1e6).round();
+    let mut probe = Probe::of(&address.text);
+    for (name, value) in names.iter().zip(positions) {
         // The control does not say which axes turn; their letters do, as everywhere.
         let known = AxisName::from_letter(*name);
         let kind = known.map_or(AxisKind::Linear, AxisName::kind);
-        ProbedPosition {
-            name: name.to_string(),
-            at: Displacement::from_coordinate(kind, value),
-        }
-    };
-    let mut probe = Probe::of(&address.text);
-    probe.positions = names.iter().zip(positions).map(position).collect();
+        probe.add_position(name.to_string(), Displacement::from_coordinate(kind, value));
+    }
     probe.facts = Some(Facts::Control(ControlFacts {
         control: format!("{}{}", system.cnc_type, system.machine_type)
             .trim()
@@ -66,9 +63,11 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
         version: client.version(),
         emergency_stop: status.emergency != 0,
         alarm: status.alarm != 0,
-        shift_source,
-        round_trip_median: times[TIMED / 2],
-        round_trip_longest: times[TIMED - 1],
+        shift_in_use,
+        shift_words,
+        shift_untold,
+        round_trip_p50_us: microseconds(times[TIMED / 2]),
+        round_trip_max_us: microseconds(times[TIMED - 1]),
     }));
     Ok(probe)
 }

@@ -7,10 +7,7 @@ use volcomp_port::{DeviceError, DigitalIo};
 
 use volcomp_vocabulary::{AxisKind, Displacement};
 
-use crate::{
-    address::Address,
-    probed::{Probe, ProbedPosition},
-};
+use crate::{address::Address, probed::Probe};
 
 /// The lines of a URL, named from the control: `position` are its outputs, `correction` its inputs.
 ///
@@ -53,16 +50,11 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
     if port.inputs() == 15 {
         // As the published scheme reads them.
         let word = Wiring::published().position_word(levels);
-        probe.positions = word
-            .map(|word| ProbedPosition {
-                name: "published".to_owned(),
-                at: Displacement::new(
-                    AxisKind::Linear,
-                    PositionWord::PUBLISHED.decode(word).position,
-                ),
-            })
-            .into_iter()
-            .collect();
+        if let Some(word) = word {
+            let position = PositionWord::PUBLISHED.decode(word).position;
+            let at = Displacement::new(AxisKind::Linear, position);
+            probe.add_position("published".to_owned(), at);
+        }
     }
     Ok(probe)
 }

@@ -23,7 +23,7 @@ mod sinumerik;
 pub use address::{Address, Scheme};
 #[cfg(feature = "can")]
 pub use can::signal_table;
-pub use facts::{BusFacts, ControlFacts, Facts, ModuleFacts, SeenFrames, ShiftParameters};
+pub use facts::{BusFacts, ControlFacts, Facts, ModuleFacts, SeenFrames};
 #[cfg(feature = "focas")]
 pub use focas::focas_config;
 #[cfg(feature = "gpio")]
@@ -36,4 +36,4 @@ pub use list::{CanInterface, GpioChip, GpioLine, LocalDevices, SerialPort, list}
 #[cfg(feature = "modbus")]
 pub use modbus::{MODBUS_PORT, digital_modules, thermometer, thermometer_names};
 pub use probe::probe;
-pub use probed::{Probe, ProbedPosition};
+pub use probed::{Probe, ProbedTemperature};

@@ -6,10 +6,7 @@ use volcomp_linuxcnc::{Key, PORT, look};
 use volcomp_port::DeviceError;
 use volcomp_vocabulary::Displacement;
 
-use crate::{
-    address::Address,
-    probed::{Probe, ProbedPosition},
-};
+use crate::{address::Address, probed::Probe};
 
 /// Whether the URL lets the bridge be on another computer.
 ///
@@ -45,10 +42,9 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
     let remote = allows_remote_bridge(address)?;
     let state = look(&address.host, port, remote, &key, at_most)?;
     let mut probe = Probe::of(&address.text);
-    let positions = state.axes().map(|axis| ProbedPosition {
-        name: axis.name.to_string(),
-        at: Displacement::from_coordinate(axis.name.kind(), axis.position),
-    });
-    probe.positions = positions.collect();
+    for axis in state.axes() {
+        let at = Displacement::from_coordinate(axis.name.kind(), axis.position);
+        probe.add_position(axis.name.to_string(), at);
+    }
     Ok(probe)
 }

@@ -6,6 +6,7 @@ use std::{fs, path::Path};
 /// The interfaces of this computer; listing them neither opens one for writing nor reserves it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct LocalDevices {
     /// The serial ports, for `modbus-rtu://`.
     pub serial_ports: Vec<SerialPort>,
@@ -18,6 +19,7 @@ pub struct LocalDevices {
 /// A serial port of this computer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SerialPort {
     /// The device file, such as `/dev/ttyUSB0`.
     pub device: String,
@@ -28,6 +30,7 @@ pub struct SerialPort {
 /// A CAN interface of the kernel.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CanInterface {
     /// The name, such as `can0`.
     pub name: String,
@@ -40,6 +43,7 @@ pub struct CanInterface {
 /// A GPIO chip of this computer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct GpioChip {
     /// The name of the kernel, such as `gpiochip0`.
     pub name: String,
@@ -52,6 +56,7 @@ pub struct GpioChip {
 /// A line of a GPIO chip.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct GpioLine {
     /// The number of the line on its chip, as URLs have it.
     pub number: u32,

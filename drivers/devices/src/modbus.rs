@@ -224,7 +224,9 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
         {
             return Err(refused(&reason.to_string()));
         }
-        probe.temperatures = thermometer.names().iter().cloned().zip(latest).collect();
+        for (name, temperature) in thermometer.names().iter().zip(latest) {
+            probe.add_temperature(name.clone(), temperature);
+        }
     }
     if let Some(digital) = profile.digital.filter(|digital| digital.inputs > 0) {
         let mut lines = digital_modules(address)?;

@@ -111,6 +111,7 @@ pub fn axis_named(text: &str) -> Option<AxisName> {
 /// A run or a reading that a person should look at.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct OutlierHint {
     /// Number of the run among those of its direction.
     pub run: u32,

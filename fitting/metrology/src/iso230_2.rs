@@ -9,6 +9,7 @@ use crate::{
 /// The results of ISO 230-2 for one direction of approach at one target, in the unit of the deviations.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Approach {
     /// Number of readings n.
     pub n: usize,
@@ -16,18 +17,14 @@ pub struct Approach {
     pub mean: f64,
     /// Estimator of the standard deviation s_i↑ or s_i↓ (n − 1); `None` for one reading.
     pub s: Option<f64>,
-}
-
-impl Approach {
     /// Unidirectional repeatability R_i↑ or R_i↓ = 4 s_i.
-    pub fn repeatability(&self) -> Option<f64> {
-        self.s.map(|s| 4.0 * s)
-    }
+    pub repeatability: Option<f64>,
 }
 
 /// One line of the per-target table; values in the measurement's unit, `None` where they cannot be evaluated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct TargetRow {
     /// Target position, mm or deg.
     pub target: f64,
@@ -49,34 +46,47 @@ pub struct TargetRow {
 /// other direction's.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Iso230Part2 {
     /// Unit of all values; `None` when the file did not say.
     pub unit: Option<DeviationUnit>,
     /// The per-target table, targets ascending.
     pub targets: Vec<TargetRow>,
     /// Bidirectional accuracy A = max(x̄ + 2s) − min(x̄ − 2s) over both directions.
+    #[cfg_attr(feature = "serde", serde(rename = "A"))]
     pub a: Option<f64>,
     /// Unidirectional accuracy A↑ of the forward approaches.
+    #[cfg_attr(feature = "serde", serde(rename = "A_forward"))]
     pub a_forward: Option<f64>,
     /// Unidirectional accuracy A↓ of the backward approaches.
+    #[cfg_attr(feature = "serde", serde(rename = "A_backward"))]
     pub a_backward: Option<f64>,
     /// Bidirectional repeatability R = max R_i.
+    #[cfg_attr(feature = "serde", serde(rename = "R"))]
     pub r: Option<f64>,
     /// Unidirectional repeatability R↑ of the forward approaches.
+    #[cfg_attr(feature = "serde", serde(rename = "R_forward"))]
     pub r_forward: Option<f64>,
     /// Unidirectional repeatability R↓ of the backward approaches.
+    #[cfg_attr(feature = "serde", serde(rename = "R_backward"))]
     pub r_backward: Option<f64>,
     /// Bidirectional systematic deviation E: the range of all x̄_i↑ and x̄_i↓.
+    #[cfg_attr(feature = "serde", serde(rename = "E"))]
     pub e: Option<f64>,
     /// Unidirectional systematic deviation E↑.
+    #[cfg_attr(feature = "serde", serde(rename = "E_forward"))]
     pub e_forward: Option<f64>,
     /// Unidirectional systematic deviation E↓.
+    #[cfg_attr(feature = "serde", serde(rename = "E_backward"))]
     pub e_backward: Option<f64>,
     /// Mean bidirectional positioning deviation M: the range of x̄_i.
+    #[cfg_attr(feature = "serde", serde(rename = "M"))]
     pub m: Option<f64>,
     /// Reversal value B = max |B_i|.
+    #[cfg_attr(feature = "serde", serde(rename = "B"))]
     pub b: Option<f64>,
     /// Mean reversal value B̄, signed.
+    #[cfg_attr(feature = "serde", serde(rename = "mean_B"))]
     pub mean_b: Option<f64>,
     /// Runs and readings that differ from the others; nothing is removed.
     pub outlier_hints: Vec<OutlierHint>,
@@ -168,7 +178,12 @@ fn approach(deviations: &[f64]) -> Option<Approach> {
     let (n, mean) = (deviations.len(), mean(deviations)?);
     let sum_of_squares: f64 = deviations.iter().map(|x| (x - mean).powi(2)).sum();
     let s = (n > 1).then(|| (sum_of_squares / (n - 1) as f64).sqrt());
-    Some(Approach { n, mean, s })
+    Some(Approach {
+        n,
+        mean,
+        s,
+        repeatability: s.map(|s| 4.0 * s),
+    })
 }
 
 fn bidirectional_repeatability(up: &Approach, down: &Approach) -> Option<f64> {
@@ -196,7 +211,7 @@ fn direction_summary(approaches: impl Iterator<Item = Option<Approach>>) -> Dire
         limits.collect::<Option<Vec<_>>>()
     });
     let repeatabilities: Option<Vec<f64>> =
-        all.and_then(|all| all.iter().map(Approach::repeatability).collect());
+        all.and_then(|all| all.iter().map(|x| x.repeatability).collect());
     DirectionSummary {
         accuracy: limits.and_then(|limits| range(limits.as_flattened())),
         repeatability: repeatabilities.and_then(|r| largest(&r)),

@@ -9,7 +9,9 @@ use crate::{
 
 /// A body or face diagonal, by the signs with which X, Y and Z move along it in its forward direction; 0: the axis stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "serde", serde(into = "&'static str"))]
 pub struct Diagonal([i8; 3]);
 
 /// Every name that is known, body diagonals first.
@@ -69,6 +71,12 @@ impl Diagonal {
     }
 }
 
+impl From<Diagonal> for &'static str {
+    fn from(diagonal: Diagonal) -> Self {
+        diagonal.name()
+    }
+}
+
 impl std::fmt::Display for Diagonal {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(self.name())
@@ -78,9 +86,12 @@ impl std::fmt::Display for Diagonal {
 /// One measured diagonal.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct MeasuredDiagonal {
     /// Which diagonal it is.
     pub diagonal: Diagonal,
+    /// The measurement file.
+    pub file: String,
     /// Its length between the first and the last target, mm.
     pub length_mm: f64,
     /// The evaluation of its readings as those of an axis: E, E↑, E↓, B, M and the table by targets.
@@ -92,6 +103,7 @@ pub struct MeasuredDiagonal {
 /// A squareness error that the diagonals hint at.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SquarenessHint {
     /// `EC0Y`, `EA0Z` or `EB0Z`.
     pub error: ErrorName,
@@ -102,6 +114,7 @@ pub struct SquarenessHint {
 /// The evaluation of a set of diagonals.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Iso230Part6 {
     /// The diagonals in the order of the standard.
     pub diagonals: Vec<MeasuredDiagonal>,
@@ -238,6 +251,7 @@ fn one_diagonal(
         .map_or(0.0, |(b, a)| b - a);
     Ok(MeasuredDiagonal {
         diagonal,
+        file: measurement.name.clone(),
         length_mm,
         result,
         growth_um: line.slope_um_per_mm * length_mm,

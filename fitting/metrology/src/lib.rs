@@ -80,6 +80,9 @@ pub use target_unit::TargetUnit;
 pub use test_plan::{AskedFor, asked_for, axis_kind, shortfalls};
 pub use three_lines::{ParallelLine, Separated, separate_parallel_lines};
 pub use title::errors_named;
-pub use tolerance::{Tolerance, Verdict, decide, parse_tolerances, parse_tolerances_of};
+pub use tolerance::{
+    Decision, JudgedQuantity, Tolerance, Verdict, decide, judged, parse_tolerances,
+    parse_tolerances_of,
+};
 pub use vdi_3441::{Vdi3441, Vdi3441Target, vdi_3441};
 pub use volcomp_vocabulary::Direction;

@@ -7,6 +7,7 @@ use crate::{FileFormat, MetrologyError, Quantity, ReadingUnit, TargetUnit};
 /// Unit of the deviations of a measurement, as they are held in memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum DeviationUnit {
     /// Micrometres: a linear error.
     #[cfg_attr(feature = "serde", serde(rename = "um"))]
@@ -52,58 +53,78 @@ pub struct Reading {
 /// The statements of a file about itself and its machine; free text, `None` where absent or blank.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Metadata {
     /// File type of the header (`rtl`, `rta`, `rts`).
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub format: Option<String>,
     /// Owner: the program that wrote the file.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub owner: Option<String>,
     /// Version number of that program or format.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub version: Option<String>,
     /// The machine that was measured.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub machine: Option<String>,
     /// The serial number of the machine.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub serial: Option<String>,
     /// The date of the test, as written.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub date: Option<String>,
     /// The person who measured.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub by: Option<String>,
     /// The axis that was measured.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub axis: Option<String>,
     /// Where the machine stands.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub location: Option<String>,
     /// The title of the test.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub title: Option<String>,
 }
 
 /// A quantity at the start and at the end of the test.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct StartEnd {
     /// Value at the start.
     pub start: f64,
     /// Value at the end.
     pub end: f64,
     /// The file's unit code, where it gives one.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub unit_code: Option<i64>,
 }
 
 /// The surroundings during the test, in the file's units (°C, kPa, %, µm/(m·K) in the files known).
 #[derive(Debug, Clone, PartialEq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Environment {
     /// Temperature of the air.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub air_temperature: Option<StartEnd>,
     /// Pressure of the air.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub air_pressure: Option<StartEnd>,
     /// Relative humidity of the air.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub air_humidity: Option<StartEnd>,
     /// Material temperatures 1 to 3; `None` where no sensor was connected (the file says −10.000000).
     pub material_temperature: [Option<StartEnd>; 3],
     /// Expansion coefficient of the material.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub expansion_coefficient: Option<StartEnd>,
     /// Environment factor: laser wavelength in air, µm / 2.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub environment_factor: Option<StartEnd>,
     /// Start and end time, as written.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub date_time: Option<String>,
 }
 

@@ -29,6 +29,7 @@ pub struct UncertaintyInputs {
 /// One contribution, expanded with k = 2.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Contribution {
     /// The symbol in plain letters: `U_DEVICE`.
     pub symbol: &'static str,
@@ -41,6 +42,7 @@ pub struct Contribution {
 /// Expanded uncertainties (k = 2) of the quantities of ISO 230-2, µm.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PositioningUncertainty {
     /// The length over which it is stated, m.
     pub length_m: f64,

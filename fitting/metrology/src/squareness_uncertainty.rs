@@ -18,6 +18,7 @@ pub struct SquarenessInputs {
 /// Expanded uncertainties (k = 2) of a squareness, µrad; `None` is not stated, and left out.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SquarenessUncertainty {
     /// Of both slopes, by what their lines leave.
     pub scatter_urad: f64,

@@ -1,6 +1,6 @@
 //! Tolerances on evaluated quantities, and the decision with the measurement uncertainty.
 
-use crate::MetrologyError;
+use crate::{DeviationUnit, MetrologyError, StandardQuantity};
 
 /// The largest value that a quantity may have.
 #[derive(Debug, Clone, PartialEq)]
@@ -15,6 +15,8 @@ pub struct Tolerance {
 /// The decision on one quantity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
 pub enum Verdict {
     /// Within the limit, also with the uncertainty on top.
     Pass,
@@ -23,6 +25,7 @@ pub enum Verdict {
     /// Nearer to the limit than the uncertainty: neither conformity nor non-conformity is proven (ISO 14253-1).
     Undecided,
     /// The quantity could not be evaluated.
+    #[cfg_attr(feature = "serde", serde(rename = "not evaluated"))]
     NotEvaluated,
 }
 
@@ -69,6 +72,86 @@ pub fn decide(value: Option<f64>, limit: f64, u: Option<f64>) -> Verdict {
         Verdict::Fail
     } else {
         Verdict::Undecided
+    }
+}
+
+/// A quantity of a standard with its uncertainty and its tolerance.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct JudgedQuantity {
+    /// The standard: `ISO 230-2:2014`, `VDI/DGQ 3441`, `ASME B5.54`, `ISO 230-4`, `ISO 230-6`.
+    pub standard: String,
+    /// The symbol in plain letters, as a tolerance names it.
+    pub symbol: &'static str,
+    /// The name in the standard.
+    pub name: &'static str,
+    /// The value; `None` where it cannot be evaluated.
+    pub value: Option<f64>,
+    /// The unit of value, uncertainty and limit.
+    pub unit: DeviationUnit,
+    /// The expanded measurement uncertainty (k = 2); `None` where none is stated.
+    pub uncertainty: Option<f64>,
+    /// The tolerance; `None` where there is none.
+    pub limit: Option<f64>,
+    /// The decision; `None` without a tolerance.
+    pub verdict: Option<Verdict>,
+}
+
+/// Judges the quantities of one standard by their tolerances and expanded uncertainties, by symbol.
+pub fn judged(
+    standard: &str,
+    quantities: impl IntoIterator<Item = StandardQuantity>,
+    unit: DeviationUnit,
+    tolerances: &[Tolerance],
+    uncertainty: impl Fn(&str) -> Option<f64>,
+) -> Vec<JudgedQuantity> {
+    let one = |quantity: StandardQuantity| {
+        let tolerance = tolerances.iter().find(|t| t.symbol == quantity.symbol);
+        let limit = tolerance.map(|t| t.limit);
+        let u = uncertainty(quantity.symbol);
+        JudgedQuantity {
+            standard: standard.to_owned(),
+            symbol: quantity.symbol,
+            name: quantity.name,
+            value: quantity.value,
+            unit,
+            uncertainty: u.filter(|_| quantity.value.is_some()),
+            limit,
+            verdict: limit.map(|limit| decide(quantity.value, limit, u)),
+        }
+    };
+    quantities.into_iter().map(one).collect()
+}
+
+/// The decision over all tolerances.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct Decision {
+    /// The worst verdict of the quantities.
+    pub verdict: Verdict,
+    /// Whether every quantity with a tolerance passes.
+    pub pass: bool,
+    /// `ISO 14253-1` with the uncertainty of each quantity with a limit, `simple` without, `mixed` where some have one.
+    pub rule: &'static str,
+}
+
+impl Decision {
+    /// `None` without any tolerance.
+    pub fn over(quantities: &[JudgedQuantity]) -> Option<Self> {
+        let judged = || quantities.iter().filter(|q| q.verdict.is_some());
+        let uncertain = judged().filter(|q| q.uncertainty.is_some()).count();
+        let verdict = Verdict::of_all(judged().filter_map(|q| q.verdict));
+        (judged().count() > 0).then(|| Self {
+            verdict,
+            pass: verdict == Verdict::Pass,
+            rule: match uncertain {
+                0 => "simple",
+                all if all == judged().count() => "ISO 14253-1",
+                _ => "mixed",
+            },
+        })
     }
 }
 

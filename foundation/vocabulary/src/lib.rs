@@ -7,6 +7,8 @@ mod direction;
 mod error_name;
 mod per_axis;
 mod range;
+#[cfg(feature = "schema")]
+mod schema;
 #[cfg(feature = "serde")]
 mod serialised;
 mod units;

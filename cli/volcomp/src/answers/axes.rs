@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_vocabulary::{AxisKind, AxisName};
 
-use super::ByAxis;
+use crate::commands::ByAxis;
 
 /// The document of `volcomp axes`: where the axes stand for a tip and a direction of the tool.
 #[derive(Debug, Serialize, JsonSchema)]

@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_vocabulary::{AxisName, ErrorName};
 
-use super::ByAxis;
+use crate::commands::ByAxis;
 
 /// The document of `volcomp check`: the machine as it is understood.
 #[derive(Debug, Serialize, JsonSchema)]

@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::ByAxis;
+use crate::commands::ByAxis;
 
 /// The document of `volcomp export`.
 #[derive(Debug, Serialize, JsonSchema)]

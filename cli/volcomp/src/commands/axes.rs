@@ -6,7 +6,7 @@ use volcomp_vocabulary::AxisName;
 
 use super::{Answer, fixed, in_degrees, table, table_text};
 use crate::{
-    answers::{ByAxis, axes::Axes},
+    answers::axes::Axes,
     failure::Failure,
     points::{GeometryArguments, three},
     table::folded,
@@ -41,12 +41,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         )));
     }
     let reached = machine.axes_at(tip, direction)?;
-    let by_axis = |state: &State| -> ByAxis {
-        let stands = machine.axes().iter().zip(&state.q);
-        stands
-            .map(|(axis, &q)| (axis.name, in_degrees(axis.name.kind(), q)))
-            .collect()
-    };
+    let by_axis = |state: &State| machine.coordinates(state);
     let document = Axes {
         solutions: reached.solutions.iter().map(by_axis).collect(),
         singular: reached.singular,
@@ -60,7 +55,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         dependent_moves: (reached.dependent.iter())
             .map(|moves| {
                 let mut moves = by_axis(moves);
-                moves.0.retain(|_, share| *share != 0.0);
+                moves.retain(|_, share| *share != 0.0);
                 moves
             })
             .collect(),
@@ -86,13 +81,12 @@ fn text(machine: &Machine, document: &Axes) -> String {
         return folded(&format!("No solution: {why}."), "");
     };
     let heads = first
-        .0
         .keys()
         .map(|&name| format!("{name} {}", name.kind().coordinate_unit()));
     let heads: Vec<String> = [String::new()].into_iter().chain(heads).collect();
     let mut table = table(&heads.iter().map(String::as_str).collect::<Vec<_>>());
     for (index, solution) in document.solutions.iter().enumerate() {
-        let numbers = solution.0.values().map(|&q| fixed(q, 6));
+        let numbers = solution.values().map(|&q| fixed(q, 6));
         table.add_row([(index + 1).to_string()].into_iter().chain(numbers));
     }
     let mut text = table_text(&table);
@@ -130,7 +124,7 @@ fn text(machine: &Machine, document: &Axes) -> String {
 fn dependent(document: &Axes) -> String {
     let mut text = String::new();
     for moves in &document.dependent_moves {
-        let shares = moves.0.iter();
+        let shares = moves.iter();
         let shares: Vec<String> = shares
             .map(|(name, &share)| format!("{name} by {}", fixed(share, 6)))
             .collect();
@@ -138,7 +132,7 @@ fn dependent(document: &Axes) -> String {
         text += &folded(
             &format!(
                 "Singular pose: the linear axes {} are dependent here. The tip stays where they move together: {} mm, or any multiple of that.",
-                listed(&moves.0.keys().copied().collect::<Vec<_>>()),
+                listed(&moves.keys().copied().collect::<Vec<_>>()),
                 shares.join(", ")
             ),
             "",

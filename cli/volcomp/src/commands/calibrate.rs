@@ -1,13 +1,16 @@
 //! `volcomp calibrate`: from measurement files to a machine file.
 
-use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::{collections::BTreeMap, fmt::Write as _, path::PathBuf};
 
-use volcomp_calibrate::{Calibration, CalibrationFile, calibrate};
+use schemars::JsonSchema;
+use serde::Serialize;
+use volcomp_calibrate::{
+    Calibration, CalibrationFile, FitQuality, FittedCurve, Identified, Quality, calibrate,
+};
 use volcomp_document::quoted;
 use volcomp_identify::unit_symbol;
 use volcomp_model::{Provenance, is_date};
-use volcomp_vocabulary::Urad;
+use volcomp_vocabulary::{Direction, ErrorName, Um, Urad};
 
 use super::{
     Answer,
@@ -16,9 +19,7 @@ use super::{
     identify::{EXPLAINED, found_text},
     refuse_overwriting, table, table_text,
 };
-use crate::{
-    answers::calibrate::Calibrate as Document, failure::Failure, output::OutputFile, progress,
-};
+use crate::{failure::Failure, output::OutputFile, progress};
 
 /// Fits measurement files to a machine file, or drafts a calibration file from a folder
 #[derive(clap::Args)]
@@ -52,6 +53,120 @@ pub(crate) struct Arguments {
     output: PathBuf,
 }
 
+/// A calibration and the machine file that was written.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Calibrate {
+    /// The machine file that was written.
+    file: String,
+    /// Every fitted curve, angular errors first.
+    curves: Vec<FittedRow>,
+    /// Every squareness by its error name, µrad.
+    squareness_urad: BTreeMap<String, f64>,
+    /// Every location error that the calibration file states, by its name; not there where it states none.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    locations: BTreeMap<String, Stated>,
+    /// What was found from observations of the whole machine; not there where the calibration file has none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    identified: Option<Identified>,
+    /// Warnings in words: errors that were not measured, Abbe offsets that could not be removed, notes on the files.
+    warnings: Vec<String>,
+}
+
+/// A location error as the calibration file states it.
+#[derive(Debug, Serialize, JsonSchema)]
+struct Stated {
+    /// The value in `unit`.
+    value: f64,
+    /// `um` or `urad`.
+    unit: &'static str,
+    /// Standard uncertainty (k = 1) in the same unit.
+    uncertainty: f64,
+}
+
+/// One fitted error curve and how well it follows its readings, with values in its unit.
+#[derive(Debug, Serialize, JsonSchema)]
+struct FittedRow {
+    /// The error that the curve states.
+    error: ErrorName,
+    /// `forward` or `backward`; null: one curve for both directions.
+    direction: Option<&'static str>,
+    /// Kind of curve, as the machine file names it.
+    curve: &'static str,
+    /// Number of mean readings: targets times lines.
+    readings: usize,
+    /// The unit of the values below: `um` or `urad`.
+    unit: &'static str,
+    /// Readings minus curve.
+    residual: Residual,
+    /// Root mean square of the leave-one-out errors.
+    leave_one_out: f64,
+    /// Largest difference forward − backward of the curves; null: one curve for both directions.
+    reversal: Option<f64>,
+}
+
+/// Range and size of the residuals, readings minus curve.
+#[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
+struct Residual {
+    /// The smallest residual, with its sign.
+    min: f64,
+    /// The largest residual, with its sign.
+    max: f64,
+    /// Root mean square of the residuals.
+    rms: f64,
+}
+
+impl Calibrate {
+    /// The document of a calibration whose machine was written to `file`.
+    fn new(file: String, calibration: &Calibration) -> Self {
+        let squareness = calibration.squareness.iter();
+        Self {
+            file,
+            curves: calibration.curves.iter().map(FittedRow::new).collect(),
+            squareness_urad: squareness
+                .map(|(error, Urad(value))| (error.to_string(), *value))
+                .collect(),
+            locations: (calibration.locations.iter())
+                .map(|location| {
+                    let stated = Stated {
+                        value: location.value,
+                        unit: location.error.component.unit(),
+                        uncertainty: location.uncertainty,
+                    };
+                    (location.error.to_string(), stated)
+                })
+                .collect(),
+            identified: calibration.identified.clone(),
+            warnings: calibration.warnings.clone(),
+        }
+    }
+}
+
+impl FittedRow {
+    fn new(curve: &FittedCurve) -> Self {
+        match curve.quality {
+            Quality::Length(quality) => Self::of(curve, &quality, |Um(um)| um),
+            Quality::Angle(quality) => Self::of(curve, &quality, |Urad(urad)| urad),
+        }
+    }
+
+    fn of<U: Copy>(curve: &FittedCurve, quality: &FitQuality<U>, number: fn(U) -> f64) -> Self {
+        Self {
+            error: curve.error,
+            direction: curve.direction.map(Direction::name),
+            curve: curve.kind,
+            readings: curve.readings,
+            unit: curve.error.component.unit(),
+            residual: Residual {
+                min: number(quality.residual_min),
+                max: number(quality.residual_max),
+                rms: number(quality.residual_rms),
+            },
+            leave_one_out: number(quality.leave_one_out),
+            reversal: quality.reversal.map(number),
+        }
+    }
+}
+
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     if let (Some(folder), Some(machine)) = (&arguments.draft, &arguments.machine) {
         let wanted = Wanted {
@@ -83,7 +198,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     }
     output.append(calibration.machine.to_toml().as_bytes())?;
     output.finish()?;
-    let document = Document::new(arguments.output.display().to_string(), &calibration);
+    let document = Calibrate::new(arguments.output.display().to_string(), &calibration);
     Answer::new(&document, text(&document), calibration.warnings)
 }
 
@@ -93,7 +208,7 @@ pub(super) fn fit(file: &CalibrationFile) -> Result<Calibration, Failure> {
     Ok(progress::with_bar("errors fitted", work)?)
 }
 
-fn text(document: &Document) -> String {
+fn text(document: &Calibrate) -> String {
     let mut fitted = table(&[
         "error",
         "direction",
@@ -106,16 +221,15 @@ fn text(document: &Document) -> String {
         "",
     ]);
     for curve in &document.curves {
-        let (residual, leave_one_out) = curve.residual_and_leave_one_out();
         fitted.add_row([
-            curve.error.clone(),
+            curve.error.to_string(),
             curve.direction.unwrap_or("both").to_owned(),
             curve.curve.to_owned(),
             curve.readings.to_string(),
-            fixed(residual.min, 2),
-            fixed(residual.max, 2),
-            fixed(residual.rms, 2),
-            fixed(leave_one_out, 2),
+            fixed(curve.residual.min, 2),
+            fixed(curve.residual.max, 2),
+            fixed(curve.residual.rms, 2),
+            fixed(curve.leave_one_out, 2),
             unit_symbol(curve.unit).to_owned(),
         ]);
     }

@@ -3,13 +3,13 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
+use schemars::JsonSchema;
+use serde::Serialize;
 use volcomp_calibrate::{Answer as AnswerOf, Draft, Turn, draft};
 use volcomp_model::Machine;
 
 use super::{Answer, refuse_overwriting, table, table_text};
-use crate::{
-    answers::calibrate_draft::CalibrateDraft, failure::Failure, output::OutputFile, table::folded,
-};
+use crate::{failure::Failure, output::OutputFile, table::folded};
 
 /// What the call wants of a draft.
 pub(super) struct Wanted<'a> {
@@ -51,9 +51,18 @@ pub(super) fn run(
     file.append(found.text.as_bytes())?;
     file.finish()?;
     let name = output.display().to_string();
-    let document = CalibrateDraft::new(name.clone(), &found);
     told.extend(notes(&found));
-    Answer::new(&document, text(&name, &found), told)
+    let text = text(&name, &found);
+    Answer::new(&Drafted { file: name, found }, text, told)
+}
+
+/// A draft and where it was written.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Drafted {
+    /// The calibration file that was written.
+    file: String,
+    #[serde(flatten)]
+    found: Draft,
 }
 
 /// The draft with answers that hold for many questions, and notes on answers that settled none. Of two answers to one question that for its

@@ -130,7 +130,7 @@ fn compare(shop: &Shop, machine: &Machine, folder: &Path) -> Result<Comparison, 
         let step = quantised(machine, &delta, OUTPUT_STEP_MM, 1e-6);
         corrected(state, &step)
     };
-    let ranges = |diagonals: Vec<Diagonal>| {
+    let ranges = |diagonals: [Diagonal; 4]| {
         let diagonals = diagonals.into_iter();
         diagonals.map(|d| (d.name, d.range_um)).collect::<Vec<_>>()
     };

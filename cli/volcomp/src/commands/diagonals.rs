@@ -5,16 +5,15 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use schemars::JsonSchema;
+use serde::Serialize;
 use volcomp_kinematics::State;
-use volcomp_model::{
-    BODY_DIAGONALS, DIAGONAL_TARGETS, Machine, ModelError, diagonal_targets, diagonals,
-};
+use volcomp_model::{DIAGONAL_TARGETS, Diagonal, Machine, ModelError, diagonal_targets, diagonals};
 use volcomp_vocabulary::{AxisName, Displacement};
 
 use super::{Answer, fixed, machine_notes, rotary_note, table, table_text};
 use crate::{
-    answers::diagonals::{Diagonal, Diagonals},
-    compensation::{Compensation, CompensationArguments},
+    compensation::{Compensated, Compensation, CompensationArguments},
     failure::Failure,
     output::OutputFile,
     points::{MachineArguments, OthersArguments},
@@ -42,6 +41,19 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "MM_PER_MIN", default_value_t = 10_000, requires = "targets",
         value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     feed: u32,
+}
+
+/// The document of `volcomp diagonals`: letters are the direction of motion of X, Y and Z (P positive, N negative).
+#[derive(Debug, Serialize, JsonSchema)]
+#[serde(rename_all = "UPPERCASE")]
+pub(crate) struct Diagonals {
+    ppp: Diagonal,
+    npp: Diagonal,
+    pnp: Diagonal,
+    ppn: Diagonal,
+    /// How the correction was applied; only with `--compensated`, `--truth` or `--resolution`.
+    #[serde(rename = "compensated", skip_serializing_if = "Option::is_none")]
+    compensated: Option<Compensated>,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
@@ -74,14 +86,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             fixed(last, 3),
         ]);
     }
-    let [ppp, npp, pnp, ppn] = BODY_DIAGONALS.map(|name| {
-        let named = found.iter().find(|diagonal| diagonal.name == name);
-        // The model gives all four.
-        named.map_or_else(Diagonal::default, |diagonal| Diagonal {
-            deviation_um: diagonal.deviation_um.clone(),
-            range_um: diagonal.range_um,
-        })
-    });
+    let [ppp, npp, pnp, ppn] = found;
     let document = Diagonals {
         ppp,
         npp,

@@ -1,15 +1,16 @@
 //! `volcomp error`: the volumetric error at positions.
 
+use schemars::JsonSchema;
+use serde::Serialize;
 use volcomp_kinematics::{Form, State};
 use volcomp_model::{Machine, Temperatures};
 
 use super::{
-    Answer, fixed, machine_notes, micrometres, microradians,
-    outside::{outside, outside_note, remarks},
+    Answer, ByAxis, fixed, machine_notes, micrometres, microradians,
+    outside::{Outside, outside, outside_note, remarks},
     table, table_text,
 };
 use crate::{
-    answers::position::ErrorAt,
     failure::Failure,
     points::{ApproachArguments, MachineArguments, PointArguments},
 };
@@ -26,6 +27,19 @@ pub(crate) struct Arguments {
     /// Form of the model: exact (rigid transforms), htm (small-angle matrices) or twist (first order)
     #[arg(long, default_value_t = Form::Exact)]
     model: Form,
+}
+
+/// The volumetric error at one position, in workpiece axes.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct ErrorAt {
+    /// The position, mm and deg.
+    at: ByAxis,
+    /// Actual minus ideal tool tip along X, Y and Z, µm.
+    position_um: [f64; 3],
+    /// Rotation of the tool about X, Y and Z, µrad.
+    rotation_urad: [f64; 3],
+    #[serde(flatten)]
+    outside: Outside,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
@@ -46,6 +60,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
 fn evaluate(machine: &Machine, state: &State, form: Form, temperatures: &Temperatures) -> ErrorAt {
     let error = machine.error_at(state, form, temperatures);
     ErrorAt {
+        at: machine.coordinates(state),
         position_um: micrometres(&error.position_mm),
         rotation_urad: microradians(&error.rotation_rad),
         outside: outside(machine, state),

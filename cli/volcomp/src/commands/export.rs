@@ -9,12 +9,9 @@ use volcomp_tables::axis_table::{
 };
 use volcomp_vocabulary::{AxisKind, AxisName, Direction, Displacement};
 
-use super::{Answer, fixed, machine_notes, table, table_text};
+use super::{Answer, ByAxis, fixed, machine_notes, table, table_text};
 use crate::{
-    answers::{
-        ByAxis,
-        export::{self, CategoryLoss, Export, Loss, Made},
-    },
+    answers::export::{self, CategoryLoss, Export, Loss, Made},
     failure::{Failure, FileFailure},
     limit::{LimitArgument, RAISE_LIMIT},
     output::OutputFile,
@@ -384,10 +381,10 @@ fn of_axis(found: AxisLoss) -> export::AxisLoss {
 
 /// `X=100 Y=0 +`.
 fn place_of(at: &ByAxis, direction: Option<&str>) -> String {
-    let mut words: Vec<String> =
-        at.0.iter()
-            .map(|(name, at)| format!("{name}={}", fixed(*at, 0)))
-            .collect();
+    let mut words: Vec<String> = at
+        .iter()
+        .map(|(name, at)| format!("{name}={}", fixed(*at, 0)))
+        .collect();
     words.extend(direction.map(str::to_owned));
     words.join(" ")
 }

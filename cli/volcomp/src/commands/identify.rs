@@ -3,16 +3,14 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use volcomp_identify::{Identification, Kind, Observations, identify, unit_symbol};
+use schemars::JsonSchema;
+use serde::Serialize;
+use volcomp_identify::{
+    Figures, Identification, Kind, Next, Observations, Parameter, identify, unit_symbol,
+};
 
 use super::{Answer, fixed, refuse_overwriting, table, table_text};
-use crate::{
-    answers::identify::{Found, Identify as Document, Next, Parameter},
-    failure::Failure,
-    output::OutputFile,
-    progress,
-    table::folded,
-};
+use crate::{failure::Failure, output::OutputFile, progress, table::folded};
 
 /// Finds errors from trackers, spheres, ballbars, ball rows and diagonals
 #[derive(clap::Args)]
@@ -24,6 +22,15 @@ pub(crate) struct Arguments {
     output: PathBuf,
 }
 
+/// What was found from observations, and where it was written.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Identified {
+    /// The machine file that was written.
+    file: String,
+    #[serde(flatten)]
+    found: Identification,
+}
+
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let observations = Observations::read(&arguments.observations)?;
     refuse_overwriting(&observations.files, &arguments.output, "identification")?;
@@ -31,10 +38,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let found = find(&observations)?;
     output.append(found.machine.to_toml().as_bytes())?;
     output.finish()?;
-    let document = Document::new(arguments.output.display().to_string(), &found);
-    let text = text(&document, &arguments.output);
-    let notes = found.warnings.iter().map(ToString::to_string);
-    Answer::new(&document, text, notes.collect())
+    let text = text(&found, &arguments.output);
+    let notes = found.warnings.iter().map(ToString::to_string).collect();
+    let document = Identified {
+        file: arguments.output.display().to_string(),
+        found,
+    };
+    Answer::new(&document, text, notes)
 }
 
 /// Identifies with a progress bar.
@@ -43,8 +53,8 @@ pub(super) fn find(observations: &Observations) -> Result<Identification, Failur
     Ok(progress::with_bar("fits", work)?)
 }
 
-fn text(document: &Document, output: &Path) -> String {
-    let mut text = found_text(&document.found);
+fn text(found: &Identification, output: &Path) -> String {
+    let mut text = found_text(found);
     // Writing to a string never fails.
     let _ = writeln!(text, "wrote {}", output.display());
     text + EXPLAINED
@@ -65,7 +75,6 @@ const LITTLE: f64 = 1.05;
 fn next_text(next: &Next) -> String {
     let pose: Vec<String> = next
         .pose
-        .0
         .iter()
         .map(|(axis, at)| format!("{axis}={at}"))
         .collect();
@@ -97,7 +106,7 @@ fn next_text(next: &Next) -> String {
 }
 
 /// The tables of what was found, for people.
-pub(super) fn found_text(document: &Found) -> String {
+pub(super) fn found_text(document: &Identification) -> String {
     let mut found = table(&["unknown", "value", "uncertainty", ""]);
     let mut given_zero: Vec<&str> = Vec::new();
     for parameter in &document.parameters {
@@ -129,26 +138,17 @@ pub(super) fn found_text(document: &Found) -> String {
         text += &folded(&told, "");
     }
     let mut figures = table(&["what is left, µm", "rms", "max", ""]);
-    let mut add = |what: &str, rms: f64, max: f64, of: String| {
-        figures.add_row([what.to_owned(), fixed(rms, 2), fixed(max, 2), of]);
+    let mut add = |what: &str, left: Figures, of: String| {
+        let [rms, max] = [left.rms_um, left.max_um].map(|um| fixed(um, 2));
+        figures.add_row([what.to_owned(), rms, max, of]);
     };
-    let residual = &document.residual_um;
-    add("fitted rows", residual.rms, residual.max, String::new());
-    if let Some(left) = &document.left_out_um {
-        add(
-            "rows left out",
-            left.rms,
-            left.max,
-            format!("in {} parts", left.folds),
-        );
+    add("fitted rows", document.residual, String::new());
+    if let Some(left) = &document.left_out {
+        let parts = format!("in {} parts", left.folds);
+        add("rows left out", left.figures, parts);
     }
-    if let Some(judged) = &document.judged_um {
-        add(
-            "judged rows",
-            judged.rms,
-            judged.max,
-            format!("{} rows", judged.rows),
-        );
+    if let Some(judged) = document.judged {
+        add("judged rows", judged, format!("{} rows", judged.rows));
     }
     text.push('\n');
     text += &table_text(&figures);
@@ -177,7 +177,7 @@ pub(super) fn found_text(document: &Found) -> String {
 
 /// Where spheres are met, another sphere may help more than a pose.
 fn sphere_helps(next: &Next) -> &'static str {
-    if next.kind == Kind::Sphere.name() {
+    if next.kind == Kind::Sphere {
         "; another sphere, far from the rotary axes and at another height, may help more"
     } else {
         ""
@@ -196,6 +196,8 @@ fn shown(parameter: &Parameter, number: f64) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
     use super::*;
 
     /// Whatever the files and targets are called.
@@ -203,9 +205,9 @@ mod tests {
     fn another_sphere_is_advised_where_spheres_are_observed() {
         let text = |kind: Kind, target: &str| {
             let next = Next {
-                pose: core::iter::empty().collect(),
+                pose: BTreeMap::new(),
                 file: "a.csv".to_owned(),
-                kind: kind.name(),
+                kind,
                 target: Some(target.to_owned()),
                 tool: None,
                 parameter: "EB0C".to_owned(),

@@ -2,16 +2,23 @@
 
 use std::path::{Path, PathBuf};
 
+use schemars::JsonSchema;
+use serde::Serialize;
 use serde_json::{Map, Value};
 use volcomp_calibrate::files_below;
 use volcomp_metrology::{
-    Content, Measurement, MetrologyError, SeenReadings, axis_kind, errors_named, read_content,
+    Capture, ChannelLog, Content, DeviationUnit, Environment, FileFormat, Measurement, Metadata,
+    MetrologyError, Quantity, SeenReadings, axis_kind, errors_named, material_compensation,
+    oddities, read_content,
 };
 use volcomp_vocabulary::{AxisKind, Direction};
 
-use super::{Answer, several::some_refused, table, table_text};
+use super::{
+    Answer,
+    several::{Files, RefusedFile, some_refused},
+    table, table_text,
+};
 use crate::{
-    answers::inspect::{Inspect, Log, OneFile, Readings, Refused, Samples},
     failure::Failure,
     table::{folded, folded_behind, to_the_left},
 };
@@ -26,13 +33,194 @@ pub(crate) struct Arguments {
     files: Vec<PathBuf>,
 }
 
+/// What one file holds.
+#[derive(Debug, Serialize, JsonSchema)]
+#[serde(untagged)]
+pub(crate) enum Contents {
+    /// Readings at targets.
+    Readings(Box<MeasurementSummary>),
+    /// A dynamic capture.
+    Samples(Box<CaptureSummary>),
+    /// A log in which no column is named as target or reading.
+    Log(LogSummary),
+}
+
+/// A dynamic capture: samples over time, without targets.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct CaptureSummary {
+    /// Anomalies to consider before the samples are used.
+    warnings: Vec<String>,
+    /// The file as it was named in the call.
+    file: String,
+    /// `renishaw-capture`.
+    kind: &'static str,
+    /// The texts of the header.
+    #[serde(flatten)]
+    texts: Metadata,
+    /// Number of samples.
+    samples: usize,
+    /// Samples a second; null: not stated.
+    sample_rate_hz: Option<f64>,
+    /// Length of the capture; null where the rate is not stated.
+    duration_s: Option<f64>,
+    /// The smallest sample, in the unit of the program that captured it.
+    sample_min: Option<f64>,
+    /// The largest sample.
+    sample_max: Option<f64>,
+}
+
+/// A log of channels.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct LogSummary {
+    /// Anomalies to consider before the log is used.
+    warnings: Vec<String>,
+    /// The file as it was named in the call.
+    file: String,
+    /// `camonitor-log`.
+    kind: &'static str,
+    /// Date of the first line.
+    date: Option<String>,
+    /// Length of the log, s.
+    duration_s: f64,
+    /// The channels.
+    channels: Vec<Channel>,
+}
+
+/// One channel of a log.
+#[derive(Debug, Serialize, JsonSchema)]
+struct Channel {
+    /// Its name.
+    name: String,
+    /// Number of values.
+    values: usize,
+    /// The smallest value.
+    min: Option<f64>,
+    /// The largest value.
+    max: Option<f64>,
+}
+
+/// What a file with readings at targets says about itself, and its readings in short.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct MeasurementSummary {
+    /// Anomalies to consider before the readings are used.
+    warnings: Vec<String>,
+    /// The file as it was named in the call.
+    file: String,
+    /// The kind of file.
+    kind: Option<FileFormat>,
+    /// The instrument or program that writes such files.
+    instrument: Option<&'static str>,
+    /// What was measured; null: the file does not say.
+    quantity: Option<Quantity>,
+    /// How the sign of a deviation is meant.
+    sign: Option<&'static str>,
+    /// The texts of the header; a text that the file does not state is left out.
+    #[serde(flatten)]
+    texts: Metadata,
+    /// The unit of the deviations; null: the file does not say.
+    unit: Option<DeviationUnit>,
+    /// The targets, mm or deg, ascending.
+    targets: Vec<f64>,
+    /// Number of runs approached forward.
+    runs_forward: usize,
+    /// Number of runs approached backward.
+    runs_backward: usize,
+    /// Number of readings over all targets and runs.
+    readings: usize,
+    /// The smallest deviation, in the unit of the file.
+    deviation_min: Option<f64>,
+    /// The largest deviation, in the unit of the file.
+    deviation_max: Option<f64>,
+    /// How the file states that the readings were brought to 20 °C; null where a file of its kind cannot.
+    material_compensation: Option<String>,
+    /// The surroundings at the start and the end of the test; only what the file states.
+    environment: Environment,
+}
+
+impl CaptureSummary {
+    /// The document of a capture that was read.
+    fn new(file: String, capture: &Capture) -> Self {
+        let samples = || capture.samples.iter().copied();
+        Self {
+            warnings: capture.notes.clone(),
+            file,
+            kind: "renishaw-capture",
+            texts: capture.metadata.clone(),
+            samples: capture.samples.len(),
+            sample_rate_hz: capture.sample_rate_hz,
+            duration_s: capture.duration_s(),
+            sample_min: samples().reduce(f64::min),
+            sample_max: samples().reduce(f64::max),
+        }
+    }
+}
+
+impl LogSummary {
+    /// The document of a log that was read.
+    fn new(file: String, log: &ChannelLog) -> Self {
+        let mut warnings = vec![
+            "which channel is the target and which the reading is not known: state it in `channels`".to_owned(),
+        ];
+        warnings.extend(log.notes.iter().cloned());
+        let channel = |channel: &volcomp_metrology::Channel| {
+            let values = || channel.samples.iter().map(|(_, value)| *value);
+            Channel {
+                name: channel.name.clone(),
+                values: channel.samples.len(),
+                min: values().reduce(f64::min),
+                max: values().reduce(f64::max),
+            }
+        };
+        Self {
+            warnings,
+            file,
+            kind: "camonitor-log",
+            date: log.date.clone(),
+            duration_s: log.duration_s(),
+            channels: log.channels.iter().map(channel).collect(),
+        }
+    }
+}
+
+impl MeasurementSummary {
+    /// The document of a file that was read.
+    fn new(file: String, measurement: &Measurement) -> Self {
+        let deviations = || measurement.readings.iter().map(|reading| reading.deviation);
+        let [runs_forward, runs_backward] =
+            Direction::BOTH.map(|direction| measurement.runs(direction).len());
+        let environment = &measurement.environment;
+        let format = measurement.format;
+        // Straightness and angles do not grow with the material.
+        let is_laser = measurement.quantity == Some(Quantity::Positioning)
+            && format != Some(FileFormat::ApiPos);
+        Self {
+            warnings: oddities(measurement),
+            file,
+            kind: format,
+            instrument: format.map(FileFormat::instrument),
+            quantity: measurement.quantity,
+            sign: format.map(FileFormat::sign),
+            texts: measurement.metadata.clone(),
+            unit: measurement.unit,
+            targets: measurement.targets(),
+            runs_forward,
+            runs_backward,
+            readings: measurement.readings.len(),
+            deviation_min: deviations().reduce(f64::min),
+            deviation_max: deviations().reduce(f64::max),
+            material_compensation: is_laser.then(|| material_compensation(environment)),
+            environment: environment.clone(),
+        }
+    }
+}
+
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     if let [only] = &arguments.files[..]
         && !only.is_dir()
     {
         let content = read_content(only, None)?;
         let (document, text) = one(only.display().to_string(), &content)?;
-        return Answer::new(&Inspect::One(Box::new(document)), text, Vec::new());
+        return Answer::new(&Files::One(Box::new(document)), text, Vec::new());
     }
     let (mut files, mut texts, mut refused) = (Vec::new(), Vec::new(), Vec::new());
     let (mut others, mut overview) = (Others::default(), Overview::default());
@@ -48,7 +236,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
                 }
                 overview.add(&path, &content);
                 let (document, text) = one(file, &content)?;
-                files.push(document);
+                files.push(Files::One(Box::new(document)));
                 texts.push(text);
             }
             // A folder may hold notes and pictures, too.
@@ -57,8 +245,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
                 texts.push(refused_text(&file, &error));
                 overview.add_refused(&path);
                 let error = error.to_string();
-                refused.push((file.clone(), error.clone()));
-                files.push(OneFile::Refused(Refused { file, error }));
+                let file = RefusedFile { file, error };
+                refused.push(file.clone());
+                files.push(Files::Refused(file));
             }
         }
     }
@@ -72,7 +261,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             "no measurement files by their names, and not read: {not_read}"
         )]
     };
-    let answer = Answer::new(&Inspect::Many { files }, texts.join("\n"), notes)?;
+    let answer = Answer::new(&Files::Many { files }, texts.join("\n"), notes)?;
     Ok(Answer {
         failed: some_refused(&refused, count),
         ..answer
@@ -219,17 +408,17 @@ fn refused_text(file: &str, error: &MetrologyError) -> String {
     format!("{refused} {:<24}{file}\n", "file")
 }
 
-fn one(file: String, content: &Content) -> Result<(OneFile, String), Failure> {
+fn one(file: String, content: &Content) -> Result<(Contents, String), Failure> {
     let (document, measurement) = match content {
         Content::Measurement(measurement) => {
-            let readings = Readings::new(file, measurement);
-            (OneFile::Readings(Box::new(readings)), Some(&**measurement))
+            let readings = MeasurementSummary::new(file, measurement);
+            (Contents::Readings(Box::new(readings)), Some(&**measurement))
         }
         Content::Capture(capture) => (
-            OneFile::Samples(Box::new(Samples::new(file, capture))),
+            Contents::Samples(Box::new(CaptureSummary::new(file, capture))),
             None,
         ),
-        Content::Log(log) => (OneFile::Log(Log::new(file, log)), None),
+        Content::Log(log) => (Contents::Log(LogSummary::new(file, log)), None),
     };
     let value = serde_json::to_value(&document)
         .map_err(|e| Failure::Work(format!("the JSON document: {e}")))?;
@@ -278,7 +467,20 @@ fn text(document: &Map<String, Value>, measurement: Option<&Measurement>) -> Str
             }
             (_, Value::Object(quantities)) => {
                 for (name, value) in quantities {
-                    line(name, format!("{}{}", plain(value), surroundings_unit(name)));
+                    let unit = surroundings_unit(name);
+                    let Value::Array(sensors) = value else {
+                        line(name, format!("{}{unit}", plain(value)));
+                        continue;
+                    };
+                    for (index, value) in sensors.iter().enumerate() {
+                        if !value.is_null() {
+                            let sensor = index + 1;
+                            line(
+                                &format!("{name} {sensor}"),
+                                format!("{}{unit}", plain(value)),
+                            );
+                        }
+                    }
                 }
             }
             (_, Value::Null) => line(key, "not stated".to_owned()),
@@ -305,12 +507,11 @@ fn short_unit(measurement: &Measurement) -> &'static str {
 /// The unit of a quantity of the surroundings, as the document describes it.
 fn surroundings_unit(name: &str) -> &'static str {
     match name {
-        "air_temperature" => " °C",
+        "air_temperature" | "material_temperature" => " °C",
         "air_pressure" => " kPa",
         "air_humidity" => " %",
         "expansion_coefficient" => " µm/(m·K)",
         "environment_factor" => " µm",
-        name if name.starts_with("material_temperature") => " °C",
         _ => "",
     }
 }
@@ -325,7 +526,11 @@ fn targets_text(targets: &[Value], unit: &str) -> String {
 fn plain(value: &Value) -> String {
     match value {
         Value::String(text) => text.clone(),
-        Value::Array(pair) => pair.iter().map(plain).collect::<Vec<_>>().join(" to "),
+        Value::Array(all) => all.iter().map(plain).collect::<Vec<_>>().join(" to "),
+        Value::Object(pair) => {
+            let ends = ["start", "end"].map(|end| pair.get(end).map_or_else(String::new, plain));
+            ends.join(" to ")
+        }
         other => other.to_string(),
     }
 }

@@ -236,7 +236,6 @@ fn text(arguments: &Arguments, document: &MapTable) -> String {
     );
     let at: Vec<String> = document
         .at
-        .0
         .iter()
         .map(|(name, at)| format!("{name}={at:.3}"))
         .collect();
@@ -271,7 +270,6 @@ fn text(arguments: &Arguments, document: &MapTable) -> String {
     if let Some(elsewhere) = document.elsewhere_um {
         let held: Vec<String> = document
             .held
-            .0
             .iter()
             .map(|(name, at)| format!("{name}={at}"))
             .collect();

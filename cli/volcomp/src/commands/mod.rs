@@ -3,7 +3,7 @@
 pub(crate) mod age;
 pub(crate) mod axes;
 pub(crate) mod calibrate;
-mod calibrate_draft;
+pub(crate) mod calibrate_draft;
 pub(crate) mod check;
 pub(crate) mod compile;
 pub(crate) mod completions;
@@ -28,14 +28,14 @@ pub(crate) mod nc;
 mod nc_ball_row;
 mod nc_part;
 mod nc_verified;
-mod not_counted;
-mod outside;
+pub(crate) mod not_counted;
+pub(crate) mod outside;
 pub(crate) mod probe;
 pub(crate) mod report;
 mod same_machine;
 pub(crate) mod schema;
 pub(crate) mod sensitivity;
-mod several;
+pub(crate) mod several;
 pub(crate) mod simulate;
 mod simulated_files;
 pub(crate) mod squareness;
@@ -43,18 +43,23 @@ pub(crate) mod straightness;
 pub(crate) mod studio;
 mod uncertainty;
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use serde::Serialize;
 use serde_json::Value;
 use volcomp_kinematics::nalgebra::Vector3;
+use volcomp_metrology::Decision;
 use volcomp_model::{Machine, Temperatures};
-use volcomp_vocabulary::{AxisKind, Displacement};
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 
 pub(crate) use crate::table::{fixed, table, table_text};
-use crate::{
-    answers::quantity::Decision, failure::Failure, finite::first_not_finite, output::OutputFile,
-};
+use crate::{failure::Failure, finite::first_not_finite, output::OutputFile};
+
+/// Values by axis letter, in the order X Y Z A B C U V W.
+pub(crate) type ByAxis = BTreeMap<AxisName, f64>;
 
 /// The result of a command.
 pub(crate) struct Answer {

@@ -1,11 +1,29 @@
 //! What an uncertainty does not count: errors that the observations leave open, and what they move the tool by.
 
+use schemars::JsonSchema;
+use serde::Serialize;
 use volcomp_identify::{Identification, LeftOpen, Observations, machine_with};
 use volcomp_kinematics::{Form, State, nalgebra::Vector3};
 use volcomp_model::{Machine, MapGrid, Temperatures};
 
 use super::fixed;
-use crate::{answers::NotCounted, failure::Failure};
+use crate::failure::Failure;
+
+/// An error that the measurements of an uncertainty do not determine, and that the uncertainty does not count: what a plausible
+/// size of it would move the tool by, unseen by the measurements.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+pub(crate) struct NotCounted {
+    /// The name among the unknowns: `ECZ legendre 1`.
+    pub(crate) unknown: String,
+    /// The size that is told of.
+    pub(crate) size: f64,
+    /// The unit of the size: `um` or `urad`.
+    pub(crate) unit: &'static str,
+    /// How far this size moves the tool, µm; of a map the most over its nodes.
+    pub(crate) moves_um: f64,
+    /// By how much it turns the tool, µrad; of a map the most over its nodes.
+    pub(crate) turns_urad: f64,
+}
 
 /// The size of an error whose effect is told, µm or µrad.
 const EXAMPLE: f64 = 10.0;

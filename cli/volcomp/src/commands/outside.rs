@@ -1,9 +1,21 @@
 //! Positions that the model does not cover, and remarks on rows in words.
 
+use schemars::JsonSchema;
+use serde::Serialize;
 use volcomp_kinematics::State;
 use volcomp_model::Machine;
+use volcomp_vocabulary::{AxisName, ErrorName};
 
-use crate::{answers::position::Outside, table::folded};
+use crate::table::folded;
+
+/// The errors and axes for which a position is outside of what the model covers.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Outside {
+    /// Errors whose curves are evaluated outside their range, sorted by name.
+    pub(crate) outside_range: Vec<ErrorName>,
+    /// Axes outside their travel.
+    pub(crate) outside_travel: Vec<AxisName>,
+}
 
 /// The error motions and axes that are outside the range of the model at a state.
 pub(super) fn outside(machine: &Machine, state: &State) -> Outside {

@@ -3,14 +3,11 @@
 use std::{fmt::Write, time::Duration};
 
 use comfy_table::CellAlignment;
-use volcomp_devices::{Address, list, probe};
+use volcomp_devices::{Address, ControlFacts, Facts, LocalDevices, Probe, list, probe};
 use volcomp_port::DeviceError;
 
 use super::{Answer, table, table_text};
-use crate::{
-    answers::probe::{Control, Facts, Probe, ProbeList},
-    failure::Failure,
-};
+use crate::failure::Failure;
 
 /// Asks a device once for positions, temperatures and inputs, or lists the serial ports, CAN interfaces and GPIO lines
 #[derive(clap::Args)]
@@ -30,7 +27,7 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let Some(url) = arguments.url.as_ref().filter(|_| !arguments.list) else {
-        return listed(&ProbeList::from(list()));
+        return listed(&list());
     };
     let told = |e: DeviceError| {
         let message = e.to_string();
@@ -49,12 +46,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             Failure::Input(format!("--within: found {found}, expected 0 to 3600 s"))
         })?;
     let found = probe(&address, within).map_err(told)?;
-    let found = Probe::from(&found);
     Answer::new(&found, text(&found), Vec::new())
 }
 
 /// The serial ports, CAN interfaces and GPIO lines of this computer, as JSON and as a table.
-fn listed(found: &ProbeList) -> Result<Answer, Failure> {
+fn listed(found: &LocalDevices) -> Result<Answer, Failure> {
     let mut rows = table(&["device", "what it is", "state"]);
     for column in rows.column_iter_mut() {
         column.set_cell_alignment(CellAlignment::Left);
@@ -107,8 +103,7 @@ fn text(found: &Probe) -> String {
     let mut rows = table(&["", "", "", ""]);
     for (positions, unit) in [(&found.positions_mm, "mm"), (&found.positions_deg, "deg")] {
         for (name, at) in positions {
-            let value = format!("{:.4}", at.as_f64().unwrap_or(f64::NAN));
-            rows.add_row([name, &value, unit, ""]);
+            rows.add_row([name, &format!("{at:.4}"), unit, ""]);
         }
     }
     for temperature in &found.temperatures {
@@ -157,9 +152,9 @@ fn told(facts: &Facts) -> String {
             facts.round_trip_max_us
         ),
         Facts::Module(facts) => {
-            let not_proven = match &facts.not_proven {
-                Some(parts) => format!("not proven: {parts}\n"),
-                None => String::new(),
+            let not_proven = match &facts.unproven[..] {
+                [] => String::new(),
+                parts => format!("not proven: {}\n", parts.join("; ")),
             };
             let untold = match facts.outputs_told {
                 Some(false) => {
@@ -170,12 +165,15 @@ fn told(facts: &Facts) -> String {
             };
             format!("profile: {}\n{not_proven}{untold}", facts.profile)
         }
-        Facts::Bus(facts) => format!("frames: {}\nerrors: {}\n", facts.frames, facts.errors),
+        Facts::Bus(facts) => {
+            let frames: Vec<String> = facts.frames.iter().map(ToString::to_string).collect();
+            format!("frames: {}\nerrors: {}\n", frames.join(", "), facts.errors)
+        }
     }
 }
 
 /// From which words the control takes the shifts of its axes, in lines.
-fn shift_parameters(facts: &Control) -> String {
+fn shift_parameters(facts: &ControlFacts) -> String {
     match (facts.shift_in_use, facts.shift_words, &facts.shift_untold) {
         (Some(in_use), Some(first), _) => format!(
             "external zero point shift in use (parameter 1203#0): {in_use}\n\

@@ -2,20 +2,17 @@
 
 use std::path::{Path, PathBuf};
 
+use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_calibrate::different_machines;
-use volcomp_metrology::Metadata;
+use volcomp_metrology::{Decision, JudgedQuantity, Metadata};
 
 use super::Answer;
 use super::iso230::{
     judged::verdicts_text,
     rows::{self, Row},
 };
-use crate::{
-    answers::quantity::{Decision, Quantity},
-    failure::Failure,
-    table::folded,
-};
+use crate::{failure::Failure, table::folded};
 
 /// One file, evaluated.
 pub(crate) struct Evaluated<D> {
@@ -25,15 +22,31 @@ pub(crate) struct Evaluated<D> {
     /// What the file says of itself.
     pub(crate) metadata: Metadata,
     /// What stands in its row of the CSV file.
-    pub(crate) found: (Vec<Quantity>, Option<Decision>),
+    pub(crate) found: (Vec<JudgedQuantity>, Option<Decision>),
 }
 
-/// The documents that stand for several files.
-pub(crate) struct Documents<D> {
-    /// Of a file, and why it is refused.
-    pub(crate) refused: fn(String, String) -> D,
-    /// Of all files.
-    pub(crate) many: fn(Vec<D>) -> D,
+/// The document of one file, or of several.
+#[derive(Debug, Serialize, JsonSchema)]
+#[serde(untagged)]
+pub(crate) enum Files<D> {
+    /// Of several files, in their order.
+    Many {
+        /// The evaluation of each.
+        files: Vec<Self>,
+    },
+    /// Of one file.
+    One(Box<D>),
+    /// A file that is refused, among others.
+    Refused(RefusedFile),
+}
+
+/// A file that is refused, among others.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+pub(crate) struct RefusedFile {
+    /// The file as it was named in the call.
+    pub(crate) file: String,
+    /// Why it is refused.
+    pub(crate) error: String,
 }
 
 /// The answer to a call with these files, and the CSV file with a row for each. With one file what refuses it is the answer; with
@@ -41,7 +54,6 @@ pub(crate) struct Documents<D> {
 pub(crate) fn evaluated<D: Serialize>(
     files: &[PathBuf],
     csv: Option<&Path>,
-    documents: &Documents<D>,
     one: impl Fn(&Path) -> Result<Evaluated<D>, Failure>,
 ) -> Result<Answer, Failure> {
     let csv = csv.map(|path| rows::open(path, files)).transpose()?;
@@ -69,15 +81,16 @@ pub(crate) fn evaluated<D: Serialize>(
                 texts.push(format!("{file}\n{notes}{}", one.text));
                 rows.push(row(path, Ok(one.found)));
                 said.push((file, one.metadata));
-                all.push(one.document);
+                all.push(Files::One(Box::new(one.document)));
             }
             Err(failure @ (Failure::Call(_) | Failure::Work(_))) => return Err(failure),
             Err(failure) => {
                 let error = failure.message();
                 texts.push(folded(&format!("{file} REFUSED: {error}"), ""));
                 rows.push(row(path, Err(error.clone())));
-                refused.push((file.clone(), error.clone()));
-                all.push((documents.refused)(file, error));
+                let file = RefusedFile { file, error };
+                refused.push(file.clone());
+                all.push(Files::Refused(file));
             }
         }
     }
@@ -87,7 +100,7 @@ pub(crate) fn evaluated<D: Serialize>(
     }
     let said: Vec<(String, &Metadata)> =
         (said.iter()).map(|(file, of)| (file.clone(), of)).collect();
-    let document = (documents.many)(all);
+    let document = Files::Many { files: all };
     let decisions = rows.iter().filter_map(|row| row.found.as_ref().ok()?.1);
     let answer = Answer::new(&document, texts.join("\n"), different_machines(&said))?;
     let answer = decisions.fold(answer, |answer, decision| answer.decided(Some(decision)));
@@ -98,9 +111,9 @@ pub(crate) fn evaluated<D: Serialize>(
 }
 
 /// Why the program fails after all files were read: some, each with its error, were refused.
-pub(crate) fn some_refused(refused: &[(String, String)], count: usize) -> Option<Failure> {
-    let (_, first) = refused.first()?;
-    let files: Vec<&str> = refused.iter().map(|(file, _)| file.as_str()).collect();
+pub(crate) fn some_refused(refused: &[RefusedFile], count: usize) -> Option<Failure> {
+    let first = &refused.first()?.error;
+    let files: Vec<&str> = refused.iter().map(|of| of.file.as_str()).collect();
     Some(Failure::input(match files[..] {
         [_] => format!("1 of {count} files are refused: {first}"),
         _ => format!(

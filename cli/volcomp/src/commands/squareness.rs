@@ -2,20 +2,19 @@
 
 use std::path::PathBuf;
 
+use schemars::JsonSchema;
+use serde::Serialize;
 use volcomp_metrology::{
-    ODD_ABOVE, ReferenceKind, SquarenessInputs, StandardQuantity, squareness, squareness_parts,
+    Decision, DeviationUnit, JudgedQuantity, ODD_ABOVE, ReferenceKind, SquarenessInputs,
+    SquarenessUncertainty, StandardQuantity, judged, squareness, squareness_parts,
     squareness_uncertainty, straightness_of,
 };
 use volcomp_vocabulary::{ErrorName, Urad};
 
-use super::iso230::judged::{decision, decision_text, judged, quantities_text, tolerances};
+use super::iso230::judged::{decision_text, quantities_text, tolerances};
 use super::straightness::{Reference, key, odd, read};
 use super::{Answer, fixed, table, table_text};
-use crate::{
-    answers::straight::{Squareness, SquarenessPart, SquarenessUncertainty},
-    failure::Failure,
-    unit::Unit,
-};
+use crate::{failure::Failure, unit::Unit};
 
 /// Squareness of two axes from two straightness files
 #[derive(clap::Args)]
@@ -53,6 +52,45 @@ pub(crate) struct Arguments {
     /// Limit, µrad: squareness=20
     #[arg(long, value_name = "LIMIT")]
     tolerance: Option<String>,
+}
+
+/// The squareness of two axes, with its tolerance.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct SquarenessTest {
+    /// The squareness error: `EC0Y`, `EA0Z` or `EB0Z`.
+    error: String,
+    /// The two straightness errors with their files and slopes.
+    parts: [SquarenessPart; 2],
+    /// The angle of the reference beams, less 90°, µrad.
+    reference_angle_urad: f64,
+    /// The reference line whose slopes count.
+    reference: &'static str,
+    /// The squareness, µrad.
+    squareness_urad: f64,
+    /// Its expanded uncertainty (k = 2), µrad, of what is stated; null where a file has two targets or with another line than that of
+    /// least squares.
+    uncertainty_urad: Option<f64>,
+    /// Its contributions; null where it is.
+    uncertainty: Option<SquarenessUncertainty>,
+    /// The squareness as a quantity, with its tolerance.
+    quantities: Vec<JudgedQuantity>,
+    /// The decision over all tolerances; null without any.
+    decision: Option<Decision>,
+    /// Whether it is within its tolerance; null without one.
+    pass: Option<bool>,
+    /// Notes in words on the files and their readings.
+    notes: Vec<String>,
+}
+
+/// One of the two lines.
+#[derive(Debug, Serialize, JsonSchema)]
+struct SquarenessPart {
+    /// The straightness error: `EXY`.
+    error: String,
+    /// The file as it was named in the call.
+    file: String,
+    /// The slope of its reference line, µrad.
+    slope_urad: f64,
 }
 
 const SYMBOL: &str = "squareness";
@@ -128,22 +166,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         value: Some(value),
     };
     let u = |_: &str| uncertainty;
-    let quantities = judged("ISO 230-1", vec![quantity], "urad", &tolerances, &u);
-    let decision = decision(&quantities);
-    let document = Squareness {
+    let quantities = judged("ISO 230-1", [quantity], DeviationUnit::Urad, &tolerances, u);
+    let decision = Decision::over(&quantities);
+    let document = SquarenessTest {
         error: arguments.error.to_string(),
         parts,
         reference_angle_urad: angle,
         reference: key(kind),
         squareness_urad: value,
         uncertainty_urad: uncertainty,
-        uncertainty: whole.map(|whole| SquarenessUncertainty {
-            scatter_urad: whole.scatter_urad,
-            square_urad: whole.square_urad,
-            straight_edge_urad: whole.straight_edge_urad,
-            temperature_urad: whole.temperature_urad,
-            left_out: whole.left_out,
-        }),
+        uncertainty: whole,
         pass: decision.map(|d| d.pass),
         decision,
         quantities,
@@ -157,7 +189,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
 fn notes_on(
     arguments: &Arguments,
     value: f64,
-    whole: Option<&volcomp_metrology::SquarenessUncertainty>,
+    whole: Option<&SquarenessUncertainty>,
 ) -> Vec<String> {
     let mut notes = Vec::new();
     match whole {
@@ -194,7 +226,7 @@ fn uncertainty(
     arguments: &Arguments,
     kind: ReferenceKind,
     lines: &[(Option<f64>, f64)],
-) -> Result<Option<volcomp_metrology::SquarenessUncertainty>, Failure> {
+) -> Result<Option<SquarenessUncertainty>, Failure> {
     let &[(Some(first), first_mm), (Some(second), second_mm)] = lines else {
         return Ok(None);
     };
@@ -229,7 +261,7 @@ fn uncertainty_text(uncertainty: &SquarenessUncertainty) -> String {
     format!("\nMeasurement uncertainty\n{}", table_text(&rows))
 }
 
-fn text(document: &Squareness) -> String {
+fn text(document: &SquarenessTest) -> String {
     let mut rows = table(&["", "slope µrad"]);
     for part in &document.parts {
         rows.add_row([part.error.clone(), fixed(part.slope_urad, 2)]);

@@ -6,18 +6,19 @@ use std::{
 };
 
 use clap::ValueEnum;
+use schemars::JsonSchema;
+use serde::Serialize;
 use volcomp_metrology::{
-    DeviationUnit, Measurement, Metadata, ReferenceKind, StandardQuantity, Straightness,
-    TiltReading, Tolerance, angular_method_um, axis_named, odd_size, read_file, straightness_of,
-    straightness_of_profile,
+    Decision, DeviationUnit, JudgedQuantity, Measurement, Metadata, ReferenceKind,
+    StandardQuantity, Straightness, TiltReading, Tolerance, angular_method_um, axis_named, judged,
+    odd_size, read_file, straightness_of, straightness_of_profile,
 };
 use volcomp_vocabulary::{AxisKind, AxisName, ErrorName};
 
-use super::iso230::judged::{decision, decision_text, judged, quantities_text, tolerances};
-use super::several::{Documents, Evaluated, evaluated};
+use super::iso230::judged::{decision_text, quantities_text, tolerances};
+use super::several::{Evaluated, evaluated};
 use super::{Answer, fixed, table, table_text};
 use crate::{
-    answers::straight::{Straightness as Document, StraightnessDocument},
     failure::Failure,
     unit::{self, Unit},
 };
@@ -47,6 +48,33 @@ pub(crate) struct Arguments {
     /// Write a CSV file, a row for each file that is read
     #[arg(long, short = 'o', value_name = "FILE")]
     csv: Option<PathBuf>,
+}
+
+/// The straightness of a motion.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct StraightnessTest {
+    /// The file as it was named in the call.
+    file: String,
+    /// How the readings were made: `direct`, or `angular-method` with `--bridge-mm`.
+    method: &'static str,
+    /// The straightness about each reference line.
+    quantities: Vec<JudgedQuantity>,
+    /// The slope of each reference line, µrad: least squares, end points, minimum zone.
+    slopes_urad: [f64; 3],
+    /// Standard uncertainty of the slope of least squares by the residuals, µrad; null with two targets.
+    slope_standard_uncertainty_urad: Option<f64>,
+    /// The largest difference of the two directions, µm; null with one direction or by the angular method.
+    reversal_um: Option<f64>,
+    /// The reference line that is taken out of the profile below.
+    reference: &'static str,
+    /// Targets, mm, and deviations from that line, µm.
+    profile: Vec<[f64; 2]>,
+    /// The decision over all tolerances; null without any.
+    decision: Option<Decision>,
+    /// Whether every quantity with a tolerance passes; null without tolerances.
+    pass: Option<bool>,
+    /// Notes in words on the file and its readings.
+    notes: Vec<String>,
 }
 
 /// A reference line.
@@ -80,19 +108,15 @@ const SYMBOLS: [&str; 3] = ["least-squares", "end-points", "minimum-zone"];
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let tolerances = tolerances(arguments.tolerance.as_deref(), &SYMBOLS)?;
-    let documents = Documents {
-        refused: |file, error| StraightnessDocument::Refused { file, error },
-        many: |files| StraightnessDocument::Many { files },
-    };
     let csv = arguments.csv.as_deref();
-    evaluated(&arguments.files, csv, &documents, |path| {
+    evaluated(&arguments.files, csv, |path| {
         let document = one(path, arguments, &tolerances)?;
         Ok(Evaluated {
             text: text(&document, arguments.files.len() == 1),
             metadata: Metadata::default(),
             notes: document.notes.clone(),
             found: (document.quantities.clone(), document.decision),
-            document: StraightnessDocument::One(Box::new(document)),
+            document,
         })
     })
 }
@@ -130,7 +154,11 @@ fn refuse_positioning(path: &Path, measurement: &Measurement) -> Result<(), Fail
     Ok(())
 }
 
-fn one(path: &Path, arguments: &Arguments, tolerances: &[Tolerance]) -> Result<Document, Failure> {
+fn one(
+    path: &Path,
+    arguments: &Arguments,
+    tolerances: &[Tolerance],
+) -> Result<StraightnessTest, Failure> {
     let (found, mut notes, method) = match arguments.bridge_mm {
         None => {
             let measurement = read(path, arguments.unit)?;
@@ -193,7 +221,7 @@ fn document(
     found: &Straightness,
     method: &'static str,
     notes: Vec<String>,
-) -> Document {
+) -> StraightnessTest {
     let quantities = found.about.iter().map(|about| StandardQuantity {
         symbol: key(about.kind),
         name: match about.kind {
@@ -204,12 +232,12 @@ fn document(
         value: Some(about.error_um),
     });
     let none = |_: &str| None;
-    let quantities = judged("ISO 230-1", quantities.collect(), "um", tolerances, &none);
-    let decision = decision(&quantities);
+    let quantities = judged("ISO 230-1", quantities, DeviationUnit::Um, tolerances, none);
+    let decision = Decision::over(&quantities);
     let kind = arguments.reference.kind();
     let profile = found.of(kind).line.removed_from(&found.profile);
     let slopes = [0, 1, 2].map(|k: usize| found.about[k].line.slope().0);
-    Document {
+    StraightnessTest {
         file: path.display().to_string(),
         method,
         slopes_urad: slopes,
@@ -224,7 +252,7 @@ fn document(
     }
 }
 
-fn text(document: &Document, with_names: bool) -> String {
+fn text(document: &StraightnessTest, with_names: bool) -> String {
     let mut rows = table(&["target", "deviation"]);
     for [target, deviation] in &document.profile {
         rows.add_row([target.to_string(), fixed(*deviation, 2)]);

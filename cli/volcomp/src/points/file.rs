@@ -17,9 +17,6 @@ pub(crate) struct PointFile {
     pub(super) axes: Vec<AxisName>,
 }
 
-/// The errors in a file of `volcomp map`, whose heads begin with the letters of axes.
-const ERRORS_OF_A_MAP: [&str; 6] = ["x_um", "y_um", "z_um", "a_urad", "b_urad", "c_urad"];
-
 /// What stands behind the letter of an axis in the columns that `volcomp correct` adds.
 const OF_A_CORRECTION: [&str; 4] = [
     "_corrected_mm",
@@ -129,7 +126,7 @@ fn head(text: &str) -> Head<'_> {
     let unit = split_head(text).1;
     // A letter that goes on into a word is no axis: `Zone`, `amount`.
     let is_word = rest.starts_with(char::is_alphabetic);
-    if is_word || ERRORS_OF_A_MAP.contains(&text) || OF_A_CORRECTION.contains(&rest) {
+    if is_word || OF_A_CORRECTION.contains(&rest) {
         Head::Other
     } else if axis_of_head(&format!("{name}{rest}")) == Some(name) {
         Head::Coordinates(name)
@@ -188,7 +185,8 @@ mod tests {
             "amount",
             "X_corrected_mm",
             "X_correction_um",
-            "x_um",
+            "error_x_um",
+            "uncertainty_x_um",
             "µ",
         ] {
             assert_eq!(head(text), Head::Other, "{text}");

@@ -10,6 +10,8 @@ use std::{
 };
 
 use clap::Args;
+use schemars::JsonSchema;
+use serde::Serialize;
 use volcomp_document::{CsvTable, ReadError};
 use volcomp_kinematics::State;
 use volcomp_model::{Machine, ModelError, Temperatures};
@@ -21,7 +23,7 @@ use self::{
     file::PointFile,
     words::{AXES, SENSORS, assignments, number},
 };
-use crate::{answers::OneOrMany, failure::Failure};
+use crate::failure::Failure;
 
 /// The machine and what is in its spindle.
 #[derive(Args)]
@@ -115,6 +117,19 @@ pub(crate) struct ApproachArguments {
     /// Direction of the last motion, for bidirectional curves: X=+,Y=-
     #[arg(long, allow_hyphen_values = true)]
     pub(crate) approach: Option<String>,
+}
+
+/// One position asked for with `--at`, or many with `--points`.
+#[derive(Debug, Serialize, JsonSchema)]
+#[serde(untagged)]
+pub(crate) enum OneOrMany<T> {
+    /// The answer at the one position.
+    One(T),
+    /// The answers in the order of the rows.
+    Many {
+        /// One answer for each row.
+        points: Vec<T>,
+    },
 }
 
 /// The positions asked for: one, or those of a file.

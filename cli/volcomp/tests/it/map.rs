@@ -49,7 +49,7 @@ fn the_uncertainty_is_the_same_on_any_number_of_cores() {
     assert_eq!(
         lines.next(),
         Some(
-            "X_mm,Y_mm,Z_mm,x_um,y_um,z_um,a_urad,b_urad,c_urad,u_x_um,u_y_um,u_z_um,u_a_urad,u_b_urad,u_c_urad"
+            "X_mm,Y_mm,Z_mm,error_x_um,error_y_um,error_z_um,error_a_urad,error_b_urad,error_c_urad,uncertainty_x_um,uncertainty_y_um,uncertainty_z_um,uncertainty_a_urad,uncertainty_b_urad,uncertainty_c_urad"
         )
     );
     let rows: Vec<Vec<f64>> = lines

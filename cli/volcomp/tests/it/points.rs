@@ -163,6 +163,13 @@ fn every_column_passes_through_and_an_answer_is_read_again() {
     json(&["map", "-m", GANTRY, "--grid", "2x2x2", "-o", &map]);
     let read = json(&["error", "-m", GANTRY, "--points", &map]);
     assert_eq!(read["points"].as_array().map(Vec::len), Some(8));
+    let last = json!({ "X": 8000.0, "Y": 4000.0, "Z": 2500.0 });
+    assert_eq!(read["points"][7]["at"], last);
+    // Columns named `x_um` and `a_urad` may be positions in other units.
+    let old = fs::read_to_string(&map).expect("written");
+    fs::write(&map, old.replace("error_", "")).expect("written");
+    let message = refused(&["error", "-m", GANTRY, "--points", &map]);
+    assert!(message.contains("found column `a_urad`"), "{message}");
 }
 
 #[test]

@@ -239,7 +239,7 @@ fn laser_files_make_a_machine_file() {
     // The reversals of the truth, 3, -2 and 2.5 um.
     for (error, reversal) in [("EXX", 3.0), ("EYY", -2.0), ("EZZ", 2.5)] {
         let curve = curves.iter().find(|c| c["error"] == error).expect("fitted");
-        let found = number(&curve["reversal_um"]);
+        let found = number(&curve["reversal"]);
         assert!((found - reversal).abs() < 2.0, "{error}: {found}");
     }
     json(&["error", "-m", &machine, "--at", "X=100,Y=100,Z=100"]);

@@ -250,12 +250,7 @@ fn rows_of_the_machine_itself_are_taken() {
     assert!(value(&found, "EX0C").0.abs() < 1.0);
     // Instead of a place of the tip that no ball has, one that turns about a ball.
     let next = found.next.expect("a pose");
-    let of = |axis| {
-        next.pose
-            .iter()
-            .find(|(name, _)| *name == axis)
-            .map(|(_, at)| *at)
-    };
+    let of = |axis| next.pose.get(&axis).copied();
     let [x, y, z, c, b] = [
         AxisName::X,
         AxisName::Y,
@@ -416,12 +411,7 @@ fn a_pose_is_proposed_that_tells_of_what_is_not_determined() {
         .expect("found");
     let next = found.next.expect("a pose");
     assert_eq!(next.improvement, None);
-    let c = next
-        .pose
-        .iter()
-        .find(|(axis, _)| *axis == AxisName::C)
-        .expect("C")
-        .1;
+    let c = next.pose[&AxisName::C];
     assert!(c.rem_euclid(360.0) > 5.0, "{next:?}");
     assert!(
         ["EX0C", "EA0C"].contains(&next.parameter.as_str()),

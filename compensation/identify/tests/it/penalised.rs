@@ -51,7 +51,7 @@ fn a_straight_line_takes_two_coefficients_and_a_wave_takes_what_it_needs() {
     });
     let rms = (wrong.sum::<f64>() / 100.0).sqrt();
     assert!(rms < 0.8, "{rms}");
-    let left = bent.left_out.expect("judged").0.rms_um;
+    let left = bent.left_out.expect("judged").figures.rms_um;
     assert!((0.8..1.6).contains(&left), "{left}");
 }
 

@@ -74,7 +74,7 @@ target = \"unknown\"
         .expect("found");
     // What is left at zero is the same only to the first order: products of errors of 30 µrad are left.
     assert!(found.residual.max_um < 1e-3, "{:?}", found.residual);
-    let left = found.left_out.expect("judged").0;
+    let left = found.left_out.expect("judged").figures;
     assert!(left.max_um < 1e-2, "{left:?}");
     // Single parameters depend on what is left at zero; the volumetric errors do not, but for one rigid motion.
     let (frame_c, _) = value(&found, "t.csv:frame.c");

@@ -15,7 +15,7 @@ fn lines_are_probed() {
         (found.device.as_str(), &found.inputs[..]),
         (url, &[false; 15][..])
     );
-    assert_eq!(found.positions[0].at.mm_or_deg(), 0.0);
+    assert_eq!(found.positions_mm["published"], 0.0);
     let swapped = "gpio://?position=panel-in:0-7&correction=panel-up:0-14";
     let message = probe(&Address::parse(swapped).unwrap(), Duration::from_secs(1)).unwrap_err();
     assert!(
@@ -46,14 +46,11 @@ fn a_bus_is_probed() {
     let _control = Running::start(Command::new("bash").args(["-c", &script]));
     let address = Address::parse("can://vcan0").unwrap();
     let found = probe(&address, Duration::from_millis(800)).unwrap();
-    let positions: Vec<_> = found
-        .positions
-        .iter()
-        .map(|p| (&*p.name, p.at.mm_or_deg()))
-        .collect();
+    let positions = &found.positions_mm;
     assert_eq!(positions.len(), 2);
-    assert_eq!(positions[0].0, "X");
-    assert!((positions[0].1 - 100.0).abs() < 1e-9 && (positions[1].1 + 2.0).abs() < 1e-9);
+    assert!((positions["X"] - 100.0).abs() < 1e-9, "{positions:?}");
+    let other = positions.iter().find(|(name, _)| *name != "X");
+    assert!(other.is_some_and(|(_, at)| (at + 2.0).abs() < 1e-9));
     let Some(Facts::Bus(bus)) = found.facts else {
         panic!("{:?}", found.facts);
     };

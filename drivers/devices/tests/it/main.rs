@@ -2,12 +2,12 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-use std::time::Duration;
+use std::{collections::BTreeMap, time::Duration};
 
-use volcomp_devices::{Address, Facts, Scheme, ShiftParameters, focas_config, probe, thermometer};
+use volcomp_devices::{Address, Facts, Scheme, focas_config, probe, thermometer};
 use volcomp_focas::simulator::{Options, Simulator, World};
 use volcomp_port::DeviceError;
-use volcomp_vocabulary::{AxisKind, AxisName};
+use volcomp_vocabulary::AxisName;
 
 fn message(url: &str) -> String {
     match Address::parse(url) {
@@ -147,30 +147,22 @@ fn a_control_is_probed() {
     let simulator = Simulator::start("127.0.0.1:0", Options::default(), world).unwrap();
     let address = Address::parse(&format!("focas://{}", simulator.address())).unwrap();
     let found = probe(&address, Duration::from_secs(2)).unwrap();
-    let positions: Vec<_> = found
-        .positions
-        .iter()
-        .map(|p| (&*p.name, p.at.kind(), p.at.mm_or_deg()))
-        .collect();
-    assert_eq!(
-        positions,
-        [
-            ("X", AxisKind::Linear, 1.5),
-            ("Y", AxisKind::Linear, -2.0),
-            ("C", AxisKind::Rotary, 90.0)
-        ]
-    );
+    let by_name = |names: &[(&str, f64)]| {
+        let names = names.iter().map(|(name, at)| ((*name).to_owned(), *at));
+        names.collect::<BTreeMap<_, _>>()
+    };
+    assert_eq!(found.positions_mm, by_name(&[("X", 1.5), ("Y", -2.0)]));
+    assert_eq!(found.positions_deg, by_name(&[("C", 90.0)]));
     let Some(Facts::Control(control)) = found.facts else {
         panic!("{:?}", found.facts);
     };
     assert_eq!((&*control.series, control.version), ("D4G3 28.0", 3));
     assert!(!control.alarm && !control.emergency_stop);
-    let parameters = ShiftParameters {
-        in_use: true,
-        first: 100,
-    };
-    assert_eq!(control.shift_source, Ok(parameters));
-    assert!(control.round_trip_median <= control.round_trip_longest);
+    assert_eq!(
+        (control.shift_in_use, control.shift_words),
+        (Some(true), Some(100))
+    );
+    assert!(control.round_trip_p50_us <= control.round_trip_max_us);
 }
 
 /// A profile from disk is used like a shipped one; what is wrong in it is told with file, line and key.

@@ -35,6 +35,7 @@ pub struct ThermalFit {
 /// A stretch of time, and how far off a fit is in it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ThermalSegment {
     /// Time of its first row, s.
     pub from_s: f64,

@@ -28,8 +28,9 @@ pub struct ThermalNumber {
 /// The error of validation with so many numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ThermalSize {
-    /// How many numbers.
+    /// Number of numbers.
     pub numbers: usize,
     /// Root mean square of the errors of validation, µm or µrad.
     pub rms: f64,

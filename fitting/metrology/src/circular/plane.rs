@@ -5,6 +5,7 @@ use volcomp_vocabulary::{AxisName, Component, ErrorName};
 /// The plane of a circle; angles run from the first axis to the second.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum CircularPlane {
     /// From X to Y.
     #[default]

@@ -22,6 +22,7 @@ use crate::{DeviationUnit, MetrologyError};
 /// What a part of the deviation comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum SignatureKind {
     /// The axes are not square.
@@ -58,6 +59,7 @@ impl SignatureKind {
 /// One signature with its size and its share.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Signature {
     /// What it is.
     pub kind: SignatureKind,
@@ -67,7 +69,7 @@ pub struct Signature {
     /// The unit of the size.
     pub unit: DeviationUnit,
     /// Expanded uncertainty (k = 2) of the size by what the fit leaves, in the same unit.
-    pub u: f64,
+    pub uncertainty: f64,
     /// How much of the circular deviation it makes by itself: the range of its radial deviation, µm.
     pub range_um: f64,
     /// Its range as a share of the ranges of all signatures.
@@ -329,7 +331,7 @@ impl Fit {
             kind,
             size: factor * found[column],
             unit,
-            u: 2.0 * factor.abs() * self.variances[column].sqrt(),
+            uncertainty: 2.0 * factor.abs() * self.variances[column].sqrt(),
             range_um: range(&[column]),
             share: 0.0,
         };
@@ -344,7 +346,7 @@ impl Fit {
                 kind,
                 size: sum / count,
                 unit: DeviationUnit::Um,
-                u: 2.0 / count * variance.sqrt(),
+                uncertainty: 2.0 / count * variance.sqrt(),
                 range_um: range(&columns),
                 share: 0.0,
             })

@@ -83,7 +83,7 @@ impl Machine {
 
 fn found(signatures: &Signatures, kind: SignatureKind) -> (f64, f64) {
     let one = signatures.ranked.iter().find(|s| s.kind == kind).unwrap();
-    (one.size, one.u)
+    (one.size, one.uncertainty)
 }
 
 #[track_caller]
@@ -611,7 +611,12 @@ fn an_arc_says_nothing_of_spikes_that_it_does_not_pass() {
             near(found(&told, kind).0, size, 1.0);
         }
         for signature in &told.ranked {
-            assert!(signature.u < 5.0, "{:?} ± {}", signature.kind, signature.u);
+            assert!(
+                signature.uncertainty < 5.0,
+                "{:?} ± {}",
+                signature.kind,
+                signature.uncertainty
+            );
         }
     }
 }

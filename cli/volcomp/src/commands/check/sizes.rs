@@ -7,7 +7,7 @@ use volcomp_model::{Component, ErrorName, Machine};
 use volcomp_vocabulary::{AxisKind, AxisName, Direction, MAX_AXES};
 
 use super::words::meaning;
-use crate::answers::{ByAxis, check::Size};
+use crate::answers::check::Size;
 
 /// Points over the travel of an axis at which a curve is looked up, besides the places that it has itself.
 const STEPS: usize = 1000;
@@ -113,7 +113,7 @@ fn over_travel(machine: &Machine, name: ErrorName, curve: &ErrorCurve) -> Size {
         unit: name.component.unit().to_owned(),
         smallest: found.smallest,
         largest: found.largest,
-        at: Some(at.collect::<ByAxis>()),
+        at: Some(at.collect()),
     }
 }
 

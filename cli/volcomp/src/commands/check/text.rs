@@ -151,9 +151,7 @@ fn at(size: &Size) -> String {
     let Some(at) = &size.at else {
         return String::new();
     };
-    let at =
-        at.0.iter()
-            .map(|(name, place)| format!("{name}={place:.0}"));
+    let at = at.iter().map(|(name, place)| format!("{name}={place:.0}"));
     at.collect::<Vec<_>>().join(" ")
 }
 
@@ -200,7 +198,7 @@ fn places(check: &Check) -> String {
 /// `X- Y+ Z-`: which end of travel each axis stands at.
 fn corner(check: &Check, place: &Place) -> String {
     let ends = check.axes.iter().filter_map(|axis| {
-        let at = *place.at.0.get(&axis.name)?;
+        let at = *place.at.get(&axis.name)?;
         let [low, high] = axis.travel;
         (axis.name.mcs_index() == axis.name.index()).then(|| {
             let end = if at == high && low != high { '+' } else { '-' };

@@ -5,10 +5,9 @@ use volcomp_document::{Column, CsvTable};
 use volcomp_model::Machine;
 use volcomp_vocabulary::AxisName;
 
-use super::norm;
+use super::{CorrectionAt, norm};
 use crate::{
-    answers::{NotCounted, position::CorrectionAt},
-    commands::outside::joined,
+    commands::{not_counted::NotCounted, outside::joined},
     failure::Failure,
     table::fixed,
 };
@@ -71,12 +70,12 @@ impl<'t> Columns<'t> {
                         .map(|(column, _)| row.cell(*column).text().to_owned())
                         .collect()
                 }
-                None => self.numbers(correction.command.0.values()),
+                None => self.numbers(correction.command.values()),
             };
-            cells.extend(self.numbers(correction.corrected.0.values()));
-            cells.extend(self.numbers(correction.correction.0.values()));
+            cells.extend(self.numbers(correction.corrected.values()));
+            cells.extend(self.numbers(correction.correction.values()));
             if let Some(uncertainty) = &correction.uncertainty {
-                cells.extend(self.numbers(uncertainty.0.values()));
+                cells.extend(self.numbers(uncertainty.values()));
             }
             if let Some(not_counted) = &correction.not_counted {
                 let told: Vec<String> = not_counted.iter().map(|of| self.told(of)).collect();

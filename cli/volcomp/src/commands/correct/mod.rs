@@ -5,17 +5,19 @@ mod text;
 
 use std::path::PathBuf;
 
+use schemars::JsonSchema;
+use serde::Serialize;
 use volcomp_kinematics::{CorrectionOptions, State, correct};
 use volcomp_model::{Ensemble, Machine, Temperatures};
 use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
 
 use super::{
-    Answer, in_degrees, machine_notes, micro, micrometres, microradians,
-    outside::{outside, outside_note},
+    Answer, ByAxis, in_degrees, machine_notes, micro, micrometres, microradians,
+    not_counted::NotCounted,
+    outside::{Outside, outside, outside_note},
     uncertainty::UncertaintyArguments,
 };
 use crate::{
-    answers::{ByAxis, position::CorrectionAt},
     failure::Failure,
     output::OutputFile,
     points::{ApproachArguments, MachineArguments, PointArguments, axis},
@@ -42,6 +44,41 @@ pub(crate) struct Arguments {
     output: Option<PathBuf>,
     #[command(flatten)]
     uncertainty: UncertaintyArguments,
+}
+
+/// The correction at one commanded position.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct CorrectionAt {
+    /// The correction to be added to the command: µm for linear axes, µrad for rotary axes.
+    correction: ByAxis,
+    /// The standard uncertainty (k = 1) of the correction: µm for linear axes, µrad for rotary axes; only with
+    /// `--uncertainty`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    uncertainty: Option<ByAxis>,
+    /// The errors that the observations do not determine, which the uncertainty does not count, the one that moves the tool most
+    /// first; only with `--uncertainty`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    not_counted: Option<Vec<NotCounted>>,
+    /// Error of the tool tip that the correction leaves, in workpiece axes, µm.
+    residual_um: [f64; 3],
+    /// Error of the tool axis that the correction leaves, in workpiece axes, µrad.
+    residual_axis_urad: [f64; 3],
+    /// How many Newton steps were taken.
+    iterations: usize,
+    /// Whether these steps brought what the axes can correct below 1e-5 µm and 1e-4 µrad.
+    converged: bool,
+    /// Whether a direction of the tool axis cannot be corrected: near a singular pose, or with fewer than two
+    /// rotary axes.
+    singular: bool,
+    /// Whether the pose is within about 6° of a singular one of two rotary axes, where rotary corrections are more
+    /// than ten times the error of the tool axis, or leave a direction of it out.
+    near_singular: bool,
+    /// The commanded position, mm or deg.
+    command: ByAxis,
+    /// The command with the correction added, mm or deg.
+    corrected: ByAxis,
+    #[serde(flatten)]
+    outside: Outside,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
@@ -138,7 +175,7 @@ fn evaluate(
         converged: found.converged,
         singular: found.tool_axis_partial,
         near_singular: found.near_singular,
-        command: by_axis(&|index, kind| in_degrees(kind, state.q[index])),
+        command: machine.coordinates(state),
         corrected: by_axis(&|index, kind| in_degrees(kind, state.q[index] + found.delta[index])),
         outside: outside(machine, state),
     }

@@ -5,10 +5,13 @@ use std::{collections::BTreeSet, fmt::Write};
 use volcomp_model::Machine;
 use volcomp_vocabulary::AxisName;
 
-use super::norm;
+use super::{CorrectionAt, norm};
 use crate::{
-    answers::{ByAxis, NotCounted, position::CorrectionAt},
-    commands::{not_counted::words, outside::remarks},
+    commands::{
+        ByAxis,
+        not_counted::{NotCounted, words},
+        outside::remarks,
+    },
     table::{fixed, folded, table, table_text},
 };
 
@@ -26,9 +29,9 @@ fn one(row: &CorrectionAt, rotary: usize) -> String {
         header.push("u");
     }
     let mut axes = table(&header);
-    for (&name, correction) in &row.correction.0 {
+    for (&name, correction) in &row.correction {
         let number = |values: &ByAxis, digits| {
-            let value = values.0.get(&name).copied().unwrap_or(0.0);
+            let value = values.get(&name).copied().unwrap_or(0.0);
             fixed(value, digits)
         };
         let mut cells = vec![
@@ -87,9 +90,9 @@ fn many(machine: &Machine, rows: &[CorrectionAt], rotary: usize) -> String {
     let mut table = table(&header.iter().map(String::as_str).collect::<Vec<_>>());
     for (index, row) in rows.iter().enumerate() {
         let mut cells = vec![(index + 1).to_string()];
-        cells.extend(row.correction.0.values().map(|value| fixed(*value, 3)));
+        cells.extend(row.correction.values().map(|value| fixed(*value, 3)));
         if let Some(uncertainty) = &row.uncertainty {
-            cells.extend(uncertainty.0.values().map(|value| fixed(*value, 3)));
+            cells.extend(uncertainty.values().map(|value| fixed(*value, 3)));
         }
         cells.push(fixed(norm(&row.residual_um), 3));
         cells.push(fixed(norm(&row.residual_axis_urad), 3));

@@ -2,7 +2,7 @@
 
 mod checks;
 mod columns;
-mod document;
+pub(crate) mod document;
 mod errors;
 mod sampling;
 mod terms;

@@ -2,6 +2,8 @@
 
 use std::{collections::BTreeMap, fmt::Write as _};
 
+use schemars::JsonSchema;
+use serde::Serialize;
 use volcomp_document::{toml_key, toml_string};
 use volcomp_fit::{ThermalEffect, ThermalTerms};
 
@@ -13,10 +15,14 @@ const GAP: &str = "???";
 /// A lag, and for each sensor its weight, µm/K or µrad/K.
 pub(super) type Drift = (f64, BTreeMap<String, f64>);
 
-/// An expansion as a machine file states it.
+/// One `[[thermal.expansion]]` of a machine file.
+#[derive(Debug, Serialize, JsonSchema)]
 pub(super) struct Expansion {
+    /// Name of the sensor.
     pub(super) sensor: String,
+    /// The expansion, µm/(m·K).
     pub(super) um_per_m_k: f64,
+    /// The coordinate at which nothing moves, mm.
     pub(super) fixed_mm: f64,
 }
 

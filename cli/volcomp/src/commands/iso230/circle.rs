@@ -3,22 +3,23 @@
 use std::{fmt::Write as _, path::Path};
 
 use clap::ValueEnum;
+use schemars::JsonSchema;
+use serde::Serialize;
 use volcomp_metrology::{
-    DeviationUnit, Metadata, MetrologyError, Tolerance,
+    Decision, DeviationUnit, JudgedQuantity, Metadata, MetrologyError, Tolerance,
     circular::{
-        CircularPlane, CircularTrace, Sense, SignatureKind, Signatures, circular_deviations,
-        circular_signatures, parse_trace,
+        CircularPlane, CircularTrace, Sense, Signature, SignatureKind, Signatures,
+        circular_deviations, circular_signatures, parse_trace,
     },
-    opening,
+    judged, opening,
 };
 
 use super::Arguments;
-use super::judged::{CIRCULAR, decision, decision_text, judged, quantities_text, tolerances};
+use super::judged::{CIRCULAR, decision_text, quantities_text, tolerances};
 use crate::{
-    answers::iso230_parts::{CircularTest, CircularTests, Signature},
     commands::{
         Answer, fixed,
-        several::{Documents, Evaluated, evaluated},
+        several::{Evaluated, evaluated},
         table, table_text,
     },
     failure::Failure,
@@ -45,6 +46,48 @@ enum Plane {
     Xy,
     Yz,
     Zx,
+}
+
+/// A circular test.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct CircularTest {
+    /// The file as it was named in the call.
+    file: String,
+    /// The plane: `xy`, `yz` or `zx`.
+    plane: &'static str,
+    /// The nominal radius, mm; without `--radius-mm` the mean radius of the points.
+    radius_mm: f64,
+    /// Number of points run counter-clockwise, and clockwise.
+    points: [usize; 2],
+    /// G of each sense, G(b), F and D.
+    quantities: Vec<JudgedQuantity>,
+    /// The least-squares centre that was removed, along the two axes, µm. Of positions, what is left after their centre was
+    /// removed when they were read.
+    centre_um: [f64; 2],
+    /// Error sources fitted to the shape, the largest first; empty where the points do not determine them.
+    signatures: Vec<NamedSignature>,
+    /// Spikes at 0°, 90°, 180° and 270°, µm outward, null at an angle that the points do not pass; null without signatures.
+    spikes_um: Option<[Option<f64>; 4]>,
+    /// Root mean square of the residuals of all signatures, µm; null without signatures.
+    rms_left_um: Option<f64>,
+    /// The decision over all tolerances; null without any.
+    decision: Option<Decision>,
+    /// Whether every quantity with a tolerance passes; null without tolerances.
+    pass: Option<bool>,
+    /// Notes in words on the file and its points.
+    notes: Vec<String>,
+}
+
+/// A signature by the axes of its plane; the size of a squareness has the sign of the error.
+#[derive(Debug, Serialize, JsonSchema)]
+struct NamedSignature {
+    /// The error or the axes that it belongs to: `EC0Y`, `X`, `X − Y`.
+    of: String,
+    #[serde(flatten)]
+    signature: Signature,
+    /// Of a servo mismatch the delay of the first axis behind the second, ms; only with `--feed`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    delay_ms: Option<f64>,
 }
 
 impl CircleOptions {
@@ -76,12 +119,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             "--feed: found {feed}, expected mm/min above zero"
         )));
     }
-    let documents = Documents {
-        refused: |file, error| CircularTests::Refused { file, error },
-        many: |files| CircularTests::Many { files },
-    };
     let csv = arguments.csv.as_deref();
-    evaluated(&arguments.files, csv, &documents, |path| {
+    evaluated(&arguments.files, csv, |path| {
         one(
             path,
             &arguments.circle,
@@ -110,7 +149,7 @@ fn one(
     options: &CircleOptions,
     tolerances: &[Tolerance],
     with_names: bool,
-) -> Result<Evaluated<CircularTests>, Failure> {
+) -> Result<Evaluated<CircularTest>, Failure> {
     let trace = read(path, options)?;
     let deviations = circular_deviations(&trace)?;
     let mut notes = trace.notes.clone();
@@ -144,15 +183,9 @@ fn one(
         ));
     }
     let none = |_: &str| None;
-    let unit = DeviationUnit::Um.key();
-    let quantities = judged(
-        "ISO 230-4",
-        deviations.quantities(),
-        unit,
-        tolerances,
-        &none,
-    );
-    let decision = decision(&quantities);
+    let quantities = deviations.quantities();
+    let quantities = judged("ISO 230-4", quantities, DeviationUnit::Um, tolerances, none);
+    let decision = Decision::over(&quantities);
     let (plane, plane_name) = options.plane();
     let count = |sense: Sense| trace.points.iter().filter(|p| p.sense == sense).count();
     let document = CircularTest {
@@ -163,7 +196,7 @@ fn one(
         centre_um: deviations.centre_um,
         signatures: signatures
             .iter()
-            .flat_map(|s| documents(s, plane, options.feed))
+            .flat_map(|s| named(s, plane, options.feed))
             .collect(),
         spikes_um: signatures.as_ref().map(|s| s.spikes_um),
         rms_left_um: signatures.as_ref().map(|s| s.rms_left_um),
@@ -177,18 +210,18 @@ fn one(
         metadata: Metadata::default(),
         notes: document.notes.clone(),
         found: (document.quantities.clone(), document.decision),
-        document: CircularTests::One(Box::new(document)),
+        document,
     })
 }
 
-/// The signatures as documents, named by the axes of the plane.
-fn documents(signatures: &Signatures, plane: CircularPlane, feed: Option<f64>) -> Vec<Signature> {
+/// The signatures, named by the axes of the plane.
+fn named(signatures: &Signatures, plane: CircularPlane, feed: Option<f64>) -> Vec<NamedSignature> {
     use SignatureKind as Kind;
     let [first, second] = plane.axes();
     let error = plane.squareness();
     // Every plane has a squareness, which opens its angle or closes it.
     let sense = opening(error).unwrap_or(1.0);
-    let one = |signature: &volcomp_metrology::circular::Signature| {
+    let one = |signature: &Signature| {
         let (of, sign) = match signature.kind {
             Kind::Squareness => (error.to_string(), sense),
             Kind::ScaleMismatch => (format!("{first} − {second}"), 1.0),
@@ -198,14 +231,12 @@ fn documents(signatures: &Signatures, plane: CircularPlane, feed: Option<f64>) -
         };
         // c = v Δt/2, with µm and mm/min.
         let delay = |feed: f64| 2.0 * signature.size * 1e-3 / (feed / 60.0) * 1e3;
-        Signature {
-            kind: signature.kind.key(),
+        NamedSignature {
             of,
-            size: sign * signature.size,
-            unit: signature.unit.key(),
-            uncertainty: signature.u,
-            range_um: signature.range_um,
-            share: signature.share,
+            signature: Signature {
+                size: sign * signature.size,
+                ..signature.clone()
+            },
             delay_ms: feed
                 .filter(|_| signature.kind == Kind::ServoMismatch)
                 .map(delay),
@@ -232,18 +263,13 @@ fn text(document: &CircularTest, with_names: bool) -> String {
             "share %",
         ]);
         to_the_left(&mut rows, &[1, 4]);
-        for signature in &document.signatures {
+        for NamedSignature { of, signature, .. } in &document.signatures {
             rows.add_row([
-                signature.kind.to_owned(),
-                signature.of.clone(),
+                signature.kind.key().to_owned(),
+                of.clone(),
                 fixed(signature.size, 2),
                 fixed(signature.uncertainty, 2),
-                if signature.unit == "urad" {
-                    "µrad"
-                } else {
-                    "µm"
-                }
-                .to_owned(),
+                signature.unit.to_string(),
                 fixed(signature.range_um, 2),
                 fixed(100.0 * signature.share, 1),
             ]);

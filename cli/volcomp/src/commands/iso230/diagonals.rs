@@ -2,18 +2,22 @@
 
 use std::{fmt::Write as _, path::Path};
 
+use schemars::JsonSchema;
+use serde::Serialize;
 use volcomp_metrology::{
-    DIAGONAL_NAMES, DeviationUnit, Diagonal, Iso230Part6, Measurement, evaluate_diagonals,
-    read_file,
+    DIAGONAL_NAMES, Decision, DeviationUnit, Diagonal, Iso230Part6, JudgedQuantity, Measurement,
+    StandardQuantity, evaluate_diagonals, judged, read_file,
 };
 
 use super::Arguments;
-use super::judged::{DIAGONALS, decision, decision_text, judged, quantities_text, tolerances};
+use super::judged::{DIAGONALS, decision_text, quantities_text, tolerances};
 use super::rows::{self, Row};
 use crate::{
-    answers::iso230_parts::{MeasuredDiagonal, MeasuredDiagonals, RefusedFile, SquarenessHint},
-    answers::quantity::Quantity,
-    commands::{Answer, fixed, several::some_refused, table, table_text},
+    commands::{
+        Answer, fixed,
+        several::{RefusedFile, some_refused},
+        table, table_text,
+    },
     failure::Failure,
     points::numbers,
     table::folded,
@@ -67,6 +71,23 @@ impl DiagonalOptions {
     }
 }
 
+/// Measured diagonals, with their tolerances.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct MeasuredDiagonals {
+    #[serde(flatten)]
+    found: Iso230Part6,
+    /// E_d, B_d, M_d and the spread, over all.
+    quantities: Vec<JudgedQuantity>,
+    /// Files that are refused; the others are evaluated.
+    refused: Vec<RefusedFile>,
+    /// The decision over all tolerances; null without any.
+    decision: Option<Decision>,
+    /// Whether every quantity with a tolerance passes; null without tolerances.
+    pass: Option<bool>,
+    /// Notes in words on the files and their readings.
+    notes: Vec<String>,
+}
+
 pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let options = &arguments.diagonals;
     let tolerances = tolerances(arguments.tolerance.as_deref(), &DIAGONALS)?;
@@ -86,7 +107,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let (mut notes, mut measured, mut refused) = (Vec::new(), Vec::new(), Vec::new());
     for (index, path) in arguments.files.iter().enumerate() {
         match read(path, arguments, named.get(index).copied()) {
-            Ok((diagonal, measurement)) => measured.push((diagonal, path, measurement)),
+            Ok(one) => measured.push(one),
             Err(failure) if arguments.files.len() == 1 => return Err(failure),
             Err(failure) => refused.push(RefusedFile {
                 file: path.display().to_string(),
@@ -98,11 +119,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         let reasons: Vec<&str> = refused.iter().map(|r| r.error.as_str()).collect();
         return Err(Failure::Input(reasons.join("; ")));
     }
-    for (diagonal, _, measurement) in &measured {
+    for (diagonal, measurement) in &measured {
         let all = measurement.notes.iter();
         notes.extend(all.map(|note| format!("{diagonal}: {note}")));
     }
-    let pairs: Vec<(Diagonal, &Measurement)> = measured.iter().map(|(d, _, m)| (*d, m)).collect();
+    let pairs: Vec<(Diagonal, &Measurement)> = measured.iter().map(|(d, m)| (*d, m)).collect();
     let found = evaluate_diagonals(&pairs, edges)?;
     for m in &found.diagonals {
         let hints = m.result.outlier_hints.iter();
@@ -120,21 +141,21 @@ pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         );
     }
     let none = |_: &str| None;
-    let unit = DeviationUnit::Um.key();
-    let quantities = judged("ISO 230-6", found.quantities(), unit, &tolerances, &none);
-    let decision = decision(&quantities);
-    let file_of = |diagonal: Diagonal| {
-        let here = measured.iter().find(|(d, ..)| *d == diagonal);
-        here.map_or_else(String::new, |(_, path, _)| path.display().to_string())
-    };
+    let unit = DeviationUnit::Um;
+    let quantities = judged("ISO 230-6", found.quantities(), unit, &tolerances, none);
+    let decision = Decision::over(&quantities);
     if let Some(output) = csv {
-        rows::write(output, &rows_of(&found, &refused, &file_of))?;
+        rows::write(output, &rows_of(&found, &refused))?;
     }
-    let said: Vec<(String, String)> = (refused.iter())
-        .map(|of| (of.file.clone(), of.error.clone()))
-        .collect();
-    let failed = some_refused(&said, arguments.files.len());
-    let document = document(&found, quantities, refused, notes.clone(), &file_of);
+    let failed = some_refused(&refused, arguments.files.len());
+    let document = MeasuredDiagonals {
+        found,
+        quantities,
+        refused,
+        pass: decision.map(|d| d.pass),
+        decision,
+        notes: notes.clone(),
+    };
     let text = text(&document) + &decision_text(decision, &document.quantities);
     let answer = Answer::new(&document, text, notes)?.decided(decision);
     Ok(Answer { failed, ..answer })
@@ -174,81 +195,35 @@ fn read(
     Ok((diagonal, measurement))
 }
 
-fn document(
-    found: &Iso230Part6,
-    quantities: Vec<Quantity>,
-    refused: Vec<RefusedFile>,
-    notes: Vec<String>,
-    file_of: &dyn Fn(Diagonal) -> String,
-) -> MeasuredDiagonals {
-    let decision = decision(&quantities);
-    MeasuredDiagonals {
-        diagonals: (found.diagonals.iter())
-            .map(|m| MeasuredDiagonal {
-                diagonal: m.diagonal.name(),
-                file: file_of(m.diagonal),
-                length_mm: m.length_mm,
-                E_um: m.result.e,
-                E_forward_um: m.result.e_forward,
-                E_backward_um: m.result.e_backward,
-                B_um: m.result.b,
-                M_um: m.result.m,
-                growth_um: m.growth_um,
-            })
-            .collect(),
-        quantities,
-        scale_um_per_m: found.scale_um_per_m,
-        squareness: (found.squareness.iter())
-            .map(|hint| SquarenessHint {
-                error: hint.error.to_string(),
-                urad: hint.urad,
-            })
-            .collect(),
-        lacking: found.lacking.iter().map(|d| d.name()).collect(),
-        refused,
-        pass: decision.map(|d| d.pass),
-        decision,
-        notes,
-    }
-}
-
 /// A row for each file: the values of its diagonal.
-fn rows_of(
-    found: &Iso230Part6,
-    refused: &[RefusedFile],
-    file_of: &dyn Fn(Diagonal) -> String,
-) -> Vec<Row> {
-    let quantity = |symbol: &'static str, name: &'static str, value: Option<f64>| Quantity {
-        standard: "ISO 230-6".to_owned(),
-        symbol,
-        name,
-        value,
-        unit: DeviationUnit::Um.key(),
-        uncertainty: None,
-        limit: None,
-        verdict: None,
-    };
-    let good = found.diagonals.iter().map(|m| Row {
-        file: file_of(m.diagonal),
-        found: Ok((
-            vec![
-                quantity("E", "systematic deviation", m.result.e),
-                quantity(
-                    "E_forward",
-                    "systematic deviation, forward",
-                    m.result.e_forward,
-                ),
-                quantity(
-                    "E_backward",
-                    "systematic deviation, backward",
-                    m.result.e_backward,
-                ),
-                quantity("B", "reversal value", m.result.b),
-                quantity("M", "mean deviation", m.result.m),
-                quantity("growth", "growth over the length", Some(m.growth_um)),
-            ],
-            None,
-        )),
+fn rows_of(found: &Iso230Part6, refused: &[RefusedFile]) -> Vec<Row> {
+    let good = found.diagonals.iter().map(|m| {
+        let values = [
+            ("E", "systematic deviation", m.result.e),
+            (
+                "E_forward",
+                "systematic deviation, forward",
+                m.result.e_forward,
+            ),
+            (
+                "E_backward",
+                "systematic deviation, backward",
+                m.result.e_backward,
+            ),
+            ("B", "reversal value", m.result.b),
+            ("M", "mean deviation", m.result.m),
+            ("growth", "growth over the length", Some(m.growth_um)),
+        ];
+        let quantities = values.map(|(symbol, name, value)| StandardQuantity {
+            symbol,
+            name,
+            value,
+        });
+        let quantities = judged("ISO 230-6", quantities, DeviationUnit::Um, &[], |_| None);
+        Row {
+            file: m.file.clone(),
+            found: Ok((quantities, None)),
+        }
     });
     let bad = refused.iter().map(|r| Row {
         file: r.file.clone(),
@@ -260,15 +235,15 @@ fn rows_of(
 fn text(document: &MeasuredDiagonals) -> String {
     let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| fixed(v, 2));
     let mut rows = table(&["", "length mm", "E", "E ↑", "E ↓", "B", "M", "growth"]);
-    for m in &document.diagonals {
+    for m in &document.found.diagonals {
         rows.add_row([
-            m.diagonal.to_owned(),
+            m.diagonal.name().to_owned(),
             fixed(m.length_mm, 2),
-            number(m.E_um),
-            number(m.E_forward_um),
-            number(m.E_backward_um),
-            number(m.B_um),
-            number(m.M_um),
+            number(m.result.e),
+            number(m.result.e_forward),
+            number(m.result.e_backward),
+            number(m.result.b),
+            number(m.result.m),
             fixed(m.growth_um, 2),
         ]);
     }
@@ -276,9 +251,9 @@ fn text(document: &MeasuredDiagonals) -> String {
         "ISO 230-6, all values in µm\n\n{}\n{}\nin common {} µm/m\n",
         table_text(&rows),
         quantities_text(&document.quantities, true),
-        fixed(document.scale_um_per_m, 2)
+        fixed(document.found.scale_um_per_m, 2)
     );
-    for hint in &document.squareness {
+    for hint in &document.found.squareness {
         // Writing to a string never fails.
         let _ = writeln!(text, "hint: {} {} µrad", hint.error, fixed(hint.urad, 1));
     }

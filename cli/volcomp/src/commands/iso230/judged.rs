@@ -1,10 +1,11 @@
 //! Quantities with their uncertainties and tolerances, as documents and as a table.
 
-use volcomp_metrology::{StandardQuantity, Tolerance, Verdict, decide, parse_tolerances};
+use volcomp_metrology::{
+    Decision, DeviationUnit, JudgedQuantity, Tolerance, Verdict, parse_tolerances,
+};
 
 use super::rows::Row;
 use crate::{
-    answers::quantity::{Decision, Quantity},
     failure::Failure,
     table::{fixed, folded, table, table_text, to_the_left},
 };
@@ -22,60 +23,12 @@ pub(crate) fn tolerances(text: Option<&str>, known: &[&str]) -> Result<Vec<Toler
     parse_tolerances(text, known).map_err(|error| Failure::Input(format!("--{error}")))
 }
 
-/// Quantities of one standard, decided on by their tolerances.
-pub(crate) fn judged(
-    standard: &str,
-    quantities: Vec<StandardQuantity>,
-    unit: &'static str,
-    tolerances: &[Tolerance],
-    uncertainty: &dyn Fn(&str) -> Option<f64>,
-) -> Vec<Quantity> {
-    let one = |quantity: StandardQuantity| {
-        let tolerance = tolerances.iter().find(|t| t.symbol == quantity.symbol);
-        let limit = tolerance.map(|t| t.limit);
-        let u = uncertainty(quantity.symbol);
-        Quantity {
-            standard: standard.to_owned(),
-            symbol: quantity.symbol,
-            name: quantity.name,
-            value: quantity.value,
-            unit,
-            uncertainty: u.filter(|_| quantity.value.is_some()),
-            limit,
-            verdict: limit.map(|limit| decide(quantity.value, limit, u).word()),
-        }
-    };
-    quantities.into_iter().map(one).collect()
-}
-
-/// The decision over all quantities; `None` without any tolerance.
-pub(crate) fn decision(quantities: &[Quantity]) -> Option<Decision> {
-    let judged: Vec<&Quantity> = quantities.iter().filter(|q| q.limit.is_some()).collect();
-    if judged.is_empty() {
-        return None;
-    }
-    let verdicts = judged
-        .iter()
-        .filter_map(|q| Some(decide(q.value, q.limit?, q.uncertainty)));
-    let verdict = Verdict::of_all(verdicts);
-    let with = judged.iter().filter(|q| q.uncertainty.is_some()).count();
-    Some(Decision {
-        verdict: verdict.word(),
-        pass: verdict == Verdict::Pass,
-        rule: match with {
-            0 => "simple",
-            all if all == judged.len() => "ISO 14253-1",
-            _ => "mixed",
-        },
-    })
-}
-
 /// What several files came to: a row for each with the quantities that have a limit, or without any those of a plain symbol, and the verdict; and the
 /// names of all symbols once.
 pub(crate) fn verdicts_text(rows: &[Row]) -> String {
     let all = || (rows.iter()).flat_map(|row| row.found.iter().flat_map(|found| &found.0));
     let is_judged = all().any(|quantity| quantity.limit.is_some());
-    let is_shown = |quantity: &Quantity| {
+    let is_shown = |quantity: &JudgedQuantity| {
         if is_judged {
             quantity.limit.is_some()
         } else {
@@ -103,12 +56,12 @@ pub(crate) fn verdicts_text(rows: &[Row]) -> String {
             shown.add_row([name, "REFUSED".to_owned()]);
             continue;
         };
-        let verdict = decision.map_or_else(|| "no limits".to_owned(), |d| d.verdict.to_uppercase());
-        let unit = match quantities.first().map(|quantity| quantity.unit) {
-            Some("urad") => "µrad",
-            _ => "µm",
-        };
-        let mut cells = vec![name, verdict, unit.to_owned()];
+        let verdict = decision.map_or_else(
+            || "no limits".to_owned(),
+            |d| d.verdict.word().to_uppercase(),
+        );
+        let unit = quantities.first().map_or(DeviationUnit::Um, |q| q.unit);
+        let mut cells = vec![name, verdict, unit.to_string()];
         for symbol in &symbols {
             let mut of = quantities.iter();
             let value = of.find(|q| q.symbol == *symbol).and_then(|q| q.value);
@@ -130,7 +83,7 @@ pub(crate) fn verdicts_text(rows: &[Row]) -> String {
 
 /// The quantities as a table, with columns for uncertainty and limit where there are any, and for their names where these do not stand
 /// elsewhere.
-pub(crate) fn quantities_text(quantities: &[Quantity], with_names: bool) -> String {
+pub(crate) fn quantities_text(quantities: &[JudgedQuantity], with_names: bool) -> String {
     let uncertain = quantities.iter().any(|q| q.uncertainty.is_some());
     let limited = quantities.iter().any(|q| q.limit.is_some());
     let mut heads = vec!["", "value"];
@@ -155,7 +108,7 @@ pub(crate) fn quantities_text(quantities: &[Quantity], with_names: bool) -> Stri
         }
         if limited {
             row.push(number(quantity.limit));
-            row.push(quantity.verdict.unwrap_or("").to_owned());
+            row.push(quantity.verdict.map_or("", Verdict::word).to_owned());
         }
         if with_names {
             row.push(quantity.name.to_owned());
@@ -166,12 +119,12 @@ pub(crate) fn quantities_text(quantities: &[Quantity], with_names: bool) -> Stri
 }
 
 /// The decision in a sentence.
-pub(crate) fn decision_text(decision: Option<Decision>, quantities: &[Quantity]) -> String {
+pub(crate) fn decision_text(decision: Option<Decision>, quantities: &[JudgedQuantity]) -> String {
     let Some(decision) = decision else {
         return String::new();
     };
-    let of = |word: &str| {
-        let named = quantities.iter().filter(|q| q.verdict == Some(word));
+    let of = |verdict: Verdict| {
+        let named = quantities.iter().filter(|q| q.verdict == Some(verdict));
         let mut symbols: Vec<&str> = named.map(|q| q.symbol).collect();
         // Two standards may have one symbol.
         let mut seen = std::collections::HashSet::new();
@@ -183,11 +136,17 @@ pub(crate) fn decision_text(decision: Option<Decision>, quantities: &[Quantity])
         "ISO 14253-1" => "Decided by ISO 14253-1, with the measurement uncertainty on top",
         _ => "Decided by ISO 14253-1 where the uncertainty is stated, else by the value alone",
     };
-    let parts = ["fail", "not evaluated", "undecided", "pass"].map(|word| (word, of(word)));
+    let worst_first = [
+        Verdict::Fail,
+        Verdict::NotEvaluated,
+        Verdict::Undecided,
+        Verdict::Pass,
+    ];
+    let parts = worst_first.map(|verdict| (verdict, of(verdict)));
     let parts = parts.iter().filter(|(_, named)| !named.is_empty());
     let parts: Vec<String> = parts
-        .map(|(word, named)| format!("{word} {named}"))
+        .map(|(verdict, named)| format!("{verdict} {named}"))
         .collect();
-    let verdict = decision.verdict.to_uppercase();
+    let verdict = decision.verdict.word().to_uppercase();
     folded(&format!("{verdict}: {}. {rule}.", parts.join("; ")), "")
 }

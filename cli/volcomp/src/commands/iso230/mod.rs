@@ -1,10 +1,10 @@
 //! `volcomp iso230`: tests of the parts 2, 4 and 6 of ISO 230, and of the standards beside part 2.
 
-mod circle;
-mod diagonals;
+pub(crate) mod circle;
+pub(crate) mod diagonals;
 pub(crate) mod judged;
 mod options;
-mod positioning;
+pub(crate) mod positioning;
 pub(crate) mod rows;
 
 use std::path::PathBuf;

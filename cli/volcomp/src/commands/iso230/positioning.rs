@@ -1,24 +1,26 @@
 //! Part 2: the positioning test of an axis, by ISO 230-2 and the standards beside it.
 
-use std::path::Path;
+use std::{borrow::Cow, path::Path};
 
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::{Serialize, Serializer};
+use serde_json::{Map, Value, json};
 use volcomp_document::quoted;
 use volcomp_metrology::{
-    Approach, DeviationUnit, Direction, Edition, Iso230Part2, Measurement, MotionKind, ODD_ABOVE,
-    PositioningUncertainty, Quantity, Tolerance, Vdi3441, asme_b5_54, axis_kind, axis_named,
-    errors_named, evaluate, material_compensation, odd_size, positioning_uncertainty, read_file,
-    shortfalls, vdi_3441,
+    Approach, Decision, DeviationUnit, Direction, Edition, Iso230Part2, JudgedQuantity,
+    Measurement, MotionKind, ODD_ABOVE, OutlierHint, PositioningUncertainty, Quantity,
+    StandardQuantity, TargetRow, Tolerance, Vdi3441, asme_b5_54, axis_kind, axis_named,
+    errors_named, evaluate, judged, material_compensation, odd_size, positioning_uncertainty,
+    read_file, shortfalls, vdi_3441,
 };
 use volcomp_vocabulary::{AxisKind, AxisName};
 
-use super::judged::{decision, decision_text, judged, quantities_text, tolerances};
+use super::judged::{decision_text, quantities_text, tolerances};
 use super::{Arguments, Standard};
 use crate::{
-    answers::iso230::{Contribution, Iso230, Stated, Uncertainty},
-    answers::quantity,
     commands::{
         Answer, fixed,
-        several::{Documents, Evaluated, evaluated},
+        several::{Evaluated, evaluated},
         table, table_text,
     },
     failure::Failure,
@@ -28,6 +30,63 @@ use crate::{
 
 const IS_ANGLE: &str = "the readings are angles of a linear axis: the statistics of the standard are of an angular error motion here, not of \
      positioning (of a rotary axis state --axis)";
+
+/// A positioning test evaluated by ISO 230-2; a value that cannot be evaluated is null.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct PositioningTest {
+    /// The unit of every deviation.
+    unit: DeviationUnit,
+    #[serde(flatten)]
+    symbols: Symbols,
+    /// The table by targets, ascending.
+    targets: Vec<TargetRow>,
+    /// Runs and readings that differ from the others; none is removed.
+    hints: Vec<OutlierHint>,
+    /// The file as it was named in the call; only of several files.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    file: Option<String>,
+    /// The edition of ISO 230-2.
+    edition: u16,
+    /// The quantities of every requested standard, with uncertainty and tolerance.
+    quantities: Vec<JudgedQuantity>,
+    /// The measurement uncertainty; null where none of its contributions is stated.
+    uncertainty: Option<PositioningUncertainty>,
+    /// How the file states that the readings were brought to 20 °C; null where a file of its kind cannot.
+    material_compensation: Option<String>,
+    /// The decision over all tolerances; null without any.
+    decision: Option<Decision>,
+    /// Whether every quantity with a tolerance passes; null without tolerances.
+    pass: Option<bool>,
+    /// Notes in words on the file and its readings.
+    notes: Vec<String>,
+}
+
+/// The values of ISO 230-2 by symbol. A key ends in the unit, so that no angle is under a key of lengths.
+#[derive(Debug)]
+struct Symbols(DeviationUnit, Vec<StandardQuantity>);
+
+impl Serialize for Symbols {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let key = |symbol| format!("{symbol}_{}", self.0.key());
+        serializer.collect_map(self.1.iter().map(|q| (key(q.symbol), q.value)))
+    }
+}
+
+impl JsonSchema for Symbols {
+    fn schema_name() -> Cow<'static, str> {
+        "Symbols".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        let units = [DeviationUnit::Um, DeviationUnit::Urad].map(DeviationUnit::key);
+        let key = |symbol| units.map(|unit| format!("{symbol}_{unit}"));
+        let keys = Edition::symbols().into_iter().flat_map(key);
+        let properties: Map<String, Value> = keys
+            .map(|key| (key, json!({ "type": ["number", "null"] })))
+            .collect();
+        json_schema!({ "type": "object", "properties": properties })
+    }
+}
 
 pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let iso = Edition::symbols();
@@ -39,13 +98,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         Standard::Asme => (iso.into_iter()).filter(|symbol| *symbol != "M").collect(),
     };
     let tolerances = tolerances(arguments.tolerance.as_deref(), &known)?;
-    let documents = Documents {
-        refused: |file, error| Iso230::Refused { file, error },
-        many: |files| Iso230::Many { files },
-    };
     let among_others = arguments.files.len() > 1;
     let csv = arguments.csv.as_deref();
-    evaluated(&arguments.files, csv, &documents, |path| {
+    evaluated(&arguments.files, csv, |path| {
         one(path, arguments, &tolerances, among_others)
     })
 }
@@ -55,7 +110,7 @@ fn one(
     arguments: &Arguments,
     tolerances: &[Tolerance],
     among_others: bool,
-) -> Result<Evaluated<Iso230>, Failure> {
+) -> Result<Evaluated<PositioningTest>, Failure> {
     let mut measurement = read_file(path)?;
     if measurement.quantity == Some(Quantity::Straightness) {
         let what = "found straightness readings, expected positioning; `volcomp straightness` evaluates them";
@@ -114,7 +169,7 @@ fn one(
             "VDI/DGQ 3441 is not evaluated: it needs both directions and at least two runs in each";
         notes.push(note.to_owned());
     }
-    let decision = decision(&quantities);
+    let decision = Decision::over(&quantities);
     // Angles do not grow with the material.
     let is_laser = measurement.quantity == Some(Quantity::Positioning);
     let compensation = is_laser.then(|| material_compensation(&measurement.environment));
@@ -132,17 +187,22 @@ fn one(
             format!("\n{}", folded(&format!("material compensation {said}"), ""))
         })
         + &decision_text(decision, &quantities);
-    let stated = Stated {
+    let document = PositioningTest {
+        unit,
+        symbols: Symbols(unit, edition.quantities(&result)),
+        targets: result.targets,
+        hints: result.outlier_hints,
         file: among_others.then(|| path.display().to_string()),
         edition: edition.year(),
         quantities: quantities.clone(),
-        uncertainty: uncertainty.map(document_of),
+        uncertainty,
         material_compensation: compensation,
         decision,
         pass: decision.map(|d| d.pass),
+        notes: notes.clone(),
     };
     Ok(Evaluated {
-        document: Iso230::new(&result, unit, stated, notes.clone()),
+        document,
         text,
         notes,
         metadata: measurement.metadata,
@@ -228,22 +288,6 @@ fn uncertainty(
     )?))
 }
 
-fn document_of(uncertainty: PositioningUncertainty) -> Uncertainty {
-    let contributions = uncertainty.contributions.iter();
-    Uncertainty {
-        length_m: uncertainty.length_m,
-        runs: uncertainty.runs,
-        contributions: contributions
-            .map(|c| Contribution {
-                symbol: c.symbol,
-                name: c.name,
-                u_um: c.u_um,
-            })
-            .collect(),
-        left_out: uncertainty.left_out,
-    }
-}
-
 fn quantities(
     standard: Standard,
     edition: Edition,
@@ -251,28 +295,22 @@ fn quantities(
     unit: DeviationUnit,
     tolerances: &[Tolerance],
     uncertainty: Option<&PositioningUncertainty>,
-) -> Vec<quantity::Quantity> {
+) -> Vec<JudgedQuantity> {
     let u = |symbol: &str| uncertainty.and_then(|u| u.of(symbol));
     let none = |_: &str| None;
     let mut all = Vec::new();
     if matches!(standard, Standard::Iso | Standard::All) {
         let name = format!("ISO 230-2:{}", edition.year());
         let quantities = edition.quantities(result);
-        all.extend(judged(&name, quantities, unit.key(), tolerances, &u));
+        all.extend(judged(&name, quantities, unit, tolerances, u));
     }
     if matches!(standard, Standard::Vdi | Standard::All) {
         let quantities = Vdi3441::quantities(vdi_3441(result).as_ref());
-        all.extend(judged(
-            "VDI/DGQ 3441",
-            quantities,
-            unit.key(),
-            tolerances,
-            &none,
-        ));
+        all.extend(judged("VDI/DGQ 3441", quantities, unit, tolerances, none));
     }
     if matches!(standard, Standard::Asme | Standard::All) {
         let quantities = asme_b5_54(result);
-        all.extend(judged("ASME B5.54", quantities, unit.key(), tolerances, &u));
+        all.extend(judged("ASME B5.54", quantities, unit, tolerances, u));
     }
     all
 }
@@ -286,7 +324,7 @@ fn text(
     unit: DeviationUnit,
     edition: Edition,
     standard: Standard,
-    quantities: &[quantity::Quantity],
+    quantities: &[JudgedQuantity],
     with_names: bool,
 ) -> String {
     let mut parts = Vec::new();
@@ -304,7 +342,7 @@ fn text(
         .iter()
         .any(|q| q.limit.is_some() || q.uncertainty.is_some());
     for standard in ["ISO", "VDI", "ASME"] {
-        let of: Vec<quantity::Quantity> = (quantities.iter())
+        let of: Vec<JudgedQuantity> = (quantities.iter())
             .filter(|q| q.standard.starts_with(standard) && (standard != "ISO" || judged))
             .cloned()
             .collect();

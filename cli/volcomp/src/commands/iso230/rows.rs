@@ -2,18 +2,16 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::{
-    answers::quantity::{Decision, Quantity},
-    failure::Failure,
-    output::OutputFile,
-};
+use volcomp_metrology::{Decision, JudgedQuantity};
+
+use crate::{failure::Failure, output::OutputFile};
 
 /// What one file came to.
 pub(crate) struct Row {
     /// The file as it was named in the call.
     pub(crate) file: String,
     /// Its quantities, or why it is refused.
-    pub(crate) found: Result<(Vec<Quantity>, Option<Decision>), String>,
+    pub(crate) found: Result<(Vec<JudgedQuantity>, Option<Decision>), String>,
 }
 
 /// An output that must be none of the files that are read.
@@ -50,13 +48,13 @@ pub(crate) fn write(mut output: OutputFile, rows: &[Row]) -> Result<(), Failure>
         let mut cells = vec![row.file.clone()];
         match &row.found {
             Ok((quantities, decision)) => {
-                cells.push(quantities.first().map_or("", |q| q.unit).to_owned());
+                cells.push(quantities.first().map_or("", |q| q.unit.key()).to_owned());
                 for name in &heads {
                     let value = quantities.iter().find(|q| head(q) == *name);
                     let value = value.and_then(|q| q.value);
                     cells.push(value.map_or_else(String::new, |v| v.to_string()));
                 }
-                cells.push(decision.map_or("", |d| d.verdict).to_owned());
+                cells.push(decision.map_or("", |d| d.verdict.word()).to_owned());
                 cells.push(String::new());
             }
             Err(error) => {
@@ -71,7 +69,7 @@ pub(crate) fn write(mut output: OutputFile, rows: &[Row]) -> Result<(), Failure>
 }
 
 /// The symbol; of ASME with the standard before it, since it has those of ISO 230-2.
-fn head(quantity: &Quantity) -> String {
+fn head(quantity: &JudgedQuantity) -> String {
     if quantity.standard.starts_with("ASME") {
         format!("ASME_{}", quantity.symbol)
     } else {

@@ -13,16 +13,24 @@ const VECTORS: [[&str; 2]; 2] = [
     ["position_um", "rotation_urad"],
     ["u_position_um", "u_rotation_urad"],
 ];
-#[cfg(feature = "parquet")]
+/// Names that differ from those of positions (`X_mm`) by more than case: databases take upper and lower case as one.
 const COLUMNS: [[&str; 6]; 2] = [
-    ["x_um", "y_um", "z_um", "a_urad", "b_urad", "c_urad"],
     [
-        "u_x_um", "u_y_um", "u_z_um", "u_a_urad", "u_b_urad", "u_c_urad",
+        "error_x_um",
+        "error_y_um",
+        "error_z_um",
+        "error_a_urad",
+        "error_b_urad",
+        "error_c_urad",
     ],
-];
-const CSV_COLUMNS: [&str; 2] = [
-    "x_um,y_um,z_um,a_urad,b_urad,c_urad",
-    "u_x_um,u_y_um,u_z_um,u_a_urad,u_b_urad,u_c_urad",
+    [
+        "uncertainty_x_um",
+        "uncertainty_y_um",
+        "uncertainty_z_um",
+        "uncertainty_a_urad",
+        "uncertainty_b_urad",
+        "uncertainty_c_urad",
+    ],
 ];
 
 /// A field that is being written.
@@ -71,7 +79,7 @@ impl Field {
         match path.extension().and_then(|e| e.to_str()) {
             Some("csv") => {
                 let axes: Vec<String> = grid.axes.iter().map(|name| format!("{name}_mm")).collect();
-                let columns = CSV_COLUMNS[..groups].join(",");
+                let columns = COLUMNS[..groups].concat().join(",");
                 text(TextFormat::Csv, format!("{},{columns}\n", axes.join(",")))
             }
             Some("vti") => text(TextFormat::Vtk("ImageData"), vti_head(grid)),

@@ -10,6 +10,8 @@ mod work;
 
 use std::{fmt::Write, path::PathBuf};
 
+use schemars::JsonSchema;
+use serde::Serialize;
 use volcomp_kinematics::Form;
 use volcomp_model::MapGrid;
 
@@ -17,20 +19,16 @@ use self::{
     field::Field,
     model::Model,
     node::Node,
-    rigid::{Beside, all_axes},
+    rigid::{AllAxes, Beside, all_axes},
     work::{Found, Largest, Work},
 };
 use super::{
-    Answer, fixed, machine_notes,
-    not_counted::{all_over, words},
+    Answer, ByAxis, fixed, machine_notes,
+    not_counted::{NotCounted, all_over, words},
     uncertainty::UncertaintyArguments,
 };
 use crate::{
-    answers::{
-        ByAxis, NotCounted,
-        map::{AllAxes, Map, Uncertainty},
-    },
-    compensation::{Compensation, CompensationArguments},
+    compensation::{Compensated, Compensation, CompensationArguments},
     failure::Failure,
     points::{MachineArguments, OthersArguments},
     table::folded,
@@ -65,6 +63,65 @@ pub(crate) struct Arguments {
     compensation: CompensationArguments,
     #[command(flatten)]
     uncertainty: UncertaintyArguments,
+}
+
+/// The document of `volcomp map`.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Map {
+    /// Nodes along the axes of the grid, in the order X, Y, Z.
+    counts: Vec<usize>,
+    /// Number of nodes.
+    nodes: usize,
+    /// Form of the model: exact, htm, twist or compiled.
+    model: String,
+    /// How far a curve of the compiled machine may be from its source, nm and nrad; only with the compiled form.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    tolerance_nm: Option<f64>,
+    /// Length of the largest position error, µm.
+    largest_um: f64,
+    /// Where the largest position error is, mm.
+    at: ByAxis,
+    /// The position error there, in workpiece axes, µm.
+    position_um: [f64; 3],
+    /// The rotation error there, in workpiece axes, µrad.
+    rotation_urad: [f64; 3],
+    /// Root of the mean square of the length of the position error over all nodes, µm.
+    rms_um: f64,
+    /// The same after alignment of the workpiece (three shifts and three small rotations by least squares): where the workpiece lies
+    /// is a convention and no error, µm.
+    form_rms_um: f64,
+    /// Length of the largest position error after alignment, µm.
+    form_max_um: f64,
+    /// The volumetric error over poses of all axes.
+    all_axes: AllAxes,
+    /// The largest standard uncertainty; only with `--uncertainty`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    uncertainty: Option<Uncertainty>,
+    /// How the correction was applied; only with `--compensated`, `--truth` or `--resolution`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    compensated: Option<Compensated>,
+    /// The file with the field; only with `--output`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    file: Option<String>,
+}
+
+/// The node with the largest standard uncertainty (k = 1) of the position error.
+#[derive(Debug, Serialize, JsonSchema)]
+struct Uncertainty {
+    /// Number of Monte Carlo samples.
+    trials: u64,
+    /// Seed of the samples.
+    seed: u64,
+    /// Length of the standard uncertainty of the position error, µm.
+    largest_um: f64,
+    /// Where it is, mm.
+    at: ByAxis,
+    /// Standard uncertainty of the position error there, µm.
+    position_um: [f64; 3],
+    /// Standard uncertainty of the rotation error there, µrad.
+    rotation_urad: [f64; 3],
+    /// The errors that the observations do not determine, which no uncertainty here counts, the one that moves the tool most first.
+    not_counted: Vec<NotCounted>,
 }
 
 impl Arguments {
@@ -266,14 +323,14 @@ fn over_all_axes(of: &AllAxes) -> String {
 }
 
 fn pose_text(at: &ByAxis) -> String {
-    let at =
-        at.0.iter()
-            .map(|(name, q)| format!("{name}={}", fixed(*q, 3)));
+    let at = at
+        .iter()
+        .map(|(name, q)| format!("{name}={}", fixed(*q, 3)));
     at.collect::<Vec<_>>().join(" ")
 }
 
 fn describe(text: &mut String, what: &str, length_um: f64, [x, y, z]: [f64; 3], at: &ByAxis) {
-    let at = at.0.iter().map(|(name, place)| format!("{name}={place}"));
+    let at = at.iter().map(|(name, place)| format!("{name}={place}"));
     let at: Vec<String> = at.collect();
     // Writing to a String cannot fail.
     let _ = writeln!(

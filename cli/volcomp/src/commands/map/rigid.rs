@@ -1,21 +1,64 @@
 //! The errors after alignment of the workpiece: over the nodes of a map, and over poses of all axes.
 
 use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::Serialize;
 use volcomp_kinematics::{State, nalgebra::Vector3};
 use volcomp_model::{
     Ensemble, ErrorField, Lengths, Machine, UNCERTAINTY_POSES, poses_of_all_axes, volumetric,
 };
 
 use super::work::ErrorAt;
-use crate::{
-    answers::{
-        ByAxis,
-        map::{AllAxes, AllAxesUncertainty},
-    },
-    commands::in_degrees,
-    failure::Failure,
-    progress,
-};
+use crate::{commands::ByAxis, failure::Failure, progress};
+
+/// The volumetric error over poses of all axes, the same ones each time.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct AllAxes {
+    /// Number of poses.
+    pub(crate) poses: usize,
+    /// Root of the mean square of the length of the position error, µm.
+    pub(crate) rms_um: f64,
+    /// Length of the largest position error, µm.
+    pub(crate) max_um: f64,
+    /// Root of the mean square after alignment of the workpiece, µm.
+    pub(crate) form_rms_um: f64,
+    /// Largest error of the tool tip after alignment, searched from the worst poses, µm.
+    pub(crate) form_max_um: f64,
+    /// The pose of that error, mm and deg.
+    pub(crate) at: ByAxis,
+    /// Largest tilt of the tool axis after alignment, µrad.
+    pub(crate) tilt_max_urad: f64,
+    /// Root of the mean square of the rotation error, µrad.
+    pub(crate) rms_urad: f64,
+    /// The same after alignment, µrad.
+    pub(crate) form_rms_urad: f64,
+    /// Root of the mean square of the tilt of the tool axis: the part of the rotation error across it, µrad.
+    pub(crate) tilt_rms_urad: f64,
+    /// The same after alignment, µrad.
+    pub(crate) form_tilt_rms_urad: f64,
+    /// Root of the mean square of the rotation error about the tool axis, which no tool that turns shows, µrad.
+    pub(crate) about_tool_rms_urad: f64,
+    /// The same after alignment, µrad.
+    pub(crate) form_about_tool_rms_urad: f64,
+    /// The standard uncertainty of the errors over these poses; only with `--uncertainty`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) uncertainty: Option<AllAxesUncertainty>,
+}
+
+/// The standard uncertainty (k = 1) of the errors over poses of all axes.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct AllAxesUncertainty {
+    /// Root of the mean square of its length, position, µm.
+    pub(crate) rms_um: f64,
+    /// The largest length, position, µm.
+    pub(crate) largest_um: f64,
+    /// The pose with the largest, mm and deg.
+    pub(crate) at: ByAxis,
+    /// Root of the mean square of its length, rotation, µrad.
+    pub(crate) rms_urad: f64,
+    /// The largest length, rotation, µrad.
+    pub(crate) largest_urad: f64,
+}
 
 /// How large errors of position are as they are, and after alignment, mm.
 #[derive(Clone, Copy)]
@@ -79,7 +122,7 @@ pub(super) fn all_axes(
         max_um: 1e3 * volumetric.max_mm,
         form_rms_um: 1e3 * volumetric.position_rms_mm,
         form_max_um: 1e3 * volumetric.position.value,
-        at: volumetric.position.at.into_iter().collect::<ByAxis>(),
+        at: volumetric.position.at.into_iter().collect(),
         tilt_max_urad: 1e6 * volumetric.tilt.value,
         rms_urad: 1e6 * turns.whole.rms(),
         form_rms_urad: 1e6 * turns_left.whole.rms(),
@@ -118,14 +161,10 @@ fn uncertainty(machine: &Machine, ensemble: &Ensemble, poses: &[State]) -> AllAx
             most = Some((length.norm(), pose));
         }
     }
-    let at = most.map(|(_, pose)| {
-        let stands = machine.axes().iter().zip(&pose.q);
-        stands.map(|(axis, &q)| (axis.name, in_degrees(axis.name.kind(), q)))
-    });
     AllAxesUncertainty {
         rms_um: 1e3 * lengths.rms(),
         largest_um: 1e3 * lengths.max(),
-        at: at.into_iter().flatten().collect::<ByAxis>(),
+        at: most.map_or_else(ByAxis::new, |(_, pose)| machine.coordinates(pose)),
         rms_urad: 1e6 * turns.rms(),
         largest_urad: 1e6 * turns.max(),
     }
