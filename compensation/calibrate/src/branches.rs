@@ -329,7 +329,7 @@ fn quality<U>(fit: &Fit, reversal: Option<f64>, unit: fn(f64) -> U) -> FitQualit
         residual_min: unit(fit.min()),
         residual_max: unit(fit.max()),
         residual_rms: unit(fit.rms()),
-        leave_one_out: unit(fit.leave_one_out_rms),
+        leave_one_out: (fit.leave_one_out_rms.is_finite()).then(|| unit(fit.leave_one_out_rms)),
         reversal: reversal.map(unit),
     }
 }

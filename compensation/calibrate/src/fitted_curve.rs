@@ -78,10 +78,10 @@ pub enum Quality {
 
 impl Quality {
     /// The leave-one-out error in the unit of the error.
-    pub(crate) fn leave_one_out(&self) -> f64 {
+    pub(crate) fn leave_one_out(&self) -> Option<f64> {
         match self {
-            Self::Length(quality) => quality.leave_one_out.0,
-            Self::Angle(quality) => quality.leave_one_out.0,
+            Self::Length(quality) => quality.leave_one_out.map(|Um(um)| um),
+            Self::Angle(quality) => quality.leave_one_out.map(|Urad(urad)| urad),
         }
     }
 }
@@ -96,8 +96,9 @@ pub struct FitQuality<U> {
     pub residual_max: U,
     /// Root mean square of the readings minus curve.
     pub residual_rms: U,
-    /// Leave-one-out error: root mean square of each reading minus the curve fitted without it.
-    pub leave_one_out: U,
+    /// Leave-one-out error: root mean square of each reading minus the curve fitted without it; `None` where one cannot be predicted from the
+    /// others.
+    pub leave_one_out: Option<U>,
     /// Largest difference forward − backward of the curves over the targets, with its sign; `None` with one curve for
     /// both directions.
     pub reversal: Option<U>,

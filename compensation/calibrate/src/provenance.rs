@@ -125,15 +125,13 @@ fn rounded(value: f64) -> f64 {
 
 /// The leave-one-out error of all directions; `None` where a target cannot be predicted from the others.
 fn leave_one_out(branches: &[&FittedCurve]) -> Option<f64> {
-    let squares = branches.iter().map(|curve| {
+    let (mut count, mut sum) = (0.0, 0.0);
+    for curve in branches {
         let readings = curve.readings as f64;
-        (readings, readings * curve.quality.leave_one_out().powi(2))
-    });
-    let (count, sum) = squares.fold((0.0, 0.0), |(n, sum), (own, square)| {
-        (n + own, sum + square)
-    });
-    let error = f64::sqrt(sum / f64::max(count, 1.0));
-    error.is_finite().then(|| rounded(error))
+        count += readings;
+        sum += readings * curve.quality.leave_one_out()?.powi(2);
+    }
+    Some(rounded(f64::sqrt(sum / f64::max(count, 1.0))))
 }
 
 fn of_square(file: &CalibrationFile, square: &Squareness) -> Result<Origin, CalibrateError> {

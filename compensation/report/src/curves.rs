@@ -189,12 +189,12 @@ fn numbers(fit: &FittedCurve) -> FitNumbers {
     let (residual, leave_one_out, reversal) = match fit.quality {
         Quality::Length(q) => (
             residual(q.residual_min.0, q.residual_max.0, q.residual_rms.0),
-            q.leave_one_out.0,
+            q.leave_one_out.map(|error| error.0),
             q.reversal.map(|b| b.0),
         ),
         Quality::Angle(q) => (
             residual(q.residual_min.0, q.residual_max.0, q.residual_rms.0),
-            q.leave_one_out.0,
+            q.leave_one_out.map(|error| error.0),
             q.reversal.map(|b| b.0),
         ),
     };

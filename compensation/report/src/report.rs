@@ -255,8 +255,8 @@ pub struct FitNumbers {
     pub readings: usize,
     /// Readings minus curve.
     pub residual: Residual,
-    /// The leave-one-out error.
-    pub leave_one_out: f64,
+    /// The leave-one-out error; `None` where a reading cannot be predicted from the others.
+    pub leave_one_out: Option<f64>,
     /// The largest difference forward − backward of the curves.
     pub reversal: Option<f64>,
 }

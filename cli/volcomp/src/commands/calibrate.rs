@@ -98,8 +98,8 @@ struct FittedRow {
     unit: &'static str,
     /// Readings minus curve.
     residual: Residual,
-    /// Root mean square of the leave-one-out errors.
-    leave_one_out: f64,
+    /// Root mean square of the leave-one-out errors; null where a reading cannot be predicted from the others.
+    leave_one_out: Option<f64>,
     /// Largest difference forward − backward of the curves; null: one curve for both directions.
     reversal: Option<f64>,
 }
@@ -161,7 +161,7 @@ impl FittedRow {
                 max: number(quality.residual_max),
                 rms: number(quality.residual_rms),
             },
-            leave_one_out: number(quality.leave_one_out),
+            leave_one_out: quality.leave_one_out.map(number),
             reversal: quality.reversal.map(number),
         }
     }
@@ -229,7 +229,9 @@ fn text(document: &Calibrate) -> String {
             fixed(curve.residual.min, 2),
             fixed(curve.residual.max, 2),
             fixed(curve.residual.rms, 2),
-            fixed(curve.leave_one_out, 2),
+            curve
+                .leave_one_out
+                .map_or("-".to_owned(), |error| fixed(error, 2)),
             unit_symbol(curve.unit).to_owned(),
         ]);
     }

@@ -113,7 +113,7 @@ fn numbers(page: &mut Page, curve: &Curve) {
             Cell::number(min, 2),
             Cell::number(max, 2),
             Cell::number(rms, 2),
-            Cell::number(fit.leave_one_out, 2),
+            Cell::Number(fit.leave_one_out, 2),
             Cell::Number(fit.reversal, 2),
         ]
     });

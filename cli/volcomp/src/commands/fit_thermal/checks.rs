@@ -12,6 +12,8 @@ use crate::commands::fixed;
 
 /// The temperatures of a machine, °C. Kelvin, and the values by which loggers report a fault, are outside.
 const PLAUSIBLE: RangeInclusive<f64> = -60.0..=200.0;
+/// No shop is as warm, °C.
+const WARMEST_SHOP: f64 = 60.0;
 /// The smallest step between rows that can be an outlier, K.
 const LEAST_JUMP_K: f64 = 5.0;
 /// An outlier is this many times the 95 % quantile of the steps between rows.
@@ -44,6 +46,16 @@ pub(super) fn implausible(degc: &[f64]) -> Option<(usize, String)> {
         degc[from]
     );
     Some((from, why))
+}
+
+/// A note on a sensor whose lowest temperature is that of no shop.
+pub(super) fn never_cold(sensor: &str, degc: &[f64]) -> Option<String> {
+    let coldest = degc.iter().copied().reduce(f64::min)?;
+    (coldest > WARMEST_SHOP).then(|| {
+        format!(
+            "{sensor}_degc is {coldest} °C at the lowest, expected a start below {WARMEST_SHOP} °C, that of a machine in its shop: are these °C?"
+        )
+    })
 }
 
 /// The 95 % quantile of the steps between rows, K.
@@ -244,6 +256,14 @@ mod tests {
         assert_eq!(implausible(&[-3.0; 100]), None);
         assert_eq!(implausible(&[20.0]), None);
         assert_eq!(implausible(&[]), None);
+    }
+
+    #[test]
+    fn a_machine_begins_at_the_temperature_of_a_shop() {
+        assert_eq!(never_cold("spindle", &warming()), None);
+        let fahrenheit: Vec<f64> = warming().iter().map(|degc| 1.8 * degc + 32.0).collect();
+        let said = never_cold("spindle", &fahrenheit).expect("no shop is at 71 °C");
+        assert!(said.starts_with("spindle_degc is 71"), "{said}");
     }
 
     #[test]

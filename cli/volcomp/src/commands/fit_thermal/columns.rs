@@ -8,7 +8,7 @@ use volcomp_model::{
     vocabulary::{AxisKind, AxisName},
 };
 
-use super::checks::implausible;
+use super::checks::{implausible, never_cold};
 use crate::failure::Failure;
 
 /// A time, temperatures and displacements, as many of each as there are rows.
@@ -89,13 +89,14 @@ pub(super) fn read(path: &Path) -> Result<Columns, Failure> {
             }
             Head::Sensor(sensor) => {
                 twice(found.sensors.contains(&sensor))?;
-                found.sensors.push(sensor);
+                found.sensors.push(sensor.clone());
                 let degc = numbers(column)?;
                 if let Some((row, why)) = implausible(&degc)
                     && let Some(row) = table.rows().nth(row)
                 {
                     return Err(row.cell(column).error(why).into());
                 }
+                found.notes.extend(never_cold(&sensor, &degc));
                 found.degc.push(degc);
             }
             Head::Displacement(name) => {
