@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use volcomp_focas::simulator::{BarrierLadder, Ladder};
 use volcomp_guard::{
-    barrier::{Program, Protection},
+    barrier::{Program, Protection, SettingsError},
     protocol::Layout,
 };
 use volcomp_port::Axis;
@@ -126,7 +126,8 @@ impl BarrierArguments {
         if self.no_barrier || self.map_words.is_some() {
             return Ok(None);
         }
-        let layout = Layout::of(self.corrected(axes).iter().copied())?;
+        let layout =
+            Layout::of(self.corrected(axes).iter().copied()).map_err(SettingsError::from)?;
         Ok(Some((self.machine_number, layout)))
     }
 
@@ -217,7 +218,7 @@ impl BarrierArguments {
             hold_scans: whole("--hold-ms", self.hold_ms, 1.0 / scan_ms, 16_383)?,
             time_out_scans: whole("--time-out-ms", self.time_out_ms, 1.0 / scan_ms, steps)?,
         };
-        let layout = Layout::of(axes.iter().copied())?;
+        let layout = Layout::of(axes.iter().copied()).map_err(SettingsError::from)?;
         Ok(Ladder::Own(Box::new(MapLadder::new(layout, slots, &set)?)))
     }
 }

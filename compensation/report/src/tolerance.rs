@@ -207,8 +207,8 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
 
 /// The size of an error, and its expanded uncertainty (k = 2) where what it is made of is stated.
 fn of_error(report: &Report, name: &str) -> (Option<f64>, Option<f64>) {
-    let identified = report.identified.as_ref();
-    if identified.is_some_and(|of| of.left_open().any(|open| is_of_error(open, name))) {
+    let found = report.identified.as_ref();
+    if found.is_some_and(|of| of.left_open().any(|open| is_of_error(open, name))) {
         return (None, None);
     }
     if let Some(curve) = report.curves.iter().find(|curve| curve.error == name) {

@@ -201,7 +201,7 @@ fn a_slew_lowered_in_motion_loses_no_correction() {
             let (before, plant) = (before.expect("lowered"), ways.plant());
             let after = plant.barrier.memory();
             let case = format!("{late} late, slew x {part}");
-            assert_eq!(after.epoch, before.epoch, "{case}");
+            assert_eq!(after.link.epoch, before.link.epoch, "{case}");
             // On its way to -60 um.
             assert!(after.applied[0] < before.applied[0], "{case}");
         }
