@@ -151,7 +151,7 @@ offset = \"unknown\"
         places.iter().map(|x| (x - mean).powi(2)).sum::<f64>()
     };
     let before = spread(&places);
-    places.push(next.pose[0].1);
+    places.push(next.pose[&AxisName::X]);
     let expected = (spread(&places) / before).sqrt();
     let told = next.improvement.expect("determined");
     assert!((told - expected).abs() < 1e-3, "{told} {expected}");
@@ -195,8 +195,7 @@ point = [0, 0, -50]
     let own = own.expect("an unknown");
     assert!(own.determined && own.value.abs() < 0.1, "{own:?}");
     if let Some(next) = found.next {
-        let (axis, at) = next.pose[0];
-        assert_eq!(axis, AxisName::C);
+        let at = next.pose[&AxisName::C];
         let measured = [0.0, 30.0, 60.0, 90.0, 120.0, 150.0, -30.0, -60.0];
         assert!(
             (-180.0..=180.0).contains(&at) && !measured.contains(&at),
@@ -253,12 +252,7 @@ frame = [0, 0, 0, 0, 0, 0]
         ("EC0Y", "EC0Y"),
         "{effects:?}"
     );
-    let y = next
-        .pose
-        .iter()
-        .find(|(axis, _)| *axis == AxisName::Y)
-        .expect("Y")
-        .1;
+    let y = next.pose[&AxisName::Y];
     assert!(y.abs() > 200.0, "{next:?}");
 }
 
