@@ -166,7 +166,7 @@ fn a_probe_needs_the_key(dir: &Path) {
     };
     let with = |file: &Path| probe(&format!("?key_file={}", file.display()));
     let right = with(&dir.join("volcomp.key")).expect("it answers");
-    let names: Vec<&str> = right.positions.iter().map(|axis| &*axis.name).collect();
+    let names: Vec<&String> = right.positions_mm.keys().collect();
     assert_eq!(names, ["X", "Y", "Z"]);
     let wrong = with(&other).expect_err("another key").to_string();
     println!("{wrong}");
