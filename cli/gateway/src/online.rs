@@ -10,7 +10,7 @@ use volcomp_vocabulary::{AxisName, Displacement};
 
 use crate::{
     config::BarrierConfig,
-    documents::{OnlineBarrier, OnlineBarrierAxis, round},
+    documents::{AxisPlan, OnlineBarrier, OnlineBarrierAxis, round},
 };
 
 /// The barrier of a control as its reports tell it, checked against the configuration of the controller.
@@ -84,6 +84,7 @@ pub(crate) fn barrier(
         axes: (axes.iter().enumerate())
             .map(|(index, name)| OnlineBarrierAxis {
                 name: *name,
+                unit: AxisPlan::unit_of(name.kind()).to_owned(),
                 limit: round(micro(index, settings.limit[index])),
                 rate_per_s: round(micro(index, settings.rate[index]) / step_s),
             })

@@ -140,6 +140,13 @@ fn refused(line: usize, what: &str) -> NcError {
     }
 }
 
+fn with_rotary_axes() -> NcError {
+    refused(
+        1,
+        "a mean correction needs a machine without rotary axes: with them it is another one at each angle",
+    )
+}
+
 /// Writes a program behind lines that set its work offsets to those of the set-up and the mean correction: G10 L2. Nothing else
 /// changes.
 ///
@@ -152,14 +159,8 @@ pub fn average(
     job: Job<'_>,
     of: MeanOf<'_>,
 ) -> Result<Vec<Average>, NcError> {
-    let turns = || {
-        refused(
-            1,
-            "a mean correction needs a machine without rotary axes: with them it is another one at each angle",
-        )
-    };
     if !job.corrector.is_only_linear() {
-        return Err(turns());
+        return Err(with_rotary_axes());
     }
     let is_printer = job.setup.control().is_some_and(Control::is_printer);
     if job.dialect != Dialect::Rs274 || is_printer {
@@ -181,7 +182,9 @@ pub fn average(
     })?;
     let measured = match of {
         MeanOf::Places => None,
-        MeanOf::Readings(readings) => Some(mean_of(readings, job.corrector).ok_or_else(turns)?),
+        MeanOf::Readings(readings) => {
+            Some(mean_of(readings, job.corrector).ok_or_else(with_rotary_axes)?)
+        }
     };
     let mean = |of: &Sums| match &measured {
         _ if of.places == 0 => [0.0; 3],

@@ -97,12 +97,14 @@ pub struct OnlineBarrier {
     pub axes: Vec<OnlineBarrierAxis>,
 }
 
-/// The settings of one axis of a barrier, in µm for linear and µrad for rotary axes.
+/// The settings of one axis of a barrier.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct OnlineBarrierAxis {
     /// The letter of the axis.
     #[schemars(with = "String")]
     pub name: AxisName,
+    /// The unit of the numbers below: `µm` or `µrad`.
+    pub unit: String,
     /// The largest correction that it lets through.
     pub limit: f64,
     /// How far it moves the correction in a second at the most.

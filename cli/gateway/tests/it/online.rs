@@ -90,7 +90,7 @@ fn a_barrier_that_would_not_arm_is_found_before_the_start() {
         "[controller.barrier]\nmachine = 4711\nscan_ms = 2.0",
         "# barrier = { machine = 4711, layout = 123, axes = [\"X\", \"Y\", \"Z\"], scan_ms = 2.0 }",
         "# owner = 0\n",
-        "#   { name = \"X\", limit = 150.0, rate_per_s = 1000.0 },",
+        "#   { name = \"X\", unit = \"µm\", limit = 150.0, rate_per_s = 1000.0 },",
         "# time_out_ms = 450.0",
     ] {
         assert!(text.contains(expected), "{expected}\n{text}");

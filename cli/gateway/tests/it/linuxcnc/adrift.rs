@@ -19,11 +19,11 @@ fn in_joint_mode_nothing_is_asked_for() {
     let (text, errors, status) = said(&check(&config, &["--online"]));
     assert_eq!(status, Some(0), "{errors}");
     for line in [
-        "  protocol            version 2\n",
-        "  state               on, homed\n",
-        "    oldest frame      100 ms\n",
-        "    time-out          300 ms\n",
-        "    axis X            limit 30 µm, rate 2000 µm/s\n",
+        "# protocol = 2\n",
+        "# state = \"on, homed\"\n",
+        "# hold_ms = 100.0\n",
+        "# time_out_ms = 300.0\n",
+        "#   { name = \"X\", unit = \"µm\", limit = 30.0, rate_per_s = 2000.0 },\n",
     ] {
         assert!(text.contains(line), "{line}{text}");
     }

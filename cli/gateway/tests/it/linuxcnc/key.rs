@@ -195,7 +195,7 @@ fn without_the_key_nothing_moves_and_nobody_is_shut_out() {
     let config = super::configuration(dir.path(), PORT);
     let (text, errors, status) = said(&check(&config, &["--online"]));
     assert_eq!(status, Some(0), "{errors}");
-    assert!(text.contains("  protocol            version 2\n"), "{text}");
+    assert!(text.contains("# protocol = 2\n"), "{text}");
     let program = gateway(dir.path(), PORT);
     wait_corrected(&mut control, &program);
     let cycles = control.record(|control| control.mdi("G1 F600 X60 Y45 Z-25"));
