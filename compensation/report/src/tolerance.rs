@@ -118,6 +118,8 @@ fn symbols() -> Vec<&'static str> {
 /// evaluated, and that is said.
 pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
     let symbols = symbols();
+    let identified = report.identified.as_ref();
+    let leaves_open = identified.is_some_and(|of| of.left_open().next().is_some());
     let mut all = Vec::new();
     for tolerance in tolerances {
         let symbol = tolerance.symbol.as_str();
@@ -125,11 +127,12 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
             let value = value.filter(|value| value.is_finite());
             let uncertainty = u.filter(|_| value.is_some());
             let outcome = match decide(value, tolerance.limit, uncertainty) {
-                // At another temperature the figure is another one.
-                // And a curve that does not follow its readings is not the error.
+                // At another temperature the figure is another one; a curve that does not follow its readings is not the error.
                 Verdict::Pass if matches!(of, CheckOf::AtReference | CheckOf::Curves) => {
                     Verdict::Undecided
                 }
+                // What the observations leave open may be of any size.
+                Verdict::Pass if of == CheckOf::MeasuredAlone && leaves_open => Verdict::Undecided,
                 outcome => outcome,
             };
             all.push(Check {

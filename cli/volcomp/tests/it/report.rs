@@ -271,6 +271,7 @@ fn what_observations_leave_open_is_not_met() {
         assert_eq!(check["outcome"], "not_evaluated", "{check}");
     }
     assert_eq!(checks[2]["of"], "the measured errors alone");
+    assert_eq!(checks[2]["outcome"], "undecided");
     assert!(page.contains("not determined by the observations, taken as 0: EX0C, EB0C"));
 }
 
