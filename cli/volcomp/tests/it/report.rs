@@ -397,5 +397,8 @@ fn a_volumetric_error_of_a_part_of_the_machine_is_told() {
     }
     let bare = write("bare.toml", "");
     let (document, _) = report(&[&model, "--truth", &bare, "--tolerance", "V=500"]);
-    assert_eq!(document["checks"][0]["outcome"], "undecided", "{document}");
+    assert_eq!(
+        document["checks"][0]["outcome"], "not_evaluated",
+        "{document}"
+    );
 }
