@@ -145,29 +145,32 @@ fn elsewhere_only_with_tls_and_a_token() {
     };
     let log = std::fs::read_to_string(&log_path).expect("readable");
     assert!(without.contains("answers 401"), "{without}\n{log}");
-    let with = call(&[
-        "status",
-        "--config",
-        path(&config),
-        "--token-file",
-        path(&viewer(dir.path())),
-    ]);
-    assert_eq!(
-        with.status.code(),
-        Some(0),
-        "{}",
-        String::from_utf8_lossy(&with.stderr)
-    );
-    assert!(String::from_utf8_lossy(&with.stdout).contains("disarmed"));
+    let with_token = || {
+        let viewer = viewer(dir.path());
+        call(&[
+            "status",
+            "--config",
+            path(&config),
+            "--token-file",
+            path(&viewer),
+        ])
+    };
+    // The page answers before the first cycle.
+    let end = Instant::now() + Duration::from_secs(60);
+    loop {
+        let with = with_token();
+        let message = String::from_utf8_lossy(&with.stderr).into_owned();
+        assert_eq!(with.status.code(), Some(0), "{message}");
+        let told = String::from_utf8_lossy(&with.stdout).into_owned();
+        if told.contains("disarmed") {
+            break;
+        }
+        assert!(Instant::now() < end, "{told}");
+        std::thread::sleep(Duration::from_millis(50));
+    }
     // The rest of the file is none of its business: somebody may be changing it.
     change(&config, "slew_um_per_s = 500.0", "slew_um_per_s = \"fast\"");
-    let changed = call(&[
-        "status",
-        "--config",
-        path(&config),
-        "--token-file",
-        path(&viewer(dir.path())),
-    ]);
+    let changed = with_token();
     assert_eq!(changed.status.code(), Some(0), "{changed:?}");
     // A file that is no TOML says no address: the message says how to ask all the same.
     change(&config, "slew_um_per_s = \"fast\"", "slew_um_per_s");

@@ -377,7 +377,7 @@ fn configurations_that_this_control_cannot_have() {
     let errors = refused("unwatched = true\n", "");
     assert!(errors.contains("unwatched"), "{errors}");
     let errors = refused("user = \"gateway\"\n", "");
-    assert!(errors.contains("expected both or none"), "{errors}");
+    assert!(errors.contains("expected both or neither"), "{errors}");
     let errors = refused("time_out_ms = 2000", "period_ms = 50");
     assert!(errors.contains("period_ms"), "{errors}");
     let errors = refused("nodes = [\"/Plc/DB5.DBD0:REAL\"]", "nodes = []");

@@ -231,6 +231,12 @@ fn a_figure_that_the_curve_does_not_bear_out_does_not_pass() {
         "exx.csv",
         &crate::csv(17, 50.0, 5, |x, _| 20.0 * (x / 40.0).sin()),
     );
+    let text = std::fs::read_to_string(shop.folder.path().join("calibration.toml")).expect("read");
+    let parabola = "file = \"exx.csv\"\ncurve = { poly = { order = 2 } }\n";
+    shop.write(
+        "calibration.toml",
+        &text.replace("file = \"exx.csv\"\n", parabola),
+    );
     let (_, calibration) = shop.calibrated();
     let mut report = shop.report();
     assert_eq!(report.not_followed, ["EXX"]);
@@ -247,6 +253,7 @@ fn a_figure_that_the_curve_does_not_bear_out_does_not_pass() {
     );
     // That of the readings does.
     assert_eq!(found[1].outcome, Verdict::Pass);
+    shop.write("calibration.toml", &text);
     shop.write("exx.csv", &crate::csv(1, 50.0, 5, |_, _| 20.0));
     let found = checks(&shop.report(), &limits);
     assert_eq!(found[1].outcome, Verdict::NotEvaluated, "{found:?}");

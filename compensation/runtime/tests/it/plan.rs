@@ -49,7 +49,7 @@ fn what_does_not_fit_is_named() {
     );
     let message = with(planned(same, |guard| guard.rotary = None, |_| {}));
     assert!(
-        message.contains("axis B is rotary") && message.contains("expected limits of rotary axes"),
+        message.contains("axis B is rotary: [guard] limit_urad and slew_urad_per_s are missing"),
         "{message}"
     );
     let message = with(planned(
@@ -99,7 +99,7 @@ fn a_fixed_rotary_axis_is_refused_unless_no_drive_turns_it() {
     assert!(
         refused
             .to_string()
-            .contains("a controller that reads its position"),
+            .contains("of a controller that shows its position"),
         "{refused}"
     );
     assert!(plan(&[b, c], &[b, c]).is_ok());
@@ -142,7 +142,7 @@ fn a_fixed_position_beyond_the_travel_is_refused() {
     }
 }
 
-/// Limits are told in µm and µrad; no key of any configuration file is named, since this crate has none.
+/// Limits are told in µm and µrad, under their keys.
 #[test]
 fn limits_are_told_in_the_units_of_the_user() {
     let coarse = |d: &mut Description| {
@@ -154,7 +154,7 @@ fn limits_are_told_in_the_units_of_the_user() {
         .expect_err("less than a step");
     assert_eq!(
         error.to_string(),
-        "simulated: limit of axis Z: found 0.5 µm, expected at least one step of the controller"
+        "simulated: [guard] limit_um of axis Z: found 0.5 µm, expected at least one step of the controller, which is resolution_um (1 µm where it is not stated; on CAN the factor in the DBC file)"
     );
     assert!(
         matches!(error, PlanError::Limits { axis: Some(AxisName::Z), source, .. } if source.what == Quantity::Limit)
