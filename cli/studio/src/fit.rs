@@ -100,9 +100,9 @@ impl Folder {
             machine: machine.checksum(),
             verdict: Verdict::of(&report, &limits),
             position_um: size.map(|size| size.form_max_um),
-            worst_at: size.map(|size| size.place()),
+            worst_at: size.map(volcomp_report::Size::place),
             curves: report.curves.len(),
-            warnings: warnings.map(|text| self.relative(text)).collect(),
+            warnings: warnings.map(|text| self.relative(&text)).collect(),
         })
     }
 

@@ -118,7 +118,7 @@ impl Folder {
     }
 
     /// A message without the path of this folder.
-    pub(crate) fn relative(&self, message: impl ToString) -> String {
+    pub(crate) fn relative(&self, message: &impl ToString) -> String {
         let path = format!("{}/", self.path.display());
         message.to_string().replace(&path, "")
     }
@@ -145,10 +145,10 @@ impl Folder {
             Ok(machine) => machine,
             Err(error) => {
                 if !matches!(error, StudioError::NoMachine) {
-                    state.machine_error = Some(self.relative(error));
+                    state.machine_error = Some(self.relative(&error));
                     state.machine_text = self.text_of(MACHINE);
                 }
-                let names = paths.iter().map(|path| self.relative(path.display()));
+                let names = paths.iter().map(|path| self.relative(&path.display()));
                 state.files = names.map(FileState::named).collect();
                 return Ok(state);
             }
@@ -210,7 +210,7 @@ impl Folder {
 
     /// The draft of measurement files.
     pub(crate) fn draft(&self, paths: Vec<PathBuf>, machine: &Machine) -> Draft {
-        let named = |path: &Path| self.relative(path.display());
+        let named = |path: &Path| self.relative(&path.display());
         draft_of(paths, machine, MACHINE, named)
     }
 
@@ -227,7 +227,7 @@ impl Folder {
             }));
         }
         for LeftOver { file, reason, .. } in &answered.whole.left_over {
-            let reason = Some(self.relative(reason));
+            let reason = Some(self.relative(&reason));
             match files.iter_mut().find(|known| known.name == *file) {
                 Some(known) => known.not_used = reason,
                 None => files.push(FileState {
@@ -361,7 +361,7 @@ impl Folder {
             return Ok(Vec::new());
         }
         let found = files_below(&result, MAX_FILES).map_err(StudioError::disk(RESULT))?;
-        let names = found.iter().map(|path| self.relative(path.display()));
+        let names = found.iter().map(|path| self.relative(&path.display()));
         let mut names: Vec<String> = names.collect();
         // The machine file ends in .toml, which `files_below` leaves out.
         names.extend(self.at(FITTED).exists().then(|| FITTED.to_owned()));

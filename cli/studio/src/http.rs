@@ -70,7 +70,7 @@ impl Studio {
             what: "random numbers",
             source: std::io::Error::other(e),
         })?;
-        let token = random.iter().map(|byte| format!("{byte:02x}")).collect();
+        let token = format!("{:032x}", u128::from_be_bytes(random));
         Ok(Self {
             listener,
             address,
@@ -207,7 +207,7 @@ async fn work<T: Send + 'static>(
 ) -> Result<T, Response> {
     let done = tokio::task::spawn_blocking(move || {
         let folder = page.lock().unwrap_or_else(PoisonError::into_inner);
-        work(&folder).map_err(|error| (error.status(), folder.relative(error)))
+        work(&folder).map_err(|error| (error.status(), folder.relative(&error)))
     });
     match done.await {
         Ok(Ok(done)) => Ok(done),

@@ -108,12 +108,12 @@ fn to_gateway(server: &Server, token: &str, text: &str) -> Result<Delivery, Stud
             break candidate;
         }
         if begun.elapsed() > COMPARE_TIMEOUT {
-            return Err(server.failed("the gateway has not compared the machine file in time"));
+            return Err(server.failed(&"the gateway has not compared the machine file in time"));
         }
         std::thread::sleep(POLL_INTERVAL);
     };
     if let Some(error) = candidate["error"].as_str() {
-        return Err(server.failed(error));
+        return Err(server.failed(&error));
     }
     let result = &candidate["result"];
     let refusal = result["refusal"].as_str().map(ToOwned::to_owned);
@@ -195,7 +195,7 @@ impl Server {
         format!("{origin}{path}")
     }
 
-    fn failed(&self, why: impl ToString) -> StudioError {
+    fn failed(&self, why: &impl ToString) -> StudioError {
         StudioError::Send {
             address: self.url.origin().ascii_serialization(),
             why: why.to_string(),
@@ -214,14 +214,16 @@ impl Server {
         let mut text = format!("{method} {path} HTTP/1.1\r\nHost: {authority}\r\n");
         for (name, value) in headers {
             if value.contains(['\r', '\n']) {
-                return Err(self.failed("a name or token with a line break in it"));
+                return Err(self.failed(&"a name or token with a line break in it"));
             }
-            text += &format!("{name}: {value}\r\n");
+            for part in [name, ": ", value, "\r\n"] {
+                text += part;
+            }
         }
         let length = body.len();
-        text += &format!("Content-Length: {length}\r\nConnection: close\r\n\r\n{body}");
-        let found = self.exchange(&text).map_err(|e| self.failed(e))?;
-        Answer::read(&found).ok_or_else(|| self.failed("the answer is not HTTP/1.1"))
+        let end = format!("Content-Length: {length}\r\nConnection: close\r\n\r\n{body}");
+        let found = self.exchange(&(text + &end)).map_err(|e| self.failed(&e))?;
+        Answer::read(&found).ok_or_else(|| self.failed(&"the answer is not HTTP/1.1"))
     }
 
     fn exchange(&self, request: &str) -> std::io::Result<String> {
@@ -302,7 +304,7 @@ impl Answer {
         }
         let why = document["error"].as_str();
         let why = why.map_or_else(|| self.body.trim().to_owned(), ToOwned::to_owned);
-        Err(server.failed(format!("status {}: {why}", self.status)))
+        Err(server.failed(&format!("status {}: {why}", self.status)))
     }
 }
 

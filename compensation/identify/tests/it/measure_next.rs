@@ -15,7 +15,7 @@ axes.Z.travel = [-300.0, 300.0]
 
 fn next_at(found: &Identification) -> Vec<f64> {
     let next = found.next.as_ref().expect("a pose");
-    next.pose.iter().map(|(_, at)| *at).collect()
+    next.pose.values().copied().collect()
 }
 
 /// The tip at the end of a ballbar of 150 mm about [10, 20, −30] on a machine that only travels: in the plane of X and Y.

@@ -73,7 +73,7 @@ fn what_does_not_fit_is_named() {
         |_| {},
     ));
     assert!(
-        message.contains("cycle: found 4 ms, expected at least 7.5 ms"),
+        message.contains("cycle_ms: found 4 ms, expected at least 7.5 ms"),
         "{message}"
     );
 }
@@ -168,7 +168,7 @@ fn limits_are_told_in_the_units_of_the_user() {
         .expect_err("more than the device can be told");
     assert!(
         error.to_string().contains(
-            "limit of axis Z: found 127.5 µm, expected at most 127 µm, the largest correction"
+            "[guard] limit_um of axis Z: found 127.5 µm, expected at most 127 µm, the largest correction"
         ),
         "{error}"
     );
@@ -180,7 +180,7 @@ fn limits_are_told_in_the_units_of_the_user() {
     let error = planned(|_| {}, rotary, |_| {}).expect_err("it never moves");
     assert_eq!(
         error.to_string(),
-        "simulated: slew of axis B: found 0 µrad/s, expected a positive number"
+        "simulated: [guard] slew_urad_per_s of axis B: found 0 µrad/s, expected a positive number"
     );
     let error = planned(
         |_| {},
@@ -190,7 +190,7 @@ fn limits_are_told_in_the_units_of_the_user() {
     let message = error.expect_err("shorter than a cycle").to_string();
     assert_eq!(
         message,
-        "simulated: hold: found 1 ms, expected at least one cycle"
+        "simulated: [guard] hold_ms: found 1 ms, expected at least one cycle"
     );
 }
 
