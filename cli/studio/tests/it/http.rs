@@ -242,7 +242,7 @@ fn server(answers: Vec<(&'static str, String)>) -> (SocketAddr, thread::JoinHand
         for (head, body) in answers {
             let (mut stream, _) = listener.accept().expect("a client");
             let mut text = String::new();
-            let mut buffer = [0; 65536];
+            let mut buffer = vec![0; 65536];
             loop {
                 let count = stream.read(&mut buffer).expect("readable");
                 text += &String::from_utf8_lossy(&buffer[..count]);

@@ -244,15 +244,17 @@ fn what_observations_leave_open_is_not_met() {
         "machine.toml",
         "structure = \"w C' b X Y Z t\"\n[axes]\nX.travel = [0.0, 400.0]\nY.travel = [0.0, 400.0]\nZ.travel = [-300.0, 0.0]\nC.travel = [-360.0, 360.0]\n",
     );
-    let mut rows = "X,Y,Z,C,x,y,z\n".to_owned();
-    for (x, y, z) in (0..27_u32).map(|i| (i % 3, i / 3 % 3, i / 9)) {
+    let row = |(x, y, z): (u32, u32, u32)| {
         let [x, y, z] = [
             200.0 * f64::from(x),
             200.0 * f64::from(y),
             -150.0 * f64::from(z),
         ];
-        rows += &format!("{x},{y},{z},0,{:.6},{y},{z}\n", x + 2e-5 * x);
-    }
+        format!("{x},{y},{z},0,{:.6},{y},{z}\n", x + 2e-5 * x)
+    };
+    let places = (0..27).map(|i| (i % 3, i / 3 % 3, i / 9));
+    let rows = places.map(row).collect::<Vec<_>>().concat();
+    let rows = format!("X,Y,Z,C,x,y,z\n{rows}");
     write("points.csv", &rows);
     write(
         "observations.toml",
