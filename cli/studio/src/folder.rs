@@ -7,8 +7,8 @@
 
 use std::{
     fs,
+    os::unix::fs::MetadataExt,
     path::{Path, PathBuf},
-    time::SystemTime,
 };
 
 use serde::Serialize;
@@ -394,11 +394,16 @@ impl Folder {
 
     /// Whether an input is newer than the report.
     fn is_stale(&self, measurements: &[PathBuf]) -> bool {
-        let changed = |path: &Path| fs::metadata(path).and_then(|of| of.modified()).ok();
+        // A file that was copied keeps the time of the one that it is a copy of; the time of its entry does not.
+        let changed = |path: &Path| {
+            fs::metadata(path)
+                .map(|of| (of.ctime(), of.ctime_nsec()))
+                .ok()
+        };
         let Some(written) = changed(&self.at(REPORT)) else {
             return false;
         };
-        let is_newer = |at: Option<SystemTime>| at.is_some_and(|at| at > written);
+        let is_newer = |at: Option<(i64, i64)>| at.is_some_and(|at| at > written);
         let own = [MACHINE, CALIBRATION].map(|name| self.at(name));
         measurements
             .iter()

@@ -1,5 +1,5 @@
-//! The fitted machine file on its way to a gateway or to the centre, over their own HTTP interfaces. Both compare it with the
-//! model that they have; nothing corrects with it before an engineer confirms it there.
+//! The fitted machine file on its way to a gateway or to the centre, over their own HTTP interfaces. The gateway compares it
+//! with the model in force, the centre stores it; nothing corrects with it before an engineer confirms it there.
 
 use std::{
     io::{Read, Write},

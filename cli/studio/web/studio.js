@@ -281,12 +281,18 @@ async function fit() {
 }
 
 async function upload(files) {
+  // One that is refused does not stop the others.
+  const refused = [];
   for (const file of files) {
-    if (file.size > LARGEST_FILE) return tell(`${file.name}: larger than 8 MiB, the most that is taken`);
+    if (file.size > LARGEST_FILE) {
+      refused.push(`${file.name}: larger than 8 MiB, the most that is taken`);
+      continue;
+    }
     const now = await ask(`api/upload?name=${encodeURIComponent(file.name)}`, file);
-    if (!now) return;
-    show(now);
+    if (now) show(now);
+    else refused.push(element("answer").textContent);
   }
+  tell(refused.join("; "));
 }
 
 function saved(parent, files) {
@@ -300,7 +306,11 @@ function saved(parent, files) {
 async function tables(event) {
   event.preventDefault();
   const at = {};
-  for (const field of element("places").querySelectorAll("input")) at[field.dataset.axis] = Number(field.value);
+  for (const field of element("places").querySelectorAll("input")) {
+    // An empty field is no position.
+    if (field.value.trim() === "") return tell(`${field.dataset.axis}: the position is missing`);
+    at[field.dataset.axis] = Number(field.value);
+  }
   const number = (id) => Number(element(id).value);
   const done = await ask("api/tables", { format: element("format").value, step_mm: number("step-mm"), step_deg: number("step-deg"), limit_um: number("limit"), at });
   const target = element("tables-done");

@@ -118,6 +118,9 @@ impl Report {
             uncertainty: None,
             not_measured: Vec::new(),
             not_followed: Vec::new(),
+            partly_measured: (machine.partly_measured().iter())
+                .map(|(error, ..)| error.to_string())
+                .collect(),
             identified: None,
             version: env!("CARGO_PKG_VERSION").to_owned(),
         };

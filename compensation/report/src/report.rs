@@ -33,6 +33,8 @@ pub struct Report {
     pub not_measured: Vec<String>,
     /// The errors whose curves do not follow their readings.
     pub not_followed: Vec<String>,
+    /// The errors whose curves cover a part of the travel only.
+    pub partly_measured: Vec<String>,
     /// What was found from observations of the whole machine.
     pub identified: Option<Identified>,
     /// The version of volcomp that made the report.
@@ -102,6 +104,8 @@ pub enum CheckOf {
     Symbol,
     /// Of the measured errors alone, where others were not measured.
     MeasuredAlone,
+    /// Of an error on the part of the travel that its curve covers.
+    Part,
     /// Of curves of which one does not follow its readings.
     Curves,
     /// Of what the correction leaves, while the figures of tests are of the machine without it.
@@ -123,6 +127,7 @@ impl core::fmt::Display for CheckOf {
         match self {
             Self::Symbol => Ok(()),
             Self::MeasuredAlone => f.write_str("the measured errors alone"),
+            Self::Part => f.write_str("the part of the travel that its curve covers"),
             Self::Curves => f.write_str("curves that do not follow their readings"),
             Self::Corrected => f.write_str("what the correction leaves"),
             Self::AtReference => f.write_str("the machine at the reference temperature alone"),
@@ -551,6 +556,18 @@ pub struct Identified {
 }
 
 impl Identified {
+    /// Whether the observations leave an error open: one of its coefficients, or one that has to be zero for those that were found.
+    pub fn leaves_open(&self, error: &str) -> bool {
+        let mut own = self
+            .parameters
+            .iter()
+            .filter(|of| of.name.split(' ').next() == Some(error));
+        own.any(|of| {
+            self.left_open()
+                .any(|open| open == of.name || of.given_zero.iter().any(|zero| zero == open))
+        })
+    }
+
     /// The coefficients of errors that the observations leave open and that are zero by no convention.
     pub fn left_open(&self) -> impl Iterator<Item = &str> {
         let open = self.parameters.iter().filter(|of| of.uncertainty.is_none());

@@ -202,7 +202,13 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
             check(of, value.map(|last| last.found.form_max_um), u, "µm");
         } else if let Ok(error) = symbol.parse::<ErrorName>() {
             let (value, u) = of_error(report, symbol);
-            check(CheckOf::Symbol, value, u, error.component.symbol());
+            let is_part = report.partly_measured.iter().any(|of| of == symbol);
+            let of = if is_part {
+                CheckOf::Part
+            } else {
+                CheckOf::Symbol
+            };
+            check(of, value, u, error.component.symbol());
         }
     }
     all
@@ -211,7 +217,7 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
 /// The size of an error, and its expanded uncertainty (k = 2) where what it is made of is stated.
 fn of_error(report: &Report, name: &str) -> (Option<f64>, Option<f64>) {
     let found = report.identified.as_ref();
-    if found.is_some_and(|of| of.left_open().any(|open| is_of_error(open, name))) {
+    if found.is_some_and(|of| of.leaves_open(name)) {
         return (None, None);
     }
     if let Some(curve) = report.curves.iter().find(|curve| curve.error == name) {
@@ -240,11 +246,6 @@ fn of_error(report: &Report, name: &str) -> (Option<f64>, Option<f64>) {
     let u = u.or_else(|| identified(report, name));
     let value = location.map(|location| location.value.abs());
     (value, u.filter(|_| value.is_some()).map(|u| 2.0 * u))
-}
-
-/// Whether an unknown is one of an error: `EXC cos 1` of EXC.
-fn is_of_error(unknown: &str, error: &str) -> bool {
-    unknown.split(' ').next() == Some(error)
 }
 
 /// The smallest and the largest mean reading, or where there are none value of the curve, each with its place; `None` of so few targets that no

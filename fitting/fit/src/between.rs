@@ -97,6 +97,24 @@ impl Band {
     }
 }
 
+/// The highest less the lowest mean reading beside the straight line of least squares.
+fn height_beside_line(targets: &[Target]) -> f64 {
+    let count = targets.len() as f64;
+    let mean = |of: fn(&Target) -> f64| targets.iter().map(of).sum::<f64>() / count;
+    let (x, u) = (mean(|t| t.x), mean(|t| t.mean));
+    let (mut square, mut product) = (0.0, 0.0);
+    for target in targets {
+        square += (target.x - x).powi(2);
+        product += (target.x - x) * (target.mean - u);
+    }
+    let slope = if square > 0.0 { product / square } else { 0.0 };
+    let beside = targets.iter().map(|t| t.mean - u - slope * (t.x - x));
+    let [low, high] = beside.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], at| {
+        [low.min(at), high.max(at)]
+    });
+    (high - low).max(0.0)
+}
+
 /// What of a curve between its targets the readings do not bear out, in the unit of the readings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Between {
@@ -108,6 +126,8 @@ pub struct Between {
     pub repeatability: Option<f64>,
     /// The highest less the lowest of the mean readings.
     pub height: f64,
+    /// The same beside the straight line through them (least squares).
+    pub height_beside_line: f64,
     /// The widest gap between neighbouring targets over the mean one; 0 of fewer than three targets, of which none can be left out.
     pub widest_gap: f64,
     /// The neighbouring targets between which the curve leaves the straight line between its values there by more than a quarter of the height of
@@ -128,6 +148,7 @@ impl Between {
             residual,
             repeatability,
             height: of_targets.height(),
+            height_beside_line: height_beside_line(&targets),
             widest_gap: if targets.len() > 2 {
                 gaps.fold(0.0, f64::max) / mean
             } else {
@@ -149,10 +170,12 @@ impl Between {
             && (self.leave_one_out > MORE_THAN_REPEATS * repeats || self.widest_gap > WIDE_GAP)
     }
 
-    /// Whether the curve does not follow the readings: it leaves more than seven times what they repeat to, and more than a tenth of their height.
+    /// Whether the curve does not follow the readings: it leaves more than seven times what they repeat to, and more than a tenth of their height
+    /// beside a straight line, which says nothing of a wave.
     pub fn is_not_followed(&self) -> bool {
         let repeats = self.repeatability.unwrap_or(f64::INFINITY);
-        self.residual > MORE_THAN_REPEATS * repeats && self.residual > OF_HEIGHT * self.height
+        self.residual > MORE_THAN_REPEATS * repeats
+            && self.residual > OF_HEIGHT * self.height_beside_line
     }
 
     /// Says that the curve does not follow the readings, whose `unit` that is.

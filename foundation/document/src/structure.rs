@@ -308,6 +308,12 @@ fn words(message: &str, stated: &str) -> String {
     if let Some(rest) = message.strip_prefix("missing field ") {
         return format!("key {rest} is missing");
     }
+    let length = message.strip_prefix("invalid length ");
+    if let Some((found, expected)) =
+        length.and_then(|rest| rest.split_once(", expected an array of length "))
+    {
+        return format!("found an array of {found}, expected an array of {expected} numbers");
+    }
     let invalid = ["invalid type: ", "invalid value: ", "invalid length "]
         .iter()
         .find_map(|start| message.strip_prefix(start));
@@ -398,7 +404,7 @@ mod tests {
         let expected = "F:1: limit_um: found the text \"much\", expected a finite number
 F:2: count: found -1, expected a whole number from 0 to 65535
 F:3: word: found \"grey\", expected one of: binary, gray-code
-F:4: range: found 1, expected an array of 2 numbers
+F:4: range: found an array of 1, expected an array of 2 numbers
 F:5: names: found 1, expected a text in quotes
 F:6: listen: found \"here\", expected an address and port such as 127.0.0.1:8080
 F:7: old: found old, expected limit_um

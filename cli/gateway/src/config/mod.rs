@@ -48,8 +48,11 @@ const ROOT_KEYS: [&str; 12] = [
 /// What replaced a key that old configurations have.
 fn replaced(key: &str) -> Option<&'static str> {
     match key {
-        "several" | "machine" => Some(
+        "several" => Some(
             "found several machines in one gateway, which is gone, expected the path of one machine file: run one gateway for each machine (volcomp-gateway@.service)",
+        ),
+        "machine" => Some(
+            "expected the path of one machine file in quotes; several machines in one gateway are gone: run one gateway for each machine (volcomp-gateway@.service)",
         ),
         "sparkplug" => Some(
             "found [sparkplug], which is gone, expected [opc_ua] or [shdr], which bridges to MQTT read",

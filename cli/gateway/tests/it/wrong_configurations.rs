@@ -684,7 +684,7 @@ pub(crate) const CASES: &[Wrong] = &[
             "machine = \"machine.toml\"\n",
             "[[machine]]\nname = \"mill-1\"\n",
         )],
-        "found several machines in one gateway, which is gone",
+        "several machines in one gateway are gone",
     ),
     // The machine.
     wrong(&[("machine.toml", "missing.toml")], "missing.toml"),

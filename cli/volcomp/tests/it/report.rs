@@ -396,6 +396,13 @@ fn a_volumetric_error_of_a_part_of_the_machine_is_told() {
             assert_eq!(document["checks"][0]["of"], "the measured errors alone");
             assert!(call.len() > 1 || page.contains(told), "{page}");
         }
+        let error = &told[..3];
+        let limit = format!("{error}=500");
+        let (document, _) = report(&[&part, "--tolerance", &limit]);
+        assert_eq!(
+            document["checks"][0]["of"],
+            "the part of the travel that its curve covers"
+        );
     }
     let bare = write("bare.toml", "");
     let (document, _) = report(&[&model, "--truth", &bare, "--tolerance", "V=500"]);

@@ -1,8 +1,8 @@
 //! What stands in the data of a report.
 
 use volcomp_report::{
-    BandSource, CheckOf, Edition, Report, State, Stated, Verdict, WarningKind, checks, tolerances,
-    volume,
+    BandSource, CheckOf, Edition, Identified, Left, Parameter, Report, State, Stated, Verdict,
+    WarningKind, checks, tolerances, volume,
 };
 
 use crate::Shop;
@@ -257,6 +257,45 @@ fn a_figure_that_the_curve_does_not_bear_out_does_not_pass() {
     shop.write("exx.csv", &crate::csv(1, 50.0, 5, |_, _| 20.0));
     let found = checks(&shop.report(), &limits);
     assert_eq!(found[1].outcome, Verdict::NotEvaluated, "{found:?}");
+}
+
+/// What was found if another unknown is zero is found only if that is known to be zero.
+#[test]
+fn an_unknown_that_holds_if_another_is_zero_is_open_where_that_is() {
+    let parameter = |name: &str, uncertainty, given_zero: &[&str]| Parameter {
+        name: name.to_owned(),
+        value: 0.0,
+        uncertainty,
+        unit: "µrad".to_owned(),
+        given_zero: given_zero.iter().map(|zero| (*zero).to_owned()).collect(),
+    };
+    let left = Left {
+        rms_um: 0.0,
+        max_um: 0.0,
+        rows: 9,
+    };
+    let found = Identified {
+        parameters: vec![
+            parameter("EA0Z", Some(0.3), &["EAZ legendre 1"]),
+            parameter("EB0Z", Some(0.3), &["EBZ constant"]),
+            parameter("EAZ legendre 1", None, &[]),
+            parameter("EBZ constant", None, &[]),
+            parameter("t.csv:frame.x", None, &[]),
+        ],
+        rank: 2,
+        of: 3,
+        score: 1.0,
+        residual: left,
+        left_out: None,
+        judged: None,
+        null_space: Vec::new(),
+        redundant: vec!["EBZ constant".to_owned()],
+        next: None,
+    };
+    let open: Vec<&str> = found.left_open().collect();
+    assert_eq!(open, ["EAZ legendre 1"]);
+    let open = ["EA0Z", "EAZ", "EB0Z", "EBZ"].map(|error| found.leaves_open(error));
+    assert_eq!(open, [true, true, false, false]);
 }
 
 #[test]

@@ -104,6 +104,9 @@ fn a_curve_that_does_not_follow_its_readings_is_told() {
         let u = noisy(&x, NOISE, 3, truth);
         between(&method.fit(&x, &u).expect("a curve"), &x, &u)
     };
+    // A slope beside the waves hides nothing.
+    let steep = |x: f64| wave(x) + 0.3 * x;
+    assert!(of(&steep, parabola).is_not_followed());
     let found = of(&wave, parabola);
     let said = found.not_followed("µm").expect("a warning");
     assert!(said.contains("does not follow the readings"), "{said}");
