@@ -7,7 +7,7 @@ use volcomp_vocabulary::Direction;
 
 use crate::{
     curves::{curves, stated_curves},
-    identified::{files, identified, left_open},
+    identified::{files, identified, left_open, not_described},
     positioning::positioning,
     report::{Contribution, Report, SourceFile, Uncertainty, Warning, WarningKind},
     squares::{other_locations, pair_of, squares},
@@ -30,6 +30,8 @@ impl Report {
         let mut not_followed: Vec<String> =
             not_followed.map(|curve| curve.error.to_string()).collect();
         not_followed.dedup();
+        not_followed
+            .extend((calibration.identified.iter()).flat_map(|of| not_described(&of.found)));
         let mut not_measured = calibration.not_measured.clone();
         not_measured.extend(identified.as_ref().and_then(left_open));
         let mut report = Self {
@@ -87,6 +89,7 @@ impl Report {
         let mut report = Self {
             squareness: squares(&found.machine, square),
             identified: Some(identified),
+            not_followed: not_described(found),
             ..Self::of_machine(source, &found.machine, stated)
         };
         let of_errors = not_measured.iter().map(|text| Warning {

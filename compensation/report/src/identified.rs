@@ -47,6 +47,20 @@ pub(crate) fn identified(found: &Identification) -> Identified {
     }
 }
 
+/// More than so many times the stated uncertainty is left of observations by unknowns that do not describe the machine.
+const NOT_DESCRIBED: f64 = 3.0;
+
+/// The errors that were found from observations which they do not describe.
+pub(crate) fn not_described(found: &Identification) -> Vec<String> {
+    if found.variance <= NOT_DESCRIBED.powi(2) {
+        return Vec::new();
+    }
+    let errors = found.parameters.iter().filter_map(|of| of.error);
+    let mut names: Vec<String> = errors.map(|error| error.to_string()).collect();
+    names.dedup();
+    names
+}
+
 /// A note on the unknowns that the observations do not determine: nothing follows of these errors.
 pub(crate) fn left_open(found: &Identified) -> Option<String> {
     let open: Vec<&str> = found.left_open().collect();

@@ -31,7 +31,7 @@ pub struct Report {
     pub uncertainty: Option<Uncertainty>,
     /// The errors that nothing measured, and what each can do.
     pub not_measured: Vec<String>,
-    /// The errors whose curves do not follow their readings.
+    /// The errors whose curves do not follow their readings, and those that do not describe the observations which they were found from.
     pub not_followed: Vec<String>,
     /// The errors whose curves cover a part of the travel only.
     pub partly_measured: Vec<String>,
