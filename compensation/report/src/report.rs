@@ -556,13 +556,20 @@ pub struct Identified {
 }
 
 impl Identified {
+    /// The coefficients of an error.
+    fn of_error<'a>(&'a self, error: &'a str) -> impl Iterator<Item = &'a Parameter> {
+        let all = self.parameters.iter();
+        all.filter(move |of| of.name.split(' ').next() == Some(error))
+    }
+
+    /// Whether an error was to be found.
+    pub fn is_unknown(&self, error: &str) -> bool {
+        self.of_error(error).next().is_some()
+    }
+
     /// Whether the observations leave an error open: one of its coefficients, or one that has to be zero for those that were found.
     pub fn leaves_open(&self, error: &str) -> bool {
-        let mut own = self
-            .parameters
-            .iter()
-            .filter(|of| of.name.split(' ').next() == Some(error));
-        own.any(|of| {
+        self.of_error(error).any(|of| {
             self.left_open()
                 .any(|open| open == of.name || of.given_zero.iter().any(|zero| zero == open))
         })

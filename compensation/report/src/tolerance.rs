@@ -203,7 +203,10 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
         } else if let Ok(error) = symbol.parse::<ErrorName>() {
             let (value, u) = of_error(report, symbol);
             let is_part = report.partly_measured.iter().any(|of| of == symbol);
-            let of = if is_part {
+            let is_unknown = identified.is_some_and(|of| of.is_unknown(symbol));
+            let of = if is_unknown && report.not_followed.iter().any(|of| of == symbol) {
+                CheckOf::Curves
+            } else if is_part {
                 CheckOf::Part
             } else {
                 CheckOf::Symbol

@@ -118,9 +118,12 @@ pub(super) fn verdict(page: &mut Page, report: &Report) {
             Cell::Path(match &check.of {
                 CheckOf::Symbol if check.symbol == VOLUME => LARGEST.to_owned(),
                 CheckOf::Symbol => described(&check.symbol),
-                CheckOf::Part => format!("{}; of {}", described(&check.symbol), check.of),
+                CheckOf::Part | CheckOf::Curves if check.symbol != VOLUME => {
+                    format!("{}; of {}", described(&check.symbol), check.of)
+                }
                 CheckOf::MeasuredAlone
                 | CheckOf::Curves
+                | CheckOf::Part
                 | CheckOf::Corrected
                 | CheckOf::AtReference => {
                     format!("{LARGEST}; of {}", check.of)
