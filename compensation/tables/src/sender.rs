@@ -40,7 +40,7 @@ pub struct Allowed {
     /// The fastest change of a correction, mm/s.
     pub slew_mm_per_s: f64,
     /// The longest time without a frame until the corrections begin to go to zero, s. How long they then take is said by their
-    /// limit and rate, see [`Settings::zero_within_scans`].
+    /// limit and rate, see [`Settings::zero_within_scans`](crate::control::Settings::zero_within_scans).
     pub zero_after_s: f64,
     /// The time of a scan of the control's program, s.
     pub scan_s: f64,
