@@ -9,7 +9,6 @@ const badness = (row) => {
   const place = WORST.indexOf(row.state);
   return place < 0 ? 1 : place;
 };
-const orNone = (text, soft) => text || soft || "–";
 const isNeverHeard = (row) => row.state === "never heard";
 const known = (row, text) => (isNeverHeard(row) ? "–" : row.silent ? "unknown" : text);
 

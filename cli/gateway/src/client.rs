@@ -1,20 +1,16 @@
 //! Asks a running gateway for its state.
 
 use std::{
-    io::{Read, Write},
     net::{SocketAddr, TcpStream},
     path::Path,
-    sync::Arc,
     time::Duration,
 };
 
 use tokio_rustls::rustls::{
-    ClientConfig, ClientConnection, RootCertStore, StreamOwned,
-    crypto::ring,
+    ClientConnection, StreamOwned,
     pki_types::{CertificateDer, ServerName, pem::PemObject},
 };
-
-use volcomp_web::{CertificateError, TlsError};
+use volcomp_web::{CertificateError, TlsError, client};
 
 use crate::{config::DashboardConfig, documents::Status, error::GatewayError};
 
@@ -40,8 +36,8 @@ pub fn ask(dashboard: &DashboardConfig, token: Option<&str>) -> Result<Status, G
         "GET /api/state HTTP/1.1\r\nHost: {address}\r\n{authorization}Connection: close\r\n\r\n"
     );
     let text = match &dashboard.tls_certificate {
-        None => exchange(stream, &request),
-        Some(certificate) => exchange(encrypted(stream, address, certificate)?, &request),
+        None => client::exchange(stream, &request),
+        Some(certificate) => client::exchange(encrypted(stream, address, certificate)?, &request),
     }
     .map_err(failed)?;
     let (head, body) = text.split_once("\r\n\r\n").unwrap_or((&text, ""));
@@ -58,18 +54,6 @@ pub fn ask(dashboard: &DashboardConfig, token: Option<&str>) -> Result<Status, G
     })
 }
 
-fn exchange(mut stream: impl Read + Write, request: &str) -> std::io::Result<String> {
-    stream.write_all(request.as_bytes())?;
-    let mut text = Vec::new();
-    match stream.read_to_end(&mut text) {
-        Ok(_) => {}
-        // Some end without the closing alert.
-        Err(e) if e.kind() == std::io::ErrorKind::UnexpectedEof && !text.is_empty() => {}
-        Err(e) => return Err(e),
-    }
-    Ok(String::from_utf8_lossy(&text).into_owned())
-}
-
 /// The gateway's own certificate is all that is trusted.
 fn encrypted(
     stream: TcpStream,
@@ -80,16 +64,8 @@ fn encrypted(
         file: certificate.to_owned(),
         source,
     };
-    let mut roots = RootCertStore::empty();
-    roots
-        .add(CertificateDer::from_pem_file(certificate).map_err(|e| wrong(e.into()))?)
-        .map_err(|e| wrong(e.into()))?;
-    let config = ClientConfig::builder_with_provider(Arc::new(ring::default_provider()))
-        .with_safe_default_protocol_versions()
-        .map_err(|e| wrong(e.into()))?
-        .with_root_certificates(roots)
-        .with_no_client_auth();
-    let connection = ClientConnection::new(Arc::new(config), ServerName::from(address.ip()))
-        .map_err(|e| wrong(e.into()))?;
-    Ok(StreamOwned::new(connection, stream))
+    let trusted = CertificateDer::from_pem_file(certificate).map_err(|e| wrong(e.into()))?;
+    let config = client::trusting(trusted).map_err(wrong)?;
+    let name = ServerName::from(address.ip());
+    Ok(client::encrypted(stream, config, name).map_err(|e| wrong(e.into()))?)
 }

@@ -1,7 +1,7 @@
 //! The drafted calibration of a folder as the page shows it: measurements, questions with choices and defaults, answers.
 
 use serde::{Deserialize, Serialize};
-use volcomp_calibrate::{Answer, AnswerError, Draft, Proposed, Question, Subject, Turn};
+use volcomp_calibrate::{Answer, AnswerError, Draft, LEAVE_OUT, Proposed, Question, Subject, Turn};
 use volcomp_model::Machine;
 use volcomp_vocabulary::ErrorName;
 
@@ -86,8 +86,6 @@ pub(crate) fn with_answers(
     let whole = decided.answered(&rest)?;
     Ok(AnsweredDraft { decided, whole })
 }
-
-const LEAVE_OUT: &str = "leave_out";
 
 /// The files of a measurement, as questions and answers name it.
 pub(crate) fn name_of(proposed: &Proposed) -> String {

@@ -2,7 +2,6 @@
 //! with the model in force, the centre stores it; nothing corrects with it before an engineer confirms it there.
 
 use std::{
-    io::{Read, Write},
     net::{TcpStream, ToSocketAddrs},
     sync::Arc,
     time::{Duration, Instant},
@@ -11,11 +10,11 @@ use std::{
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use tokio_rustls::rustls::{
-    ClientConfig, ClientConnection, RootCertStore, StreamOwned,
-    crypto::ring,
+    ClientConfig,
     pki_types::{CertificateDer, ServerName, pem::PemObject},
 };
 use url::Url;
+use volcomp_web::{CertificateError, client};
 
 use crate::{
     error::StudioError,
@@ -28,8 +27,6 @@ const TIMEOUT: Duration = Duration::from_secs(15);
 /// The gateway compares a machine file within this.
 const COMPARE_TIMEOUT: Duration = Duration::from_secs(60);
 const POLL_INTERVAL: Duration = Duration::from_millis(300);
-/// No answer is longer, bytes.
-const LONGEST_ANSWER: u64 = 4 * 1024 * 1024;
 
 /// Where the machine file goes, and with whose permission. Nothing of it is kept.
 #[derive(Clone, Debug, Deserialize)]
@@ -233,42 +230,23 @@ impl Server {
         stream.set_read_timeout(Some(TIMEOUT))?;
         stream.set_write_timeout(Some(TIMEOUT))?;
         let Some(config) = &self.tls else {
-            return exchanged(stream, request);
+            return client::exchange(stream, request);
         };
         let name = ServerName::try_from(self.host.clone()).map_err(std::io::Error::other)?;
-        let connection = ClientConnection::new(Arc::clone(config), name);
-        let connection = connection.map_err(std::io::Error::other)?;
-        exchanged(StreamOwned::new(connection, stream), request)
+        let stream = client::encrypted(stream, Arc::clone(config), name);
+        client::exchange(stream.map_err(std::io::Error::other)?, request)
     }
 }
 
-fn exchanged(mut stream: impl Read + Write, request: &str) -> std::io::Result<String> {
-    stream.write_all(request.as_bytes())?;
-    let mut text = Vec::new();
-    match stream.take(LONGEST_ANSWER).read_to_end(&mut text) {
-        Ok(_) => {}
-        // Some end TLS without the closing alert.
-        Err(e) if e.kind() == std::io::ErrorKind::UnexpectedEof && !text.is_empty() => {}
-        Err(e) => return Err(e),
-    }
-    Ok(String::from_utf8_lossy(&text).into_owned())
-}
-
-/// The stated certificate is all that is trusted: gateways and centres sign their own.
+/// TLS that trusts the stated certificate alone.
 fn trusting(certificate: &str) -> Result<Arc<ClientConfig>, StudioError> {
-    let wrong = |e: &dyn std::error::Error| StudioError::Request {
+    let certificate = CertificateDer::from_pem_slice(certificate.as_bytes());
+    let trusted = certificate.map_err(CertificateError::from);
+    let config = trusted.and_then(client::trusting);
+    config.map_err(|e| StudioError::Request {
         key: "certificate",
         why: format!("{e}; expected the server's certificate, PEM"),
-    };
-    let certificate =
-        CertificateDer::from_pem_slice(certificate.as_bytes()).map_err(|e| wrong(&e))?;
-    let mut roots = RootCertStore::empty();
-    roots.add(certificate).map_err(|e| wrong(&e))?;
-    let config = ClientConfig::builder_with_provider(Arc::new(ring::default_provider()))
-        .with_safe_default_protocol_versions()
-        .map_err(|e| wrong(&e))?;
-    let config = config.with_root_certificates(roots).with_no_client_auth();
-    Ok(Arc::new(config))
+    })
 }
 
 /// An answer of HTTP.

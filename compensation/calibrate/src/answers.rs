@@ -12,7 +12,7 @@ use crate::{
 };
 
 /// The key of an answer that takes a measurement or a squareness out of the draft.
-const LEAVE_OUT: &str = "leave_out";
+pub const LEAVE_OUT: &str = "leave_out";
 
 /// The units in which readings can be.
 const UNITS: [&str; 8] = ["mm", "um", "nm", "urad", "mrad", "rad", "arcsec", "deg"];

@@ -48,7 +48,7 @@ mod stages;
 mod testing;
 mod varied;
 
-pub use answers::{Answer, AnswerError, Subject, Turn};
+pub use answers::{Answer, AnswerError, LEAVE_OUT, Subject, Turn};
 pub use calibration::{Calibration, calibrate, calibrated_machine};
 pub use calibration_file::{
     CalibrationFile, Line, Location, Squareness, SquarenessSource, Uncertainty,

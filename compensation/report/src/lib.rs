@@ -27,4 +27,4 @@ pub use tolerance::{VOLUME, checks, refuse_two_units, tolerances};
 pub use volcomp_fit::BandSource;
 pub use volcomp_metrology::{Edition, Tolerance, Verdict};
 pub use volume::{ErrorAt, uncertainty, volume};
-pub use working_space::body_diagonals;
+pub use working_space::{body_diagonals, tools};

@@ -28,13 +28,7 @@ impl Report {
             },
             after: None,
         });
-        // The tool of the pictures first, then both ends of the range of tools.
-        let mut tools = vec![("", Machine::clone(machine))];
-        for name in machine.tool_range()? {
-            let mut with_tool = Machine::clone(machine);
-            with_tool.select_tool(name)?;
-            tools.push((name, with_tool));
-        }
+        let tools = tools(machine)?;
         let none = Temperatures::new();
         let errors_of = |(_, machine)| {
             let (machine, none): (&Machine, _) = (machine, &none);
@@ -88,6 +82,21 @@ impl Report {
         });
         Some(text)
     }
+}
+
+/// The machine with each tool for which the volumetric error is evaluated, by name: the one that it has, of which the pictures are, then
+/// both ends of the range of tools.
+///
+/// # Errors
+/// A range of tools that the machine file does not state.
+pub fn tools(machine: &Machine) -> Result<Vec<(&str, Machine)>, ModelError> {
+    let mut tools = vec![("", Machine::clone(machine))];
+    for name in machine.tool_range()? {
+        let mut with_tool = Machine::clone(machine);
+        with_tool.select_tool(name)?;
+        tools.push((name, with_tool));
+    }
+    Ok(tools)
 }
 
 /// The body diagonals of a machine with the errors of `actual`, other axes at `others` (mm or deg), where `command` gives the

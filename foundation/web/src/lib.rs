@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+pub mod client;
 pub mod file_name;
 pub mod headers;
 pub mod hosts;

@@ -12,7 +12,7 @@ use volcomp_kinematics::{Form, State as Pose, volumetric_error};
 use volcomp_model::{ErrorField, Machine, Temperatures};
 use volcomp_report::{
     Diagonals, Edition, OfState, Report, Size, State, Stated, Tolerance, Verdict as Outcome,
-    body_diagonals, checks, html, refuse_two_units, tolerances, uncertainty, volume,
+    body_diagonals, checks, html, refuse_two_units, tolerances, tools, uncertainty, volume,
 };
 use volcomp_vocabulary::AxisName;
 
@@ -273,13 +273,7 @@ fn working_space(
         }),
         None => None,
     };
-    // The tool of the pictures first, then both ends of the range of tools.
-    let mut tools = vec![("", Machine::clone(machine))];
-    for name in machine.tool_range()? {
-        let mut with_tool = Machine::clone(machine);
-        with_tool.select_tool(name)?;
-        tools.push((name, with_tool));
-    }
+    let tools = tools(machine)?;
     let mut cases = Vec::new();
     for (name, with_tool) in &tools {
         let truth = Compensation::new(&corrects, with_tool, &none)?;
