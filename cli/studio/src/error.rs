@@ -65,6 +65,11 @@ pub enum StudioError {
     /// There is no result yet.
     #[error("result/machine.toml: not found: fit the measurements first")]
     NoResult,
+    /// What was fitted is not what is in the folder now.
+    #[error(
+        "result/machine.toml: a measurement, the machine file or the calibration file has changed since the fit: fit again"
+    )]
+    Stale,
     /// The machine file is wrong, or cannot be evaluated.
     #[error(transparent)]
     Model(#[from] ModelError),
@@ -125,7 +130,7 @@ impl StudioError {
         match self {
             Self::Disk { .. } | Self::System { .. } => 500,
             Self::Send { .. } => 502,
-            Self::NoResult => 409,
+            Self::NoResult | Self::Stale => 409,
             _ => 422,
         }
     }

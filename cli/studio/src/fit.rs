@@ -10,7 +10,7 @@ use volcomp_report::{
 
 use crate::{
     error::StudioError,
-    folder::{CALIBRATION, Folder, MACHINE},
+    folder::{CALIBRATION, Folder, INPUTS, MACHINE},
     questions::{name_of, with_answers},
 };
 
@@ -66,6 +66,8 @@ struct MachineWithReport {
     machine: Machine,
     report: Report,
     missed: Vec<String>,
+    /// The hashes of what it was made from.
+    inputs: String,
 }
 
 impl Folder {
@@ -84,6 +86,7 @@ impl Folder {
             machine,
             mut report,
             missed,
+            inputs,
         } = self.found()?;
         report.add_working_space(&machine)?;
         refuse_two_units(&report, &limits)?;
@@ -93,6 +96,7 @@ impl Folder {
         let page = html(&report).replace(&folder, "");
         self.write(FITTED, machine.to_toml().as_bytes())?;
         self.write(REPORT, page.as_bytes())?;
+        self.write(INPUTS, inputs.as_bytes())?;
         let size = report.volume.as_ref().map(|volume| &volume.before.found);
         let warnings = report.warnings.iter().map(|of| of.text.clone());
         let warnings = missed.into_iter().chain(warnings);
@@ -117,6 +121,7 @@ impl Folder {
         } else if self.measurement_files()?.is_empty() {
             let machine = self.machine()?;
             return Ok(MachineWithReport {
+                inputs: self.inputs(&[])?,
                 report: Report::of_machine(MACHINE, &machine, &stated(&machine)),
                 machine,
                 missed: Vec::new(),
@@ -125,11 +130,14 @@ impl Folder {
             self.calibration_file()?
         };
         let file = CalibrationFile::read(&self.at(CALIBRATION))?;
+        // Before the fit, which takes longer than a file needs to change.
+        let inputs = self.inputs(&file.files)?;
         let calibration = calibrate(&file, |_, _| {})?;
         let stated = stated(&calibration.machine);
         Ok(MachineWithReport {
             report: Report::of_calibration(CALIBRATION, &file, &calibration, &stated),
             missed: missed(&left_over, &calibration, &file).collect(),
+            inputs,
             machine: calibration.machine,
         })
     }

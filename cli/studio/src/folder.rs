@@ -2,25 +2,25 @@
 //!
 //! Inputs: the measurement files, `machine.toml` (the machine as built), `answers.json` and `calibration.toml`, which is written
 //! from the draft and the answers; a `setup.toml` for NC programs. Everything that is computed is below `result/`, which can be
-//! removed at any time. Invariant: a `calibration.toml` without `answers.json` was written by the user; it is used as it is
-//! and never replaced.
+//! removed at any time. Invariant: a `calibration.toml` of which `answers.json` has not the hash was written or changed by the user; it
+//! is used as it is and never replaced.
 
 use std::{
+    collections::BTreeMap,
     fs,
-    os::unix::fs::MetadataExt,
     path::{Path, PathBuf},
 };
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use volcomp_calibrate::{Draft, LeftOver, draft_of, files_below};
-use volcomp_model::Machine;
+use volcomp_model::{Machine, sha256_of};
 use volcomp_nc::SetUp;
 use volcomp_vocabulary::AxisName;
 use volcomp_web::file_name;
 
 use crate::{
     error::StudioError,
-    fit::{FITTED, REPORT},
+    fit::FITTED,
     questions::{AnsweredDraft, DraftState, TypedAnswer, questions, with_answers},
 };
 
@@ -35,6 +35,17 @@ pub(crate) const SETUP: &str = "setup.toml";
 const ANSWERS: &str = "answers.json";
 /// The folder of what is computed.
 pub(crate) const RESULT: &str = "result";
+/// The hashes of what the result was computed from.
+pub(crate) const INPUTS: &str = "result/.inputs.sha256";
+
+/// The file of answers.
+#[derive(Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Answers {
+    /// SHA-256 of the calibration file that was written with them.
+    calibration: String,
+    answers: Vec<TypedAnswer>,
+}
 
 /// A folder with the measurements of one machine.
 #[derive(Clone, Debug)]
@@ -61,7 +72,7 @@ pub struct State {
     pub draft: Option<DraftState>,
     /// The files below `result/`.
     pub results: Vec<String>,
-    /// An input has changed since the report was written.
+    /// An input has changed since the fit.
     pub is_stale: bool,
 }
 
@@ -187,9 +198,10 @@ impl Folder {
         fs::read_to_string(self.at(name)).unwrap_or_default()
     }
 
-    /// Whether the user has written the calibration file.
+    /// Whether the user has written the calibration file, or changed it.
     pub(crate) fn is_by_hand(&self) -> bool {
-        self.at(CALIBRATION).exists() && !self.at(ANSWERS).exists()
+        let written = sha256_of(&self.at(CALIBRATION)).ok();
+        written.is_some_and(|hash| !self.kept().is_ok_and(|kept| kept.calibration == hash))
     }
 
     /// The files that may be measurements.
@@ -242,9 +254,13 @@ impl Folder {
 
     /// The answers so far.
     pub(crate) fn answers(&self) -> Result<Vec<TypedAnswer>, StudioError> {
+        self.kept().map(|kept| kept.answers)
+    }
+
+    fn kept(&self) -> Result<Answers, StudioError> {
         let path = self.at(ANSWERS);
         if !path.exists() {
-            return Ok(Vec::new());
+            return Ok(Answers::default());
         }
         let text = fs::read_to_string(path).map_err(StudioError::disk(ANSWERS))?;
         serde_json::from_str(&text).map_err(|e| StudioError::Upload {
@@ -269,13 +285,18 @@ impl Folder {
         if self.is_by_hand() {
             return Err(StudioError::Upload {
                 name: CALIBRATION.to_owned(),
-                why: "found a file that this page has not written, and does not replace; move it away to answer questions here".to_owned(),
+                why: "found a file that this page has not written or that was changed since, and does not replace it; move it away to answer questions here".to_owned(),
             });
         }
-        let text = serde_json::to_string_pretty(given);
+        self.write(CALIBRATION, whole.text.as_bytes())?;
+        let hash = sha256_of(&self.at(CALIBRATION)).map_err(StudioError::disk(CALIBRATION))?;
+        let kept = Answers {
+            calibration: hash,
+            answers: given.to_vec(),
+        };
+        let text = serde_json::to_string_pretty(&kept);
         let text = text.map_err(|e| StudioError::disk(ANSWERS)(e.into()))?;
-        self.write(ANSWERS, text.as_bytes())?;
-        self.write(CALIBRATION, whole.text.as_bytes())
+        self.write(ANSWERS, text.as_bytes())
     }
 
     /// Takes a dropped file: a machine file as `machine.toml`, a set-up file for NC programs as `setup.toml`, anything else as a
@@ -383,32 +404,51 @@ impl Folder {
         fs::read(self.at(name)).map_err(StudioError::disk(name))
     }
 
-    /// The machine with the fitted errors.
+    /// The machine with the fitted errors, of the files that are there.
     pub(crate) fn fitted_machine(&self) -> Result<Machine, StudioError> {
         let path = self.at(FITTED);
         if !path.exists() {
             return Err(StudioError::NoResult);
         }
+        if self.is_stale(&self.measurement_files()?) {
+            return Err(StudioError::Stale);
+        }
         Ok(Machine::read(path)?)
     }
 
-    /// Whether an input is newer than the report.
+    /// Whether an input is another than the result was computed from, new, or not there any more.
     fn is_stale(&self, measurements: &[PathBuf]) -> bool {
-        // A file that was copied keeps the time of the one that it is a copy of; the time of its entry does not.
-        let changed = |path: &Path| {
-            fs::metadata(path)
-                .map(|of| (of.ctime(), of.ctime_nsec()))
-                .ok()
-        };
-        let Some(written) = changed(&self.at(REPORT)) else {
+        if !self.at(FITTED).exists() {
             return false;
-        };
-        let is_newer = |at: Option<(i64, i64)>| at.is_some_and(|at| at > written);
+        }
+        let before = fs::read_to_string(self.at(INPUTS)).unwrap_or_default();
+        let pairs = before.lines().filter_map(|line| line.split_once("  "));
+        let before: BTreeMap<&str, &str> = pairs.map(|(hash, name)| (name, hash)).collect();
+        let is_same =
+            |(name, hash): (&&str, &&str)| sha256_of(&self.at(name)).is_ok_and(|now| now == **hash);
+        let is_known = |path: &PathBuf| before.contains_key(&*self.relative(&path.display()));
+        let own = Some(self.at(CALIBRATION)).filter(|path| path.exists());
+        let mut now = measurements.iter().chain(&own);
+        !before.iter().all(is_same) || !now.all(is_known)
+    }
+
+    /// The hash and the name of every input, as `sha256sum` writes them: of the measurement files, the machine and the calibration file, and
+    /// of what this one names besides.
+    pub(crate) fn inputs(&self, named: &[PathBuf]) -> Result<String, StudioError> {
+        let mut paths = self.measurement_files()?;
         let own = [MACHINE, CALIBRATION].map(|name| self.at(name));
-        measurements
+        paths.extend(own.into_iter().filter(|path| path.exists()));
+        paths.extend(named.iter().cloned());
+        let mut hashes = BTreeMap::new();
+        for path in paths {
+            let name = self.relative(&path.display());
+            let hash = sha256_of(&path).map_err(StudioError::disk(&name))?;
+            hashes.insert(name, hash);
+        }
+        let lines = hashes
             .iter()
-            .chain(&own)
-            .any(|path| is_newer(changed(path)))
+            .map(|(name, hash)| format!("{hash}  {name}\n"));
+        Ok(lines.collect())
     }
 }
 

@@ -118,6 +118,11 @@ impl Folder {
         let written = write(format, &content, &write_options)?;
         let lost = loss(&machine, &none, &options, format, &write_options)?;
         let mut files = Vec::new();
+        // A table of an axis that has no error any more would stay beside the others.
+        let own = self.at(&format!("{RESULT}/tables/{format}"));
+        if own.exists() {
+            std::fs::remove_dir_all(&own).map_err(StudioError::disk(own.display()))?;
+        }
         for file in &written.files {
             let name = format!("{RESULT}/tables/{format}/{}", file.name);
             self.write(&name, file.text.as_bytes())?;

@@ -101,8 +101,10 @@ fn to_gateway(server: &Server, token: &str, text: &str) -> Result<Delivery, Stud
     let candidate = loop {
         let answer = server.request("GET", "/api/model/candidate", &headers, "")?;
         let candidate = answer.accepted(server)?;
-        if candidate["step"] != "working" {
-            break candidate;
+        match candidate["step"].as_str() {
+            Some("working") => {}
+            Some(_) => break candidate,
+            None => return Err(server.failed(&"answers without the key `step`: it is no gateway")),
         }
         if begun.elapsed() > COMPARE_TIMEOUT {
             return Err(server.failed(&"the gateway has not compared the machine file in time"));
@@ -277,8 +279,13 @@ impl Answer {
     /// The document of an answer that is no refusal.
     fn accepted(&self, server: &Server) -> Result<Value, StudioError> {
         let document: Value = serde_json::from_str(self.body.trim()).unwrap_or_default();
-        if self.status == 200 {
+        if self.status == 200 && document.is_object() {
             return Ok(document);
+        }
+        if self.status == 200 {
+            return Err(
+                server.failed(&"answers, but not as a gateway or centre does: check the address")
+            );
         }
         let why = document["error"].as_str();
         let why = why.map_or_else(|| self.body.trim().to_owned(), ToOwned::to_owned);
@@ -298,6 +305,10 @@ mod tests {
         let server = Server::new("http://127.0.0.1:1/x", "").expect("an address");
         let refused = answer.accepted(&server).expect_err("409").to_string();
         assert_eq!(refused, "http://127.0.0.1:1: status 409: busy");
+        // A page of another server.
+        let page = Answer::read("HTTP/1.1 200 OK\r\n\r\n<html></html>").expect("HTTP");
+        let refused = page.accepted(&server).expect_err("no document").to_string();
+        assert!(refused.contains("check the address"), "{refused}");
     }
 
     #[test]

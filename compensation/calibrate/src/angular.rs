@@ -24,7 +24,7 @@ pub(crate) struct Angular {
     pub(crate) noise_urad: BTreeMap<ErrorName, f64>,
     pub(crate) notes: Vec<String>,
     /// Those of the notes that say which lines contradict each other.
-    pub(crate) contradictions: Vec<String>,
+    pub(crate) contradictions: Vec<(ErrorName, String)>,
 }
 
 /// Fits every angular error; `step` is called after each.
@@ -53,7 +53,9 @@ pub(crate) fn angular(
             profiles.push(without_others(read, whole, set_up)?);
         }
         let told = contradictions(error, &profiles, None)?;
-        result.notes.extend(told.iter().cloned());
+        result
+            .notes
+            .extend(told.iter().map(|(_, text)| text.clone()));
         result.contradictions.extend(told);
         let noise = noise_of_lines(&profiles);
         result.noise_urad.extend(noise.map(|noise| (error, noise)));

@@ -36,8 +36,8 @@ pub struct Calibration {
     pub identified: Option<Identified>,
     /// Messages that a person should read: errors not measured, levers left in, notes on the measurement files.
     pub warnings: Vec<String>,
-    /// Those of the messages that say which lines contradict each other.
-    pub contradictions: Vec<String>,
+    /// Those of the messages that say which lines contradict each other, with their error.
+    pub contradictions: Vec<(ErrorName, String)>,
     /// Those of the messages that name the errors which nothing measured, each with what it can do.
     pub not_measured: Vec<String>,
 }

@@ -574,7 +574,9 @@ impl Stated {
 }
 
 /// Stated values that the observations contradict: with another sign, in another unit, halved or doubled.
-pub(crate) fn contradicted_values(lines: &LinesShare<'_>) -> Result<Vec<Note>, CalibrateError> {
+pub(crate) fn contradicted_values(
+    lines: &LinesShare<'_>,
+) -> Result<Vec<(ErrorName, Note)>, CalibrateError> {
     /// A contradiction in units of both standard uncertainties together, and as a share of the value.
     const UNCERTAINTIES: f64 = 4.0;
     const SHARE: f64 = 0.4;
@@ -607,7 +609,8 @@ pub(crate) fn contradicted_values(lines: &LinesShare<'_>) -> Result<Vec<Note>, C
                 "the observations contradict its {stated:.digits$} and fit with {fits:.1}, standard uncertainty {own:.1}"
             );
             let place = format!("{} in [[{}]]", of.error, of.table);
-            notes.push(Note::warning(place, what).hint("check its sign and unit"));
+            let note = Note::warning(place, what).hint("check its sign and unit");
+            notes.push((of.error, note));
         }
     }
     Ok(notes)

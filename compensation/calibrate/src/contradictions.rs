@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use volcomp_fit::unevenness;
 use volcomp_metrology::MotionKind;
 use volcomp_model::{Machine, ModelError};
 use volcomp_vocabulary::{Component, ErrorName};
@@ -28,11 +29,12 @@ pub(crate) fn contradictions(
     error: ErrorName,
     cleared: &[Profile<'_>],
     tilts: Option<&Tilts<'_>>,
-) -> Result<Vec<String>, ModelError> {
+) -> Result<Vec<(ErrorName, String)>, ModelError> {
     let mut notes = Vec::new();
     for (second, line_2) in cleared.iter().enumerate() {
         for line_1 in cleared.iter().take(second) {
-            notes.extend(contradiction(error, [line_1, line_2], tilts)?);
+            let told = contradiction(error, [line_1, line_2], tilts)?;
+            notes.extend(told.map(|told| (error, told)));
         }
     }
     Ok(notes)
@@ -106,7 +108,9 @@ pub(crate) fn noise_of_lines(profiles: &[Profile<'_>]) -> Option<f64> {
         let uneven = || {
             let branches = profile.points.iter();
             let values = branches.map(|points| points.iter().map(|(_, v)| *v).collect::<Vec<_>>());
-            values.filter_map(|values| uneven(&values)).reduce(f64::max)
+            values
+                .filter_map(|values| unevenness(&values))
+                .reduce(f64::max)
         };
         variance += profile.noise_of_mean().or_else(uneven)?.powi(2);
     }
@@ -121,18 +125,10 @@ fn noise(profiles: [&Profile<'_>; 2], beside: &SideBySide) -> Option<f64> {
         let of_runs = profile.noise_of_mean();
         let own = match of_runs {
             Some(noise) if !beside.is_interpolated => noise,
-            Some(noise) => noise.max(uneven(values)?),
-            None => uneven(values)?,
+            Some(noise) => noise.max(unevenness(values)?),
+            None => unevenness(values)?,
         };
         variance += own * own;
     }
     Some(variance.sqrt())
-}
-
-/// The standard deviation of values about a smooth course: of second differences, whose variance is six times theirs.
-fn uneven(values: &[f64]) -> Option<f64> {
-    let seconds = values.windows(3).map(|v| v[0] - 2.0 * v[1] + v[2]);
-    let squares: Vec<f64> = seconds.map(|d| d * d).collect();
-    let mean = squares.iter().sum::<f64>() / squares.len().max(1) as f64;
-    (!squares.is_empty()).then(|| (mean / 6.0).sqrt())
 }

@@ -1,7 +1,10 @@
 //! Squareness from diagonals (ISO 230-6): the displacements along two face diagonals or four body diagonals, with every
 //! other error of the machine held as it was fitted.
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeSet,
+    path::{Path, PathBuf},
+};
 
 use volcomp_document::{InputError, Section, Value};
 use volcomp_identify::{
@@ -42,6 +45,8 @@ pub(crate) struct Squares {
     pub(crate) errors: Vec<(ErrorName, Urad)>,
     /// How well they do.
     pub(crate) notes: Vec<String>,
+    /// What the diagonals do not bear out.
+    pub(crate) undecided: BTreeSet<ErrorName>,
 }
 
 impl Diagonals {
@@ -78,6 +83,7 @@ impl Diagonals {
         Ok(Squares {
             errors,
             notes: notes.collect(),
+            undecided: found.undecided(),
         })
     }
 

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-/// Files below a folder in the order of their names, without hidden ones and the TOML files that say something of others. Links to folders are
+/// Files below a folder in the order of their names, without hidden ones, those that are no plain files, and the TOML files that say something of others. Links to folders are
 /// not followed. The search ends once it has found more than `most` files.
 ///
 /// # Errors
@@ -34,7 +34,8 @@ fn list(folder: &Path, depth: usize, most: usize, paths: &mut Vec<PathBuf>) -> s
             if depth < DEEPEST {
                 list(&path, depth + 1, most, paths)?;
             }
-        } else {
+        } else if path.is_file() {
+            // A pipe or a socket would keep its reader waiting.
             paths.push(path);
         }
     }

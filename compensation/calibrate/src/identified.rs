@@ -5,7 +5,7 @@
 use volcomp_identify::{
     Follower, Identification, Observations, Parameter, identify_followed, machine_with,
 };
-use volcomp_model::Machine;
+use volcomp_model::{Machine, ModelError};
 use volcomp_vocabulary::ErrorName;
 
 use crate::{
@@ -136,7 +136,12 @@ pub(crate) fn settled(
             carries: followers.is_empty() && rounds > 1,
         };
         // A value that is wrong makes rows look wrong that are not: it comes first.
-        found.warnings.splice(0..0, contradicted_values(&lines)?);
+        let contradicted = contradicted_values(&lines)?;
+        let mut provenance = found.machine.provenance().clone();
+        provenance.leave_undecided(contradicted.iter().map(|(error, _)| *error));
+        (found.machine.set_provenance(provenance)).map_err(ModelError::from)?;
+        let notes = contradicted.into_iter().map(|(_, note)| note);
+        found.warnings.splice(0..0, notes);
         lines.add_to(&mut found, &stages)?;
     }
     Ok((Identified { found, rounds }, stages, notes))

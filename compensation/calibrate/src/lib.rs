@@ -64,7 +64,7 @@ pub use folder::files_below;
 pub use identified::Identified;
 pub use line_of_sight::LineOfSight;
 pub use location_file::{decode_location_errors, is_square};
-pub use not_measured::not_observed;
+pub use not_measured::{not_observed, not_stated};
 pub use questions::OPEN;
 pub use read::{HOLDS_LOCATION, decode_holds_location};
 pub use set_up::{SetUp, location_seen};

@@ -3,17 +3,18 @@
 
 use volcomp_metrology::MotionKind;
 use volcomp_model::{Machine, ModelError};
-use volcomp_vocabulary::{Component, ErrorName, Urad};
+use volcomp_vocabulary::{Component, ErrorName};
 
 use crate::{
     abbe::{Lever, without_abbe},
-    calibration_file::{CalibrationFile, Line},
+    calibration_file::CalibrationFile,
     contradictions::{Tilts, contradictions},
     error::CalibrateError,
     fitted::{Fitted, fit, joint_of, lines_of, measured},
     locations::without_others,
     profile::Profile,
     set_up::SetUp,
+    slopes::Removed,
 };
 
 /// A tilt that was not measured is named from this effect of 1 mrad on: a lever of 1 mm.
@@ -23,10 +24,10 @@ const NAMED_ABOVE_UM_BY_MRAD: f64 = 1.0;
 pub(crate) struct Linear<'a> {
     pub(crate) fitted: Vec<Fitted>,
     /// Each measured straightness line with the slope of all that was removed from it along its own coordinate.
-    pub(crate) removed: Vec<(&'a Line, Urad)>,
+    pub(crate) removed: Vec<Removed<'a>>,
     pub(crate) notes: Vec<String>,
     /// Those of the notes that say which lines contradict each other.
-    pub(crate) contradictions: Vec<String>,
+    pub(crate) contradictions: Vec<(ErrorName, String)>,
 }
 
 /// Fits every linear error, with the tilts that the machine of `tilts` has and what the other axes of `whole` add to rotary ones; `step` is called after each.
@@ -55,7 +56,9 @@ pub(crate) fn linear<'a>(
             profiles.push(profile);
         }
         let told = contradictions(error, &profiles, Some(tilts))?;
-        result.notes.extend(told.iter().cloned());
+        result
+            .notes
+            .extend(told.iter().map(|(_, text)| text.clone()));
         result.contradictions.extend(told);
         if straightness {
             let straight = |profile: Profile<'a>| {
@@ -68,10 +71,7 @@ pub(crate) fn linear<'a>(
         let (fitted, profiles) = fit(file, error, profiles)?;
         result.fitted.extend(fitted);
         if straightness {
-            let slopes = profiles
-                .iter()
-                .map(|profile| (profile.line, profile.removed));
-            result.removed.extend(slopes);
+            result.removed.extend(profiles.iter().map(Removed::of));
         }
         step();
     }
@@ -101,7 +101,7 @@ fn levers_left_in(profile: &Profile<'_>, tilted: &Machine) -> Result<Vec<String>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use volcomp_vocabulary::AxisName;
+    use volcomp_vocabulary::{AxisName, Urad};
 
     use crate::testing::{file, line, machine};
     use std::collections::BTreeMap;
@@ -151,7 +151,7 @@ mod tests {
         let file = file(vec![line("EYX", |q| 7.0 + 0.03 * q)]);
         let found = with_tilts(&file, &machine(""));
         assert!(found.fitted[0].branches.mean_at(640.0).abs() < 1e-9);
-        let [(_, slope)] = found.removed[..] else {
+        let [Removed { slope, .. }] = found.removed[..] else {
             panic!("one line");
         };
         assert!((slope - Urad(30.0)).abs() < Urad(1e-9), "{slope}");

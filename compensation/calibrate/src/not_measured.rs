@@ -51,6 +51,15 @@ pub fn not_observed(observations: &Observations) -> Vec<String> {
     notes(&observations.machine, axes, &is_measured, &is_stated)
 }
 
+/// Notes on the errors that a machine does not state, in the words of a calibration.
+pub fn not_stated(machine: &Machine) -> Vec<String> {
+    let stated: Vec<ErrorName> = machine.locations().keys().copied().collect();
+    let is_measured = |name: ErrorName| machine.error(name).is_some();
+    let is_stated = |square: ErrorName| stated.iter().any(|error| square_of(*error) == square);
+    let axes = [AxisName::X, AxisName::Y];
+    notes(machine, axes, &is_measured, &is_stated)
+}
+
 /// Notes on the errors that were not measured, and whether the machine file had them: error motions by axis, then
 /// location errors, those of squareness among them, each with what it can do.
 fn notes(

@@ -27,6 +27,10 @@ pub(crate) fn with_provenance(
 ) -> Result<Machine, CalibrateError> {
     let mut machine = stages.machine.clone();
     let mut found = machine.provenance().clone();
+    let not_followed = stages.curves.iter().filter(|curve| !curve.follows());
+    found.leave_undecided(not_followed.map(|curve| curve.error));
+    found.leave_undecided(stages.contradictions.iter().map(|(error, _)| *error));
+    found.leave_undecided(stages.undecided.iter().copied());
     let mut origins = of_curves(file, stages);
     for square in &file.squareness {
         origins.push(of_square(file, square)?);
@@ -52,9 +56,9 @@ pub(crate) fn with_provenance(
         version: Some(env!("CARGO_PKG_VERSION").to_owned()),
         serial: file.serial.clone().or(found.serial),
         date: None,
-        errors: found.errors,
+        ..found
     };
-    if !provenance.errors.is_empty() {
+    if !provenance.errors.is_empty() || !provenance.undecided.is_empty() {
         let refused = machine.set_provenance(provenance);
         refused.map_err(ModelError::from)?;
     }

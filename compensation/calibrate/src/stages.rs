@@ -1,12 +1,13 @@
 //! The stages from readings to a machine: angular errors, linear ones with Abbe removed, slopes of the straightness
 //! lines, squareness. Each passes the readings of a file once.
 
+use volcomp_metrology::squareness_parts;
 use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisKind, ErrorName, Urad};
 
 use crate::{
     angular::angular,
-    calibration_file::{CalibrationFile, Line},
+    calibration_file::{CalibrationFile, Line, SquarenessSource},
     contradictions::Tilts,
     error::CalibrateError,
     fitted::measured,
@@ -16,7 +17,7 @@ use crate::{
     parallel_lines::from_parallel_lines,
     set_up::SetUp,
     slopes::slopes,
-    squares::{set_square, squares},
+    squares::{set_square, squares, tilt_of},
 };
 
 /// Passes over the lines after the first, at the most: what a rotary axis adds to the lines of another is small.
@@ -30,7 +31,9 @@ pub(crate) struct Stages {
     pub(crate) lines: Vec<FittedLine>,
     pub(crate) squareness: Vec<(ErrorName, Urad)>,
     pub(crate) notes: Vec<String>,
-    pub(crate) contradictions: Vec<String>,
+    pub(crate) contradictions: Vec<(ErrorName, String)>,
+    /// The location errors that diagonals or lines do not bear out.
+    pub(crate) undecided: Vec<ErrorName>,
 }
 
 impl Stages {
@@ -78,7 +81,7 @@ impl Stages {
         };
         let whole = (before.unwrap_or(&parallel.tilted), set_up);
         let linear = linear(file, &tilts, whole, &mut step)?;
-        let slopes = slopes(&linear.removed, &parallel.tilted, set_up)?;
+        let (slopes, of_slopes) = slopes(&linear.removed, &parallel.tilted, set_up)?;
         let mut squareness = squares(file, &slopes)?;
         let mut machine = parallel.tilted;
         for fitted in &linear.fitted {
@@ -88,9 +91,25 @@ impl Stages {
             set_square(&mut machine, file.reference_axes, *error, *value)?;
         }
         let mut diagonal_notes = Vec::new();
+        let mut undecided = Vec::new();
+        let mut contradictions = angular.contradictions;
+        contradictions.extend(linear.contradictions);
+        for square in &file.squareness {
+            let SquarenessSource::Slopes { .. } = square.source else {
+                continue;
+            };
+            let parts = squareness_parts(square.error)?;
+            let own = of_slopes.iter().filter(|(error, _)| parts.contains(error));
+            let before = contradictions.len();
+            contradictions.extend(own.cloned());
+            if contradictions.len() > before {
+                undecided.push(tilt_of(square.error, file.reference_axes).0);
+            }
+        }
         for diagonals in &file.diagonals {
             let found = diagonals.squares(&machine, file.reference_axes)?;
             diagonal_notes.extend(found.notes);
+            undecided.extend(found.undecided);
             for (error, value) in &found.errors {
                 set_square(&mut machine, file.reference_axes, *error, *value)?;
             }
@@ -101,12 +120,11 @@ impl Stages {
         let lines = fitted.clone().flat_map(|fitted| fitted.lines.clone());
         let lines = lines.collect();
         let curves = fitted.flat_map(|fitted| fitted.branches.fitted(fitted.error));
-        let mut contradictions = angular.contradictions;
-        contradictions.extend(linear.contradictions);
         let mut notes = angular.notes;
         notes.extend(parallel.notes);
         notes.extend(linear.notes);
         notes.extend(diagonal_notes);
+        notes.extend(of_slopes.into_iter().map(|(_, text)| text));
         Ok(Self {
             machine,
             measured: measured(file),
@@ -115,6 +133,7 @@ impl Stages {
             squareness,
             notes,
             contradictions,
+            undecided,
         })
     }
 

@@ -389,6 +389,23 @@ pub(crate) fn inverted(
     notes
 }
 
+/// How many times the stated uncertainty is left of each file, the worst first.
+pub(crate) fn times_by_file<'a>(
+    observations: &'a Observations,
+    rows: &Rows,
+    residuals: &[Vector3<f64>],
+) -> Vec<(f64, &'a str)> {
+    let mut files: Vec<(f64, &str)> = Vec::new();
+    for (observation, own) in observations.fitted() {
+        let count: usize = own.clone().map(|row| rows.get(row).seen.count()).sum();
+        let squares = own.map(|row| (residuals[row].norm() / rows.get(row).uncertainty_mm).powi(2));
+        let times = (squares.sum::<f64>() / count.max(1) as f64).sqrt();
+        files.push((times, &observation.file));
+    }
+    files.sort_by(|a, b| b.0.total_cmp(&a.0));
+    files
+}
+
 /// Residuals larger than the stated uncertainties and chance explain, with the files that fit worst.
 pub(crate) fn contradiction(
     observations: &Observations,
@@ -398,14 +415,7 @@ pub(crate) fn contradiction(
 ) -> Option<Note> {
     const SHOWN: usize = 3;
     let factor = fitted.solution.excess()?;
-    let mut files: Vec<(f64, &str)> = Vec::new();
-    for (observation, own) in observations.fitted() {
-        let count: usize = own.clone().map(|row| rows.get(row).seen.count()).sum();
-        let squares = own.map(|row| (residuals[row].norm() / rows.get(row).uncertainty_mm).powi(2));
-        let times = (squares.sum::<f64>() / count.max(1) as f64).sqrt();
-        files.push((times, &observation.file));
-    }
-    files.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let files = times_by_file(observations, rows, residuals);
     let worst: Vec<String> = files
         .iter()
         .take(SHOWN)

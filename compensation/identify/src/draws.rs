@@ -61,7 +61,8 @@ impl Draws {
             system,
             found: coefficients,
             determined: places,
-            root: root_of(&covariance),
+            // Of what is left of the rows more than their stated uncertainty is in the draws.
+            root: root_of(&(covariance * found.excess.powi(2))),
         })
     }
 

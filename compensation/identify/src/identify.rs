@@ -1,13 +1,16 @@
 //! From observations to a machine, in steps: set-up, rank, errors, judgement.
 
+use std::collections::BTreeSet;
+
 use volcomp_document::Note;
 use volcomp_kinematics::nalgebra::DMatrix;
-use volcomp_model::Machine;
+use volcomp_model::{Machine, ModelError};
+use volcomp_vocabulary::ErrorName;
 
 use crate::{
     checks::{
         contradiction, few, inches, inverted, large, outliers, refuse_far, refuse_rows,
-        refuse_target, refuse_unexplained, small_moves,
+        refuse_target, refuse_unexplained, small_moves, times_by_file,
     },
     design::design,
     error::IdentifyError,
@@ -79,6 +82,13 @@ pub struct Identification {
     /// The variance of the residuals in units of the stated one.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub variance: f64,
+    /// How many times larger the uncertainties are than the covariance says, by what is left of the rows; 1 where chance explains that, or where
+    /// the covariance counts it already.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub excess: f64,
+    /// Whether a file, or the rows that were only predicted, contradict what was found.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub is_contradicted: bool,
     /// The effective number of unknowns; with penalties smaller than the rank.
     #[cfg_attr(feature = "serde", serde(rename = "effective"))]
     pub degrees: f64,
@@ -86,6 +96,28 @@ pub struct Identification {
     pub next: Option<Next>,
     /// What could mislead, and what was assumed or not used.
     pub warnings: Vec<Note>,
+}
+
+/// More than so many times the stated uncertainty is left of observations by unknowns that do not describe the machine.
+const NOT_DESCRIBED: f64 = 3.0;
+
+impl Identification {
+    /// The errors that the observations do not bear out: those that they leave open, those that hold only if one of these is zero, and all where what
+    /// is left of the observations, or of a file of them, is more than three times their stated uncertainty, or rows that were only predicted are far off.
+    pub fn undecided(&self) -> BTreeSet<ErrorName> {
+        let is_described = self.variance <= NOT_DESCRIBED.powi(2) && !self.is_contradicted;
+        let is_open = |of: &Parameter| !of.determined && !self.redundant.contains(&of.name);
+        let errors = self.parameters.iter().filter(|of| of.error.is_some());
+        let open: Vec<&str> = (errors.clone().filter(|of| is_open(of)))
+            .map(|of| of.name.as_str())
+            .collect();
+        let holds_on_open =
+            |of: &Parameter| (of.given_zero.iter()).any(|zero| open.contains(&zero.as_str()));
+        errors
+            .filter(|of| !is_described || is_open(of) || holds_on_open(of))
+            .filter_map(|of| of.error)
+            .collect()
+    }
 }
 
 #[cfg(feature = "serde")]
@@ -178,7 +210,12 @@ fn followed(
     warnings.extend(inches(&system, observations, &fitted));
     warnings.extend(contradiction(observations, &rows, &residuals, &fitted));
     warnings.extend(outliers(observations, &rows, &residuals));
-    warnings.extend(of_judged);
+    let is_contradicted = !of_judged.files.is_empty()
+        || !fitted.solution.counts_residuals
+            && (times_by_file(observations, &rows, &residuals).iter())
+                .any(|(times, _)| *times > NOT_DESCRIBED);
+    warnings.extend(of_judged.files);
+    warnings.extend(of_judged.rows);
     warnings.extend(large(&system, &fitted));
     warnings.extend(few(&rows, &fitted));
     warnings.extend(
@@ -191,7 +228,7 @@ fn followed(
     warnings.extend(small_moves(&system.machine, &rows));
     warnings.extend(why_not);
     warnings.extend(left_at_zero(&system, &fitted, &null).iter().map(warning));
-    let found = Identification {
+    let mut found = Identification {
         covariance: covariance_in_units(&system, &fitted),
         rank: fitted.rank.kept.len(),
         score: fitted.rank.score(),
@@ -202,6 +239,8 @@ fn followed(
         judged,
         left_out,
         variance: fitted.solution.variance,
+        excess: fitted.solution.excess_of_covariance(),
+        is_contradicted,
         degrees: fitted.solution.degrees,
         next: next(&system, observations, &rows, &fitted),
         machine,
@@ -209,6 +248,10 @@ fn followed(
         null,
         warnings,
     };
+    let mut provenance = found.machine.provenance().clone();
+    provenance.leave_undecided(found.undecided());
+    let set = found.machine.set_provenance(provenance);
+    set.map_err(ModelError::from)?;
     let response = Response::new(&system, observations, followers, &fitted);
     Ok((found, response))
 }

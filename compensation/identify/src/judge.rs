@@ -121,6 +121,15 @@ pub(crate) fn left_out(
     Ok((Some(LeftOut { figures, folds }), None))
 }
 
+/// Notes on rows that are only predicted.
+#[derive(Default)]
+pub(crate) struct OfJudged {
+    /// On files that are far off as a whole.
+    pub(crate) files: Vec<Note>,
+    /// On single rows that are far off beside the others.
+    pub(crate) rows: Vec<Note>,
+}
+
 /// What is left of the rows that are only predicted, and notes on those that are far off beside the others of their file, and on
 /// files that are far off beside what is left of the fitted rows.
 pub(crate) fn judged(
@@ -128,10 +137,10 @@ pub(crate) fn judged(
     observations: &Observations,
     values: &Values,
     fitted: Figures,
-) -> (Option<Figures>, Vec<Note>) {
+) -> (Option<Figures>, OfJudged) {
     const SHOWN: usize = 5;
     const TIMES: f64 = 10.0;
-    let mut notes = Vec::new();
+    let mut notes = OfJudged::default();
     let mut all = Vec::new();
     for observation in observations.observations.iter().filter(|o| o.judge) {
         let rows = system.prepare(observation.rows.iter());
@@ -146,11 +155,13 @@ pub(crate) fn judged(
                 1e3 * usual,
                 fitted.rms_um
             );
-            notes.push(Note::warning(observation.file.as_str(), what));
+            notes
+                .files
+                .push(Note::warning(observation.file.as_str(), what));
         }
         let rows = observation.rows.iter().zip(&sizes);
         let far = rows.filter(|(row, size)| **size > TIMES * usual.max(row.uncertainty_mm));
-        notes.extend(far.take(SHOWN).map(|(row, size)| {
+        notes.rows.extend(far.take(SHOWN).map(|(row, size)| {
             let what = format!(
                 "this judged row is {:.1} µm from what was found, the others {:.1} µm (median): is it a slip?",
                 1e3 * size,

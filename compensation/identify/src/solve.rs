@@ -107,6 +107,12 @@ impl Solution {
         let by_chance = squares_by_chance(self.freedom) / self.freedom;
         (self.variance > by_chance).then(|| self.variance.sqrt())
     }
+
+    /// The same of the covariance, as a factor: 1 where that counts what is left already.
+    pub(crate) fn excess_of_covariance(&self) -> f64 {
+        let of_statements = self.excess().filter(|_| !self.counts_residuals);
+        of_statements.unwrap_or(1.0)
+    }
 }
 
 /// The most that chance makes of the sum of the squares of so many numbers of variance 1.

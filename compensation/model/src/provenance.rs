@@ -18,6 +18,8 @@ pub struct Provenance {
     pub serial: Option<String>,
     /// The day that the person who calibrated has stated, `2026-11-26`.
     pub date: Option<String>,
+    /// The errors that the measurements do not bear out: figures that rest on them are undecided.
+    pub undecided: Vec<ErrorName>,
     /// What is known of each error, each error once.
     pub errors: Vec<Origin>,
 }
@@ -69,12 +71,34 @@ impl Provenance {
         self.errors.iter().find(|origin| origin.error == error)
     }
 
+    /// Adds errors that the measurements do not bear out.
+    pub fn leave_undecided(&mut self, errors: impl IntoIterator<Item = ErrorName>) {
+        self.undecided.extend(errors);
+        self.undecided.sort_unstable();
+        self.undecided.dedup();
+    }
+
+    /// A note on the errors that the measurements do not bear out.
+    pub fn note(&self) -> Option<String> {
+        let names: Vec<String> = self.undecided.iter().map(ErrorName::to_string).collect();
+        (!names.is_empty()).then(|| {
+            format!(
+                "the measurements that this file comes from do not bear out {}: figures that rest on them are undecided",
+                names.join(" ")
+            )
+        })
+    }
+
     /// Takes away what stands here about an error. Who found the others is told on while there are any.
     pub(crate) fn forget(&mut self, error: ErrorName) {
         let before = self.errors.len();
         self.errors.retain(|origin| origin.error != error);
+        self.undecided.retain(|name| *name != error);
         if before > 0 && self.errors.is_empty() {
-            *self = Self::default();
+            *self = Self {
+                undecided: core::mem::take(&mut self.undecided),
+                ..Self::default()
+            };
         }
     }
 

@@ -1,13 +1,13 @@
 //! Reports of what calibrating, identifying and reading a machine file gave.
 
-use volcomp_calibrate::{Calibration, CalibrationFile};
+use volcomp_calibrate::{Calibration, CalibrationFile, Line, SquarenessSource, not_stated};
 use volcomp_identify::{Identification, Observations};
 use volcomp_model::Machine;
-use volcomp_vocabulary::Direction;
+use volcomp_vocabulary::{Direction, ErrorName};
 
 use crate::{
     curves::{curves, stated_curves},
-    identified::{files, identified, left_open, not_described},
+    identified::{files, identified, left_open},
     positioning::positioning,
     report::{Contribution, Report, SourceFile, Uncertainty, Warning, WarningKind},
     squares::{other_locations, pair_of, squares},
@@ -26,22 +26,20 @@ impl Report {
         let lines = file.measurements.iter();
         let machine = &calibration.machine;
         let identified = (calibration.identified.as_ref()).map(|of| identified(&of.found));
-        let not_followed = calibration.curves.iter().filter(|curve| !curve.follows());
-        let mut not_followed: Vec<String> =
-            not_followed.map(|curve| curve.error.to_string()).collect();
-        not_followed.dedup();
-        not_followed
-            .extend((calibration.identified.iter()).flat_map(|of| not_described(&of.found)));
         let mut not_measured = calibration.not_measured.clone();
         not_measured.extend(identified.as_ref().and_then(left_open));
+        not_measured.extend(one_direction(file));
         let mut report = Self {
             warnings: of_calibration(file, calibration, &not_measured, stated.edition),
             curves: curves(file, calibration),
             positioning: positioning(file, stated.edition),
-            squareness: squares(machine, |pair| is_measured(calibration, pair)),
+            squareness: squares(
+                machine,
+                |pair| is_measured(calibration, pair),
+                |error| of_square(file, machine, error),
+            ),
             locations: other_locations(machine, &calibration.locations),
             not_measured,
-            not_followed,
             identified,
             uncertainty: stated_uncertainty(file),
             ..Self::of_machine(source, machine, stated)
@@ -87,9 +85,8 @@ impl Report {
         let identified = identified(found);
         not_measured.extend(left_open(&identified));
         let mut report = Self {
-            squareness: squares(&found.machine, square),
+            squareness: squares(&found.machine, square, |_| None),
             identified: Some(identified),
-            not_followed: not_described(found),
             ..Self::of_machine(source, &found.machine, stated)
         };
         let of_errors = not_measured.iter().map(|text| Warning {
@@ -111,23 +108,37 @@ impl Report {
         let mut report = Self {
             head: head(source, machine, &std::iter::empty(), stated),
             checks: Vec::new(),
-            warnings: notes(&machine.notes()).collect(),
+            warnings: (notes(&machine.notes()))
+                .chain(machine.provenance().note().map(|text| Warning {
+                    kind: WarningKind::NotMeasured,
+                    text,
+                }))
+                .collect(),
             curves: stated_curves(machine),
             positioning: Vec::new(),
-            squareness: squares(machine, |_| false),
+            squareness: squares(machine, |_| false, |_| None),
             locations: other_locations(machine, &[]),
             diagonals: None,
             volume: None,
             uncertainty: None,
             not_measured: Vec::new(),
-            not_followed: Vec::new(),
+            undecided: (machine.provenance().undecided.iter())
+                .map(ErrorName::to_string)
+                .collect(),
             partly_measured: (machine.partly_measured().iter())
                 .map(|(error, ..)| error.to_string())
                 .collect(),
             identified: None,
             version: env!("CARGO_PKG_VERSION").to_owned(),
         };
-        if !report.knows_errors() {
+        if report.knows_errors() {
+            report.not_measured = not_stated(machine);
+            let of_errors = report.not_measured.iter().map(|text| Warning {
+                kind: WarningKind::NotMeasured,
+                text: text.clone(),
+            });
+            report.warnings.extend(of_errors);
+        } else {
             report.warnings.push(Warning {
                 kind: WarningKind::NotMeasured,
                 text: "no error of this machine is known: every figure is that of a machine without errors".to_owned(),
@@ -144,6 +155,49 @@ impl Report {
             || self.identified.is_some()
             || squares.any(|square| !square.from.is_empty())
     }
+}
+
+/// The standard uncertainty that a calibration file states of a squareness: its own, or that of the square which the straightness lines were read at.
+/// Where several location errors make the angle, no single one of them has that of the square.
+fn of_square(file: &CalibrationFile, machine: &Machine, error: ErrorName) -> Option<f64> {
+    let mut locations = file.locations.iter();
+    if let Some(own) = locations.find(|of| of.error == error) {
+        return Some(own.uncertainty).filter(|stated| *stated > 0.0);
+    }
+    let pair = pair_of(error);
+    let of_pair = |name: &ErrorName| pair_of(*name) == pair;
+    let is_alone = machine
+        .locations()
+        .keys()
+        .filter(|name| of_pair(name))
+        .count()
+        == 1;
+    let mut squares = file.squareness.iter();
+    let is_at_square = squares.any(|square| {
+        of_pair(&square.error) && !matches!(square.source, SquarenessSource::Diagonals)
+    });
+    let stated = file.uncertainty.square_urad;
+    (is_alone && is_at_square && stated > 0.0).then_some(stated)
+}
+
+/// Notes on the errors that were read in one direction of motion alone.
+fn one_direction(file: &CalibrationFile) -> Option<String> {
+    let both = |line: &Line| Direction::BOTH.iter().all(|of| line.readings.has(*of));
+    let errors = file.measurements.iter().map(|line| line.setup.error);
+    let mut names: Vec<ErrorName> = errors.collect();
+    names.sort_unstable();
+    names.dedup();
+    names.retain(|error| {
+        let mut lines = file.measurements.iter();
+        !lines.any(|line| line.setup.error == *error && both(line))
+    });
+    let names: Vec<String> = names.iter().map(ErrorName::to_string).collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "read in one direction of motion alone, so that the reversal is not known: {}",
+            names.join(" ")
+        )
+    })
 }
 
 /// The contributions that a calibration file states; `None` where it states none.

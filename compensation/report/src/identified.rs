@@ -38,6 +38,7 @@ pub(crate) fn identified(found: &Identification) -> Identified {
         rank: found.rank,
         of: found.parameters.len().saturating_sub(found.redundant.len()),
         score: found.score_of_determined,
+        excess: found.excess,
         residual: left(found.residual),
         left_out: found.left_out.map(|of| left(of.figures)),
         judged: found.judged.map(left),
@@ -45,20 +46,6 @@ pub(crate) fn identified(found: &Identification) -> Identified {
         redundant: found.redundant.clone(),
         next,
     }
-}
-
-/// More than so many times the stated uncertainty is left of observations by unknowns that do not describe the machine.
-const NOT_DESCRIBED: f64 = 3.0;
-
-/// The errors that were found from observations which they do not describe.
-pub(crate) fn not_described(found: &Identification) -> Vec<String> {
-    if found.variance <= NOT_DESCRIBED.powi(2) {
-        return Vec::new();
-    }
-    let errors = found.parameters.iter().filter_map(|of| of.error);
-    let mut names: Vec<String> = errors.map(|error| error.to_string()).collect();
-    names.dedup();
-    names
 }
 
 /// A note on the unknowns that the observations do not determine: nothing follows of these errors.

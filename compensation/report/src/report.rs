@@ -31,8 +31,9 @@ pub struct Report {
     pub uncertainty: Option<Uncertainty>,
     /// The errors that nothing measured, and what each can do.
     pub not_measured: Vec<String>,
-    /// The errors whose curves do not follow their readings, and those that do not describe the observations which they were found from.
-    pub not_followed: Vec<String>,
+    /// The errors that the measurements do not bear out: curves that do not follow their readings, lines that contradict each other, unknowns that
+    /// observations leave open or that do not describe them.
+    pub undecided: Vec<String>,
     /// The errors whose curves cover a part of the travel only.
     pub partly_measured: Vec<String>,
     /// What was found from observations of the whole machine.
@@ -106,8 +107,8 @@ pub enum CheckOf {
     MeasuredAlone,
     /// Of an error on the part of the travel that its curve covers.
     Part,
-    /// Of curves of which one does not follow its readings.
-    Curves,
+    /// Of errors of which the measurements do not bear one out.
+    NotBorneOut,
     /// Of what the correction leaves, while the figures of tests are of the machine without it.
     Corrected,
     /// Of the machine at the reference temperature: its thermal terms are left out.
@@ -128,7 +129,7 @@ impl core::fmt::Display for CheckOf {
             Self::Symbol => Ok(()),
             Self::MeasuredAlone => f.write_str("the measured errors alone"),
             Self::Part => f.write_str("the part of the travel that its curve covers"),
-            Self::Curves => f.write_str("curves that do not follow their readings"),
+            Self::NotBorneOut => f.write_str("errors that the measurements do not bear out"),
             Self::Corrected => f.write_str("what the correction leaves"),
             Self::AtReference => f.write_str("the machine at the reference temperature alone"),
             Self::Test { error, file } => write!(f, "{error}, {file}"),
@@ -199,6 +200,8 @@ pub struct Curve {
     pub lines: Vec<CurveLine>,
     /// One curve for both directions, or one for each.
     pub branches: Vec<Branch>,
+    /// The smallest and the largest value where the curve depends on a second axis, over both travels.
+    pub over_second_axis: Option<[f64; 2]>,
 }
 
 /// One measured line as its curve follows it.
@@ -331,6 +334,8 @@ pub struct Tilt {
     pub error: String,
     /// Its value, µrad.
     pub urad: f64,
+    /// Its standard uncertainty, of what is stated, µrad; `None` where nothing is.
+    pub uncertainty: Option<f64>,
 }
 
 /// A location error.
@@ -400,6 +405,8 @@ pub struct Volume {
     pub has_thermal: bool,
     /// Whether curves of the machine of the last state cover a part of the travel only.
     pub is_partly_measured: bool,
+    /// Whether the measurements do not bear out an error of the machine whose errors the last state has.
+    pub is_undecided: bool,
     /// Whether the machine of the last state states any error.
     pub knows_errors: bool,
     /// Planes through the middle of the working space.
@@ -541,6 +548,8 @@ pub struct Identified {
     pub of: usize,
     /// How well those that are determined can be told apart: 1 is best.
     pub score: f64,
+    /// How many times larger the uncertainties are than stated, by what is left of the rows.
+    pub excess: f64,
     /// What is left of the fitted rows.
     pub residual: Left,
     /// What is left of rows that were left out of the fit.
@@ -560,11 +569,6 @@ impl Identified {
     fn of_error<'a>(&'a self, error: &'a str) -> impl Iterator<Item = &'a Parameter> {
         let all = self.parameters.iter();
         all.filter(move |of| of.name.split(' ').next() == Some(error))
-    }
-
-    /// Whether an error was to be found.
-    pub fn is_unknown(&self, error: &str) -> bool {
-        self.of_error(error).next().is_some()
     }
 
     /// Whether the observations leave an error open: one of its coefficients, or one that has to be zero for those that were found.

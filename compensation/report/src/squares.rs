@@ -14,8 +14,12 @@ const PAIRS: [[AxisName; 2]; 3] = [
 ];
 
 /// The angles between the linear axes as the location errors of a machine make them. `measured` tells of which pairs the
-/// calibration found the angle.
-pub(crate) fn squares(machine: &Machine, measured: impl Fn([AxisName; 2]) -> bool) -> Vec<Square> {
+/// calibration found the angle, `uncertainty` the standard uncertainty that is stated of an error.
+pub(crate) fn squares(
+    machine: &Machine,
+    measured: impl Fn([AxisName; 2]) -> bool,
+    uncertainty: impl Fn(ErrorName) -> Option<f64>,
+) -> Vec<Square> {
     let pairs = PAIRS.into_iter().filter_map(|pair| {
         if pair.iter().any(|name| machine.axis(*name).is_none()) {
             return None;
@@ -30,6 +34,7 @@ pub(crate) fn squares(machine: &Machine, measured: impl Fn([AxisName; 2]) -> boo
             from.push(Tilt {
                 error: name.to_string(),
                 urad: *value,
+                uncertainty: uncertainty(*name),
             });
         }
         (!from.is_empty()).then(|| Square {
@@ -69,7 +74,8 @@ pub(crate) fn other_locations(
         uncertainty: stated
             .iter()
             .find(|of| of.error == *name)
-            .map(|of| of.uncertainty),
+            .map(|of| of.uncertainty)
+            .filter(|stated| *stated > 0.0),
     };
     others.map(location).collect()
 }
@@ -87,7 +93,7 @@ mod tests {
             "machine.toml",
         )
         .expect("a machine");
-        let found = squares(&machine, |pair| pair[0] == AxisName::Y);
+        let found = squares(&machine, |pair| pair[0] == AxisName::Y, |_| None);
         let angles: Vec<f64> = found.iter().map(|square| square.angle_urad).collect();
         assert_eq!(angles, [6.0, 20.0, -30.0]);
         assert_eq!(found[0].from.len(), 2);

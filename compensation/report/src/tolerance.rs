@@ -6,6 +6,7 @@ use volcomp_metrology::{
 use volcomp_vocabulary::{AxisName, ErrorName};
 
 use crate::report::{Check, CheckOf, Curve, Positioning, Report, Square, State};
+use crate::squares::pair_of;
 
 /// The largest error of the tool tip over poses of all axes, after best-fit rigid-body alignment of the workpiece.
 pub const VOLUME: &str = "V";
@@ -118,8 +119,6 @@ fn symbols() -> Vec<&'static str> {
 /// evaluated, and that is said.
 pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
     let symbols = symbols();
-    let identified = report.identified.as_ref();
-    let leaves_open = identified.is_some_and(|of| of.left_open().next().is_some());
     let mut all = Vec::new();
     for tolerance in tolerances {
         let symbol = tolerance.symbol.as_str();
@@ -127,12 +126,10 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
             let value = value.filter(|value| value.is_finite());
             let uncertainty = u.filter(|_| value.is_some());
             let outcome = match decide(value, tolerance.limit, uncertainty) {
-                // At another temperature the figure is another one; a curve that does not follow its readings is not the error.
-                Verdict::Pass if matches!(of, CheckOf::AtReference | CheckOf::Curves) => {
+                // At another temperature the figure is another one; what the measurements do not bear out may be of any size.
+                Verdict::Pass if matches!(of, CheckOf::AtReference | CheckOf::NotBorneOut) => {
                     Verdict::Undecided
                 }
-                // What the observations leave open may be of any size.
-                Verdict::Pass if of == CheckOf::MeasuredAlone && leaves_open => Verdict::Undecided,
                 outcome => outcome,
             };
             all.push(Check {
@@ -176,7 +173,9 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
             let drawn = report
                 .uncertainty
                 .as_ref()
-                .and_then(|all| all.drawn.as_ref());
+                .and_then(|all| all.drawn.as_ref())
+                // Where nothing is known to scatter, nothing was drawn.
+                .filter(|drawn| drawn.max_um > 0.0);
             let found = last.filter(|last| last.state == State::Found);
             let u = drawn
                 .filter(|_| found.is_some())
@@ -190,8 +189,8 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
                 || found.is_some() && !report.not_measured.is_empty();
             let of = if value.is_some() && volume.is_some_and(|volume| volume.has_thermal) {
                 CheckOf::AtReference
-            } else if found.is_some() && !report.not_followed.is_empty() {
-                CheckOf::Curves
+            } else if value.is_some() && volume.is_some_and(|volume| volume.is_undecided) {
+                CheckOf::NotBorneOut
             } else if value.is_some() && is_partly {
                 CheckOf::MeasuredAlone
             } else if last.is_some_and(|last| last.state == State::TruthCorrected) {
@@ -203,9 +202,20 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
         } else if let Ok(error) = symbol.parse::<ErrorName>() {
             let (value, u) = of_error(report, symbol);
             let is_part = report.partly_measured.iter().any(|of| of == symbol);
-            let is_unknown = identified.is_some_and(|of| of.is_unknown(symbol));
-            let of = if is_unknown && report.not_followed.iter().any(|of| of == symbol) {
-                CheckOf::Curves
+            // The range of mean readings is that of the readings, whatever the curve does.
+            let mut curves = report.curves.iter();
+            let is_of_readings = curves.any(|of| of.error == symbol && !of.lines.is_empty());
+            // The squareness of two axes may stand on either of them.
+            let is_it = |of: &ErrorName| {
+                *of == error
+                    || error.location
+                        && of.location
+                        && pair_of(error).is_some()
+                        && pair_of(*of) == pair_of(error)
+            };
+            let mut undecided = report.undecided.iter().filter_map(|of| of.parse().ok());
+            let of = if !is_of_readings && undecided.any(|of| is_it(&of)) {
+                CheckOf::NotBorneOut
             } else if is_part {
                 CheckOf::Part
             } else {
@@ -224,6 +234,9 @@ fn of_error(report: &Report, name: &str) -> (Option<f64>, Option<f64>) {
         return (None, None);
     }
     if let Some(curve) = report.curves.iter().find(|curve| curve.error == name) {
+        if let Some([low, high]) = curve.over_second_axis {
+            return (Some(high - low), None);
+        }
         return match extremes(curve) {
             Some([low, high]) => {
                 let u = of_range(report, curve, high.0 - low.0);
@@ -235,7 +248,8 @@ fn of_error(report: &Report, name: &str) -> (Option<f64>, Option<f64>) {
     let mut squares = report.squareness.iter();
     let square = squares.find_map(|square| {
         let of = square.from.iter().find(|from| from.error == name);
-        of.map(|from| (square, from.urad.abs()))
+        // The angle of the pair may stand on its other axis.
+        of.map(|from| (square, from.urad.abs().max(square.angle_urad.abs())))
     });
     if let Some((square, value)) = square {
         return (
@@ -315,18 +329,18 @@ fn of_range(report: &Report, curve: &Curve, apart: f64) -> Option<f64> {
 /// The standard uncertainty of a squareness: that of its unknown, where it was found as one, else that of the reference angle that is stated, where
 /// it was measured. Where several location errors make the angle, no single one of them has that of the reference.
 fn of_square(report: &Report, square: &Square, name: &str) -> Option<f64> {
-    let of_reference = || {
-        let is_alone = square.measured && square.from.len() == 1;
-        stated(report, "square_urad").filter(|_| is_alone)
-    };
-    identified(report, name).or_else(of_reference)
+    let mut from = square.from.iter();
+    let of_statement = || from.find(|of| of.error == name)?.uncertainty;
+    identified(report, name).or_else(of_statement)
 }
 
 /// The standard uncertainty of an unknown that observations determined.
 fn identified(report: &Report, name: &str) -> Option<f64> {
     let found = report.identified.as_ref()?;
     let mut parameters = found.parameters.iter();
-    parameters.find(|of| of.name == name)?.uncertainty
+    let of_statements = parameters.find(|of| of.name == name)?.uncertainty?;
+    // Where more is left of the observations than their uncertainty says, that of what follows from them is larger as well.
+    Some(of_statements * found.excess)
 }
 
 #[cfg(test)]

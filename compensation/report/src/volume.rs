@@ -8,6 +8,7 @@ use volcomp_model::{
 use volcomp_vocabulary::{AxisName, Displacement};
 
 use crate::report::{Drawn, OfState, Size, Slice, Standing, State, Vector, Volume};
+use crate::working_space::tools;
 
 /// Nodes along an axis of a plane that is drawn.
 const CELLS: usize = 25;
@@ -76,6 +77,7 @@ pub fn volume(
         }),
         has_thermal: !machine.thermal().sensors().is_empty(),
         is_partly_measured: !judged.partly_measured().is_empty(),
+        is_undecided: !judged.provenance().undecided.is_empty(),
         knows_errors: judged.states_errors(),
         slices: slices(
             machine,
@@ -210,7 +212,7 @@ fn slices(
     Ok(found)
 }
 
-/// The standard uncertainty of the position error over poses of all axes, from Monte Carlo samples; `None` for a machine
+/// The standard uncertainty of the position error over poses of all axes and the tools at both ends of their range, from Monte Carlo samples; `None` for a machine
 /// with none of the axes X, Y and Z.
 ///
 /// # Errors
@@ -227,20 +229,28 @@ pub fn uncertainty(
     {
         return Ok(None);
     }
+    let tools = tools(machine)?;
     let mut lengths = Lengths::default();
     let mut most: Option<(f64, Pose)> = None;
     for pose in poses_of_all_axes(machine)?
         .into_iter()
         .take(UNCERTAINTY_POSES)
     {
-        let [x, y, z, ..] = ensemble.standard_uncertainty(&pose);
-        let error = Vector3::new(x, y, z);
-        lengths.take(&error);
-        if most
-            .as_ref()
-            .is_none_or(|(before, _)| error.norm() > *before)
-        {
-            most = Some((error.norm(), pose));
+        let own = machine.chain().ideal_tip_mm(&pose);
+        for (_, with_tool) in &tools {
+            // What the rotations of a drawn machine move the other tip by.
+            let lever_mm = with_tool.chain().ideal_tip_mm(&pose) - own;
+            let error = Vector3::from(ensemble.uncertainty_of(|drawn| {
+                let [x, y, z, a, b, c] = drawn.evaluate(&pose).into_six();
+                (Vector3::new(x, y, z) + Vector3::new(a, b, c).cross(&lever_mm)).into()
+            }));
+            lengths.take(&error);
+            if most
+                .as_ref()
+                .is_none_or(|(before, _)| error.norm() > *before)
+            {
+                most = Some((error.norm(), pose.clone()));
+            }
         }
     }
     Ok(most.map(|(max_mm, pose)| Drawn {

@@ -22,7 +22,7 @@ pub(crate) fn of_calibration(
             all.push(Warning { kind, text });
         }
     };
-    for text in &calibration.contradictions {
+    for (_, text) in &calibration.contradictions {
         add(WarningKind::Contradiction, text.clone());
     }
     let named = |line: &Line, text: String| format!("{}: {text}", line.file.display());

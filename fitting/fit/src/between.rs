@@ -17,6 +17,11 @@ const MORE_THAN_SCATTER: f64 = 2.0;
 /// A target left out is predicted over two gaps, and is missed by four times what a smooth curve misses within one: of so many times what the readings
 /// repeat to, nearly twice is left.
 const MORE_THAN_REPEATS: f64 = 7.0;
+/// Second differences of mean readings say what these scatter, and more where the error bends between targets: a curve that leaves more than so many
+/// times that does not follow them. Scatter alone is held for it once in a thousand; a wave shorter than seven gaps cannot be told from scatter.
+const MORE_THAN_UNEVEN: f64 = 3.0;
+/// The same of four, five and six targets, of which a straight line leaves no more of an arch than 1.2, 2.0 and 3.1 times their unevenness.
+const OF_FEW_TARGETS: [f64; 3] = [1.1, 1.8, 2.8];
 /// Where nothing tells what readings repeat to, this share of their height counts.
 const OF_HEIGHT: f64 = 0.1;
 /// Of what is in a gap of more than so many mean gaps the targets that are left out tell nothing: what is missed of them need be no more than scatter.
@@ -97,6 +102,11 @@ impl Band {
     }
 }
 
+fn rms(values: impl ExactSizeIterator<Item = f64>) -> f64 {
+    let count = values.len().max(1) as f64;
+    (values.map(|value| value * value).sum::<f64>() / count).sqrt()
+}
+
 /// The highest less the lowest mean reading beside the straight line of least squares.
 fn height_beside_line(targets: &[Target]) -> f64 {
     let count = targets.len() as f64;
@@ -115,6 +125,14 @@ fn height_beside_line(targets: &[Target]) -> f64 {
     (high - low).max(0.0)
 }
 
+/// The standard deviation of values about a smooth course: of second differences, whose variance is six times theirs. `None` of fewer than three values.
+pub fn unevenness(values: &[f64]) -> Option<f64> {
+    let seconds = values.windows(3).map(|v| v[0] - 2.0 * v[1] + v[2]);
+    let count = seconds.len();
+    let squares: f64 = seconds.map(|d| d * d).sum();
+    (count > 0).then(|| (squares / (6.0 * count as f64)).sqrt())
+}
+
 /// What of a curve between its targets the readings do not bear out, in the unit of the readings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Between {
@@ -122,8 +140,14 @@ pub struct Between {
     pub leave_one_out: f64,
     /// What the curve leaves of the readings (root mean square).
     pub residual: f64,
+    /// What it leaves of the mean readings of the targets (root mean square).
+    pub residual_of_means: f64,
     /// The standard deviation of a reading, or of the mean that the curve was fitted to; `None` where nothing tells it.
     pub repeatability: Option<f64>,
+    /// The number of targets.
+    pub targets: usize,
+    /// The [`unevenness`] of the mean readings from target to target, and no less than their rounding.
+    pub uneven: Option<f64>,
     /// The highest less the lowest of the mean readings.
     pub height: f64,
     /// The same beside the straight line through them (least squares).
@@ -141,12 +165,21 @@ impl Between {
         let targets = readings::counted(x, u);
         let of_targets = Band::of(&targets);
         let gaps = of_targets.targets.windows(2).map(|gap| gap[1] - gap[0]);
+        let means: Vec<f64> = targets.iter().map(|t| t.mean).collect();
+        // What a fit leaves of readings that it follows exactly.
+        let rounding = 1e-9
+            * means
+                .iter()
+                .fold(0.0_f64, |most, mean| most.max(mean.abs()));
         let mean = gaps.clone().sum::<f64>() / targets.len().saturating_sub(1) as f64;
         let (residual, repeatability) = (fit.rms(), noise.map(|noise| noise.deviation));
         Self {
             leave_one_out: fit.inner_rms,
             residual,
+            residual_of_means: rms(targets.iter().map(|t| t.mean - fit.curve.value(t.x))),
             repeatability,
+            targets: targets.len(),
+            uneven: unevenness(&means).map(|uneven| uneven.max(rounding)),
             height: of_targets.height(),
             height_beside_line: height_beside_line(&targets),
             widest_gap: if targets.len() > 2 {
@@ -170,20 +203,38 @@ impl Between {
             && (self.leave_one_out > MORE_THAN_REPEATS * repeats || self.widest_gap > WIDE_GAP)
     }
 
-    /// Whether the curve does not follow the readings: it leaves more than seven times what they repeat to, and more than a tenth of their height
-    /// beside a straight line, which says nothing of a wave.
+    /// Whether the curve does not follow the readings: it leaves more than seven times what they repeat to, or of their means more than three times
+    /// the unevenness (less of fewer than seven targets), and more than a tenth of their height beside a straight line, which says nothing of a wave. What
+    /// runs differ by in their zero makes them repeat badly, and not uneven.
     pub fn is_not_followed(&self) -> bool {
-        let repeats = self.repeatability.unwrap_or(f64::INFINITY);
-        self.residual > MORE_THAN_REPEATS * repeats
-            && self.residual > OF_HEIGHT * self.height_beside_line
+        let few = self
+            .targets
+            .checked_sub(4)
+            .and_then(|of| OF_FEW_TARGETS.get(of));
+        let times = few.copied().unwrap_or(MORE_THAN_UNEVEN);
+        let is_beyond = |left: f64, times: f64, scatter: Option<f64>| {
+            scatter.is_some_and(|scatter| left > times * scatter)
+        };
+        let high = OF_HEIGHT * self.height_beside_line;
+        self.residual > high && is_beyond(self.residual, MORE_THAN_REPEATS, self.repeatability)
+            || self.residual_of_means > high
+                && is_beyond(self.residual_of_means, times, self.uneven)
     }
 
     /// Says that the curve does not follow the readings, whose `unit` that is.
     pub fn not_followed(&self, unit: &str) -> Option<String> {
-        let repeats = self.repeatability.filter(|_| self.is_not_followed())?;
+        if !self.is_not_followed() {
+            return None;
+        }
+        let repeats = |of: f64| format!("repeat to {of:.2} {unit}");
+        let uneven =
+            |of: f64| format!("scatter by no more than {of:.2} {unit} from target to target");
+        let scatter = [self.repeatability.map(repeats), self.uneven.map(uneven)];
+        let scatter: Vec<String> = scatter.into_iter().flatten().collect();
         Some(format!(
-            "the curve does not follow the readings: it leaves {:.2} {unit} of them (root mean square), which repeat to {repeats:.2} {unit}: let the kind of curve be chosen from the readings, or state another one",
-            self.residual
+            "the curve does not follow the readings: it leaves {:.2} {unit} of them (root mean square), which {}: let the kind of curve be chosen from the readings, or state another one",
+            self.residual,
+            scatter.join(" and ")
         ))
     }
 

@@ -23,7 +23,7 @@ mod thermal;
 mod triangle;
 
 pub use band::{Band, BandOptions, BandSource, band, band_places};
-pub use between::Between;
+pub use between::{Between, unevenness};
 pub use bspline::fit_bspline;
 pub use choice::{AutoFit, Choice, FitOptions, Reason, Score};
 pub use choose::{choose, choose_and_fit, fit_auto};

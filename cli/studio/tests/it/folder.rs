@@ -17,6 +17,16 @@ fn given(of: &str, key: &str, value: &str) -> TypedAnswer {
     }
 }
 
+fn request(limit_um: f64) -> TableRequest {
+    TableRequest {
+        format: "csv".to_owned(),
+        step_mm: 100.0,
+        step_deg: 15.0,
+        at: [("Y".parse().expect("an axis"), 100.0)].into(),
+        limit_um,
+    }
+}
+
 #[test]
 fn one_file_becomes_a_machine_file_by_its_defaults() {
     let (dir, folder) = small();
@@ -51,6 +61,42 @@ fn one_file_becomes_a_machine_file_by_its_defaults() {
     assert_eq!(state.draft.expect("drafted").open, 0);
     assert_eq!(state.results, ["result/machine.toml", "result/report.html"]);
     assert!(!state.is_stale);
+    // What was fitted is not sent or exported once an input is another or gone, whatever the dates of the files say.
+    let exx = dir.path().join("exx.csv");
+    let text = fs::read_to_string(&exx).expect("there");
+    let date = fs::metadata(&exx)
+        .and_then(|of| of.modified())
+        .expect("a date");
+    fs::write(&exx, text.replace("8.1", "8.2")).expect("writable");
+    let file = fs::File::open(&exx).expect("there");
+    file.set_modified(date).expect("settable");
+    let is_stale = || folder.state().expect("readable").is_stale;
+    assert!(is_stale());
+    let refused = folder
+        .tables(&request(250.0))
+        .expect_err("stale")
+        .to_string();
+    assert!(refused.contains("has changed since the fit"), "{refused}");
+    fs::write(&exx, text).expect("writable");
+    assert!(!is_stale());
+    fs::remove_file(&exx).expect("there");
+    assert!(is_stale());
+}
+
+/// What a user changes in the file that the page wrote is the user's.
+#[test]
+fn a_calibration_file_that_was_changed_by_hand_is_not_overwritten() {
+    let (dir, folder) = small();
+    folder.answer(&defaults(&folder)).expect("answers");
+    let path = dir.path().join("calibration.toml");
+    let text = fs::read_to_string(&path).expect("written");
+    let changed = format!("{text}\n[uncertainty]\nlaser_um_per_m = 1.0\n");
+    fs::write(&path, &changed).expect("writable");
+    assert!(folder.state().expect("readable").by_hand);
+    folder.fit("").expect("fitted");
+    let refused = folder.answer(&[]).expect_err("changed").to_string();
+    assert!(refused.contains("changed since"), "{refused}");
+    assert_eq!(fs::read_to_string(&path).expect("there"), changed);
 }
 
 /// The gantry of the examples: its laser files were simulated from `truth.toml`, which the studio does not see.
@@ -269,13 +315,6 @@ fn dropped_files_stay_in_the_folder_and_replace_no_measurement() {
 #[test]
 fn tables_and_programs_hold_the_correction() {
     let (dir, folder) = small();
-    let request = |limit_um: f64| TableRequest {
-        format: "csv".to_owned(),
-        step_mm: 100.0,
-        step_deg: 15.0,
-        at: [("Y".parse().expect("an axis"), 100.0)].into(),
-        limit_um,
-    };
     let none = folder.tables(&request(250.0)).expect_err("no result");
     assert!(
         none.to_string()

@@ -106,7 +106,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     if !replaced.is_empty() {
         notes.push(format!("replaced what was there: {}", replaced.join(", ")));
     }
-    notes.extend(other_formats(arguments));
+    notes.extend(other_tables(arguments, &files));
     let document = Export {
         format: format.to_string(),
         files,
@@ -243,41 +243,70 @@ impl Place {
     }
 }
 
-/// A note on tables of other formats that volcomp has written into the folder before: a control may read both.
-fn other_formats(arguments: &Arguments) -> Option<String> {
+/// Notes on tables that volcomp has written into the folder before: a control may read those of another format too, and those of an axis that has no
+/// error any more.
+fn other_tables(arguments: &Arguments, written: &[String]) -> Vec<String> {
     /// No table of a control is larger.
     const MOST_BYTES: u64 = 64 << 20;
     let small = |path: &Path| {
         std::fs::metadata(path).is_ok_and(|of| of.is_file() && of.len() <= MOST_BYTES)
     };
-    let mut found: Vec<(String, String)> = std::fs::read_dir(&arguments.output)
-        .ok()?
+    let Ok(files) = std::fs::read_dir(&arguments.output) else {
+        return Vec::new();
+    };
+    let mut found: Vec<(Format, String)> = files
         .flatten()
+        .filter(|file| !written.contains(&file.path().display().to_string()))
         .filter_map(|file| {
             let path = Some(file.path()).filter(|path| small(path))?;
+            let name = file.file_name().display().to_string();
+            if is_named_by(arguments.format, &name) {
+                return Some((arguments.format, name));
+            }
             // What cannot be read, or is no text, is none of these files.
             let text = std::fs::read_to_string(&path).ok()?;
-            let name = file.file_name().display().to_string();
             let format = Format::stated_in(&TextFile {
                 name: name.clone(),
                 text,
             })?;
-            (format != arguments.format).then(|| (format.to_string(), name))
+            Some((format, name))
         })
         .collect();
-    found.sort();
-    found.dedup_by(|one, other| one.0 == other.0);
-    let all: Vec<String> = found
-        .iter()
-        .map(|(format, name)| format!("{format} ({name})"))
-        .collect();
-    (!all.is_empty()).then(|| {
-        format!(
-            "in {} there are tables of another format, too: {}; of two formats a control may read both",
-            arguments.output.display(),
+    found.sort_by_cached_key(|(format, name)| (format.to_string(), name.clone()));
+    let folder = arguments.output.display();
+    let (own, mut others): (Vec<_>, Vec<_>) =
+        (found.into_iter()).partition(|(format, _)| *format == arguments.format);
+    others.dedup_by(|one, other| one.0 == other.0);
+    let mut notes = Vec::new();
+    if !others.is_empty() {
+        let all = others
+            .iter()
+            .map(|(format, name)| format!("{format} ({name})"));
+        notes.push(format!(
+            "in {folder} there are tables of another format, too: {}; of two formats a control may read both",
+            all.collect::<Vec<_>>().join(", ")
+        ));
+    }
+    if !own.is_empty() {
+        let all: Vec<String> = own.into_iter().map(|(_, name)| name).collect();
+        notes.push(format!(
+            "in {folder} there are tables that this export has not written: {}; a control would go on to use them",
             all.join(", ")
-        )
-    })
+        ));
+    }
+    notes
+}
+
+/// Whether a file has the name of a table of this format, where the table itself does not say it.
+fn is_named_by(format: Format, name: &str) -> bool {
+    let axis = match format {
+        Format::Linuxcnc | Format::LinuxcncType1 => name.strip_suffix(".comp"),
+        Format::HeidenhainTnc640 => {
+            (name.strip_prefix("AXIS_")).and_then(|name| name.strip_suffix(".COM"))
+        }
+        _ => None,
+    };
+    axis.is_some_and(|axis| axis.parse::<AxisName>().is_ok())
 }
 
 /// The unit of a deviation in JSON.

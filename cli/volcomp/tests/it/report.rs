@@ -272,7 +272,10 @@ fn what_observations_leave_open_is_not_met() {
         assert_eq!(check["value"], Value::Null, "{check}");
         assert_eq!(check["outcome"], "not_evaluated", "{check}");
     }
-    assert_eq!(checks[2]["of"], "the measured errors alone");
+    assert_eq!(
+        checks[2]["of"],
+        "errors that the measurements do not bear out"
+    );
     assert_eq!(checks[2]["outcome"], "undecided");
     // A wave that no unknown describes is as far from what was found as from nothing.
     let wave = |x: f64| x + 0.06 * (x / 48.0).sin();
@@ -285,7 +288,7 @@ fn what_observations_leave_open_is_not_met() {
     write("points.csv", &format!("X,Y,Z,C,x,y,z\n{rows}"));
     let (document, _) = report(&[&observations, "--tolerance", "EXX=500,V=500"]);
     for check in document["checks"].as_array().expect("two") {
-        assert_eq!(check["of"], "curves that do not follow their readings");
+        assert_eq!(check["of"], "errors that the measurements do not bear out");
         assert_eq!(check["outcome"], "undecided", "{check}");
     }
     assert!(page.contains("not determined by the observations, taken as 0: EX0C, EB0C"));

@@ -584,6 +584,7 @@ fn rows_that_keep_to_a_small_part_of_the_travel_are_noted() {
     let found = lab.identify(observed).expect("found");
     let words = crate::lab::words(&found);
     assert!(words.contains("% of their travel at the most"), "{words}");
+    assert!(found.undecided().is_empty());
     // A judged row far off is named, too.
     lab.write("j.csv", "X,Y,x,y,z\n2,2,2,2,0\n9,9,9,9,0\n20,15,70,15,0\n");
     let judged =
@@ -591,6 +592,27 @@ fn rows_that_keep_to_a_small_part_of_the_travel_are_noted() {
     let found = lab.identify(&judged).expect("found");
     let words = crate::lab::words(&found);
     assert!(words.contains("j.csv:4: this judged row is 50"), "{words}");
+    assert!(found.undecided().is_empty());
+    // A judged file that is far off as a whole proves nothing of what was found, nor does a fitted one that the others contradict.
+    lab.write(
+        "j.csv",
+        "X,Y,x,y,z\n2,2,2.3,2,0\n9,9,9.3,9,0\n20,15,20.3,15,0\n",
+    );
+    let found = lab.identify(&judged).expect("found");
+    assert!(found.undecided().contains(&"EC0Y".parse().expect("a name")));
+    let mut many = String::from("X,Y,x,y,z\n");
+    for k in 0..60 {
+        let (x, y) = (f64::from(k % 8) * 2.5, f64::from(k / 8) * 2.0);
+        let _ = writeln!(many, "{x},{y},{x},{y},0");
+    }
+    lab.write("t.csv", &many);
+    lab.write("u.csv", "X,Y,x,y,z\n2,2,2.01,2,0\n9,9,8.99,9,0\n");
+    let two = format!(
+        "{observed}uncertainty_um = 1\n[[observation]]\nkind = \"points\"\nfile = \"u.csv\"\nuncertainty_um = 1\n"
+    );
+    let found = lab.identify(&two).expect("found");
+    assert!(found.variance < 9.0, "{}", found.variance);
+    assert!(!found.undecided().is_empty());
 }
 
 /// Lengths between poses move the axes from the one pose to the other: only the ends to which they go lie close together.

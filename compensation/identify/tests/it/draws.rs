@@ -73,6 +73,21 @@ fn drawn_machines_spread_as_repeated_identifications_do() {
     let observations = lab.read(KEYS).expect("read");
     let draws = Draws::new(&observations, &once).expect("of these observations");
     let drawn = |trial| errors(&draws.machine(3, trial).expect("drawn"));
+    // Twice the stated uncertainty is left of the rows: the machines lie twice as far apart.
+    assert_eq!(once.excess, 1.0);
+    let more = Identification {
+        excess: 2.0,
+        ..once.clone()
+    };
+    let wide = Draws::new(&observations, &more).expect("of these observations");
+    let wide = errors(&wide.machine(3, 0).expect("drawn"));
+    for ((wide, drawn), found) in wide.iter().zip(drawn(0)).zip(errors(&once.machine)) {
+        let [wide, drawn] = [wide - found, drawn - found];
+        assert!(
+            (wide - 2.0 * drawn).abs() < 1e-3 * drawn.abs().max(0.1),
+            "{wide} {drawn}"
+        );
+    }
     let drawn: Vec<Vec<f64>> = (0..REPEATS as u64).map(drawn).collect();
     let repeat = |_| errors(&found(&lab, &truth, &mut noise).machine);
     let repeated: Vec<Vec<f64>> = (0..REPEATS).map(repeat).collect();

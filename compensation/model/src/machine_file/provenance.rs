@@ -21,16 +21,27 @@ pub(super) fn decode_provenance(
     let Some(section) = root.section("provenance")? else {
         return Ok(());
     };
-    section.allow(&["version", "serial", "date", "error"])?;
+    section.allow(&["version", "serial", "date", "undecided", "error"])?;
     let text = |key: &str| section.optional(key, |v| v.text().map(str::to_owned));
     let provenance = Provenance {
         version: text("version")?,
         serial: text("serial")?,
         date: text("date")?,
+        undecided: section
+            .optional("undecided", decode_names)?
+            .unwrap_or_default(),
         errors: section.tables("error", decode_origin)?,
     };
     let refused = machine.set_provenance(provenance);
     refused.map_err(|refusal| section.error(refusal.to_string()).into())
+}
+
+fn decode_names(value: &Value<'_>) -> Result<Vec<ErrorName>, InputError> {
+    let name = |item: &Value<'_>| {
+        let name = item.text()?.parse::<ErrorName>();
+        name.map_err(|e| item.error(e.to_string()))
+    };
+    value.items()?.iter().map(name).collect()
 }
 
 fn decode_origin(section: &Section<'_>) -> Result<Origin, InputError> {
@@ -87,6 +98,14 @@ pub(super) fn write_provenance(provenance: &Provenance) -> String {
         if let Some(value) = value {
             let _ = writeln!(text, "{key} = {}", toml_string(value)); // writing to a String cannot fail
         }
+    }
+    if !provenance.undecided.is_empty() {
+        let names = provenance
+            .undecided
+            .iter()
+            .map(|name| format!("\"{name}\""));
+        let names: Vec<String> = names.collect();
+        let _ = writeln!(text, "undecided = [{}]", names.join(", "));
     }
     for origin in &provenance.errors {
         let unit = origin.error.component.unit();

@@ -118,11 +118,11 @@ pub(super) fn verdict(page: &mut Page, report: &Report) {
             Cell::Path(match &check.of {
                 CheckOf::Symbol if check.symbol == VOLUME => LARGEST.to_owned(),
                 CheckOf::Symbol => described(&check.symbol),
-                CheckOf::Part | CheckOf::Curves if check.symbol != VOLUME => {
+                CheckOf::Part | CheckOf::NotBorneOut if check.symbol != VOLUME => {
                     format!("{}; of {}", described(&check.symbol), check.of)
                 }
                 CheckOf::MeasuredAlone
-                | CheckOf::Curves
+                | CheckOf::NotBorneOut
                 | CheckOf::Part
                 | CheckOf::Corrected
                 | CheckOf::AtReference => {

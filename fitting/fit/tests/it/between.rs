@@ -116,9 +116,51 @@ fn a_curve_that_does_not_follow_its_readings_is_told() {
     ] {
         assert_eq!(of(truth, method).not_followed("µm"), None);
     }
-    let unknown = Between {
-        repeatability: None,
-        ..found
+}
+
+/// Of one run nothing tells what readings repeat to: a curve is told that leaves much more than they scatter from target to target.
+#[test]
+fn a_curve_that_does_not_follow_one_run_is_told() {
+    let x = targets(31);
+    let wave = |gaps: f64| {
+        let length = gaps * (x[1] - x[0]);
+        move |x: f64| 20.0 * (std::f64::consts::TAU * x / length).sin()
     };
-    assert!(!unknown.is_not_followed());
+    let of = |truth: &dyn Fn(f64) -> f64, method: Method| {
+        let u: Vec<f64> = x.iter().map(|&x| truth(x)).collect();
+        let fit = method.fit(&x, &u).expect("a curve");
+        Between::of(&fit, &x, &u, None).not_followed("µm")
+    };
+    let line = Method::Polynomial { order: 1 };
+    let said = of(&wave(10.0), line).expect("a warning");
+    assert!(said.contains("from target to target"), "{said}");
+    assert_eq!(of(&wave(10.0), Method::CubicTable), None);
+    assert_eq!(of(&|x| 0.03 * x - 0.1, line), None);
+    assert_eq!(of(&|_| 5.3, line), None);
+    // An arch over few targets.
+    for count in [4, 5, 6, 7] {
+        let few = targets(count);
+        let u: Vec<f64> = few.iter().map(|x| -1e-6 * x * (x - 8000.0)).collect();
+        let fit = line.fit(&few, &u).expect("a line");
+        assert!(
+            Between::of(&fit, &few, &u, None).is_not_followed(),
+            "{count}"
+        );
+    }
+    // Three runs, each with a zero of its own, which they repeat to.
+    let shifts = [-10.0, 0.0, 10.0];
+    let u: Vec<f64> = (shifts.iter())
+        .flat_map(|shift| x.iter().map(move |x| shift - 1e-6 * x * (x - 8000.0)))
+        .collect();
+    let of_runs = [&x[..]; 3].concat();
+    let fit = line.fit(&of_runs, &u).expect("a line");
+    assert!(between(&fit, &of_runs, &u).is_not_followed());
+    // A wave of three gaps looks like scatter.
+    assert_eq!(of(&wave(3.0), line), None);
+    let told = (0..200).filter(|seed| {
+        let u = noisy(&x, NOISE, *seed, |_| 0.0);
+        let fit = line.fit(&x, &u).expect("a line");
+        Between::of(&fit, &x, &u, None).is_not_followed()
+    });
+    assert!(told.count() <= 1);
 }

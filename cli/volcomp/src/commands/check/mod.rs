@@ -44,6 +44,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     notes.extend(rotary_note(&machine));
     notes.extend(no_point_note(&machine));
     notes.extend(limit_notes(&machine, &temperatures)?);
+    notes.extend(machine.provenance().note());
     notes.extend(document.provenance.iter().flat_map(provenance::notes));
     Answer::new(&document, text, notes)
 }
