@@ -4,7 +4,11 @@
 
 use std::{collections::BTreeMap, time::Duration};
 
-use volcomp_devices::{Address, Facts, Scheme, focas_config, probe, thermometer};
+use volcomp_devices::{
+    Address, Facts,
+    config::{ControllerConfig, ThermometerConfig},
+    controller, probe, thermometer,
+};
 use volcomp_focas::simulator::{Options, Simulator, World};
 use volcomp_port::DeviceError;
 use volcomp_vocabulary::AxisName;
@@ -22,13 +26,17 @@ fn message(url: &str) -> String {
 fn urls_are_taken_apart() {
     let address =
         Address::parse("gpio://?position=panel-out:0-14&correction=panel-in:0-7").unwrap();
-    assert_eq!(address.scheme, Scheme::Gpio);
+    assert_eq!(address.scheme, "gpio");
     assert_eq!(address.get("position"), Some("panel-out:0-14"));
     let address = Address::parse("can://vcan0").unwrap();
-    assert_eq!((address.scheme, &*address.host), (Scheme::Can, "vcan0"));
-    let address = Address::parse("focas://[::1]:9000?path=2").unwrap();
-    let config = focas_config(&address, &[AxisName::X]).unwrap();
-    assert_eq!((config.port, config.path), (9000, 2));
+    assert_eq!((address.scheme, &*address.host), ("can", "vcan0"));
+    let config = ControllerConfig {
+        url: "focas://[::1]:9000?path=2".to_owned(),
+        axes: vec![AxisName::X],
+        ..ControllerConfig::default()
+    };
+    let device = controller(&config).unwrap().describe().unwrap().device;
+    assert_eq!(device, "focas://[::1]:9000");
 }
 
 #[test]
@@ -94,8 +102,11 @@ fn wrong_urls_say_what_is_expected() {
         let message = message(url);
         assert!(message.contains(expected), "{url}: {message}");
     }
-    let address = Address::parse("modbus://h?profile=ADAM-6050").unwrap();
-    let message = thermometer(&address, &[]).err().unwrap().to_string();
+    let config = ThermometerConfig {
+        url: "modbus://h?profile=ADAM-6050".to_owned(),
+        ..ThermometerConfig::default()
+    };
+    let message = thermometer(&config).err().unwrap().to_string();
     assert!(
         message.contains("ADAM-6050 has no temperatures"),
         "{message}"

@@ -155,15 +155,6 @@ impl World {
         self
     }
 
-    /// The same control with the ladder of the manual for a control without a barrier: the gateway writes from R100 on
-    /// and moves R120 on, the axes take their shifts from R300 on.
-    #[must_use]
-    pub fn with_heartbeat(mut self) -> Self {
-        self.shift.first = 300;
-        self.ladder = Some(Ladder::Heartbeat(HeartbeatLadder::default()));
-        self
-    }
-
     /// One scan of the control: its program runs, and the axes take their shifts.
     pub(super) fn run_scan(&mut self) {
         if let Some(mut ladder) = self.ladder.take() {
