@@ -183,9 +183,14 @@ fn a_profile_may_be_a_file() {
         env!("CARGO_MANIFEST_DIR"),
         "/../../examples/temperature-module.toml"
     );
-    let address = Address::parse(&format!("modbus://127.0.0.1:1?profile={shipped}")).unwrap();
-    let found = thermometer(&address, &[]).unwrap();
-    assert_eq!(volcomp_port::Thermometer::names(&found).len(), 8);
+    let thermometer = |url: &str| {
+        volcomp_devices::thermometer(&ThermometerConfig {
+            url: url.to_owned(),
+            ..ThermometerConfig::default()
+        })
+    };
+    let found = thermometer(&format!("modbus://127.0.0.1:1?profile={shipped}")).unwrap();
+    assert_eq!(found.names.len(), 8);
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("oven.toml");
     let text = "name = \"OVEN\"\n[channels]\naddress = 4\ncount = 2\nscale = 0.1\n";
@@ -194,11 +199,10 @@ fn a_profile_may_be_a_file() {
         "modbus://127.0.0.1:1?profile={}&names=door,wall",
         file.display()
     );
-    let address = Address::parse(&url).unwrap();
-    let found = thermometer(&address, &[]).unwrap();
-    assert_eq!(volcomp_port::Thermometer::names(&found), ["door", "wall"]);
+    let found = thermometer(&url).unwrap();
+    assert_eq!(found.names, ["door", "wall"]);
     std::fs::write(&file, text.replace("scale", "sclae")).unwrap();
-    let refused = thermometer(&address, &[]).err().unwrap();
+    let refused = thermometer(&url).err().unwrap();
     assert!(refused.is_input());
     let message = refused.to_string();
     assert!(
@@ -208,7 +212,7 @@ fn a_profile_may_be_a_file() {
     let source = std::error::Error::source(&refused).expect("the error of the profile");
     assert!(message.contains(&source.to_string()));
     std::fs::remove_file(&file).unwrap();
-    let refused = thermometer(&address, &[]).err().unwrap();
+    let refused = thermometer(&url).err().unwrap();
     assert!(
         refused.to_string().contains("oven.toml: cannot be read"),
         "{refused}"

@@ -9,7 +9,7 @@ use std::{
 
 use volcomp_port::ControlProgram;
 
-use super::ladder::{BarrierLadder, HeartbeatLadder, Ladder};
+use super::ladder::{BarrierLadder, Ladder};
 use crate::{
     pmc::{PmcAddress, PmcArea, Width},
     units,
