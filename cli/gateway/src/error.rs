@@ -95,20 +95,6 @@ pub enum GatewayError {
         /// The name of the state, as the key has it.
         state: &'static str,
     },
-    /// The names of a thermometer's sensors are not those that the device has.
-    #[error(
-        "{file}: {url}: names: found {found:?}, expected some of {expected:?}, the sensors of this device"
-    )]
-    SensorNames {
-        /// The path of the configuration file.
-        file: String,
-        /// The URL of the device.
-        url: String,
-        /// The name that the device does not have.
-        found: String,
-        /// The names that it has.
-        expected: Vec<String>,
-    },
     /// Two sensors have one name, so that it is not known which of them a machine file or a person means.
     #[error(
         "{file}: {url}: names: found {name:?}, which is a sensor of another [[thermometer]] already, expected another name for each sensor of the machine"
@@ -489,7 +475,6 @@ impl GatewayError {
             | Self::Plan { .. }
             | Self::DeviceConfig { .. }
             | Self::DeviceTwice { .. }
-            | Self::SensorNames { .. }
             | Self::StateUnseen { .. }
             | Self::StateSeen { .. }
             | Self::SensorTwice { .. }

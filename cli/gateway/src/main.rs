@@ -107,7 +107,7 @@ enum Command {
         /// Print one JSON document
         #[arg(long)]
         json: bool,
-        /// Connect to the FANUC controls, too, and compare their axes and parameters; nothing is written to them
+        /// Connect to the controls, too, and compare their axes and parameters; nothing is written to them
         #[arg(long)]
         online: bool,
     },
@@ -158,7 +158,7 @@ enum Command {
         /// The TOML file of the configuration
         config: PathBuf,
     },
-    /// Bring a map of corrections into a FANUC or SINUMERIK control that looks up by itself, and keep it valid
+    /// Bring a map of corrections into a control that looks up by itself, and keep it valid
     ///
     /// The map is one of `volcomp map-table`. Without --confirm the files are checked and it is said what would be sent.
     /// With it the map is sent, read back and taken into use, and from then on the control is told that it still holds,

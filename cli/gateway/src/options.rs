@@ -2,11 +2,9 @@
 
 use std::{net::SocketAddr, path::PathBuf, time::Duration};
 
-use crate::{
-    config::{Config, tables::ms},
-    error::GatewayError,
-    simulate,
-};
+use volcomp_devices::config::ms;
+
+use crate::{config::Config, error::GatewayError, simulate};
 
 /// How the gateway is called.
 #[derive(Clone, Debug, Default)]

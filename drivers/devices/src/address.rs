@@ -5,78 +5,15 @@ use std::collections::BTreeMap;
 use url::Url;
 use volcomp_port::DeviceError;
 
-/// The bus or protocol by which a device is reached.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Scheme {
-    /// A FANUC control on FOCAS, such as `focas://HOST:8193`.
-    Focas,
-    /// A module on Modbus TCP, such as `modbus://HOST:502?unit=1&profile=NAME`.
-    Modbus,
-    /// A module on Modbus RTU, such as `modbus-rtu:///dev/ttyUSB0?baud=9600&parity=none&stop=1&unit=1&profile=NAME`.
-    ModbusRtu,
-    /// A CAN interface of Linux, such as `can://can0?dbc=FILE`.
-    Can,
-    /// Lines of GPIO chips, such as `gpio://?position=CHIP:LINES&correction=CHIP:LINES`.
-    Gpio,
-    /// A SINUMERIK control on OPC UA, such as `opc.tcp://HOST:4840`.
-    OpcUa,
-    /// A LinuxCNC control by its bridge, such as `linuxcnc://127.0.0.1:47001`.
-    LinuxCnc,
-}
-
-impl Scheme {
-    /// The feature of this crate that has the bus.
-    pub fn feature(self) -> &'static str {
-        match self {
-            Self::Focas => "focas",
-            Self::Modbus | Self::ModbusRtu => "modbus",
-            Self::Can => "can",
-            Self::Gpio => "gpio",
-            Self::OpcUa => "sinumerik",
-            Self::LinuxCnc => "linuxcnc",
-        }
-    }
-
-    const NAMES: [(&'static str, Self); 7] = [
-        ("focas", Self::Focas),
-        ("modbus", Self::Modbus),
-        ("modbus-rtu", Self::ModbusRtu),
-        ("can", Self::Can),
-        ("gpio", Self::Gpio),
-        ("opc.tcp", Self::OpcUa),
-        ("linuxcnc", Self::LinuxCnc),
-    ];
-
-    /// The keys behind the question mark.
-    fn keys(self) -> &'static [&'static str] {
-        match self {
-            Self::Focas => &["path"],
-            Self::Modbus => &["unit", "profile", "names", "byte_order", "answer_ms"],
-            Self::ModbusRtu => &[
-                "unit",
-                "profile",
-                "names",
-                "byte_order",
-                "answer_ms",
-                "baud",
-                "parity",
-                "stop",
-            ],
-            Self::Can => &["dbc"],
-            Self::Gpio => &["position", "correction"],
-            Self::OpcUa => &[],
-            Self::LinuxCnc => &["remote", "key_file"],
-        }
-    }
-}
+use crate::driver::{Driver, SCHEMES, Scheme};
 
 /// The URL of a device, taken apart into scheme, host, port, path and keys.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Address {
     /// As it was written.
     pub text: String,
-    /// The bus that the URL names before `://`.
-    pub scheme: Scheme,
+    /// The scheme before `://`, which names the bus.
+    pub scheme: &'static str,
     /// Host or interface; empty where there is none.
     pub host: String,
     /// The TCP port; `None` where the URL gives none.
@@ -93,17 +30,17 @@ impl Address {
     /// No URL, an unknown scheme or key, a host or path that is missing.
     pub fn parse(text: &str) -> Result<Self, DeviceError> {
         let wrong = |what: String, remedy: &str| DeviceError::address(text, what, remedy);
-        let forms = "expected focas://HOST, modbus://HOST?profile=…, modbus-rtu:///dev/…?profile=…, can://INTERFACE, gpio://?position=…, opc.tcp://HOST or linuxcnc://HOST";
+        let [forms @ .., last] = SCHEMES.map(|scheme| scheme.form);
+        let forms = &*format!("expected {} or {last}", forms.join(", "));
         let url =
             Url::parse(text).map_err(|e| wrong(format!("this is no device URL: {e}"), forms))?;
-        let known = Scheme::NAMES.iter().find(|(name, _)| *name == url.scheme());
-        let scheme = known
-            .ok_or_else(|| wrong(format!("found the scheme `{}`", url.scheme()), forms))?
-            .1;
+        let scheme = Scheme::named(url.scheme())
+            .ok_or_else(|| wrong(format!("found the scheme `{}`", url.scheme()), forms))?;
         let mut keys = BTreeMap::new();
         for (key, value) in url.query_pairs() {
-            if !scheme.keys().contains(&&*key) {
-                let expected = match scheme.keys() {
+            let known: Vec<&str> = scheme.keys.split_whitespace().collect();
+            if !known.contains(&&*key) {
+                let expected = match &known[..] {
                     [] => "expected no keys".to_owned(),
                     known => format!("expected one of: {}", known.join(", ")),
                 };
@@ -120,24 +57,38 @@ impl Address {
         }
         let address = Self {
             text: text.to_owned(),
-            scheme,
+            scheme: scheme.name,
             host: url.host_str().unwrap_or_default().to_owned(),
             port: url.port(),
             path: url.path().to_owned(),
             keys,
         };
-        let needs_host = matches!(
-            scheme,
-            Scheme::Focas | Scheme::Modbus | Scheme::Can | Scheme::OpcUa | Scheme::LinuxCnc
-        );
-        if needs_host && address.host.is_empty() {
+        // Such as `://HOST` or `://INTERFACE`.
+        let behind = scheme.form.split("://").nth(1);
+        let has_host = behind.is_some_and(|behind| behind.starts_with(char::is_uppercase));
+        if has_host && address.host.is_empty() {
             return Err(wrong("the host or interface is missing".to_owned(), forms));
         }
-        if scheme == Scheme::ModbusRtu && address.path.len() < 2 {
+        if scheme.name == "modbus-rtu" && address.path.len() < 2 {
             let remedy = "expected three slashes: modbus-rtu:///dev/ttyUSB0";
             return Err(wrong("the serial device is missing".to_owned(), remedy));
         }
         Ok(address)
+    }
+
+    /// The driver of its bus.
+    ///
+    /// # Errors
+    /// A bus that this build does not have.
+    pub fn driver(&self) -> Result<&'static Driver, DeviceError> {
+        let scheme = Scheme::named(self.scheme);
+        scheme.and_then(Scheme::driver).ok_or_else(|| {
+            let feature = scheme.map_or(self.scheme, |scheme| scheme.feature);
+            self.unsupported(
+                format!("this program was built without the feature `{feature}`"),
+                format!("a program built with `--features {feature}`"),
+            )
+        })
     }
 
     /// An error in what the URL or the configuration states about this device.

@@ -5,20 +5,122 @@ use std::{
     time::{Duration, Instant},
 };
 
-use volcomp_can::{CanPort, CanSocket, Frame, Received, SHIPPED_DBC, SignalTable};
-use volcomp_port::{DeviceError, Temperature};
+use rustix::net::{AddressFamily, SocketType, netdevice::name_to_index, socket};
+use volcomp_can::{
+    BridgeConfig, CanController, CanPort, CanSocket, CanThermometer, Frame, Received, SHIPPED_DBC,
+    SignalTable, temperature_names,
+};
+use volcomp_port::{Controller, Description, DeviceError, Temperature};
 
 use crate::{
     address::Address,
+    config::{ControllerConfig, ThermometerConfig},
+    driver::{ControllerDevice, Driver, Settings, TOLD_WITHIN, ThermometerDevice, USUAL},
     facts::{BusFacts, Facts, SeenFrames},
     probed::Probe,
 };
+
+pub(crate) const DRIVER: Driver = Driver {
+    name: "a bridge on CAN (can://)",
+    writer_keys: &["includes_correction", "unwatched", "barrier"],
+    devices: |address| [interface(&address.host)].into(),
+    controller: |address, own| Ok(Box::new(bridge(&address, own)?)),
+    thermometer,
+    probe,
+    ..USUAL
+};
+
+fn thermometer(
+    address: Address,
+    own: &ThermometerConfig,
+) -> Result<ThermometerDevice, DeviceError> {
+    let table = signal_table(&address)?;
+    let known = temperature_names(&table, &own.url)?;
+    if let Some(name) = own.names.iter().find(|name| !known.contains(name)) {
+        let expected = format!("expected some of {known:?}, the sensors of this device");
+        return Err(address.wrong(format!("names: found {name:?}"), expected));
+    }
+    let names = match &own.names[..] {
+        [] => known,
+        names => names.to_vec(),
+    };
+    let (interface, wanted) = (address.host.clone(), names.clone());
+    Ok(ThermometerDevice {
+        address,
+        names,
+        open: Box::new(move || {
+            let socket = CanSocket::open(&interface)?;
+            Ok(Box::new(CanThermometer::new(socket, &table, &wanted)?))
+        }),
+    })
+}
+
+/// A bridge on an interface.
+struct Bridge {
+    interface: String,
+    config: BridgeConfig,
+}
+
+fn bridge(address: &Address, config: &ControllerConfig) -> Result<Bridge, DeviceError> {
+    let bridge = Bridge {
+        interface: address.host.clone(),
+        config: BridgeConfig {
+            table: signal_table(address)?,
+            channel: config.channel_or("can"),
+            axes: config.axes.clone(),
+            reads: config.reads.clone(),
+            includes_correction: config.includes_correction,
+        },
+    };
+    let has_barrier = bridge.describe()?.barrier;
+    let wrong = |found: &str, remedy: &str| Err(address.wrong(found, remedy));
+    match (has_barrier, config.barrier.is_some()) {
+        (true, false) => wrong(
+            "the DBC file has the words of a barrier, and there is no table [controller.barrier]",
+            "state the table with the number of the machine and the scan of the control",
+        ),
+        (false, true) => wrong(
+            "the DBC file has no words of a barrier, FRAME_0 and so on, and there is a table [controller.barrier]",
+            "name another DBC file, or leave the table out",
+        ),
+        _ => Ok(bridge),
+    }
+}
+
+impl ControllerDevice for Bridge {
+    fn describe(&self) -> Result<Description, DeviceError> {
+        self.config.describe(&CanSocket::device_of(&self.interface))
+    }
+
+    fn open(&self) -> Result<Box<dyn Controller>, DeviceError> {
+        let socket = CanSocket::open(&self.interface)?;
+        Ok(Box::new(CanController::new(socket, &self.config)?))
+    }
+
+    fn settings(&self) -> Settings {
+        Settings {
+            shown_within: Some(TOLD_WITHIN),
+            position_steps: self.config.position_steps(),
+            ..Settings::default()
+        }
+    }
+}
+
+/// A network interface by its number: it may have several names.
+fn interface(name: &str) -> String {
+    let number = socket(AddressFamily::INET, SocketType::DGRAM, None)
+        .and_then(|socket| name_to_index(socket, name));
+    number.map_or_else(
+        |_| format!("interface {name}"),
+        |number| format!("interface number {number}"),
+    )
+}
 
 /// The signals of a URL: the DBC file it names, else the shipped one.
 ///
 /// # Errors
 /// A file that cannot be read or is no DBC.
-pub fn signal_table(address: &Address) -> Result<SignalTable, DeviceError> {
+fn signal_table(address: &Address) -> Result<SignalTable, DeviceError> {
     let text = match address.get("dbc") {
         None => SHIPPED_DBC.to_owned(),
         Some(path) => std::fs::read_to_string(path).map_err(|e| {
@@ -36,7 +138,7 @@ pub fn signal_table(address: &Address) -> Result<SignalTable, DeviceError> {
     })
 }
 
-pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
+fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let table = signal_table(address)?;
     let mut socket = CanSocket::open(&address.host)?;
     let deadline = Instant::now() + at_most;

@@ -1,10 +1,11 @@
 //! Properties of a device that are neither positions, temperatures nor inputs, by the kind of device.
 
+use serde::Serialize;
+
 /// Further properties that a device reports when it is asked once.
-#[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[cfg_attr(feature = "serde", serde(untagged))]
+#[serde(untagged)]
 pub enum Facts {
     /// The properties of a control over FOCAS.
     Control(ControlFacts),
@@ -15,8 +16,7 @@ pub enum Facts {
 }
 
 /// The properties of a control over FOCAS.
-#[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ControlFacts {
     /// The type of the control and of the machine, such as `31 M`.
@@ -44,24 +44,22 @@ pub struct ControlFacts {
 }
 
 /// The properties of a Modbus module.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ModuleFacts {
     /// The name of the profile by which the registers of the module are read.
     pub profile: String,
     /// The parts of the profile that were never compared with a real module, in words.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Vec::is_empty"))]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub unproven: Vec<String>,
     /// Whether the module reports the levels of its outputs; `None`: it has none. Where it does not, outputs that carry no
     /// correction are switched off when a correction is written.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub outputs_told: Option<bool>,
 }
 
 /// The traffic that was seen on a CAN bus.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct BusFacts {
     /// The identifiers that were seen, classic ones first, each in ascending order.
@@ -71,8 +69,7 @@ pub struct BusFacts {
 }
 
 /// The frames of one identifier that were seen on a CAN bus.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SeenFrames {
     /// The identifier of the frames.

@@ -1,33 +1,399 @@
 //! FANUC controls, reached over Ethernet by FOCAS.
 
-use std::time::{Duration, Instant};
+use std::{
+    any::Any,
+    fmt,
+    time::{Duration, Instant},
+};
 
-use volcomp_focas::{Client, FocasConfig, FocasError, PositionKind, ShiftSource};
-use volcomp_port::DeviceError;
-use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
+use serde::{
+    Deserialize, Deserializer, Serialize,
+    de::{MapAccess, Visitor, value::MapAccessDeserializer},
+};
+use volcomp_document::Mistakes;
+use volcomp_focas::{
+    BarrierArea, Client, FocasConfig, FocasController, FocasError, MapPlaces, PORT, PmcAddress,
+    PmcArea, PositionKind, ShiftSource, Width, inspect,
+};
+use volcomp_port::{Controller, Description, DeviceError};
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Um, Urad};
 
 use crate::{
     address::Address,
+    config::{ControllerConfig, of_ms},
+    driver::{
+        Block, ControlMemory, ControllerDevice, Driver, Inspected, Needs, PmcPlan, Rules, Settings,
+        USUAL,
+    },
     facts::{ControlFacts, Facts},
+    map::{MapDevice, MapError, MapKeys, MapWords},
     probed::Probe,
 };
 
 /// Exchanges whose times are told.
 const TIMED: usize = 100;
 
-/// How the control of a URL is corrected: these axes, everything else as [`FocasConfig::new`] has it.
-///
-/// # Errors
-/// Keys that make no sense.
-pub fn focas_config(address: &Address, axes: &[AxisName]) -> Result<FocasConfig, DeviceError> {
-    let mut config = FocasConfig::new(&*address.host, axes);
-    config.port = address.port.unwrap_or(volcomp_focas::PORT);
-    config.path = address.number("path", [1, 10], 1)?;
-    Ok(config)
+/// Between two frames to a PMC: far within every time-out, and little beside the scans of its ladder.
+const MAP_PERIOD: Duration = Duration::from_millis(50);
+
+/// The areas of the PMC that a configuration can name.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[expect(missing_docs, reason = "letters")]
+pub enum PmcLetter {
+    G,
+    F,
+    #[default]
+    R,
+    D,
 }
 
-pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
-    let config = focas_config(address, &[])?;
+/// A byte of the PMC, `{ pmc = "R", at = 120 }`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[expect(missing_docs, reason = "the manual describes the keys")]
+pub struct PmcByte {
+    pub pmc: PmcLetter,
+    pub at: u16,
+}
+
+/// The words of the shifts in the PMC, `{ pmc = "R", first = 100, width = 2 }`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[expect(missing_docs, reason = "the manual describes the keys")]
+pub struct AreaConfig {
+    pub pmc: PmcLetter,
+    pub first: u16,
+    #[serde(default = "word")]
+    pub width: u16,
+    #[serde(default)]
+    pub copied: bool,
+}
+
+fn word() -> u16 {
+    2
+}
+
+/// `false`, or the byte of the PMC whose bits say which axes are referenced.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(untagged)]
+#[expect(missing_docs, reason = "the manual describes the keys")]
+pub enum Referenced {
+    Not(bool),
+    Byte(PmcByte),
+}
+
+impl<'de> Deserialize<'de> for Referenced {
+    // What serde derives for `untagged` loses the place of a mistake in the byte.
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Either;
+        impl<'de> Visitor<'de> for Either {
+            type Value = Referenced;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("false or a byte such as { pmc = \"F\", at = 94 }")
+            }
+
+            fn visit_bool<E>(self, value: bool) -> Result<Referenced, E> {
+                Ok(Referenced::Not(value))
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Referenced, A::Error> {
+                PmcByte::deserialize(MapAccessDeserializer::new(map)).map(Referenced::Byte)
+            }
+        }
+        deserializer.deserialize_any(Either)
+    }
+}
+
+impl From<PmcByte> for PmcAddress {
+    fn from(PmcByte { pmc, at }: PmcByte) -> Self {
+        let area = match pmc {
+            PmcLetter::G => PmcArea::G,
+            PmcLetter::F => PmcArea::F,
+            PmcLetter::R => PmcArea::R,
+            PmcLetter::D => PmcArea::D,
+        };
+        Self { area, at }
+    }
+}
+
+/// The table `pmc` of a map sender's file: the places of its words.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PmcTable {
+    pub time_out_ms: f64,
+    pub mailbox: PmcByte,
+    pub report: PmcByte,
+    pub buffers: PmcByte,
+}
+
+impl Default for PmcTable {
+    fn default() -> Self {
+        let byte = |at| PmcByte {
+            pmc: PmcLetter::D,
+            at,
+        };
+        Self {
+            time_out_ms: 500.0,
+            mailbox: byte(0),
+            report: byte(144),
+            buffers: byte(200),
+        }
+    }
+}
+
+impl PmcTable {
+    fn places(&self, capacity: usize) -> MapPlaces {
+        MapPlaces {
+            mailbox: self.mailbox.into(),
+            report: self.report.into(),
+            buffers: self.buffers.into(),
+            capacity,
+        }
+    }
+}
+
+pub(crate) const DRIVER: Driver = Driver {
+    name: "a FANUC control (focas://)",
+    keys: &["referenced"],
+    writer_keys: &[
+        "includes_correction",
+        "unwatched",
+        "resolution_um",
+        "resolution_urad",
+        "area",
+        "heartbeat",
+        "barrier",
+    ],
+    map_tables: &["pmc"],
+    port: PORT,
+    validate,
+    controller: |address, own| Ok(Box::new(configured(&address, own)?)),
+    validate_map,
+    map: |address, keys| {
+        let (host, port) = (address.host.clone(), address.port.unwrap_or(PORT));
+        let at_most = of_ms(keys.pmc.time_out_ms);
+        let places = keys.pmc.places(keys.capacity);
+        Ok(MapDevice {
+            period: MAP_PERIOD,
+            open: Box::new(move || {
+                let words = volcomp_focas::MapWords::open(&host, port, at_most, places);
+                Ok(Box::new(words.map_err(MapError::of)?))
+            }),
+        })
+    },
+    probe,
+    ..USUAL
+};
+
+fn validate(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>) {
+    if own.heartbeat.is_some() && own.unwatched {
+        found.add(
+            &format!("{}.heartbeat", rules.at),
+            "found both heartbeat and unwatched = true, expected one of them",
+        );
+    }
+    if let Some(area) = own.area.filter(|area| ![1, 2, 4].contains(&area.width)) {
+        let message = format!("found {}, expected 1, 2 or 4 bytes", area.width);
+        found.add(&format!("{}.area.width", rules.at), message);
+    }
+    if own.referenced == Some(Referenced::Not(true)) {
+        found.add(
+            &format!("{}.referenced", rules.at),
+            "found true, expected false or a byte such as { pmc = \"F\", at = 94 }",
+        );
+    }
+    if let Some(barrier) = &own.barrier {
+        for (key, byte) in [("frame", barrier.frame), ("report", barrier.report)] {
+            if byte.is_none() {
+                found.require(&format!("{}.barrier", rules.at), key);
+            }
+        }
+    }
+}
+
+fn validate_map(keys: &MapKeys, sizes: [usize; 2], found: &mut Mistakes<'_>) {
+    let (pmc, capacity) = (&keys.pmc, keys.capacity);
+    found.range("pmc.time_out_ms", pmc.time_out_ms, 10.0..=2000.0);
+    for (key, place) in [
+        ("mailbox", pmc.mailbox),
+        ("report", pmc.report),
+        ("buffers", pmc.buffers),
+    ] {
+        if !PmcAddress::from(place).area.is_of_ladder() {
+            let message = format!(
+                "found {:?}, expected R or D, the memory of the ladder's own",
+                place.pmc
+            );
+            found.add(&format!("pmc.{key}"), message);
+        }
+    }
+    let places = pmc.places(capacity);
+    if !places.fits() {
+        let message = format!(
+            "found {capacity} words in each of two buffers from {:?}{} on, expected them to end at byte 65535 at the latest",
+            places.buffers.area, places.buffers.at
+        );
+        found.add("capacity", message);
+    } else if let Some(what) = overlap(&places, sizes) {
+        let message = format!(
+            "found {what} in one another's place, expected each of mailbox, report and buffers in its own"
+        );
+        found.add("pmc", message);
+    }
+}
+
+impl ControllerDevice for FocasConfig {
+    fn describe(&self) -> Result<Description, DeviceError> {
+        Self::describe(self).map_err(|error| error.of(self.device()))
+    }
+
+    fn open(&self) -> Result<Box<dyn Controller>, DeviceError> {
+        Ok(Box::new(FocasController::new(self.clone())?))
+    }
+
+    fn settings(&self) -> Settings {
+        let axes = self.axes.iter().chain(&self.reads);
+        Settings {
+            // A control tells three decimals, or as many as it has for corrections.
+            position_steps: axes
+                .map(|name| (*name, self.position_step(*name)))
+                .collect(),
+            ..Settings::default()
+        }
+    }
+
+    fn inspect(&self, _needs: Option<&Needs>) -> Result<Option<Inspected>, DeviceError> {
+        let found = inspect(self).map_err(|error| error.of(self.device()))?;
+        let (shift_in_use, shift_words) = match found.shift_source {
+            ShiftSource::Told { in_use, first } => (Some(in_use), Some(first)),
+            ShiftSource::Untold { .. } => (None, None),
+        };
+        Ok(Some(Inspected {
+            axes: found.axes.iter().map(char::to_string).collect(),
+            shift_in_use,
+            shift_words,
+            reports: found.reports,
+            notes: found.notes,
+            ..Inspected::default()
+        }))
+    }
+
+    fn overlap(&self) -> Option<[Block; 2]> {
+        Some(Self::overlap(self)?.map(Block::from))
+    }
+
+    fn overlap_with(&self, other: &dyn Any) -> Option<[Block; 2]> {
+        let other = other.downcast_ref::<Self>()?;
+        Some(Self::overlap_with(self, other)?.map(Block::from))
+    }
+
+    fn memory(&self) -> ControlMemory {
+        let plain = self.barrier.is_none() && !self.axes.is_empty();
+        let text = |address: PmcAddress| address.to_string();
+        let pmc = PmcPlan {
+            shift_words: plain.then(|| text(self.shift.first)),
+            shift_bytes: plain.then(|| self.shift.width.bytes()),
+            copied: plain && self.copied,
+            frame: self.barrier.map(|barrier| text(barrier.frame)),
+            report: self.barrier.map(|barrier| text(barrier.report)),
+            heartbeat: self.heartbeat.filter(|_| plain).map(text),
+            referenced: self.referenced.map(text),
+        };
+        ControlMemory { pmc: Some(pmc) }
+    }
+}
+
+impl MapWords for volcomp_focas::MapWords {
+    fn report(&mut self, count: usize) -> Result<Vec<u16>, MapError> {
+        Self::report(self, count).map_err(MapError::of)
+    }
+
+    fn write(&mut self, frame: &[u16]) -> Result<(), MapError> {
+        Self::write(self, frame).map_err(MapError::of)
+    }
+
+    fn buffer(&mut self, buffer: u16, count: usize) -> Result<Vec<u16>, MapError> {
+        Self::buffer(self, buffer, count).map_err(MapError::of)
+    }
+}
+
+/// Two of the three that share bytes. Both buffers end within the addresses of the PMC: see [`MapPlaces::fits`].
+fn overlap(places: &MapPlaces, sizes: [usize; 2]) -> Option<String> {
+    let block = |what, first: PmcAddress, words: usize| {
+        let end = usize::from(first.at) + 2 * words - 1;
+        let at = u16::try_from(end).unwrap_or(u16::MAX);
+        volcomp_focas::Block {
+            key: what,
+            what,
+            first,
+            last: PmcAddress { at, ..first },
+        }
+    };
+    let mailbox = block("mailbox", places.mailbox, sizes[0]);
+    let report = block("report", places.report, sizes[1]);
+    let buffers = block("buffers", places.buffers, 2 * places.capacity);
+    [(mailbox, report), (mailbox, buffers), (report, buffers)]
+        .iter()
+        .find(|(one, other)| one.shared(other).is_some())
+        .map(|(one, other)| format!("{} and {}", one.what, other.what))
+}
+
+impl From<volcomp_focas::Block> for Block {
+    fn from(block: volcomp_focas::Block) -> Self {
+        Self {
+            key: block.key,
+            text: block.to_string(),
+            is_byte: block.first == block.last,
+        }
+    }
+}
+
+/// The control of a `[[controller]]`.
+fn configured(address: &Address, config: &ControllerConfig) -> Result<FocasConfig, DeviceError> {
+    let mut focas = FocasConfig::new(&*address.host, &config.axes);
+    focas.port = address.port.unwrap_or(PORT);
+    focas.path = address.number("path", [1, 10], 1)?;
+    config.only_channel(address, &focas.channel, "a FANUC control")?;
+    if let Some(area) = config.area {
+        focas.shift.first = PmcByte {
+            pmc: area.pmc,
+            at: area.first,
+        }
+        .into();
+        focas.shift.width = match area.width {
+            1 => Width::Byte,
+            4 => Width::Long,
+            _ => Width::Word,
+        };
+        focas.copied = area.copied;
+    }
+    if let Some(um) = config.resolution_um {
+        focas.shift.count_linear = Um(um).to_mm();
+    }
+    if let Some(urad) = config.resolution_urad {
+        focas.shift.count_rotary = Urad(urad).to_rad();
+    }
+    focas.reads.clone_from(&config.reads);
+    focas.heartbeat = config.heartbeat.map(Into::into);
+    focas.barrier = config.barrier.and_then(|barrier| {
+        let (frame, report) = (barrier.frame?, barrier.report?);
+        Some(BarrierArea {
+            frame: frame.into(),
+            report: report.into(),
+        })
+    });
+    match config.referenced {
+        None => {}
+        Some(Referenced::Not(_)) => focas.referenced = None,
+        Some(Referenced::Byte(byte)) => focas.referenced = Some(byte.into()),
+    }
+    focas.includes_correction = config.includes_correction;
+    Ok(focas)
+}
+
+fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
+    let config = configured(address, &ControllerConfig::default())?;
     let told = |error: FocasError| error.of(&*address.text);
     let mut client = Client::open(&config.host, config.port, at_most).map_err(told)?;
     let system = client.system_info().map_err(told)?;

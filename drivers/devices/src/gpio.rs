@@ -3,24 +3,40 @@
 use std::time::{Duration, Instant};
 
 use volcomp_digital_io::{GpioPort, LineSet, PositionWord, Wiring};
-use volcomp_port::{DeviceError, DigitalIo};
-
+use volcomp_port::{DeviceError, DigitalIo, UnopenedLines};
 use volcomp_vocabulary::{AxisKind, Displacement};
 
-use crate::{address::Address, probed::Probe};
+use crate::{address::Address, driver::Driver, lines, probed::Probe};
+
+pub(crate) const DRIVER: Driver = Driver {
+    devices: |address| {
+        let keys = ["position", "correction"].into_iter();
+        keys.filter_map(|key| address.get(key)).map(chip).collect()
+    },
+    controller: |address, own| lines::controller(address, own, gpio_port, unopened),
+    probe,
+    ..lines::LINES
+};
+
+/// The chip of `CHIP:LINES` by its device file: it has a label and a name besides.
+fn chip(lines: &str) -> String {
+    let file = LineSet::parse(lines).and_then(|set| set.chip_file());
+    let named = || lines.rsplit_once(':').map_or(lines, |(chip, _)| chip);
+    let chip = file.map_or_else(|_| named().to_owned(), |file| file.display().to_string());
+    format!("gpio {chip}")
+}
 
 /// The lines of a URL, named from the control: `position` are its outputs, `correction` its inputs.
 ///
 /// # Errors
 /// Keys that are missing, lines that cannot be taken.
-pub fn gpio_port(address: &Address) -> Result<GpioPort, DeviceError> {
+fn gpio_port(address: &Address) -> Result<GpioPort, DeviceError> {
     let [position, correction] = line_sets(address)?;
     GpioPort::open(&position, &correction)
 }
 
 /// The port that [`gpio_port`] would open, described without opening it.
-#[cfg(all(feature = "gpio", feature = "modbus"))]
-pub(crate) fn unopened(address: &Address) -> Result<volcomp_port::UnopenedLines, DeviceError> {
+fn unopened(address: &Address) -> Result<UnopenedLines, DeviceError> {
     let [position, correction] = line_sets(address)?;
     Ok(GpioPort::describe(&position, &correction))
 }
@@ -37,7 +53,7 @@ fn line_sets(address: &Address) -> Result<[LineSet; 2], DeviceError> {
 }
 
 /// Reads the inputs; the outputs are taken too, as they are, and given back.
-pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
+fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let mut port = gpio_port(address)?;
     let read = port.read(Instant::now() + at_most);
     let levels = read

@@ -3,37 +3,39 @@
 mod address;
 #[cfg(feature = "can")]
 mod can;
+pub mod config;
+mod driver;
 mod facts;
 #[cfg(feature = "focas")]
 mod focas;
 #[cfg(feature = "gpio")]
 mod gpio;
-#[cfg(all(feature = "gpio", feature = "modbus"))]
+#[cfg(any(feature = "gpio", feature = "modbus"))]
 mod lines;
 #[cfg(feature = "linuxcnc")]
 mod linuxcnc;
 mod list;
+pub mod map;
 #[cfg(feature = "modbus")]
 mod modbus;
-mod probe;
+mod places;
 mod probed;
 #[cfg(feature = "sinumerik")]
 mod sinumerik;
 
-pub use address::{Address, Scheme};
-#[cfg(feature = "can")]
-pub use can::signal_table;
+pub use address::Address;
+pub use driver::{
+    Block, Configured, ControlMemory, ControllerDevice, Driver, Inspected, Needs, PmcPlan, Rules,
+    Settings, ThermometerDevice, Travels, controller, map_device, probe, thermometer,
+};
 pub use facts::{BusFacts, ControlFacts, Facts, ModuleFacts, SeenFrames};
 #[cfg(feature = "focas")]
-pub use focas::focas_config;
-#[cfg(feature = "gpio")]
-pub use gpio::gpio_port;
-#[cfg(all(feature = "gpio", feature = "modbus"))]
-pub use lines::digital_lines;
+pub use focas::{AreaConfig, PmcByte, PmcLetter, Referenced};
+#[cfg(any(feature = "gpio", feature = "modbus"))]
+pub use lines::DigitalConfig;
 #[cfg(feature = "linuxcnc")]
-pub use linuxcnc::{allows_remote_bridge, bridge_key_file};
+pub use linuxcnc::LinuxCncTable;
 pub use list::{CanInterface, GpioChip, GpioLine, LocalDevices, SerialPort, list};
-#[cfg(feature = "modbus")]
-pub use modbus::{MODBUS_PORT, digital_modules, thermometer, thermometer_names};
-pub use probe::probe;
 pub use probed::{Probe, ProbedTemperature};
+#[cfg(feature = "sinumerik")]
+pub use sinumerik::SinumerikTable;

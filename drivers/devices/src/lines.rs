@@ -1,21 +1,276 @@
-//! Digital lines of any kind, told without opening them.
+//! The words of one axis on digital lines, whichever port has them: the table `[controller.digital]`.
 
-use volcomp_port::{DeviceError, UnopenedLines};
+use std::time::Duration;
 
-use crate::address::{Address, Scheme};
+use serde::{Deserialize, Serialize};
+use volcomp_digital_io::{
+    Coherence, CorrectionCode, CorrectionWord, DigitalAxis, DigitalController, PositionCode,
+    PositionWord, Wiring,
+};
+use volcomp_document::Mistakes;
+use volcomp_port::{Controller, Description, DeviceError, DigitalIo, UnopenedLines};
+use volcomp_vocabulary::{AxisKind, AxisName, Deg, Displacement};
 
-/// The digital lines of a `gpio://`, `modbus://` or `modbus-rtu://` URL, without opening the device: what is built on
-/// them can be checked.
+use crate::{
+    address::Address,
+    config::{ControllerConfig, PLAIN_KEYS, has_axis, of_ms},
+    driver::{Configured, ControllerDevice, Driver, Rules, Settings, Travels, USUAL},
+};
+
+/// What every driver of lines has.
+pub(crate) const LINES: Driver = Driver {
+    name: "digital lines (gpio://, modbus://, modbus-rtu://)",
+    keys: &["digital"],
+    writer_keys: PLAIN_KEYS,
+    validate,
+    complete: |own, _| _ = own.digital.get_or_insert_default(),
+    ..USUAL
+};
+
+/// The step of a correction of a rotary axis where the configuration states none.
+const LINE_STEP: Deg = Deg(1e-3);
+
+/// The table `[controller.digital]`: the words on digital lines.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+#[expect(missing_docs, reason = "the manual describes the keys")]
+pub struct DigitalConfig {
+    pub position_bits: u32,
+    pub position_mm_per_count: Option<f64>,
+    pub position_deg_per_count: Option<f64>,
+    pub position_zero_mm: Option<f64>,
+    pub position_zero_deg: Option<f64>,
+    pub position_code: PositionCode,
+    pub correction_bits: u32,
+    pub correction_code: CorrectionCode,
+    /// The line that changes its level when the correction word has settled, from 0; `None`: there is none.
+    pub latch: Option<u32>,
+    /// The time without an edge of the latch after which the control takes the correction to zero; `None`: never.
+    pub time_out_ms: Option<f64>,
+    #[serde(with = "CoherenceKey")]
+    pub coherence: Coherence,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(remote = "Coherence", rename_all = "kebab-case")]
+enum CoherenceKey {
+    TwoAgree,
+    #[serde(skip)]
+    Strobe,
+    Latched,
+}
+
+impl Default for DigitalConfig {
+    /// The published scheme: 15 lines of 1/32 mm, 8 lines of correction.
+    fn default() -> Self {
+        Self {
+            position_bits: 15,
+            position_mm_per_count: None,
+            position_deg_per_count: None,
+            position_zero_mm: None,
+            position_zero_deg: None,
+            position_code: PositionCode::Binary,
+            correction_bits: 8,
+            correction_code: CorrectionCode::TwosComplement,
+            latch: None,
+            time_out_ms: None,
+            coherence: Coherence::TwoAgree,
+        }
+    }
+}
+
+/// Checks the table `digital`, and that there is a latch where the control needs its edges.
+fn validate(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>) {
+    latch(own, rules, found);
+    let Some(digital) = &own.digital else {
+        return;
+    };
+    let key = |name: &str| format!("{}.digital.{name}", rules.at);
+    let axes: Vec<AxisName> = own.shown().collect();
+    found.whole(&key("position_bits"), digital.position_bits, 0..=32);
+    found.whole(&key("correction_bits"), digital.correction_bits, 0..=32);
+    let (mm, mm_zero) = (digital.position_mm_per_count, digital.position_zero_mm);
+    let (deg, deg_zero) = (digital.position_deg_per_count, digital.position_zero_deg);
+    for (kind, unit, step, zero) in [
+        (AxisKind::Linear, "mm", mm, mm_zero),
+        (AxisKind::Rotary, "deg", deg, deg_zero),
+    ] {
+        for (name, number, range) in [
+            (format!("position_{unit}_per_count"), step, 1e-6..=100.0),
+            (format!("position_zero_{unit}"), zero, -1e6..=1e6),
+        ] {
+            let key = key(&name);
+            if let Some(number) = number {
+                if found.states(&key) {
+                    has_axis(&key, kind, &axes, found);
+                }
+                found.range(&key, number, range);
+            }
+        }
+    }
+    if let Some(latch) = digital.latch {
+        found.whole(&key("latch"), latch, 0..=63);
+    }
+    if let Some(time_out_ms) = digital.time_out_ms {
+        found.range(&key("time_out_ms"), time_out_ms, 10.0..=600_000.0);
+        if !found.states(&key("latch")) {
+            found.add(
+                &key("time_out_ms"),
+                "found this key without latch, expected it only where the control sees edges of a latch that may fail to come",
+            );
+        }
+    }
+}
+
+/// Refuses lines without a latch beside a barrier: without an edge it never takes their words.
+fn latch(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>) {
+    let latch = own.digital.and_then(|digital| digital.latch);
+    if rules.has_barrier && own.barrier.is_none() && !own.axes.is_empty() && latch.is_none() {
+        found.add(
+            &format!("{}.digital.latch", rules.at),
+            format!(
+                "missing for {}, expected the line that the gateway turns once the word has settled: the barrier of the control takes words of lines at its edges only",
+                own.url
+            ),
+        );
+    }
+}
+
+impl ControllerConfig {
+    /// The words of one axis on digital lines. No position is published for a rotary axis, so its step must be stated.
+    ///
+    /// # Errors
+    /// A key that is missing.
+    pub fn digital_axis(&self, name: AxisName) -> Result<DigitalAxis, DeviceError> {
+        let (kind, digital) = (name.kind(), self.digital.unwrap_or_default());
+        let (step, zero) = match kind {
+            AxisKind::Linear => (digital.position_mm_per_count, digital.position_zero_mm),
+            AxisKind::Rotary => (digital.position_deg_per_count, digital.position_zero_deg),
+        };
+        let stated = step.map(|step| Displacement::from_coordinate(kind, step));
+        let published = Some(PositionWord::PUBLISHED.step).filter(|step| step.kind() == kind);
+        let step = stated.or(published).ok_or_else(|| {
+            let found = format!(
+                "[[controller]]: digital.position_deg_per_count: missing, expected a number, since axis {name} is rotary"
+            );
+            DeviceError::option(&*self.url, found, "state it")
+        })?;
+        let correction_step = self.resolution(kind).unwrap_or(match kind {
+            AxisKind::Linear => CorrectionWord::PUBLISHED.step,
+            AxisKind::Rotary => Displacement::Angle(LINE_STEP.to_rad()),
+        });
+        Ok(DigitalAxis {
+            position: PositionWord {
+                bits: digital.position_bits,
+                code: digital.position_code,
+                step,
+                zero: Displacement::from_coordinate(kind, zero.unwrap_or(0.0)),
+            },
+            correction: CorrectionWord {
+                bits: digital.correction_bits,
+                code: digital.correction_code,
+                step: correction_step,
+            },
+            includes_correction: self.includes_correction,
+            ..DigitalAxis::published(name)
+        })
+    }
+}
+
+/// One axis on the lines of a port.
+struct Lines<D> {
+    address: Address,
+    open: fn(&Address) -> Result<D, DeviceError>,
+    unopened: fn(&Address) -> Result<UnopenedLines, DeviceError>,
+    channel: String,
+    wiring: Wiring,
+    coherence: Coherence,
+    axis: DigitalAxis,
+    time_out: Option<Duration>,
+}
+
+/// One axis on the lines of a port.
 ///
 /// # Errors
-/// Keys that make no sense, a device without digital lines.
-pub fn digital_lines(address: &Address) -> Result<UnopenedLines, DeviceError> {
-    match address.scheme {
-        Scheme::Gpio => crate::gpio::unopened(address),
-        Scheme::Modbus | Scheme::ModbusRtu => crate::modbus::unopened(address),
-        Scheme::Focas | Scheme::Can | Scheme::OpcUa | Scheme::LinuxCnc => Err(address.wrong(
-            "this device has no digital lines",
-            "expected gpio://, modbus:// or modbus-rtu://",
-        )),
+/// More axes than one, a key that is missing.
+pub(crate) fn controller<D: DigitalIo + 'static>(
+    address: Address,
+    config: &ControllerConfig,
+    open: fn(&Address) -> Result<D, DeviceError>,
+    unopened: fn(&Address) -> Result<UnopenedLines, DeviceError>,
+) -> Configured {
+    let mut names = config.shown();
+    let (Some(name), None) = (names.next(), names.next()) else {
+        let what = format!(
+            "axes: found {} axes, expected one: these lines carry one position",
+            config.axes.len() + config.reads.len()
+        );
+        return Err(DeviceError::option(&*config.url, what, "name one axis"));
+    };
+    let words = config.digital.unwrap_or_default();
+    let axis = config.digital_axis(name)?;
+    Ok(Box::new(Lines {
+        address,
+        open,
+        unopened,
+        channel: config.channel_or("digital"),
+        wiring: Wiring {
+            position: (0..words.position_bits).collect(),
+            correction: (0..words.correction_bits).collect(),
+            latch: words.latch,
+            ..Wiring::default()
+        },
+        coherence: words.coherence,
+        axis,
+        time_out: words.time_out_ms.map(of_ms),
+    }))
+}
+
+impl<D> Lines<D> {
+    fn on<P: DigitalIo>(&self, io: P) -> Result<DigitalController<P>, DeviceError> {
+        DigitalController::new(
+            io,
+            self.channel.clone(),
+            self.wiring.clone(),
+            self.coherence,
+            vec![self.axis],
+        )
+    }
+}
+
+impl<D: DigitalIo + 'static> ControllerDevice for Lines<D> {
+    fn describe(&self) -> Result<Description, DeviceError> {
+        let lines = self.on((self.unopened)(&self.address)?)?;
+        Ok(lines.description().clone())
+    }
+
+    fn open(&self) -> Result<Box<dyn Controller>, DeviceError> {
+        Ok(Box::new(self.on((self.open)(&self.address)?)?))
+    }
+
+    fn settings(&self) -> Settings {
+        Settings {
+            position_steps: [(self.axis.name, self.axis.position.step)].into(),
+            is_coarse: true,
+            time_out: self.time_out,
+            ..Settings::default()
+        }
+    }
+
+    fn check_travel(&self, travel: &Travels<'_>) -> Result<(), DeviceError> {
+        let axis = &self.axis;
+        let Some(travel) = travel(axis.name) else {
+            return Ok(());
+        };
+        let ends = travel.map(Displacement::mm_or_rad);
+        axis.position.check_travel(ends).map_err(|beyond| {
+            let found = format!("axis {}: {beyond}", axis.name);
+            let keys = match axis.name.kind() {
+                AxisKind::Linear => "position_mm_per_count or position_zero_mm",
+                AxisKind::Rotary => "position_deg_per_count or position_zero_deg",
+            };
+            let remedy = format!("state other [controller.digital] position_bits, {keys}");
+            self.address.wrong(found, remedy).caused_by(beyond)
+        })
     }
 }

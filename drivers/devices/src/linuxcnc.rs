@@ -1,18 +1,206 @@
 //! LinuxCNC controls, by their bridge.
 
-use std::{path::Path, time::Duration};
+use std::{
+    path::{Path, PathBuf},
+    time::{Duration, Instant},
+};
 
-use volcomp_linuxcnc::{Key, PORT, look};
-use volcomp_port::DeviceError;
-use volcomp_vocabulary::Displacement;
+use serde::{Deserialize, Serialize};
+use volcomp_linuxcnc::{
+    Expected, Ini, Key, Least, LinuxCncConfig, LinuxCncController, PORT, VERSION, look,
+};
+use volcomp_port::{Controller, Description, DeviceError};
+use volcomp_vocabulary::{AxisKind, Displacement};
 
-use crate::{address::Address, probed::Probe};
+use crate::{
+    address::Address,
+    config::{BarrierConfig, ControllerConfig, join},
+    driver::{ControllerDevice, Driver, Inspected, Needs, Settings, TOLD_WITHIN, USUAL},
+    probed::Probe,
+};
+
+/// How long a bridge may take to answer.
+const ANSWERS_WITHIN: Duration = Duration::from_secs(2);
+
+/// Between two reports by which the scans of a bridge are counted.
+const COUNTED_FOR: Duration = Duration::from_millis(500);
+
+/// The table `linuxcnc` of a `[[controller]]`.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+#[expect(missing_docs, reason = "the manual describes the keys")]
+pub struct LinuxCncTable {
+    pub key_file: Option<PathBuf>,
+    pub ini: Option<PathBuf>,
+}
+
+pub(crate) const DRIVER: Driver = Driver {
+    name: "a LinuxCNC control (linuxcnc://)",
+    keys: &["linuxcnc"],
+    writer_keys: &["resolution_um", "resolution_urad", "barrier"],
+    port: PORT,
+    complete: |own, folder| {
+        let tables = own.linuxcnc.iter_mut();
+        let files = tables.flat_map(|table| [&mut table.key_file, &mut table.ini]);
+        join(folder, files.flatten());
+    },
+    controller: |address, own| Ok(Box::new(control(&address, own)?)),
+    probe,
+    ..USUAL
+};
+
+/// A control, not opened.
+struct Control {
+    url: String,
+    config: LinuxCncConfig,
+    barrier: Option<BarrierConfig>,
+    ini: Option<PathBuf>,
+}
+
+impl ControllerDevice for Control {
+    fn describe(&self) -> Result<Description, DeviceError> {
+        self.config.describe()
+    }
+
+    fn open(&self) -> Result<Box<dyn Controller>, DeviceError> {
+        Ok(Box::new(LinuxCncController::new(&self.config)?))
+    }
+
+    fn settings(&self) -> Settings {
+        Settings {
+            shown_within: Some(TOLD_WITHIN),
+            // Commanded positions are floating numbers.
+            ..Settings::default()
+        }
+    }
+
+    /// What the bridge tells now. Where its barrier is compared there are two reports, some scans apart.
+    fn inspect(&self, needs: Option<&Needs>) -> Result<Option<Inspected>, DeviceError> {
+        let config = &self.config;
+        let state = look(
+            &config.host,
+            config.port,
+            config.remote,
+            &config.key,
+            ANSWERS_WITHIN,
+        )?;
+        let mut reports = Vec::new();
+        if self.barrier.is_some() && needs.is_some() {
+            let mut control = LinuxCncController::new(config)?;
+            for pause in [Duration::ZERO, COUNTED_FOR] {
+                std::thread::sleep(pause);
+                let read = control.read(Instant::now() + ANSWERS_WITHIN);
+                let read = read.map_err(|fault| {
+                    let expected = "compare [VOLCOMP] of the INI file with the configuration";
+                    DeviceError::of_fault(config.device(), fault, expected)
+                })?;
+                reports.extend(read.report.map(|report| (read.correction_taken, report)));
+            }
+        }
+        Ok(Some(Inspected {
+            axes: state.axes().map(|axis| axis.name.to_string()).collect(),
+            // Another one is an error of the answer.
+            protocol: Some(VERSION),
+            state: Some(state.flags.to_string()),
+            reports,
+            ..Inspected::default()
+        }))
+    }
+
+    /// Names everything that is wrong or missing in the INI file of the control.
+    fn check_file(&self, needs: Option<&Needs>) -> Result<(), DeviceError> {
+        let Some(file) = &self.ini else { return Ok(()) };
+        let shown = file.display();
+        let ini = Ini::read(file).map_err(|e| {
+            let found = format!("{shown}: {e}");
+            DeviceError::option(&*self.url, found, "check linuxcnc.ini").caused_by(e)
+        })?;
+        let problems = ini.problems(&Expected {
+            control: &self.config,
+            scan_ms: self.barrier.map_or(1.0, |barrier| barrier.scan_ms),
+            least: needs.map(least),
+        });
+        if problems.is_empty() {
+            return Ok(());
+        }
+        let problems: Vec<String> = problems.iter().map(ToString::to_string).collect();
+        Err(DeviceError::option(
+            &*self.url,
+            format!("{shown}: {}", problems.join("; ")),
+            "correct the INI file, and start LinuxCNC anew",
+        ))
+    }
+}
+
+/// What the guard needs of the bridge, in the units of the INI file.
+fn least(needs: &Needs) -> Least {
+    let milli = |[linear, rotary]: [f64; 2]| [linear * 1e3, rotary.to_degrees() * 1e3];
+    Least {
+        limit: milli(needs.limit),
+        rate: milli(needs.rate_per_s),
+        zero_after_ms: needs.zero_after.as_secs_f64() * 1e3,
+    }
+}
+
+/// The control of a `[[controller]]`.
+///
+/// # Errors
+/// No table of the barrier, steps that are not whole numbers, no key.
+fn control(address: &Address, config: &ControllerConfig) -> Result<Control, DeviceError> {
+    let machine = match &config.barrier {
+        Some(barrier) => barrier.machine,
+        None if config.axes.is_empty() => 0,
+        None => {
+            return Err(address.wrong(
+                "found no table [controller.barrier]",
+                "state it with the number of the machine, [VOLCOMP]MACHINE of the INI file, and the period of its servo thread as scan_ms",
+            ));
+        }
+    };
+    let step = |kind, default| config.resolution(kind).unwrap_or(default);
+    let control = LinuxCncConfig {
+        host: address.host.clone(),
+        port: address.port.unwrap_or(PORT),
+        key: key(address, config)?,
+        remote: allows_remote_bridge(address)?,
+        channel: config.channel_or("linuxcnc"),
+        machine,
+        axes: config.axes.clone(),
+        reads: config.reads.clone(),
+        step_linear: step(AxisKind::Linear, LinuxCncConfig::STEP_LINEAR),
+        step_rotary: step(AxisKind::Rotary, LinuxCncConfig::step_rotary()),
+    };
+    control.describe()?;
+    Ok(Control {
+        url: address.text.clone(),
+        config: control,
+        barrier: config.barrier,
+        ini: config.linuxcnc.as_ref().and_then(|table| table.ini.clone()),
+    })
+}
+
+/// The key that the gateway shares with the bridge.
+fn key(address: &Address, config: &ControllerConfig) -> Result<Key, DeviceError> {
+    if address.get("key_file").is_some() {
+        return Err(address.wrong("found key_file in the URL", "state it as linuxcnc.key_file"));
+    }
+    let expected = "expected a file with the key of the bridge, such as (umask 077; openssl rand -hex 16 > volcomp.key) makes it";
+    let table = config.linuxcnc.as_ref();
+    let Some(file) = table.and_then(|table| table.key_file.as_ref()) else {
+        return Err(address.wrong("found no linuxcnc.key_file", expected));
+    };
+    Key::read(file).map_err(|error| {
+        address
+            .wrong(format!("linuxcnc.key_file: {error}"), expected)
+            .caused_by(error)
+    })
+}
 
 /// Whether the URL lets the bridge be on another computer.
 ///
 /// # Errors
 /// Another value than `true` or `false`.
-pub fn allows_remote_bridge(address: &Address) -> Result<bool, DeviceError> {
+fn allows_remote_bridge(address: &Address) -> Result<bool, DeviceError> {
     match address.get("remote") {
         None | Some("false") => Ok(false),
         Some("true") => Ok(true),
@@ -22,19 +210,14 @@ pub fn allows_remote_bridge(address: &Address) -> Result<bool, DeviceError> {
     }
 }
 
-/// The file with the key of the bridge, for programs that have it from the URL alone.
-pub fn bridge_key_file(address: &Address) -> Option<&Path> {
-    address.get("key_file").map(Path::new)
-}
-
-pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
+fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let port = address.port.unwrap_or(PORT);
     let expected =
         "expected ?key_file=FILE with the key of the bridge, [VOLCOMP]KEY_FILE of its INI file";
-    let Some(file) = bridge_key_file(address) else {
+    let Some(file) = address.get("key_file") else {
         return Err(address.wrong("found no key_file", expected));
     };
-    let key = Key::read(file).map_err(|error| {
+    let key = Key::read(Path::new(file)).map_err(|error| {
         address
             .wrong(format!("key_file: {error}"), expected)
             .caused_by(error)

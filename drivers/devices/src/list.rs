@@ -3,9 +3,10 @@
 
 use std::{fs, path::Path};
 
+use serde::Serialize;
+
 /// The interfaces of this computer; listing them neither opens one for writing nor reserves it.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct LocalDevices {
     /// The serial ports, for `modbus-rtu://`.
@@ -17,8 +18,7 @@ pub struct LocalDevices {
 }
 
 /// A serial port of this computer.
-#[derive(Clone, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SerialPort {
     /// The device file, such as `/dev/ttyUSB0`.
@@ -28,8 +28,7 @@ pub struct SerialPort {
 }
 
 /// A CAN interface of the kernel.
-#[derive(Clone, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CanInterface {
     /// The name, such as `can0`.
@@ -41,8 +40,7 @@ pub struct CanInterface {
 }
 
 /// A GPIO chip of this computer.
-#[derive(Clone, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct GpioChip {
     /// The name of the kernel, such as `gpiochip0`.
@@ -54,8 +52,7 @@ pub struct GpioChip {
 }
 
 /// A line of a GPIO chip.
-#[derive(Clone, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct GpioLine {
     /// The number of the line on its chip, as URLs have it.

@@ -11,17 +11,52 @@ use volcomp_modbus::{
 };
 use volcomp_port::{
     Backoff, DeviceError, DigitalIo, Fault, Quality, Reason, Temperature, Thermometer,
+    UnopenedLines,
 };
 
 use crate::{
-    address::{Address, Scheme},
+    address::Address,
+    config::ThermometerConfig as ThermometerTable,
+    driver::{Driver, ThermometerDevice},
     facts::{Facts, ModuleFacts},
+    lines,
     list::serial_ports,
+    places,
     probed::Probe,
 };
 
-/// The TCP port of a Modbus module whose URL names none.
-pub const MODBUS_PORT: u16 = 502;
+/// The scheme of a serial line.
+const RTU: &str = "modbus-rtu";
+
+/// The port of Modbus TCP.
+const PORT: u16 = 502;
+
+pub(crate) const DRIVER: Driver = Driver {
+    port: PORT,
+    devices: |address| {
+        if address.scheme != RTU {
+            return places::hosts(address);
+        }
+        let path = std::fs::canonicalize(&address.path);
+        let path = path.map_or_else(|_| address.path.clone(), |p| p.display().to_string());
+        [format!("serial {path}")].into()
+    },
+    // Two programs cannot ask on one serial line; other modules may be asked by many.
+    is_exclusive: |address| address.scheme == RTU,
+    controller: |address, own| lines::controller(address, own, digital_modules, unopened),
+    thermometer,
+    probe,
+    ..lines::LINES
+};
+
+fn thermometer(address: Address, own: &ThermometerTable) -> Result<ThermometerDevice, DeviceError> {
+    let config = thermometer_config(&address, &own.names)?;
+    Ok(ThermometerDevice {
+        address,
+        names: config.names()?,
+        open: Box::new(move || Ok(Box::new(ModbusThermometer::new(config.clone())?))),
+    })
+}
 
 /// The profile that a URL names: one from disk where it ends in `.toml`, else a shipped one by its name.
 fn profile(address: &Address) -> Result<Profile, DeviceError> {
@@ -72,10 +107,10 @@ fn answer_within(address: &Address) -> Result<Duration, DeviceError> {
 }
 
 fn bus(address: &Address, profile: &Profile) -> Result<Bus, DeviceError> {
-    if address.scheme == Scheme::Modbus {
+    if address.scheme != RTU {
         return Ok(Bus::Tcp {
             host: address.host.clone(),
-            port: address.port.unwrap_or(MODBUS_PORT),
+            port: address.port.unwrap_or(PORT),
         });
     }
     Ok(Bus::Rtu {
@@ -122,34 +157,17 @@ fn thermometer_config(
     })
 }
 
-/// The thermometer of a URL. `names` of its channels; without any those of the URL, else numbers.
-///
-/// # Errors
-/// Keys that make no sense, a profile without temperatures.
-pub fn thermometer(address: &Address, names: &[String]) -> Result<ModbusThermometer, DeviceError> {
-    ModbusThermometer::new(thermometer_config(address, names)?)
-}
-
-/// The names that [`thermometer`] will tell, without connecting.
-///
-/// # Errors
-/// Keys that make no sense, a profile without temperatures.
-pub fn thermometer_names(address: &Address, names: &[String]) -> Result<Vec<String>, DeviceError> {
-    thermometer_config(address, names)?.names()
-}
-
 /// The digital lines of a URL.
 ///
 /// # Errors
 /// Keys that make no sense, a profile without digital lines.
-pub fn digital_modules(address: &Address) -> Result<ModbusDigital, DeviceError> {
+fn digital_modules(address: &Address) -> Result<ModbusDigital, DeviceError> {
     let (bus, module) = module(address)?;
     ModbusDigital::new(bus, &[module], answer_within(address)?, Backoff::default())
 }
 
 /// The port that [`digital_modules`] would open, described without connecting.
-#[cfg(all(feature = "gpio", feature = "modbus"))]
-pub(crate) fn unopened(address: &Address) -> Result<volcomp_port::UnopenedLines, DeviceError> {
+fn unopened(address: &Address) -> Result<UnopenedLines, DeviceError> {
     let (bus, module) = module(address)?;
     ModbusDigital::describe(&bus, &[module])
 }
@@ -164,7 +182,7 @@ fn module(address: &Address) -> Result<(Bus, DigitalModule), DeviceError> {
     Ok((bus, module))
 }
 
-pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
+fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let profile = profile(address)?;
     let mut probe = Probe::of(&address.text);
     let mut facts = ModuleFacts {
@@ -176,10 +194,10 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
     let nobody = || {
         let ports: Vec<String> = serial_ports().into_iter().map(|port| port.device).collect();
         let remedy = match (address.scheme, ports.is_empty()) {
-            (Scheme::ModbusRtu, true) => {
+            (RTU, true) => {
                 "check wire, unit, speed and parity; this machine has no serial port".to_owned()
             }
-            (Scheme::ModbusRtu, false) => {
+            (RTU, false) => {
                 format!(
                     "check wire, unit, speed and parity; serial ports here: {}",
                     ports.join(", ")
@@ -198,7 +216,7 @@ pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, Devic
         address.no_answer("only the echo of the request comes back", remedy)
     };
     if profile.channels.is_some() {
-        let mut thermometer = thermometer(address, &[])?;
+        let mut thermometer = ModbusThermometer::new(thermometer_config(address, &[])?)?;
         let unheard = |t: &Temperature| {
             let Quality::Bad(reason) = t.quality else {
                 return false;

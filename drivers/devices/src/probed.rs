@@ -2,38 +2,37 @@
 
 use std::collections::BTreeMap;
 
+use serde::Serialize;
 use volcomp_port::{Quality, Temperature};
 use volcomp_vocabulary::{AxisKind, Displacement};
 
 use crate::facts::Facts;
 
 /// The values that a device reports when it is asked once; the parts that a device lacks stay empty, and are left out of a document.
-#[derive(Clone, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Probe {
     /// The URL of the device.
     pub device: String,
     /// The positions of linear axes by their letter or name, mm.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "BTreeMap::is_empty"))]
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub positions_mm: BTreeMap<String, f64>,
     /// The positions of rotary axes by their letter or name, deg.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "BTreeMap::is_empty"))]
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub positions_deg: BTreeMap<String, f64>,
     /// The temperatures in the order of the device.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Vec::is_empty"))]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub temperatures: Vec<ProbedTemperature>,
     /// The levels of the digital inputs, line 0 first.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Vec::is_empty"))]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub inputs: Vec<bool>,
     /// Further properties that the kind of device has; `None` for digital lines.
-    #[cfg_attr(feature = "serde", serde(flatten))]
+    #[serde(flatten)]
     pub facts: Option<Facts>,
 }
 
 /// The temperature of one sensor.
-#[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ProbedTemperature {
     /// The name of the sensor.
@@ -43,7 +42,7 @@ pub struct ProbedTemperature {
     /// `good`, `uncertain` or `bad`.
     pub quality: &'static str,
     /// The reason in words; `None` when the temperature is good.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
 }
 

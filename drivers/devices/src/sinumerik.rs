@@ -1,14 +1,391 @@
 //! SINUMERIK controls, reached over OPC UA.
 
-use std::time::Duration;
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    time::Duration,
+};
 
-use volcomp_port::DeviceError;
-use volcomp_sinumerik::{Nodes, Server, look};
-use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
+use serde::{Deserialize, Serialize};
+use volcomp_document::Mistakes;
+use volcomp_port::{Controller, Description, DeviceError};
+use volcomp_sinumerik::{
+    Nodes, SHORTEST_PERIOD, Security, Sensor, Server, Sign, SinumerikConfig, SinumerikController,
+    SinumerikThermometer, User, inspect, lag, look,
+};
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Um, Urad};
 
-use crate::{address::Address, probed::Probe};
+use crate::{
+    address::Address,
+    config::{
+        CONTROLLER_ONLY, ControllerConfig, PLAIN_KEYS, ThermometerConfig, both, join, ms, of_ms,
+        path,
+    },
+    driver::{
+        ControllerDevice, Driver, Inspected, Needs, Rules, Settings, ThermometerDevice, USUAL,
+    },
+    map::{MapDevice, MapError, MapKeys, MapWords},
+    probed::Probe,
+};
 
-pub(crate) fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
+/// The speed for which a message says how far a correction would lag behind, mm/s: 10 m/min.
+const LAG_SPEED_MM_PER_S: f64 = 10_000.0 / 60.0;
+
+/// The tables `sinumerik`: how the OPC UA server of a control is reached, and the nodes of a controller.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+#[expect(missing_docs, reason = "the manual describes the keys")]
+pub struct SinumerikTable {
+    pub namespace: String,
+    /// The user name; `None`: anonymous.
+    pub user: Option<String>,
+    pub password_file: Option<PathBuf>,
+    pub security: Security,
+    pub certificates: Option<PathBuf>,
+    pub period_ms: f64,
+    pub time_out_ms: f64,
+    pub source_timestamps: bool,
+    pub numbers: Vec<u16>,
+    pub sign: Sign,
+    pub nodes: Nodes,
+}
+
+impl Default for SinumerikTable {
+    fn default() -> Self {
+        let server = Server::new("");
+        Self {
+            namespace: server.namespace,
+            user: None,
+            password_file: None,
+            security: server.security,
+            certificates: None,
+            period_ms: ms(server.period),
+            time_out_ms: ms(server.time_out),
+            source_timestamps: server.source_timestamps,
+            numbers: Vec::new(),
+            sign: Sign::Adds,
+            nodes: Nodes::default(),
+        }
+    }
+}
+
+impl SinumerikTable {
+    /// Makes every path relative to the folder of the file.
+    pub(crate) fn join(&mut self, folder: &Path) {
+        let paths = [&mut self.password_file, &mut self.certificates];
+        join(folder, paths.into_iter().flatten());
+    }
+}
+
+pub(crate) const DRIVER: Driver = Driver {
+    name: "a SINUMERIK control (opc.tcp://)",
+    keys: &["sinumerik"],
+    writer_keys: PLAIN_KEYS,
+    map_tables: &["sinumerik", "nodes"],
+    port: volcomp_sinumerik::PORT,
+    validate: |own, rules, found| {
+        if let Some(table) = &own.sinumerik {
+            validate_server(table, &format!("{}.sinumerik", rules.at), found);
+        }
+        let is_reader = found.is_read(&format!("{}.axes", rules.at)) && own.axes.is_empty();
+        if !is_reader {
+            thermal_path(own, rules, found);
+        }
+    },
+    complete: |own, folder| own.sinumerik.get_or_insert_default().join(folder),
+    controller: |address, own| Ok(Box::new(control(&address, own)?)),
+    thermometer,
+    validate_map,
+    map: |address, keys| {
+        let server = server(address, &keys.sinumerik)?;
+        let (nodes, capacity) = (keys.nodes.clone(), keys.capacity);
+        Ok(MapDevice {
+            period: server.period,
+            open: Box::new(move || {
+                let words = volcomp_sinumerik::MapWords::open(&server, nodes.clone(), capacity);
+                Ok(Box::new(words.map_err(MapError::of)?))
+            }),
+        })
+    },
+    probe,
+    ..USUAL
+};
+
+fn thermometer(
+    address: Address,
+    own: &ThermometerConfig,
+) -> Result<ThermometerDevice, DeviceError> {
+    let server = server(&address, &own.sinumerik.clone().unwrap_or_default())?;
+    let sensors = own.names.iter().cloned().zip(own.nodes.iter().cloned());
+    let sensors: Vec<Sensor> = sensors.map(|(name, node)| Sensor { name, node }).collect();
+    Ok(ThermometerDevice {
+        address,
+        names: own.names.clone(),
+        open: Box::new(move || {
+            let thermometer = SinumerikThermometer::new(server.clone(), &sensors)?;
+            Ok(Box::new(thermometer))
+        }),
+    })
+}
+
+fn validate_map(keys: &MapKeys, _sizes: [usize; 2], found: &mut Mistakes<'_>) {
+    validate_server(&keys.sinumerik, "sinumerik", found);
+    for key in CONTROLLER_ONLY.map(|key| format!("sinumerik.{key}")) {
+        if found.states(&key) {
+            found.add(&key, "found this key, expected it only for a controller");
+        }
+    }
+    let nodes = &keys.nodes;
+    for (key, node) in [("mailbox", &nodes.mailbox), ("report", &nodes.report)] {
+        if node.is_empty() {
+            found.add(
+                &format!("nodes.{key}"),
+                "found an empty text, expected a name",
+            );
+        }
+    }
+    if !(nodes.buffers.contains("{byte}") && nodes.buffers.contains("{count}")) {
+        let message = format!(
+            "found {:?}, expected {{byte}} and {{count}} in it: the buffers are read in pieces",
+            nodes.buffers
+        );
+        found.add("nodes.buffers", message);
+    }
+}
+
+impl ControllerDevice for SinumerikConfig {
+    fn describe(&self) -> Result<Description, DeviceError> {
+        Self::describe(self).map_err(|error| error.of(self.device()))
+    }
+
+    fn open(&self) -> Result<Box<dyn Controller>, DeviceError> {
+        Ok(Box::new(SinumerikController::new(self.clone())?))
+    }
+
+    fn settings(&self) -> Settings {
+        let axes = self.axes.iter().chain(&self.reads);
+        Settings {
+            shown_within: Some(self.server.read_back()),
+            // A control tells three decimals, or as many as it has for corrections.
+            position_steps: axes
+                .map(|name| (*name, self.position_step(*name)))
+                .collect(),
+            ..Settings::default()
+        }
+    }
+
+    fn inspect(&self, needs: Option<&Needs>) -> Result<Option<Inspected>, DeviceError> {
+        let found = inspect(self).map_err(|error| error.of(self.device()))?;
+        let mut notes = found.notes;
+        let mut fastest = BTreeMap::new();
+        for (place, axis) in found.axes.iter().enumerate() {
+            let Some(per_min) = axis.fastest_per_min else {
+                continue;
+            };
+            fastest.insert(axis.axis.to_string(), per_min);
+            let slew = needs.and_then(|needs| needs.slew_per_min.get(place));
+            // Where a revolution a minute is meant nothing is compared: the slews of rotary axes are tiny.
+            if let Some(slew) =
+                slew.filter(|slew| axis.axis.kind() == AxisKind::Linear && **slew > per_min)
+            {
+                notes.push(format!(
+                    "axis {}: the control takes a correction at {per_min} mm/min at the most (MD32760 times MD32000), and slew_um_per_s asks for {slew} mm/min: the axis comes behind",
+                    axis.axis
+                ));
+            }
+        }
+        let name = |axis: &volcomp_sinumerik::InspectedAxis| {
+            axis.name.clone().unwrap_or_else(|| axis.axis.to_string())
+        };
+        Ok(Some(Inspected {
+            axes: found.axes.iter().map(name).collect(),
+            fastest_per_min: Some(fastest),
+            notes,
+            ..Inspected::default()
+        }))
+    }
+}
+
+impl MapWords for volcomp_sinumerik::MapWords {
+    fn report(&mut self, _count: usize) -> Result<Vec<u16>, MapError> {
+        Self::report(self).map_err(MapError::of)
+    }
+
+    fn write(&mut self, frame: &[u16]) -> Result<(), MapError> {
+        Self::write(self, frame).map_err(MapError::of)
+    }
+
+    fn buffer(&mut self, buffer: u16, count: usize) -> Result<Vec<u16>, MapError> {
+        Self::buffer(self, buffer, count).map_err(MapError::of)
+    }
+
+    fn close(self: Box<Self>) {
+        Self::close(*self);
+    }
+}
+
+/// The control of a `[[controller]]`.
+///
+/// # Errors
+/// A password file that others may read or that cannot be read.
+fn control(address: &Address, config: &ControllerConfig) -> Result<SinumerikConfig, DeviceError> {
+    let table = config.sinumerik.clone().unwrap_or_default();
+    let mut control = SinumerikConfig::new(server(address, &table)?, &config.axes);
+    config.only_channel(address, &control.channel, "a SINUMERIK control")?;
+    control.reads.clone_from(&config.reads);
+    control.numbers = table.numbers;
+    control.nodes = table.nodes;
+    control.sign = table.sign;
+    control.includes_correction = config.includes_correction;
+    if let Some(um) = config.resolution_um {
+        control.step_linear = Um(um).to_mm();
+    }
+    if let Some(urad) = config.resolution_urad {
+        control.step_rotary = Urad(urad).to_rad();
+    }
+    Ok(control)
+}
+
+/// How the server of a control is reached.
+///
+/// # Errors
+/// A password file that others may read or that cannot be read.
+pub(crate) fn server(address: &Address, config: &SinumerikTable) -> Result<Server, DeviceError> {
+    let mut server = Server::new(&*address.text);
+    server.namespace.clone_from(&config.namespace);
+    server.user = match (&config.user, &config.password_file) {
+        (Some(name), Some(file)) => Some(User {
+            name: name.clone(),
+            password: password(address, file)?,
+        }),
+        _ => None,
+    };
+    server.security = config.security;
+    server.pki.clone_from(&config.certificates);
+    server.period = of_ms(config.period_ms);
+    server.time_out = of_ms(config.time_out_ms);
+    server.source_timestamps = config.source_timestamps;
+    Ok(server)
+}
+
+/// The first line of a file that nobody but its owner may read.
+fn password(address: &Address, file: &Path) -> Result<String, DeviceError> {
+    let text = volcomp_document::private::read(file).map_err(|error| {
+        let expected = "expected a file with the password in its first line";
+        address
+            .wrong(format!("password_file: {error}"), expected)
+            .caused_by(error)
+    })?;
+    Ok(text.lines().next().unwrap_or_default().to_owned())
+}
+
+/// How the OPC UA server of a SINUMERIK control is reached. `at` is its table.
+pub(crate) fn validate_server(table: &SinumerikTable, at: &str, found: &mut Mistakes<'_>) {
+    let key = |name: &str| format!("{at}.{name}");
+    let user = [table.user.is_some(), table.password_file.is_some()];
+    both(found, at, ["user", "password_file"], user, "");
+    let secured = [
+        table.security != Security::None,
+        table.certificates.is_some(),
+    ];
+    let why = ": a secured connection needs the folder, and no other uses it";
+    both(found, at, ["security", "certificates"], secured, why);
+    for (name, text) in [
+        ("namespace", Some(&table.namespace)),
+        ("user", table.user.as_ref()),
+    ] {
+        if text.is_some_and(String::is_empty) {
+            found.add(&key(name), "found an empty text, expected a name");
+        }
+    }
+    let files = [
+        ("password_file", &table.password_file),
+        ("certificates", &table.certificates),
+    ];
+    for (name, file) in files {
+        if let Some(file) = file {
+            path(&key(name), file, found);
+        }
+    }
+    found.range(
+        &key("period_ms"),
+        table.period_ms,
+        ms(SHORTEST_PERIOD)..=1000.0,
+    );
+    found.range(&key("time_out_ms"), table.time_out_ms, 10.0..=2000.0);
+    for number in &table.numbers {
+        found.whole(&key("numbers"), *number, 1..=31);
+    }
+}
+
+/// Refuses a path through SD43900 that is to carry more than thermal terms, and one that holds too early or does not say
+/// when.
+fn thermal_path(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>) {
+    let at = rules.at;
+    let period_ms = own.sinumerik.clone().unwrap_or_default().period_ms;
+    if !found.states(&format!("{at}.terms")) {
+        let key = format!("{at}.terms");
+        let behind = lag(LAG_SPEED_MM_PER_S, of_ms(period_ms)).0;
+        found.add(
+            &key,
+            format!(
+                "missing, expected [\"thermal\"]: this control is read and written every {period_ms} ms, and at 10 m/min an axis is {behind:.1} mm further by then, so what depends on the position would come too late"
+            ),
+        );
+        return;
+    }
+    let fewest = 3.0 * period_ms;
+    let longest = ms(rules.longest_hold);
+    let expected =
+        format!("expected {fewest} to {longest}: three readings at least, 1500 is usual");
+    let key = format!("{at}.hold_ms");
+    match own.hold_ms {
+        None => found.add(&key, format!("missing, {expected}")),
+        Some(hold) if hold < fewest => found.add(&key, format!("found {hold}, {expected}")),
+        Some(_) => {}
+    }
+}
+
+/// Checks the keys of a thermometer. `at` is its table.
+pub(crate) fn validate_thermometer(
+    own: &ThermometerConfig,
+    scheme: &str,
+    at: &str,
+    found: &mut Mistakes<'_>,
+) {
+    let key = |name: &str| format!("{at}.{name}");
+    if scheme != "opc.tcp" {
+        for key in ["nodes", "sinumerik"].map(key) {
+            if found.states(&key) {
+                found.add(
+                    &key,
+                    "found this key for another thermometer than a SINUMERIK control, expected it only for opc.tcp://",
+                );
+            }
+        }
+        return;
+    }
+    found.require(at, "nodes");
+    let (nodes, names) = (own.nodes.len(), own.names.len());
+    if found.states(&key("nodes")) && (nodes != names || nodes == 0) {
+        let message =
+            format!("found {nodes} nodes for {names} names, expected one node for each name");
+        found.add(&key("nodes"), message);
+    }
+    if let Some(table) = &own.sinumerik {
+        validate_server(table, &key("sinumerik"), found);
+    }
+    for key in CONTROLLER_ONLY.map(|name| key(&format!("sinumerik.{name}"))) {
+        if found.states(&key) {
+            found.add(
+                &key,
+                "found this key for a thermometer, expected it only for a controller",
+            );
+        }
+    }
+}
+
+fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let mut server = Server::new(&*address.text);
     server.time_out = at_most;
     let found = look(&server, &Nodes::default()).map_err(|error| error.of(&*address.text))?;

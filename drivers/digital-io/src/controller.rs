@@ -202,11 +202,6 @@ impl<D: DigitalIo> DigitalController<D> {
         self.saturated
     }
 
-    /// The port, for what it can do besides.
-    pub fn io_mut(&mut self) -> &mut D {
-        &mut self.io
-    }
-
     /// Whether every axis was written with its correction.
     fn has_all(&self, corrections: &PerChannel<f64>) -> bool {
         let asked = self.axes.iter().zip(corrections);

@@ -8,6 +8,7 @@ use volcomp_vocabulary::{AxisKind, Displacement, Mm};
 /// The code in which the bits of a position count.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum PositionCode {
     /// Plain binary code: the count is an unsigned number.
     #[default]
@@ -35,6 +36,7 @@ pub struct PositionWord {
 /// The code in which the bits of a correction count.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum CorrectionCode {
     /// Two's complement: the word of a negative count is the count plus 2 to the power of `bits`.
     #[default]

@@ -18,6 +18,8 @@ const THIRD_DECIMAL: f64 = 0.001;
 
 /// How the setting data moves an axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Sign {
     /// A positive value moves the axis in its positive direction.
     #[default]

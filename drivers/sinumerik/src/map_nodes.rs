@@ -3,6 +3,8 @@
 /// The node ids (the string after `s=`) of the words of a map in the PLC. **None was tried on a real control**: arrays are
 /// written as manuals write those of other kinds (`/Plc/DB2.DBD0:REAL[10]`); browse the server and compare.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
 pub struct MapNodes {
     /// The 72 words of the mailbox, an array that is written whole: `/Plc/DB100.DBW0:WORD[72]`.
     pub mailbox: String,

@@ -8,6 +8,8 @@ use crate::error::SinumerikError;
 /// The defaults are those of the manuals of 840D sl where these show them (positions), and otherwise formed like ids
 /// that they show (machine and setting data). **None was tried on a real control**: browse the server and compare.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
 pub struct Nodes {
     /// The position of an axis, mm or deg: `/Channel/GeometricAxis/actToolBasePos[u1,{axis}]`.
     pub position: String,

@@ -55,6 +55,8 @@ impl fmt::Debug for User {
 
 /// How messages are protected, with the policy Basic256Sha256.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Security {
     /// Not at all: a password travels in the clear.
     #[default]

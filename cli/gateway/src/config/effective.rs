@@ -1,8 +1,9 @@
 //! The effective configuration: every key that has an effect, as its file would state it, with the defaults marked.
 
 use serde_json::{Map, Value};
+use volcomp_devices::config::{CONTROLLER_ONLY, uses};
 
-use super::{Config, kinds};
+use super::Config;
 use crate::toml_text;
 
 impl Config {
@@ -13,18 +14,19 @@ impl Config {
         };
         let controllers = keys.get_mut("controller").and_then(Value::as_array_mut);
         for (value, own) in controllers.into_iter().flatten().zip(&self.controllers) {
-            if let (Some(table), Some(kind)) = (value.as_object_mut(), own.kind()) {
+            if let (Some(table), Some(driver)) = (value.as_object_mut(), own.driver()) {
                 let is_reader = own.axes.is_empty();
                 let has_barrier = own.barrier.is_some();
                 table.retain(|key, _| {
-                    kinds::uses(kind, is_reader, key) && !(has_barrier && key == "unwatched")
+                    uses(driver, is_reader, key) && !(has_barrier && key == "unwatched")
                 });
             }
         }
         let thermometers = keys.get_mut("thermometer").and_then(Value::as_array_mut);
-        for table in thermometers.into_iter().flatten() {
-            if let Some(server) = table.get_mut("sinumerik").and_then(Value::as_object_mut) {
-                server.retain(|key, _| !["numbers", "sign", "nodes"].contains(&key.as_str()));
+        let thermometers = thermometers.into_iter().flatten();
+        for own in thermometers.filter_map(Value::as_object_mut) {
+            for table in own.values_mut().filter_map(Value::as_object_mut) {
+                table.retain(|key, _| !CONTROLLER_ONLY.contains(&key.as_str()));
             }
         }
         if let Some(guard) = keys.get_mut("guard").and_then(Value::as_object_mut)

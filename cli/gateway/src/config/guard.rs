@@ -9,7 +9,7 @@ use volcomp_runtime::{
 };
 use volcomp_vocabulary::{Um, Urad};
 
-use super::tables::{ms, of_ms};
+use volcomp_devices::config::{ms, of_ms};
 
 /// The table `[guard]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

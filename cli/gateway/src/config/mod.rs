@@ -14,20 +14,19 @@ use crate::{documents::ModelSource, error::GatewayError, models::store::Store};
 
 mod effective;
 mod guard;
-mod kinds;
 mod map_sender;
 pub(crate) mod tables;
 mod validate;
 
 pub use guard::GuardTable;
-pub use kinds::{CONTROLLER_KEYS, ControllerKind};
-pub use map_sender::{MapControl, MapSender};
-pub use tables::{
-    AreaConfig, AuditConfig, BarrierConfig, ControllerConfig, DashboardConfig, DigitalConfig,
-    FleetConfig, LinuxCncTable, MissingKey, OpcUaConfig, PmcByte, PmcLetter, Referenced,
-    ShdrConfig, SinumerikTable, StateKey, ThermometerConfig,
+pub use map_sender::MapSender;
+use tables::RealtimeKeys;
+pub use tables::{DashboardConfig, FleetConfig, OpcUaConfig, ShdrConfig};
+use volcomp_devices::config::{join, of_ms};
+pub use volcomp_devices::{
+    config::{BarrierConfig, ControllerConfig, ThermometerConfig},
+    map::AuditConfig,
 };
-use tables::{RealtimeKeys, of_ms};
 
 /// The keys of the root of a configuration.
 const ROOT_KEYS: [&str; 12] = [
@@ -195,9 +194,7 @@ impl DashboardConfig {
             &mut self.tls_certificate,
             &mut self.tls_key,
         ];
-        for file in files.into_iter().flatten() {
-            *file = folder.join(&*file);
-        }
+        join(folder, files.into_iter().flatten());
     }
 }
 
@@ -239,7 +236,7 @@ impl Config {
         let places = found.places().clone();
         let mut config = found.none_or(config)?;
         config.join(folder);
-        config.complete();
+        config.complete(folder);
         file.clone_into(&mut config.file);
         config.machine.clone_from(&config.configured_machine);
         config.source = Source {
@@ -257,30 +254,21 @@ impl Config {
             let paths = [&mut fleet.nkey_file, &mut fleet.dir];
             paths.into_iter().chain(&mut fleet.ca)
         });
-        let of_linuxcnc = (self.controllers.iter_mut())
-            .filter_map(|controller| controller.linuxcnc.as_mut())
-            .flat_map(|table| [&mut table.key_file, &mut table.ini].into_iter().flatten());
-        for path in paths.into_iter().chain(of_fleet).chain(of_linuxcnc) {
-            *path = folder.join(&*path);
-        }
-        let controllers = self.controllers.iter_mut().map(|own| &mut own.sinumerik);
-        let thermometers = self.thermometers.iter_mut().map(|own| &mut own.sinumerik);
-        for table in controllers.chain(thermometers).flatten() {
-            table.join(folder);
+        join(folder, paths.into_iter().chain(of_fleet));
+        for own in &mut self.thermometers {
+            own.join(folder);
         }
         self.dashboard.join(folder);
     }
 
-    /// Fills in the defaults that follow from other keys.
-    fn complete(&mut self) {
+    /// Fills in the defaults that follow from other keys, and what the drivers add to their own.
+    fn complete(&mut self, folder: &Path) {
         if let Some(guard) = &mut self.guard {
             guard.complete();
         }
         for own in &mut self.controllers {
-            match own.kind() {
-                Some(ControllerKind::Lines) => _ = own.digital.get_or_insert_default(),
-                Some(ControllerKind::Sinumerik) => _ = own.sinumerik.get_or_insert_default(),
-                _ => {}
+            if let Some(driver) = own.driver() {
+                (driver.complete)(own, folder);
             }
         }
     }

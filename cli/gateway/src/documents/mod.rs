@@ -23,7 +23,7 @@ pub use model::{
 };
 pub use plan::{
     AxisPlan, BarrierPlan, CheckFailure, ControllerPlan, FleetPlan, MachinePlan, OnlineBarrier,
-    OnlineBarrierAxis, OnlinePlan, PlanDocument, PmcPlan, SensorPlan, TokenPlan,
+    OnlineBarrierAxis, OnlinePlan, PlanDocument, SensorPlan, TokenPlan,
 };
 pub use record::{
     Broken, ConfirmedLimits, Details, Event, LastOutput, LimitChanges, Record, Standing, Start,

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
+use volcomp_devices::{ControlMemory, Inspected};
 use volcomp_vocabulary::{AxisKind, AxisName};
 
 use super::ByAxis;
@@ -53,24 +54,9 @@ pub struct FleetPlan {
 pub struct OnlinePlan {
     /// The URL of the control.
     pub url: String,
-    /// The letters of the control's axes.
-    pub axes: Vec<String>,
-    /// SINUMERIK: how fast each axis takes a changed correction at the most (MD32760 times MD32000), mm/min or rev/min;
-    /// missing for others, and axes for which the control does not tell.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub fastest_per_min: Option<BTreeMap<String, f64>>,
-    /// Whether the extended external machine zero point shift is in use (parameter 1203#0); null: the control does not
-    /// tell.
-    pub shift_in_use: Option<bool>,
-    /// The first R address of the words from which the control takes the shifts of its axes (parameter 1280); null: the
-    /// control does not tell.
-    pub shift_words: Option<u32>,
-    /// LinuxCNC: the version of the protocol that the bridge speaks; missing for others.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub protocol: Option<u8>,
-    /// LinuxCNC: what the control is doing, in words; missing for others.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub state: Option<String>,
+    /// Its properties.
+    #[serde(flatten)]
+    pub control: Inspected,
     /// The barrier as its report tells it; missing where the configuration has none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub barrier: Option<OnlineBarrier>,
@@ -158,9 +144,9 @@ pub struct ControllerPlan {
     /// The barrier in the control, as the configuration states it; missing where it states none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub barrier: Option<BarrierPlan>,
-    /// FANUC controls: the addresses in the PMC that are written and read.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub pmc: Option<PmcPlan>,
+    /// The memory of the control that it uses.
+    #[serde(flatten)]
+    pub memory: ControlMemory,
 }
 
 /// What holds for one axis of a controller, in µm for linear and µrad for rotary axes.
@@ -201,25 +187,6 @@ pub struct BarrierPlan {
     pub axes: Vec<AxisName>,
     /// The time of a scan of the control, ms.
     pub scan_ms: f64,
-}
-
-/// The addresses in the PMC of a FANUC control, as ladders name them, such as `R100`.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub struct PmcPlan {
-    /// The first byte of the words into which shifts are written; null with a barrier, where the ladder writes them.
-    pub shift_words: Option<String>,
-    /// How many bytes the shift of an axis has; null with a barrier.
-    pub shift_bytes: Option<u16>,
-    /// Whether a ladder copies the shifts on to the words from which the control takes them.
-    pub copied: bool,
-    /// The first byte of the frame that goes to the barrier; null without a barrier.
-    pub frame: Option<String>,
-    /// The first byte of the report of the barrier; null without a barrier.
-    pub report: Option<String>,
-    /// The byte that every correction moves on, for the ladder to watch; null: none, or a barrier watches.
-    pub heartbeat: Option<String>,
-    /// The byte whose bits say which axes are referenced; null: not asked, the axes are taken to be referenced.
-    pub referenced: Option<String>,
 }
 
 /// A sensor that thermal terms name.

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use volcomp_devices::{ControlMemory, ThermometerDevice};
 use volcomp_guard::{Reasons, protocol::Layout};
 use volcomp_model::ModelError;
 use volcomp_port::Description;
@@ -9,16 +10,12 @@ use volcomp_runtime::{PathPlan, ReaderPlan};
 use volcomp_vocabulary::{AxisName, Displacement};
 
 use super::{
-    Devices, Plan,
+    Plan,
     needs::{self, Needs},
     notes::notes,
 };
-use crate::{
-    devices::ThermometerDevice,
-    documents::{
-        AxisPlan, BarrierPlan, ByAxis, ControllerPlan, MachinePlan, PlanDocument, PmcPlan,
-        SensorPlan, round,
-    },
+use crate::documents::{
+    AxisPlan, BarrierPlan, ByAxis, ControllerPlan, MachinePlan, PlanDocument, SensorPlan, round,
 };
 
 pub(super) fn document(plan: &Plan) -> Result<PlanDocument, ModelError> {
@@ -53,15 +50,14 @@ fn controllers(plan: &Plan, needs: &[Needs]) -> Vec<ControllerPlan> {
     let paths = plan.paths.iter().zip(needs);
     let writers = paths.map(|(path, needs)| of_controller(plan, path, needs));
     let all = writers.chain(plan.readers.iter().map(of_reader));
-    let pmc = |index: usize| match &plan.devices {
-        Devices::Configured { controllers, .. } => controllers.get(index)?.pmc(),
-        Devices::Simulated(_) => None,
+    let with_memory = |(index, controller): (usize, ControllerPlan)| {
+        let device = plan.devices.controllers.get(index);
+        ControllerPlan {
+            memory: device.map(|device| device.memory()).unwrap_or_default(),
+            ..controller
+        }
     };
-    let with_pmc = |(index, controller): (usize, ControllerPlan)| {
-        let pmc: Option<PmcPlan> = pmc(index);
-        ControllerPlan { pmc, ..controller }
-    };
-    all.enumerate().map(with_pmc).collect()
+    all.enumerate().map(with_memory).collect()
 }
 
 /// A controller as its driver describes it.
@@ -77,7 +73,7 @@ fn of_driver(description: &Description) -> ControllerPlan {
         needs: ByAxis::new(),
         needs_per_k: ByAxis::new(),
         barrier: None,
-        pmc: None,
+        memory: ControlMemory::default(),
     }
 }
 
@@ -135,11 +131,11 @@ fn barrier(path: &PathPlan) -> Option<BarrierPlan> {
 /// The sensors that the machine's terms name, and those that only a thermometer has.
 fn sensors(plan: &Plan) -> Vec<SensorPlan> {
     let measured_by = |name: &String| {
-        let Devices::Configured { thermometers, .. } = &plan.devices else {
+        if plan.devices.simulation.is_some() {
             return Some("simulated".to_owned());
-        };
-        let has = |device: &ThermometerDevice| device.names().contains(name);
-        let index = thermometers.iter().position(has)?;
+        }
+        let has = |device: &ThermometerDevice| device.names.contains(name);
+        let index = plan.devices.thermometers.iter().position(has)?;
         Some(plan.config.thermometers.get(index)?.url.clone())
     };
     let names: BTreeSet<&String> = plan.model.sensors().iter().chain(&plan.sensors).collect();

@@ -3,8 +3,9 @@
 
 use std::{sync::Arc, time::Duration};
 
+use volcomp_devices::{ControllerDevice, ThermometerDevice, controller, thermometer};
 use volcomp_model::{Machine, ModelError};
-use volcomp_port::{Clock, Controller, Description};
+use volcomp_port::{Clock, Controller, Description, Thermometer};
 use volcomp_runtime::{
     BarrierSettings, ControlPath, Cycle, GuardSettings, MAX_SENSORS, Model, PathPlan, PathSettings,
     PlanError, PositionReader, ReaderPlan, Sensors,
@@ -14,7 +15,7 @@ use volcomp_runtime::{
 
 use crate::{
     config::{Config, DashboardConfig, is_blank},
-    devices::{ControllerDevice, ThermometerDevice},
+    devices::{needs, online, settings},
     documents::PlanDocument,
     error::GatewayError,
     http::{Tls, Tokens, tls},
@@ -52,13 +53,12 @@ pub struct Plan {
     devices: Devices,
 }
 
-/// The devices that will be opened.
-enum Devices {
-    Configured {
-        controllers: Vec<ControllerDevice>,
-        thermometers: Vec<ThermometerDevice>,
-    },
-    Simulated(Box<Simulation>),
+/// The devices that will be opened: those of the configuration, or the built-in simulation.
+#[derive(Default)]
+struct Devices {
+    controllers: Vec<Box<dyn ControllerDevice>>,
+    thermometers: Vec<ThermometerDevice>,
+    simulation: Option<Box<Simulation>>,
 }
 
 /// A plan whose devices are open.
@@ -91,7 +91,13 @@ impl Plan {
         let (devices, machine) = if config.controllers.is_empty() {
             let simulation = Simulation::with_barrier(Clock::system())?;
             let machine = simulation.model.clone();
-            (Devices::Simulated(Box::new(simulation)), machine)
+            (
+                Devices {
+                    simulation: Some(Box::new(simulation)),
+                    ..Devices::default()
+                },
+                machine,
+            )
         } else {
             let machine = Machine::read(&config.machine).map_err(|error| match error {
                 ModelError::Read(source) => GatewayError::MachineFile {
@@ -122,7 +128,7 @@ impl Plan {
                 },
             });
         }
-        devices.look_through(&config, &paths)?;
+        devices.check_files(&config, &paths)?;
         let (tokens, tls) = dashboard(&config.dashboard)?;
         audit_folder::check(config.audit_dir())?;
         let fleet = fleet::check(&config)?;
@@ -237,14 +243,11 @@ impl Plan {
     /// # Errors
     /// A control that cannot be reached, or that contradicts the configuration.
     pub fn online(&self) -> Result<PlanDocument, GatewayError> {
-        let controllers = match &self.devices {
-            Devices::Configured { controllers, .. } => &controllers[..],
-            Devices::Simulated(_) => &[],
-        };
+        let controllers = self.devices.controllers.iter();
         let limits = self.paths.iter().map(|path| Some(&path.limits));
         let limits = limits.chain(std::iter::repeat(None));
-        let configured = controllers.iter().zip(&self.config.controllers).zip(limits);
-        let told = configured.map(|((device, config), limits)| device.online(config, limits));
+        let configured = controllers.zip(&self.config.controllers).zip(limits);
+        let told = configured.map(|((device, config), limits)| online(&**device, config, limits));
         let told = told.collect::<Result<Vec<_>, _>>();
         let told = told.map_err(GatewayError::Device)?;
         Ok(PlanDocument {
@@ -256,28 +259,20 @@ impl Plan {
 
 impl Devices {
     fn sensors(&self) -> Vec<String> {
-        match self {
-            Self::Configured { thermometers, .. } => thermometers
-                .iter()
-                .flat_map(|thermometer| thermometer.names().iter().cloned())
-                .collect(),
-            Self::Simulated(simulation) => {
-                use volcomp_port::Thermometer;
-                simulation.thermometer.names().to_vec()
-            }
+        if let Some(simulation) = &self.simulation {
+            return simulation.thermometer.names().to_vec();
         }
+        let names = self.thermometers.iter().flat_map(|device| &device.names);
+        names.cloned().collect()
     }
 
-    /// Looks through what the configuration names of the controls' own files.
-    fn look_through(&self, config: &Config, paths: &[PathPlan]) -> Result<(), GatewayError> {
-        let Self::Configured { controllers, .. } = self else {
-            return Ok(());
-        };
-        let limits = paths.iter().map(|path| Some(&path.limits));
-        let limits = limits.chain(std::iter::repeat(None));
-        for ((device, own), limits) in controllers.iter().zip(&config.controllers).zip(limits) {
-            let looked = device.look_through(own, limits);
-            looked.map_err(|source| GatewayError::DeviceConfig {
+    /// Checks what the configuration names of the controls' own files.
+    fn check_files(&self, config: &Config, paths: &[PathPlan]) -> Result<(), GatewayError> {
+        let needs = paths.iter().map(|path| Some(needs(&path.limits)));
+        let needs = needs.chain(std::iter::repeat_with(|| None));
+        for (device, needs) in self.controllers.iter().zip(needs) {
+            let checked = device.check_file(needs.as_ref());
+            checked.map_err(|source| GatewayError::DeviceConfig {
                 file: config.file.clone(),
                 source,
             })?;
@@ -291,32 +286,25 @@ impl Devices {
     ) -> Result<
         (
             Vec<Box<dyn Controller>>,
-            Vec<Box<dyn volcomp_port::Thermometer>>,
+            Vec<Box<dyn Thermometer>>,
             Option<Truth>,
         ),
         volcomp_port::DeviceError,
     > {
-        match self {
-            Self::Configured {
-                controllers,
-                thermometers,
-            } => Ok((
-                controllers
-                    .iter()
-                    .map(ControllerDevice::open)
-                    .collect::<Result<_, _>>()?,
-                thermometers
-                    .iter()
-                    .map(ThermometerDevice::open)
-                    .collect::<Result<_, _>>()?,
-                None,
-            )),
-            Self::Simulated(simulation) => Ok((
+        if let Some(simulation) = self.simulation {
+            return Ok((
                 vec![Box::new(simulation.controller)],
                 vec![Box::new(simulation.thermometer)],
                 Some(simulation.truth),
-            )),
+            ));
         }
+        let controllers = self.controllers.iter().map(|device| device.open());
+        let thermometers = self.thermometers.iter().map(ThermometerDevice::open);
+        Ok((
+            controllers.collect::<Result<_, _>>()?,
+            thermometers.collect::<Result<_, _>>()?,
+            None,
+        ))
     }
 }
 
@@ -335,36 +323,29 @@ fn configured(config: &Config) -> Result<Devices, GatewayError> {
             });
         }
     }
-    let mut controllers: Vec<ControllerDevice> = Vec::new();
-    for controller in &config.controllers {
-        let device = ControllerDevice::new(controller).map_err(wrong)?;
-        overlap::check(config, &controllers, &device)?;
+    let mut controllers: Vec<Box<dyn ControllerDevice>> = Vec::new();
+    for own in &config.controllers {
+        let device = controller(own).map_err(wrong)?;
+        overlap::check(config, &controllers, &*device)?;
         controllers.push(device);
     }
     let mut thermometers: Vec<ThermometerDevice> = Vec::new();
-    for thermometer in &config.thermometers {
-        let device = ThermometerDevice::new(thermometer).map_err(wrong)?;
-        if let Some((found, expected)) = device.strange_name() {
-            return Err(GatewayError::SensorNames {
-                file: config.file.clone(),
-                url: thermometer.url.clone(),
-                found: found.clone(),
-                expected: expected.clone(),
-            });
-        }
+    for own in &config.thermometers {
+        let device = thermometer(own).map_err(wrong)?;
         if thermometers.iter().any(|before| before.is_same(&device)) {
             return Err(GatewayError::DeviceTwice {
                 file: config.file.clone(),
                 table: "thermometer",
-                url: thermometer.url.clone(),
+                url: own.url.clone(),
             });
         }
-        sensor_names(config, &thermometers, &device, &thermometer.url)?;
+        sensor_names(config, &thermometers, &device, &own.url)?;
         thermometers.push(device);
     }
-    Ok(Devices::Configured {
+    Ok(Devices {
         controllers,
         thermometers,
+        simulation: None,
     })
 }
 
@@ -375,12 +356,12 @@ fn sensor_names(
     device: &ThermometerDevice,
     url: &str,
 ) -> Result<(), GatewayError> {
-    for name in device.names() {
+    for name in &device.names {
         let (file, url, name) = (config.file.clone(), url.to_owned(), name.clone());
         if is_blank(&name) {
             return Err(GatewayError::SensorBlank { file, url, name });
         }
-        if before.iter().any(|other| other.names().contains(&name)) {
+        if before.iter().any(|other| other.names.contains(&name)) {
             return Err(GatewayError::SensorTwice { file, url, name });
         }
     }
@@ -411,42 +392,40 @@ fn paths(
             }
         })
     };
-    match devices {
-        Devices::Simulated(simulation) => Ok(vec![path(
+    if let Some(simulation) = &devices.simulation {
+        // Nobody else can reach it.
+        let settings = PathSettings {
+            watch: Duration::ZERO,
+            barrier: Some(BarrierSettings {
+                machine: simulate::protection().machine,
+                scan: simulate::protection().scan,
+            }),
+            ..PathSettings::default()
+        };
+        return Ok(vec![path(
             simulation.controller.description().clone(),
-            // Nobody else can reach it.
-            &PathSettings {
-                watch: Duration::ZERO,
-                barrier: Some(BarrierSettings {
-                    machine: simulate::protection().machine,
-                    scan: simulate::protection().scan,
-                }),
-                ..PathSettings::default()
-            },
-        )?]),
-        Devices::Configured { controllers, .. } => controllers
-            .iter()
-            .zip(&config.controllers)
-            .filter(|(_, controller)| !controller.axes.is_empty())
-            .map(|(device, controller)| {
-                let description =
-                    device
-                        .describe()
-                        .map_err(|source| GatewayError::DeviceConfig {
-                            file: config.file.clone(),
-                            source,
-                        })?;
-                let settings = PathSettings {
-                    time_out: controller.time_out().map(|after| ControlTimeOut {
-                        after,
-                        to_zero: time_to_zero(guard),
-                    }),
-                    ..device.settings(controller, period)
-                };
-                path(description, &settings)
-            })
-            .collect(),
+            &settings,
+        )?]);
     }
+    let configured = devices.controllers.iter().zip(&config.controllers);
+    configured
+        .filter(|(_, controller)| !controller.axes.is_empty())
+        .map(|(device, controller)| {
+            let described = device.describe();
+            let description = described.map_err(|source| GatewayError::DeviceConfig {
+                file: config.file.clone(),
+                source,
+            })?;
+            let settings = PathSettings {
+                time_out: device.settings().time_out.map(|after| ControlTimeOut {
+                    after,
+                    to_zero: time_to_zero(guard),
+                }),
+                ..settings(&**device, controller, period)
+            };
+            path(description, &settings)
+        })
+        .collect()
 }
 
 /// Tokens and certificate. Where others can reach the dashboard it needs both.

@@ -3,7 +3,7 @@
 use volcomp_runtime::{LeftOut, PathPlan, WhyLeftOut};
 use volcomp_vocabulary::Displacement;
 
-use super::{Devices, Plan, interop};
+use super::{Plan, interop};
 use crate::documents::{AxisPlan, ControllerPlan, SensorPlan, round};
 
 /// The notes of a plan, in whole sentences.
@@ -185,14 +185,14 @@ fn beyond_limit(controller: &ControllerPlan, axis: &AxisPlan) -> Option<String> 
 
 /// A test shift that is larger than it is asked to be, or is not made although it is asked for.
 fn test_shift(plan: &Plan, index: usize, axis: &AxisPlan) -> Option<String> {
-    let proves = match &plan.devices {
-        Devices::Simulated(_) => true,
-        Devices::Configured { controllers, .. } => {
-            let config = plan.config.controllers.get(index)?;
-            let device = controllers.get(index)?;
-            device.settings(config, plan.config.cycle()).proves
-        }
-    };
+    let device = plan.devices.controllers.get(index);
+    let is_coarse = device.is_some_and(|device| device.settings().is_coarse);
+    let stated = plan
+        .config
+        .controllers
+        .get(index)
+        .and_then(|own| own.test_shift);
+    let proves = stated.unwrap_or(!is_coarse);
     let asked = round(plan.guard.of(axis.name)?.test_shift.um_or_urad());
     if !proves || asked == 0.0 || asked == axis.test_shift {
         return None;

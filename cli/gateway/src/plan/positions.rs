@@ -17,9 +17,7 @@ pub(super) fn readers(
     devices: &Devices,
     model: &Model,
 ) -> Result<Vec<ReaderPlan>, GatewayError> {
-    let Devices::Configured { controllers, .. } = devices else {
-        return Ok(Vec::new());
-    };
+    let controllers = &devices.controllers;
     let is_reader = |index: usize| config.controllers[index].axes.is_empty();
     let count = controllers.len();
     let misplaced = (0..count).find(|&index| {
@@ -41,7 +39,7 @@ pub(super) fn readers(
                     file: file(),
                     source,
                 })?;
-            let settings = device.settings(controller, config.cycle());
+            let settings = crate::devices::settings(&**device, controller, config.cycle());
             ReaderPlan::new(description, model, &settings).map_err(|source| GatewayError::Plan {
                 file: file(),
                 source,

@@ -19,15 +19,15 @@ pub(super) fn check<'a>(
     devices: &Devices,
     described: impl Iterator<Item = &'a Description>,
 ) -> Result<(), GatewayError> {
-    let Devices::Configured { controllers, .. } = devices else {
-        return Ok(());
-    };
     let travel = |name: AxisName| {
         let index = model.axes.iter().position(|axis| *axis == name)?;
         model.travel.get(index).copied()
     };
-    for ((controller, device), description) in
-        config.controllers.iter().zip(controllers).zip(described)
+    for ((controller, device), description) in config
+        .controllers
+        .iter()
+        .zip(&devices.controllers)
+        .zip(described)
     {
         states(
             &config.file,
@@ -36,7 +36,7 @@ pub(super) fn check<'a>(
             controller.unseen(),
         )?;
         device
-            .check_travel(travel)
+            .check_travel(&travel)
             .map_err(|source| GatewayError::DeviceConfig {
                 file: config.file.clone(),
                 source,

@@ -6,6 +6,7 @@ use std::{
 };
 
 use sha2::{Digest, Sha256};
+use volcomp_devices::map_device;
 use volcomp_tables::{Map, Transfer, axes_of};
 
 use crate::{config::MapSender, error::GatewayError};
@@ -34,13 +35,13 @@ pub struct Checked {
 /// Reads the file of a sender and its map, and checks that the map is within the limits. No device is opened.
 ///
 /// # Errors
-/// A file that cannot be read or is wrong, a build without the control's bus, a map that is damaged, of another machine, or beyond the limits.
+/// A file that cannot be read or is wrong, a map that is damaged, of another machine, or beyond the limits.
 pub fn check(path: &Path) -> Result<Checked, GatewayError> {
     let config = MapSender::read(path)?;
-    // A build without the bus is refused here, before anything is prepared.
-    words::Place::of(&config)?;
-    let shown = config.map.display().to_string();
-    let bytes = std::fs::read(&config.map).map_err(|source| GatewayError::Read {
+    // A password that cannot be read is refused here, before anything is prepared.
+    map_device(&config.keys).map_err(GatewayError::Device)?;
+    let shown = config.keys.map.display().to_string();
+    let bytes = std::fs::read(&config.keys.map).map_err(|source| GatewayError::Read {
         file: shown.clone(),
         source,
     })?;
@@ -48,7 +49,7 @@ pub fn check(path: &Path) -> Result<Checked, GatewayError> {
         file: shown.clone(),
         what,
     };
-    let map = Map::from_image(&bytes, config.number).map_err(|e| wrong(e.to_string()))?;
+    let map = Map::from_image(&bytes, config.keys.number).map_err(|e| wrong(e.to_string()))?;
     let admitted = config.allowed.admits(&map);
     admitted.map_err(|e| wrong(e.to_string()))?;
     let hash = crate::hex(&Sha256::digest(&bytes)[..8]);
@@ -70,7 +71,7 @@ impl Checked {
             return Ok(());
         }
         Err(GatewayError::Map {
-            file: self.config.map.display().to_string(),
+            file: self.config.keys.map.display().to_string(),
             what: format!(
                 "--confirm: found {hash:?}, expected {:?}: another map was confirmed",
                 self.hash
@@ -91,7 +92,10 @@ impl Checked {
         let lines = [
             (
                 "control",
-                format!("{}, machine {}", self.config.url, self.config.number),
+                format!(
+                    "{}, machine {}",
+                    self.config.keys.url, self.config.keys.number
+                ),
             ),
             (
                 "map",

@@ -28,18 +28,18 @@ fn confirmation(audit_dir: &Path) -> PathBuf {
 /// No sender of this file runs, or its folder cannot be written.
 pub fn ask(checked: &Checked) -> Result<(), GatewayError> {
     let config = &checked.config;
-    let locks = lock::lock_sender(&config.url, &config.audit_dir);
+    let locks = lock::lock_sender(&config.keys.url, &config.keys.audit.dir);
     // A sender holds the folder; a gateway that has the control has another one.
     if !matches!(locks, Err(GatewayError::FolderLocked { .. })) {
         return Err(GatewayError::MapEnded {
-            url: config.url.clone(),
+            url: config.keys.url.clone(),
             what: format!(
                 "--replace: found no sender that runs, expected one of {}",
                 checked.path.display()
             ),
         });
     }
-    let file = confirmation(&config.audit_dir);
+    let file = confirmation(&config.keys.audit.dir);
     replace_file(&file, &checked.hash)
         .map_err(|e| GatewayError::system(file.display().to_string(), e))
 }
@@ -54,7 +54,7 @@ pub(super) type Another = Result<Box<Checked>, String>;
 pub(super) fn watch(running: &Checked) -> std::io::Result<Receiver<Another>> {
     let (told, heard) = channel();
     let (path, config) = (running.path.clone(), running.config.clone());
-    let file = confirmation(&config.audit_dir);
+    let file = confirmation(&config.keys.audit.dir);
     // One that was left of an earlier sender confirms nothing.
     let _ = fs::remove_file(&file);
     thread::Builder::new()
@@ -102,10 +102,8 @@ fn taken(file: &Path) -> io::Result<Option<String>> {
 fn another(path: &Path, running: &MapSender, hash: &str) -> Another {
     let checked = check(path).map_err(|e| e.to_string())?;
     checked.confirmed(hash).map_err(|e| e.to_string())?;
-    let but_for_the_map = MapSender {
-        map: running.map.clone(),
-        ..checked.config.clone()
-    };
+    let mut but_for_the_map = checked.config.clone();
+    but_for_the_map.keys.map.clone_from(&running.keys.map);
     if but_for_the_map != *running {
         return Err(format!(
             "{}: found other keys than `map` changed, expected the sender to be started again for those",
@@ -118,7 +116,7 @@ fn another(path: &Path, running: &MapSender, hash: &str) -> Another {
 /// Refuses a map that cannot take the place of the one in use: the control knows maps by their numbers, and its axes do not change.
 pub(super) fn fits(running: &Checked, another: &Checked) -> Result<(), String> {
     let (is, was) = (another.map.header(), running.map.header());
-    let file = another.config.map.display();
+    let file = another.config.keys.map.display();
     if is.counter == was.counter {
         return Err(format!(
             "{file}: found the number {} of the map in use, expected another one (volcomp map-table --counter)",

@@ -9,13 +9,14 @@ use std::{
     time::{Duration, Instant},
 };
 
+use volcomp_devices::{map::MapDevice, map_device};
 use volcomp_tables::{Exchange, SendError, Sender, Step};
 
 use super::{
     Checked,
     log::{Log, RECORD},
     replace::{Another, fits, watch},
-    words::{Place, Words},
+    words::Words,
 };
 use crate::{
     audit::clerk::Receipt,
@@ -46,7 +47,7 @@ struct Recording {
 
 struct Sending {
     checked: Checked,
-    place: Place,
+    place: MapDevice,
     sender: Sender,
     /// Maps that were confirmed while it runs.
     others: Receiver<Another>,
@@ -70,16 +71,16 @@ struct Sending {
 /// cannot be written, or nobody knows whether the corrections came to zero.
 pub fn run(checked: &Checked) -> Result<(), GatewayError> {
     let config = &checked.config;
-    let place = Place::of(config)?;
-    let _locks = lock::lock_sender(&config.url, &config.audit_dir)?;
-    let in_folder = |e| GatewayError::system(config.audit_dir.display().to_string(), e);
-    let log = Log::begin(&config.audit_dir).map_err(in_folder)?;
+    let place = map_device(&config.keys).map_err(GatewayError::Device)?;
+    let _locks = lock::lock_sender(&config.keys.url, &config.keys.audit.dir)?;
+    let in_folder = |e| GatewayError::system(config.keys.audit.dir.display().to_string(), e);
+    let log = Log::begin(&config.keys.audit.dir).map_err(in_folder)?;
     let mut number = [0; 2];
     rustix::rand::getrandom(&mut number, rustix::rand::GetRandomFlags::empty())
         .map_err(|e| GatewayError::system("random numbers", e.into()))?;
     let owner = u16::from_le_bytes(number).max(1);
     let map = checked.map.clone();
-    let sender = Sender::new(map, config.number, owner, config.allowed);
+    let sender = Sender::new(map, config.keys.number, owner, config.allowed);
     let others = watch(checked).map_err(|e| GatewayError::system("thread of files", e))?;
     let mut sending = Sending {
         checked: checked.clone(),
@@ -121,7 +122,7 @@ impl Checked {
 
 fn ended(checked: &Checked, what: String) -> GatewayError {
     GatewayError::MapEnded {
-        url: checked.config.url.clone(),
+        url: checked.config.keys.url.clone(),
         what,
     }
 }
@@ -235,7 +236,7 @@ impl Sending {
                     say(&format!("map {number} is in use"))?;
                 }
                 self.told.clear();
-                Ok(self.place.period())
+                Ok(self.place.period)
             }
             Ok(Step::Loading) => Ok(Duration::ZERO),
             Ok(Step::Stands) => Ok(SOON),
@@ -251,7 +252,7 @@ impl Sending {
             }
             Err(SendError::Held { by, sequence }) if self.is_waited_for(sequence) => {
                 self.tell(format!("it is waited until sender {by} has let go"));
-                Ok(self.place.period())
+                Ok(self.place.period)
             }
             Err(error) => {
                 let why = error.to_string();
@@ -277,9 +278,9 @@ impl Sending {
     }
 
     fn connect(&mut self) -> Duration {
-        match self.place.open() {
+        match (self.place.open)() {
             Ok(words) => {
-                self.words = Some(words);
+                self.words = Some(Words(words));
                 Duration::ZERO
             }
             Err(error) => {
@@ -302,7 +303,7 @@ impl Sending {
     /// Warns of what is new.
     fn tell(&mut self, what: String) {
         if self.told != what {
-            tracing::warn!("{}: {what}", self.checked.config.url);
+            tracing::warn!("{}: {what}", self.checked.config.keys.url);
             self.told = what;
         }
     }
@@ -331,12 +332,12 @@ impl Sending {
                 Ok(None) => {}
                 Err(_) => self.words = None,
             }
-            if heard.next(self.place.period()) == Some(Signal::Stop) {
+            if heard.next(self.place.period) == Some(Signal::Stop) {
                 break;
             }
         }
         if let Some(words) = self.words.take() {
-            words.close();
+            words.0.close();
         }
         if !is_zero {
             let what =

@@ -2,32 +2,55 @@
 
 use std::path::Path;
 
-use volcomp_gateway::config::{CONTROLLER_KEYS, Config, ControllerKind};
+use volcomp_devices::{Address, Driver, config::uses};
+use volcomp_gateway::config::Config;
 
-/// A URL of each scheme, and its kind.
-const URLS: [(&str, ControllerKind); 7] = [
-    ("focas://192.0.2.10:8193", ControllerKind::Focas),
-    ("can://can0", ControllerKind::Can),
-    (
-        "gpio://?position=a:0-14&correction=b:0-7",
-        ControllerKind::Lines,
-    ),
-    (
-        "modbus://192.0.2.40?profile=ADAM-6050",
-        ControllerKind::Lines,
-    ),
+/// A URL of each scheme, and what the kind of its controllers is called.
+const URLS: [(&str, &str); 7] = [
+    ("focas://192.0.2.10:8193", "a FANUC control"),
+    ("can://can0", "a bridge on CAN"),
+    ("gpio://?position=a:0-14&correction=b:0-7", "digital lines"),
+    ("modbus://192.0.2.40?profile=ADAM-6050", "digital lines"),
     (
         "modbus-rtu:///dev/ttyUSB0?profile=WAGO-750-8DI/8DO",
-        ControllerKind::Lines,
+        "digital lines",
     ),
-    ("opc.tcp://192.0.2.20:4840", ControllerKind::Sinumerik),
-    ("linuxcnc://127.0.0.1:47001", ControllerKind::LinuxCnc),
+    ("opc.tcp://192.0.2.20:4840", "a SINUMERIK control"),
+    ("linuxcnc://127.0.0.1:47001", "a LinuxCNC control"),
 ];
 
+/// The keys of `[[controller]]` besides its URL and its axes.
+const KEYS: [&str; 19] = [
+    "channel",
+    "reads",
+    "fixed",
+    "not_driven",
+    "includes_correction",
+    "terms",
+    "hold_ms",
+    "test_shift",
+    "unwatched",
+    "unseen",
+    "resolution_um",
+    "resolution_urad",
+    "area",
+    "heartbeat",
+    "referenced",
+    "barrier",
+    "digital",
+    "sinumerik",
+    "linuxcnc",
+];
+
+fn driver(url: &str) -> &'static Driver {
+    let address = Address::parse(url).expect("right");
+    address.driver().expect("built in")
+}
+
 /// A good value of a key, and the axis for which it is one.
-fn value(key: &str, kind: ControllerKind) -> (&'static str, &'static str) {
+fn value(key: &str, kind: &str) -> (&'static str, &'static str) {
     match key {
-        "barrier" if kind == ControllerKind::Focas => (
+        "barrier" if kind == "a FANUC control" => (
             "{ machine = 1, scan_ms = 8.0, frame = { pmc = \"R\", at = 200 }, report = { pmc = \"R\", at = 240 } }",
             "X",
         ),
@@ -37,7 +60,7 @@ fn value(key: &str, kind: ControllerKind) -> (&'static str, &'static str) {
         "reads" => ("[\"A\", \"C\"]", "X"),
         "not_driven" => ("[\"A\"]", "X"),
         "terms" => ("[\"thermal\"]", "X"),
-        "hold_ms" if kind == ControllerKind::Sinumerik => ("1500.0", "X"),
+        "hold_ms" if kind == "a SINUMERIK control" => ("1500.0", "X"),
         "hold_ms" => ("100.0", "X"),
         "includes_correction" | "test_shift" | "unwatched" => ("true", "X"),
         "resolution_um" => ("1.0", "X"),
@@ -54,8 +77,8 @@ fn value(key: &str, kind: ControllerKind) -> (&'static str, &'static str) {
 }
 
 /// What a controller of this kind needs besides a key.
-fn needed(key: &str, kind: ControllerKind) -> String {
-    if kind != ControllerKind::Sinumerik {
+fn needed(key: &str, kind: &str) -> String {
+    if kind != "a SINUMERIK control" {
         return String::new();
     }
     let needed = ["terms", "hold_ms"]
@@ -70,28 +93,24 @@ fn needed(key: &str, kind: ControllerKind) -> String {
 fn every_key_with_every_kind_of_controller() {
     let [mut taken, mut refused] = [0, 0];
     for (url, kind) in URLS {
-        for (key, kinds) in CONTROLLER_KEYS {
-            if ["url", "axes"].contains(&key) {
-                assert_eq!(
-                    kinds,
-                    ControllerKind::ALL,
-                    "{key} stands in every controller"
-                );
-                continue;
-            }
+        for key in KEYS {
             let (value, axis) = value(key, kind);
             let text = format!(
                 "machine = \"m.toml\"\n[[controller]]\nurl = \"{url}\"\naxes = [\"{axis}\"]\n{key} = {value}\n{}",
                 needed(key, kind)
             );
             let found = Config::parse(&text, "G.toml", Path::new("")).map_err(|e| e.to_string());
-            if kinds.contains(&kind) {
+            if uses(driver(url), false, key) {
                 assert!(found.is_ok(), "{key} for {url}: {found:?}");
                 taken += 1;
             } else {
                 let message = found.expect_err(key);
                 assert!(message.starts_with("G.toml:5: "), "{message}");
-                for part in [key, kind.name(), kinds[0].name()] {
+                let mut names = URLS
+                    .iter()
+                    .filter(|(other, _)| uses(driver(other), false, key));
+                let first = names.next().expect("someone uses it").1;
+                for part in [key, kind, first] {
                     assert!(message.contains(part), "{part}: {message}");
                 }
                 refused += 1;
@@ -124,10 +143,8 @@ fn a_controller_that_is_only_read_has_no_keys_about_corrections() {
             let message = of(rest).expect_err(rest);
             assert!(message.contains(says), "{message}");
         }
-        for (key, kinds) in CONTROLLER_KEYS {
+        for key in KEYS {
             let reads = [
-                "url",
-                "axes",
                 "reads",
                 "referenced",
                 "unseen",
@@ -135,7 +152,7 @@ fn a_controller_that_is_only_read_has_no_keys_about_corrections() {
                 "sinumerik",
                 "linuxcnc",
             ];
-            if reads.contains(&key) || !kinds.contains(&kind) {
+            if reads.contains(&key) || !uses(driver(url), false, key) {
                 continue;
             }
             let (value, _) = value(key, kind);

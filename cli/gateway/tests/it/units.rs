@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use volcomp_gateway::{config::Config, devices::ControllerDevice};
+use volcomp_gateway::config::Config;
 use volcomp_port::{Description, DeviceError};
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Urad};
 
@@ -19,7 +19,7 @@ fn parsed(text: &str) -> Result<Config, String> {
 
 /// What the gateway makes of the first controller, before it opens it.
 fn described(config: &Config) -> Result<Description, DeviceError> {
-    ControllerDevice::new(&config.controllers[0])?.describe()
+    volcomp_devices::controller(&config.controllers[0])?.describe()
 }
 
 /// Steps on lines are those that the configuration states: 5 µrad asked are 5 µrad given, not 1000.

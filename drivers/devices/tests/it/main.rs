@@ -4,7 +4,11 @@
 
 use std::{collections::BTreeMap, time::Duration};
 
-use volcomp_devices::{Address, Facts, Scheme, focas_config, probe, thermometer};
+use volcomp_devices::{
+    Address, Facts,
+    config::{ControllerConfig, ThermometerConfig},
+    controller, probe, thermometer,
+};
 use volcomp_focas::simulator::{Options, Simulator, World};
 use volcomp_port::DeviceError;
 use volcomp_vocabulary::AxisName;
@@ -22,13 +26,17 @@ fn message(url: &str) -> String {
 fn urls_are_taken_apart() {
     let address =
         Address::parse("gpio://?position=panel-out:0-14&correction=panel-in:0-7").unwrap();
-    assert_eq!(address.scheme, Scheme::Gpio);
+    assert_eq!(address.scheme, "gpio");
     assert_eq!(address.get("position"), Some("panel-out:0-14"));
     let address = Address::parse("can://vcan0").unwrap();
-    assert_eq!((address.scheme, &*address.host), (Scheme::Can, "vcan0"));
-    let address = Address::parse("focas://[::1]:9000?path=2").unwrap();
-    let config = focas_config(&address, &[AxisName::X]).unwrap();
-    assert_eq!((config.port, config.path), (9000, 2));
+    assert_eq!((address.scheme, &*address.host), ("can", "vcan0"));
+    let config = ControllerConfig {
+        url: "focas://[::1]:9000?path=2".to_owned(),
+        axes: vec![AxisName::X],
+        ..ControllerConfig::default()
+    };
+    let device = controller(&config).unwrap().describe().unwrap().device;
+    assert_eq!(device, "focas://[::1]:9000");
 }
 
 #[test]
@@ -94,8 +102,11 @@ fn wrong_urls_say_what_is_expected() {
         let message = message(url);
         assert!(message.contains(expected), "{url}: {message}");
     }
-    let address = Address::parse("modbus://h?profile=ADAM-6050").unwrap();
-    let message = thermometer(&address, &[]).err().unwrap().to_string();
+    let config = ThermometerConfig {
+        url: "modbus://h?profile=ADAM-6050".to_owned(),
+        ..ThermometerConfig::default()
+    };
+    let message = thermometer(&config).err().unwrap().to_string();
     assert!(
         message.contains("ADAM-6050 has no temperatures"),
         "{message}"
@@ -172,9 +183,14 @@ fn a_profile_may_be_a_file() {
         env!("CARGO_MANIFEST_DIR"),
         "/../../examples/temperature-module.toml"
     );
-    let address = Address::parse(&format!("modbus://127.0.0.1:1?profile={shipped}")).unwrap();
-    let found = thermometer(&address, &[]).unwrap();
-    assert_eq!(volcomp_port::Thermometer::names(&found).len(), 8);
+    let thermometer = |url: &str| {
+        volcomp_devices::thermometer(&ThermometerConfig {
+            url: url.to_owned(),
+            ..ThermometerConfig::default()
+        })
+    };
+    let found = thermometer(&format!("modbus://127.0.0.1:1?profile={shipped}")).unwrap();
+    assert_eq!(found.names.len(), 8);
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("oven.toml");
     let text = "name = \"OVEN\"\n[channels]\naddress = 4\ncount = 2\nscale = 0.1\n";
@@ -183,11 +199,10 @@ fn a_profile_may_be_a_file() {
         "modbus://127.0.0.1:1?profile={}&names=door,wall",
         file.display()
     );
-    let address = Address::parse(&url).unwrap();
-    let found = thermometer(&address, &[]).unwrap();
-    assert_eq!(volcomp_port::Thermometer::names(&found), ["door", "wall"]);
+    let found = thermometer(&url).unwrap();
+    assert_eq!(found.names, ["door", "wall"]);
     std::fs::write(&file, text.replace("scale", "sclae")).unwrap();
-    let refused = thermometer(&address, &[]).err().unwrap();
+    let refused = thermometer(&url).err().unwrap();
     assert!(refused.is_input());
     let message = refused.to_string();
     assert!(
@@ -197,7 +212,7 @@ fn a_profile_may_be_a_file() {
     let source = std::error::Error::source(&refused).expect("the error of the profile");
     assert!(message.contains(&source.to_string()));
     std::fs::remove_file(&file).unwrap();
-    let refused = thermometer(&address, &[]).err().unwrap();
+    let refused = thermometer(&url).err().unwrap();
     assert!(
         refused.to_string().contains("oven.toml: cannot be read"),
         "{refused}"

@@ -16,7 +16,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-pub use ladder::{BarrierLadder, HeartbeatLadder, Ladder, LadderProgram};
+pub use ladder::{BarrierLadder, Ladder, LadderProgram};
 pub use world::{Motion, Scan, ScanLog, ShiftArea, World};
 
 use crate::frame::{HEAD, Head, Kind, frame};

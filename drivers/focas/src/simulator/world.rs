@@ -9,7 +9,7 @@ use std::{
 
 use volcomp_port::ControlProgram;
 
-use super::ladder::{BarrierLadder, HeartbeatLadder, Ladder};
+use super::ladder::{BarrierLadder, Ladder};
 use crate::{
     pmc::{PmcAddress, PmcArea, Width},
     units,
@@ -152,15 +152,6 @@ impl World {
     pub fn with_barrier(mut self, program: Box<dyn ControlProgram>) -> Self {
         let axes = self.axes.len();
         self.ladder = Some(Ladder::Barrier(BarrierLadder::new(program, axes)));
-        self
-    }
-
-    /// The same control with the ladder of the manual for a control without a barrier: the gateway writes from R100 on
-    /// and moves R120 on, the axes take their shifts from R300 on.
-    #[must_use]
-    pub fn with_heartbeat(mut self) -> Self {
-        self.shift.first = 300;
-        self.ladder = Some(Ladder::Heartbeat(HeartbeatLadder::default()));
         self
     }
 
