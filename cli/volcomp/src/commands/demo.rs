@@ -151,6 +151,7 @@ struct FittedCurve {
 
 /// One measured line: the largest minus the smallest deviation; straightness without its least-squares line.
 #[derive(Debug, Serialize, JsonSchema)]
+#[expect(clippy::struct_field_names, reason = "each is a key of the document")]
 struct Line {
     /// The error that the line shows: `EXX`.
     error: ErrorName,

@@ -7,9 +7,9 @@ use volcomp_fit::{
     judge_thermal_runs,
 };
 
-/// Four tests of three hours: the temperature of the spindle goes up and down by 10 K, the displacement is this many µm/K of it
+/// Four tests with this number of rows, one a minute: the temperature of the spindle goes up and down by 10 K, the displacement is this many µm/K of it
 /// and noise of 0.2 µm.
-fn tests(seed: u64, um_per_k: f64) -> Vec<ThermalRun> {
+fn tests(rows: u32, seed: u64, um_per_k: f64) -> Vec<ThermalRun> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut draw = move || random.random_range(-1.0..1.0_f64);
     let test = |_| {
@@ -18,7 +18,7 @@ fn tests(seed: u64, um_per_k: f64) -> Vec<ThermalRun> {
             degc: vec![Vec::new(); 2],
             ..ThermalRecord::default()
         };
-        for row in 0..180_u32 {
+        for row in 0..rows {
             let hours = f64::from(row) / 60.0;
             let mut noise = |size: f64| size * (0..12).map(|_| 0.5 * draw()).sum::<f64>();
             let spindle = 25.0 + 10.0 * (speed * hours + phase).sin();
@@ -39,7 +39,7 @@ fn good_terms_are_taken_and_worthless_ones_are_not() {
     let search = ThermalSearch::default();
     let count = |um_per_k: f64| {
         let is_good = |seed: &u64| {
-            let judged = judge_thermal_runs(&tests(*seed, um_per_k), &search).unwrap();
+            let judged = judge_thermal_runs(&tests(180, *seed, um_per_k), &search).unwrap();
             judged.verdict() == ThermalVerdict::Good
         };
         (0..40).filter(is_good).count()
@@ -52,8 +52,8 @@ fn good_terms_are_taken_and_worthless_ones_are_not() {
 /// Of a single test the first rows predict the others.
 #[test]
 fn a_single_test_is_judged_by_its_last_rows() {
-    let run = tests(1, 3.0).remove(0);
-    let judged = judge_thermal_rows(&run, 120, &ThermalSearch::default()).unwrap();
+    let run = tests(360, 1, 3.0).remove(0);
+    let judged = judge_thermal_rows(&run, 240, &ThermalSearch::default()).unwrap();
     assert_eq!(judged.verdict(), ThermalVerdict::Good);
     assert!(judged.left_out.is_empty() && judged.few.parts.len() == 10);
     assert!(judged.few.rms < 1.0 && judged.none_rms > 5.0, "{judged:?}");
