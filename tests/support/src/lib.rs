@@ -37,6 +37,20 @@ pub fn root() -> PathBuf {
     root.canonicalize().expect("the repository is there")
 }
 
+/// The rows of a table of cases, one in each line, whose cells stand between bars. In a cell `\n` and `\r` are ends of lines,
+/// and blanks at its ends do not count.
+pub fn cases<const CELLS: usize>(table: &str) -> Vec<[String; CELLS]> {
+    let cell = |cell: &str| cell.trim().replace("\\n", "\n").replace("\\r", "\r");
+    let rows = table.lines().filter(|row| !row.is_empty());
+    rows.map(|row| {
+        let cells: Vec<String> = row.split('|').map(cell).collect();
+        let count = cells.len();
+        let cells = cells.try_into().ok();
+        cells.unwrap_or_else(|| panic!("{row}: found {count} cells, expected {CELLS}"))
+    })
+    .collect()
+}
+
 /// Waits until `holds` is true, and fails with `what` if it is not within the time.
 pub fn until(what: &str, within: Duration, mut holds: impl FnMut() -> bool) {
     let end = Instant::now() + within;

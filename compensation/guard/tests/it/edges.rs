@@ -130,35 +130,6 @@ fn a_read_back_older_than_allowed_makes_no_step() {
     }
 }
 
-/// The acceleration was lowered while the axis slewed towards its limit of 150 µm: it went 125 µm beyond it before it came
-/// to rest.
-#[test]
-fn a_lowered_acceleration_does_not_overshoot_the_limit() {
-    for world in asked(&limits()) {
-        let mut world = world.arm();
-        let mut before = limits();
-        for axis in &mut before.axes {
-            axis.accel_per_s2 = f64::INFINITY;
-        }
-        world.guard.set_limits(before).expect("good limits");
-        world.target = Some(axes(0.150, 0.0));
-        world.run(Duration::from_millis(180));
-        assert!(world.applied[0] > 0.100 && world.applied[0] < 0.149);
-        let mut after = before;
-        for axis in &mut after.axes {
-            axis.accel_per_s2 = 1.0;
-        }
-        world.guard.set_limits(after).expect("good limits");
-        let mut most = 0.0_f64;
-        for _ in 0..1000 {
-            world.run(Duration::ZERO);
-            most = most.max(world.applied[0]);
-        }
-        assert!((0.149..=0.150 + 1e-9).contains(&most), "{most}");
-        assert!(world.largest_step <= MOST, "{}", world.largest_step);
-    }
-}
-
 /// The control refused every write for ten seconds. The state stayed `arming`, 40 µm were shown as applied, and nobody was
 /// told; the axis had nothing of it.
 #[test]
@@ -265,7 +236,7 @@ fn a_lost_reading_does_not_lift_an_emergency_stop() {
         }
         world.emergency_stop = false;
         world.largest_step = 0.0;
-        world.run(2 * SECOND);
+        assert_eq!(world.run(2 * SECOND).state, State::Disarmed);
         assert_eq!(world.applied, PerChannel::ZERO);
         assert!(world.largest_step <= MOST, "{}", world.largest_step);
     }

@@ -233,29 +233,6 @@ fn proving(includes: bool, really: bool) -> World {
 }
 
 #[test]
-fn a_test_shift_proves_what_positions_contain() {
-    for includes in [false, true] {
-        let mut world = proving(includes, includes);
-        world.request(Request::Arm);
-        let mut most = 0.0_f64;
-        while world.guard.state().name() == "arming" && most < 0.006 {
-            world.run(Duration::ZERO);
-            most = most.max(world.applied[0]);
-        }
-        assert_eq!(world.run(4 * SECOND).state, State::Compensating);
-        let mut world = proving(includes, !includes);
-        world.run(Duration::ZERO);
-        world.positions = axes(1.0, -1.0);
-        world.run(Duration::ZERO);
-        world.request(Request::Arm);
-        let output = world.run(4 * SECOND);
-        assert_eq!(output.state.name(), "faulted");
-        assert!(output.reasons.contains(Reasons::CONTRADICTION));
-        assert_eq!(world.applied, PerChannel::ZERO);
-    }
-}
-
-#[test]
 fn the_proof_waits_for_standstill() {
     let mut world = proving(false, false);
     world.request(Request::Arm);
@@ -324,21 +301,6 @@ fn an_interrupted_proof_is_no_proof() {
         let last = world.run(4 * SECOND).state.name();
         assert_eq!(last, if really { "faulted" } else { "compensating" });
     }
-}
-
-/// Disarmed in the middle of it, an emergency stop: nothing is written meanwhile, then the rest is ramped out.
-#[test]
-fn a_ramp_out_goes_on_after_an_emergency_stop() {
-    let mut world = World::compensating(&limits());
-    world.request(Request::Disarm);
-    world.run(Duration::from_millis(200));
-    world.emergency_stop = true;
-    let held = world.applied;
-    assert!(!world.run(SECOND).write);
-    assert_eq!(world.applied, held);
-    world.emergency_stop = false;
-    assert_eq!(world.run(SECOND).state, State::Disarmed);
-    assert_eq!(world.applied, PerChannel::ZERO);
 }
 
 /// Writes that fail and are not taken are no event, whether one or some in a row; the correction goes on from what is

@@ -78,14 +78,7 @@ fn a_person_lifts_what_a_silent_path_said_last_and_nothing_else() {
 fn an_axis_stands_in_a_stop_that_another_path_shows() {
     for late in [0, 1, 2, 4] {
         for at in 60..70 {
-            let mut world = World::guarded(&Limits {
-                read_back_cycles: 2 * late + 2,
-                ..limits()
-            });
-            (world.sent_late, world.told_late) = (late, late);
-            world.target = Some(axes(0.140, -0.070));
-            world.request(Request::Arm);
-            world.run(at * PERIOD);
+            let mut world = World::in_motion(late, at);
             world.interlocks.see(1, STOP);
             // What was on its way lands, and is led back.
             world.run(20 * PERIOD);
@@ -136,14 +129,7 @@ fn neither_word_nor_axis_goes_back_when_a_stop_begins() {
     for late in [0, 2, 4, 6] {
         // The control holds, or only another path shows the stop; for a short while, or until it is told where it stands.
         for (holds, cycles) in [(true, 4), (true, 80), (false, 4), (false, 80)] {
-            let mut world = World::guarded(&Limits {
-                read_back_cycles: 2 * late + 2,
-                ..limits()
-            });
-            (world.sent_late, world.told_late) = (late, late);
-            world.target = Some(axes(0.140, -0.070));
-            world.request(Request::Arm);
-            world.run(60 * PERIOD);
+            let mut world = World::in_motion(late, 60);
             // Times, words, and where the axis was.
             let mut words = Vec::new();
             let mut furthest = 0.0_f64;
@@ -180,15 +166,8 @@ fn neither_word_nor_axis_goes_back_when_a_stop_begins() {
 }
 
 /// A barrier some cycles away that holds by an emergency stop, which began in the middle of a ramp.
-fn stopped(read_back_cycles: usize, late: usize) -> World {
-    let mut world = World::guarded(&Limits {
-        read_back_cycles,
-        ..limits()
-    });
-    (world.sent_late, world.told_late) = (late, late);
-    world.target = Some(axes(0.140, -0.070));
-    world.request(Request::Arm);
-    world.run(100 * PERIOD);
+fn stopped(late: usize) -> World {
+    let mut world = World::in_motion(late, 100);
     world.emergency_stop = true;
     world.run(Duration::from_secs(1));
     assert_eq!(world.guard.state(), State::Holding(Hold::Interlocked));
@@ -199,7 +178,7 @@ fn stopped(read_back_cycles: usize, late: usize) -> World {
 /// 69 µm.
 #[test]
 fn limits_lowered_in_a_stop_do_not_move_the_word() {
-    let mut world = stopped(14, 4);
+    let mut world = stopped(4);
     let stands = world.applied;
     let off = |word: PerChannel<f64>| (word[0] - stands[0]).abs();
     assert!(off(world.run(PERIOD).correction) < 1e-9);
@@ -214,14 +193,7 @@ fn limits_lowered_in_a_stop_do_not_move_the_word() {
 #[test]
 fn limits_lowered_as_a_stop_begins_leave_the_word_where_the_control_stands() {
     for cycles in 0..40 {
-        let mut world = World::guarded(&Limits {
-            read_back_cycles: 14,
-            ..limits()
-        });
-        (world.sent_late, world.told_late) = (4, 4);
-        world.target = Some(axes(0.140, -0.070));
-        world.request(Request::Arm);
-        world.run(100 * PERIOD);
+        let mut world = World::in_motion(4, 100);
         world.emergency_stop = true;
         world.run(cycles * PERIOD);
         world.lower_limits(0.030);
@@ -238,7 +210,7 @@ fn limits_lowered_as_a_stop_begins_leave_the_word_where_the_control_stands() {
 /// The control is free again while another path still shows the stop: the axis went from 106 µm to 30 µm in it.
 #[test]
 fn limits_lowered_in_a_stop_that_another_path_shows_move_no_axis() {
-    let mut world = stopped(8, 2);
+    let mut world = stopped(2);
     world.interlocks.see(1, STOP);
     world.emergency_stop = false;
     world.run(Duration::from_millis(200));
@@ -255,8 +227,8 @@ fn limits_lowered_in_a_stop_that_another_path_shows_move_no_axis() {
 #[test]
 fn after_a_stop_in_which_limits_were_lowered_the_axis_moves_by_the_slew() {
     // How far the axis goes beyond the slew in any window of time, mm.
-    let goes_beyond = |read_back_cycles, late, limit| {
-        let mut world = stopped(read_back_cycles, late);
+    let goes_beyond = |late, limit| {
+        let mut world = stopped(late);
         world.lower_limits(limit);
         world.run(Duration::from_secs(1));
         world.emergency_stop = false;
@@ -275,10 +247,8 @@ fn after_a_stop_in_which_limits_were_lowered_the_axis_moves_by_the_slew() {
         most
     };
     // One step for rounding, and one since the barrier goes by its own rate within a cycle.
-    for (read_back_cycles, late, limit) in
-        [(14, 4, 0.150), (2, 0, 0.030), (8, 2, 0.030), (14, 4, 0.030)]
-    {
-        let beyond = goes_beyond(read_back_cycles, late, limit);
+    for (late, limit) in [(4, 0.150), (0, 0.030), (2, 0.030), (4, 0.030)] {
+        let beyond = goes_beyond(late, limit);
         assert!(beyond <= 0.002 + 1e-9, "{late}, to {limit}: {beyond}");
     }
 }
@@ -287,14 +257,7 @@ fn after_a_stop_in_which_limits_were_lowered_the_axis_moves_by_the_slew() {
 #[test]
 fn limits_lowered_as_a_stop_begins_lead_no_axis_back() {
     for late in [0, 2, 4, 6] {
-        let mut world = World::guarded(&Limits {
-            read_back_cycles: 2 * late + 2,
-            ..limits()
-        });
-        (world.sent_late, world.told_late) = (late, late);
-        world.target = Some(axes(0.140, -0.070));
-        world.request(Request::Arm);
-        world.run(100 * PERIOD);
+        let mut world = World::in_motion(late, 100);
         world.interlocks.see(1, STOP);
         world.lower_limits(0.030);
         let mut furthest = 0.0_f64;

@@ -10,7 +10,6 @@ mod lowered;
 mod machine;
 mod position;
 mod proof;
-mod properties;
 mod ramps;
 mod random_limits;
 mod read_back;

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_guard::{AxisLimits, Limits, Request, State, Vector, Wanted};
@@ -9,7 +10,7 @@ use volcomp_vocabulary::{AxisKind, PerChannel};
 
 use crate::{
     vector::{five, of, three},
-    world::{PERIOD, World, axes, limits},
+    world::{PERIOD, STEP, World, axes, limits},
 };
 
 /// How long a line takes, s.
@@ -276,25 +277,6 @@ fn what_is_wanted_beyond_a_limit_does_not_end_the_ramp_of_the_others() {
     assert!(largest <= 0.05, "{largest} mm/s");
 }
 
-/// The same through the guard, where X is wanted beyond its limit from one cycle to the next.
-#[test]
-fn what_is_wanted_beyond_a_limit_does_not_end_the_ramp_of_the_guard() {
-    let mut world = World::new(&Limits {
-        ramp: Duration::from_secs(5),
-        ..limits()
-    });
-    world.target = Some(axes(-0.100, 0.100));
-    world.request(Request::Arm);
-    let output = world.run(Duration::from_secs(1));
-    assert_eq!(output.state.name(), "arming");
-    let before = world.applied;
-    world.target = Some(axes(0.160, 0.100));
-    let output = world.run(Duration::from_millis(300));
-    let after = world.applied;
-    assert_ne!(output.state, State::Compensating, "1.3 s of a ramp of 5 s");
-    assert!((after[1] - before[1]).abs() < 0.030, "{before:?} {after:?}");
-}
-
 /// By how much the tip is off along X, Y, Z, mm: the linear axes against what belongs to A and C where these are.
 fn tip_misses(wanted: &Wanted, at: &PerChannel<f64>) -> f64 {
     let off = |l: usize| {
@@ -482,4 +464,31 @@ fn the_ramp_of_what_is_wanted_beyond_a_limit_ends_in_its_time() {
         }
     }
     assert_eq!(wrong, 0);
+}
+
+proptest! {
+    /// However fast slew and ramp allow, after k cycles no more than k twentieths of the way are gone: in, out, and to
+    /// another target.
+    #[test]
+    fn a_ramp_is_never_steeper_than_twenty_cycles(from in -0.1..0.1_f64, to in -0.1..0.1_f64, ramp_ms in 0..400_u64, leave: bool) {
+        let mut limits = Limits { ramp: Duration::from_millis(ramp_ms), ..limits() };
+        for axis in &mut limits.axes {
+            (axis.slew_per_s, axis.accel_per_s2) = (volcomp_guard::ceiling::SLEW_PER_S.0, f64::INFINITY);
+        }
+        let mut world = World::new(&limits);
+        world.target = Some(axes(from, 0.0));
+        world.request(Request::Arm);
+        world.run(Duration::from_secs(1));
+        let begun = world.applied[0];
+        let (request, goal) = if leave { (Request::Disarm, 0.0) } else { (Request::Switched, to) };
+        world.target = Some(axes(to, 0.0));
+        let per_cycle = (0.004 / (ramp_ms as f64 * 1e-3).max(0.080)).min(0.05);
+        for cycle in 1..=200 {
+            world.cycle_after(Duration::from_millis(4), (cycle == 1).then_some(request));
+            let gone = (world.applied[0] - begun).abs();
+            let allowed = (goal - begun).abs() * (f64::from(cycle) * per_cycle).min(1.0) + 1.7 * STEP;
+            prop_assert!(gone <= allowed, "{gone} of {} after {cycle}", goal - begun);
+        }
+        prop_assert!((world.applied[0] - goal).abs() <= 0.7 * STEP);
+    }
 }

@@ -2,81 +2,54 @@ use std::time::Duration;
 
 use volcomp_guard::{Choice, PathHealth, Selector};
 
-const SECOND: Duration = Duration::from_secs(1);
+const UP: PathHealth = PathHealth {
+    usable: true,
+    ready: true,
+};
+const DOWN: PathHealth = PathHealth {
+    usable: false,
+    ready: false,
+};
+/// It answers, and what the path before has left is not known.
+const UNKNOWN: PathHealth = PathHealth {
+    usable: true,
+    ready: false,
+};
 
-fn path(usable: bool, ready: bool) -> PathHealth {
-    PathHealth { usable, ready }
-}
+/// Seconds, the health of both paths, and the choice: active, wanted, switched, blocked.
+type Step = (u64, [PathHealth; 2], (usize, usize, bool, bool));
 
 #[test]
 fn the_next_path_takes_over_and_hands_back_with_hysteresis() {
-    let mut selector = Selector::new(2 * SECOND);
-    let both = [path(true, true), path(true, true)];
-    let second = [path(false, false), path(true, true)];
-    assert_eq!(selector.choose(SECOND, &both).active, 0);
-    assert_eq!(
-        selector.choose(2 * SECOND, &second),
-        Choice {
-            active: 1,
-            wanted: 1,
-            switched: true,
-            blocked: false
+    let goes_down: [Step; 9] = [
+        (1, [UP, UP], (0, 0, false, false)),
+        (2, [DOWN, UP], (1, 1, true, false)),
+        (3, [DOWN, UP], (1, 1, false, false)),
+        // Back for a second: not yet.
+        (4, [UP, UP], (1, 1, false, false)),
+        (5, [UP, UP], (1, 1, false, false)),
+        // A dropout begins the time again.
+        (5, [DOWN, UP], (1, 1, false, false)),
+        (6, [UP, UP], (1, 1, false, false)),
+        (8, [UP, UP], (0, 0, true, false)),
+        (9, [UP, UP], (0, 0, false, false)),
+    ];
+    let is_unknown: [Step; 2] = [
+        (1, [DOWN, UNKNOWN], (0, 1, false, true)),
+        (2, [DOWN, UP], (1, 1, true, false)),
+    ];
+    let all_down: [Step; 1] = [(1, [DOWN, DOWN], (0, 0, false, false))];
+    for steps in [&goes_down[..], &is_unknown, &all_down] {
+        let mut selector = Selector::new(Duration::from_secs(2));
+        for (second, health, (active, wanted, switched, blocked)) in steps {
+            let expected = Choice {
+                active: *active,
+                wanted: *wanted,
+                switched: *switched,
+                blocked: *blocked,
+            };
+            let found = selector.choose(Duration::from_secs(*second), health);
+            assert_eq!(found, expected, "second {second} of {steps:?}");
         }
-    );
-    assert!(!selector.choose(3 * SECOND, &second).switched);
-    // Back for a second: not yet.
-    assert_eq!(selector.choose(4 * SECOND, &both).active, 1);
-    assert_eq!(selector.choose(5 * SECOND, &both).active, 1);
-    // A dropout begins the time again.
-    selector.choose(5 * SECOND, &second);
-    assert_eq!(selector.choose(6 * SECOND, &both).active, 1);
-    assert_eq!(
-        selector.choose(8 * SECOND, &both),
-        Choice {
-            active: 0,
-            wanted: 0,
-            switched: true,
-            blocked: false
-        }
-    );
-}
-
-#[test]
-fn what_the_path_before_has_left_must_be_known() {
-    let mut selector = Selector::new(SECOND);
-    let unknown = [path(false, false), path(true, false)];
-    assert_eq!(
-        selector.choose(SECOND, &unknown),
-        Choice {
-            active: 0,
-            wanted: 1,
-            switched: false,
-            blocked: true
-        }
-    );
-    let known = [path(false, false), path(true, true)];
-    assert_eq!(
-        selector.choose(SECOND, &known),
-        Choice {
-            active: 1,
-            wanted: 1,
-            switched: true,
-            blocked: false
-        }
-    );
-}
-
-#[test]
-fn without_any_path_the_last_one_stays() {
-    let mut selector = Selector::new(SECOND);
-    let none = [path(false, false), path(false, false)];
-    assert_eq!(
-        selector.choose(SECOND, &none),
-        Choice {
-            active: 0,
-            wanted: 0,
-            switched: false,
-            blocked: false
-        }
-    );
+    }
 }

@@ -5,9 +5,10 @@ use std::fmt::Write;
 
 use volcomp_identify::{Identification, IdentifyError};
 use volcomp_model::Machine;
+use volcomp_test_support::cases;
 use volcomp_vocabulary::AxisName::{self, X, Y, Z};
 
-use crate::lab::{Lab, Noise, tip, value, words};
+use crate::lab::{Lab, Noise, tip, value, words, worn};
 
 const MACHINE: &str = "structure = \"w C b X Y Z B t\"
 axes.X.travel = [-500.0, 500.0]
@@ -276,38 +277,19 @@ fn rows_of_the_machine_itself_are_taken() {
 
 #[test]
 fn columns_in_other_letters_or_units_are_refused() {
-    for (header, expected) in [
-        ("X,Y,Z,c,B,sphere", "found a column `c`, expected `C`"),
-        (
-            "X,Y,Z,C [rad],B,sphere",
-            "found a column `C [rad]`, expected `C`",
-        ),
-        (
-            "X,Y,Z_inch,C,B,sphere",
-            "found a column `Z_inch`, expected `Z`",
-        ),
-        (
-            "X,Y,Z,C,B,Sphere",
-            "found a column `Sphere`, expected `sphere`",
-        ),
-        (
-            "X,Y,Z,A_deg,B,sphere",
-            "found a column `A_deg`, the structure `w C' b X Y Z B t` has no axis A",
-        ),
-        (
-            "X (in),Y,Z,C,B,sphere",
-            "found a column `X (in)`, expected `X`",
-        ),
-        ("Xmm,Y,Z,C,B,sphere", "found a column `Xmm`, expected `X`"),
-        (
-            "X,Y,Z MCS,C,B,sphere",
-            "found a column `Z MCS`, expected `Z`",
-        ),
-        (
-            "X,Y,Z,C_actual,B,sphere",
-            "found a column `C_actual`, expected `C`",
-        ),
-    ] {
+    for [header, expected] in &cases(
+        "
+X,Y,Z,c,B,sphere | found a column `c`, expected `C`
+X,Y,Z,C [rad],B,sphere | found a column `C [rad]`, expected `C`
+X,Y,Z_inch,C,B,sphere | found a column `Z_inch`, expected `Z`
+X,Y,Z,C,B,Sphere | found a column `Sphere`, expected `sphere`
+X,Y,Z,A_deg,B,sphere | found a column `A_deg`, the structure `w C' b X Y Z B t` has no axis A
+X (in),Y,Z,C,B,sphere | found a column `X (in)`, expected `X`
+Xmm,Y,Z,C,B,sphere | found a column `Xmm`, expected `X`
+X,Y,Z MCS,C,B,sphere | found a column `Z MCS`, expected `Z`
+X,Y,Z,C_actual,B,sphere | found a column `C_actual`, expected `C`
+",
+    ) {
         let error = found(&rows(header, 200.0, |_, _, _| ())).expect_err(header);
         assert!(error.to_string().contains(expected), "{error}");
     }
@@ -491,11 +473,7 @@ fn an_instrument_that_counts_the_other_way_is_named() {
 #[test]
 fn an_opposite_sign_is_named_beside_diagonals() {
     use AxisName::C;
-    let truth = Machine::parse(
-        &format!("{MACHINE}[errors]\nEC0Y = 40.0\nEX0C = 30.0\nEY0C = -20.0\n"),
-        "truth",
-    )
-    .expect("a machine");
+    let truth = worn(MACHINE, "EC0Y = 40.0\nEX0C = 30.0\nEY0C = -20.0\n");
     let lab = Lab::new(MACHINE);
     let nominal = lab.machine();
     let mut noise = Noise::new(21);

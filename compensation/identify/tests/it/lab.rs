@@ -97,3 +97,8 @@ pub(crate) fn tip(machine: &Machine, at: &[(AxisName, f64)], offset: [f64; 3]) -
     actual_pose(machine.chain(), &source, &state).transform_point(&tip)
         - machine.chain().workpiece_origin_mm()
 }
+
+/// A machine with these errors.
+pub(crate) fn worn(machine: &str, errors: &str) -> Machine {
+    Machine::parse(&format!("{machine}[errors]\n{errors}"), "truth").expect("a machine")
+}

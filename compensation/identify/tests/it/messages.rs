@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use volcomp_identify::{Follower, IdentifyError, Seen, identify, identify_followed};
 use volcomp_model::Machine;
+use volcomp_test_support::cases;
 use volcomp_vocabulary::AxisName::{X, Y};
 
 use crate::lab::{Lab, Noise, tip};
@@ -48,51 +49,21 @@ const SQUARE: [(f64, f64); 6] = [
 #[test]
 fn wrong_rows_are_refused_with_their_place() {
     let lab = Lab::new(MACHINE);
-    for (table, extra, expected) in [
-        (
-            "X,Y,x,y,z\n1,2,3,nan,5\n",
-            "",
-            "t.csv:2: y: found `nan`, expected a finite number",
-        ),
-        ("X,Y,x,y\n1,2,3,4\n", "", "expected a column `z`"),
-        (
-            "Z,x,y,z\n1,2,3,4\n",
-            "",
-            "found a column `Z`, the structure `w b X Y t` has no axis Z",
-        ),
-        (
-            "x,y,z\n2,3,4\n",
-            "",
-            "expected the letters of the machine's axes: X, Y",
-        ),
-        (
-            "X,Y,x,y,z\n5000,2,3,4,5\n",
-            "",
-            "t.csv:2: X: found 5000 mm, expected a position within the travel of X, 0 to 500 mm: is it another unit",
-        ),
-        (
-            "X,Y,x,y,z,tool\n1,2,3,4,5,T9\n",
-            "",
-            "t.csv:2: tool: machine `` has no tool `T9`, expected one of: T1",
-        ),
-        (
-            "X,Y,x,y,z,order\n1,2,3,4,5,7\n1,2,3,4,5,6\n",
-            "",
-            "t.csv:3: order: found 6 after 7, expected rising numbers",
-        ),
-        (
-            "X,Y,x,y,z,uncertainty_um\n1,2,3,4,5,0\n",
-            "",
-            "t.csv:2: uncertainty_um: found 0e0 µm, expected 1e-6 to 1e6 µm",
-        ),
-        ("X,Y,x,y,z\n", "", "found no rows"),
-        (
-            "X,Y,x,y,z\n1,2,3,4,5\n",
-            "judge = true",
-            "expected a fitted observation of this kind with the same frame",
-        ),
-        ("X,Y,x,y,z\n1,2,3,4,5\n", "offset = 3", "unknown key"),
-    ] {
+    for [table, extra, expected] in &cases(
+        r"
+X,Y,x,y,z\n1,2,3,nan,5\n |  | t.csv:2: y: found `nan`, expected a finite number
+X,Y,x,y\n1,2,3,4\n |  | expected a column `z`
+Z,x,y,z\n1,2,3,4\n |  | found a column `Z`, the structure `w b X Y t` has no axis Z
+x,y,z\n2,3,4\n |  | expected the letters of the machine's axes: X, Y
+X,Y,x,y,z\n5000,2,3,4,5\n |  | t.csv:2: X: found 5000 mm, expected a position within the travel of X, 0 to 500 mm: is it another unit
+X,Y,x,y,z,tool\n1,2,3,4,5,T9\n |  | t.csv:2: tool: machine `` has no tool `T9`, expected one of: T1
+X,Y,x,y,z,order\n1,2,3,4,5,7\n1,2,3,4,5,6\n |  | t.csv:3: order: found 6 after 7, expected rising numbers
+X,Y,x,y,z,uncertainty_um\n1,2,3,4,5,0\n |  | t.csv:2: uncertainty_um: found 0e0 µm, expected 1e-6 to 1e6 µm
+X,Y,x,y,z\n |  | found no rows
+X,Y,x,y,z\n1,2,3,4,5\n | judge = true | expected a fitted observation of this kind with the same frame
+X,Y,x,y,z\n1,2,3,4,5\n | offset = 3 | unknown key
+",
+    ) {
         lab.write("t.csv", table);
         let message = lab.refused(&points(extra));
         assert!(message.contains(expected), "{table}\n{message}\n{expected}");
@@ -140,54 +111,23 @@ fn a_row_file_that_two_observations_name_is_refused_with_both_places() {
 fn wrong_unknowns_are_refused() {
     let lab = Lab::new(MACHINE);
     lab.write("t.csv", &rows(&SQUARE, 1.0));
-    for (unknown, expected) in [
-        ("\"EXZ\"", "has no axis Z"),
-        (
-            "\"EX0X\"",
-            "has no effect; put a zero offset into the constant of EXX",
-        ),
-        ("\"EC0Y\", \"EC0Y\"", "EC0Y stands twice"),
-        (
-            "{ error = \"EC0Y\", legendre = 2 }",
-            "a location error is one number, never a curve",
-        ),
-        (
-            "{ error = \"EXX\", fourier = 2 }",
-            "expected `legendre` or `bspline`: X is a linear axis",
-        ),
-        (
-            "{ error = \"EXX\", legendre = 2, bspline = 5 }",
-            "found two kinds of curve",
-        ),
-        (
-            "{ error = \"EXX\", bspline = 3 }",
-            "a whole number from 4 to",
-        ),
-        (
-            "{ error = \"EXX\", second = { axis = \"X\", legendre = 2 } }",
-            "found \"X\", expected the second axis that EXX depends on, one of Y",
-        ),
-        (
-            "{ error = \"EXX\", second = { axis = \"Q\", legendre = 2 } }",
-            "found \"Q\", expected the second axis that EXX depends on, one of Y",
-        ),
-        (
-            "{ error = \"EXX\", second = { axis = \"Y\", fourier = 2 } }",
-            "found a Fourier series along Y, expected `legendre`: it is a linear axis",
-        ),
-        (
-            "{ error = \"EXX\", second = { axis = \"Y\" } }",
-            "found no kind of curve along the second axis, expected one of legendre, bspline, fourier",
-        ),
-        (
-            "{ error = \"EXX\", second = { axis = \"Y\", legendre = 0 } }",
-            "a whole number from 1 to 8",
-        ),
-        (
-            "{ error = \"EC0Y\", second = { axis = \"X\", legendre = 2 } }",
-            "a location error is one number, never a curve",
-        ),
-    ] {
+    for [unknown, expected] in &cases(
+        r#"
+"EXZ" | has no axis Z
+"EX0X" | has no effect; put a zero offset into the constant of EXX
+"EC0Y", "EC0Y" | EC0Y stands twice
+{ error = "EC0Y", legendre = 2 } | a location error is one number, never a curve
+{ error = "EXX", fourier = 2 } | expected `legendre` or `bspline`: X is a linear axis
+{ error = "EXX", legendre = 2, bspline = 5 } | found two kinds of curve
+{ error = "EXX", bspline = 3 } | a whole number from 4 to
+{ error = "EXX", second = { axis = "X", legendre = 2 } } | found "X", expected the second axis that EXX depends on, one of Y
+{ error = "EXX", second = { axis = "Q", legendre = 2 } } | found "Q", expected the second axis that EXX depends on, one of Y
+{ error = "EXX", second = { axis = "Y", fourier = 2 } } | found a Fourier series along Y, expected `legendre`: it is a linear axis
+{ error = "EXX", second = { axis = "Y" } } | found no kind of curve along the second axis, expected one of legendre, bspline, fourier
+{ error = "EXX", second = { axis = "Y", legendre = 0 } } | a whole number from 1 to 8
+{ error = "EC0Y", second = { axis = "X", legendre = 2 } } | a location error is one number, never a curve
+"#,
+    ) {
         let text = points("").replace("\"EC0Y\"", unknown);
         let message = lab.refused(&text);
         assert!(message.contains(expected), "{unknown}\n{message}");

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use volcomp_model::Machine;
 use volcomp_vocabulary::AxisName::{X, Y, Z};
 
-use crate::lab::{Lab, Noise, tip, value};
+use crate::lab::{Lab, Noise, tip, value, worn};
 
 const MACHINE: &str = "structure = \"w X' b Y Z t\"
 [axes.X]
@@ -123,11 +123,10 @@ fn a_sag_that_a_second_axis_changes_is_found() {
 /// EZX = 9 µm·t·s with t and s from −1 to 1 over the range of the observations is one product of Legendre polynomials.
 #[test]
 fn a_twist_without_noise_is_one_product() {
-    let truth = Machine::parse(
-        &format!("{MACHINE}[errors]\nEZX = {{ grid = {{ axes = [\"X\", \"Y\"], nodes = [[0.0, 1000.0], [0.0, 800.0]], values = [[9.0, -9.0], [-9.0, 9.0]] }} }}\n"),
-        "truth",
-    )
-    .expect("a machine");
+    let truth = worn(
+        MACHINE,
+        "EZX = { grid = { axes = [\"X\", \"Y\"], nodes = [[0.0, 1000.0], [0.0, 800.0]], values = [[9.0, -9.0], [-9.0, 9.0]] } }\n",
+    );
     let lab = Lab::new(MACHINE);
     let mut rows = String::from("X,Y,x,y,z\n");
     for (x, y) in (0..25).map(|k| (f64::from(k % 5) * 250.0, f64::from(k / 5) * 200.0)) {

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use volcomp_model::Machine;
 use volcomp_vocabulary::AxisName::{B, C, X, Y, Z};
 
-use crate::lab::{Lab, Noise, tip, value};
+use crate::lab::{Lab, Noise, tip, value, worn};
 
 const MACHINE: &str = "structure = \"w C' X' b Y Z B t\"
 [axes.X]
@@ -56,8 +56,7 @@ fn errors_without_noise_are_found_to_the_last_digit() {
     let errors = "EC0Y = 30.0\nEA0B = -40.0\nEC0B = 12.0\nEX0C = 15.0\nEY0C = -9.0\nEA0C = 25.0\nEB0C = -14.0
 EXX = { poly = [0.0, 0.02] }\nEYZ = { poly = [0.0, 0.0, 0.0001] }\nEBY = { poly = [0.0, 0.1] }
 ECC = { fourier = [0.0, 5.0, -3.0], period = 360.0 }\n";
-    let truth =
-        Machine::parse(&format!("{MACHINE}[errors]\n{errors}"), "truth").expect("a machine");
+    let truth = worn(MACHINE, errors);
     let lab = Lab::new(MACHINE);
     lab.write("t.csv", &tracker(&truth, 60, 0.0));
     let found = lab
@@ -99,8 +98,7 @@ fn error_motions_that_turn_with_their_axis_are_found() {
         let errors = "EXC = { fourier = [0.0, 0.0, 0.0, 20.0, -9.0], period = 360.0 }
 EAC = { fourier = [0.0, 0.0, 0.0, 5.0, 7.0], period = 360.0 }
 EXB = { poly = [0.0, 0.0, 0.002] }\nECB = { poly = [0.0, 0.0, 0.003] }\n";
-        let truth =
-            Machine::parse(&format!("{machine}[errors]\n{errors}"), "truth").expect("a machine");
+        let truth = worn(&machine, errors);
         let lab = Lab::new(&machine);
         lab.write("t.csv", &tracker(&truth, 60, 0.0));
         let found = lab
@@ -185,11 +183,7 @@ target = \"unknown\"
 
 #[test]
 fn a_reversal_value_is_found_from_the_order_of_the_rows() {
-    let truth = Machine::parse(
-        &format!("{MACHINE}[errors]\nEXX = {{ mean = 0.0, reversal = 8.0 }}\n"),
-        "truth",
-    )
-    .expect("a machine");
+    let truth = worn(MACHINE, "EXX = { mean = 0.0, reversal = 8.0 }\n");
     let lab = Lab::new(MACHINE);
     let mut text = String::from("X,deviation_um\n");
     let mut before: Option<f64> = None;
@@ -231,11 +225,10 @@ offset = \"unknown\"
 #[test]
 fn distances_between_poses_and_from_a_point() {
     // X is 10 µm too long on 600 mm: a step gauge along it says so, and a ballbar about a point does.
-    let truth = Machine::parse(
-        &format!("{MACHINE}[errors]\nEXX = {{ poly = [0.0, 0.0166666666666667] }}\nEYY = {{ poly = [0.0, -0.02] }}\n"),
-        "truth",
-    )
-    .expect("a machine");
+    let truth = worn(
+        MACHINE,
+        "EXX = { poly = [0.0, 0.0166666666666667] }\nEYY = { poly = [0.0, -0.02] }\n",
+    );
     let lab = Lab::new(MACHINE);
     let at = |x: f64, y: f64| tip(&truth, &[(X, x), (Y, y)], [0.0; 3]);
     let mut gauge = String::from("pose,X,Y,from,to,length_mm\n");
@@ -298,8 +291,7 @@ dead_length = \"unknown\"
 
 #[test]
 fn a_judged_file_uses_the_set_up_of_the_fitted_one() {
-    let truth =
-        Machine::parse(&format!("{MACHINE}[errors]\nEC0Y = 30.0\n"), "truth").expect("a machine");
+    let truth = worn(MACHINE, "EC0Y = 30.0\n");
     let lab = Lab::new(MACHINE);
     let rows = tracker(&truth, 40, 0.0);
     let lines: Vec<&str> = rows.lines().collect();
@@ -342,11 +334,10 @@ target = \"unknown\"
 /// A Fourier series found over a part of a turn holds its end values beyond it, and says that it does not go round.
 #[test]
 fn a_series_over_a_part_of_a_turn_keeps_to_it() {
-    let truth = Machine::parse(
-        &format!("{MACHINE}[errors]\nECC = {{ fourier = [0.0, 5.0, -3.0], period = 360.0 }}\n"),
-        "truth",
-    )
-    .expect("a machine");
+    let truth = worn(
+        MACHINE,
+        "ECC = { fourier = [0.0, 5.0, -3.0], period = 360.0 }\n",
+    );
     let found = |last: f64| {
         let lab = Lab::new(MACHINE);
         let mut noise = Noise::new(3);

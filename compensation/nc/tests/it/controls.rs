@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_nc::{Dialect, Note, SetUp, Strategy};
+use volcomp_test_support::cases;
 
 use crate::identity::{compensated_in, verified_in};
 
@@ -161,34 +162,18 @@ fn increments_and_points_give_the_same_numbers() {
 /// Coordinates with and without a point in one program are refused until the set-up says what that means.
 #[test]
 fn both_manners_are_refused_until_it_is_stated() {
-    let programs = [
-        (
-            "G0 X50. Y100. Z10.\nX60 Y25\n",
-            "line 2: column 1: X60 has no decimal point",
-        ),
-        (
-            "G0 X50. Y100 Z10.\n",
-            "line 1: column 9: Y100 has no decimal point",
-        ),
-        (
-            "G0 X50000 Y0\nX60.\n",
-            "line 2: column 1: X60. has a decimal point",
-        ),
-        (
-            "G0 X50. Y1.\nG2 X60. I5 J0 F1\n",
-            "line 2: column 9: I5 has no decimal point",
-        ),
-        (
-            "G0 Z5.\nG81 X1. Y1. Z-5. R2 F1\n",
-            "line 2: column 18: R2 has no decimal point",
-        ),
-        (
-            "G0 X50. Y1. A90\n",
-            "line 1: column 13: A90 has no decimal point",
-        ),
-    ];
+    let programs = cases(
+        r"
+G0 X50. Y100. Z10.\nX60 Y25\n | line 2: column 1: X60 has no decimal point
+G0 X50. Y100 Z10.\n | line 1: column 9: Y100 has no decimal point
+G0 X50000 Y0\nX60.\n | line 2: column 1: X60. has a decimal point
+G0 X50. Y1.\nG2 X60. I5 J0 F1\n | line 2: column 9: I5 has no decimal point
+G0 Z5.\nG81 X1. Y1. Z-5. R2 F1\n | line 2: column 18: R2 has no decimal point
+G0 X50. Y1. A90\n | line 1: column 13: A90 has no decimal point
+",
+    );
     for control in COUNTING {
-        for (program, expected) in programs {
+        for [program, expected] in &programs {
             let error = result(control, program).expect_err(program);
             assert!(error.starts_with(expected), "{error}");
             assert!(
@@ -197,29 +182,19 @@ fn both_manners_are_refused_until_it_is_stated() {
             );
         }
     }
-    for (without_point, program, expected) in [
-        (
-            "increment",
-            "G0 X50. Y100. Z10.\nX60 Y25\n",
-            "G0 X50.100 Y100. Z10.\nX60 Y25\n",
-        ),
-        (
-            "increment",
-            "G0 X50. Y100. Z10.\nX60\nY50.\n",
-            "G0 X50.100 Y100. Z10.\nX160\nY50. X0.110\n",
-        ),
-        (
-            "unit",
-            "G0 X50. Y100. Z10.\nX60 Y25\n",
-            "G0 X50.100 Y100. Z10.\nX60.025 Y25\n",
-        ),
-        ("unit", "G0 X50 Y100\n", "G0 X50.100 Y100\n"),
-    ] {
+    for [without_point, program, expected] in &cases(
+        r"
+increment | G0 X50. Y100. Z10.\nX60 Y25\n | G0 X50.100 Y100. Z10.\nX60 Y25\n
+increment | G0 X50. Y100. Z10.\nX60\nY50.\n | G0 X50.100 Y100. Z10.\nX160\nY50. X0.110\n
+unit | G0 X50. Y100. Z10.\nX60 Y25\n | G0 X50.100 Y100. Z10.\nX60.025 Y25\n
+unit | G0 X50 Y100\n | G0 X50.100 Y100\n
+",
+    ) {
         for control in COUNTING.into_iter().chain([""]) {
             let setup = format!("{control}without_point = \"{without_point}\"\n");
             assert_eq!(
                 result(&setup, program).as_deref(),
-                Ok(expected),
+                Ok(expected.as_str()),
                 "{setup}{program}"
             );
         }
@@ -264,18 +239,14 @@ fn increments_are_verified_as_increments() {
 /// What a set-up file may say of its control.
 #[test]
 fn the_control_is_stated_in_the_set_up() {
-    for (setup, expected) in [
-        ("control = \"okuma\"\n", "setup.toml:1: control"),
-        (
-            "control = \"linuxcnc\"\nwithout_point = \"unit\"\n",
-            "setup.toml:2: without_point",
-        ),
-        (
-            "control = \"siemens\"\nwithout_point = \"unit\"\n",
-            "setup.toml:2: without_point",
-        ),
-        ("without_point = \"mm\"\n", "setup.toml:1: without_point"),
-    ] {
+    for [setup, expected] in &cases(
+        r#"
+control = "okuma"\n | setup.toml:1: control
+control = "linuxcnc"\nwithout_point = "unit"\n | setup.toml:2: without_point
+control = "siemens"\nwithout_point = "unit"\n | setup.toml:2: without_point
+without_point = "mm"\n | setup.toml:1: without_point
+"#,
+    ) {
         let error = result(setup, "").expect_err(setup);
         assert!(error.starts_with(expected), "{error}");
     }
@@ -300,189 +271,73 @@ fn everyday_codes_pass_on() {
             .replace("X10. F", "X10.100 F")
             .replace("X20. F", "X20.100 F")
     };
-    for (controls, lines) in [
-        (
-            &[FANUC][..],
-            &[
-                "G8 P1",
-                "G11",
-                "G13.1",
-                "G23",
-                "G25",
-                "G26",
-                "G40.1",
-                "G50",
-                "G50.1",
-                "G62",
-                "G63",
-                "G67",
-                "G04 X2.",
-                "G4 U1.5",
-                "G4 X2",
-                "M70",
-                "M73",
-                "M430",
-                "G10 L12 P1 R5.",
-                "G10 L13 P1 R0.02",
-            ][..],
-        ),
-        (
-            &[HAAS],
-            &[
-                "G50",
-                "G100",
-                "G103 P1",
-                "G103",
-                "G187 P1 E0.005",
-                "G187 P3",
-                "M70",
-                "G10 L12 P1 R5.",
-            ],
-        ),
-        (
-            &[MAZAK],
-            &[
-                "G8 P1", "G23", "G50", "G62", "G67", "G61.1", "G5 P2", "G04 X2.",
-            ],
-        ),
-        (
-            &COUNTING,
-            &[
-                "G05.1 Q1",
-                "G5 P10000",
-                "M29 S500",
-                "G61",
-                "G64",
-                "G9",
-                "M428",
-                "G80",
-            ],
-        ),
-    ] {
-        for control in controls {
-            for line in lines {
-                assert_eq!(
-                    result(control, &around(line)),
-                    Ok(expected(line)),
-                    "{control}"
-                );
+    for [controls, lines] in &cases(
+        "
+fanuc | G8 P1, G11, G13.1, G23, G25, G26, G40.1, G50, G50.1, G62, G63
+fanuc | G67, G04 X2., G4 U1.5, G4 X2, M70, M73, M430, G10 L12 P1 R5., G10 L13 P1 R0.02
+haas | G50, G100, G103 P1, G103, G187 P1 E0.005, G187 P3, M70, G10 L12 P1 R5.
+mazak | G8 P1, G23, G50, G62, G67, G61.1, G5 P2, G04 X2.
+fanuc haas mazak | G05.1 Q1, G5 P10000, M29 S500, G61, G64, G9, M428, G80
+",
+    ) {
+        for control in controls.split(' ') {
+            let control = format!("control = \"{control}\"\n");
+            for line in lines.split(", ") {
+                let found = result(&control, &around(line));
+                assert_eq!(found, Ok(expected(line)), "{control}");
             }
         }
     }
 }
 
 /// Controls, lines, and why these are refused for them.
-const REFUSED: &[(&str, &str, &str)] = &[
-    (
-        "",
-        "G187 P1 E0.005",
-        "G187 is not followed: it is known with control = \"haas\" in the set-up file",
-    ),
-    (
-        "",
-        "G154 P3",
-        "G154 is not followed: it is known with control = \"haas\"",
-    ),
-    (
-        "",
-        "G54.1 P2",
-        "G54.1 is not followed: it is known with control = \"fanuc\" or \"mazak\"",
-    ),
-    (
-        FANUC,
-        "G103 P1",
-        "G103 is not followed: it is known with control = \"haas\"",
-    ),
-    (FANUC, "G223", "G223 is not known here: it may move an axis"),
-    (
-        FANUC,
-        "G7 X0",
-        "G7 is not followed: it makes an axis hypothetical",
-    ),
-    (HAAS, "G112", "G112 is not followed: polar interpolation"),
-    (
-        HAAS,
-        "G8",
-        "G8 is not followed: it is not known for this control",
-    ),
-    (FANUC, "G59.1", "G59.1 is not followed"),
-    (
-        "",
-        "G31 Z-5. F50.",
-        "G31 is not followed: it ends where a signal comes",
-    ),
-    (
-        FANUC,
-        "G44 H1 Z10.",
-        "G44 is not followed: it takes a length off",
-    ),
-    (
-        "",
-        "G51.1 X0",
-        "G51.1 is not followed: it scales or mirrors",
-    ),
-    (FANUC, "G50 X0", "G50 with the word of an axis"),
-    (HAAS, "G51 P2.", "G51 is not followed: it scales or mirrors"),
-    (
-        FANUC,
-        "G65 P9810 Z5. F1000.",
-        "G65 is not followed: it calls a macro",
-    ),
-    (
-        FANUC,
-        "G68.2 X0 Y0 Z0 I0 J30. K0",
-        "G68.2 is not followed: a tilted plane",
-    ),
-    (
-        FANUC,
-        "G60 X10.",
-        "G60 is not followed: it comes to its place from one side",
-    ),
-    (
-        FANUC,
-        "G10 L10 P1 R50.",
-        "G10 that sets the length of a tool",
-    ),
-    (FANUC, "G10 P1 R50.", "G10 that sets the length of a tool"),
-    ("", "G10 L12 P1 R5.", "G10 with another L"),
-    (FANUC, "G10 L50", "G10 with another L"),
-    (FANUC, "G10 L20 X5.", "G10 L20 without a P from 1 to 300"),
-    ("", "G04 X2.", "a dwell (G4) with the word of an axis"),
-    (HAAS, "G04 X2.", "a dwell (G4) with the word of an axis"),
-    (
-        FANUC,
-        "G04 X2. Y1.",
-        "a dwell (G4) with the word of an axis",
-    ),
-    (FANUC, "G54.1", "G54.1 without a P from 1 to 300"),
-    (FANUC, "G54.1 P301", "G54.1 without a P from 1 to 300"),
-    (HAAS, "G154 P100", "G154 without a P from 1 to 99"),
-    (HAAS, "G10 L20 P100 X5.", "G10 L20 without a P from 1 to 99"),
-    (FANUC, "G54 P0", "G54 without a P from 1 to 300"),
-    (
-        FANUC,
-        "G54.1 P2 G81 X1. Y1. Z-1. R1. F1.",
-        "G54.1 without a P from 1 to 300 of its own",
-    ),
-    (
-        "",
-        "G1 X10. Y110. ,R5. F100.",
-        "column 15: ,R is not followed: a rounded corner",
-    ),
-    (
-        FANUC,
-        "G1 X10. Y110. , C2. F100.",
-        "column 15: ,C is not followed: a bevelled corner",
-    ),
-    (FANUC, "M97 P1000", "M97, which is not followed"),
-    ("", "M73", "M73, which is not followed"),
-];
+const REFUSED: &str = r#"
+ | G187 P1 E0.005 | G187 is not followed: it is known with control = "haas" in the set-up file
+ | G154 P3 | G154 is not followed: it is known with control = "haas"
+ | G54.1 P2 | G54.1 is not followed: it is known with control = "fanuc" or "mazak"
+fanuc | G103 P1 | G103 is not followed: it is known with control = "haas"
+fanuc | G223 | G223 is not known here: it may move an axis
+fanuc | G7 X0 | G7 is not followed: it makes an axis hypothetical
+haas | G112 | G112 is not followed: polar interpolation
+haas | G8 | G8 is not followed: it is not known for this control
+fanuc | G59.1 | G59.1 is not followed
+ | G31 Z-5. F50. | G31 is not followed: it ends where a signal comes
+fanuc | G44 H1 Z10. | G44 is not followed: it takes a length off
+ | G51.1 X0 | G51.1 is not followed: it scales or mirrors
+fanuc | G50 X0 | G50 with the word of an axis
+haas | G51 P2. | G51 is not followed: it scales or mirrors
+fanuc | G65 P9810 Z5. F1000. | G65 is not followed: it calls a macro
+fanuc | G68.2 X0 Y0 Z0 I0 J30. K0 | G68.2 is not followed: a tilted plane
+fanuc | G60 X10. | G60 is not followed: it comes to its place from one side
+fanuc | G10 L10 P1 R50. | G10 that sets the length of a tool
+fanuc | G10 P1 R50. | G10 that sets the length of a tool
+ | G10 L12 P1 R5. | G10 with another L
+fanuc | G10 L50 | G10 with another L
+fanuc | G10 L20 X5. | G10 L20 without a P from 1 to 300
+ | G04 X2. | a dwell (G4) with the word of an axis
+haas | G04 X2. | a dwell (G4) with the word of an axis
+fanuc | G04 X2. Y1. | a dwell (G4) with the word of an axis
+fanuc | G54.1 | G54.1 without a P from 1 to 300
+fanuc | G54.1 P301 | G54.1 without a P from 1 to 300
+haas | G154 P100 | G154 without a P from 1 to 99
+haas | G10 L20 P100 X5. | G10 L20 without a P from 1 to 99
+fanuc | G54 P0 | G54 without a P from 1 to 300
+fanuc | G54.1 P2 G81 X1. Y1. Z-1. R1. F1. | G54.1 without a P from 1 to 300 of its own
+ | G1 X10. Y110. ,R5. F100. | column 15: ,R is not followed: a rounded corner
+fanuc | G1 X10. Y110. , C2. F100. | column 15: ,C is not followed: a bevelled corner
+fanuc | M97 P1000 | M97, which is not followed
+ | M73 | M73, which is not followed
+"#;
 
 /// What is refused says why, or for which control it is known.
 #[test]
 fn other_codes_are_refused_with_their_reason() {
-    for (control, line, expected) in REFUSED {
-        let error = result(control, &around(line)).expect_err(line);
+    for [control, line, expected] in &cases(REFUSED) {
+        let control = match control.as_str() {
+            "" => String::new(),
+            name => format!("control = \"{name}\"\n"),
+        };
+        let error = result(&control, &around(line)).expect_err(line);
         assert!(
             error.starts_with(&format!("line 4: {expected}")),
             "{control}{error}"
@@ -734,28 +589,15 @@ fn presets_are_work_offsets() {
         let mut notes = summary.notes.by_line().into_iter();
         assert!(notes.any(|(_, note)| *note == zero), "{:?}", summary.notes);
     }
-    for (line, expected) in [
-        (
-            "1 CYCL DEF 247 BEZUGSPUNKT SETZEN\n",
-            "line 2: column 3: CYCL DEF 247 is not followed",
-        ),
-        (
-            "1 CYCL DEF 247 ~\nQ340=+1\n",
-            "line 3: column 1: CYCL DEF 247 is not followed: expected the number",
-        ),
-        (
-            "1 CYCL DEF 247 ~\nQ339=+0\n",
-            "line 3: a preset other than 1 to 300",
-        ),
-        (
-            "1 CYCL DEF 7.0 DATUM SHIFT\n2 CYCL DEF 7.1 X+60\n3 CYCL DEF 247 ~\nQ339=+3\n",
-            "line 5: a preset (cycle 247) while the datum is shifted",
-        ),
-        (
-            "1 TRANS DATUM AXIS Z-5\n2 CYCL DEF 247 ~\nQ339=+3\n",
-            "line 4: a preset (cycle 247) while the datum is shifted",
-        ),
-    ] {
+    for [line, expected] in &cases(
+        r"
+1 CYCL DEF 247 BEZUGSPUNKT SETZEN\n | line 2: column 3: CYCL DEF 247 is not followed
+1 CYCL DEF 247 ~\nQ340=+1\n | line 3: column 1: CYCL DEF 247 is not followed: expected the number
+1 CYCL DEF 247 ~\nQ339=+0\n | line 3: a preset other than 1 to 300
+1 CYCL DEF 7.0 DATUM SHIFT\n2 CYCL DEF 7.1 X+60\n3 CYCL DEF 247 ~\nQ339=+3\n | line 5: a preset (cycle 247) while the datum is shifted
+1 TRANS DATUM AXIS Z-5\n2 CYCL DEF 247 ~\nQ339=+3\n | line 4: a preset (cycle 247) while the datum is shifted
+",
+    ) {
         let program = format!("0 BEGIN PGM PART MM\n{line}");
         let error = verified_in(
             Dialect::Heidenhain,

@@ -8,6 +8,8 @@ use volcomp_nc::{
     compensate, verify,
 };
 
+use crate::identity::{TRAVELS, written};
+
 /// Seeded numbers, and what is made of them.
 pub(crate) struct Draw(u64);
 
@@ -122,7 +124,7 @@ const ERRORS: &str = "[errors]\nEXX = { mean = { poly = [0.0, 0.1] }, reversal =
 /// The machine on which the drawn programs run, with this play of X, µm.
 pub(crate) fn worn(reversal_um: f64) -> Machine {
     let errors = ERRORS.replace("6.0", &reversal_um.to_string());
-    let text = format!("{}{errors}", crate::identity::TRAVELS);
+    let text = format!("{TRAVELS}{errors}");
     Machine::parse(&text, "m.toml").expect("a good machine")
 }
 
@@ -240,4 +242,27 @@ pub(crate) fn comes_out_as_it_is(
     );
     assert_eq!((summary.counts.changed, summary.counts.added), (0, 0));
     Ok(())
+}
+
+pub(crate) fn come_out_as_they_are(dialect: Dialect, programs: &[&[u8]]) {
+    let machine = Machine::parse(TRAVELS, "m.toml").expect("a good machine");
+    for program in programs {
+        let text = String::from_utf8_lossy(program);
+        comes_out_as_it_is(&machine, dialect, program)
+            .unwrap_or_else(|error| panic!("{error}\n{text}"));
+    }
+}
+
+/// Whether a machine without errors takes a program, and gives it back; what a worn machine writes is then taken again.
+pub(crate) fn is_taken_with_its_result(dialect: Dialect, program: &str) -> bool {
+    let ideal = Machine::parse(TRAVELS, "m.toml").expect("a good machine");
+    if comes_out_as_it_is(&ideal, dialect, program.as_bytes()).is_err() {
+        return false;
+    }
+    if let Ok((result, _)) = written(dialect, &worn(6.0), "", program)
+        && let Err(error) = written(dialect, &ideal, "", &result)
+    {
+        panic!("{error}\n{program}\n{result}");
+    }
+    true
 }

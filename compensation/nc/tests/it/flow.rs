@@ -1,5 +1,7 @@
 //! O-words: what is corrected alike stays, what is corrected differently from time to time is written out.
 
+use volcomp_test_support::cases;
+
 use crate::identity::compensated;
 
 pub(crate) fn text(errors: &str, program: &str) -> String {
@@ -95,40 +97,20 @@ M2
 
 #[test]
 fn what_does_not_fit_together_says_so() {
-    let cases = [
-        (
-            "O1 while [1]\nG4 P1\nO1 endwhile\n",
-            "line 2: more than 1000000 blocks are executed (a loop without an end?); --max-blocks allows more",
-        ),
-        (
-            "O1 while [1]\n",
-            "line 1: what begins here does not end in the program",
-        ),
-        (
-            "O1 endif\n",
-            "line 1: o1 ends or goes on here what did not begin before, or what lies in it has not ended",
-        ),
-        (
-            "O1 call\n",
-            "line 1: the subroutine o<1> is neither in this program nor as 1.ngc in a folder of --subroutines",
-        ),
-        (
-            "O1 sub\nO1 call\nO1 endsub\nO1 call\n",
-            "line 2: more than 100 subroutines call one another",
-        ),
-        (
-            "O1 if [#5061 GT 0]\nO1 endif\n",
-            "line 1: which lines are executed after this one is only known at the machine",
-        ),
-        ("O1 break\n", "line 1: there is no loop o1 around this line"),
-        (
-            "O1 nothing\n",
-            "line 1: expected a word such as sub, call, while, if or repeat after the name of an O-word",
-        ),
-    ];
-    for (program, expected) in cases {
+    for [program, expected] in &cases(
+        r"
+O1 while [1]\nG4 P1\nO1 endwhile\n | line 2: more than 1000000 blocks are executed (a loop without an end?); --max-blocks allows more
+O1 while [1]\n | line 1: what begins here does not end in the program
+O1 endif\n | line 1: o1 ends or goes on here what did not begin before, or what lies in it has not ended
+O1 call\n | line 1: the subroutine o<1> is neither in this program nor as 1.ngc in a folder of --subroutines
+O1 sub\nO1 call\nO1 endsub\nO1 call\n | line 2: more than 100 subroutines call one another
+O1 if [#5061 GT 0]\nO1 endif\n | line 1: which lines are executed after this one is only known at the machine
+O1 break\n | line 1: there is no loop o1 around this line
+O1 nothing\n | line 1: expected a word such as sub, call, while, if or repeat after the name of an O-word
+",
+    ) {
         let error = compensated("", program.as_bytes()).expect_err("refused");
-        assert_eq!(error.to_string(), expected);
+        assert_eq!(&error.to_string(), expected);
     }
 }
 

@@ -2,13 +2,14 @@
 
 use std::fmt::Write as _;
 
-use volcomp_model::{Machine, Temperatures};
-use volcomp_nc::{Corrector, Dialect, Job, NcError, SetUp, compensate};
+use volcomp_model::Machine;
+use volcomp_nc::{Dialect, NcError};
+use volcomp_test_support::cases;
 
 use crate::{
     drawn::{
-        Draw, Step, Way, comes_out_as_it_is, judged, leads_to_the_same_places, path, same_places,
-        worn,
+        Draw, Step, Way, come_out_as_they_are, is_taken_with_its_result, judged,
+        leads_to_the_same_places, path, same_places, worn,
     },
     identity::{self, TRAVELS},
 };
@@ -357,7 +358,7 @@ fn words_keep_their_manner() {
             Ok((found, _)) => found,
             Err(error) => error.to_string(),
         };
-        assert_eq!(found, expected, "{program}");
+        assert_eq!(&found, expected, "{program}");
     }
 }
 
@@ -429,91 +430,45 @@ fn cycles_pass_on() {
 
 #[test]
 fn what_is_not_followed_says_where_and_why() {
-    for (line, expected) in [
-        (
-            "2 CALL LBL 1 REP 2",
-            "column 3: CALL LBL is not followed: which lines are executed after it",
-        ),
-        (
-            "FN 9: IF +Q1 EQU +Q2 GOTO LBL 1",
-            "column 1: FN is not followed",
-        ),
-        ("CALL PGM OTHER.H", "column 1: CALL PGM is not followed"),
-        (
-            "PLANE SPATIAL SPA+0 SPB+45 SPC+0",
-            "column 1: PLANE is not followed: only shifts",
-        ),
-        (
-            "CYCL DEF 19.0 WORKING PLANE",
-            "column 1: CYCL DEF 19 is not followed: only shifts",
-        ),
-        (
-            "CYCL DEF 10.0 ROTATION",
-            "column 1: CYCL DEF 10 is not followed",
-        ),
-        (
-            "CYCL DEF 7.1 #5",
-            "column 1: CYCL DEF 7 is not followed: a datum that only",
-        ),
-        ("CYCL DEF 999", "column 1: CYCL DEF 999 is not followed"),
-        (
-            "CT X+1 Y+2",
-            "column 1: CT is not followed: an arc by its tangent",
-        ),
-        ("RND R5", "column 1: RND is not followed: a rounded"),
-        ("CHF 2", "column 1: CHF is not followed: a bevelled"),
-        ("APPR LT X+1", "column 1: APPR is not followed"),
-        ("FL X+1", "column 1: FL is not followed: free contours"),
-        (
-            "LN X+1 NX+0 NY+0 NZ+1",
-            "column 1: LN is not followed: directions",
-        ),
-        (
-            "FUNCTION TCPM F CONT AXIS SPAT PATHCTRL VECTOR",
-            "column 1: FUNCTION TCPM is not followed",
-        ),
-        (
-            "L X+1 R+",
-            "column 7: R+ is not followed: the radius of the tool along one axis",
-        ),
-        ("L X+1 FT2", "column 7: FT2 is not followed"),
-        ("L X+1 M89", "column 7: M89 is not followed"),
-        ("L X+1 M92", "column 7: M92 is not followed"),
-        ("L X+1 M140 MB MAX", "column 7: M140 is not followed"),
-        (
-            "CP IPA+720 IZ-5 DR+",
-            "column 20: CP is not followed: a helix of more than one turn",
-        ),
-        (
-            "C X+1 Y+2 DR+",
-            "an arc without a radius and without a pole (CC)",
-        ),
-        ("LP PR+1 PA+2", "polar coordinates without a pole (CC)"),
-        ("C X+1 Y+2", "column 10: expected DR+ or DR- in an arc"),
-        ("CC X+1", "a pole CC with one coordinate"),
-        ("CYCL CALL", "a call of a cycle that is not defined"),
-        (
-            "CYCL CALL PAT F100",
-            "column 1: CYCL CALL is not followed: holes at places of their own",
-        ),
-        ("L X+Q9", "the value of X is only known at the machine"),
-        ("Q1 = 1 / 0", "column 8: this calculation has no result"),
-        ("L X", "column 4: expected a number"),
-        ("L X+1 ?", "column 7: found '?'"),
-        ("/ L X+1", "column 1: / is not followed"),
-        (
-            "L IX+1 M91",
-            "machine coordinates (G53, G153, SUPA, M91) that are ways",
-        ),
-        (
-            "BLAH",
-            "column 1: BLAH is not followed: it is not known here",
-        ),
-        (
-            "TOOL CALL 5 X",
-            "column 1: TOOL CALL is not followed: another axis",
-        ),
-    ] {
+    for [line, expected] in &cases(
+        "
+2 CALL LBL 1 REP 2 | column 3: CALL LBL is not followed: which lines are executed after it
+FN 9: IF +Q1 EQU +Q2 GOTO LBL 1 | column 1: FN is not followed
+CALL PGM OTHER.H | column 1: CALL PGM is not followed
+PLANE SPATIAL SPA+0 SPB+45 SPC+0 | column 1: PLANE is not followed: only shifts
+CYCL DEF 19.0 WORKING PLANE | column 1: CYCL DEF 19 is not followed: only shifts
+CYCL DEF 10.0 ROTATION | column 1: CYCL DEF 10 is not followed
+CYCL DEF 7.1 #5 | column 1: CYCL DEF 7 is not followed: a datum that only
+CYCL DEF 999 | column 1: CYCL DEF 999 is not followed
+CT X+1 Y+2 | column 1: CT is not followed: an arc by its tangent
+RND R5 | column 1: RND is not followed: a rounded
+CHF 2 | column 1: CHF is not followed: a bevelled
+APPR LT X+1 | column 1: APPR is not followed
+FL X+1 | column 1: FL is not followed: free contours
+LN X+1 NX+0 NY+0 NZ+1 | column 1: LN is not followed: directions
+FUNCTION TCPM F CONT AXIS SPAT PATHCTRL VECTOR | column 1: FUNCTION TCPM is not followed
+L X+1 R+ | column 7: R+ is not followed: the radius of the tool along one axis
+L X+1 FT2 | column 7: FT2 is not followed
+L X+1 M89 | column 7: M89 is not followed
+L X+1 M92 | column 7: M92 is not followed
+L X+1 M140 MB MAX | column 7: M140 is not followed
+CP IPA+720 IZ-5 DR+ | column 20: CP is not followed: a helix of more than one turn
+C X+1 Y+2 DR+ | an arc without a radius and without a pole (CC)
+LP PR+1 PA+2 | polar coordinates without a pole (CC)
+C X+1 Y+2 | column 10: expected DR+ or DR- in an arc
+CC X+1 | a pole CC with one coordinate
+CYCL CALL | a call of a cycle that is not defined
+CYCL CALL PAT F100 | column 1: CYCL CALL is not followed: holes at places of their own
+L X+Q9 | the value of X is only known at the machine
+Q1 = 1 / 0 | column 8: this calculation has no result
+L X | column 4: expected a number
+L X+1 ? | column 7: found '?'
+/ L X+1 | column 1: / is not followed
+L IX+1 M91 | machine coordinates (G53, G153, SUPA, M91) that are ways
+BLAH | column 1: BLAH is not followed: it is not known here
+TOOL CALL 5 X | column 1: TOOL CALL is not followed: another axis
+",
+    ) {
         let error = compensated("", "", &format!("L X+0 Y+0 Z+0\n{line}\n")).expect_err(line);
         let text = error.to_string();
         let found = text.strip_prefix("line 2: ").unwrap_or_default();
@@ -523,7 +478,6 @@ fn what_is_not_followed_says_where_and_why() {
 
 #[test]
 fn odd_programs_come_out_byte_for_byte() {
-    let machine = Machine::parse(TRAVELS, "m.toml").expect("a good machine");
     let programs: [&[u8]; 8] = [
         b"",
         b"0  BEGIN PGM PART MM \r\n1  BLK FORM 0.1 Z X+0 Y+0 Z-20\r\n2  BLK FORM 0.2 X+100 Y+100 Z+0\r\n3  ; caf\xe9\r\n4  * - HEADING\r\n5  TOOL CALL 5 Z S3000 F500 DL+0.2 DR-0.1\r\n6  L  Z+100 R0 FMAX M3\r\n7  L X+10 Y+5,5 RL F AUTO M8\r\n8  END PGM PART MM\r\nrest",
@@ -534,65 +488,17 @@ fn odd_programs_come_out_byte_for_byte() {
         b"CYCL DEF 7.0 DATUM SHIFT\nCYCL DEF 7.1 X+60\nCYCL DEF 7.2 IY+40\nCYCL DEF 32.0 TOLERANCE\nCYCL DEF 32.1 T0.05\nCYCL DEF 200 DRILLING ~\nQ200=2 ;x ~\nQ201=-5\nL X+1 FMAX M99\nTRANS DATUM RESET\n",
         b"L X+1 Y+1 RL F100\nL X+5\nCC X+5 Y+2\nC X+6 Y+2 DR+\nL R0 X+0\nM30\n77 nonsense",
     ];
-    for program in programs {
-        let text = String::from_utf8_lossy(program);
-        comes_out_as_it_is(&machine, Dialect::Heidenhain, program)
-            .unwrap_or_else(|error| panic!("{error}\n{text}"));
-    }
+    come_out_as_they_are(Dialect::Heidenhain, &programs);
 }
 
 /// Lines that are put together at random: no panic; a machine without errors gives back what is taken, and what a worn machine
 /// writes is taken again.
 #[test]
 fn random_lines_come_out_byte_for_byte() {
-    const PIECES: [&str; 44] = [
-        "L",
-        "C",
-        "CC",
-        "CR",
-        "LP",
-        "CP",
-        "X+10",
-        "Y-5,5",
-        "IZ+3",
-        "IX-2",
-        "Y+Q1",
-        "PR+20",
-        "PA+30",
-        "IPA+45",
-        "IPR-3",
-        "R+12",
-        "DR+",
-        "DR-",
-        "R0",
-        "RL",
-        "FMAX",
-        "F100",
-        "M8",
-        "M30",
-        "M91",
-        "M99",
-        "M126",
-        "M128",
-        "Q1 = 5",
-        "FN 0: Q1 = +3",
-        "CYCL DEF 7.1",
-        "CYCL DEF 200",
-        "CYCL CALL",
-        "TOOL CALL 1 Z",
-        "; comment",
-        "~",
-        "LBL 1",
-        "BEGIN PGM A INCH",
-        "END PGM A MM",
-        "STOP",
-        "*",
-        "TRANS DATUM RESET",
-        "C+30",
-        "M5",
-    ];
-    let ideal = Machine::parse(TRAVELS, "m.toml").expect("a good machine");
-    let worn = worn(6.0);
+    const PIECES: &str = "L|C|CC|CR|LP|CP|X+10|Y-5,5|IZ+3|IX-2|Y+Q1|PR+20|PA+30|IPA+45|IPR-3|R+12|DR+|DR-|R0|RL|FMAX|F100|M8|\
+        M30|M91|M99|M126|M128|Q1 = 5|FN 0: Q1 = +3|CYCL DEF 7.1|CYCL DEF 200|CYCL CALL|TOOL CALL 1 Z|\
+        ; comment|~|LBL 1|BEGIN PGM A INCH|END PGM A MM|STOP|*|TRANS DATUM RESET|C+30|M5";
+    let pieces: Vec<&str> = PIECES.split('|').collect();
     let mut taken = 0;
     for seed in 0..9000 {
         let draw = &mut Draw::new(16_000 + seed);
@@ -603,24 +509,16 @@ fn random_lines_come_out_byte_for_byte() {
                 write!(text, "{number} ").expect("a string");
             }
             // Half of the lines begin as motions do.
-            let first = [6, PIECES.len()][draw.below(2)];
-            let mut kind = PIECES[draw.below(first)];
+            let first = [6, pieces.len()][draw.below(2)];
+            let mut kind = pieces[draw.below(first)];
             for _ in 0..=draw.below(5) {
                 text.push_str(kind);
                 text.push_str(["", " ", " ", " "][draw.below(4)]);
-                kind = PIECES[draw.below(PIECES.len())];
+                kind = pieces[draw.below(pieces.len())];
             }
             text.push('\n');
         }
-        if comes_out_as_it_is(&ideal, Dialect::Heidenhain, text.as_bytes()).is_err() {
-            continue;
-        }
-        taken += 1;
-        if let Ok((result, _)) = written(&worn, "", &text)
-            && let Err(error) = written(&ideal, "", &result)
-        {
-            panic!("{error}\n{text}\n{result}");
-        }
+        taken += usize::from(is_taken_with_its_result(Dialect::Heidenhain, &text));
     }
     assert!(taken > 300, "only {taken} were taken");
 }
@@ -628,23 +526,11 @@ fn random_lines_come_out_byte_for_byte() {
 /// Numbers of blocks near 2^64 have no next one.
 #[test]
 fn block_numbers_without_a_next_one_are_refused() {
-    let machine = Machine::parse(
-        "name = \"m\"\nstructure = \"w b X Y Z t\"\n[axes.X]\ntravel = [-500, 500]\n[axes.Y]\ntravel = [-500, 500]\n[axes.Z]\ntravel = [-500, 500]\n[errors]\nEYX = { poly = [0, 0, 0.001] }\n",
-        "m.toml",
-    )
-    .expect("a good machine");
-    let corrector = Corrector::new(&machine, &Temperatures::new(), 0.001).expect("compiles");
-    let setup = SetUp::default();
     let taken = |number: &str| {
         let program = format!(
             "0 BEGIN PGM A MM\n1 L X+0 Y+0 Z+0 FMAX\n{number} L X+300 F100\n3 END PGM A MM\n{number} L X+0\n"
         );
-        let mut out = Vec::new();
-        let job = Job {
-            dialect: Dialect::Heidenhain,
-            ..Job::new(&corrector, &setup)
-        };
-        compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(()))
+        compensated("[errors]\nEYX = { poly = [0, 0, 0.001] }\n", "", &program)
     };
     taken("1000000000").expect("taken");
     for number in [

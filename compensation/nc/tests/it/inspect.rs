@@ -5,6 +5,7 @@ use volcomp_nc::{
     Corrector, Found, InspectError, Inspected, Job, Note, Notes, Part, SetUp, Virtual, compensate,
     verify,
 };
+use volcomp_test_support::cases;
 
 /// Features of a part by name, before and after, on a machine that is taken for the real one.
 fn inspected(errors: &str, program: &str, part: &str) -> Vec<Inspected> {
@@ -180,46 +181,21 @@ fn what_is_not_cut_is_said() {
 
 #[test]
 fn wrong_part_files_are_refused_with_their_place() {
-    for (text, expected) in [
-        ("", "feature"),
-        ("feature = []\n", "found an empty list"),
-        (
-            "[[feature]]\nname = \"a\"\nkind = \"plane\"\nlines = [1, 2]\nabove_mm = [0, -20000]\n",
-            "above_mm[1]: found -20000, expected mm from -10000 to 10000",
-        ),
-        (
-            "[[feature]]\nname = \"a\"\nkind = \"cube\"\nlines = [1, 2]\n",
-            "cube",
-        ),
-        (
-            "[[feature]]\nname = \"a\"\nkind = \"plane\"\nplane = \"xy\"\nlines = [1, 2]\n",
-            "expected it for circles and lines only",
-        ),
-        (
-            "[[feature]]\nname = \"a\"\nkind = \"plane\"\nlines = [3, 2]\n",
-            "lines: found [3, 2], expected the numbers of the first and the last line",
-        ),
-        (
-            "[[feature]]\nname = \"a\"\nkind = \"plane\"\nlines = [0.5, 2]\n",
-            "the first and the last line",
-        ),
-        (
-            "[[feature]]\nname = \"a\"\nkind = \"plane\"\nlines = [1, 2]\nabove_mm = []\n",
-            "found 0 heights",
-        ),
-        (
-            "[[feature]]\nname = \"a\"\nkind = \"plane\"\nlines = [1, 2]\ndatum = \"b\"\n",
-            "expected the name of a feature above it",
-        ),
-        (
-            "[[feature]]\nname = \"a\"\nkind = \"plane\"\nlines = [1, 2]\n[[feature]]\nname = \"a\"\nkind = \"plane\"\nlines = [1, 2]\n",
-            "twice",
-        ),
-        (
-            "[[feature]]\nname = \"a\"\nkind = \"plane\"\nlines = [1, 2]\n[[feature]]\nname = \"b\"\nkind = \"circle\"\nlines = [1, 2]\ndatum = \"a\"\n",
-            "that has an axis",
-        ),
-    ] {
+    for [text, expected] in &cases(
+        r#"
+ | feature
+feature = []\n | found an empty list
+[[feature]]\nname = "a"\nkind = "plane"\nlines = [1, 2]\nabove_mm = [0, -20000]\n | above_mm[1]: found -20000, expected mm from -10000 to 10000
+[[feature]]\nname = "a"\nkind = "cube"\nlines = [1, 2]\n | cube
+[[feature]]\nname = "a"\nkind = "plane"\nplane = "xy"\nlines = [1, 2]\n | expected it for circles and lines only
+[[feature]]\nname = "a"\nkind = "plane"\nlines = [3, 2]\n | lines: found [3, 2], expected the numbers of the first and the last line
+[[feature]]\nname = "a"\nkind = "plane"\nlines = [0.5, 2]\n | the first and the last line
+[[feature]]\nname = "a"\nkind = "plane"\nlines = [1, 2]\nabove_mm = []\n | found 0 heights
+[[feature]]\nname = "a"\nkind = "plane"\nlines = [1, 2]\ndatum = "b"\n | expected the name of a feature above it
+[[feature]]\nname = "a"\nkind = "plane"\nlines = [1, 2]\n[[feature]]\nname = "a"\nkind = "plane"\nlines = [1, 2]\n | twice
+[[feature]]\nname = "a"\nkind = "plane"\nlines = [1, 2]\n[[feature]]\nname = "b"\nkind = "circle"\nlines = [1, 2]\ndatum = "a"\n | that has an axis
+"#,
+    ) {
         let error = Part::parse(text, "part.toml").expect_err(text).to_string();
         assert!(
             error.contains(expected) && error.contains("part.toml"),

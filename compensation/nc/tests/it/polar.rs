@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use volcomp_nc::Dialect;
+use volcomp_test_support::cases;
 
 use crate::{
     drawn::{Draw, Step, Way, comes_out_as_it_is, judged, leads_to_the_same_places, path, worn},
@@ -232,47 +233,21 @@ fn a_line_before_an_arc_under_g16() {
 
 #[test]
 fn what_controls_read_in_different_ways_is_refused() {
-    let cases = [
-        (
-            "G16 G1 X10 F1\n",
-            "line 1: polar coordinates under G16 before both the distance and the angle have been said",
-        ),
-        (
-            "G16 G1 X10 Y0 F1\nG91 X5\n",
-            "line 2: a distance under G16 in G91",
-        ),
-        (
-            "G18 G16 G1 X10 Y0 F1\n",
-            "line 1: polar coordinates outside the plane",
-        ),
-        (
-            "G18 G16 G1 X10 Z0 F1\n",
-            "line 1: polar coordinates outside the plane",
-        ),
-        (
-            "G16 G1 X10 Y0 F1\nG2 X10 Y90 I-10\n",
-            "line 2: an arc with a centre under G16",
-        ),
-        (
-            "G1 F1 X0 Y0\n@10\n",
-            "line 2: polar coordinates whose angle counts from a tool at zero",
-        ),
-        (
-            "G1 F1 @10 ^5 X3\n",
-            "line 1: X or Y beside polar coordinates",
-        ),
-        ("G1 F1 @10 @5\n", "line 1: @ stands beside @"),
-        (
-            "G53 G1 F1 @10 ^5\n",
-            "line 1: polar coordinates that are machine coordinates",
-        ),
-        ("G28 X1\n", ""),
-        (
-            "G16\nG28 X1\n",
-            "line 2: a place on the way home (G28, G30) under G16",
-        ),
-    ];
-    for (program, expected) in cases {
+    for [program, expected] in &cases(
+        r"
+G16 G1 X10 F1\n | line 1: polar coordinates under G16 before both the distance and the angle have been said
+G16 G1 X10 Y0 F1\nG91 X5\n | line 2: a distance under G16 in G91
+G18 G16 G1 X10 Y0 F1\n | line 1: polar coordinates outside the plane
+G18 G16 G1 X10 Z0 F1\n | line 1: polar coordinates outside the plane
+G16 G1 X10 Y0 F1\nG2 X10 Y90 I-10\n | line 2: an arc with a centre under G16
+G1 F1 X0 Y0\n@10\n | line 2: polar coordinates whose angle counts from a tool at zero
+G1 F1 @10 ^5 X3\n | line 1: X or Y beside polar coordinates
+G1 F1 @10 @5\n | line 1: @ stands beside @
+G53 G1 F1 @10 ^5\n | line 1: polar coordinates that are machine coordinates
+G28 X1\n | 
+G16\nG28 X1\n | line 2: a place on the way home (G28, G30) under G16
+",
+    ) {
         match compensated("", program.as_bytes()) {
             Ok(_) => assert!(expected.is_empty(), "{program}"),
             Err(error) => {

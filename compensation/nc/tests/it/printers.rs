@@ -3,6 +3,7 @@
 use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_nc::{NcError, SetUp, Summary};
+use volcomp_test_support::cases;
 
 use crate::identity::compensated_in;
 
@@ -174,29 +175,15 @@ fn filament_goes_with_the_way() {
 #[test]
 fn unknown_filament_is_refused_where_it_has_to_be_shared() {
     let line = "G1 X100 Y0 E5\n";
-    for (control, program, expected) in [
-        (
-            "klipper",
-            "G90\nG0 X0 Y0 Z0\n",
-            "line 3: a motion that is split: the position of E before it is not known",
-        ),
-        (
-            "marlin",
-            "G90\nG0 X0 Y0 Z0\n",
-            "line 3: a motion that is split: the position of E before it is not known",
-        ),
-        (
-            "marlin",
-            "M83\nG90\nG0 X0 Y0 Z0\n",
-            "line 4: a motion that is split: versions of Marlin differ in whether its E",
-        ),
-        (
-            "marlin",
-            "G91\nM82\nG90\nG0 X0 Y0 Z0\nG91\nM82\n",
-            "line 7: a motion that is split: versions of Marlin differ",
-        ),
-        ("klipper", "G92\n", "line 1: G92 without an axis"),
-    ] {
+    for [control, program, expected] in &cases(
+        r"
+klipper | G90\nG0 X0 Y0 Z0\n | line 3: a motion that is split: the position of E before it is not known
+marlin | G90\nG0 X0 Y0 Z0\n | line 3: a motion that is split: the position of E before it is not known
+marlin | M83\nG90\nG0 X0 Y0 Z0\n | line 4: a motion that is split: versions of Marlin differ in whether its E
+marlin | G91\nM82\nG90\nG0 X0 Y0 Z0\nG91\nM82\n | line 7: a motion that is split: versions of Marlin differ
+klipper | G92\n | line 1: G92 without an axis
+",
+    ) {
         let error = result(control, BENT, &format!("{program}{line}")).expect_err(program);
         assert!(error.starts_with(expected), "{error}");
     }
@@ -295,20 +282,16 @@ fn commands_of_printers_pass_on() {
                 assert_eq!(elsewhere, !known, "{line} {:?}", summary.notes);
             }
         }
-        for (line, expected) in [
-            ("G81 X1 Y1 Z1 R1", "line 1: column 1: G81 is not followed"),
-            (
-                "SET_GCODE_OFFSET X=10",
-                "line 1: column 1: SET_GCODE_OFFSET is not followed",
-            ),
-            (
-                "RESTORE_GCODE_STATE NAME=a",
-                "line 1: column 1: RESTORE_GCODE_STATE is not followed",
-            ),
-            ("G1 X0 Y0\nX10", "line 2: coordinates without a code"),
-            ("G1 X0 Y0\nG92 X10\nG28 Y", "line 3: G28 of some axes"),
-            ("N3 G1 X10 Y5*71", "line 1: column 13: found '*'"),
-        ] {
+        for [line, expected] in &cases(
+            r"
+G81 X1 Y1 Z1 R1 | line 1: column 1: G81 is not followed
+SET_GCODE_OFFSET X=10 | line 1: column 1: SET_GCODE_OFFSET is not followed
+RESTORE_GCODE_STATE NAME=a | line 1: column 1: RESTORE_GCODE_STATE is not followed
+G1 X0 Y0\nX10 | line 2: coordinates without a code
+G1 X0 Y0\nG92 X10\nG28 Y | line 3: G28 of some axes
+N3 G1 X10 Y5*71 | line 1: column 13: found '*'
+",
+        ) {
             let error = result(control, SKEW, &format!("{line}\n")).expect_err(line);
             assert!(error.starts_with(expected), "{error}");
         }

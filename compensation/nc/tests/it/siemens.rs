@@ -2,13 +2,14 @@
 
 use std::fmt::Write as _;
 
-use volcomp_model::{Machine, Temperatures};
-use volcomp_nc::{Corrector, Dialect, Job, NcError, SetUp, compensate};
+use volcomp_model::Machine;
+use volcomp_nc::{Dialect, NcError};
+use volcomp_test_support::cases;
 
 use crate::{
     drawn::{
-        Draw, Step, Way, comes_out_as_it_is, judged, leads_to_the_same_places, path, same_places,
-        worn,
+        Draw, Step, Way, come_out_as_they_are, is_taken_with_its_result, judged,
+        leads_to_the_same_places, path, same_places, worn,
     },
     identity::{self, TRAVELS},
 };
@@ -269,47 +270,31 @@ fn written(
 #[test]
 fn words_keep_their_manner() {
     let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
-    for (program, expected) in [
-        ("G90 G0 X100\n", "G90 G0 X99.990\n"),
-        ("G0 X=100 ; there\n", "G0 X=99.990 ; there\n"),
-        ("N10 G1 X=AC( 100 ) F=R9\n", "N10 G1 X=AC( 99.990 ) F=R9\n"),
-        (
-            "G0 X0\nX=IC(100)\nX=IC(-100.0)\n",
-            "G0 X0\nX=IC(99.990)\nX=IC(-99.990)\n",
-        ),
-        (
-            "G0 X0\nG91 X100\nX=AC(200) X=AC(200)\n",
-            "line 3: X stands beside X in one block, of which only one may",
-        ),
-        (
-            "G0 X0\nG91 X100\nX=AC(200)\nX100\n",
-            "G0 X0\nG91 X99.990\nX=AC(199.980)\nX99.990\n",
-        ),
-        ("R1=40 R2=60\nG0 X=R1+R2\n", "R1=40 R2=60\nG0 X=99.990\n"),
-        (
-            "DEF REAL LENGTH=50\nG0X=LENGTH*2\n",
-            "DEF REAL LENGTH=50\nG0X=99.990\n",
-        ),
-        ("G0 X=1EX2\n", "G0 X=99.990\n"),
-        ("TRANS X100\nG0 X0\n", "TRANS X100\nG0 X-0.010\n"),
-        ("G70 G0 X10\nG71 X254\n", "G70 G0 X9.9990\nG71 X253.975\n"),
-        (
-            "/2 N5 G0 X100 M5\nX200\n",
-            "/2 N5 G0 X99.990 M5\nX199.980\n",
-        ),
-        (
-            "G0 X0 Y0\nG2 X20 Y0 CR=10\nX0 I=AC(10) J0\n",
-            "G0 X0 Y0\nG2 X19.998 Y0 CR=9.999\nX0 I=AC(9.999) J-0.001\n",
-        ),
-        ("G4 F3\nG0 X100 F5\n", "G4 F3\nG0 X99.990 F5\n"),
-        ("G25 X100\nG0 X100\n", "G25 X100\nG0 X99.990\n"),
-        ("STAGE: G0 X100\n", "STAGE: G0 X99.990\n"),
-    ] {
+    for [program, expected] in &cases(
+        r"
+G90 G0 X100\n | G90 G0 X99.990\n
+G0 X=100 ; there\n | G0 X=99.990 ; there\n
+N10 G1 X=AC( 100 ) F=R9\n | N10 G1 X=AC( 99.990 ) F=R9\n
+G0 X0\nX=IC(100)\nX=IC(-100.0)\n | G0 X0\nX=IC(99.990)\nX=IC(-99.990)\n
+G0 X0\nG91 X100\nX=AC(200) X=AC(200)\n | line 3: X stands beside X in one block, of which only one may
+G0 X0\nG91 X100\nX=AC(200)\nX100\n | G0 X0\nG91 X99.990\nX=AC(199.980)\nX99.990\n
+R1=40 R2=60\nG0 X=R1+R2\n | R1=40 R2=60\nG0 X=99.990\n
+DEF REAL LENGTH=50\nG0X=LENGTH*2\n | DEF REAL LENGTH=50\nG0X=99.990\n
+G0 X=1EX2\n | G0 X=99.990\n
+TRANS X100\nG0 X0\n | TRANS X100\nG0 X-0.010\n
+G70 G0 X10\nG71 X254\n | G70 G0 X9.9990\nG71 X253.975\n
+/2 N5 G0 X100 M5\nX200\n | /2 N5 G0 X99.990 M5\nX199.980\n
+G0 X0 Y0\nG2 X20 Y0 CR=10\nX0 I=AC(10) J0\n | G0 X0 Y0\nG2 X19.998 Y0 CR=9.999\nX0 I=AC(9.999) J-0.001\n
+G4 F3\nG0 X100 F5\n | G4 F3\nG0 X99.990 F5\n
+G25 X100\nG0 X100\n | G25 X100\nG0 X99.990\n
+STAGE: G0 X100\n | STAGE: G0 X99.990\n
+",
+    ) {
         let found = match compensated(scale, "", program) {
             Ok((found, _)) => found,
             Err(error) => error.to_string(),
         };
-        assert_eq!(found, expected, "{program}");
+        assert_eq!(&found, expected, "{program}");
     }
 }
 
@@ -394,90 +379,53 @@ fn cycles_pass_on() {
 
 #[test]
 fn what_is_not_followed_says_where_and_why() {
-    for (line, expected) in [
-        (
-            "IF R1>5 GOTOF END",
-            "column 1: IF is not followed: which lines are executed after it",
-        ),
-        ("N10 GOTOB START", "column 5: GOTOB is not followed"),
-        ("WHILE R1<5", "column 1: WHILE is not followed"),
-        ("REPEAT L1 P=3", "column 1: REPEAT is not followed"),
-        (
-            "L100",
-            "column 1: L100 is not followed: it may be a subprogram",
-        ),
-        ("G0 X1 CONTOUR", "column 7: CONTOUR is not followed"),
-        (
-            "CONTOUR(5)",
-            "column 1: CONTOUR is not followed: it may be a subprogram",
-        ),
-        (
-            "CYCLE800(1,\"T\")",
-            "column 1: CYCLE800 is not followed: frames other than",
-        ),
-        (
-            "ROT X30",
-            "column 5: X is not followed: only rotations about Z",
-        ),
-        ("SCALE X2", "column 1: SCALE is not followed"),
-        ("MIRROR X0", "column 1: MIRROR is not followed"),
-        ("BSPLINE X1", "column 1: BSPLINE is not followed: a curve"),
-        ("G1 X1 RND=2", "column 7: RND is not followed: a rounded"),
-        ("G1 X1 CHF=2", "column 7: CHF is not followed"),
-        ("G2 X1 I1 TURN=2", "column 10: TURN is not followed"),
-        ("CIP X1 Y1 I1=5 J1=3", "column 1: CIP is not followed"),
-        (
-            "G1 A3=0 B3=0 C3=1",
-            "column 4: A3 is not followed: directions",
-        ),
-        (
-            "G0 C=ACP(10)",
-            "column 6: ACP is not followed: a rotary axis that comes from one side",
-        ),
-        ("G0 C=ACN(10)", "column 6: ACN is not followed"),
-        ("ORIWKS", "column 1: ORIWKS is not followed: orientations"),
-        ("G1 AP=30 RP=5", "column 4: AP is not followed: polar"),
-        ("G111 X1", "column 1: G111 is not followed: polar"),
-        ("TRANSMIT", "column 1: TRANSMIT is not followed"),
-        ("TRAORI(2)", "column 1: TRAORI is not followed"),
-        ("G0 X1=5", "column 4: X1 is not followed: an axis"),
-        ("G0 Q1=5", "column 4: Q1 is not followed: an axis"),
-        (
-            "G33 Z5 K1",
-            "column 1: G33 is not followed: it moves axes by a rule of its own",
-        ),
-        ("G75 Z0", "column 1: G75 is not followed"),
-        (
-            "G123",
-            "column 1: G123 is not followed: it is not known here",
-        ),
-        ("POS[X]=5", "column 1: POS is not followed"),
-        ("$P_UIFR[1]=CTRANS(X,5)", "column 1: $ is not followed"),
-        ("G0 G1 X1", "G1 stands beside G0"),
-        ("G0 X", "column 4: expected a number"),
-        (
-            "G0 X=R1+",
-            "column 8: expected a number, a parameter or a function after this operator",
-        ),
-        ("G0 X=R77", "the value of X is only known at the machine"),
-        (
-            "G0 X=$AA_IW[X]",
-            "the value of X is only known at the machine",
-        ),
-        ("G0 X=1/0", "column 7: this calculation has no result"),
-        (
-            "R1=5 X=R1",
-            "column 8: a parameter that the same block sets before",
-        ),
-        ("G2 X10", "an arc without a centre and without a radius"),
-        (
-            "G91 SUPA G0 X0",
-            "machine coordinates (G53, G153, SUPA, M91) that are ways",
-        ),
-        ("G0 X1 &", "column 7: found '&'"),
-        ("D2", "a cutting edge other than D0 and D1"),
-        ("EX", "column 1: EX is not followed"),
-    ] {
+    for [line, expected] in &cases(
+        r#"
+IF R1>5 GOTOF END | column 1: IF is not followed: which lines are executed after it
+N10 GOTOB START | column 5: GOTOB is not followed
+WHILE R1<5 | column 1: WHILE is not followed
+REPEAT L1 P=3 | column 1: REPEAT is not followed
+L100 | column 1: L100 is not followed: it may be a subprogram
+G0 X1 CONTOUR | column 7: CONTOUR is not followed
+CONTOUR(5) | column 1: CONTOUR is not followed: it may be a subprogram
+CYCLE800(1,"T") | column 1: CYCLE800 is not followed: frames other than
+ROT X30 | column 5: X is not followed: only rotations about Z
+SCALE X2 | column 1: SCALE is not followed
+MIRROR X0 | column 1: MIRROR is not followed
+BSPLINE X1 | column 1: BSPLINE is not followed: a curve
+G1 X1 RND=2 | column 7: RND is not followed: a rounded
+G1 X1 CHF=2 | column 7: CHF is not followed
+G2 X1 I1 TURN=2 | column 10: TURN is not followed
+CIP X1 Y1 I1=5 J1=3 | column 1: CIP is not followed
+G1 A3=0 B3=0 C3=1 | column 4: A3 is not followed: directions
+G0 C=ACP(10) | column 6: ACP is not followed: a rotary axis that comes from one side
+G0 C=ACN(10) | column 6: ACN is not followed
+ORIWKS | column 1: ORIWKS is not followed: orientations
+G1 AP=30 RP=5 | column 4: AP is not followed: polar
+G111 X1 | column 1: G111 is not followed: polar
+TRANSMIT | column 1: TRANSMIT is not followed
+TRAORI(2) | column 1: TRAORI is not followed
+G0 X1=5 | column 4: X1 is not followed: an axis
+G0 Q1=5 | column 4: Q1 is not followed: an axis
+G33 Z5 K1 | column 1: G33 is not followed: it moves axes by a rule of its own
+G75 Z0 | column 1: G75 is not followed
+G123 | column 1: G123 is not followed: it is not known here
+POS[X]=5 | column 1: POS is not followed
+$P_UIFR[1]=CTRANS(X,5) | column 1: $ is not followed
+G0 G1 X1 | G1 stands beside G0
+G0 X | column 4: expected a number
+G0 X=R1+ | column 8: expected a number, a parameter or a function after this operator
+G0 X=R77 | the value of X is only known at the machine
+G0 X=$AA_IW[X] | the value of X is only known at the machine
+G0 X=1/0 | column 7: this calculation has no result
+R1=5 X=R1 | column 8: a parameter that the same block sets before
+G2 X10 | an arc without a centre and without a radius
+G91 SUPA G0 X0 | machine coordinates (G53, G153, SUPA, M91) that are ways
+G0 X1 & | column 7: found '&'
+D2 | a cutting edge other than D0 and D1
+EX | column 1: EX is not followed
+"#,
+    ) {
         let error = compensated("", "", &format!("G0 X0 Y0 Z0\n{line}\n")).expect_err(line);
         let text = error.to_string();
         let found = text.strip_prefix("line 2: ").unwrap_or_default();
@@ -487,7 +435,6 @@ fn what_is_not_followed_says_where_and_why() {
 
 #[test]
 fn odd_programs_come_out_byte_for_byte() {
-    let machine = Machine::parse(TRAVELS, "m.toml").expect("a good machine");
     let programs: [&[u8]; 10] = [
         b"",
         b"%_N_PART_MPF\r\n;$PATH=/_N_WKS_DIR/_N_PART_WPD\r\nN10 G71 G90\r\nn20 g1 x10y=20f100 ; caf\xe9 IF GOTO\r\n",
@@ -500,89 +447,29 @@ fn odd_programs_come_out_byte_for_byte() {
         b"R1=5*(3+SIN(30))/2 R[2]=POT(3) R3=1.5EX-3\nR4=ATAN2(3,4) DIV 2 MOD 3\nG0 X=R1 Y=-R3 Z=MINVAL(R2,5)\n",
         b"G93 G1 X5 F2\nG94 F100\nG95 F0.1\nG4 F2\nG25 S100\nWORKPIECE(,,,\"BOX\",0)\nMCALL CYCLE83(50,0,2,-20)\nX5 Y5\nMCALL",
     ];
-    for program in programs {
-        let text = String::from_utf8_lossy(program);
-        comes_out_as_it_is(&machine, Dialect::Siemens, program)
-            .unwrap_or_else(|error| panic!("{error}\n{text}"));
-    }
+    come_out_as_they_are(Dialect::Siemens, &programs);
 }
 
 /// Lines that are put together at random: no panic; a machine without errors gives back what is taken, and what a worn machine
 /// writes is taken again.
 #[test]
 fn random_lines_come_out_byte_for_byte() {
-    const PIECES: [&str; 48] = [
-        "G0",
-        "G1",
-        "G2",
-        "G3",
-        "G90",
-        "G91",
-        "X10",
-        "Y-5.5",
-        "Z=IC(3)",
-        "X=AC(7)",
-        "I5",
-        "J=AC(2)",
-        "CR=12",
-        "F100",
-        "M8",
-        "M30",
-        "TRANS",
-        "ATRANS",
-        "ROT RPL=30",
-        "AROT Z=15",
-        "G54",
-        "G505",
-        "G500",
-        "SUPA",
-        "R1=5",
-        "X=R1*2",
-        "T1",
-        "D1",
-        "D0",
-        "M6",
-        "; comment",
-        "N10",
-        "/",
-        "G17",
-        "G18",
-        "G70",
-        "G71",
-        "G41",
-        "G40",
-        "CYCLE81(10,0,2,-5)",
-        "MCALL CYCLE82(5,0,2,-5)",
-        "MCALL",
-        "STAGE:",
-        "G4 F2",
-        "G93",
-        "MSG(\"X\")",
-        "C=DC(5)",
-        "\"",
-    ];
-    let ideal = Machine::parse(TRAVELS, "m.toml").expect("a good machine");
-    let worn = worn(6.0);
+    const PIECES: &str = "G0|G1|G2|G3|G90|G91|X10|Y-5.5|Z=IC(3)|X=AC(7)|I5|J=AC(2)|CR=12|F100|M8|M30|TRANS|ATRANS|ROT RPL=30|\
+        AROT Z=15|G54|G505|G500|SUPA|R1=5|X=R1*2|T1|D1|D0|M6|; comment|N10|/|G17|G18|G70|G71|G41|G40|\
+        CYCLE81(10,0,2,-5)|MCALL CYCLE82(5,0,2,-5)|MCALL|STAGE:|G4 F2|G93|MSG(\"X\")|C=DC(5)|\"";
+    let pieces: Vec<&str> = PIECES.split('|').collect();
     let mut taken = 0;
     for seed in 0..4000 {
         let draw = &mut Draw::new(5000 + seed);
         let mut text = String::new();
         for _ in 0..=draw.below(6) {
             for _ in 0..=draw.below(4) {
-                text.push_str(PIECES[draw.below(PIECES.len())]);
+                text.push_str(pieces[draw.below(pieces.len())]);
                 text.push_str(["", " ", " "][draw.below(3)]);
             }
             text.push('\n');
         }
-        if comes_out_as_it_is(&ideal, Dialect::Siemens, text.as_bytes()).is_err() {
-            continue;
-        }
-        taken += 1;
-        if let Ok((result, _)) = written(&worn, "", &text)
-            && let Err(error) = written(&ideal, "", &result)
-        {
-            panic!("{error}\n{text}\n{result}");
-        }
+        taken += usize::from(is_taken_with_its_result(Dialect::Siemens, &text));
     }
     assert!(taken > 300, "only {taken} were taken");
 }
@@ -591,21 +478,8 @@ fn random_lines_come_out_byte_for_byte() {
 /// an end are refused.
 #[test]
 fn blanks_behind_computed_words_stay() {
-    let machine = Machine::parse(
-        "name = \"m\"\nstructure = \"w b X Y Z t\"\n[axes.X]\ntravel = [-500, 500]\n[axes.Y]\ntravel = [-500, 500]\n[axes.Z]\ntravel = [-500, 500]\n[errors]\nEXX = { poly = [11] }\n",
-        "m.toml",
-    )
-    .expect("a good machine");
-    let corrector = Corrector::new(&machine, &Temperatures::new(), 0.001).expect("compiles");
-    let setup = SetUp::default();
     let taken = |program: &str| {
-        let mut out = Vec::new();
-        let job = Job {
-            dialect: Dialect::Siemens,
-            ..Job::new(&corrector, &setup)
-        };
-        compensate(&mut program.as_bytes(), &mut out, job, |_| Ok(()))
-            .map(|_| String::from_utf8(out).expect("text"))
+        compensated("[errors]\nEXX = { poly = [11] }\n", "", program).map(|(text, _)| text)
     };
     let program = "R1=10 R2=20\nG0 X=R1 Y=R2 Z0\nG1 X=R1+1  Y=R2 F=R2 ; more\nM30\n";
     assert_eq!(

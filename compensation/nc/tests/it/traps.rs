@@ -2,6 +2,7 @@
 //! LinuxCNC's interpreter.
 
 use volcomp_nc::{Dialect, NcError, Note, Strategy, Summary};
+use volcomp_test_support::cases;
 
 use crate::identity::{compensated, verified_in};
 
@@ -454,22 +455,15 @@ fn what_is_no_coordinate_of_a_machine_tool_is_refused() {
 /// What would be taken for something else than the control takes it for.
 #[test]
 fn what_the_control_would_take_otherwise_is_refused() {
-    for (program, expected) in [
-        ("G1 X1 F1\nM70\n", "line 2: M70, which is not followed"),
-        ("M198 P1000\n", "line 1: M198, which is not followed"),
-        (
-            "G0 X100\nG04 X1.5\nY50\n",
-            "line 2: a dwell (G4) with the word of an axis",
-        ),
-        (
-            "G1 F100 X[#501+100]\n",
-            "line 1: the value of X is only known at the machine",
-        ),
-        (
-            "G1 F100 X#5041\n",
-            "line 1: the value of X is only known at the machine",
-        ),
-    ] {
+    for [program, expected] in &cases(
+        r"
+G1 X1 F1\nM70\n | line 2: M70, which is not followed
+M198 P1000\n | line 1: M198, which is not followed
+G0 X100\nG04 X1.5\nY50\n | line 2: a dwell (G4) with the word of an axis
+G1 F100 X[#501+100]\n | line 1: the value of X is only known at the machine
+G1 F100 X#5041\n | line 1: the value of X is only known at the machine
+",
+    ) {
         let error = run("", program).expect_err(program).to_string();
         assert!(error.starts_with(expected), "{error}");
     }

@@ -3,6 +3,7 @@
 
 use volcomp_model::Machine;
 use volcomp_nc::{Dialect, NcError, SetUp, Summary};
+use volcomp_test_support::cases;
 
 use crate::identity::{TRAVELS, compensated_in, written};
 
@@ -208,34 +209,27 @@ fn a_rotation_turns_about_its_centre() {
 
 #[test]
 fn what_controls_read_in_different_ways_is_refused() {
-    for (program, why) in [
-        (
-            "o100 sub\no100 endsub\n/o100 call\n",
-            "line 3: an O-word in a block that may be skipped",
-        ),
-        ("/G98\n", "line 1: a block that may be skipped"),
-        ("/G99\n", "line 1: a block that may be skipped"),
-        ("/T5\n", "line 1: a block that may be skipped"),
-        ("/M6\n", "line 1: a block that may be skipped"),
-        ("/G95\n", "line 1: a block that may be skipped"),
-        ("G91 G10 L2 P1 X5\n", "line 1: G10 L2 in G91"),
-        ("G10 L2 P0 X5\n", "line 1: G10 L2 without a P from 1 to 9"),
-        ("G91 G53 G0 X5\n", "line 1: G53 in G91"),
-        ("G43 H1\nG0 X0\nH2\n", "line 3: H without G43"),
-        ("G15 H1\n", "line 1: H beside G15, G16 or G54 to G59"),
-        ("G0 X0 Y0\nG16 H0\nX300 Y200\n", "line 2: H beside G15"),
-        ("G56 Z50 H5\n", "line 1: H beside G15"),
-        ("G43 H1\nG1 G42 H19 X5 F1\n", "line 2: H beside G41 or G42"),
-        ("G1 G41 H19 X5 F1\n", "line 1: H beside G41 or G42"),
-        (
-            "M428\nG1 X1 A5 F1\n",
-            "line 2: a motion of A, which the machine file does not have",
-        ),
-        (
-            "G43.4 H1\nG1 X1 B5 F1\n",
-            "line 2: a motion of B, which the machine file does not have",
-        ),
-    ] {
+    for [program, why] in &cases(
+        r"
+o100 sub\no100 endsub\n/o100 call\n | line 3: an O-word in a block that may be skipped
+/G98\n | line 1: a block that may be skipped
+/G99\n | line 1: a block that may be skipped
+/T5\n | line 1: a block that may be skipped
+/M6\n | line 1: a block that may be skipped
+/G95\n | line 1: a block that may be skipped
+G91 G10 L2 P1 X5\n | line 1: G10 L2 in G91
+G10 L2 P0 X5\n | line 1: G10 L2 without a P from 1 to 9
+G91 G53 G0 X5\n | line 1: G53 in G91
+G43 H1\nG0 X0\nH2\n | line 3: H without G43
+G15 H1\n | line 1: H beside G15, G16 or G54 to G59
+G0 X0 Y0\nG16 H0\nX300 Y200\n | line 2: H beside G15
+G56 Z50 H5\n | line 1: H beside G15
+G43 H1\nG1 G42 H19 X5 F1\n | line 2: H beside G41 or G42
+G1 G41 H19 X5 F1\n | line 1: H beside G41 or G42
+M428\nG1 X1 A5 F1\n | line 2: a motion of A, which the machine file does not have
+G43.4 H1\nG1 X1 B5 F1\n | line 2: a motion of B, which the machine file does not have
+",
+    ) {
         let message = refusal(program);
         assert!(message.starts_with(why), "{message}");
     }
@@ -453,29 +447,22 @@ fn words_that_no_code_claims_are_no_coordinates() {
 /// What `rs274` says of each: "R word with no g code that uses it" and such.
 #[test]
 fn words_beside_a_motion_that_does_not_use_them_are_refused() {
-    for (line, why) in [
-        (
-            "G1 X1 E1",
-            "E beside G1, which is the filament of a printer",
-        ),
-        ("G0 X1 E1", "E beside G0, which is"),
-        ("G2 X1 I.5 E1", "E beside G2, which is"),
-        (
-            "G1 X1 R1",
-            "R beside G1, with which some controls round a corner",
-        ),
-        ("X1 R1", "R beside G1"),
-        ("G1 R5", "R beside G1"),
-        ("G53 G1 X1 R1", "R beside G1"),
-        ("G1 X1 Q1", "Q beside G1, which no code of the block uses"),
-        ("G3 X1 I.5 Q1", "Q beside G3"),
-        ("G1 X1 K1", "K beside G1"),
-        (
-            "G2 X1 I.5 K1",
-            "K beside G2, which is no part of the centre",
-        ),
-        ("G1 X1 M8 R5", "R beside G1"),
-    ] {
+    for [line, why] in &cases(
+        "
+G1 X1 E1 | E beside G1, which is the filament of a printer
+G0 X1 E1 | E beside G0, which is
+G2 X1 I.5 E1 | E beside G2, which is
+G1 X1 R1 | R beside G1, with which some controls round a corner
+X1 R1 | R beside G1
+G1 R5 | R beside G1
+G53 G1 X1 R1 | R beside G1
+G1 X1 Q1 | Q beside G1, which no code of the block uses
+G3 X1 I.5 Q1 | Q beside G3
+G1 X1 K1 | K beside G1
+G2 X1 I.5 K1 | K beside G2, which is no part of the centre
+G1 X1 M8 R5 | R beside G1
+",
+    ) {
         for control in ["", "linuxcnc", "fanuc", "haas", "mazak", "grbl"] {
             let control = match control {
                 "" => String::new(),

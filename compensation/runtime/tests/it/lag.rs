@@ -1,26 +1,21 @@
 //! Late positions at speed: a rotary table that turns at 33 rpm, positions 0 to 500 ms old. What is written is never worse
 //! than nothing, and the state tells why it let go.
 
-use std::{
-    f64::consts::TAU,
-    sync::{
-        Arc, Mutex,
-        atomic::{AtomicU64, Ordering},
-    },
-    time::{Duration, Instant},
-};
+use std::{f64::consts::TAU, time::Duration};
 
 use volcomp_kinematics::{State, nalgebra::Vector3};
 use volcomp_model::{Fading, Machine};
-use volcomp_port::{Clock, Controller, Description, Fault, Snapshot};
+use volcomp_port::{Clock, Description, Fault, Snapshot};
 use volcomp_runtime::{
-    Asked, AxisSettings, ControlPath, Cycle, GuardSettings, Model, PathPlan, PositionReader,
-    ReaderPlan, Report, Sensors, WithoutBarrier,
+    AxisSettings, Cycle, GuardSettings, Model, PositionReader, ReaderPlan, Report, WithoutBarrier,
     guard::{Reasons, Request},
 };
 use volcomp_vocabulary::{AxisName, Displacement, PerAxis, PerChannel, Um, Urad};
 
-use crate::rig::{PERIOD, alone, referenced, without_barrier};
+use crate::{
+    rig::{PERIOD, alone, referenced, without_barrier},
+    ways::{Plant, Ways},
+};
 
 const RPM: f64 = 33.0;
 /// One step of the correction, mm.
@@ -42,52 +37,40 @@ EXX = 4.0
 EYY = -5.0
 ";
 
-/// A control whose linear axes stand and that takes corrections at once; or one that is only read, and tells where the
-/// table was `age` ago, or where it stood when it fell silent.
-struct Late {
-    description: Description,
-    clock: Clock,
-    by: Arc<By>,
-}
-
-#[derive(Default)]
-struct By {
-    age_us: AtomicU64,
-    /// Since when nothing new is told, µs; 0: it is.
-    silent_since_us: AtomicU64,
-    applied: Mutex<PerChannel<f64>>,
-}
-
 /// Where the table is at a time, rad.
 fn turned(at: Duration) -> f64 {
     (RPM / 60.0 * TAU * at.as_secs_f64()).rem_euclid(TAU)
 }
 
-impl Controller for Late {
-    fn description(&self) -> &Description {
-        &self.description
-    }
+/// A control whose linear axes stand and that takes corrections at once; on the way that is only read it tells where the table
+/// was `age` ago, or where it stood when it fell silent.
+#[derive(Default)]
+struct Late {
+    age: Duration,
+    silent_since: Option<Duration>,
+    applied: PerChannel<f64>,
+}
 
-    fn read(&mut self, _: Instant) -> Result<Snapshot, Fault> {
-        let age = Duration::from_micros(self.by.age_us.load(Ordering::Relaxed));
-        let silent = Duration::from_micros(self.by.silent_since_us.load(Ordering::Relaxed));
-        let now = self.clock.elapsed();
-        let until = if silent.is_zero() { now } else { silent };
-        let (taken, positions) = if self.description.axes.is_empty() {
-            let taken = until.saturating_sub(age);
+impl Plant for Late {
+    fn read(&mut self, way: &Description, clock: &Clock) -> Result<Snapshot, Fault> {
+        let now = clock.elapsed();
+        let (taken, positions) = if way.axes.is_empty() {
+            let taken = self.silent_since.unwrap_or(now).saturating_sub(self.age);
             (taken, PerChannel::leading([turned(taken)]))
         } else {
             (now, PerChannel::leading([150.0, -80.0, 60.0]))
         };
-        Ok(referenced(
-            positions,
-            self.clock.start() + taken,
-            Some(*self.by.applied.lock().expect("no panic")),
-        ))
+        let taken = clock.start() + taken;
+        Ok(referenced(positions, taken, Some(self.applied)))
     }
 
-    fn apply(&mut self, correction: &PerChannel<f64>, _: Instant) -> Result<(), Fault> {
-        *self.by.applied.lock().expect("no panic") = *correction;
+    fn apply(
+        &mut self,
+        _: &Description,
+        correction: &PerChannel<f64>,
+        _: &Clock,
+    ) -> Result<(), Fault> {
+        self.applied = *correction;
         Ok(())
     }
 }
@@ -95,13 +78,12 @@ impl Controller for Late {
 struct Table {
     cycle: Cycle,
     model: Model,
-    clock: Clock,
-    by: Arc<By>,
+    ways: Ways<Late>,
 }
 
 impl Table {
     fn new(hold: Duration) -> Self {
-        let clock = Clock::manual();
+        let ways = Ways::to(Late::default(), Clock::manual());
         let machine = Machine::parse(MACHINE, "m").expect("valid");
         let model = Model::new(&machine, Fading::default()).expect("compiles");
         let guard = GuardSettings {
@@ -121,51 +103,39 @@ impl Table {
             reads: vec![AxisName::C],
             ..description.clone()
         };
-        let plan = PathPlan::new(description.clone(), &model, &guard, &alone(), PERIOD);
         let reads = ReaderPlan::new(table.clone(), &model, &alone()).expect("fits");
-        let by = Arc::new(By::default());
-        let late = |description| {
-            Box::new(Late {
-                description,
-                clock: clock.clone(),
-                by: Arc::clone(&by),
-            })
-        };
-        let path = ControlPath::new(late(description), &plan.expect("fits")).expect("fits");
-        let reader = PositionReader::new(late(table), &reads);
-        let sensors = Sensors::new(Vec::new(), guard.temperatures);
-        let boxed = Box::new(model.clone());
-        let cycle = Cycle::new(boxed, vec![path], guard.hand_back, sensors, PERIOD);
+        let reader = PositionReader::new(ways.controller(table), &reads);
+        let path = ways.path(description, &model, &guard, &alone());
+        let cycle = ways.cycle(model.clone(), &guard, vec![path]);
+        let cycle = cycle.and_then(|cycle| cycle.with_readers(vec![reader]));
         Self {
-            cycle: cycle
-                .and_then(|cycle| cycle.with_readers(vec![reader]))
-                .expect("a path and a reader")
-                .with_start(clock.start()),
+            cycle: cycle.expect("a path and a reader"),
             model,
-            clock,
-            by,
+            ways,
         }
     }
 
     fn step(&mut self, request: Option<Request>) -> Report {
-        self.clock.advance(PERIOD);
-        let asked = Asked {
-            request,
-            ..Asked::default()
-        };
-        self.cycle
-            .run(self.clock.now(), &asked, &mut || Duration::ZERO);
-        *self.cycle.report()
+        self.ways.step(&mut self.cycle, request)
+    }
+
+    fn falls_silent(&mut self) {
+        self.ways.plant().silent_since = Some(self.ways.clock.elapsed());
     }
 
     /// How far the tool is off where the table really is, without correction and with the one that is applied, mm: right
     /// after the write and right before the next one, the larger one.
     fn off(&self) -> [[f64; 2]; 2] {
-        let applied = *self.by.applied.lock().expect("no panic");
+        let applied = self.ways.plant().applied;
         [Duration::ZERO, PERIOD].map(|later| {
             let mut state = State::default();
             let mut correction = PerAxis::ZERO;
-            let at = [150.0, -80.0, 60.0, turned(self.clock.elapsed() + later)];
+            let at = [
+                150.0,
+                -80.0,
+                60.0,
+                turned(self.ways.clock.elapsed() + later),
+            ];
             let names = NAMES.into_iter().chain([AxisName::C]);
             for (i, name) in names.enumerate() {
                 let axis = self.model.index_of(name).expect("an axis");
@@ -178,8 +148,7 @@ impl Table {
 
     fn armed(age: Duration, hold: Duration) -> Self {
         let mut table = Self::new(hold);
-        let us = u64::try_from(age.as_micros()).expect("short");
-        table.by.age_us.store(us, Ordering::Relaxed);
+        table.ways.plant().age = age;
         for _ in 0..100 {
             table.step(None);
         }
@@ -263,8 +232,7 @@ fn what_is_held_at_speed_goes_out_before_it_is_worse_than_nothing() {
             for _ in 0..400 + begins_ms / 4 {
                 table.step(None);
             }
-            let now = u64::try_from(table.clock.elapsed().as_micros()).expect("short");
-            table.by.silent_since_us.store(now, Ordering::Relaxed);
+            table.falls_silent();
             let mut told = false;
             let mut look = |table: &mut Table, began: f64| {
                 let report = table.step(None);
@@ -282,7 +250,7 @@ fn what_is_held_at_speed_goes_out_before_it_is_worse_than_nothing() {
             for _ in 0..silent_ms / 4 {
                 look(&mut table, 0.0);
             }
-            table.by.silent_since_us.store(0, Ordering::Relaxed);
+            table.ways.plant().silent_since = None;
             // A ramp is no worse than where it began.
             let began = table.off()[1][1];
             for _ in 0..400 {
@@ -307,8 +275,7 @@ fn nothing_is_told_to_be_let_go_where_nothing_corrects() {
         for _ in 0..400 {
             table.step(None);
         }
-        let now = u64::try_from(table.clock.elapsed().as_micros()).expect("short");
-        table.by.silent_since_us.store(now, Ordering::Relaxed);
+        table.falls_silent();
         let told = (0..100).any(|_| is_told(&table.step(None)));
         assert!(told, "at speed");
         if disarms {

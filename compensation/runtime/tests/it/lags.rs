@@ -1,17 +1,15 @@
 //! The lags of thermal terms: a program that stands, a machine file that is read again while the machine warms up.
 
-use std::{sync::Arc, time::Duration};
+use std::time::Duration;
 
 use volcomp_guard::{Reasons, SensorLimits};
 use volcomp_kinematics::State;
 use volcomp_model::{Fading, Machine};
-use volcomp_port::{Axis, Clock, Controller, Publisher, Temperature, published, simulated};
-use volcomp_runtime::{
-    Asked, AxisSettings, ControlPath, Cycle, GuardSettings, Model, PathPlan, PathSettings, Sensors,
-};
-use volcomp_vocabulary::{AxisName, Displacement, Mm, PerChannel, Um};
+use volcomp_port::{Clock, Publisher, Temperature, published, simulated};
+use volcomp_runtime::{AxisSettings, Cycle, GuardSettings, Model, Sensors, WithoutBarrier};
+use volcomp_vocabulary::{AxisName, Mm, PerChannel, Um, Urad};
 
-use crate::rig::PERIOD;
+use crate::rig::{PERIOD, alone, path_of, simulated_control, step};
 
 fn model(lag_s: f64, weight: f64) -> Model {
     let text = format!(
@@ -31,46 +29,29 @@ struct Rig {
 impl Rig {
     fn new(model: Model) -> Self {
         let clock = Clock::manual();
-        let axis = |name| Axis {
-            name,
-            includes_correction: false,
-            resolution: Displacement::Length(Mm(0.001)),
-            largest: None,
+        let axes = [AxisName::X, AxisName::Y, AxisName::Z];
+        let stands = simulated::Move {
+            to: PerChannel([100.0; 9]),
+            feed_per_s: 100.0,
+            dwell: Duration::from_secs(100_000),
         };
-        let control = simulated::Machine {
-            axes: [AxisName::X, AxisName::Y, AxisName::Z].map(axis).to_vec(),
-            program: vec![simulated::Move {
-                to: PerChannel([100.0; 9]),
-                feed_per_s: 100.0,
-                dwell: Duration::from_secs(100_000),
-            }],
-            acceleration_per_s2: 1000.0,
-            sensors: Vec::new(),
-            truth: Arc::new(|_, _| PerChannel::ZERO),
-            clock: clock.clone(),
+        let control = simulated_control(&axes, vec![stands], &clock);
+        let guard = GuardSettings {
+            without_barrier: WithoutBarrier {
+                linear: Um(100.0),
+                rotary: Urad(30.0),
+            },
+            ..GuardSettings::new(AxisSettings::new(Um(100.0), Um(500.0)))
         };
-        let (control, _, _) = control.start();
-        let guard = GuardSettings::new(AxisSettings::new(Um(100.0), Um(500.0)));
-        let settings = PathSettings {
-            watch: Duration::ZERO,
-            ..PathSettings::default()
-        };
-        let description = control.description().clone();
-        let plan = PathPlan::new(description, &model, &guard, &settings, PERIOD).expect("fits");
-        let path = ControlPath::new(Box::new(control), &plan).expect("fits");
+        let (path, _) = path_of(control, &model, &guard, &alone());
         let (publisher, thermometer) = published("t", vec!["spindle".to_owned()]);
         let limits = SensorLimits {
             stuck_after: None,
             ..SensorLimits::default()
         };
         let sensors = Sensors::new(vec![Box::new(thermometer)], limits);
-        let cycle = Cycle::new(
-            Box::new(model),
-            vec![path],
-            guard.hand_back,
-            sensors,
-            PERIOD,
-        );
+        let paths = vec![path];
+        let cycle = Cycle::new(Box::new(model), paths, guard.hand_back, sensors, PERIOD);
         let cycle = cycle.expect("fits").with_clock(clock.clone());
         Self {
             cycle,
@@ -87,10 +68,7 @@ impl Rig {
                 let now = self.clock.now();
                 self.publisher.publish(&[Temperature::good(degc, now)]);
             }
-            self.clock.advance(PERIOD);
-            let now = self.clock.now();
-            self.cycle
-                .run(now, &Asked::default(), &mut || Duration::ZERO);
+            step(&mut self.cycle, &self.clock, None);
         }
         self.cycle.report().wanted[2] * 1e3
     }

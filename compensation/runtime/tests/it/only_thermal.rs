@@ -6,13 +6,12 @@ use volcomp_guard::SensorLimits;
 use volcomp_model::{Fading, Machine};
 use volcomp_port::{Clock, Temperature, published, simulated};
 use volcomp_runtime::{
-    Asked, AxisSettings, ControlPath, Cycle, GuardSettings, Model, PathPlan, PathSettings,
-    PlanError, Report, Sensors,
+    AxisSettings, Cycle, GuardSettings, Model, PathPlan, PathSettings, PlanError, Report, Sensors,
     guard::{LimitsError, Quantity, Request, State},
 };
 use volcomp_vocabulary::{AxisName, PerChannel, Um};
 
-use crate::rig::{Injected, PERIOD, alone, simulated_control, without_barrier};
+use crate::rig::{Injected, PERIOD, alone, path_of, simulated_control, step, without_barrier};
 
 const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
 const SECOND: u32 = 250;
@@ -49,30 +48,18 @@ fn run(settings: &PathSettings) -> [Report; 2] {
     let injected = Injected::default();
     let control = injected.disturb(simulated_control(&AXES, vec![stands], &clock));
     let guard = GuardSettings::new(AxisSettings::new(Um(30.0), Um(500.0)));
-    let described = volcomp_port::Controller::description(&control).clone();
-    let plan = PathPlan::new(described, &model, &guard, settings, PERIOD).expect("fits");
-    let path = ControlPath::new(Box::new(control), &plan).expect("fits");
+    let (path, _) = path_of(control, &model, &guard, settings);
     let (mut publisher, thermometer) = published("t", vec!["bed".to_owned()]);
     let sensors = Sensors::new(vec![Box::new(thermometer)], SensorLimits::default());
-    let cycle = Cycle::new(
-        Box::new(model),
-        vec![path],
-        guard.hand_back,
-        sensors,
-        PERIOD,
-    );
+    let paths = vec![path];
+    let cycle = Cycle::new(Box::new(model), paths, guard.hand_back, sensors, PERIOD);
     let mut cycle = cycle.expect("one path").with_clock(clock.clone());
     let mut run = |seconds: u32, request: Option<Request>| {
         for k in 0..seconds * SECOND {
             if k % SECOND == 0 {
                 publisher.publish(&[Temperature::good(25.0, clock.now())]);
             }
-            clock.advance(PERIOD);
-            let asked = Asked {
-                request: request.filter(|_| k == SECOND),
-                ..Asked::default()
-            };
-            cycle.run(clock.now(), &asked, &mut || Duration::ZERO);
+            step(&mut cycle, &clock, request.filter(|_| k == SECOND));
         }
         *cycle.report()
     };

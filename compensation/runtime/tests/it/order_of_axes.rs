@@ -1,15 +1,11 @@
 //! Lines that take over from a barrier and name the axes in another order.
 
-use std::{
-    collections::BTreeMap,
-    sync::{Arc, Mutex},
-    time::{Duration, Instant},
-};
+use std::{collections::BTreeMap, time::Duration};
 
 use volcomp_model::Machine;
-use volcomp_port::{Clock, Controller, Description, Fault, Snapshot, Words};
+use volcomp_port::{Clock, Description, Fault, Snapshot, Words};
 use volcomp_runtime::{
-    Asked, BarrierSettings, ControlPath, Cycle, Model, PathPlan, PathSettings, Sensors,
+    BarrierSettings, Model, PathSettings,
     guard::{
         ControlTimeOut, Request, State,
         barrier::{Barrier, REPORT_WORDS, Settings},
@@ -18,20 +14,25 @@ use volcomp_runtime::{
 };
 use volcomp_vocabulary::{AxisName, Displacement, MAX_AXES, PerChannel};
 
-use crate::rig::{PERIOD, alone, guard, referenced, without_barrier};
+use crate::{
+    rig::{PERIOD, alone, guard, referenced, without_barrier},
+    ways::{Plant, Ways},
+};
 
 const SCAN: Duration = Duration::from_millis(2);
 
-/// The control: its barrier and mailbox, the words of the lines by the names of the axes, and whether the first way is away.
-struct Plant {
+/// The control: its barrier and mailbox, the words of the lines by the names of the axes, where it stands, and whether the
+/// first way is away.
+struct Control {
     barrier: Barrier,
     mailbox: Option<Vec<u16>>,
     lines: BTreeMap<AxisName, f64>,
+    place: [f64; 5],
     first_is_away: bool,
 }
 
-impl Plant {
-    fn new() -> Self {
+impl Control {
+    fn at(place: [f64; 5]) -> Self {
         let barrier = Settings {
             axes: Layout::of(FIRST).expect("each once"),
             machine: 1,
@@ -45,11 +46,11 @@ impl Plant {
             barrier: Barrier::start(barrier, 1, 0, &Counts::default()).expect("good settings"),
             mailbox: None,
             lines: BTreeMap::new(),
+            place,
             first_is_away: false,
         }
     }
 
-    /// A scan of the control.
     fn scan(&mut self) {
         let mailbox = self.mailbox.clone();
         let mailboxes: Vec<&[u16]> = mailbox.as_deref().into_iter().collect();
@@ -58,52 +59,42 @@ impl Plant {
 }
 
 /// The first way leads to the barrier; the second one is lines that cannot be asked.
-struct Way {
-    is_first: bool,
-    plant: Arc<Mutex<Plant>>,
-    clock: Clock,
-    description: Description,
-    place: Vec<(AxisName, f64)>,
-}
-
-impl Controller for Way {
-    fn description(&self) -> &Description {
-        &self.description
-    }
-
-    fn read(&mut self, _: Instant) -> Result<Snapshot, Fault> {
-        let plant = self.plant.lock().expect("no panic");
-        if self.is_first && plant.first_is_away {
+impl Plant for Control {
+    fn read(&mut self, way: &Description, clock: &Clock) -> Result<Snapshot, Fault> {
+        if way.barrier && self.first_is_away {
             return Err(Fault::TimedOut);
         }
         let mut positions = PerChannel::ZERO;
-        for (position, axis) in positions.iter_mut().zip(&self.description.axes) {
-            let at = self.place.iter().find(|(name, _)| *name == axis.name);
-            *position =
-                Displacement::from_coordinate(axis.name.kind(), at.expect("known").1).mm_or_rad();
+        for (position, axis) in positions.iter_mut().zip(&way.axes) {
+            let at = FIRST.iter().position(|name| *name == axis.name);
+            let at = self.place[at.expect("known")];
+            *position = Displacement::from_coordinate(axis.name.kind(), at).mm_or_rad();
         }
-        let mut snapshot = referenced(positions, self.clock.now(), None);
-        if self.is_first {
+        let mut snapshot = referenced(positions, clock.now(), None);
+        if way.barrier {
             let mut words = [0; REPORT_WORDS];
-            let length = plant.barrier.report().encode(&mut words);
+            let length = self.barrier.report().encode(&mut words);
             snapshot.report = Words::new(&words[..length]);
         }
         Ok(snapshot)
     }
 
-    fn post(&mut self, frame: &Words, _: Instant) -> Result<(), Fault> {
-        let mut plant = self.plant.lock().expect("no panic");
-        if plant.first_is_away {
+    fn post(&mut self, _: &Description, frame: &Words) -> Result<(), Fault> {
+        if self.first_is_away {
             return Err(Fault::TimedOut);
         }
-        plant.mailbox = Some(frame.as_slice().to_vec());
+        self.mailbox = Some(frame.as_slice().to_vec());
         Ok(())
     }
 
-    fn apply(&mut self, corrections: &PerChannel<f64>, _: Instant) -> Result<(), Fault> {
-        let mut plant = self.plant.lock().expect("no panic");
-        for (axis, word) in self.description.axes.iter().zip(corrections) {
-            plant.lines.insert(axis.name, *word);
+    fn apply(
+        &mut self,
+        way: &Description,
+        corrections: &PerChannel<f64>,
+        _: &Clock,
+    ) -> Result<(), Fault> {
+        for (axis, word) in way.axes.iter().zip(corrections) {
+            self.lines.insert(axis.name, *word);
         }
         Ok(())
     }
@@ -132,8 +123,7 @@ const FIRST: [AxisName; 5] = [
 /// What the axes get by the lines, in the order of `FIRST`, mm and rad, in each cycle from their taking over on, and what is
 /// wanted at the end.
 fn lines_after_a_change(second: [AxisName; 5], place: [f64; 5]) -> (Vec<[f64; 5]>, [f64; 5]) {
-    let clock = Clock::manual();
-    let plant = Arc::new(Mutex::new(Plant::new()));
+    let ways = Ways::to(Control::at(place), Clock::manual());
     let mut settings = guard();
     settings.ramp = Duration::from_secs(2);
     settings.zero_after = Duration::from_secs(3);
@@ -165,56 +155,29 @@ fn lines_after_a_change(second: [AxisName; 5], place: [f64; 5]) -> (Vec<[f64; 5]
             proves: false,
             ..alone()
         };
-        let plan = PathPlan::new(description.clone(), &model, &settings, &of_path, PERIOD);
-        let way = Way {
-            is_first,
-            plant: Arc::clone(&plant),
-            clock: clock.clone(),
-            description,
-            place: FIRST.into_iter().zip(place).collect(),
-        };
-        ControlPath::new(Box::new(way), &plan.expect("fits")).expect("fits")
+        ways.path(description, &model, &settings, &of_path)
     });
-    let sensors = Sensors::new(Vec::new(), settings.temperatures);
-    let cycle = Cycle::new(
-        Box::new(model),
-        Vec::from(paths),
-        settings.hand_back,
-        sensors,
-        PERIOD,
-    );
-    let mut cycle = cycle.expect("two paths").with_clock(clock.clone());
+    let cycle = ways.cycle(model, &settings, paths.into());
+    let mut cycle = cycle.expect("two paths");
     let mut scanned = Duration::ZERO;
     let mut got = Vec::new();
     let mut wanted = [0.0; 5];
     for number in 0..4000 {
-        clock.advance(PERIOD);
-        let mut control = plant.lock().expect("no panic");
+        ways.clock.advance(PERIOD);
+        let mut control = ways.plant();
         control.first_is_away = number >= 1800;
-        while scanned + SCAN <= clock.elapsed() {
+        while scanned + SCAN <= ways.clock.elapsed() {
             scanned += SCAN;
             control.scan();
         }
         drop(control);
-        let asked = Asked {
-            request: (number == 700).then_some(Request::Arm),
-            ..Asked::default()
-        };
-        cycle.run(clock.now(), &asked, &mut || Duration::ZERO);
-        let report = cycle.report();
+        let report = ways.run(&mut cycle, (number == 700).then_some(Request::Arm));
         if number == 1799 {
             assert_eq!(report.state, State::Compensating, "{:?}", report.reasons);
         }
         if report.active == 1 {
-            let control = plant.lock().expect("no panic");
-            assert!(
-                control
-                    .barrier
-                    .memory()
-                    .applied
-                    .iter()
-                    .all(|count| *count == 0)
-            );
+            let control = ways.plant();
+            assert_eq!(control.barrier.memory().applied, Counts::default());
             got.push(FIRST.map(|name| control.lines.get(&name).copied().unwrap_or(0.0)));
             for (wanted, index) in wanted.iter_mut().zip(&index) {
                 *wanted = report.wanted[*index];

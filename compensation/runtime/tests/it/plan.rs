@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use volcomp_model::{Fading, Machine};
-use volcomp_port::{Axis, Clock, Controller, Description, Heartbeat};
+use volcomp_port::{Clock, Controller, Description, Heartbeat};
 use volcomp_runtime::{
     AxisSettings, ControlPath, Cycle, GuardSettings, Model, OrderRefusal, PathPlan, PathSettings,
     PlanError, Replacement, Sensors, WithoutBarrier,
@@ -11,87 +11,97 @@ use volcomp_runtime::{
 };
 use volcomp_vocabulary::{AxisName, Displacement, Mm, Um, Urad};
 
-use crate::rig::{PERIOD, Rig, alone, control, guard, machine, without_barrier};
+use crate::rig::{PERIOD, Rig, alone, control, cycle_of, guard, machine, without_barrier};
 
 fn planned(
-    describe: impl FnOnce(&mut Description),
-    limit: impl FnOnce(&mut GuardSettings),
-    set: impl FnOnce(&mut PathSettings),
+    change: impl FnOnce(&mut Description, &mut GuardSettings, &mut PathSettings),
 ) -> Result<PathPlan, PlanError> {
     let mut description = control([0.0; 5], &Clock::manual()).description().clone();
     let (mut guard, mut settings) = (guard(), alone());
-    describe(&mut description);
-    limit(&mut guard);
-    set(&mut settings);
+    change(&mut description, &mut guard, &mut settings);
     let model = Model::new(&machine(), guard.fading).expect("shipped");
     PathPlan::new(description, &model, &guard, &settings, PERIOD)
 }
 
+/// What does not fit, in the units of the user and under the key.
 #[test]
 fn what_does_not_fit_is_named() {
-    let same = |_: &mut Description| {};
-    let with = |error: Result<PathPlan, PlanError>| error.expect_err("it does not fit").to_string();
-    let message = with(planned(
-        |d| {
-            d.axes[0] = Axis {
-                name: AxisName::W,
-                includes_correction: false,
-                resolution: Displacement::Length(Mm(0.001)),
-                largest: None,
-            }
-        },
-        |_| {},
-        |_| {},
-    ));
-    assert!(
-        message.contains("axis W: the machine") && message.contains("has the axes"),
-        "{message}"
-    );
-    let message = with(planned(same, |guard| guard.rotary = None, |_| {}));
-    assert!(
-        message.contains("axis B is rotary: [guard] limit_urad and slew_urad_per_s are missing"),
-        "{message}"
-    );
-    let message = with(planned(
-        same,
-        |_| {},
-        |path| {
-            path.fixed
-                .insert(AxisName::U, Displacement::Length(Mm(1.0)));
-        },
-    ));
-    assert!(message.contains("fixed: axis U"), "{message}");
-    let message = with(planned(
-        |d| d.heartbeat = Heartbeat::Unwatched,
-        |_| {},
-        |_| {},
-    ));
-    assert!(message.contains("unwatched = true"), "{message}");
-    let message = with(planned(
-        |d| d.shortest_cycle = Duration::from_micros(7500),
-        |_| {},
-        |_| {},
-    ));
-    assert!(
-        message.contains("cycle_ms: found 4 ms, expected at least 7.5 ms"),
-        "{message}"
-    );
+    type Change = fn(&mut Description, &mut GuardSettings, &mut PathSettings);
+    let cases: [(Change, &str); 9] = [
+        (
+            |description, _, _| description.axes[0].name = AxisName::W,
+            "axis W: the machine",
+        ),
+        (
+            |_, guard, _| guard.rotary = None,
+            "axis B is rotary: [guard] limit_urad and slew_urad_per_s are missing",
+        ),
+        (
+            |_, _, path| {
+                let at = Displacement::Length(Mm(1.0));
+                path.fixed.insert(AxisName::U, at);
+            },
+            "fixed: axis U",
+        ),
+        (
+            |description, _, _| description.heartbeat = Heartbeat::Unwatched,
+            "unwatched = true",
+        ),
+        (
+            |description, _, _| description.shortest_cycle = Duration::from_micros(7500),
+            "cycle_ms: found 4 ms, expected at least 7.5 ms",
+        ),
+        (
+            |description, guard, _| {
+                for axis in &mut description.axes {
+                    axis.resolution = Displacement::from_micro(axis.kind(), 2.0);
+                }
+                guard.linear.limit = Um(0.5);
+            },
+            "simulated: [guard] limit_um of axis Z: found 0.5 µm, expected at least one step of the controller, which is resolution_um (1 µm where it is not stated; on CAN the factor in the DBC file)",
+        ),
+        (
+            |description, guard, _| {
+                for axis in &mut description.axes {
+                    axis.largest = Some(Displacement::from_micro(axis.kind(), 127.0));
+                }
+                guard.linear.limit = Um(127.5);
+            },
+            "[guard] limit_um of axis Z: found 127.5 µm, expected at most 127 µm, the largest correction",
+        ),
+        (
+            |_, guard, _| {
+                let rotary = guard.rotary.expect("stated");
+                let slew_per_s = Urad(0.0);
+                guard.rotary = Some(AxisSettings {
+                    slew_per_s,
+                    ..rotary
+                });
+            },
+            "simulated: [guard] slew_urad_per_s of axis B: found 0 µrad/s, expected a positive number",
+        ),
+        (
+            |_, guard, _| guard.hold = Duration::from_millis(1),
+            "simulated: [guard] hold_ms: found 1 ms, expected at least one cycle",
+        ),
+    ];
+    for (change, expected) in cases {
+        let message = planned(change).expect_err(expected).to_string();
+        assert!(message.contains(expected), "{message}");
+    }
 }
 
 /// A rotary axis that turns while its position is taken for constant would make a correction of another place.
 #[test]
 fn a_fixed_rotary_axis_is_refused_unless_no_drive_turns_it() {
     let plan = |not_driven: &[AxisName], fixed: &[AxisName]| {
-        planned(
-            |description| description.axes.retain(|axis| !axis.name.is_rotary()),
-            |_| {},
-            |path| {
-                path.not_driven.extend(not_driven);
-                let at = |name: AxisName| Displacement::from_coordinate(name.kind(), 10.0);
-                path.fixed
-                    .extend(fixed.iter().map(|name| (*name, at(*name))));
-            },
-        )
+        planned(|description, _, path| {
+            description.axes.retain(|axis| !axis.name.is_rotary());
+            path.not_driven.extend(not_driven);
+            let at = |name: AxisName| Displacement::from_coordinate(name.kind(), 10.0);
+            path.fixed
+                .extend(fixed.iter().map(|name| (*name, at(*name))));
+        })
     };
     let [b, c] = [AxisName::B, AxisName::C];
     let refused = plan(&[b], &[b, c]).expect_err("C is driven");
@@ -113,13 +123,10 @@ fn a_fixed_rotary_axis_is_refused_unless_no_drive_turns_it() {
 #[test]
 fn a_fixed_position_beyond_the_travel_is_refused() {
     let fixed = |at: f64| {
-        planned(
-            |description| description.axes.retain(|axis| axis.name != AxisName::Z),
-            |_| {},
-            |path| {
-                path.fixed.insert(AxisName::Z, Displacement::Length(Mm(at)));
-            },
-        )
+        planned(|description, _, path| {
+            description.axes.retain(|axis| axis.name != AxisName::Z);
+            path.fixed.insert(AxisName::Z, Displacement::Length(Mm(at)));
+        })
     };
     let machine = machine();
     let [low, high] = machine.axis(AxisName::Z).expect("an axis").travel;
@@ -142,64 +149,11 @@ fn a_fixed_position_beyond_the_travel_is_refused() {
     }
 }
 
-/// Limits are told in µm and µrad, under their keys.
-#[test]
-fn limits_are_told_in_the_units_of_the_user() {
-    let coarse = |d: &mut Description| {
-        for axis in &mut d.axes {
-            axis.resolution = Displacement::from_micro(axis.kind(), 2.0);
-        }
-    };
-    let error = planned(coarse, |guard| guard.linear.limit = Um(0.5), |_| {})
-        .expect_err("less than a step");
-    assert_eq!(
-        error.to_string(),
-        "simulated: [guard] limit_um of axis Z: found 0.5 µm, expected at least one step of the controller, which is resolution_um (1 µm where it is not stated; on CAN the factor in the DBC file)"
-    );
-    assert!(
-        matches!(error, PlanError::Limits { axis: Some(AxisName::Z), source, .. } if source.what == Quantity::Limit)
-    );
-    let small = |d: &mut Description| {
-        for axis in &mut d.axes {
-            axis.largest = Some(Displacement::from_micro(axis.kind(), 127.0));
-        }
-    };
-    let error = planned(small, |guard| guard.linear.limit = Um(127.5), |_| {})
-        .expect_err("more than the device can be told");
-    assert!(
-        error.to_string().contains(
-            "[guard] limit_um of axis Z: found 127.5 µm, expected at most 127 µm, the largest correction"
-        ),
-        "{error}"
-    );
-    let rotary = |guard: &mut GuardSettings| {
-        if let Some(rotary) = &mut guard.rotary {
-            rotary.slew_per_s = Urad(0.0);
-        }
-    };
-    let error = planned(|_| {}, rotary, |_| {}).expect_err("it never moves");
-    assert_eq!(
-        error.to_string(),
-        "simulated: [guard] slew_urad_per_s of axis B: found 0 µrad/s, expected a positive number"
-    );
-    let error = planned(
-        |_| {},
-        |guard| guard.hold = Duration::from_millis(1),
-        |_| {},
-    );
-    let message = error.expect_err("shorter than a cycle").to_string();
-    assert_eq!(
-        message,
-        "simulated: [guard] hold_ms: found 1 ms, expected at least one cycle"
-    );
-}
-
 #[test]
 fn a_cycle_needs_a_path() {
     let guard = guard();
-    let model = Box::new(Model::new(&machine(), guard.fading).expect("shipped"));
-    let sensors = Sensors::new(Vec::new(), guard.temperatures);
-    let cycle = Cycle::new(model, Vec::new(), guard.hand_back, sensors, PERIOD);
+    let model = Model::new(&machine(), guard.fading).expect("shipped");
+    let cycle = cycle_of(model, &guard, Vec::new());
     assert!(matches!(cycle.err(), Some(PlanError::Paths { found: 0 })));
 }
 
@@ -228,17 +182,11 @@ fn a_cycle_has_the_period_of_its_plan() {
             ) || matches!(&refused, Err(PlanError::CycleTooShort { .. })),
             "{refused:?}"
         );
-        let fits = planned(|_| {}, |_| {}, |_| {}).expect("fits");
+        let fits = planned(|_, _, _| {}).expect("fits");
         let control = control([0.0; 5], &Clock::manual());
-        let path = ControlPath::new(Box::new(control), &fits).expect("fits");
+        let paths = vec![ControlPath::new(Box::new(control), &fits).expect("fits")];
         let sensors = Sensors::new(Vec::new(), guard.temperatures);
-        let cycle = Cycle::new(
-            Box::new(model),
-            vec![path],
-            guard.hand_back,
-            sensors,
-            period,
-        );
+        let cycle = Cycle::new(Box::new(model), paths, guard.hand_back, sensors, period);
         let refused = cycle.err();
         assert!(
             matches!(
@@ -254,7 +202,7 @@ fn a_cycle_has_the_period_of_its_plan() {
 #[test]
 fn limits_that_make_no_sense_are_refused() {
     let mut rig = Rig::at([0.0; 5]);
-    let good = planned(|_| {}, |_| {}, |_| {}).expect("fits").limits;
+    let good = planned(|_, _, _| {}).expect("fits").limits;
     assert_eq!(rig.cycle.set_limits(0, &good), Ok(()));
     let mut wrong = good;
     wrong.axes[1].limit = f64::NAN;
@@ -315,11 +263,7 @@ fn a_position_step_has_the_kind_of_its_axis() {
         Displacement::Length(Mm(-1.0)),
         Displacement::Length(Mm(f64::NAN)),
     ] {
-        let refused = planned(
-            |_| {},
-            |_| {},
-            |path| path.position_steps = [(AxisName::X, step)].into(),
-        );
+        let refused = planned(|_, _, path| path.position_steps = [(AxisName::X, step)].into());
         assert!(
             matches!(
                 refused,

@@ -1,50 +1,43 @@
 //! Limits that are changed while the machine is corrected, and the threshold of a reversal, which depends on them.
 
-use std::{
-    collections::VecDeque,
-    sync::{
-        Arc, Mutex,
-        atomic::{AtomicU64, Ordering},
-    },
-    time::{Duration, Instant},
-};
+use std::{collections::VecDeque, time::Duration};
 
 use volcomp_model::{Fading, Machine};
-use volcomp_port::{Clock, Controller, Description, Fault, Snapshot};
+use volcomp_port::{Clock, Description, Fault, Snapshot};
 use volcomp_runtime::{
-    Asked, AxisSettings, ControlPath, Cycle, GuardSettings, Model, PathPlan, PathSettings, Sensors,
-    WithoutBarrier, guard::Request,
+    AxisSettings, Cycle, GuardSettings, Model, PathPlan, PathSettings, WithoutBarrier,
+    guard::Request,
 };
 use volcomp_vocabulary::{AxisName, Displacement, Mm, PerChannel, Um, Urad};
 
-use crate::rig::{PERIOD, referenced, without_barrier};
+use crate::{
+    rig::{PERIOD, alone, referenced, without_barrier},
+    ways::{Plant, Ways},
+};
 
 /// Tells positions that contain the correction as it was eight readings ago; words can be read back at once.
 struct Lagging {
-    description: Description,
-    clock: Clock,
-    applied: Arc<Mutex<PerChannel<f64>>>,
+    applied: PerChannel<f64>,
     seen: VecDeque<f64>,
-    command_mm: Arc<AtomicU64>,
+    command_mm: f64,
 }
 
-impl Controller for Lagging {
-    fn description(&self) -> &Description {
-        &self.description
-    }
-
-    fn read(&mut self, _: Instant) -> Result<Snapshot, Fault> {
-        let applied = *self.applied.lock().expect("no panic");
-        self.seen.push_back(applied[0]);
+impl Plant for Lagging {
+    fn read(&mut self, _: &Description, clock: &Clock) -> Result<Snapshot, Fault> {
+        self.seen.push_back(self.applied[0]);
         let contained = self.seen.pop_front().unwrap_or_default();
-        let command = f64::from_bits(self.command_mm.load(Ordering::Relaxed));
-        let mut positions = PerChannel::ZERO;
-        positions[0] = ((command + contained) * 1e3).round() * 1e-3;
-        Ok(referenced(positions, self.clock.now(), Some(applied)))
+        let position = ((self.command_mm + contained) * 1e3).round() * 1e-3;
+        let positions = PerChannel::leading([position]);
+        Ok(referenced(positions, clock.now(), Some(self.applied)))
     }
 
-    fn apply(&mut self, correction: &PerChannel<f64>, _: Instant) -> Result<(), Fault> {
-        *self.applied.lock().expect("no panic") = *correction;
+    fn apply(
+        &mut self,
+        _: &Description,
+        correction: &PerChannel<f64>,
+        _: &Clock,
+    ) -> Result<(), Fault> {
+        self.applied = *correction;
         Ok(())
     }
 }
@@ -57,7 +50,6 @@ errors = { EXX = { mean = { poly = [0.0] }, reversal = 20.0 } }
 ";
     let machine = Machine::parse(text, "m").expect("valid");
     let model = Model::new(&machine, Fading::default()).expect("compiles");
-    let clock = Clock::manual();
     let guard = |slew: f64| GuardSettings {
         without_barrier: WithoutBarrier {
             linear: Um(100.0),
@@ -71,41 +63,22 @@ errors = { EXX = { mean = { poly = [0.0] }, reversal = 20.0 } }
     let ten = Displacement::Length(Mm(10.0));
     let settings = PathSettings {
         fixed: [(AxisName::Y, ten), (AxisName::Z, ten)].into(),
-        watch: Duration::ZERO,
         read_back_cycles: 10,
-        ..PathSettings::default()
+        ..alone()
     };
     let plan = |slew: f64| {
         PathPlan::new(description.clone(), &model, &guard(slew), &settings, PERIOD).expect("fits")
     };
-    let command_mm = Arc::new(AtomicU64::new(100.0_f64.to_bits()));
     let control = Lagging {
-        description: description.clone(),
-        clock: clock.clone(),
-        applied: Arc::default(),
+        applied: PerChannel::ZERO,
         seen: VecDeque::from(vec![0.0; 8]),
-        command_mm: Arc::clone(&command_mm),
+        command_mm: 100.0,
     };
-    let path = ControlPath::new(Box::new(control), &plan(slew_before)).expect("fits");
-    let settings = guard(slew_before);
-    let sensors = Sensors::new(Vec::new(), settings.temperatures);
-    let cycle = Cycle::new(
-        Box::new(model.clone()),
-        vec![path],
-        settings.hand_back,
-        sensors,
-        PERIOD,
-    );
-    let mut cycle = cycle.expect("one path").with_start(clock.start());
-    let step = |cycle: &mut Cycle, request: Option<Request>| {
-        clock.advance(PERIOD);
-        let asked = Asked {
-            request,
-            ..Asked::default()
-        };
-        cycle.run(clock.now(), &asked, &mut || Duration::ZERO);
-        *cycle.report()
-    };
+    let ways = Ways::to(control, Clock::manual());
+    let path = ways.path(description.clone(), &model, &guard(slew_before), &settings);
+    let cycle = ways.cycle(model.clone(), &guard(slew_before), vec![path]);
+    let mut cycle = cycle.expect("one path");
+    let step = |cycle: &mut Cycle, request| ways.step(cycle, request);
     // Three readings, each as far apart as a reading may be behind.
     for _ in 0..40 {
         step(&mut cycle, None);
@@ -125,7 +98,7 @@ errors = { EXX = { mean = { poly = [0.0] }, reversal = 20.0 } }
     for k in 0..300_u32 {
         let back = if k > 100 { 0.08 } else { 0.0 };
         let at = 100.0 + 0.002 * f64::from(k.min(50)) - back;
-        command_mm.store(at.to_bits(), Ordering::Relaxed);
+        ways.plant().command_mm = at;
         step(&mut cycle, None);
     }
     let (mut turns, mut last) = (0, 0.0_f64);

@@ -6,13 +6,14 @@ use std::time::Duration;
 use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_port::{Clock, Controller, simulated::Move};
 use volcomp_runtime::{
-    Asked, ControlPath, Cycle, Model, PathPlan, PathSettings, PositionReader, ReaderPlan, Report,
-    Sensors,
+    Cycle, Model, PathSettings, PositionReader, ReaderPlan, Report,
     guard::{Reasons, Request, State},
 };
 use volcomp_vocabulary::{AxisName, Displacement, PerAxis, PerChannel};
 
-use crate::rig::{Injected, PERIOD, Writes, alone, guard, machine, simulated_control};
+use crate::rig::{
+    Injected, Writes, alone, cycle_of, guard, machine, path_of, simulated_control, step,
+};
 
 const WRITTEN: [AxisName; 3] = [AxisName::Z, AxisName::X, AxisName::Y];
 const READ: [AxisName; 2] = [AxisName::C, AxisName::B];
@@ -54,20 +55,16 @@ impl Moving {
         let model = Model::new(&machine(), guard.fading).expect("compiles");
         let linear = [[-80.0, 150.0, 250.0], [-300.0, 250.0, 380.0]];
         let rotary = [[-70.0, 20.0], [120.0, 75.0]];
-        let described = |control: &dyn Controller| control.description().clone();
-        let plan = |description| {
-            PathPlan::new(description, &model, &guard, &alone(), PERIOD).expect("fits")
-        };
         let (path, readers, reader) = if beside {
             let moves = program(&WRITTEN, [&linear[0], &linear[1]], seconds);
             let control = simulated_control(&WRITTEN, moves, &clock);
-            let plan = plan(described(&control));
-            let path = ControlPath::new(Box::new(control), &plan).expect("fits");
+            let (path, _) = path_of(control, &model, &guard, &alone());
             let moves = program(&READ, [&rotary[0], &rotary[1]], seconds);
             let control = Writes::first(0, simulated_control(&READ, moves, &clock));
             let injected = Injected::default();
             let control = injected.disturb(control);
-            let plan = ReaderPlan::new(described(&control), &model, &PathSettings::default());
+            let described = control.description().clone();
+            let plan = ReaderPlan::new(described, &model, &PathSettings::default());
             let reader = PositionReader::new(Box::new(control), &plan.expect("fits"));
             (path, vec![reader], Some(injected))
         } else {
@@ -75,21 +72,11 @@ impl Moving {
             let ends = [0, 1].map(|end| [&linear[end][..], &rotary[end]].concat());
             let moves = program(&names, [&ends[0], &ends[1]], seconds);
             let control = Writes::first(3, simulated_control(&names, moves, &clock));
-            let plan = plan(described(&control));
-            let path = ControlPath::new(Box::new(control), &plan).expect("fits");
+            let (path, _) = path_of(control, &model, &guard, &alone());
             (path, Vec::new(), None)
         };
-        let sensors = Sensors::new(Vec::new(), guard.temperatures);
-        let cycle = Cycle::new(
-            Box::new(model),
-            vec![path],
-            guard.hand_back,
-            sensors,
-            PERIOD,
-        )
-        .expect("one path")
-        .with_readers(readers)
-        .expect("few");
+        let cycle = cycle_of(model, &guard, vec![path]).expect("one path");
+        let cycle = cycle.with_readers(readers).expect("few");
         Self {
             cycle: cycle.with_start(clock.start()),
             clock,
@@ -98,14 +85,7 @@ impl Moving {
     }
 
     fn step(&mut self, request: Option<Request>) -> Report {
-        self.clock.advance(PERIOD);
-        let asked = Asked {
-            request,
-            ..Asked::default()
-        };
-        let now = self.clock.now();
-        self.cycle.run(now, &asked, &mut || Duration::ZERO);
-        *self.cycle.report()
+        step(&mut self.cycle, &self.clock, request)
     }
 
     fn run(&mut self, cycles: u32) -> Report {

@@ -15,8 +15,8 @@ use volcomp_port::{
     simulated,
 };
 use volcomp_runtime::{
-    Asked, AxisSettings, ControlPath, Cycle, GuardSettings, Model, PathPlan, PathSettings, Report,
-    Sensors, WithoutBarrier,
+    Asked, AxisSettings, ControlPath, Cycle, GuardSettings, Model, PathPlan, PathSettings,
+    PlanError, Report, Sensors, WithoutBarrier,
     guard::{Limits, Request},
 };
 use volcomp_vocabulary::{AxisName, Displacement, Mm, PerChannel, Um, Urad};
@@ -246,6 +246,45 @@ pub(crate) fn alone() -> PathSettings {
     }
 }
 
+/// A path to a controller, and the limits that were planned for it.
+pub(crate) fn path_of(
+    control: impl Controller + 'static,
+    model: &Model,
+    guard: &GuardSettings,
+    settings: &PathSettings,
+) -> (ControlPath, Limits) {
+    let described = control.description().clone();
+    let plan = PathPlan::new(described, model, guard, settings, PERIOD).expect("fits");
+    let path = ControlPath::new(Box::new(control), &plan).expect("fits");
+    (path, plan.limits)
+}
+
+/// A cycle over these paths, without thermometers.
+pub(crate) fn cycle_of(
+    model: Model,
+    guard: &GuardSettings,
+    paths: Vec<ControlPath>,
+) -> Result<Cycle, PlanError> {
+    let sensors = Sensors::new(Vec::new(), guard.temperatures);
+    Cycle::new(Box::new(model), paths, guard.hand_back, sensors, PERIOD)
+}
+
+/// One cycle, a period after the last.
+pub(crate) fn step(cycle: &mut Cycle, clock: &Clock, request: Option<Request>) -> Report {
+    clock.advance(PERIOD);
+    run(cycle, clock, request)
+}
+
+/// One cycle at the present time of the clock.
+pub(crate) fn run(cycle: &mut Cycle, clock: &Clock, request: Option<Request>) -> Report {
+    let asked = Asked {
+        request,
+        ..Asked::default()
+    };
+    cycle.run(clock.now(), &asked, &mut || Duration::ZERO);
+    *cycle.report()
+}
+
 /// A cycle at a place, and its time.
 pub(crate) struct Rig {
     pub(crate) cycle: Cycle,
@@ -315,36 +354,18 @@ impl Rig {
         clock: Clock,
     ) -> Self {
         let model = Model::new(machine, guard.fading).expect("compiles");
-        let settings = alone();
-        let described = control.description().clone();
-        let plan = PathPlan::new(described, &model, guard, &settings, PERIOD);
-        let plan = plan.expect("fits");
-        let path = ControlPath::new(Box::new(control), &plan).expect("fits");
-        let sensors = Sensors::new(Vec::new(), guard.temperatures);
-        let cycle = Cycle::new(
-            Box::new(model),
-            vec![path],
-            guard.hand_back,
-            sensors,
-            PERIOD,
-        );
+        let (path, limits) = path_of(control, &model, guard, &alone());
+        let cycle = cycle_of(model, guard, vec![path]).expect("one path");
         Self {
-            cycle: cycle.expect("one path").with_start(clock.start()),
+            cycle: cycle.with_start(clock.start()),
             clock,
-            limits: plan.limits,
+            limits,
         }
     }
 
     /// One cycle.
     pub(crate) fn step(&mut self, request: Option<Request>) -> Report {
-        self.clock.advance(PERIOD);
-        let asked = Asked {
-            request,
-            ..Asked::default()
-        };
-        self.cycle
-            .run(self.clock.now(), &asked, &mut || Duration::ZERO);
-        *self.cycle.report()
+        step(&mut self.cycle, &self.clock, request)
     }
 
     pub(crate) fn run(&mut self, cycles: u32) -> Report {

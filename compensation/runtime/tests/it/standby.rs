@@ -4,17 +4,17 @@ use std::time::{Duration, Instant};
 
 use assert_no_alloc::assert_no_alloc;
 use volcomp_port::{
-    Clock, Controller,
+    Clock,
     inject::{Faults, Faulty, HangSwitch, Hanging, Injection, Remote},
 };
 use volcomp_runtime::{
-    Asked, ControlPath, Cycle, Handle, Model, Order, PathPlan, Realtime, Report, Sensors,
+    Asked, Cycle, Handle, Model, Order, Realtime, Report,
     guard::{Reasons, Request},
     start,
 };
 
 use crate::{
-    rig::{PERIOD, alone, control, guard, machine},
+    rig::{PERIOD, alone, control, cycle_of, guard, machine, path_of},
     thread::after_cycles,
 };
 
@@ -34,19 +34,13 @@ fn two_ways() -> TwoWays {
     let second_hangs = HangSwitch::default();
     let first = Faulty::new(first, Faults::default(), 1);
     let remote = first.remote();
-    let path = |controller: Box<dyn Controller>| {
-        let described = controller.description().clone();
-        let plan = PathPlan::new(described, &model, &guard, &alone(), PERIOD).expect("fits");
-        ControlPath::new(controller, &plan).expect("fits")
-    };
+    let second = Hanging::new(second, &second_hangs);
     let paths = vec![
-        path(Box::new(first)),
-        path(Box::new(Hanging::new(second, &second_hangs))),
+        path_of(first, &model, &guard, &alone()).0,
+        path_of(second, &model, &guard, &alone()).0,
     ];
-    let sensors = Sensors::new(Vec::new(), guard.temperatures);
-    let cycle = Cycle::new(Box::new(model), paths, guard.hand_back, sensors, PERIOD);
     TwoWays {
-        cycle: cycle.expect("two paths"),
+        cycle: cycle_of(model, &guard, paths).expect("two paths"),
         first: remote,
         second: second_hangs,
     }

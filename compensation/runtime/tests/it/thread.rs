@@ -3,16 +3,16 @@
 use std::time::{Duration, Instant};
 
 use volcomp_port::{
-    Clock, Controller,
+    Clock,
     inject::{HangSwitch, Hanging},
 };
 use volcomp_runtime::{
-    ControlPath, Cycle, Handle, Model, Order, OrderRefusal, PathPlan, Pulse, Realtime, Sensors,
+    Handle, Model, Order, OrderRefusal, Pulse, Realtime,
     guard::{Limits, Request},
     start,
 };
 
-use crate::rig::{PERIOD, alone, control, guard, machine};
+use crate::rig::{PERIOD, alone, control, cycle_of, guard, machine, path_of};
 
 /// A thread that has run some cycles, the limits of its path, and the switch that lets its controller hang.
 fn running() -> (Handle, Limits, HangSwitch) {
@@ -21,21 +21,9 @@ fn running() -> (Handle, Limits, HangSwitch) {
     let hangs = HangSwitch::default();
     let place = [-100.0, 40.0, 200.0, 50.0, 300.0];
     let control = Hanging::new(control(place, &Clock::system()), &hangs);
-    let described = control.description().clone();
-    let plan = PathPlan::new(described, &model, &guard, &alone(), PERIOD);
-    let plan = plan.expect("fits");
-    let limits = plan.limits;
-    let path = ControlPath::new(Box::new(control), &plan).expect("fits");
-    let sensors = Sensors::new(Vec::new(), guard.temperatures);
-    let cycle = Cycle::new(
-        Box::new(model),
-        vec![path],
-        guard.hand_back,
-        sensors,
-        PERIOD,
-    );
-    let (mut handle, lacking) =
-        start(cycle.expect("one path"), Realtime::default()).expect("a thread");
+    let (path, limits) = path_of(control, &model, &guard, &alone());
+    let cycle = cycle_of(model, &guard, vec![path]).expect("one path");
+    let (mut handle, lacking) = start(cycle, Realtime::default()).expect("a thread");
     assert!(lacking.is_empty(), "nothing was asked for: {lacking:?}");
     after_cycles(&mut handle, 5);
     (handle, limits, hangs)

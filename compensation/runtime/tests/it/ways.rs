@@ -8,8 +8,7 @@ use std::{
 use volcomp_model::Machine;
 use volcomp_port::{Clock, Controller, Description, Fault, Snapshot, Words};
 use volcomp_runtime::{
-    Asked, ControlPath, Cycle, GuardSettings, Model, PathPlan, PathSettings, PlanError, Report,
-    Sensors,
+    ControlPath, Cycle, GuardSettings, Model, PathPlan, PathSettings, PlanError, Report,
     guard::{
         Request,
         barrier::{Barrier, Settings},
@@ -18,7 +17,7 @@ use volcomp_runtime::{
 };
 use volcomp_vocabulary::{AxisName, MAX_AXES, PerChannel};
 
-use crate::rig::PERIOD;
+use crate::rig::{self, PERIOD};
 
 pub(crate) const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
 
@@ -117,25 +116,17 @@ impl<P: Plant + 'static> Ways<P> {
         guard: &GuardSettings,
         paths: Vec<ControlPath>,
     ) -> Result<Cycle, PlanError> {
-        let sensors = Sensors::new(Vec::new(), guard.temperatures);
-        let cycle = Cycle::new(Box::new(model), paths, guard.hand_back, sensors, PERIOD)?;
-        Ok(cycle.with_clock(self.clock.clone()))
+        Ok(rig::cycle_of(model, guard, paths)?.with_clock(self.clock.clone()))
     }
 
     /// One cycle at the present time of the clock.
     pub(crate) fn run(&self, cycle: &mut Cycle, request: Option<Request>) -> Report {
-        let asked = Asked {
-            request,
-            ..Asked::default()
-        };
-        cycle.run(self.clock.now(), &asked, &mut || Duration::ZERO);
-        *cycle.report()
+        rig::run(cycle, &self.clock, request)
     }
 
     /// One cycle, a period after the last.
     pub(crate) fn step(&self, cycle: &mut Cycle, request: Option<Request>) -> Report {
-        self.clock.advance(PERIOD);
-        self.run(cycle, request)
+        rig::step(cycle, &self.clock, request)
     }
 }
 

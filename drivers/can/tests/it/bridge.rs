@@ -6,6 +6,7 @@ use volcomp_can::{
 use volcomp_port::{
     Controller, ControllerState, Fault, Quality, Reason, ShownStates, Thermometer, contract,
 };
+use volcomp_test_support::cases;
 use volcomp_vocabulary::{AxisName, PerChannel};
 
 use crate::{Bus, frame_of, shipped, soon};
@@ -413,28 +414,14 @@ fn a_late_correction_is_not_sent() {
 /// Units are compared again where a table does not come from a file.
 #[test]
 fn units_of_any_table_are_compared() {
-    for (signal, unit, expected) in [
-        (
-            "X_APPLIED",
-            "",
-            "signal X_APPLIED: found no unit, expected mm or um",
-        ),
-        (
-            "X_CORR",
-            "urad",
-            "signal X_CORR: found the unit `urad`, expected mm or um",
-        ),
-        (
-            "C_POS",
-            "mm",
-            "signal C_POS: found the unit `mm`, expected deg, rad or urad",
-        ),
-        (
-            "EMERGENCY_STOP",
-            "V",
-            "signal EMERGENCY_STOP: found the unit `V`, expected no unit or bool",
-        ),
-    ] {
+    for [signal, unit, expected] in &cases(
+        "
+X_APPLIED |  | signal X_APPLIED: found no unit, expected mm or um
+X_CORR | urad | signal X_CORR: found the unit `urad`, expected mm or um
+C_POS | mm | signal C_POS: found the unit `mm`, expected deg, rad or urad
+EMERGENCY_STOP | V | signal EMERGENCY_STOP: found the unit `V`, expected no unit or bool
+",
+    ) {
         let mut config = config(&[AxisName::X, AxisName::C]);
         let (message, place) = config.table.find(signal).unwrap();
         unit.clone_into(&mut config.table.messages[message].signals[place].unit);

@@ -16,6 +16,7 @@ use volcomp_guard::{
     protocol::{Counts, Head, Layout},
 };
 use volcomp_linuxcnc::{Flags, Key, State};
+use volcomp_test_support::cases;
 use volcomp_vocabulary::{AxisName, PerChannel};
 
 use crate::{
@@ -255,40 +256,18 @@ fn settings_that_no_word_holds_are_refused() {
 /// Each message names one setting, by its names in the component and in the INI file, with what was found and what is expected.
 #[test]
 fn a_setting_that_does_not_fit_is_told_by_its_name() {
-    for (line, says) in [
-        (
-            "set XY 7 1 100 300 5 0 30000 30000 2000 2000",
-            "step (STEP_NM, STEP_UDEG) of axis X: found 0 nm or 1e-6 deg, expected 1 to 1000000",
-        ),
-        (
-            "set XY 7 1 100 300 5 1 30000 40000 2000 2000",
-            "limit (LIMIT_UM, LIMIT_MDEG) of axis Y: found 40000 counts, expected 1 to 32767",
-        ),
-        (
-            "set XY 7 1 100 300 5 1 30000 30000 0 2000",
-            "rate (RATE_UM_PER_S, RATE_MDEG_PER_S) of axis X: found 0 counts in a step, expected 1 to 32767",
-        ),
-        (
-            "set XY 7 40000 100 300 5 1 30000 30000 2000 2000",
-            "step_scans (RATE_UM_PER_S, RATE_MDEG_PER_S): found 40000 cycles from count to count, expected 1 to 32767",
-        ),
-        (
-            "set XY 7 1 0 300 5 1 30000 30000 2000 2000",
-            "hold_scans (HOLD_MS): found 0 cycles, expected 1 to 16383",
-        ),
-        (
-            "set XY 7 1 100 199 5 1 30000 30000 2000 2000",
-            "time_out_scans (TIME_OUT_MS): found 199 cycles, expected 200 to 32767",
-        ),
-        (
-            "set XQ 7 1 100 300 5 1 30000 30000 2000 2000",
-            "axes (AXES) and reads (READS): found XQ and , expected letters of XYZABCUVW, each once",
-        ),
-        (
-            "set XX 7 1 100 300 5 1 30000 30000 2000 2000",
-            "axes (AXES) and reads (READS): found XX and , expected letters of XYZABCUVW, each once",
-        ),
-    ] {
+    for [line, says] in &cases(
+        "
+set XY 7 1 100 300 5 0 30000 30000 2000 2000 | step (STEP_NM, STEP_UDEG) of axis X: found 0 nm or 1e-6 deg, expected 1 to 1000000
+set XY 7 1 100 300 5 1 30000 40000 2000 2000 | limit (LIMIT_UM, LIMIT_MDEG) of axis Y: found 40000 counts, expected 1 to 32767
+set XY 7 1 100 300 5 1 30000 30000 0 2000 | rate (RATE_UM_PER_S, RATE_MDEG_PER_S) of axis X: found 0 counts in a step, expected 1 to 32767
+set XY 7 40000 100 300 5 1 30000 30000 2000 2000 | step_scans (RATE_UM_PER_S, RATE_MDEG_PER_S): found 40000 cycles from count to count, expected 1 to 32767
+set XY 7 1 0 300 5 1 30000 30000 2000 2000 | hold_scans (HOLD_MS): found 0 cycles, expected 1 to 16383
+set XY 7 1 100 199 5 1 30000 30000 2000 2000 | time_out_scans (TIME_OUT_MS): found 199 cycles, expected 200 to 32767
+set XQ 7 1 100 300 5 1 30000 30000 2000 2000 | axes (AXES) and reads (READS): found XQ and , expected letters of XYZABCUVW, each once
+set XX 7 1 100 300 5 1 30000 30000 2000 2000 | axes (AXES) and reads (READS): found XX and , expected letters of XYZABCUVW, each once
+",
+    ) {
         let Some(program) = bridge() else { return };
         let mut child = Command::new(program)
             .stdin(Stdio::piped())

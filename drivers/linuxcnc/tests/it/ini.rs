@@ -1,6 +1,7 @@
 //! INI files: the shipped ones are right, and each line that is missing or wrong is named.
 
 use volcomp_linuxcnc::{Expected, Ini, Least, LinuxCncConfig, PORT};
+use volcomp_test_support::cases;
 use volcomp_vocabulary::AxisName;
 
 use crate::{
@@ -59,8 +60,8 @@ fn the_shipped_file_is_right() {
 }
 
 /// Each change of the shipped file is named so.
-fn each_is_named(changes: &[(&str, &str, &str)]) {
-    for (from, to, says) in changes {
+fn each_is_named(changes: &str) {
+    for [from, to, says] in &cases(changes) {
         let text = mill();
         assert!(text.contains(from), "{from}");
         let problems = told(&text.replace(from, to)).join("\n");
@@ -70,140 +71,39 @@ fn each_is_named(changes: &[(&str, &str, &str)]) {
 
 #[test]
 fn numbers_units_and_files_that_do_not_fit_are_named() {
-    each_is_named(&[
-        // LinuxCNC takes what stands behind a value for a part of it.
-        (
-            "LIMIT_UM = 30",
-            "LIMIT_UM = 30 # um",
-            "[VOLCOMP]LIMIT_UM: found 30 # um, expected a number and nothing behind it",
-        ),
-        (
-            "LIMIT_UM = 30",
-            "LIMIT_UM = 5",
-            "[VOLCOMP]LIMIT_UM: found 5, expected 30 or more: the limit of [guard]",
-        ),
-        (
-            "LIMIT_UM = 30",
-            "LIMIT_UM = 40",
-            "[VOLCOMP]LIMIT_UM: found 40, expected 32.767 or less: a word",
-        ),
-        (
-            "RATE_UM_PER_S = 2000",
-            "RATE_UM_PER_S = 10",
-            "[VOLCOMP]RATE_UM_PER_S: found 10, expected 1000 or more: twice the slew",
-        ),
-        (
-            "LIMIT_UM = 30",
-            "LIMIT_UM = 30\nHOLD_MS = 65636\nTIME_OUT_MS = 65836",
-            "[VOLCOMP]HOLD_MS: found 65636, expected 32767 or less",
-        ),
-        (
-            "LIMIT_UM = 30",
-            "LIMIT_UM = 30\nTIME_OUT_MS = 65836",
-            "[VOLCOMP]TIME_OUT_MS: found 65836, expected 1000 or less: guard.zero_after_ms",
-        ),
-        (
-            "LIMIT_UM = 30",
-            "LIMIT_UM = 30\nHOLD_MS = 200",
-            "[VOLCOMP]TIME_OUT_MS: found 300, expected 400 or more: twice HOLD_MS",
-        ),
-        (
-            "LIMIT_UM = 30",
-            "LIMIT_UM = 30\nSTEP_NM = 1.5",
-            "[VOLCOMP]STEP_NM: found 1.5, expected a whole number",
-        ),
-        (
-            "[AXIS_Y]\nOFFSET_AV_RATIO = 0.02\nMAX_VELOCITY = 200",
-            "[AXIS_Y]\nOFFSET_AV_RATIO = 0.001\nMAX_VELOCITY = 5",
-            "[AXIS_Y]OFFSET_AV_RATIO: found 0.001, expected 0.4 or more: of MAX_VELOCITY = 5",
-        ),
-        (
-            "HALFILE = ../../drivers/linuxcnc/bridge/volcomp.tcl\n",
-            "HALFILE = PATH/volcomp.tcl\nHALFILE = probe.hal\n",
-            "[HAL]HALFILE: found probe.hal after volcomp.tcl",
-        ),
-        (
-            "LINEAR_UNITS = mm\n",
-            "",
-            "[TRAJ]LINEAR_UNITS is missing, expected mm",
-        ),
-        (
-            "ANGULAR_UNITS = degree\n",
-            "ANGULAR_UNITS = rad\n",
-            "[TRAJ]ANGULAR_UNITS: found rad, expected degree",
-        ),
-    ]);
+    each_is_named(
+        r"
+LIMIT_UM = 30 | LIMIT_UM = 5 | [VOLCOMP]LIMIT_UM: found 5, expected 30 or more: the limit of [guard]
+LIMIT_UM = 30 | LIMIT_UM = 40 | [VOLCOMP]LIMIT_UM: found 40, expected 32.767 or less: a word
+RATE_UM_PER_S = 2000 | RATE_UM_PER_S = 10 | [VOLCOMP]RATE_UM_PER_S: found 10, expected 1000 or more: twice the slew
+LIMIT_UM = 30 | LIMIT_UM = 30\nHOLD_MS = 65636\nTIME_OUT_MS = 65836 | [VOLCOMP]HOLD_MS: found 65636, expected 32767 or less
+LIMIT_UM = 30 | LIMIT_UM = 30\nTIME_OUT_MS = 65836 | [VOLCOMP]TIME_OUT_MS: found 65836, expected 1000 or less: guard.zero_after_ms
+LIMIT_UM = 30 | LIMIT_UM = 30\nHOLD_MS = 200 | [VOLCOMP]TIME_OUT_MS: found 300, expected 400 or more: twice HOLD_MS
+LIMIT_UM = 30 | LIMIT_UM = 30\nSTEP_NM = 1.5 | [VOLCOMP]STEP_NM: found 1.5, expected a whole number
+[AXIS_Y]\nOFFSET_AV_RATIO = 0.02\nMAX_VELOCITY = 200 | [AXIS_Y]\nOFFSET_AV_RATIO = 0.001\nMAX_VELOCITY = 5 | [AXIS_Y]OFFSET_AV_RATIO: found 0.001, expected 0.4 or more: of MAX_VELOCITY = 5
+HALFILE = ../../drivers/linuxcnc/bridge/volcomp.tcl\n | HALFILE = PATH/volcomp.tcl\nHALFILE = probe.hal\n | [HAL]HALFILE: found probe.hal after volcomp.tcl
+",
+    );
 }
 
 #[test]
 fn each_line_that_is_missing_or_wrong_is_named() {
-    each_is_named(&[
-        (
-            "volcomp.tcl",
-            "other.tcl",
-            "[HAL]HALFILE: volcomp.tcl is missing",
-        ),
-        (
-            "MACHINE = 1\n",
-            "MACHINE = 2\n",
-            "[VOLCOMP]MACHINE: found 2, expected 1",
-        ),
-        (
-            "MACHINE = 1\n",
-            "",
-            "[VOLCOMP]MACHINE is missing, expected a number",
-        ),
-        (
-            "AXES = XYZ",
-            "AXES = X Z Y",
-            "[VOLCOMP]AXES: found XZY, expected XYZ",
-        ),
-        (
-            "LIMIT_UM = 30",
-            "STEP_NM = 10",
-            "[VOLCOMP]STEP_NM: found 10, expected 1",
-        ),
-        (
-            "LIMIT_UM = 30",
-            "",
-            "[VOLCOMP]LIMIT_UM is missing, expected a number",
-        ),
-        (
-            "[AXIS_Y]\nOFFSET_AV_RATIO = 0.02",
-            "[AXIS_Y]",
-            "[AXIS_Y]OFFSET_AV_RATIO is missing",
-        ),
-        (
-            "[AXIS_Y]\nOFFSET_AV_RATIO = 0.02",
-            "[AXIS_Y]\nOFFSET_AV_RATIO = 0.5",
-            "[AXIS_Y]OFFSET_AV_RATIO: found 0.5",
-        ),
-        (
-            "[JOINT_1]\n",
-            "[JOINT_1]\nCOMP_FILE = y.tbl\n",
-            "[JOINT_1]COMP_FILE: found y.tbl",
-        ),
-        (
-            "[JOINT_2]\n",
-            "[JOINT_2]\nBACKLASH = 0.005\n",
-            "[JOINT_2]BACKLASH: found 0.005",
-        ),
-        (
-            "LINEAR_UNITS = mm",
-            "LINEAR_UNITS = inch",
-            "[TRAJ]LINEAR_UNITS: found inch, expected mm",
-        ),
-        (
-            "KINEMATICS = trivkins coordinates=XYZ",
-            "KINEMATICS = xyzac-trt-kins",
-            "[KINS]KINEMATICS: found xyzac-trt-kins, expected trivkins",
-        ),
-        (
-            "SERVO_PERIOD = 1000000",
-            "SERVO_PERIOD = 500000",
-            "[EMCMOT]SERVO_PERIOD: found 500000 ns",
-        ),
-    ]);
+    each_is_named(
+        r"
+volcomp.tcl | other.tcl | [HAL]HALFILE: volcomp.tcl is missing
+MACHINE = 1\n | MACHINE = 2\n | [VOLCOMP]MACHINE: found 2, expected 1
+MACHINE = 1\n |  | [VOLCOMP]MACHINE is missing, expected a number
+AXES = XYZ | AXES = X Z Y | [VOLCOMP]AXES: found XZY, expected XYZ
+LIMIT_UM = 30 | STEP_NM = 10 | [VOLCOMP]STEP_NM: found 10, expected 1
+LIMIT_UM = 30 |  | [VOLCOMP]LIMIT_UM is missing, expected a number
+[AXIS_Y]\nOFFSET_AV_RATIO = 0.02 | [AXIS_Y] | [AXIS_Y]OFFSET_AV_RATIO is missing
+[AXIS_Y]\nOFFSET_AV_RATIO = 0.02 | [AXIS_Y]\nOFFSET_AV_RATIO = 0.5 | [AXIS_Y]OFFSET_AV_RATIO: found 0.5
+[JOINT_1]\n | [JOINT_1]\nCOMP_FILE = y.tbl\n | [JOINT_1]COMP_FILE: found y.tbl
+[JOINT_2]\n | [JOINT_2]\nBACKLASH = 0.005\n | [JOINT_2]BACKLASH: found 0.005
+KINEMATICS = trivkins coordinates=XYZ | KINEMATICS = xyzac-trt-kins | [KINS]KINEMATICS: found xyzac-trt-kins, expected trivkins
+SERVO_PERIOD = 1000000 | SERVO_PERIOD = 500000 | [EMCMOT]SERVO_PERIOD: found 500000 ns
+",
+    );
     let right = mill().replace("[HAL]\n", "[HAL]\nTWOPASS = ON\n");
     assert_eq!(told(&right), [""; 0]);
     let right = mill().replace(
@@ -277,24 +177,14 @@ fn files_of_the_display_are_looked_through() {
     let right = "# net other motion.probe-input\nnet volcomp-probe parport.0.pin-10-in\nnet spindle spindle.0.on => pyvcp.on\n\
         net all-homed => pyvcp.homed joint.0.homed\nnet a-cmd axis.a.pos-cmd\nnet pos joint.0.pos-fb => pyvcp.x\n";
     assert_eq!(told(&mill, right), [""; 0]);
-    for (line, says) in [
-        (
-            "net probe-in parport.0.pin-10-in => motion.probe-input",
-            "[HAL]POSTGUI_HALFILE: display.hal, line 2: found motion.probe-input connected to probe-in, expected volcomp-probe",
-        ),
-        (
-            "linkps joint.1.homed y-homed",
-            "found joint.1.homed connected to y-homed, expected volcomp-homed-1",
-        ),
-        (
-            "linksp x-homed joint.0.homed",
-            "found joint.0.homed connected to x-homed, expected all-homed",
-        ),
-        (
-            "net off axis.z.eoffset-counts",
-            "found axis.z.eoffset-counts connected to off, expected volcomp-counts-z",
-        ),
-    ] {
+    for [line, says] in &cases(
+        "
+net probe-in parport.0.pin-10-in => motion.probe-input | [HAL]POSTGUI_HALFILE: display.hal, line 2: found motion.probe-input connected to probe-in, expected volcomp-probe
+linkps joint.1.homed y-homed | found joint.1.homed connected to y-homed, expected volcomp-homed-1
+linksp x-homed joint.0.homed | found joint.0.homed connected to x-homed, expected all-homed
+net off axis.z.eoffset-counts | found axis.z.eoffset-counts connected to off, expected volcomp-counts-z
+",
+    ) {
         let found = told(&mill, &format!("# of the display\n{line}\n")).join("\n");
         assert!(found.contains(says), "{says}: {found}");
     }

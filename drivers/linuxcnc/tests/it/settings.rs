@@ -3,7 +3,7 @@
 use std::{path::Path, process::Command};
 
 use volcomp_linuxcnc::Ini;
-use volcomp_test_support::peers;
+use volcomp_test_support::{cases, peers};
 
 use crate::ini::{control, expected, mill};
 
@@ -41,92 +41,32 @@ const UNITS: [(&str, &str, bool); 28] = [
     ("ANGULAR_UNITS", "mm", false),
 ];
 
-/// Lines of the shipped file, what takes their place, and what all say of it.
-const REFUSED: [(&str, &str, &str); 14] = [
-    (
-        "LINEAR_UNITS = mm\n",
-        "",
-        "[TRAJ]LINEAR_UNITS is missing, expected mm or metric: the bridge counts in this unit",
-    ),
-    (
-        "ANGULAR_UNITS = degree\n",
-        "",
-        "[TRAJ]ANGULAR_UNITS is missing, expected degree or deg: the bridge counts in this unit",
-    ),
-    (
-        "JOINTS = 3\n",
-        "",
-        "[KINS]JOINTS is missing, expected the number of joints, 1 to 16",
-    ),
-    (
-        "JOINTS = 3",
-        "JOINTS = three",
-        "[KINS]JOINTS: found three, expected the number of joints, 1 to 16 and nothing behind it",
-    ),
-    (
-        "JOINTS = 3",
-        "JOINTS = 3 # X Y Z",
-        "[KINS]JOINTS: found 3 # X Y Z, expected the number of joints, 1 to 16",
-    ),
-    ("JOINTS = 3", "JOINTS = 2.5", "[KINS]JOINTS: found 2.5, "),
-    ("JOINTS = 3", "JOINTS = 0", "[KINS]JOINTS: found 0, "),
-    ("JOINTS = 3", "JOINTS = 17", "[KINS]JOINTS: found 17, "),
-    (
-        "SERVO_PERIOD = 1000000",
-        "SERVO_PERIOD = 1 ms",
-        "[EMCMOT]SERVO_PERIOD: found 1 ms",
-    ),
-    (
-        "SERVO_PERIOD = 1000000",
-        "SERVO_PERIOD = 0",
-        "[EMCMOT]SERVO_PERIOD: found 0",
-    ),
-    (
-        "LIMIT_UM = 30",
-        "LIMIT_UM = 30 # um",
-        "[VOLCOMP]LIMIT_UM: found 30 # um, expected a number and nothing behind it",
-    ),
-    // Of the languages that read it each takes one of these for a number.
-    (
-        "LIMIT_UM = 30",
-        "LIMIT_UM = 3_0",
-        "[VOLCOMP]LIMIT_UM: found 3_0, expected a number and nothing behind it",
-    ),
-    (
-        "LIMIT_UM = 30",
-        "LIMIT_UM = 0x1e",
-        "[VOLCOMP]LIMIT_UM: found 0x1e, expected a number and nothing behind it",
-    ),
-    (
-        "LIMIT_UM = 30",
-        "LIMIT_UM = nan",
-        "[VOLCOMP]LIMIT_UM: found nan, expected a number and nothing behind it",
-    ),
-];
+/// Lines of the shipped file, what takes their place, and what all say of it. Of the languages that read the last three each takes
+/// one for a number.
+const REFUSED: &str = r"
+LINEAR_UNITS = mm\n |  | [TRAJ]LINEAR_UNITS is missing, expected mm or metric: the bridge counts in this unit
+ANGULAR_UNITS = degree\n |  | [TRAJ]ANGULAR_UNITS is missing, expected degree or deg: the bridge counts in this unit
+JOINTS = 3\n |  | [KINS]JOINTS is missing, expected the number of joints, 1 to 16
+JOINTS = 3 | JOINTS = three | [KINS]JOINTS: found three, expected the number of joints, 1 to 16 and nothing behind it
+JOINTS = 3 | JOINTS = 3 # X Y Z | [KINS]JOINTS: found 3 # X Y Z, expected the number of joints, 1 to 16
+JOINTS = 3 | JOINTS = 2.5 | [KINS]JOINTS: found 2.5, 
+JOINTS = 3 | JOINTS = 0 | [KINS]JOINTS: found 0, 
+JOINTS = 3 | JOINTS = 17 | [KINS]JOINTS: found 17, 
+SERVO_PERIOD = 1000000 | SERVO_PERIOD = 1 ms | [EMCMOT]SERVO_PERIOD: found 1 ms
+SERVO_PERIOD = 1000000 | SERVO_PERIOD = 0 | [EMCMOT]SERVO_PERIOD: found 0
+LIMIT_UM = 30 | LIMIT_UM = 30 # um | [VOLCOMP]LIMIT_UM: found 30 # um, expected a number and nothing behind it
+LIMIT_UM = 30 | LIMIT_UM = 3_0 | [VOLCOMP]LIMIT_UM: found 3_0, expected a number and nothing behind it
+LIMIT_UM = 30 | LIMIT_UM = 0x1e | [VOLCOMP]LIMIT_UM: found 0x1e, expected a number and nothing behind it
+LIMIT_UM = 30 | LIMIT_UM = nan | [VOLCOMP]LIMIT_UM: found nan, expected a number and nothing behind it
+";
 
 /// What only the bridge judges.
-const NEEDED: [(&str, &str, &str); 4] = [
-    (
-        "MACHINE = 1\n",
-        "",
-        "[VOLCOMP]MACHINE is missing, expected a",
-    ),
-    (
-        "LIMIT_UM = 30\n",
-        "",
-        "[VOLCOMP]LIMIT_UM is missing, expected a number",
-    ),
-    (
-        "RATE_UM_PER_S = 2000\n",
-        "",
-        "[VOLCOMP]RATE_UM_PER_S is missing, expected a number",
-    ),
-    (
-        "AXES = XYZ\n",
-        "AXES = XYZ\nREADS = AX\n",
-        "[VOLCOMP]AXES and READS: found XYZ and AX, expected one or more axes, each once",
-    ),
-];
+const NEEDED: &str = r"
+MACHINE = 1\n |  | [VOLCOMP]MACHINE is missing, expected a
+LIMIT_UM = 30\n |  | [VOLCOMP]LIMIT_UM is missing, expected a number
+RATE_UM_PER_S = 2000\n |  | [VOLCOMP]RATE_UM_PER_S is missing, expected a number
+AXES = XYZ\n | AXES = XYZ\nREADS = AX\n | [VOLCOMP]AXES and READS: found XYZ and AX, expected one or more axes, each once
+";
 
 /// What a program says of an INI file, and whether it takes it.
 fn said(command: &mut Command, ini: &str) -> (bool, String) {
@@ -218,14 +158,14 @@ fn unknown_keys_are_reported_by_check_and_the_hal_file() {
 
 #[test]
 fn what_is_missing_or_wrong_is_told_by_all() {
-    for (from, to, says) in REFUSED {
+    for [from, to, says] in &cases(REFUSED) {
         let ini = mill();
         assert!(ini.contains(from), "{from}");
         for (who, takes, said) in of_all(&ini.replace(from, to)) {
             assert!(!takes && said.contains(says), "{who}: {says}: {said}");
         }
     }
-    for (from, to, says) in NEEDED {
+    for [from, to, says] in &cases(NEEDED) {
         let ini = mill();
         assert!(ini.contains(from), "{from}");
         let ini = ini.replace(from, to);

@@ -8,6 +8,7 @@ use volcomp_metrology::{
     Content, DeviationUnit, Mapping, Measurement, MetrologyError, parse_camonitor,
     parse_table_with, read_content, read_file, readings_at_dwells,
 };
+use volcomp_test_support::cases;
 use volcomp_vocabulary::Direction::{Negative, Positive};
 
 fn mapping(toml: &str) -> Mapping {
@@ -153,47 +154,22 @@ fn runs_and_directions_come_from_columns_where_there_are_some() {
 
 #[test]
 fn mappings_that_mean_nothing_are_refused() {
-    for (toml, expected) in [
-        ("[columns]\ntarget = 1", "expected `deviation`"),
-        (
-            "[columns]\ntarget = 1\ndeviation = 2\nmeasured = 3",
-            "expected one of them",
-        ),
-        ("[columns]\ntarget = 1\nmeasured = 3", "expected the unit"),
-        (
-            "[columns]\ntarget = \"t\"\ndeviation = 2\nheader_rows = 0",
-            "expected their numbers",
-        ),
-        (
-            "[columns]\ntarget = 1\ndeviation = 2\ndecimal_comma = true",
-            "decimal commas",
-        ),
-        ("[columns]\ntarget = 0\ndeviation = 2", "0"),
-        (
-            "[columns]\ntarget = 1\nmeasured = 2\nunit = \"um\"\ntarget_unit = \"deg\"",
-            "measured positions in µm, expected `target_unit = \"mm\"`",
-        ),
-        (
-            "[columns]\ntarget = 1\nmeasured = 2\nunit = \"arcsec\"\ntarget_unit = \"mm\"",
-            "expected `target_unit = \"deg\"`",
-        ),
-        (
-            "[columns]\ntarget = 1\ndeviation = 2\ncolour = 3",
-            "unknown key",
-        ),
-        (
-            "[columns]\ntarget = 1\ndeviation = 2\n[channels]\n",
-            "found `columns` and `channels`",
-        ),
-        (
-            "[channels]\ntarget = \"a\"\nreading = \"a\"\nreading_is = \"position\"\nunit = \"mm\"",
-            "expected two",
-        ),
-        (
-            "[channels]\ntarget = \"a\"\nreading = \"b\"\nunit = \"mm\"",
-            "reading_is",
-        ),
-    ] {
+    for [toml, expected] in &cases(
+        r#"
+[columns]\ntarget = 1 | expected `deviation`
+[columns]\ntarget = 1\ndeviation = 2\nmeasured = 3 | expected one of them
+[columns]\ntarget = 1\nmeasured = 3 | expected the unit
+[columns]\ntarget = "t"\ndeviation = 2\nheader_rows = 0 | expected their numbers
+[columns]\ntarget = 1\ndeviation = 2\ndecimal_comma = true | decimal commas
+[columns]\ntarget = 0\ndeviation = 2 | 0
+[columns]\ntarget = 1\nmeasured = 2\nunit = "um"\ntarget_unit = "deg" | measured positions in µm, expected `target_unit = "mm"`
+[columns]\ntarget = 1\nmeasured = 2\nunit = "arcsec"\ntarget_unit = "mm" | expected `target_unit = "deg"`
+[columns]\ntarget = 1\ndeviation = 2\ncolour = 3 | unknown key
+[columns]\ntarget = 1\ndeviation = 2\n[channels]\n | found `columns` and `channels`
+[channels]\ntarget = "a"\nreading = "a"\nreading_is = "position"\nunit = "mm" | expected two
+[channels]\ntarget = "a"\nreading = "b"\nunit = "mm" | reading_is
+"#,
+    ) {
         let message = mapping_error(toml);
         assert!(message.contains(expected), "{toml:?}: {message}");
     }

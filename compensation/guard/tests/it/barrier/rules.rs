@@ -36,87 +36,50 @@ fn held(settings: Settings) -> (Barrier, Session, Report) {
 
 #[test]
 fn each_wrong_frame_is_refused_with_its_reason() {
+    type Case = (fn(&mut Frame), Refusal);
     let settings = settings(3);
     let (barrier, _, report) = held(settings);
-    let good = Head {
-        sequence: report.sequence.wrapping_add(1),
-        owner: 7,
-        ..report.head()
+    let good = Frame {
+        head: Head {
+            sequence: report.sequence.wrapping_add(1),
+            owner: 7,
+            ..report.head()
+        },
+        values: [0; 9],
     };
-    let cases = [
-        (
-            Head {
-                epoch: good.epoch.wrapping_sub(1),
-                ..good
-            },
-            Refusal::Epoch,
-        ),
-        (Head { owner: 8, ..good }, Refusal::Owner),
-        (Head { owner: 0, ..good }, Refusal::Owner),
+    let cases: [Case; 11] = [
+        (|_| {}, Refusal::None),
+        (|frame| add(&mut frame.head.epoch, -1), Refusal::Epoch),
+        (|frame| frame.head.owner = 8, Refusal::Owner),
+        (|frame| frame.head.owner = 0, Refusal::Owner),
         // The scan that judges it is one more than the report's.
+        (|frame| add(&mut frame.head.tick, -4), Refusal::None),
+        (|frame| add(&mut frame.head.tick, -5), Refusal::Tick),
+        (|frame| add(&mut frame.head.tick, 2), Refusal::Tick),
+        // Counted from the next one.
+        (|frame| add(&mut frame.head.sequence, -2), Refusal::Sequence),
         (
-            Head {
-                tick: good.tick.wrapping_sub(5),
-                ..good
-            },
-            Refusal::Tick,
-        ),
-        (
-            Head {
-                tick: good.tick.wrapping_add(2),
-                ..good
-            },
-            Refusal::Tick,
-        ),
-        (
-            Head {
-                sequence: report.sequence.wrapping_sub(1),
-                ..good
-            },
-            Refusal::Sequence,
-        ),
-        (
-            Head {
-                sequence: report.sequence.wrapping_add(1 << 15),
-                ..good
-            },
-            Refusal::Sequence,
-        ),
-        (
-            Head {
-                tick: good.tick.wrapping_sub(4),
-                ..good
-            },
+            |frame| add(&mut frame.head.sequence, i16::MAX - 1),
             Refusal::None,
         ),
         (
-            Head {
-                sequence: report.sequence.wrapping_add((1 << 15) - 1),
-                ..good
-            },
-            Refusal::None,
+            |frame| add(&mut frame.head.sequence, i16::MAX),
+            Refusal::Sequence,
         ),
-        (good, Refusal::None),
-    ]
-    .map(|(head, expected)| {
-        (
-            Frame {
-                head,
-                values: [0; 9],
-            },
-            expected,
-        )
-    });
-    let mut values = [0; 9];
-    values[2] = -21;
-    let beyond = (Frame { head: good, values }, Refusal::Value);
-    for (frame, expected) in cases.into_iter().chain([beyond]) {
-        let mut barrier = barrier;
+        (|frame| frame.values[2] = -21, Refusal::Value),
+    ];
+    for (change, expected) in cases {
+        let (mut barrier, mut frame) = (barrier, good);
+        change(&mut frame);
         let after = barrier.scan(&[&words(&settings, &frame)], false);
         assert_eq!(after.refusal, expected, "{frame:?}");
         let taken = barrier.memory().link.silent == 0;
         assert_eq!(taken, expected == Refusal::None, "{frame:?}");
     }
+}
+
+fn add(counter: &mut u16, by: i16) {
+    *counter = counter.wrapping_add_signed(by);
 }
 
 #[test]
@@ -314,67 +277,31 @@ fn a_sender_waits_for_another_and_for_its_own_former_life() {
 
 #[test]
 fn settings_without_sense_are_refused() {
+    type Case = (fn(&mut Settings), SettingsError);
     assert_eq!(Layout::of([]), Err(LayoutError::NoAxes));
     let twice = [AxisName::X, AxisName::Y, AxisName::X];
     let axis = AxisName::X;
     assert_eq!(Layout::of(twice), Err(LayoutError::Twice { axis }));
-    let good = settings(3);
-    let mut no_rate = good;
-    no_rate.rate[1] = 0;
-    let mut negative = good;
-    negative.limit[2] = -1;
-    let other_machine = Settings {
-        machine: 65_535,
-        ..good
-    };
-    let cases = [
+    let time_out = |hold, time_out| SettingsError::TimeOut { hold, time_out };
+    let counts = |axis, found| SettingsError::Counts { axis, found };
+    let cases: [Case; 7] = [
         // To the checksum it is the machine 0.
-        (other_machine, SettingsError::Machine { found: 65_535 }),
-        (no_rate, SettingsError::Counts { axis: 1, found: 0 }),
-        (negative, SettingsError::Counts { axis: 2, found: -1 }),
         (
-            Settings {
-                step_scans: 0,
-                ..good
-            },
-            SettingsError::StepScans,
+            |s| s.machine = 65_535,
+            SettingsError::Machine { found: 65_535 },
         ),
-        (
-            Settings {
-                time_out_scans: 9,
-                ..good
-            },
-            SettingsError::TimeOut {
-                hold: 5,
-                time_out: 9,
-            },
-        ),
-        (
-            Settings {
-                hold_scans: 0,
-                ..good
-            },
-            SettingsError::TimeOut {
-                hold: 0,
-                time_out: 12,
-            },
-        ),
-        (
-            Settings {
-                time_out_scans: 1 << 15,
-                ..good
-            },
-            SettingsError::TimeOut {
-                hold: 5,
-                time_out: 1 << 15,
-            },
-        ),
+        (|s| s.rate[1] = 0, counts(1, 0)),
+        (|s| s.limit[2] = -1, counts(2, -1)),
+        (|s| s.step_scans = 0, SettingsError::StepScans),
+        (|s| s.time_out_scans = 9, time_out(5, 9)),
+        (|s| s.hold_scans = 0, time_out(0, 12)),
+        (|s| s.time_out_scans = 1 << 15, time_out(5, 1 << 15)),
     ];
-    for (settings, expected) in cases {
-        assert_eq!(
-            Barrier::start(settings, 0, 0, &Counts::default()),
-            Err(expected)
-        );
+    for (change, expected) in cases {
+        let mut settings = settings(3);
+        change(&mut settings);
+        let refused = Barrier::start(settings, 0, 0, &Counts::default());
+        assert_eq!(refused, Err(expected));
     }
 }
 
