@@ -9,7 +9,7 @@ use volcomp_nc::{Corrector, Dialect, Job, NcError, SetUp, compensate};
 use volcomp_tables::axis_table::{
     AxisNumbers, Facts, Format, TableOptions, WriteOptions, loss, sampled, write,
 };
-use volcomp_vocabulary::{AxisName, CorrectionLimit, Displacement};
+use volcomp_vocabulary::{AxisName, CorrectionLimit};
 
 use crate::{
     error::StudioError,
@@ -128,14 +128,11 @@ impl Folder {
             self.write(&name, file.text.as_bytes())?;
             files.push(name);
         }
-        let left = lost.axes.iter().map(|of| {
-            let micro = |value| Displacement::new(of.axis.kind(), value).um_or_urad();
-            AxisResidual {
-                axis: of.axis,
-                unit: if of.axis.is_rotary() { "urad" } else { "um" },
-                without: micro(of.correction),
-                largest: micro(of.largest),
-            }
+        let left = lost.axes.iter().map(|of| AxisResidual {
+            axis: of.axis,
+            unit: of.unit,
+            without: of.correction,
+            largest: of.largest,
         });
         Ok(TableFiles {
             files,

@@ -4,13 +4,13 @@ use std::{fmt::Display, io::IsTerminal, path::Path};
 
 use anstyle::{AnsiColor, Style};
 use miette::{LabeledSpan, MietteDiagnostic, NamedSource, Report};
+use schemars::JsonSchema;
+use serde::Serialize;
 use volcomp_calibrate::CalibrateError;
 use volcomp_document::{InputError, ReadError};
 use volcomp_identify::IdentifyError;
 use volcomp_metrology::MetrologyError;
 use volcomp_model::ModelError;
-
-use crate::answers::failure::{Document, Error, Kind};
 
 const ERROR: Style = AnsiColor::Red.on_default().bold();
 
@@ -47,6 +47,41 @@ pub(crate) struct FileFailure {
     pub(crate) key: Option<String>,
     /// The whole message with file, line and key.
     pub(crate) message: String,
+}
+
+/// The document on standard error of a call with `--json` that fails.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct FailureDocument {
+    error: Error,
+}
+
+/// Why the program stopped. Keys that do not apply are not there.
+#[derive(Debug, Serialize, JsonSchema)]
+struct Error {
+    kind: Kind,
+    /// The message: the value that was found and the one that was expected, in one text.
+    message: String,
+    /// The file in which something is wrong.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    file: Option<String>,
+    /// The line in that file, from 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    line: Option<u64>,
+    /// The key or column in that file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    key: Option<String>,
+}
+
+/// Whose fault it is, as in the exit status.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+enum Kind {
+    /// The command line itself is wrong: exit status 2.
+    Call,
+    /// An option's value or a file is wrong: exit status 2.
+    Input,
+    /// The work failed: exit status 1.
+    Work,
 }
 
 impl Failure {
@@ -114,7 +149,7 @@ impl Failure {
         }
     }
 
-    fn document(&self) -> Document {
+    fn document(&self) -> FailureDocument {
         let (file, line, key) = match self {
             Self::Call(_) | Self::Input(_) | Self::Work(_) => (None, None, None),
             Self::File(failure) => (
@@ -129,7 +164,7 @@ impl Failure {
             ),
             Self::WorkOn { file, .. } => (Some(file.clone()), None, None),
         };
-        Document {
+        FailureDocument {
             error: Error {
                 kind: self.kind(),
                 message: self.message(),

@@ -1,9 +1,7 @@
 //! The `volcomp` command: measure, model and remove the volumetric error of machine tools.
 
-mod answers;
 mod commands;
 mod compensation;
-mod demo;
 mod examples;
 mod failure;
 mod finite;

@@ -42,7 +42,9 @@ pub use inverse::Reached;
 pub use largest::EachKelvin;
 pub use machine::Machine;
 pub use map::MapGrid;
-pub use provenance::{Origin, Provenance, ProvenanceRefusal, Source, is_date, sha256_of};
+pub use provenance::{
+    Origin, Provenance, ProvenanceRefusal, Source, hexadecimal, is_date, sha256_of,
+};
 pub use rigid::{Lengths, RigidMotion, RigidSums};
 pub use seen::Seen;
 pub use source::MachineErrors;

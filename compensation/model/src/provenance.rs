@@ -11,12 +11,16 @@ use volcomp_vocabulary::{AxisName, ErrorName};
 /// what is told is never about another curve.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Provenance {
     /// The version of volcomp that wrote it.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub version: Option<String>,
     /// The serial number of the machine that was measured.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub serial: Option<String>,
     /// The day that the person who calibrated has stated, `2026-11-26`.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub date: Option<String>,
     /// The errors that the measurements do not bear out: figures that rest on them are undecided.
     pub undecided: Vec<ErrorName>,
@@ -27,37 +31,56 @@ pub struct Provenance {
 /// Where one error comes from.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Origin {
     /// The error motion or the location error.
     pub error: ErrorName,
     /// How it was found: `smoothing B-spline`, `slopes of EXY and EYX`.
     pub method: String,
     /// The rule by which the method was taken.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub rule: Option<String>,
     /// Root mean square of the mean readings minus the curve, of both directions, µm or µrad.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub residual: Option<f64>,
     /// Root mean square of what the curve misses of targets left out of its fit, µm or µrad.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub leave_one_out: Option<f64>,
     /// The files with its readings.
+    #[cfg_attr(feature = "serde", serde(rename = "files"))]
     pub sources: Vec<Source>,
 }
 
 /// A file that an error was found from.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Source {
     /// The file as the calibration file names it, relative to that file.
     pub file: String,
     /// SHA-256 of its bytes, 64 lower-case hexadecimal digits.
     pub sha256: String,
     /// The number of runs that were used, both directions of a run counted once.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub runs: Option<usize>,
     /// The number of targets.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub targets: Option<usize>,
     /// Where the other axes stood, mm or deg, without those that stood at 0.
+    #[cfg_attr(feature = "serde", serde(serialize_with = "as_map"))]
+    #[cfg_attr(
+        feature = "schema",
+        schemars(with = "std::collections::BTreeMap<AxisName, f64>")
+    )]
     pub at: Vec<(AxisName, f64)>,
     /// The date of the test, as the file states it.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub date: Option<String>,
+}
+
+#[cfg(feature = "serde")]
+fn as_map<S: serde::Serializer>(at: &[(AxisName, f64)], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(at.iter().copied())
 }
 
 impl Provenance {
@@ -228,7 +251,7 @@ pub fn sha256_of(path: &Path) -> std::io::Result<String> {
 }
 
 /// Bytes as lower-case hexadecimal digits.
-pub(crate) fn hexadecimal(bytes: &[u8]) -> String {
+pub fn hexadecimal(bytes: &[u8]) -> String {
     let mut text = String::with_capacity(2 * bytes.len());
     for byte in bytes {
         let _ = write!(text, "{byte:02x}"); // writing to a String cannot fail

@@ -34,14 +34,18 @@ use crate::{
 /// The mean correction over the places where a program cuts with one work offset in force: the ends of its lines and arcs, and
 /// its holes half-way down.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 #[non_exhaustive]
 pub struct Average {
     /// The work offset, `G54` to `G59.3`.
+    #[cfg_attr(feature = "schema", serde(rename = "work_offset"))]
     pub system: String,
     /// How many places there are.
     pub places: u64,
     /// How far the machine is off at its zero; `None`: not at all.
+    #[cfg_attr(feature = "schema", serde(skip))]
     pub off_at_zero: Option<Note>,
+    #[cfg_attr(feature = "schema", serde(skip))]
     pub(crate) off_at_zero_mm: [f64; 3],
     /// The mean of what is to be added to X, Y and Z, mm; 0 for an axis that does not correct.
     pub mean_mm: [f64; 3],

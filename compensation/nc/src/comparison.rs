@@ -384,7 +384,7 @@ impl Comparison {
         let further = &mut self.found.further;
         further.motions += 1;
         if by_um > further.by_um {
-            (further.by_um, further.line) = (by_um, line);
+            (further.by_um, further.line) = (by_um, Some(line));
         }
     }
 

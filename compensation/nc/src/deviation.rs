@@ -22,6 +22,7 @@ pub struct Place {
 
 /// The deviation of a whole program.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 #[non_exhaustive]
 pub struct Deviation {
     /// The largest distance of the tip from where it belongs, µm.

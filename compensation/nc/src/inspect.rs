@@ -174,6 +174,7 @@ pub enum InspectError {
 
 /// What was found of a feature.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 #[non_exhaustive]
 pub struct Found {
     /// Form deviation about the feature of least squares, µm; `None` for a hole.

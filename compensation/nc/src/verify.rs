@@ -27,6 +27,7 @@ pub(crate) const WAITING: usize = 1024;
 
 /// A program and its result on a virtual machine.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 #[non_exhaustive]
 pub struct Verification {
     /// With the original program.
@@ -40,24 +41,28 @@ pub struct Verification {
     /// Places on them that were looked at.
     pub places: u64,
     /// Some of these places, evenly spread, in the order of the program.
+    #[cfg_attr(feature = "schema", serde(skip))]
     pub path: Vec<Place>,
     /// The features of the part, if one is to be inspected.
+    #[cfg_attr(feature = "schema", serde(skip))]
     pub features: Vec<Inspected>,
     /// Any of the motions is written in inches.
+    #[cfg_attr(feature = "schema", serde(skip))]
     pub in_inches: bool,
 }
 
 /// Motions with whose result the tool is further off than with the original program, by more than the 0.01 µm that are printed: in the
 /// root of the mean square of its places, or in the largest deviation of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 #[non_exhaustive]
 pub struct Further {
     /// How many there are.
     pub motions: u64,
     /// By how much at the most, µm.
     pub by_um: f64,
-    /// That one: the line of the original program.
-    pub line: usize,
+    /// The line of that one in the original program, counted from 1; `None` where there is none.
+    pub line: Option<usize>,
 }
 
 /// What a verification needs to know besides the two programs.

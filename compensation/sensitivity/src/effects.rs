@@ -15,8 +15,10 @@ use crate::{
 /// What one error does over the poses: one unit of it (1 µm of a displacement, 1 µrad of a rotation) where it comes from
 /// [`sensitivity`](crate::sensitivity()), the values that a machine has where it comes from [`effects_of`].
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 pub struct Effect {
     /// The error.
+    #[cfg_attr(feature = "schema", serde(rename = "name"))]
     pub term: ErrorTerm,
     /// Root mean square of the displacement of the tool tip, µm.
     pub position_rms_um: f64,

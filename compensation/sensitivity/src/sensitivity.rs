@@ -20,6 +20,7 @@ const MOST_POSES: usize = 1 << 28;
 
 /// Errors whose effects are proportional at every pose: one motion of the tool.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 pub struct DistinctMotion {
     /// The motion by its frame or line: `translation along Y, frame of A`.
     pub name: String,
@@ -29,8 +30,10 @@ pub struct DistinctMotion {
 
 /// The sensitivity of a machine to its errors over a set of poses.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 pub struct Sensitivity {
     /// How many poses were looked at.
+    #[cfg_attr(feature = "schema", serde(rename = "positions"))]
     pub poses: usize,
     /// Each error in the order in which it was given.
     pub errors: Vec<Effect>,
@@ -39,7 +42,26 @@ pub struct Sensitivity {
     /// How many combinations of the errors position and orientation of the tool can tell apart.
     pub rank: usize,
     /// Combinations of the errors, in µm and µrad, that move the tool at no pose, each of unit length.
+    #[cfg_attr(
+        feature = "schema",
+        serde(serialize_with = "as_maps"),
+        schemars(with = "Vec<std::collections::BTreeMap<String, f64>>")
+    )]
     pub indistinguishable: Vec<Vec<(ErrorTerm, f64)>>,
+}
+
+#[cfg(feature = "schema")]
+fn as_maps<S: serde::Serializer>(
+    nulls: &[Vec<(ErrorTerm, f64)>],
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    let named = nulls.iter().map(|null| {
+        let weights = null
+            .iter()
+            .map(|(term, weight)| (term.coefficient(), *weight));
+        weights.collect::<std::collections::BTreeMap<_, _>>()
+    });
+    serializer.collect_seq(named)
 }
 
 /// Why nothing can be said.

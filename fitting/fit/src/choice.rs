@@ -20,6 +20,7 @@ pub struct FitOptions {
 
 /// A candidate and how well it does.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Score {
     /// The candidate.
@@ -29,6 +30,7 @@ pub struct Score {
     /// Root mean square of the errors with which the curve predicts the mean of an inner target that is left out with all
     /// its readings; infinite where it cannot.
     #[cfg_attr(feature = "serde", serde(with = "crate::serialised"))]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub leave_one_out_rms: f64,
     /// Largest deviation of a target's mean reading from the curve.
     pub largest_residual: f64,
@@ -42,6 +44,7 @@ pub struct Score {
 
 /// Why a candidate was chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(
     feature = "serde",
     derive(serde::Serialize, serde::Deserialize),
@@ -69,6 +72,7 @@ impl fmt::Display for Reason {
 
 /// The method chosen, and all candidates.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Choice {
     /// The method chosen.

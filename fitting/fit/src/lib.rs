@@ -37,9 +37,10 @@ pub use polynomial::{fit_chebyshev, fit_polynomial};
 pub use student::student_widening;
 pub use table::{fit_cubic_table, fit_linear_table};
 pub use thermal::{
-    ThermalChoice, ThermalEffect, ThermalFit, ThermalGap, ThermalNumber, ThermalOptions,
-    ThermalRecord, ThermalRun, ThermalSearch, ThermalSeen, ThermalSegment, ThermalSize,
-    ThermalTerm, ThermalTerms, fit_thermal, left_out_runs, refit_thermal, search_thermal,
+    CoarseRows, JudgedThermal, ThermalChoice, ThermalEffect, ThermalFit, ThermalGap, ThermalNumber,
+    ThermalOptions, ThermalPrediction, ThermalRecord, ThermalRun, ThermalSearch, ThermalSeen,
+    ThermalSegment, ThermalSize, ThermalTerm, ThermalTerms, ThermalVerdict, fit_thermal,
+    judge_thermal_rows, judge_thermal_runs, left_out_runs, refit_thermal, search_thermal,
     search_thermal_rows,
 };
 pub use volcomp_curve as curve;

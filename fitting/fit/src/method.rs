@@ -9,7 +9,9 @@ use crate::{
 
 /// A kind of curve with its settings, as [`choose`](crate::choose) chooses among them.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 #[non_exhaustive]
 pub enum Method {
     /// A polynomial in powers of the argument.

@@ -45,6 +45,7 @@ pub fn fit_mls(
 
 /// An order and a support that the automatic mode of moving least squares tries, and how well they do.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct MlsTrial {
     /// The order of the local polynomial.
@@ -55,6 +56,7 @@ pub struct MlsTrial {
     pub max_residual: f64,
     /// Root mean square of the errors with which the curve predicts a target that is left out.
     #[cfg_attr(feature = "serde", serde(with = "crate::serialised"))]
+    #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub leave_one_out_rms: f64,
 }
 

@@ -2,17 +2,14 @@
 
 use std::{fmt::Write as _, path::PathBuf};
 
+use schemars::JsonSchema;
+use serde::Serialize;
 use volcomp_model::Machine;
 use volcomp_shop::{Wear, WearError};
 use volcomp_vocabulary::Direction;
 
 use super::{Answer, fixed, table, table_text};
-use crate::{
-    answers::simulate::{Age, Aged},
-    failure::Failure,
-    output::OutputFile,
-    table::folded,
-};
+use crate::{failure::Failure, output::OutputFile, table::folded};
 
 /// Places over the travel at which the change of an error is looked at.
 const PLACES: u32 = 200;
@@ -43,6 +40,39 @@ pub(crate) struct Arguments {
     /// The machine file of the worn machine
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
+}
+
+/// The document of `volcomp age`.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Age {
+    /// The machine file that was written.
+    file: String,
+    /// Months of work.
+    months: f64,
+    /// How hard it worked.
+    load: f64,
+    /// Which machine of its type it is.
+    seed: u64,
+    /// The errors that changed.
+    errors: Vec<Aged>,
+}
+
+/// What wear made of an error.
+#[derive(Debug, Serialize, JsonSchema)]
+struct Aged {
+    /// The error.
+    name: String,
+    /// The unit of its numbers, `um` or `urad`.
+    unit: &'static str,
+    /// The same as people read it.
+    #[serde(skip)]
+    symbol: &'static str,
+    /// The largest change of its mean over the travel.
+    largest_change: f64,
+    /// The largest size of its mean over the travel now.
+    largest: f64,
+    /// The reversal value in the middle of the travel, positive less negative direction; null where there is none.
+    reversal: Option<f64>,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {

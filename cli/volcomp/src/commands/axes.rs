@@ -1,12 +1,13 @@
 //! `volcomp axes`: where the axes stand for a tip and a direction of the tool.
 
+use schemars::JsonSchema;
+use serde::Serialize;
 use volcomp_kinematics::State;
 use volcomp_model::{Machine, Reached};
 use volcomp_vocabulary::AxisName;
 
-use super::{Answer, fixed, in_degrees, table, table_text};
+use super::{Answer, ByAxis, fixed, in_degrees, table, table_text};
 use crate::{
-    answers::axes::Axes,
     failure::Failure,
     points::{GeometryArguments, three},
     table::folded,
@@ -28,6 +29,27 @@ pub(crate) struct Arguments {
         default_value = "0,0,1"
     )]
     tool_axis: String,
+}
+
+/// The document of `volcomp axes`: where the axes stand for a tip and a direction of the tool.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Axes {
+    /// Every solution within travel, mm and deg, those with the least turns first.
+    solutions: Vec<ByAxis>,
+    /// Whether at this pose a rotary axis has no part in the direction of the tool, or linear axes are dependent.
+    singular: bool,
+    /// The rotary axes without a part in it, and the linear axes that are dependent.
+    free: Vec<AxisName>,
+    /// For each of these the ranges in which it may stand, mm or deg, so that all other axes are within their travels: of a rotary axis
+    /// of one turn. There is a solution for each range, where a rotary axis is nearest to 0. Empty for linear axes of several
+    /// dependent moves.
+    free_ranges: Vec<Vec<[f64; 2]>>,
+    /// The moves of linear axes, mm, that leave the tip where it is; the largest is 1.
+    dependent_moves: Vec<ByAxis>,
+    /// Axes that would leave their travel in further solutions.
+    outside_travel: Vec<AxisName>,
+    /// The reason why no travel would do; null where there is a solution, or one outside travel.
+    unreachable: Option<String>,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {

@@ -1,15 +1,13 @@
 //! `volcomp compile`: the compiled machine as a file.
 
-use std::fmt::Write;
-
 use std::path::PathBuf;
 
-use volcomp_model::{Tolerance, evaluator::BLOB_VERSION};
+use schemars::JsonSchema;
+use serde::Serialize;
+use volcomp_model::{Tolerance, evaluator::BLOB_VERSION, hexadecimal};
 
 use super::{Answer, machine_notes};
-use crate::{
-    answers::program::Compile, failure::Failure, output::OutputFile, points::SpindleArguments,
-};
+use crate::{failure::Failure, output::OutputFile, points::SpindleArguments};
 
 /// The compiled machine as a file of bytes, for programs that evaluate it in real time
 ///
@@ -27,6 +25,23 @@ pub(crate) struct Arguments {
     /// How far a compiled curve may be from its source, nm for displacements and nrad for rotations
     #[arg(long, value_name = "NM", default_value_t = 1.0)]
     tolerance_nm: f64,
+}
+
+/// The document of `volcomp compile`.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Compile {
+    /// The file that was written.
+    file: String,
+    /// The size of the file, bytes.
+    bytes: usize,
+    /// Version of the format.
+    version: u32,
+    /// SHA-256 of the machine, as it stands in the head of the file: hexadecimal digits.
+    sha256: String,
+    /// How far a compiled curve may be from its source, nm for displacements and nrad for rotations.
+    tolerance_nm: f64,
+    /// How many cubic pieces the curves have.
+    pieces: usize,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
@@ -57,12 +72,4 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         document.file, document.bytes, document.pieces, document.sha256
     );
     Answer::new(&document, text, machine_notes(&machine, &temperatures))
-}
-
-fn hexadecimal(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::new(), |mut text, byte| {
-        // Writing to a string never fails.
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
 }

@@ -2,15 +2,26 @@
 
 use clap::Command;
 use clap_complete::{Shell, generate};
+use schemars::JsonSchema;
+use serde::Serialize;
 
 use super::Answer;
-use crate::{answers::program::Completions, failure::Failure};
+use crate::failure::Failure;
 
 /// A script for a shell that completes commands, options and file names
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
     /// The shell to write completions for
     shell: Shell,
+}
+
+/// The document of `volcomp completions`.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Completions {
+    /// The shell for which the script is.
+    shell: String,
+    /// The script that the shell reads.
+    script: String,
 }
 
 pub(crate) fn run(arguments: &Arguments, command: &mut Command) -> Result<Answer, Failure> {

@@ -1,16 +1,13 @@
 //! `volcomp dh`: the Denavit–Hartenberg table of a machine.
 
 use clap::ValueEnum;
+use schemars::JsonSchema;
+use serde::Serialize;
 use volcomp_kinematics::{DhConvention, DhTable, Pose};
-use volcomp_vocabulary::AxisKind;
+use volcomp_vocabulary::{AxisKind, AxisName};
 
 use super::{Answer, fixed, table, table_text};
-use crate::{
-    answers::axes::{Dh, Frame, Row},
-    failure::Failure,
-    points::GeometryArguments,
-    table::folded,
-};
+use crate::{failure::Failure, points::GeometryArguments, table::folded};
 
 /// The Denavit–Hartenberg table of a machine at machine zero
 #[derive(clap::Args)]
@@ -26,6 +23,49 @@ pub(crate) struct Arguments {
 enum Convention {
     Distal,
     Proximal,
+}
+
+/// The document of `volcomp dh`: the Denavit–Hartenberg table of a machine at machine zero.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Dh {
+    /// `distal` or `proximal`.
+    convention: String,
+    /// The joints from the workpiece to the tool: R turns, T slides.
+    joints: String,
+    /// The frame before the first row, in the machine coordinate system.
+    base: Frame,
+    /// One row for each axis, from the workpiece to the tool.
+    rows: Vec<Row>,
+    /// The machine coordinate system in the last frame, so that at machine zero the product of all is nothing.
+    tool: Frame,
+}
+
+/// A frame by its origin and two of its axes.
+#[derive(Debug, Serialize, JsonSchema)]
+struct Frame {
+    /// The origin, mm.
+    point_mm: [f64; 3],
+    /// Direction of its x axis.
+    x: [f64; 3],
+    /// Direction of its z axis.
+    z: [f64; 3],
+}
+
+/// One row of the table at machine zero.
+#[derive(Debug, Serialize, JsonSchema)]
+struct Row {
+    /// The axis, whose coordinate adds to `theta_deg` (rotary) or `d_mm` (linear).
+    axis: AxisName,
+    /// `linear` or `rotary`.
+    kind: AxisKind,
+    /// Joint angle θ, deg.
+    theta_deg: f64,
+    /// Link offset d, mm.
+    d_mm: f64,
+    /// Link length a, mm.
+    a_mm: f64,
+    /// Link twist α, deg.
+    alpha_deg: f64,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {

@@ -2,16 +2,18 @@
 
 use std::path::{Path, PathBuf};
 
-use volcomp_model::{Axis, Machine, Temperatures};
+use schemars::JsonSchema;
+use serde::Serialize;
+use volcomp_identify::unit_symbol;
+use volcomp_model::{Axis, Machine};
 use volcomp_tables::axis_table::{
-    AxisLoss, AxisNumbers, Content, ErrorTable, ExchangeError, Facts, Format, LineError,
-    TableOptions, TextFile, WriteOptions, loss, sampled, write,
+    AxisLoss, AxisNumbers, Content, ExchangeError, Facts, Format, LineError, Loss, TableOptions,
+    TextFile, WriteOptions, loss, sampled, write,
 };
-use volcomp_vocabulary::{AxisKind, AxisName, Direction, Displacement};
+use volcomp_vocabulary::AxisName;
 
 use super::{Answer, ByAxis, fixed, machine_notes, table, table_text};
 use crate::{
-    answers::export::{self, CategoryLoss, Export, Loss, Made},
     failure::{Failure, FileFailure},
     limit::{LimitArgument, RAISE_LIMIT},
     output::OutputFile,
@@ -71,6 +73,50 @@ impl ControlArguments {
     }
 }
 
+/// The document of `volcomp export`.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Export {
+    /// The format.
+    format: &'static str,
+    /// The files that were written.
+    files: Vec<String>,
+    /// The checksum of the machine file, as it stands in the files.
+    machine: String,
+    /// Where the axes stand that a table does not go over, mm and deg.
+    at: ByAxis,
+    /// What a number in the files says.
+    sign: &'static str,
+    /// What the sign rests on, and whether it is proven.
+    trust: &'static str,
+    /// The tables that were made; what the files do not hold of them stands among the notes.
+    tables: Vec<Made>,
+    /// What the files do not hold, and what the control has to be told besides.
+    notes: Vec<String>,
+    /// What the control loses with these files against the model.
+    loss: Loss,
+}
+
+/// A table that was made.
+#[derive(Debug, Serialize, JsonSchema)]
+struct Made {
+    /// The axis whose position chooses the value.
+    input: AxisName,
+    /// What the values are of: the letter of the axis that deviates, or the name of an error.
+    output: String,
+    /// How many positions.
+    positions: usize,
+    /// The first position, mm or deg.
+    first: f64,
+    /// The last position, mm or deg.
+    last: f64,
+    /// Whether the directions of motion have values of their own.
+    both_directions: bool,
+    /// The largest value, by size.
+    largest: f64,
+    /// The unit of the largest value: `um` or `urad`.
+    unit: &'static str,
+}
+
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let (machine, temperatures) = arguments.machine.read()?;
     let mut notes = machine_notes(&machine, &temperatures);
@@ -97,7 +143,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let format = arguments.format;
     let content = sampled(&machine, &temperatures, &options, format)?;
     let written = write(format, &content, &write_options)?;
-    let lost = told(&machine, &temperatures, &options, format, &write_options)?;
+    let lost = loss(&machine, &temperatures, &options, format, &write_options)?;
     if arguments.at.is_none() && matches!(content, Content::Axes(_)) {
         notes.extend(not_at(&machine, &reference));
     }
@@ -108,12 +154,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     }
     notes.extend(other_tables(arguments, &files));
     let document = Export {
-        format: format.to_string(),
+        format: format.name(),
         files,
         machine: machine.checksum(),
         at: reference.into_iter().collect(),
-        sign: format.sign().to_owned(),
-        trust: format.trust().to_owned(),
+        sign: format.sign(),
+        trust: format.trust(),
         tables: made(&content, &written.left_out),
         notes: written.notes,
         loss: lost,
@@ -147,15 +193,15 @@ fn rounded(at: f64) -> f64 {
 }
 
 /// That an axis is worse off with the tables than without.
-fn worse_than_none(axis: &export::AxisLoss) -> Option<String> {
+fn worse_than_none(axis: &AxisLoss) -> Option<String> {
     (axis.largest > axis.correction).then(|| {
-        let unit = shown_unit(&axis.unit);
+        let unit = unit_symbol(axis.unit);
         format!(
             "WARNING: with these tables axis {} is further off than without: by up to {} {unit} (at {}), without them by up to {} {unit}. They help near the line through --at alone: \
              state the middle of the space in which you work, or leave this table off",
             axis.axis,
             fixed(axis.largest, 2),
-            place_of(&axis.at, axis.direction.as_deref()),
+            place_of(axis),
             fixed(axis.correction, 2),
         )
     })
@@ -309,117 +355,39 @@ fn is_named_by(format: Format, name: &str) -> bool {
     axis.is_some_and(|axis| axis.parse::<AxisName>().is_ok())
 }
 
-/// The unit of a deviation in JSON.
-pub(crate) fn unit(kind: AxisKind) -> String {
-    match kind {
-        AxisKind::Linear => "um",
-        AxisKind::Rotary => "urad",
-    }
-    .to_owned()
-}
-
-fn largest<'a>(kind: AxisKind, values: impl Iterator<Item = &'a f64>) -> f64 {
-    let sizes = values.map(|value| Displacement::new(kind, *value).um_or_urad().abs());
-    sizes.fold(0.0, f64::max)
-}
-
 /// The tables in the files.
 fn made(content: &Content, left_out: &[(AxisName, AxisName)]) -> Vec<Made> {
-    let ends = |positions: &[f64]| {
-        let first = positions.first().copied().unwrap_or(0.0);
-        (first, positions.last().copied().unwrap_or(first))
-    };
-    match content {
-        Content::Axes(tables) => tables
-            .iter()
-            .filter(|table| !left_out.contains(&(table.output, table.input)))
-            .map(|table| {
-                let (first, last) = ends(&table.positions);
-                let backward = table.backward.iter().flatten();
-                Made {
-                    input: table.input.to_string(),
-                    output: table.output.to_string(),
-                    positions: table.positions.len(),
-                    first: table.input_at_edge(first),
-                    last: table.input_at_edge(last),
-                    both_directions: table.backward.is_some(),
-                    largest: largest(table.output.kind(), table.forward.iter().chain(backward)),
-                    unit: unit(table.output.kind()),
-                }
-            })
-            .collect(),
-        Content::Errors(errors) => errors
-            .curves
-            .iter()
-            .map(|table| of_error(table, ends(&table.positions)))
-            .collect(),
+    let mut made = Vec::new();
+    for table in content.listed() {
+        let is_left_out = |(output, input): &(AxisName, AxisName)| {
+            table.input == *input && table.output == output.to_string()
+        };
+        if left_out.iter().any(is_left_out) {
+            continue;
+        }
+        let values = table.forward.iter().chain(table.backward.iter().flatten());
+        made.push(Made {
+            input: table.input,
+            positions: table.positions.len(),
+            first: table.positions.first().copied().unwrap_or(0.0),
+            last: table.positions.last().copied().unwrap_or(0.0),
+            both_directions: table.backward.is_some(),
+            largest: values.fold(0.0, |largest, value| value.abs().max(largest)),
+            unit: table.unit,
+            output: table.output,
+        });
     }
-}
-
-fn of_error(table: &ErrorTable, (first, last): (f64, f64)) -> Made {
-    let (axis, kind) = (table.name.axis.kind(), table.name.component.kind());
-    let edge = |at: f64| Displacement::new(axis, at).mm_or_deg();
-    Made {
-        input: table.name.axis.to_string(),
-        output: table.name.to_string(),
-        positions: table.positions.len(),
-        first: edge(first),
-        last: edge(last),
-        both_directions: false,
-        largest: largest(kind, table.values.iter()),
-        unit: unit(kind),
-    }
-}
-
-fn told(
-    machine: &Machine,
-    temperatures: &Temperatures,
-    options: &TableOptions,
-    format: Format,
-    write: &WriteOptions,
-) -> Result<Loss, Failure> {
-    let found = loss(machine, temperatures, options, format, write)?;
-    let axes = |axes: Vec<AxisLoss>| axes.into_iter().map(of_axis).collect::<Vec<_>>();
-    let categories = found.categories.into_iter().map(|of| CategoryLoss {
-        category: of.category.name().to_owned(),
-        axes: axes(of.axes),
-    });
-    Ok(Loss {
-        poses: found.poses,
-        categories: categories.collect(),
-        axes: axes(found.axes),
-    })
-}
-
-fn of_axis(found: AxisLoss) -> export::AxisLoss {
-    let kind = found.axis.kind();
-    let micro = |value: f64| Displacement::new(kind, value).um_or_urad();
-    export::AxisLoss {
-        axis: found.axis.to_string(),
-        unit: unit(kind),
-        correction: micro(found.correction),
-        largest: micro(found.largest),
-        rms: micro(found.rms),
-        at: found.at.into_iter().collect(),
-        direction: found.direction.map(|direction| match direction {
-            Direction::Positive => "+".to_owned(),
-            Direction::Negative => "-".to_owned(),
-        }),
-    }
+    made
 }
 
 /// `X=100 Y=0 +`.
-fn place_of(at: &ByAxis, direction: Option<&str>) -> String {
+fn place_of(axis: &AxisLoss) -> String {
+    let at = axis.at.iter();
     let mut words: Vec<String> = at
-        .iter()
         .map(|(name, at)| format!("{name}={}", fixed(*at, 0)))
         .collect();
-    words.extend(direction.map(str::to_owned));
+    words.extend(axis.direction.map(|direction| direction.to_string()));
     words.join(" ")
-}
-
-fn shown_unit(unit: &str) -> &'static str {
-    if unit == "um" { "µm" } else { "µrad" }
 }
 
 fn text(document: &Export) -> String {
@@ -436,13 +404,13 @@ fn text(document: &Export) -> String {
     for made in &document.tables {
         tables.add_row(vec![
             made.output.clone(),
-            made.input.clone(),
+            made.input.to_string(),
             made.positions.to_string(),
             fixed(made.first, 3),
             fixed(made.last, 3),
             if made.both_directions { "2" } else { "1" }.to_owned(),
             fixed(made.largest, 2),
-            shown_unit(&made.unit).to_owned(),
+            unit_symbol(made.unit).to_owned(),
         ]);
     }
     let mut lost = table(&[
@@ -460,17 +428,17 @@ fn text(document: &Export) -> String {
         .loss
         .categories
         .iter()
-        .map(|of| (of.category.as_str(), &of.axes));
+        .map(|of| (of.category.name(), &of.axes));
     for (name, axes) in all.into_iter().chain(each) {
         for (place, axis) in axes.iter().enumerate() {
             lost.add_row(vec![
                 if place == 0 { name } else { "" }.to_owned(),
-                axis.axis.clone(),
+                axis.axis.to_string(),
                 fixed(axis.correction, 2),
                 fixed(axis.largest, 2),
                 fixed(axis.rms, 2),
-                shown_unit(&axis.unit).to_owned(),
-                place_of(&axis.at, axis.direction.as_deref()),
+                unit_symbol(axis.unit).to_owned(),
+                place_of(axis),
             ]);
         }
     }
@@ -491,7 +459,7 @@ fn text(document: &Export) -> String {
             document.loss.poses
         ),
         format!("Sign: {}.", document.sign),
-        document.trust.clone(),
+        document.trust.to_owned(),
     ];
     sentences.extend(document.notes.iter().map(|note| format!("Note: {note}.")));
     for sentence in sentences {

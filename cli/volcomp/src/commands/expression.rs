@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use volcomp_sensitivity::{Expression, Grouped};
+use schemars::JsonSchema;
+use serde::Serialize;
+use volcomp_sensitivity::{ErrorTerm, Expression, Grouped};
 
 use super::{Answer, sensitivity::errors_of};
-use crate::{
-    answers::sensitivity as answers, failure::Failure, points::GeometryArguments, table::folded,
-};
+use crate::{failure::Failure, points::GeometryArguments, table::folded};
 
 /// The first-order volumetric error as a formula: each error with its lever
 #[derive(clap::Args)]
@@ -23,6 +23,37 @@ pub(crate) struct Arguments {
     latex: bool,
 }
 
+/// The document of `volcomp expression`: the first-order volumetric error, lengths in mm and angles in rad.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Formulas {
+    /// Displacement of the tool tip along X, Y and Z (`dX dY dZ`), then rotation of the tool about them (`dA dB dC`).
+    formulas: Vec<Formula>,
+    /// The coordinates of the tool tip at machine zero that stand in the formulas, mm.
+    tool_mm: BTreeMap<String, f64>,
+}
+
+/// One component of the volumetric error.
+#[derive(Debug, Serialize, JsonSchema)]
+struct Formula {
+    /// The left side.
+    name: String,
+    /// The whole formula in a form that Python and spreadsheets read.
+    text: String,
+    /// The same in LaTeX, for an `align` environment.
+    latex: String,
+    /// The errors by their levers.
+    terms: Vec<Term>,
+}
+
+/// Errors that act through the same lever.
+#[derive(Debug, Serialize, JsonSchema)]
+struct Term {
+    /// The lever, mm, or a number without unit.
+    lever: String,
+    /// The errors, with a minus sign before those that count negative.
+    errors: Vec<String>,
+}
+
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let machine = arguments.machine.read()?;
     let errors = errors_of(&machine, arguments.assembly);
@@ -30,7 +61,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let (text, latex) = (expression.text(), expression.latex());
     let mut formulas = Vec::new();
     for ((text, latex), groups) in text.iter().zip(&latex).zip(expression.components()) {
-        formulas.push(answers::Formula {
+        formulas.push(Formula {
             name: text.chars().take_while(|c| *c != ' ').collect(),
             text: text.clone(),
             latex: latex.clone(),
@@ -40,7 +71,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let tool = expression.tool_tip_mm();
     let symbols = ["Xt", "Yt", "Zt"].into_iter().zip(tool);
     let symbols = symbols.filter(|(_, mm)| *mm != 0.0);
-    let document = answers::Expression {
+    let document = Formulas {
         formulas,
         tool_mm: symbols
             .map(|(name, mm)| (name.to_owned(), mm))
@@ -80,11 +111,11 @@ fn in_lines(formula: &str) -> String {
     }
 }
 
-fn term(group: &Grouped) -> answers::Term {
-    let signed = |(term, negative): &(volcomp_sensitivity::ErrorTerm, bool)| {
+fn term(group: &Grouped) -> Term {
+    let signed = |(term, negative): &(ErrorTerm, bool)| {
         format!("{}{term}", if *negative { "-" } else { "" })
     };
-    answers::Term {
+    Term {
         lever: group.lever.to_string(),
         errors: group.errors.iter().map(signed).collect(),
     }

@@ -3,21 +3,23 @@
 use std::{fmt::Write as _, path::PathBuf};
 
 use clap::ValueEnum;
+use schemars::JsonSchema;
+use serde::Serialize;
 use serde_json::Value;
 use volcomp_curve::Curve;
 use volcomp_fit::{
-    Between, Choice, Fit, FitError, MLS_ORDERS, MlsTrial, fit_bspline, fit_chebyshev,
-    fit_cubic_table, fit_mls, fit_mls_auto, fit_polynomial, scan_mls,
+    BandOptions, BandSource, Between, Choice, Fit, FitError, FitOptions, MLS_ORDERS, MlsTrial,
+    Noise, band, band_places, choose, fit_bspline, fit_chebyshev, fit_cubic_table, fit_mls,
+    fit_mls_auto, fit_polynomial, scan_mls,
 };
 use volcomp_metrology::{DeviationUnit, Measurement, MetrologyError, axis_kind, read_file};
 use volcomp_model::write_curve;
-use volcomp_vocabulary::AxisKind;
+use volcomp_vocabulary::{AxisKind, Direction};
 
-use super::{Answer, fit_auto, fixed, table, table_text};
+use super::{Answer, fixed, table, table_text};
 use crate::{
-    answers::fit::{Band, Fit as Document, Point, Spread, Trial},
     failure::Failure,
-    table::folded,
+    table::{folded, to_the_left},
     unit::{self, Unit},
 };
 
@@ -72,6 +74,87 @@ enum Method {
     Table,
 }
 
+/// The document of `volcomp fit`. A file in µm fills the keys that end in `_um`, one in µrad those in `_urad`; values without
+/// such an ending are in `unit`.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct FittedCurve {
+    /// The unit of the readings.
+    unit: DeviationUnit,
+    /// The curve as it stands in the machine file.
+    curve: Value,
+    /// Readings minus curve, µm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    residual_um: Option<Spread>,
+    /// Readings minus curve, µrad.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    residual_urad: Option<Spread>,
+    /// Root mean square of the leave-one-out errors, µm; absent where a target cannot be predicted from the others.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    leave_one_out_um: Option<f64>,
+    /// Root mean square of the leave-one-out errors, µrad; absent where a target cannot be predicted from the others.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    leave_one_out_urad: Option<f64>,
+    /// The curve at the coordinates of `--at`.
+    values: Vec<Point>,
+    /// Whether the residual of `--residual` is met; only with `--auto --residual`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    meets_required: Option<bool>,
+    /// The orders and supports of moving least squares that the targets carry; only with `--scan`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    scan: Option<Vec<MlsTrial>>,
+    /// How the kind of curve was chosen; only with `--method auto`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    choice: Option<Choice>,
+    /// How far the true curve may be from this one, with a probability of 95 % at each target by itself; only with `--method auto`, and
+    /// absent where it is not known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    band: Option<Band>,
+}
+
+/// The range and the size of the residuals, readings minus curve, in the unit of the key.
+#[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
+struct Spread {
+    /// The smallest residual, with its sign.
+    min: f64,
+    /// The largest residual, with its sign.
+    max: f64,
+    /// Root mean square of the residuals.
+    rms: f64,
+}
+
+/// The curve at one coordinate.
+#[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
+struct Point {
+    /// The coordinate, mm or deg.
+    at: f64,
+    /// Value of the curve, µm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    value_um: Option<f64>,
+    /// Value of the curve, µrad.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    value_urad: Option<f64>,
+    /// Whether the coordinate is outside the measured range: the value is then the one at its end.
+    outside_range: bool,
+}
+
+/// A band of 95 % about the curve.
+#[derive(Debug, Serialize, JsonSchema)]
+struct Band {
+    /// What was resampled: `runs`, or the `residuals` of the only one.
+    from: BandSource,
+    /// Half of its width at each target and at places between neighbours; straight between these.
+    half_widths: Vec<HalfWidth>,
+}
+
+/// Half of the width of a band at one place.
+#[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
+struct HalfWidth {
+    /// The place, mm or deg.
+    at: f64,
+    /// Half of the width.
+    half_width: f64,
+}
+
 impl Arguments {
     fn shape(&self) -> f64 {
         self.shape.unwrap_or(3.0)
@@ -118,18 +201,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let unit = unit::apply(&arguments.data, &mut measurement, arguments.unit)?;
     let (x, u): (Vec<f64>, Vec<f64>) = measurement.mean_curve().into_iter().unzip();
     let failed = |e: FitError| Failure::Input(format!("{}: {e}", arguments.data.display()));
-    let (fit, auto) = fit(arguments, &measurement, (&x, &u), unit).map_err(failed)?;
+    let (fit, auto) = fit(arguments, &measurement, (&x, &u)).map_err(failed)?;
     let trials = arguments.scan.then(|| scan_mls(&x, &u, arguments.shape()));
-    let scan = match trials {
-        Some(trials) => Some(scan(&trials.map_err(failed)?, &fit.curve, unit)),
-        None => None,
-    };
-    let values: Vec<(f64, f64)> = arguments
-        .at
-        .iter()
-        .map(|&at| (at, fit.curve.value(at)))
-        .collect();
-    let noise = fit_auto::noise_of_mean(&measurement);
+    let scan = trials.transpose().map_err(failed)?;
+    let noise = noise_of_mean(&measurement);
     let (kind, axis) = (axis_kind(&measurement), measurement.metadata.axis);
     let mut notes = measurement.notes;
     if fit.meets_required == Some(false) {
@@ -153,42 +228,21 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let said = between.warnings(&unit.to_string(), along).into_iter();
     notes.extend(said.map(|said| format!("{file}: {of_axis}{said}")));
     notes.extend(outside_note(&fit.curve, &arguments.at));
-    let mut more = scan.as_deref().map_or(String::new(), scan_text);
+    let mut text = text(&fit, &arguments.at, unit);
+    if let Some(trials) = &scan {
+        text += &scan_text(trials, &fit.curve, unit);
+    }
     if let Some((choice, band)) = &auto {
-        more += &fit_auto::text(choice, band.as_ref(), unit);
+        text += &choice_text(choice, band.as_ref(), unit);
     }
     let (choice, band) = auto.unzip();
-    let document = Document {
+    let document = FittedCurve {
         scan,
-        choice: choice.map(|choice| fit_auto::document(&choice, unit)),
+        choice,
         band: band.flatten(),
-        ..document(&fit, &values, unit)?
+        ..document(&fit, &arguments.at, unit)?
     };
-    Answer::new(&document, text(&fit, &values, unit) + &more, notes)
-}
-
-/// The settings of a scan as the document has them.
-fn scan(trials: &[MlsTrial], curve: &Curve, unit: DeviationUnit) -> Vec<Trial> {
-    let angular = unit == DeviationUnit::Urad;
-    let is_shown = |trial: &MlsTrial| match curve {
-        Curve::MovingLeastSquares(curve) => {
-            curve.order() == trial.order && (curve.support() - trial.support).abs() < 1e-9
-        }
-        _ => false,
-    };
-    let row = |trial: &MlsTrial| {
-        let left_out = Some(trial.leave_one_out_rms).filter(|error| error.is_finite());
-        Trial {
-            order: trial.order,
-            support: trial.support,
-            largest_residual_um: (!angular).then_some(trial.max_residual),
-            largest_residual_urad: angular.then_some(trial.max_residual),
-            leave_one_out_um: left_out.filter(|_| !angular),
-            leave_one_out_urad: left_out.filter(|_| angular),
-            shown: is_shown(trial),
-        }
-    };
-    trials.iter().map(row).collect()
+    Answer::new(&document, text, notes)
 }
 
 /// Stands in the table where a target cannot be predicted from the others.
@@ -196,22 +250,23 @@ const NOT_PREDICTED: &str = "x";
 
 /// Two tables, of the largest residual and of the leave-one-out error, a row for each support and a column for each
 /// order.
-fn scan_text(trials: &[Trial]) -> String {
+fn scan_text(trials: &[MlsTrial], curve: &Curve, unit: DeviationUnit) -> String {
     let mut supports: Vec<f64> = trials.iter().map(|trial| trial.support).collect();
     supports.sort_by(f64::total_cmp);
     supports.dedup();
-    let symbol = if trials.iter().any(|t| t.largest_residual_urad.is_some()) {
-        "µrad"
-    } else {
-        "µm"
+    let is_shown = |trial: &MlsTrial| match curve {
+        Curve::MovingLeastSquares(curve) => {
+            curve.order() == trial.order && (curve.support() - trial.support).abs() < 1e-9
+        }
+        _ => false,
     };
     let mut text = String::new();
     for (title, is_residual) in [("Largest residual", true), ("Leave-one-out error", false)] {
-        let value = |t: &Trial| {
+        let value = |trial: &MlsTrial| {
             if is_residual {
-                t.largest_residual_um.or(t.largest_residual_urad)
+                trial.max_residual
             } else {
-                t.leave_one_out()
+                trial.leave_one_out_rms
             }
         };
         let orders = MLS_ORDERS.map(|order| match order {
@@ -227,28 +282,26 @@ fn scan_text(trials: &[Trial]) -> String {
             let cell = |order: usize| {
                 let mut trials = trials.iter();
                 let trial = trials.find(|t| t.order == order && t.support == support);
-                let shown = trial.map_or(String::new(), |trial| {
-                    let mark = if trial.shown { "*" } else { "" };
+                trial.map_or("-".to_owned(), |trial| {
+                    let mark = if is_shown(trial) { "*" } else { "" };
                     let shown = match value(trial) {
-                        Some(value) if value.is_finite() => fixed(value, 2),
+                        value if value.is_finite() => fixed(value, 2),
                         _ => NOT_PREDICTED.to_owned(),
                     };
                     mark.to_owned() + &shown
-                });
-                if shown.is_empty() {
-                    "-".to_owned()
-                } else {
-                    shown
-                }
+                })
             };
             let cells = MLS_ORDERS.map(cell);
             rows.add_row([fixed(support, 3)].into_iter().chain(cells));
         }
         // Writing to a string never fails.
-        let _ = write!(text, "\n{title}, {symbol}\n{}", table_text(&rows));
+        let _ = write!(text, "\n{title}, {unit}\n{}", table_text(&rows));
     }
     text += "\n* the curve above; - too few targets within the support\n";
-    if trials.iter().any(|trial| trial.leave_one_out().is_none()) {
+    if trials
+        .iter()
+        .any(|trial| !trial.leave_one_out_rms.is_finite())
+    {
         text += &folded(
             &format!(
                 "{NOT_PREDICTED} no leave-one-out error: somewhere the curve goes through a target, since the others within its support hardly weigh there; such a setting is never chosen"
@@ -285,7 +338,6 @@ fn fit(
     arguments: &Arguments,
     measurement: &Measurement,
     (x, u): (&[f64], &[f64]),
-    unit: DeviationUnit,
 ) -> Result<(Fit, Option<Chosen>), FitError> {
     // Targets come sorted; an empty measurement is refused by its reader.
     let domain = [
@@ -295,8 +347,8 @@ fn fit(
     let (order, shape) = (arguments.order.unwrap_or(4), arguments.shape());
     let fit = match arguments.method {
         Method::Auto => {
-            let found = fit_auto::auto(measurement, x, u, arguments.residual, unit)?;
-            return Ok((found.fit, Some((found.choice, found.band))));
+            let (fit, chosen) = auto(measurement, x, u, arguments.residual)?;
+            return Ok((fit, Some(chosen)));
         }
         Method::Poly => fit_polynomial(x, u, order, domain),
         Method::Chebyshev => fit_chebyshev(x, u, order, domain),
@@ -308,27 +360,31 @@ fn fit(
     Ok((fit?, None))
 }
 
-fn document(fit: &Fit, values: &[(f64, f64)], unit: DeviationUnit) -> Result<Document, Failure> {
+fn document(fit: &Fit, at: &[f64], unit: DeviationUnit) -> Result<FittedCurve, Failure> {
     let angular = unit == DeviationUnit::Urad;
     let residual = Spread {
         min: fit.min(),
         max: fit.max(),
         rms: fit.rms(),
     };
-    let point = |&(at, value)| Point {
-        at,
-        value_um: (!angular).then_some(value),
-        value_urad: angular.then_some(value),
-        outside_range: !fit.curve.contains(at),
+    let point = |&at: &f64| {
+        let value = fit.curve.value(at);
+        Point {
+            at,
+            value_um: (!angular).then_some(value),
+            value_urad: angular.then_some(value),
+            outside_range: !fit.curve.contains(at),
+        }
     };
     let left_out = Some(fit.leave_one_out_rms).filter(|error| error.is_finite());
-    Ok(Document {
+    Ok(FittedCurve {
+        unit,
         curve: curve_json(&fit.curve)?,
         residual_um: (!angular).then_some(residual),
         residual_urad: angular.then_some(residual),
         leave_one_out_um: left_out.filter(|_| !angular),
         leave_one_out_urad: left_out.filter(|_| angular),
-        values: values.iter().map(point).collect(),
+        values: at.iter().map(point).collect(),
         meets_required: fit.meets_required,
         scan: None,
         choice: None,
@@ -345,11 +401,8 @@ fn curve_json(curve: &Curve) -> Result<Value, Failure> {
     serde_json::to_value(&table["curve"]).map_err(|e| Failure::Work(e.to_string()))
 }
 
-fn text(fit: &Fit, values: &[(f64, f64)], unit: DeviationUnit) -> String {
-    let symbol = match unit {
-        DeviationUnit::Urad => "µrad",
-        DeviationUnit::Um => "µm",
-    };
+fn text(fit: &Fit, at: &[f64], unit: DeviationUnit) -> String {
+    let symbol = &unit.to_string();
     let leave_one_out = if fit.leave_one_out_rms.is_finite() {
         format!("{} {symbol}", fixed(fit.leave_one_out_rms, 3))
     } else {
@@ -362,13 +415,164 @@ fn text(fit: &Fit, values: &[(f64, f64)], unit: DeviationUnit) -> String {
         fixed(fit.max(), 3),
         fixed(fit.rms(), 3),
     );
-    if !values.is_empty() {
+    if !at.is_empty() {
         let mut table = table(&["at", symbol]);
-        for (at, value) in values {
-            table.add_row([format!("{at}"), format!("{value:.3}")]);
+        for &at in at {
+            table.add_row([at.to_string(), format!("{:.3}", fit.curve.value(at))]);
         }
         text += "\n";
         text += &table_text(&table);
     }
     text
+}
+
+/// Targets and readings of a run.
+type Run = (Vec<f64>, Vec<f64>);
+
+/// Chooses by all runs, by the rule of `calibrate`; fits the means of the targets, `x` and `u`.
+fn auto(
+    measurement: &Measurement,
+    x: &[f64],
+    u: &[f64],
+    required: Option<f64>,
+) -> Result<(Fit, Chosen), FitError> {
+    let mut runs = whole_runs(measurement);
+    if runs.is_empty() {
+        runs.push((x.to_vec(), u.to_vec()));
+    }
+    let options = FitOptions {
+        required_residual: required,
+        period: period(measurement),
+        ..FitOptions::default()
+    };
+    let all = |of: fn(&Run) -> &Vec<f64>| -> Vec<f64> {
+        runs.iter()
+            .flat_map(|run| of(run).iter().copied())
+            .collect()
+    };
+    let (all_x, all_u) = (all(|run| &run.0), all(|run| &run.1));
+    let choice = choose(&[(&all_x, &all_u)], &options)?;
+    let mut fit = choice.method.fit(x, u)?;
+    fit.meets_required = required.map(|residual| fit.max_abs() <= residual);
+    let runs: Vec<(&[f64], &[f64])> = runs.iter().map(|(x, u)| (&x[..], &u[..])).collect();
+    // A method that the readings of some runs do not carry has no band.
+    let places = band_places(x);
+    let found = band(choice.method, &runs, &places, &BandOptions::default()).ok();
+    let found = found.filter(|band| band.half_width.iter().all(|half| half.is_finite()));
+    let band = found.map(|band| Band {
+        from: band.source,
+        half_widths: (band.at.into_iter().zip(band.half_width))
+            .map(|(at, half_width)| HalfWidth { at, half_width })
+            .collect(),
+    });
+    Ok((fit, (choice, band)))
+}
+
+/// The period of the targets, deg: that of a rotary axis which was read all the way round. `calibrate` goes by the travel of the axis, which
+/// a file of readings does not state.
+fn period(measurement: &Measurement) -> Option<f64> {
+    if axis_kind(measurement) != Some(AxisKind::Rotary) {
+        return None;
+    }
+    let targets = measurement.targets();
+    let range = targets.last()? - targets.first()?;
+    // The step from the last target to the first of the next turn is one as between the others.
+    let gap = range / targets.len().checked_sub(1).filter(|gaps| *gaps > 0)? as f64;
+    (range + gap >= FULL_TURN_DEG * (1.0 - 1e-9)).then_some(FULL_TURN_DEG)
+}
+
+const FULL_TURN_DEG: f64 = 360.0;
+
+/// Each run with the mean of its directions at each target that it read in all of them: what differs between directions is no
+/// scatter.
+fn whole_runs(measurement: &Measurement) -> Vec<Run> {
+    let ways = Direction::BOTH
+        .into_iter()
+        .filter(|way| measurement.has(*way))
+        .count();
+    let mut readings: Vec<_> = measurement.readings.iter().collect();
+    readings.sort_by(|a, b| (a.run.cmp(&b.run)).then(a.target.total_cmp(&b.target)));
+    let by_run = readings.chunk_by(|a, b| a.run == b.run);
+    let run = |readings: &[&volcomp_metrology::Reading]| -> Run {
+        let at_target = readings.chunk_by(|a, b| a.target == b.target);
+        let mean = |at: &[&volcomp_metrology::Reading]| {
+            let mut directions: Vec<_> = at.iter().map(|reading| reading.direction).collect();
+            directions.sort_unstable_by_key(|direction| *direction as usize);
+            directions.dedup();
+            let target = at.first()?.target;
+            let sum: f64 = at.iter().map(|reading| reading.deviation).sum();
+            (directions.len() == ways).then(|| (target, sum / at.len() as f64))
+        };
+        at_target.filter_map(mean).unzip()
+    };
+    by_run
+        .map(run)
+        .filter(|(targets, _)| !targets.is_empty())
+        .collect()
+}
+
+/// What the mean reading of a target scatters, from run to run; `None` of one run.
+fn noise_of_mean(measurement: &Measurement) -> Option<Noise> {
+    let runs = whole_runs(measurement);
+    let (x, u): (Vec<Vec<f64>>, Vec<Vec<f64>>) = runs.iter().cloned().unzip();
+    Noise::of(&x.concat(), &u.concat()).map(|noise| noise.of_mean(runs.len()))
+}
+
+/// The choice, the best candidate of each kind and the band as people read them.
+fn choice_text(choice: &Choice, band: Option<&Band>, unit: DeviationUnit) -> String {
+    let symbol = unit.to_string();
+    let mut text = format!("\nchosen: {} ({})\n", choice.method, choice.reason);
+    if let Some(band) = band {
+        let halves = || band.half_widths.iter().map(|of| of.half_width);
+        let from = if band.from == BandSource::Runs {
+            "from the scatter of the runs"
+        } else {
+            "from the residuals of one run, in which nothing shows that changes from run to run"
+        };
+        text += &folded(
+            &format!(
+                "95 % band: ±{} to ±{} {symbol} at and between the targets, {from}",
+                fixed(halves().fold(f64::INFINITY, f64::min), 3),
+                fixed(halves().fold(0.0, f64::max), 3),
+            ),
+            "",
+        );
+    }
+    let error = format!("LOO error, {symbol}");
+    let residual = "largest residual";
+    let mut rows = table(&["best of each kind", "coefficients", &error, residual, ""]);
+    to_the_left(&mut rows, &[4]);
+    let mut best = choice.best_of_kinds();
+    if let Some(chosen) = choice.chosen() {
+        // The one chosen stands for its kind, also where a more complicated one of it is a little better.
+        for score in &mut best {
+            if score.method.kind() == chosen.method.kind() {
+                *score = *chosen;
+            }
+        }
+    }
+    for score in best {
+        let mut said = Vec::new();
+        if score.method == choice.method {
+            said.push("chosen");
+        }
+        if score.swings {
+            said.push("swings between targets");
+        }
+        if !score.follows {
+            said.push("does not follow the readings");
+        }
+        rows.add_row([
+            score.method.to_string(),
+            fixed(score.coefficients, 1),
+            if score.leave_one_out_rms.is_finite() {
+                fixed(score.leave_one_out_rms, 3)
+            } else {
+                "-".to_owned()
+            },
+            fixed(score.largest_residual, 3),
+            said.join(", "),
+        ]);
+    }
+    text + "\n" + &table_text(&rows)
 }

@@ -3,13 +3,15 @@
 use std::{fmt::Write as _, path::PathBuf};
 
 use clap::ValueEnum;
+use schemars::JsonSchema;
+use serde::Serialize;
 use volcomp_document::read_text;
 use volcomp_metrology::form::{
-    CoordinatePlane, DatumAxis, Feature, FeatureKind, evaluate_form, parse_points,
+    CoordinatePlane, DatumAxis, Feature, FeatureKind, Form, evaluate_form, parse_points,
 };
 
 use super::{Answer, fixed, table, table_text};
-use crate::{answers::form::Form as Document, failure::Failure, points::numbers, table::folded};
+use crate::{failure::Failure, points::numbers, table::folded};
 
 /// Form deviation, position and axis of a feature measured point by point
 #[derive(clap::Args)]
@@ -89,6 +91,101 @@ impl Arguments {
     }
 }
 
+/// The document of `volcomp form`.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct EvaluatedForm {
+    /// `circle`, `line`, `plane`, `cylinder` or `cone`.
+    feature: String,
+    /// The number of points.
+    points: usize,
+    /// Centre of a circle, apex of a cone, mean of the points of a plane, middle of a line or of the axis of a cylinder, mm.
+    position_mm: [f64; 3],
+    /// Unit vector: along a line or an axis, at right angles to a plane or to the plane of a circle; of a cone from the
+    /// apex into it, of all others with the largest component positive.
+    direction: [f64; 3],
+    /// Radius of a circle or a cylinder, mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    radius_mm: Option<f64>,
+    /// Half of the angle at the apex of a cone, deg.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    half_angle_deg: Option<f64>,
+    /// The two ends of a line or an axis over the extent of the points, mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    axis_mm: Option<[[f64; 3]; 2]>,
+    /// The form deviation.
+    deviation_um: Deviation,
+    /// Range of the points at right angles to the plane of a circle, or of a line in a plane, µm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    out_of_plane_um: Option<f64>,
+    /// The narrowest ring, layer or strip that holds all points; null where none is evaluated.
+    minimum_zone: Option<Zone>,
+    /// Coaxiality (concentricity of a circle's centre) to the axis of `--datum`, µm; only with `--datum`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    coaxiality_um: Option<f64>,
+    /// What a person should know besides.
+    notes: Vec<String>,
+}
+
+/// Roundness, straightness, flatness, cylindricity or the form deviation of a cone, µm.
+#[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
+struct Deviation {
+    /// About the feature of least squares: the range of the distances from it; of a line in space the diameter of the
+    /// cylinder about it that holds all points.
+    least_squares: f64,
+    /// By the minimum zone; null where none is evaluated.
+    minimum_zone: Option<f64>,
+    /// Root mean square of the distances from the feature of least squares.
+    rms: f64,
+}
+
+/// A minimum zone.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+struct Zone {
+    /// Centre of the ring, or a point in the middle of the layer or strip, mm.
+    position_mm: [f64; 3],
+    /// Unit vector at right angles to the ring or layer, along the strip.
+    direction: [f64; 3],
+    /// Inner and outer radius of the ring, mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    radii_mm: Option<[f64; 2]>,
+    /// Lines of the file whose points touch the borders and hold the zone from becoming narrower.
+    contact_lines: Vec<usize>,
+}
+
+impl EvaluatedForm {
+    /// The document of an evaluation; `lines` are those of the points in the file.
+    fn new(form: &Form, lines: &[usize], coaxiality_mm: Option<f64>, notes: Vec<String>) -> Self {
+        const UM_PER_MM: f64 = 1e3;
+        let zone = form.minimum_zone.as_ref();
+        let line_of = |&point: &usize| lines.get(point).copied();
+        Self {
+            feature: form.feature.to_string(),
+            points: form.points,
+            position_mm: form.position_mm,
+            direction: form.direction,
+            radius_mm: form.radius_mm,
+            half_angle_deg: form.half_angle_rad.map(f64::to_degrees),
+            axis_mm: (form.axis)
+                .filter(|_| form.feature != FeatureKind::Circle)
+                .map(|axis| axis.ends_mm),
+            deviation_um: Deviation {
+                least_squares: form.deviation_mm * UM_PER_MM,
+                minimum_zone: zone.map(|zone| zone.deviation_mm * UM_PER_MM),
+                rms: form.rms_mm * UM_PER_MM,
+            },
+            out_of_plane_um: form.out_of_plane_mm.map(|mm| mm * UM_PER_MM),
+            minimum_zone: zone.map(|zone| Zone {
+                position_mm: zone.position_mm,
+                direction: zone.direction,
+                radii_mm: zone.radii_mm,
+                contact_lines: zone.contacts.iter().filter_map(line_of).collect(),
+            }),
+            coaxiality_um: coaxiality_mm.map(|mm| mm * UM_PER_MM),
+            notes,
+        }
+    }
+}
+
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let (feature, datum) = (arguments.feature()?, arguments.datum()?);
     let path = &arguments.points;
@@ -104,7 +201,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     }
     notes.extend(doubtful(&read.points_mm, form.deviation_mm));
     let coaxiality_mm = (form.axis.zip(datum)).map(|(axis, datum)| axis.coaxiality_mm(&datum));
-    let document = Document::new(&form, &read.lines, coaxiality_mm, notes.clone());
+    let document = EvaluatedForm::new(&form, &read.lines, coaxiality_mm, notes.clone());
     let text = text(&document, form.feature);
     Answer::new(&document, text, notes)
 }
@@ -143,7 +240,7 @@ fn doubtful(points_mm: &[[f64; 3]], deviation_mm: f64) -> Vec<String> {
     notes
 }
 
-fn text(document: &Document, feature: FeatureKind) -> String {
+fn text(document: &EvaluatedForm, feature: FeatureKind) -> String {
     let mut places = table(&["", "x", "y", "z"]);
     let mut row = |name: &str, values: [f64; 3], digits: usize| {
         let [x, y, z] = values.map(|value| fixed(value, digits));
@@ -206,7 +303,7 @@ fn text(document: &Document, feature: FeatureKind) -> String {
 }
 
 /// The name of the form deviation about the feature of least squares.
-fn deviation(document: &Document, feature: FeatureKind) -> &'static str {
+fn deviation(document: &EvaluatedForm, feature: FeatureKind) -> &'static str {
     match feature {
         FeatureKind::Circle => "roundness",
         // A line in space has no plane to be out of.

@@ -2,22 +2,16 @@
 
 use std::path::{Path, PathBuf};
 
+use schemars::JsonSchema;
+use serde::Serialize;
 use serde_json::Value;
 use volcomp_document::read_text;
 use volcomp_tables::axis_table::{
-    Content, Curves, Format, ReadOptions, TextFile, curves, is_facts_file, read, to_toml,
+    Curves, Format, ListedTable, ReadOptions, TextFile, curves, is_facts_file, read, to_toml,
 };
-use volcomp_vocabulary::Displacement;
 
-use super::{
-    Answer,
-    export::{ControlArguments, unit},
-};
-use crate::{
-    answers::import::{Import, Read},
-    failure::Failure,
-    output::OutputFile,
-};
+use super::{Answer, export::ControlArguments};
+use crate::{failure::Failure, output::OutputFile};
 
 /// The compensation tables of a control as curves of a machine file
 ///
@@ -36,6 +30,24 @@ pub(crate) struct Arguments {
     output: Option<PathBuf>,
     #[command(flatten)]
     control: ControlArguments,
+}
+
+/// The document of `volcomp import`.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Import {
+    /// The format.
+    format: String,
+    /// The files that were read.
+    files: Vec<String>,
+    /// What is odd in them, and what was made of it.
+    warnings: Vec<String>,
+    /// The tables as they stand in the files, in the sign of volcomp.
+    tables: Vec<ListedTable>,
+    /// The curves as in `[errors]` of a machine file, by the names of the errors.
+    errors: Value,
+    /// The file with the curves; only with `--output`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    output: Option<String>,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
@@ -82,7 +94,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             .map(|path| path.display().to_string())
             .collect(),
         warnings: warnings.clone(),
-        tables: tables(&found.content),
+        tables: found.content.listed(),
         errors: as_json(&made)?,
         output: arguments
             .output
@@ -166,61 +178,4 @@ fn as_json(made: &Curves) -> Result<Value, Failure> {
     let json =
         serde_json::to_value(&table).map_err(|e| Failure::Work(format!("the curves: {e}")))?;
     Ok(json.get("errors").cloned().unwrap_or(Value::Null))
-}
-
-fn tables(content: &Content) -> Vec<Read> {
-    match content {
-        Content::Axes(tables) => tables
-            .iter()
-            .map(|table| {
-                let kind = table.output.kind();
-                let micro = |values: &Vec<f64>| {
-                    values
-                        .iter()
-                        .map(|value| Displacement::new(kind, *value).um_or_urad())
-                        .collect()
-                };
-                Read {
-                    input: vec![table.input.to_string()],
-                    output: table.output.to_string(),
-                    positions: vec![
-                        table
-                            .positions
-                            .iter()
-                            .map(|at| table.input_at_edge(*at))
-                            .collect(),
-                    ],
-                    forward: micro(&table.forward),
-                    backward: table.backward.as_ref().map(micro),
-                    unit: unit(kind),
-                    modulo: table.modulo,
-                }
-            })
-            .collect(),
-        Content::Errors(errors) => {
-            let motions = errors.curves.iter().map(|table| {
-                let (axis, kind) = (table.name.axis.kind(), table.name.component.kind());
-                Read {
-                    input: vec![table.name.axis.to_string()],
-                    output: table.name.to_string(),
-                    positions: vec![
-                        table
-                            .positions
-                            .iter()
-                            .map(|at| Displacement::new(axis, *at).mm_or_deg())
-                            .collect(),
-                    ],
-                    forward: table
-                        .values
-                        .iter()
-                        .map(|value| Displacement::new(kind, *value).um_or_urad())
-                        .collect(),
-                    backward: None,
-                    unit: unit(kind),
-                    modulo: false,
-                }
-            });
-            motions.collect()
-        }
-    }
 }

@@ -1,7 +1,9 @@
 //! `volcomp map-table`: the corrections of a machine as the map that a control looks up.
 
-use std::path::PathBuf;
+use std::{collections::BTreeMap, path::PathBuf};
 
+use schemars::JsonSchema;
+use serde::Serialize;
 use volcomp_model::Machine;
 use volcomp_tables::{
     ByteOrder, HEADER_WORDS, MOST_WORDS, Map, MapOfMachine, MapOptions, TablesError, Transfer,
@@ -11,9 +13,8 @@ use volcomp_tables::{
 };
 use volcomp_vocabulary::AxisName;
 
-use super::{Answer, fixed, machine_notes, table, table_text};
+use super::{Answer, ByAxis, fixed, machine_notes, table, table_text};
 use crate::{
-    answers::map_table::{GridAxis, MapTable, Output},
     failure::Failure,
     output::OutputFile,
     points::{MachineArguments, OthersArguments, axis},
@@ -67,6 +68,79 @@ pub(crate) struct Arguments {
     /// How fast the temperatures change at the most, K in an hour
     #[arg(long, value_name = "K", default_value_t = 1.0)]
     drift: f64,
+}
+
+/// The document of `volcomp map-table`.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct MapTable {
+    /// The file that was written.
+    file: String,
+    /// The size of the file, bytes.
+    bytes: usize,
+    /// The number of the map.
+    counter: u16,
+    /// The first 32 bits of the checksum of the machine file, as hexadecimal digits.
+    model: String,
+    /// The axes that the map goes over, the slowest first.
+    grid: Vec<GridAxis>,
+    /// The axes that it corrects.
+    outputs: Vec<Output>,
+    /// Parts of a value in one step of the output.
+    scale: u16,
+    /// Words of the map.
+    words: usize,
+    /// Words that the control has for one map.
+    capacity: usize,
+    /// The largest error between the map and the model, µm.
+    error_max_um: f64,
+    /// Root of the mean square of that error, µm.
+    error_rms_um: f64,
+    /// Where the largest error is, mm and deg.
+    at: ByAxis,
+    /// At how many positions the error was looked at.
+    positions: usize,
+    /// What rounding to the output's step adds at the most on one axis, µm.
+    step_um: f64,
+    /// Where the axes stand that the map does not go over, mm and deg.
+    held: ByAxis,
+    /// How much the correction differs at the most where they stand elsewhere, µm; only where axes are held.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    elsewhere_um: Option<f64>,
+    /// The largest change of a correction along an axis, µm for each mm (µm for each deg along a rotary axis).
+    steepest_um: f64,
+    /// Frames that bring the map into the control.
+    frames: usize,
+    /// Bytes that this takes, read-back and reports included, without the protocol of the bus.
+    transfer_bytes: usize,
+    /// How long it takes over the stated link, s.
+    transfer_s: f64,
+    /// The largest change of the correction for a kelvin at each sensor, µm.
+    um_per_k: BTreeMap<String, f64>,
+    /// The time after which the map is off by the bound, where every sensor goes by the stated rate, s; `null` where no temperature
+    /// changes it.
+    refresh_s: Option<f64>,
+}
+
+/// An axis that a map goes over.
+#[derive(Debug, Serialize, JsonSchema)]
+struct GridAxis {
+    /// Its letter.
+    axis: AxisName,
+    /// How many lines.
+    lines: u16,
+    /// Where the first line is, mm or deg.
+    first: f64,
+    /// From line to line, mm or deg.
+    pitch: f64,
+}
+
+/// An axis that a map corrects.
+#[derive(Debug, Serialize, JsonSchema)]
+struct Output {
+    /// Its letter.
+    axis: AxisName,
+    /// The largest correction on the lines, µm.
+    largest_um: f64,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
@@ -157,8 +231,8 @@ fn document(
     let grid = names
         .iter()
         .zip(&header.lines)
-        .map(|(name, lines)| GridAxis {
-            axis: name.to_string(),
+        .map(|(&name, lines)| GridAxis {
+            axis: name,
             lines: lines.count,
             first: lines.at(0),
             pitch: lines.at(1) - lines.at(0),
@@ -205,7 +279,7 @@ fn outputs(map: &Map) -> Vec<Output> {
         let largest = values.map(|word| word.cast_signed().unsigned_abs()).max();
         let step_um = f64::from(header.output_step_nm[place]) * 1e-3;
         Output {
-            axis: name.to_string(),
+            axis: name,
             largest_um: f64::from(largest.unwrap_or(0)) * step_um / f64::from(header.scale),
         }
     });
@@ -215,14 +289,12 @@ fn outputs(map: &Map) -> Vec<Output> {
 fn text(arguments: &Arguments, document: &MapTable) -> String {
     let mut lines = table(&["axis", "lines", "first", "pitch", "unit"]);
     for axis in &document.grid {
-        let name: Option<AxisName> = axis.axis.parse().ok();
         lines.add_row(vec![
-            axis.axis.clone(),
+            axis.axis.to_string(),
             axis.lines.to_string(),
             fixed(axis.first, 3),
             fixed(axis.pitch, 3),
-            name.map_or("mm", |name| name.kind().coordinate_unit())
-                .to_owned(),
+            axis.axis.kind().coordinate_unit().to_owned(),
         ]);
     }
     let mut text = format!(

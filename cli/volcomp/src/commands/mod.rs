@@ -15,7 +15,6 @@ pub(crate) mod error;
 pub(crate) mod export;
 pub(crate) mod expression;
 pub(crate) mod fit;
-mod fit_auto;
 pub(crate) mod fit_thermal;
 pub(crate) mod form;
 pub(crate) mod identify;
@@ -25,9 +24,6 @@ pub(crate) mod iso230;
 pub(crate) mod map;
 pub(crate) mod map_table;
 pub(crate) mod nc;
-mod nc_ball_row;
-mod nc_part;
-mod nc_verified;
 pub(crate) mod not_counted;
 pub(crate) mod outside;
 pub(crate) mod probe;
@@ -37,7 +33,6 @@ pub(crate) mod schema;
 pub(crate) mod sensitivity;
 pub(crate) mod several;
 pub(crate) mod simulate;
-mod simulated_files;
 pub(crate) mod squareness;
 pub(crate) mod straightness;
 pub(crate) mod studio;
@@ -76,7 +71,7 @@ pub(crate) struct Answer {
 }
 
 impl Answer {
-    /// An answer from a document of [`answers`](crate::answers).
+    /// An answer from its document.
     pub(crate) fn new(
         document: &impl Serialize,
         text: String,

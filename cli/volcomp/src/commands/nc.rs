@@ -7,20 +7,26 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use schemars::JsonSchema;
+use serde::Serialize;
 use volcomp_document::read_text;
+use volcomp_identify::{Kind, Observations, Seen};
+use volcomp_model::{Machine, Temperatures};
 use volcomp_nc::{
-    Average, BoundViolation, Corrector, Decimals, Dialect, Job, MeanOf, NcError, SetUp, Strategy,
-    Summary, average, compensate,
+    Alignment, Average, BoundViolation, Corrector, Decimals, Deviation, Dialect, Found,
+    InspectError, Inspected, Job, MeanOf, NcError, Note, Part, Reading, SetUp, Strategy, Summary,
+    Verification, Virtual, average, compensate, picture, verify, verify_average,
 };
 
-use super::{Answer, machine_notes, nc_ball_row, nc_part, nc_verified, nc_verified::OnTruth};
+use super::{Answer, fixed, machine_notes, table, table_text, thermal_note};
 use crate::{
-    answers::nc::{AverageOffset, Nc, NcAverage, NcNote, Verified},
+    compensation::refuse_other_geometry,
     failure::Failure,
     limit::{LimitArgument, RAISE_LIMIT},
     output::OutputFile,
     points::MachineArguments,
     progress::byte_bar,
+    table::folded,
 };
 
 /// An NC program in, the same program with the correction in its coordinates out
@@ -30,12 +36,12 @@ use crate::{
 #[derive(clap::Args)]
 pub(crate) struct Arguments {
     /// The NC program
-    pub(super) program: PathBuf,
+    program: PathBuf,
     /// The compensated program
     #[arg(long, short)]
-    pub(super) output: PathBuf,
+    output: PathBuf,
     #[command(flatten)]
-    pub(super) machine: MachineArguments,
+    machine: MachineArguments,
     /// What the program relies on and does not say: work offsets, tool lengths, where the axes stand (TOML); what is not in
     /// it is taken as zero
     #[arg(long, value_name = "FILE")]
@@ -55,10 +61,10 @@ pub(crate) struct Arguments {
         default_value_t = 1.0,
         allow_negative_numbers = true
     )]
-    pub(super) tolerance: f64,
+    tolerance: f64,
     /// Decimals of changed coordinates: mm,inch,deg; a program's own further ones stay
     #[arg(long, value_name = "MM,INCH,DEG", default_value = "3,4,3", value_parser = decimals)]
-    pub(super) decimals: Decimals,
+    decimals: Decimals,
     /// How the numbers of split lines are rounded: each to the nearest (plain), or together, by the shortest way through the graph of
     /// the nearest ones (floyd)
     #[arg(long, value_enum, default_value_t)]
@@ -67,7 +73,7 @@ pub(crate) struct Arguments {
     limit: LimitArgument,
     /// Blocks that are executed at the most where the program has O-words
     #[arg(long, value_name = "N", default_value_t = 10_000_000)]
-    pub(super) max_blocks: u64,
+    max_blocks: u64,
     /// The simplest form: nothing but the work offsets change, by the mean of the correction over all places where the program cuts
     /// (G10 L2 at its beginning); what stays is printed. Needs --setup, which states these offsets; no motion is split, so that
     /// --tolerance and --strategy are refused
@@ -82,10 +88,10 @@ pub(crate) struct Arguments {
     verify: bool,
     /// The machine file with the errors that are taken for the real ones in the verification, without which the model is judged by itself
     #[arg(long, value_name = "FILE", requires = "verify")]
-    pub(super) truth: Option<PathBuf>,
+    truth: Option<PathBuf>,
     /// The features of a part (TOML) as a measuring machine would find them on what the virtual machine cuts, before and after
     #[arg(long, value_name = "FILE", requires = "verify")]
-    pub(super) inspect: Option<PathBuf>,
+    inspect: Option<PathBuf>,
     /// A picture of the path and of the deviations, a thousandfold (SVG)
     #[arg(long, value_name = "FILE", requires = "verify")]
     picture: Option<PathBuf>,
@@ -99,9 +105,86 @@ enum Language {
     Heidenhain,
 }
 
+/// The document of `volcomp nc`.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Nc {
+    /// The file that was written.
+    file: String,
+    /// The language of the program: `rs274`, `siemens` or `heidenhain`.
+    dialect: &'static str,
+    /// Lines of the program that were read.
+    lines: u64,
+    /// Motions in them.
+    motions: u64,
+    /// Lines that were changed.
+    changed: u64,
+    /// Lines that were added, since a motion was split.
+    added: u64,
+    /// Whether the result is byte for byte that of `--strategy plain`; only with `--strategy floyd`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    same_as_plain: Option<bool>,
+    /// Whether the program says where it ends (M2, M30 or a second percent sign).
+    ended: bool,
+    /// How far the tool is from where the program wants it; only with --verify.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    verified: Option<Verified>,
+    /// Notes on the program, each once.
+    notes: Vec<NcNote>,
+}
+
+/// A note on a program.
+#[derive(Debug, Serialize, JsonSchema)]
+struct NcNote {
+    /// The first line that it is about, counted from 1.
+    line: usize,
+    /// The note.
+    text: String,
+}
+
+/// The document of `volcomp nc --average`.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct NcAverage {
+    /// The file that was written.
+    file: String,
+    /// Each work offset with which the program cuts. `before_um` and `left_um` are the maximum and the root of the mean square.
+    offsets: Vec<Average>,
+    /// How far the tool is from where the program wants it; only with --verify.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    verified: Option<Verified>,
+}
+
+/// The program and its result on a virtual machine.
+#[derive(Debug, Serialize, JsonSchema)]
+struct Verified {
+    #[serde(flatten)]
+    found: Verification,
+    /// Whether the features are judged after the best rigid alignment of the part by its own points; only with --inspect.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    best_fit: Option<bool>,
+    /// The features of the part; only with --inspect.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    features: Vec<NcFeature>,
+}
+
+/// A feature of the part that the virtual machine cuts.
+#[derive(Debug, Serialize, JsonSchema)]
+struct NcFeature {
+    /// Its name in the part file.
+    name: String,
+    /// Number of points.
+    points: usize,
+    /// With the original program; null where it cannot be evaluated.
+    before: Option<Found>,
+    /// With the compensated program; null where it cannot be evaluated.
+    after: Option<Found>,
+    /// Why it cannot be evaluated.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reason: Option<String>,
+}
+
 impl Arguments {
     /// The files that are read, which no output may replace, with what the call names them by.
-    pub(super) fn inputs(&self) -> Vec<(&Path, &'static str)> {
+    fn inputs(&self) -> Vec<(&Path, &'static str)> {
         let mut inputs = vec![
             (self.program.as_path(), "PROGRAM"),
             (self.machine.machine.as_path(), "--machine"),
@@ -121,7 +204,7 @@ impl Arguments {
     }
 
     /// The language of the program: that of the call, that of the control, or that of the name of the file.
-    pub(super) fn dialect(&self, setup: &SetUp) -> Dialect {
+    fn dialect(&self, setup: &SetUp) -> Dialect {
         match self.dialect {
             Some(Language::Rs274) => Dialect::Rs274,
             Some(Language::Siemens) => Dialect::Siemens,
@@ -185,7 +268,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let part = arguments
         .inspect
         .as_deref()
-        .map(nc_part::read)
+        .map(|path| Ok::<_, Failure>(Part::parse(&read_text(path)?, &path.display().to_string())?))
         .transpose()?;
     refuse_subroutine(arguments)?;
     refuse_read_once(arguments, &file)?;
@@ -215,9 +298,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             let what = "longer than 256 MiB, which --average does not take";
             return Err(Failure::in_file(program, what));
         }
-        let readings = (arguments.ball_row.as_deref())
-            .map(nc_ball_row::readings)
-            .transpose()?;
+        let readings = (arguments.ball_row.as_deref()).map(readings).transpose()?;
         let of = (readings.as_deref()).map_or(MeanOf::Places, MeanOf::Readings);
         Written::Averaged(
             average(&text, &mut output, job, of).map_err(|error| failure(program, error))?,
@@ -252,7 +333,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
             let dialect = arguments.dialect(&setup);
             answer(arguments, dialect, &summary, verified, notes)
         }
-        Written::Averaged(found) => averaged(&arguments.output, &found, verified, notes),
+        Written::Averaged(found) => averaged(&arguments.output, found, verified, notes),
     }
 }
 
@@ -316,12 +397,12 @@ fn picture_file(arguments: &Arguments) -> Result<Option<OutputFile>, Failure> {
 }
 
 /// What was written.
-pub(super) enum Written {
+enum Written {
     Compensated(Summary),
     Averaged(Vec<Average>),
 }
 
-pub(super) fn failure(program: &Path, error: NcError) -> Failure {
+fn failure(program: &Path, error: NcError) -> Failure {
     match error {
         NcError::Machine(error) => error.into(),
         NcError::Io(error) => Failure::work_on(program, &error),
@@ -353,7 +434,7 @@ fn answer(
     let counts = &summary.counts;
     let document = Nc {
         file: arguments.output.display().to_string(),
-        dialect: dialect.name().to_owned(),
+        dialect: dialect.name(),
         lines: counts.lines,
         motions: counts.motions,
         changed: counts.changed,
@@ -381,7 +462,7 @@ fn answer(
         };
     }
     if let Some(verified) = &document.verified {
-        text += &nc_verified::text(verified);
+        text += &verified_text(verified);
     }
     let mut notes: Vec<String> = (document.notes.iter())
         .map(|note| format!("line {}: {}", note.line, note.text))
@@ -399,7 +480,7 @@ fn answer(
 /// The mean corrections that are in the work offsets now.
 fn averaged(
     output: &Path,
-    found: &[Average],
+    found: Vec<Average>,
     verified: Option<Verified>,
     mut notes: Vec<String>,
 ) -> Result<Answer, Failure> {
@@ -409,18 +490,7 @@ fn averaged(
     );
     let document = NcAverage {
         file: output.display().to_string(),
-        offsets: (found.iter())
-            .map(|of| AverageOffset {
-                work_offset: of.system.clone(),
-                places: of.places,
-                mean_um: of.mean_mm.map(|mm| 1e3 * mm),
-                offset_mm: of.offset_mm,
-                before_max_um: of.before_um[0],
-                before_rms_um: of.before_um[1],
-                left_max_um: of.left_um[0],
-                left_rms_um: of.left_um[1],
-            })
-            .collect(),
+        offsets: found,
         verified,
     };
     let mut text = format!(
@@ -428,21 +498,333 @@ fn averaged(
         document.file
     );
     for of in &document.offsets {
-        let [x, y, z] = of.mean_um;
+        let [x, y, z] = of.mean_mm.map(|mm| 1e3 * mm);
         let [at_x, at_y, at_z] = of.offset_mm;
         let _ = write!(
             text,
             "{}, {} places: X {x:+.1} Y {y:+.1} Z {z:+.1} µm, now X {at_x} Y {at_y} Z {at_z} mm\n  correction before: at most {:.2} µm, RMS {:.2} µm; what is left beside the mean: at most {:.2} µm, RMS {:.2} µm\n",
-            of.work_offset,
-            of.places,
-            of.before_max_um,
-            of.before_rms_um,
-            of.left_max_um,
-            of.left_rms_um
+            of.system, of.places, of.before_um[0], of.before_um[1], of.left_um[0], of.left_um[1]
         ); // writing to a String cannot fail
     }
     if let Some(verified) = &document.verified {
-        text += &nc_verified::text(verified);
+        text += &verified_text(verified);
     }
     Answer::new(&document, text, notes)
+}
+
+/// A program that is judged on a virtual machine.
+struct OnTruth<'a> {
+    arguments: &'a Arguments,
+    model: (&'a Machine, &'a Temperatures),
+    setup: &'a SetUp,
+    part: Option<(&'a Part, &'a Corrector)>,
+}
+
+impl OnTruth<'_> {
+    /// The program and its result on the virtual machine; a result that is worse than the program is refused.
+    fn verified(
+        &self,
+        made: &Written,
+        result: &Path,
+        drawn: Option<&mut OutputFile>,
+        notes: &mut Vec<String>,
+    ) -> Result<Verified, Failure> {
+        let arguments = self.arguments;
+        if arguments.truth.is_none() {
+            notes.push("--verify without --truth: the model is judged by itself, which shows rounding and splits, not how well it knows the machine".to_owned());
+        }
+        let found = self.run(made, result, notes)?;
+        notes.extend(is_better(&found, arguments, &left_out(made))?);
+        if let Some(file) = drawn {
+            file.append(picture(&found).as_bytes())?;
+        }
+        let features = arguments.inspect.as_deref();
+        Ok(Verified {
+            best_fit: (self.part).map(|(part, _)| part.alignment == Alignment::BestFit),
+            features: features.map_or_else(Vec::new, |part| inspected(&found.features, part)),
+            found,
+        })
+    }
+
+    fn run(
+        &self,
+        made: &Written,
+        result: &Path,
+        notes: &mut Vec<String>,
+    ) -> Result<Verification, Failure> {
+        let arguments = self.arguments;
+        let read;
+        let (truth, temperatures) = match &arguments.truth {
+            Some(path) => {
+                read = arguments.machine.spindle.read(path)?;
+                refuse_other_geometry(path, &read.0, self.model.0, &"--machine")?;
+                let note = thermal_note(&read.0, &read.1);
+                notes.extend(note.map(|note| format!("{}: {note}", path.display())));
+                (&read.0, &read.1)
+            }
+            None => self.model,
+        };
+        let of = Virtual {
+            truth,
+            temperatures,
+            setup: self.setup,
+            most_blocks: arguments.max_blocks,
+            dialect: arguments.dialect(self.setup),
+            part: self.part,
+        };
+        let open = |path: &Path| {
+            let file = File::open(path).map_err(|e| Failure::in_file(path, e))?;
+            Ok::<_, Failure>(BufReader::new(file))
+        };
+        let (mut original, mut result) = (open(&arguments.program)?, open(result)?);
+        match made {
+            Written::Compensated(summary) => {
+                verify(&mut original, &mut result, &summary.shares, of)
+            }
+            Written::Averaged(averages) => verify_average(&mut original, &mut result, averages, of),
+        }
+        .map_err(|error| failure(&arguments.program, error))
+    }
+}
+
+/// A result that is worse than the program is not kept. Worse is one whose form is: after alignment of the part the tool is further off
+/// by the root of the mean square, or in one place by more than twice as much. A model with another zero moves the part as a whole, which
+/// is no error of the part; where the tool is further off as a whole, the form must be better for it. Less than the tolerance and two
+/// steps of the words does not count.
+fn is_better(
+    found: &Verification,
+    arguments: &Arguments,
+    left_out: &str,
+) -> Result<Option<String>, Failure> {
+    let Decimals { mm, inch, .. } = arguments.decimals;
+    let Verification { before, after, .. } = found;
+    let (unit_um, decimals) = if found.in_inches {
+        (25.4e3, inch)
+    } else {
+        (1e3, mm)
+    };
+    let step_um = unit_um / 10_f64.powi(i32::from(decimals));
+    let no_matter_um = arguments.tolerance + 2.0 * step_um;
+    let is_worse = |rms: [f64; 2], max: [f64; 2]| {
+        rms[1] > rms[0] + no_matter_um || max[1] > 2.0 * max[0] + no_matter_um
+    };
+    let form_is_worse = is_worse(
+        [before.form_rms_um, after.form_rms_um],
+        [before.form_max_um, after.form_max_um],
+    );
+    let is_further = is_worse([before.rms_um, after.rms_um], [before.max_um, after.max_um]);
+    let form_is_better = after.form_rms_um < MUCH_BETTER * before.form_rms_um;
+    if !form_is_worse && (form_is_better || !is_further) {
+        return Ok(is_further.then(|| {
+            format!(
+                "with the result the whole part lies elsewhere, as with a model that has another zero: RMS {:.2} µm instead of {:.2} µm; after alignment {:.2} µm instead of {:.2} µm",
+                after.rms_um, before.rms_um, after.form_rms_um, before.form_rms_um
+            )
+        }));
+    }
+    Err(Failure::Work(format!(
+        "{}: not written, since the tool is further off with the result than without: at most {:.2} µm (line {}), RMS {:.2} µm, instead of at most {:.2} µm, RMS {:.2} µm; after alignment of the part at most {:.2} µm, RMS {:.2} µm, instead of at most {:.2} µm, RMS {:.2} µm{left_out}",
+        arguments.output.display(),
+        after.max_um,
+        after.line,
+        after.rms_um,
+        before.max_um,
+        before.rms_um,
+        after.form_max_um,
+        after.form_rms_um,
+        before.form_max_um,
+        before.form_rms_um
+    )))
+}
+
+/// What a result lacks where it was not known where an axis stands, which may be why it is worse.
+fn left_out(made: &Written) -> String {
+    let Written::Compensated(summary) = made else {
+        return String::new();
+    };
+    let notes = summary.notes.by_line();
+    let axes: Vec<String> = (notes.iter())
+        .filter_map(|(line, note)| match note {
+            Note::LeftOut(axis) => Some(format!("{axis} from line {line} on")),
+            _ => None,
+        })
+        .collect();
+    if axes.is_empty() {
+        return String::new();
+    }
+    format!(
+        "; corrections are left out while it is not known where an axis stands ({}): [start] of the set-up file says it",
+        axes.join(", ")
+    )
+}
+
+/// A form that is better by less does not make up for a part that lies elsewhere: one or two places have no form.
+const MUCH_BETTER: f64 = 0.9;
+
+/// How far the tool is from where the program wants it, and the features of the part.
+fn verified_text(verified: &Verified) -> String {
+    let found = &verified.found;
+    let row = |name: &str, of: &Deviation| {
+        let whole = [of.max_um, of.rms_um, of.across_max_um, of.across_rms_um];
+        let form = [of.form_max_um, of.form_rms_um];
+        let all = whole.iter().chain(&form);
+        let cells: Vec<String> = all.map(|um| format!("{um:>9.2}")).collect();
+        format!("{name:<8}{}\n", cells.concat())
+    };
+    let place = |name: &str, of: &Deviation| {
+        let [x, y, z] = of.tip_mm;
+        format!(
+            "largest {name}: line {}, tip at {x:.1} {y:.1} {z:.1} mm\n",
+            of.line
+        )
+    };
+    let mut text = format!(
+        "\nDeviation of the tool from the programmed path, {} motions looked at; across:\nwithout what is along the path; form: after alignment of the part, since how\nit lies is no error of it\n{:<8}{:>18}{:>18}{:>18}\n{:<8}{}\n",
+        found.motions,
+        "",
+        "whole",
+        "across",
+        "form",
+        "",
+        format!("{:>9}{:>9}", "max µm", "RMS µm").repeat(3)
+    );
+    text += &row("before", &found.before);
+    text += &row("after", &found.after);
+    text += &place("before", &found.before);
+    text += &place("after", &found.after);
+    let further = &found.further;
+    if let Some(line) = further.line {
+        let sentence = format!(
+            "In {} of {} motions the tool is further off with the result than before, in RMS or at most, by up to {:.2} µm (line {line}), as where words are rounded or a circle is kept.",
+            further.motions, found.motions, further.by_um
+        );
+        text += &folded(&sentence, "");
+    }
+    if let Some(best_fit) = verified.best_fit {
+        text += &part_text(&verified.features, best_fit);
+    }
+    text
+}
+
+/// What was found; of what could not be evaluated the reason names the key of the part file.
+fn inspected(features: &[Inspected], part: &Path) -> Vec<NcFeature> {
+    let reason = |place: usize, error: &InspectError| {
+        let key = match error {
+            InspectError::NothingCut { .. } => "lines",
+            _ => "kind",
+        };
+        format!("{}: feature[{place}].{key}: {error}", part.display())
+    };
+    let feature = |(place, of): (usize, &Inspected)| {
+        let [before, after] = match &of.found {
+            Ok(found) => found.map(Some),
+            Err(_) => [None; 2],
+        };
+        NcFeature {
+            name: of.name.clone(),
+            points: of.points,
+            before,
+            after,
+            reason: (of.found.as_ref().err()).map(|error| reason(place, error)),
+        }
+    };
+    features.iter().enumerate().map(feature).collect()
+}
+
+/// What is read of one kind of number.
+type Take = fn(&Found) -> Option<f64>;
+
+/// Each number of each feature, before and after.
+fn part_text(features: &[NcFeature], best_fit: bool) -> String {
+    const NUMBERS: [(&str, Take, &str); 6] = [
+        ("form", |f| f.form_um, "µm"),
+        ("minimum zone", |f| f.minimum_zone_um, "µm"),
+        ("position", |f| f.position_um, "µm"),
+        ("direction", |f| f.direction_urad, "µrad"),
+        ("radius", |f| f.radius_um, "µm"),
+        ("coaxiality", |f| f.coaxiality_um, "µm"),
+    ];
+    let mut rows = table(&["feature", "", "before", "after", ""]);
+    let mut reasons = String::new();
+    for feature in features {
+        let mut name = feature.name.as_str();
+        for (what, of, unit) in NUMBERS {
+            let both = feature
+                .before
+                .as_ref()
+                .and_then(of)
+                .zip(feature.after.as_ref().and_then(of));
+            if let Some((before, after)) = both {
+                let [before, after] = [before, after].map(|number| fixed(number, 2));
+                rows.add_row([name, what, &before, &after, unit]);
+                name = "";
+            }
+        }
+        if let Some(reason) = &feature.reason {
+            reasons += &folded(&format!("{}: {reason}", feature.name), "");
+        }
+    }
+    let part = if rows.is_empty() {
+        String::new()
+    } else {
+        table_text(&rows)
+    };
+    let aligned = if best_fit {
+        ", aligned by all its points"
+    } else {
+        ""
+    };
+    format!("\nThe part as a measuring machine would find it{aligned}:\n{part}{reasons}")
+}
+
+/// The readings of all ball rows of a file: how far the tip is from each ball, along each direction that was read.
+///
+/// # Errors
+/// What reading the file says; a file without ball rows; a row whose place is not stated, since its readings do not say where the
+/// machine is.
+fn readings(path: &Path) -> Result<Vec<Reading>, Failure> {
+    let observations = Observations::read(path)?;
+    let mut readings = Vec::new();
+    for observation in &observations.observations {
+        if observation.kind != Kind::BallRow {
+            continue;
+        }
+        for row in &observation.rows {
+            let Seen::Ball {
+                origin,
+                tilts,
+                axes,
+                offset_mm,
+                ..
+            } = &row.seen
+            else {
+                continue;
+            };
+            let setup = &observations.setup;
+            if setup.points[*origin].unknown
+                || tilts.iter().any(|tilt| setup.numbers[*tilt].unknown)
+            {
+                return Err(Failure::in_file(
+                    path,
+                    format!(
+                        "the ball row {} has an unknown `origin` or `direction`, so that its readings do not say where the machine is; expected both as numbers",
+                        observation.file
+                    ),
+                ));
+            }
+            for (along, error_mm) in axes.column_iter().zip(offset_mm) {
+                readings.extend(error_mm.map(|error_mm| Reading {
+                    direction: [along[0], along[1], along[2]],
+                    error_mm,
+                }));
+            }
+        }
+    }
+    if readings.is_empty() {
+        return Err(Failure::in_file(
+            path,
+            "found no observation of kind \"ball-row\", expected one at least",
+        ));
+    }
+    Ok(readings)
 }

@@ -57,7 +57,7 @@ pub(super) fn outside_note<'a>(outside: impl Iterator<Item = &'a Outside>) -> Op
 }
 
 /// Names with blanks between them.
-pub(super) fn joined<T: ToString>(names: &[T]) -> String {
+pub(crate) fn joined<T: ToString>(names: &[T]) -> String {
     let names: Vec<String> = names.iter().map(ToString::to_string).collect();
     names.join(" ")
 }

@@ -1,17 +1,20 @@
 //! `volcomp report`: one HTML file from a calibration, an identification or a machine file.
 
 use std::{
+    collections::BTreeMap,
     fmt::Write as _,
     path::{Path, PathBuf},
 };
 
+use schemars::JsonSchema;
+use serde::Serialize;
 use volcomp_calibrate::{CalibrationFile, not_observed};
 use volcomp_document::Document as Toml;
 use volcomp_identify::Observations;
 use volcomp_kinematics::{Form, State as Pose, volumetric_error};
 use volcomp_model::{ErrorField, Machine, Temperatures};
 use volcomp_report::{
-    Diagonals, Edition, OfState, Report, Size, State, Stated, Tolerance, Verdict as Outcome,
+    Check, Diagonals, Edition, OfState, Report, Size, State, Stated, Tolerance, Verdict as Outcome,
     body_diagonals, checks, html, refuse_two_units, tolerances, tools, uncertainty, volume,
 };
 use volcomp_vocabulary::AxisName;
@@ -21,7 +24,6 @@ use super::{
     uncertainty::UncertaintyArguments,
 };
 use crate::{
-    answers::report::{Largest, Report as Document, Verdict, Volumetric},
     compensation::{Compensation, CompensationArguments, refuse_other_geometry},
     failure::Failure,
     output::OutputFile,
@@ -78,6 +80,95 @@ pub(crate) struct Arguments {
     /// Seed of the draws: the same seed gives the same digits on any number of cores
     #[arg(long, default_value_t = 1)]
     seed: u64,
+}
+
+/// The document of `volcomp report`.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct WrittenReport {
+    /// The HTML file that was written.
+    file: String,
+    /// How the figures stand against the tolerances of `--tolerance`.
+    /// `pass`: each is within; `fail`: one at least is beyond; `undecided`: none is beyond, and one at least is nearer to its limit than
+    /// its uncertainty, or is not given by the measurements; `none`: no tolerance is stated.
+    verdict: &'static str,
+    /// Every figure that has a tolerance.
+    checks: Vec<ReportCheck>,
+    /// How many error curves stand in the report.
+    curves: usize,
+    /// The warnings of the report, the gravest first.
+    warnings: Vec<String>,
+    /// The volumetric error over poses of all axes in the last state; null without two of the axes X, Y and Z.
+    volumetric: Option<Volumetric>,
+    /// The volumetric error before a compensation, or the only one that is known; null without two of the axes X, Y and Z.
+    before: Option<Largest>,
+    /// The volumetric error after a compensation; null without `--truth` or `--before`.
+    after: Option<Largest>,
+}
+
+/// A figure and its tolerance.
+#[derive(Debug, Serialize, JsonSchema)]
+struct ReportCheck {
+    /// The symbol of the figure.
+    symbol: String,
+    /// What it is of: an error and its file; empty where the symbol says it.
+    of: String,
+    /// The figure; null: the measurements do not give it.
+    value: Option<f64>,
+    /// The most that is allowed.
+    limit: f64,
+    /// `µm` or `µrad`.
+    unit: String,
+    /// The expanded uncertainty (k = 2) of the figure, of what is stated; null where nothing is.
+    uncertainty: Option<f64>,
+    /// `pass`, `fail`, `undecided` (nearer to the limit than the uncertainty) or `not_evaluated`: by ISO 14253-1 where an uncertainty is
+    /// stated.
+    outcome: &'static str,
+}
+
+/// The volumetric error over poses of all axes after one best-fit rigid-body alignment of the workpiece.
+#[derive(Debug, Serialize, JsonSchema)]
+struct Volumetric {
+    /// Largest error of the tool tip, µm.
+    position_um: f64,
+    /// Largest tilt of the tool axis, µrad.
+    tilt_urad: f64,
+    /// The pose of the largest error of the tip, mm and deg.
+    worst_at: BTreeMap<String, f64>,
+    /// The tool with which it is reached; empty: the one in the spindle.
+    worst_tool: String,
+}
+
+/// How large the volumetric error is.
+#[derive(Debug, Serialize, JsonSchema)]
+#[expect(clippy::struct_field_names, reason = "the keys end in their unit")]
+struct Largest {
+    /// The largest, µm.
+    max_um: f64,
+    /// The root of the mean square, µm.
+    rms_um: f64,
+    /// The largest after alignment of the workpiece: where it lies is no error of the machine, µm.
+    form_max_um: f64,
+    /// The root of the mean square after alignment, µm.
+    form_rms_um: f64,
+}
+
+impl From<&Check> for ReportCheck {
+    fn from(check: &Check) -> Self {
+        Self {
+            symbol: check.symbol.clone(),
+            of: check.of.to_string(),
+            value: check.value,
+            limit: check.limit,
+            unit: check.unit.clone(),
+            uncertainty: check.uncertainty,
+            outcome: match check.outcome {
+                Outcome::Pass => "pass",
+                Outcome::Fail => "fail",
+                Outcome::Undecided => "undecided",
+                Outcome::NotEvaluated => "not_evaluated",
+            },
+        }
+    }
 }
 
 /// What the report is made from, read.
@@ -372,11 +463,13 @@ fn answer(
     notes: Vec<String>,
 ) -> Result<Answer, Failure> {
     let whole = Outcome::of_all(report.checks.iter().map(|check| check.outcome));
-    let verdict = match whole {
-        _ if limits.is_empty() => Verdict::None,
-        Outcome::Fail => Verdict::Fail,
-        Outcome::NotEvaluated | Outcome::Undecided => Verdict::Undecided,
-        Outcome::Pass => Verdict::Pass,
+    let (verdict, words) = match whole {
+        _ if limits.is_empty() => ("none", "no tolerance stated"),
+        Outcome::Fail => ("fail", "not all stated tolerances are met"),
+        Outcome::NotEvaluated | Outcome::Undecided => {
+            ("undecided", "not every stated tolerance is decided")
+        }
+        Outcome::Pass => ("pass", "all stated tolerances are met"),
     };
     let largest = |size: &Size| Largest {
         max_um: size.max_um,
@@ -385,7 +478,7 @@ fn answer(
         form_rms_um: size.form_rms_um,
     };
     let volume = report.volume.as_ref();
-    let document = Document {
+    let document = WrittenReport {
         file: arguments.output.display().to_string(),
         verdict,
         checks: report.checks.iter().map(Into::into).collect(),
@@ -410,7 +503,7 @@ fn answer(
             .and_then(|volume| volume.after.as_ref())
             .map(|after| largest(&after.found)),
     };
-    let mut text = format!("{}\n", verdict.words());
+    let mut text = format!("{words}\n");
     for check in &document.checks {
         let of = if check.of.is_empty() {
             String::new()
@@ -464,7 +557,7 @@ fn answer(
         "wrote {}: {curves} curves, {warnings} warnings",
         document.file
     );
-    let met = limits.is_empty() || matches!(verdict, Verdict::Pass);
+    let met = limits.is_empty() || whole == Outcome::Pass;
     Ok(Answer {
         tolerances_met: met,
         ..Answer::new(&document, text, notes)?

@@ -2,10 +2,37 @@
 
 use std::path::{Path, PathBuf};
 
+use schemars::{JsonSchema, Schema, generate::SchemaSettings};
 use serde_json::json;
 
-use super::{Answer, write_file};
-use crate::{answers, failure::Failure};
+use super::{
+    Answer, age, axes,
+    calibrate::Calibrate,
+    calibrate_draft::Drafted,
+    check, compile, completions,
+    correct::CorrectionAt,
+    demo, dh,
+    diagonals::Diagonals,
+    error::ErrorAt,
+    export, expression, fit,
+    fit_thermal::document::FitThermal,
+    form,
+    identify::Identified,
+    import,
+    inspect::Contents,
+    iso230::{circle::CircularTest, diagonals::MeasuredDiagonals, positioning::PositioningTest},
+    map::Map,
+    map_table, nc, report, sensitivity,
+    several::Files,
+    simulate,
+    squareness::SquarenessTest,
+    straightness::StraightnessTest,
+    write_file,
+};
+use crate::{
+    failure::{Failure, FailureDocument},
+    points::OneOrMany,
+};
 
 /// Write the JSON Schemas of the documents that --json prints
 #[derive(clap::Args)]
@@ -16,7 +43,7 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let mut files = Vec::new();
-    for (name, schema) in answers::ALL {
+    for (name, schema) in ALL {
         let text = serde_json::to_string_pretty(&schema())
             .map_err(|e| Failure::Work(format!("the schema of {name}: {e}")))?;
         files.push((format!("volcomp-{name}.json"), text + "\n"));
@@ -38,4 +65,52 @@ fn write(folder: &Path, files: &[(String, String)]) -> Result<Answer, Failure> {
         notes: Vec::new(),
         failed: None,
     })
+}
+
+/// The name of a command and the schema of its document.
+type Named = (&'static str, fn() -> Schema);
+
+/// The documents by the name of their command, `probe-list` for `probe --list`, `nc-average` for `nc --average`, `calibrate-draft` for `calibrate --draft`, `iso230-circle` and `iso230-diagonals` for its parts 4 and 6: `volcomp-NAME.json` is the file of the schema.
+const ALL: &[Named] = &[
+    ("check", schema::<check::Check>),
+    ("compile", schema::<compile::Compile>),
+    ("completions", schema::<completions::Completions>),
+    ("error", schema::<OneOrMany<ErrorAt>>),
+    ("correct", schema::<OneOrMany<CorrectionAt>>),
+    ("diagonals", schema::<Diagonals>),
+    ("map", schema::<Map>),
+    ("map-table", schema::<map_table::MapTable>),
+    ("export", schema::<export::Export>),
+    ("import", schema::<import::Import>),
+    ("axes", schema::<axes::Axes>),
+    ("dh", schema::<dh::Dh>),
+    ("sensitivity", schema::<sensitivity::Effects>),
+    ("expression", schema::<expression::Formulas>),
+    ("fit", schema::<fit::FittedCurve>),
+    ("fit-thermal", schema::<FitThermal<'_>>),
+    ("calibrate", schema::<Calibrate>),
+    ("calibrate-draft", schema::<Drafted>),
+    ("report", schema::<report::WrittenReport>),
+    ("identify", schema::<Identified>),
+    ("iso230", schema::<Files<PositioningTest>>),
+    ("iso230-circle", schema::<Files<CircularTest>>),
+    ("iso230-diagonals", schema::<MeasuredDiagonals>),
+    ("straightness", schema::<Files<StraightnessTest>>),
+    ("squareness", schema::<SquarenessTest>),
+    ("form", schema::<form::EvaluatedForm>),
+    ("inspect", schema::<Files<Contents>>),
+    ("simulate", schema::<simulate::Simulate>),
+    ("age", schema::<age::Age>),
+    ("demo", schema::<demo::Demo>),
+    ("probe", schema::<volcomp_devices::Probe>),
+    ("probe-list", schema::<volcomp_devices::LocalDevices>),
+    ("nc", schema::<nc::Nc>),
+    ("nc-average", schema::<nc::NcAverage>),
+    ("failure", schema::<FailureDocument>),
+];
+
+/// The JSON Schema (draft 2020-12) of a document.
+fn schema<T: JsonSchema>() -> Schema {
+    let settings = SchemaSettings::draft2020_12().for_serialize();
+    settings.into_generator().into_root_schema_for::<T>()
 }

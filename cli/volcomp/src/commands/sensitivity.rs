@@ -2,6 +2,8 @@
 
 use std::{fmt::Write, path::PathBuf};
 
+use schemars::JsonSchema;
+use serde::Serialize;
 use volcomp_kinematics::ChainError;
 use volcomp_model::{Axis, Machine, Temperatures};
 use volcomp_sensitivity::{
@@ -12,7 +14,6 @@ use volcomp_vocabulary::{AxisName, Displacement};
 
 use super::{Answer, fixed, table, table_text};
 use crate::{
-    answers::sensitivity as answers,
     failure::Failure,
     points::{GeometryArguments, states_of},
     progress,
@@ -38,6 +39,20 @@ pub(crate) struct Arguments {
     /// Thermal terms do not count, and curves of both directions count with their mean
     #[arg(long)]
     values: bool,
+}
+
+/// The document of `volcomp sensitivity`: the effect of each error over many positions.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Effects {
+    #[serde(flatten)]
+    found: Sensitivity,
+    /// Whether the effects are those of the values in the machine file, the largest first (`--values`); else of 1 µm or
+    /// 1 µrad of each error.
+    values: bool,
+    /// The errors of each of `motions`.
+    groups: Vec<Vec<ErrorTerm>>,
+    /// A column counts as a combination of others when less than this part of it is left beside them.
+    tolerance: f64,
 }
 
 /// The errors of a machine that `--assembly` or its absence means.
@@ -74,7 +89,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     }
     bar.finish_and_clear();
     let text = text(&machine, &found, arguments.values);
-    Answer::new(&document(&found, arguments.values), text, notes)
+    let document = Effects {
+        groups: (found.motions.iter().map(|motion| motion.terms.clone())).collect(),
+        values: arguments.values,
+        tolerance: DEPENDENT_BELOW,
+        found,
+    };
+    Answer::new(&document, text, notes)
 }
 
 /// What the values of the machine's errors do, the largest displacement first.
@@ -124,42 +145,6 @@ fn too_few(machine: &Machine, count: usize) -> Option<String> {
         "--grid {count}: {} turns all the way round, and fewer than {LEAST} nodes may miss what goes through one wave in a turn",
         axis.name
     ))
-}
-
-fn document(found: &Sensitivity, values: bool) -> answers::Sensitivity {
-    let names = |terms: &[ErrorTerm]| terms.iter().map(ToString::to_string).collect();
-    let effect = |effect: &Effect| answers::Effect {
-        name: effect.term.to_string(),
-        position_rms_um: effect.position_rms_um,
-        position_max_um: effect.position_max_um,
-        orientation_rms_urad: effect.orientation_rms_urad,
-        orientation_max_urad: effect.orientation_max_urad,
-        share: effect.share,
-    };
-    let weighted = |null: &Vec<(ErrorTerm, f64)>| {
-        let named = null
-            .iter()
-            .map(|(term, weight)| (term.coefficient(), *weight));
-        named.collect()
-    };
-    answers::Sensitivity {
-        positions: found.poses,
-        values,
-        errors: found.errors.iter().map(effect).collect(),
-        groups: found
-            .motions
-            .iter()
-            .map(|motion| names(&motion.terms))
-            .collect(),
-        motions: found
-            .motions
-            .iter()
-            .map(|motion| motion.name.clone())
-            .collect(),
-        rank: found.rank,
-        tolerance: DEPENDENT_BELOW,
-        indistinguishable: found.indistinguishable.iter().map(weighted).collect(),
-    }
 }
 
 /// The errors of a machine that are zero by definition where X is the first and Y the second reference axis: of the six tilts

@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_calibrate::different_machines;
-use volcomp_metrology::{Decision, JudgedQuantity, Metadata};
+use volcomp_metrology::Metadata;
 
 use super::Answer;
 use super::iso230::{
-    judged::verdicts_text,
+    judged::{Judgement, verdicts_text},
     rows::{self, Row},
 };
 use crate::{failure::Failure, table::folded};
@@ -18,11 +18,10 @@ use crate::{failure::Failure, table::folded};
 pub(crate) struct Evaluated<D> {
     pub(crate) document: D,
     pub(crate) text: String,
-    pub(crate) notes: Vec<String>,
     /// What the file says of itself.
     pub(crate) metadata: Metadata,
-    /// What stands in its row of the CSV file.
-    pub(crate) found: (Vec<JudgedQuantity>, Option<Decision>),
+    /// The same as in the document: what stands in its row of the CSV file.
+    pub(crate) judgement: Judgement,
 }
 
 /// The document of one file, or of several.
@@ -63,11 +62,13 @@ pub(crate) fn evaluated<D: Serialize>(
     };
     if let [only] = files {
         let one = one(only)?;
-        let decision = one.found.1;
+        let Judgement {
+            decision, notes, ..
+        } = one.judgement.clone();
         if let Some(output) = csv {
-            rows::write(output, &[row(only, Ok(one.found))])?;
+            rows::write(output, &[row(only, Ok(one.judgement))])?;
         }
-        return Ok(Answer::new(&one.document, one.text, one.notes)?.decided(decision));
+        return Ok(Answer::new(&one.document, one.text, notes)?.decided(decision));
     }
     let (mut all, mut texts, mut rows) = (Vec::new(), Vec::new(), Vec::new());
     let (mut refused, mut said) = (Vec::new(), Vec::new());
@@ -75,11 +76,11 @@ pub(crate) fn evaluated<D: Serialize>(
         let file = path.display().to_string();
         match one(path) {
             Ok(one) => {
-                let notes: String = (one.notes.iter())
+                let notes: String = (one.judgement.notes.iter())
                     .map(|note| folded(&format!("note: {note}"), ""))
                     .collect();
                 texts.push(format!("{file}\n{notes}{}", one.text));
-                rows.push(row(path, Ok(one.found)));
+                rows.push(row(path, Ok(one.judgement)));
                 said.push((file, one.metadata));
                 all.push(Files::One(Box::new(one.document)));
             }
@@ -101,7 +102,9 @@ pub(crate) fn evaluated<D: Serialize>(
     let said: Vec<(String, &Metadata)> =
         (said.iter()).map(|(file, of)| (file.clone(), of)).collect();
     let document = Files::Many { files: all };
-    let decisions = rows.iter().filter_map(|row| row.found.as_ref().ok()?.1);
+    let decisions = rows
+        .iter()
+        .filter_map(|row| row.found.as_ref().ok()?.decision);
     let answer = Answer::new(&document, texts.join("\n"), different_machines(&said))?;
     let answer = decisions.fold(answer, |answer, decision| answer.decided(Some(decision)));
     Ok(Answer {

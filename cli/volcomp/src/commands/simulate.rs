@@ -1,14 +1,19 @@
 //! `volcomp simulate`: the virtual shop.
 
 use std::{
+    collections::BTreeMap,
     fmt::Write as _,
     path::{Path, PathBuf},
 };
 
+use schemars::JsonSchema;
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+use volcomp_model::hexadecimal;
 use volcomp_shop::{CALIBRATED, Shop, ShopError};
 
-use super::{Answer, same_file, simulated_files::List};
-use crate::{answers::simulate::Simulate, failure::Failure, output::OutputFile, progress};
+use super::{Answer, same_file, write_file};
+use crate::{failure::Failure, output::OutputFile, progress};
 
 /// The virtual shop: makes measurement files of a truth machine and the files that read them
 ///
@@ -21,6 +26,23 @@ pub(crate) struct Arguments {
     /// Folder for the files; made when it is not there
     #[arg(long, short)]
     output: PathBuf,
+}
+
+/// The document of `volcomp simulate`.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Simulate {
+    /// The folder of the files.
+    folder: String,
+    /// Names of the files that were written.
+    files: Vec<String>,
+    /// Names of those of them that stand in the place of an earlier file.
+    replaced: Vec<String>,
+    /// The calibration file that reads the lines; null where only observations were made.
+    calibration: Option<String>,
+    /// The file of observations that reads the observations; null where none were made.
+    observations: Option<String>,
+    /// The commands that make a machine file of them, in their order, to be run where this one was.
+    next: Vec<String>,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
@@ -114,7 +136,7 @@ pub(crate) struct Written {
 pub(crate) fn write(shop: &Shop, folder: &Path) -> Result<Written, Failure> {
     refuse_inputs(shop, folder)?;
     make(folder)?;
-    let mut list = List::read(folder)?;
+    let mut list = WrittenFiles::read(folder)?;
     // Whether the folder can be written in is known before work starts.
     let first = OutputFile::open(&folder.join("machine.toml"))?;
     let bar = progress::bar(shop.count(), "lines and observations measured");
@@ -174,4 +196,89 @@ fn refuse_inputs(shop: &Shop, folder: &Path) -> Result<(), Failure> {
         }
     }
     Ok(())
+}
+
+/// No file of a shop has this name: those of measurements and observations have other endings.
+const LIST: &str = "simulated-files.sha256";
+/// The first line tells that the list itself was not written by somebody else.
+const FIRST_LINE: &str = "# Written by volcomp simulate, which writes over these files while they are as listed here: SHA-256 and name";
+
+/// The files of earlier runs with the SHA-256 of what was written into them, as `sha256sum` lists them.
+struct WrittenFiles(BTreeMap<String, String>);
+
+impl WrittenFiles {
+    /// Reads the list in a folder; it is empty where there is none.
+    fn read(folder: &Path) -> Result<Self, Failure> {
+        let path = folder.join(LIST);
+        let Some(bytes) = content(&path)? else {
+            return Ok(Self(BTreeMap::new()));
+        };
+        let text = String::from_utf8_lossy(&bytes);
+        let mut lines = text.lines();
+        if lines.next() != Some(FIRST_LINE) {
+            return Err(not_mine(&path));
+        }
+        let entry = |line: &str| {
+            let (digest, name) = line.split_once("  ")?;
+            Some((name.to_owned(), digest.to_owned()))
+        };
+        Ok(Self(lines.filter_map(entry).collect()))
+    }
+
+    /// Refuses to write a text over a file that is there, unless it is as it was written by an earlier run, or nothing is lost.
+    fn refuse_others(&self, folder: &Path, name: &str, text: &str) -> Result<(), Failure> {
+        let path = folder.join(name);
+        let Some(found) = content(&path)? else {
+            return Ok(());
+        };
+        let is_listed = || self.0.get(name) == Some(&hexadecimal(&Sha256::digest(&found)));
+        if found == text.as_bytes() || is_listed() {
+            return Ok(());
+        }
+        Err(not_mine(&path))
+    }
+
+    /// Adds a file that was written.
+    fn add(&mut self, name: &str, text: &str) {
+        self.0
+            .insert(name.to_owned(), hexadecimal(&Sha256::digest(text)));
+    }
+
+    fn write(&self, folder: &Path) -> Result<(), Failure> {
+        let mut text = format!("{FIRST_LINE}\n");
+        for (name, digest) in &self.0 {
+            // Writing to a String cannot fail.
+            let _ = writeln!(text, "{digest}  {name}");
+        }
+        write_file(&folder.join(LIST), &text)
+    }
+}
+
+/// Writes files into a folder that is there and into its list, unless one of them is somebody else's.
+pub(super) fn write_listed(folder: &Path, files: &[(&str, &str)]) -> Result<(), Failure> {
+    let mut list = WrittenFiles::read(folder)?;
+    for (name, text) in files {
+        list.refuse_others(folder, name, text)?;
+    }
+    for (name, text) in files {
+        write_file(&folder.join(name), text)?;
+        list.add(name, text);
+    }
+    list.write(folder)
+}
+
+fn not_mine(path: &Path) -> Failure {
+    Failure::in_file(
+        path,
+        "found a file that `volcomp simulate` did not write, or that was changed since: expected another folder, or this file out of the way",
+    )
+}
+
+/// The bytes of a file, if it is there.
+fn content(path: &Path) -> Result<Option<Vec<u8>>, Failure> {
+    if !path.exists() {
+        return Ok(None);
+    }
+    let read = std::fs::read(path);
+    read.map(Some).map_err(|e| Failure::in_file(path, e))
 }

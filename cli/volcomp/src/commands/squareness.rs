@@ -5,13 +5,13 @@ use std::path::PathBuf;
 use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_metrology::{
-    Decision, DeviationUnit, JudgedQuantity, ODD_ABOVE, ReferenceKind, SquarenessInputs,
-    SquarenessUncertainty, StandardQuantity, judged, squareness, squareness_parts,
-    squareness_uncertainty, straightness_of,
+    DeviationUnit, ODD_ABOVE, ReferenceKind, SquarenessInputs, SquarenessUncertainty,
+    StandardQuantity, judged, squareness, squareness_parts, squareness_uncertainty,
+    straightness_of,
 };
 use volcomp_vocabulary::{ErrorName, Urad};
 
-use super::iso230::judged::{decision_text, quantities_text, tolerances};
+use super::iso230::judged::{Judgement, decision_text, quantities_text, tolerances};
 use super::straightness::{Reference, key, odd, read};
 use super::{Answer, fixed, table, table_text};
 use crate::{failure::Failure, unit::Unit};
@@ -73,13 +73,8 @@ pub(crate) struct SquarenessTest {
     /// Its contributions; null where it is.
     uncertainty: Option<SquarenessUncertainty>,
     /// The squareness as a quantity, with its tolerance.
-    quantities: Vec<JudgedQuantity>,
-    /// The decision over all tolerances; null without any.
-    decision: Option<Decision>,
-    /// Whether it is within its tolerance; null without one.
-    pass: Option<bool>,
-    /// Notes in words on the files and their readings.
-    notes: Vec<String>,
+    #[serde(flatten)]
+    judgement: Judgement,
 }
 
 /// One of the two lines.
@@ -167,7 +162,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     };
     let u = |_: &str| uncertainty;
     let quantities = judged("ISO 230-1", [quantity], DeviationUnit::Urad, &tolerances, u);
-    let decision = Decision::over(&quantities);
+    let judgement = Judgement::new(quantities, notes);
     let document = SquarenessTest {
         error: arguments.error.to_string(),
         parts,
@@ -176,13 +171,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         squareness_urad: value,
         uncertainty_urad: uncertainty,
         uncertainty: whole,
-        pass: decision.map(|d| d.pass),
-        decision,
-        quantities,
-        notes: notes.clone(),
+        judgement: judgement.clone(),
     };
     let text = text(&document);
-    Ok(Answer::new(&document, text, notes)?.decided(decision))
+    Ok(Answer::new(&document, text, judgement.notes)?.decided(judgement.decision))
 }
 
 /// What is not in the uncertainty, and a squareness that no machine tool has.
@@ -275,11 +267,11 @@ fn text(document: &SquarenessTest) -> String {
         document.error,
         document.reference.replace('-', " "),
         table_text(&rows),
-        quantities_text(&document.quantities, true),
+        quantities_text(&document.judgement.quantities, true),
         document
             .uncertainty
             .as_ref()
             .map_or_else(String::new, uncertainty_text),
-        decision_text(document.decision, &document.quantities)
+        decision_text(&document.judgement)
     )
 }

@@ -9,13 +9,13 @@ use clap::ValueEnum;
 use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_metrology::{
-    Decision, DeviationUnit, JudgedQuantity, Measurement, Metadata, ReferenceKind,
-    StandardQuantity, Straightness, TiltReading, Tolerance, angular_method_um, axis_named, judged,
-    odd_size, read_file, straightness_of, straightness_of_profile,
+    DeviationUnit, Measurement, Metadata, ReferenceKind, StandardQuantity, Straightness,
+    TiltReading, Tolerance, angular_method_um, axis_named, judged, odd_size, read_file,
+    straightness_of, straightness_of_profile,
 };
 use volcomp_vocabulary::{AxisKind, AxisName, ErrorName};
 
-use super::iso230::judged::{decision_text, quantities_text, tolerances};
+use super::iso230::judged::{Judgement, decision_text, quantities_text, tolerances};
 use super::several::{Evaluated, evaluated};
 use super::{Answer, fixed, table, table_text};
 use crate::{
@@ -57,8 +57,6 @@ pub(crate) struct StraightnessTest {
     file: String,
     /// How the readings were made: `direct`, or `angular-method` with `--bridge-mm`.
     method: &'static str,
-    /// The straightness about each reference line.
-    quantities: Vec<JudgedQuantity>,
     /// The slope of each reference line, µrad: least squares, end points, minimum zone.
     slopes_urad: [f64; 3],
     /// Standard uncertainty of the slope of least squares by the residuals, µrad; null with two targets.
@@ -69,12 +67,9 @@ pub(crate) struct StraightnessTest {
     reference: &'static str,
     /// Targets, mm, and deviations from that line, µm.
     profile: Vec<[f64; 2]>,
-    /// The decision over all tolerances; null without any.
-    decision: Option<Decision>,
-    /// Whether every quantity with a tolerance passes; null without tolerances.
-    pass: Option<bool>,
-    /// Notes in words on the file and its readings.
-    notes: Vec<String>,
+    /// The straightness about each reference line.
+    #[serde(flatten)]
+    judgement: Judgement,
 }
 
 /// A reference line.
@@ -114,8 +109,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         Ok(Evaluated {
             text: text(&document, arguments.files.len() == 1),
             metadata: Metadata::default(),
-            notes: document.notes.clone(),
-            found: (document.quantities.clone(), document.decision),
+            judgement: document.judgement.clone(),
             document,
         })
     })
@@ -233,7 +227,6 @@ fn document(
     });
     let none = |_: &str| None;
     let quantities = judged("ISO 230-1", quantities, DeviationUnit::Um, tolerances, none);
-    let decision = Decision::over(&quantities);
     let kind = arguments.reference.kind();
     let profile = found.of(kind).line.removed_from(&found.profile);
     let slopes = [0, 1, 2].map(|k: usize| found.about[k].line.slope().0);
@@ -245,10 +238,7 @@ fn document(
         reversal_um: found.reversal_um,
         reference: key(kind),
         profile: profile.into_iter().map(|(q, x)| [q, x]).collect(),
-        pass: decision.map(|d| d.pass),
-        decision,
-        quantities,
-        notes,
+        judgement: Judgement::new(quantities, notes),
     }
 }
 
@@ -266,7 +256,7 @@ fn text(document: &StraightnessTest, with_names: bool) -> String {
         "straightness{method}, all values in µm, about {}\n\n{}\n{}\nslopes: least squares {least}, end points {ends}, minimum zone {zone} µrad\n",
         document.reference.replace('-', " "),
         table_text(&rows),
-        quantities_text(&document.quantities, with_names)
+        quantities_text(&document.judgement.quantities, with_names)
     );
     if let Some(reversal) = document.reversal_um {
         // Writing to a string never fails.
@@ -276,5 +266,5 @@ fn text(document: &StraightnessTest, with_names: bool) -> String {
             fixed(reversal, 2)
         );
     }
-    text + &decision_text(document.decision, &document.quantities)
+    text + &decision_text(&document.judgement)
 }

@@ -2,7 +2,7 @@
 
 use serde_json::json;
 
-use crate::{json, root, text, volcomp};
+use crate::{json, text, volcomp, words};
 
 const GANTRY: &str = "examples/gantry.toml";
 const POSITIONING: &str = "fitting/metrology/tests/data/iso230-2-axis.csv";
@@ -43,28 +43,16 @@ fn what_is_outside_its_range_is_named() {
 #[test]
 fn approach_and_temperature_reach_the_model() {
     let z = |approach: &str| {
-        json(&[
-            "error",
-            "-m",
-            GANTRY,
-            "--at",
-            "Z=100",
-            "--approach",
-            approach,
-        ])["position_um"][2]
+        json(&words(&format!(
+            "error -m {GANTRY} --at Z=100 --approach {approach}"
+        )))["position_um"][2]
             .clone()
     };
     close(&z("Z=+"), 1.2, 1e-3);
     close(&z("Z=-"), 3.7, 1e-3);
-    let warm = json(&[
-        "error",
-        "-m",
-        GANTRY,
-        "--at",
-        "X=1000",
-        "--temperature",
-        "scale_x=22",
-    ]);
+    let warm = json(&words(
+        "error -m examples/gantry.toml --at X=1000 --temperature scale_x=22",
+    ));
     close(&warm["position_um"][0], 7.3 - 0.21 + 23.0, 1e-6);
 }
 
@@ -83,13 +71,9 @@ fn many_points_come_in_the_order_of_the_rows() {
 
 #[test]
 fn correction_has_every_axis_and_leaves_nothing() {
-    let answer = json(&[
-        "correct",
-        "-m",
-        "examples/five-axis.toml",
-        "--at",
-        "X=100,Y=50,B=30,C=45",
-    ]);
+    let answer = json(&words(
+        "correct -m examples/five-axis.toml --at X=100,Y=50,B=30,C=45",
+    ));
     let correction = answer["correction"].as_object().expect("an object");
     assert_eq!(
         correction.keys().collect::<Vec<_>>(),
@@ -143,40 +127,6 @@ fn diagonals_are_written_as_a_program() {
     ];
     assert_eq!(lines[..6], begin);
     assert_eq!(lines[13], "PPN,800,600,-500,0,90,6000");
-}
-
-#[test]
-fn diagonals_before_and_after() {
-    let before = json(&["diagonals", "-m", GANTRY, "--points", "11"]);
-    let after = json(&["diagonals", "-m", GANTRY, "--points", "11", "--compensated"]);
-    for name in ["PPP", "NPP", "PNP", "PPN"] {
-        assert_eq!(
-            before[name]["deviation_um"].as_array().map(Vec::len),
-            Some(11)
-        );
-        close(&before[name]["deviation_um"][0], 0.0, 0.0);
-        let begin = &before[name]["at"][0];
-        let moves = name
-            .chars()
-            .zip([("X", 8000.0), ("Y", 4000.0), ("Z", 2500.0)]);
-        for (sense, (axis, end)) in moves {
-            let from = if sense == 'P' { 0.0 } else { end };
-            close(&begin[axis], from, 0.0);
-        }
-        assert!(before[name]["range_um"].as_f64() > Some(5.0));
-        close(&after[name]["range_um"], 0.0, 1e-3);
-    }
-}
-
-/// The compiled form neglects what is of second order.
-#[test]
-fn the_compiled_map_is_the_exact_one() {
-    let map = |model: &str| {
-        json(&["map", "-m", GANTRY, "--grid", "9x7x5", "--model", model])["largest_um"].clone()
-    };
-    let exact = map("exact").as_f64().unwrap_or(f64::NAN);
-    close(&map("compiled"), exact, 0.02);
-    assert!(exact > 10.0, "{exact}");
 }
 
 #[test]
@@ -275,15 +225,9 @@ fn fit_gives_a_curve_of_the_machine_file() {
         close(&answer["leave_one_out_um"], 0.0, 1e-6);
         assert!(answer["curve"].get(method).is_some(), "{method}");
     }
-    let auto = json(&[
-        "fit",
-        path,
-        "--method",
-        "mls",
-        "--auto",
-        "--residual",
-        "0.1",
-    ]);
+    let auto = json(&words(&format!(
+        "fit {path} --method mls --auto --residual 0.1"
+    )));
     assert_eq!(auto["meets_required"], json!(true));
 }
 
@@ -400,46 +344,11 @@ fn tables_for_people() {
     );
     insta::assert_snapshot!(
         "correct",
-        text(&[
-            "correct",
-            "-m",
-            "examples/five-axis.toml",
-            "--at",
-            "X=100,B=30,C=45"
-        ])
+        text(&words(
+            "correct -m examples/five-axis.toml --at X=100,B=30,C=45"
+        ))
     );
     insta::assert_snapshot!("diagonals", text(&["diagonals", "-m", GANTRY]));
     insta::assert_snapshot!("map", text(&["map", "-m", GANTRY, "--grid", "3x3x3"]));
     insta::assert_snapshot!("iso230", text(&["iso230", POSITIONING]));
-}
-
-#[test]
-fn every_table_fits_eighty_columns_and_help_works() {
-    for arguments in [
-        &["error", "-m", GANTRY, "--at", "X=1000"][..],
-        &["iso230", POSITIONING],
-        &[
-            "correct",
-            "-m",
-            "examples/five-axis.toml",
-            "--at",
-            "X=100,B=30,C=45",
-        ],
-    ] {
-        for line in text(arguments).lines() {
-            assert!(line.chars().count() <= 80, "{line}");
-        }
-    }
-    for command in [
-        "error",
-        "correct",
-        "diagonals",
-        "map",
-        "fit",
-        "iso230",
-        "calibrate",
-    ] {
-        assert_eq!(volcomp(&[command, "--help"]).status.code(), Some(0));
-    }
-    assert!(root().join(POSITIONING).is_file());
 }

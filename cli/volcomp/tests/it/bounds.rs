@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path};
 
-use crate::{refused, root, volcomp};
+use crate::{refused, root, volcomp, words};
 
 /// `examples/mill.toml` with another line EXX or EC0Y.
 fn mill(folder: &Path, name: &str, line: &str) -> String {
@@ -27,72 +27,35 @@ fn said(output: &std::process::Output) -> String {
         .join(" ")
 }
 
-const SLIPS: [&str; 2] = ["EXX = { poly = [0.0, 20] }", "EXX = { poly = [1e7, 0.02] }"];
-
 #[test]
 fn a_slip_of_units_writes_no_program_and_no_table() {
     let folder = tempfile::tempdir().expect("a folder");
-    for (place, slip) in SLIPS.iter().enumerate() {
-        let machine = mill(folder.path(), &format!("{place}.toml"), slip);
-        for (program, limit) in [
-            ("part.ngc", "250"),
-            ("part.ngc", "2000"),
-            ("part.mpf", "250"),
-            ("part.h", "250"),
-        ] {
-            let result = folder.path().join("result");
-            let result = result.to_str().expect("a path in UTF-8");
-            let program = format!("examples/{program}");
-            let output = volcomp(&[
-                "nc",
-                &program,
-                "-o",
-                result,
-                "-m",
-                &machine,
-                "--setup",
-                "examples/setup.toml",
-                "--limit-um",
-                limit,
-            ]);
-            assert_eq!(output.status.code(), Some(2), "{output:?}");
-            let said = said(&output);
-            assert!(
-                said.contains("the correction of X is -")
-                    && said.contains(&format!("expected at most {limit} µm"))
-                    && said.ends_with("or allow more with --limit-um"),
-                "{said}"
-            );
-            assert!(!Path::new(result).exists(), "{program}");
-        }
-        for format in [
-            "csv",
-            "linuxcnc",
-            "fanuc",
-            "siemens-840d",
-            "heidenhain",
-            "isg-csv",
-        ] {
-            let result = folder.path().join("tables");
-            let result = result.to_str().expect("a path in UTF-8");
-            let output = volcomp(&["export", "-m", &machine, "--format", format, "-o", result]);
-            assert_eq!(output.status.code(), Some(2), "{format}: {output:?}");
-            assert!(
-                said(&output).contains("expected at most 250 µm")
-                    && said(&output).ends_with("or allow more with --limit-um"),
-                "{output:?}"
-            );
-            assert!(!Path::new(result).exists(), "{format}");
-        }
-        let output = volcomp(&["check", &machine]);
-        assert!(output.status.success(), "{output:?}");
+    let machine = mill(folder.path(), "slip.toml", "EXX = { poly = [0.0, 20] }");
+    let result = folder.path().join("result").display().to_string();
+    for (call, limit) in [
+        (
+            "nc examples/part.ngc --setup examples/setup.toml --limit-um 2000",
+            2000,
+        ),
+        ("nc examples/part.mpf --setup examples/setup.toml", 250),
+        ("export --format csv", 250),
+    ] {
+        let output = volcomp(&words(&format!("{call} -m {machine} -o {result}")));
+        assert_eq!(output.status.code(), Some(2), "{call}: {output:?}");
         let said = said(&output);
         assert!(
-            said.contains("WARNING: the correction of X reaches")
-                && said.contains("more than the 2000 µm that no command and no gateway applies"),
+            said.contains(&format!("expected at most {limit} µm"))
+                && said.ends_with("or allow more with --limit-um"),
             "{said}"
         );
+        assert!(!Path::new(&result).exists(), "{call}");
     }
+    let checked = said(&volcomp(&["check", &machine]));
+    assert!(
+        checked.contains("WARNING: the correction of X reaches")
+            && checked.contains("more than the 2000 µm that no command and no gateway applies"),
+        "{checked}"
+    );
     // Between the limit and the ceiling.
     let machine = mill(folder.path(), "large.toml", "EXX = { poly = [0.0, 1] }");
     let checked = said(&volcomp(&["check", &machine]));
@@ -100,20 +63,9 @@ fn a_slip_of_units_writes_no_program_and_no_table() {
         checked.contains("more than the 250 µm that nc and export allow"),
         "{checked}"
     );
-    let result = folder.path().join("large");
-    let result = result.to_str().expect("a path in UTF-8");
-    let call = [
-        "export",
-        "-m",
-        &machine,
-        "--format",
-        "csv",
-        "-o",
-        result,
-        "--limit-um",
-        "700",
-    ];
-    let output = volcomp(&call);
+    let output = volcomp(&words(&format!(
+        "export -m {machine} --format csv -o {result} --limit-um 700"
+    )));
     assert!(output.status.success(), "{output:?}");
     let checked = said(&volcomp(&["check", "examples/mill.toml"]));
     assert!(!checked.contains("WARNING"), "{checked}");
@@ -139,15 +91,7 @@ fn a_slip_of_units_writes_no_program_and_no_table() {
 #[test]
 fn limits_above_the_ceiling_are_refused() {
     for limit in ["0", "-5", "2001", "inf"] {
-        let call = [
-            "export",
-            "-m",
-            "examples/mill.toml",
-            "--format",
-            "csv",
-            "-o",
-            "x",
-        ];
+        let call = words("export -m examples/mill.toml --format csv -o x");
         let message = refused(&[&call[..], &["--limit-um", limit]].concat());
         let expected = format!("--limit-um: found {limit}, expected µm above 0, at most 2000");
         assert!(message.contains(&expected), "{message}");

@@ -4,7 +4,7 @@ use std::fs;
 
 use serde_json::json;
 
-use crate::{json, refused, root, text, volcomp};
+use crate::{json, refused, root, text, volcomp, words};
 
 const GANTRY: &str = "examples/gantry.toml";
 
@@ -187,14 +187,9 @@ fn a_compiled_machine_is_read_back() {
     assert_eq!(hash.len(), 64);
     let again = json(&["compile", GANTRY, "-o", &name]);
     assert_eq!(again["sha256"], hash);
-    let other = json(&[
-        "compile",
-        GANTRY,
-        "-o",
-        &name,
-        "--temperature",
-        "scale_x=25",
-    ]);
+    let other = json(&words(&format!(
+        "compile {GANTRY} -o {name} --temperature scale_x=25"
+    )));
     assert_ne!(other["sha256"], hash);
     assert!(refused(&["compile", GANTRY, "-o", &name, "--tolerance-nm", "0"]).contains("above 0"));
     assert!(refused(&["compile", GANTRY, "-o", "nowhere/m.blob"]).contains("cannot be written"));

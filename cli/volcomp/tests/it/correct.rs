@@ -4,7 +4,7 @@ use std::fs;
 
 use serde_json::json;
 
-use crate::{json, refused, root, text, volcomp};
+use crate::{json, refused, root, text, volcomp, words};
 
 const GANTRY: &str = "examples/gantry.toml";
 
@@ -49,25 +49,15 @@ fn singular_is_spoken_of_only_where_rotary_axes_could_correct() {
     // B = 0: the tool axis lies along C, which can then not turn it.
     let shown = text(&["correct", "-m", "examples/five-axis.toml", "--at", "X=1"]);
     assert!(shown.contains("singular"), "{shown}");
-    let shown = text(&[
-        "correct",
-        "-m",
-        "examples/five-axis.toml",
-        "--at",
-        "X=1,B=30",
-    ]);
+    let shown = text(&words("correct -m examples/five-axis.toml --at X=1,B=30"));
     assert!(!shown.contains("singular"), "{shown}");
 }
 
 #[test]
 fn a_corrected_position_is_command_and_correction() {
-    let answer = json(&[
-        "correct",
-        "-m",
-        "examples/five-axis.toml",
-        "--at",
-        "X=100,B=30,C=45",
-    ]);
+    let answer = json(&words(
+        "correct -m examples/five-axis.toml --at X=100,B=30,C=45",
+    ));
     for (axis, per_unit) in [("X", 1e3), ("B", 1e6 * std::f64::consts::PI / 180.0)] {
         let number = |key: &str| answer[key][axis].as_f64().expect("a number");
         let difference = (number("corrected") - number("command")) * per_unit;
@@ -86,27 +76,15 @@ fn a_corrected_position_is_command_and_correction() {
 
 #[test]
 fn chosen_axes_alone_move() {
-    let answer = json(&[
-        "correct",
-        "-m",
-        GANTRY,
-        "--at",
-        "X=1000,Y=500",
-        "--axes",
-        "X,Y",
-    ]);
+    let answer = json(&words(
+        "correct -m examples/gantry.toml --at X=1000,Y=500 --axes X,Y",
+    ));
     assert_eq!(answer["correction"]["Z"], json!(0.0));
     assert_ne!(answer["correction"]["X"], json!(0.0));
     // The name of this option before.
-    let before = json(&[
-        "correct",
-        "-m",
-        GANTRY,
-        "--at",
-        "X=1000,Y=500",
-        "--correct",
-        "X,Y",
-    ]);
+    let before = json(&words(
+        "correct -m examples/gantry.toml --at X=1000,Y=500 --correct X,Y",
+    ));
     assert_eq!(before, answer);
     // Letters may be small.
     let small = json(&[
@@ -170,27 +148,15 @@ fn other_columns_and_decimal_commas_pass_through_to_the_file() {
             .expect("written")
             .starts_with("remark,X,X_corrected_mm")
     );
-    json(&[
-        "correct",
-        "-m",
-        "examples/five-axis.toml",
-        "--at",
-        "X=1,C=9",
-        "-o",
-        &out,
-    ]);
+    json(&words(&format!(
+        "correct -m examples/five-axis.toml --at X=1,C=9 -o {out}"
+    )));
     let written = fs::read_to_string(&out).expect("written");
     assert!(written.starts_with("X_mm,Y_mm,Z_mm,B_deg,C_deg,X_corrected_mm,Y_corrected_mm,Z_corrected_mm,B_corrected_deg,C_corrected_deg,"), "{written}");
     assert!(
-        refused(&[
-            "correct",
-            "-m",
-            GANTRY,
-            "--at",
-            "X=1",
-            "-o",
-            "nowhere/o.csv"
-        ])
+        refused(&words(
+            "correct -m examples/gantry.toml --at X=1 -o nowhere/o.csv"
+        ))
         .contains("cannot be written")
     );
 }
@@ -262,15 +228,8 @@ fn a_model_against_itself_is_called_so_and_another_truth_shows() {
             assert!(message.contains(expected), "{message}");
         }
     }
-    let message = refused(&[
-        "map",
-        "-m",
-        GANTRY,
-        "--grid",
-        "2x2x2",
-        "--compensated",
-        "--model",
-        "twist",
-    ]);
+    let message = refused(&words(
+        "map -m examples/gantry.toml --grid 2x2x2 --compensated --model twist",
+    ));
     assert!(message.contains("expected exact"), "{message}");
 }

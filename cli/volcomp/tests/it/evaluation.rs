@@ -4,7 +4,7 @@ use std::{fmt::Write as _, fs, path::Path};
 
 use serde_json::{Value, json};
 
-use crate::{json, refused, root, text, volcomp};
+use crate::{json, refused, root, text, volcomp, words};
 
 const POSITIONING: &str = "fitting/metrology/tests/data/iso230-2-axis.csv";
 const CIRCLE: &str = "examples/circle.csv";
@@ -33,14 +33,9 @@ fn quantity(document: &Value, symbol: &str) -> Value {
 
 #[test]
 fn standards_and_editions_beside_one_another() {
-    let all = json(&[
-        "iso230",
-        POSITIONING,
-        "--standard",
-        "all",
-        "--edition",
-        "2006",
-    ]);
+    let all = json(&words(
+        "iso230 fitting/metrology/tests/data/iso230-2-axis.csv --standard all --edition 2006",
+    ));
     assert_eq!(all["edition"], 2006);
     let standards: Vec<&str> = all["quantities"]
         .as_array()
@@ -161,15 +156,9 @@ fn one_bad_file_does_not_hide_the_others() {
         "target,deviation\n1,nan\n",
     );
     let table = folder.path().join("all.csv").display().to_string();
-    let output = volcomp(&[
-        "--json",
-        "iso230",
-        POSITIONING,
-        &broken,
-        POSITIONING,
-        "-o",
-        &table,
-    ]);
+    let output = volcomp(&words(&format!(
+        "--json iso230 {POSITIONING} {broken} {POSITIONING} -o {table}"
+    )));
     assert_eq!(output.status.code(), Some(2));
     let document: Value = serde_json::from_slice(&output.stdout).expect("JSON");
     let files = document["files"].as_array().expect("a list");
@@ -199,75 +188,6 @@ fn one_bad_file_does_not_hide_the_others() {
         message.contains("expected another one to write"),
         "{message}"
     );
-}
-
-/// `examples/circle.csv` was made with 45 µrad between the axes, scales of 20 and −10 µm/m, reversal of 3 and 1 µm, spikes of 4 µm of X
-/// and a centre of 12.3 and −7.1 µm; Y turned towards +X closes the angle.
-#[test]
-fn the_circle_of_the_examples_gives_back_its_errors() {
-    let found = json(&["iso230", CIRCLE, "--part", "4", "--radius-mm", "150"]);
-    let signature = |kind: &str| {
-        let all = found["signatures"].as_array().expect("a list");
-        all.iter()
-            .find(|s| s["kind"] == kind)
-            .cloned()
-            .expect("a signature")
-    };
-    for (kind, size, within) in [
-        ("squareness", 45.0, 0.6),
-        ("scale-mismatch", 30.0, 0.6),
-        ("backlash-first", 3.0, 0.15),
-        ("backlash-second", 1.0, 0.15),
-        ("servo-mismatch", 0.0, 0.05),
-        ("spikes-first", 4.0, 0.6),
-        ("spikes-second", 0.0, 0.6),
-    ] {
-        close(&signature(kind)["size"], size, within);
-    }
-    assert_eq!(signature("squareness")["of"], "EC0Y");
-    assert!(
-        found["notes"].to_string().contains("0.0123, -0.0071 mm"),
-        "{}",
-        found["notes"]
-    );
-    close(&found["rms_left_um"], 0.2, 0.02);
-    assert_eq!(found["points"], json!([360, 360]));
-    close(&quantity(&found, "D")["value"], 150.0 * 5e-3, 0.1);
-    let judged = json(&["iso230", CIRCLE, "--part", "4", "--tolerance", "G_b=1"]);
-    assert_eq!(judged["pass"], json!(false));
-    // Without a radius nothing is said of F.
-    assert_eq!(quantity(&judged, "F_max")["value"], Value::Null);
-}
-
-/// Of the circle of the examples the points from −20° to 200°: they do not pass 270°, and nothing is told of a spike there.
-#[test]
-fn an_arc_tells_no_spike_that_it_does_not_pass() {
-    let rows = fs::read_to_string(root().join(CIRCLE)).expect("an example");
-    let is_on_arc = |row: &&str| {
-        let mut words = row.split(',').map(str::parse::<f64>);
-        let (Some(Ok(x)), Some(Ok(y))) = (words.next(), words.next()) else {
-            return true;
-        };
-        let degrees = y.atan2(x).to_degrees();
-        !(-160.0..-20.0).contains(&degrees)
-    };
-    let arc: Vec<&str> = rows.lines().filter(is_on_arc).collect();
-    let folder = tempfile::tempdir().expect("a folder");
-    let file = write(folder.path(), "arc.csv", &arc.join("\n"));
-    let found = json(&["iso230", &file, "--part", "4", "--radius-mm", "150"]);
-    let spikes = found["spikes_um"].as_array().expect("four places");
-    assert!(spikes[3].is_null(), "{spikes:?}");
-    close(&spikes[0], 4.0, 0.6);
-    assert!(
-        found["notes"].to_string().contains("do not pass 270°"),
-        "{}",
-        found["notes"]
-    );
-    let signatures = found["signatures"].as_array().expect("a list");
-    for signature in signatures {
-        let size = signature["size"].as_f64().expect("a number");
-        assert!(size.abs() < 100.0, "{signature}");
-    }
 }
 
 /// A cube of 300 mm with a squareness of 20 µrad: each diagonal grows by ∓ a b EC0Y / D.
@@ -317,26 +237,14 @@ fn straightness_and_squareness_of_the_examples() {
     close(&quantity(&found, "minimum-zone")["value"], 4.0, 0.3);
     close(&found["slopes_urad"][0], -9.0, 0.4);
     close(&found["reversal_um"], 0.4, 0.4);
-    let square = json(&[
-        "squareness",
-        exy,
-        eyx,
-        "--error",
-        "EC0Y",
-        "--reference-angle-urad",
-        "1.5",
-    ]);
+    let square = json(&words(&format!(
+        "squareness {exy} {eyx} --error EC0Y --reference-angle-urad 1.5"
+    )));
     // 1.5 + 9 + 6.
     close(&square["squareness_urad"], 16.5, 0.6);
-    let other = json(&[
-        "squareness",
-        exy,
-        eyx,
-        "--error",
-        "EC0Y",
-        "--reference",
-        "minimum-zone",
-    ]);
+    let other = json(&words(&format!(
+        "squareness {exy} {eyx} --error EC0Y --reference minimum-zone"
+    )));
     assert_eq!(other["uncertainty_urad"], Value::Null);
     assert_eq!(other["uncertainty"], Value::Null);
     // What is stated is added: a square of 1 µrad, an edge of 0.5 µm under lines of 600 and 800 mm, a range of 3 µrad.
@@ -464,28 +372,6 @@ fn the_axis_of_a_file_is_not_another_one() {
     assert_eq!(warm["material_compensation"], Value::Null);
 }
 
-/// With one run VDI/DGQ 3441 gives nothing, as ISO 230-2 gives no A: neither refuses the file.
-#[test]
-fn one_run_is_not_evaluated_by_vdi() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let file = write(
-        folder.path(),
-        "one.csv",
-        "target,run,direction,deviation um\n0,1,+,1\n0,1,-,2\n100,1,+,3\n100,1,-,5\n",
-    );
-    let vdi = json(&["iso230", &file, "--standard", "vdi", "--tolerance", "P=10"]);
-    assert_eq!(vdi["decision"]["verdict"], "not evaluated");
-    assert_eq!(quantity(&vdi, "P")["verdict"], "not evaluated");
-    assert_eq!(quantity(&vdi, "Pa")["value"], Value::Null);
-    assert!(
-        vdi["notes"]
-            .to_string()
-            .contains("is not evaluated: it needs both directions")
-    );
-    let iso = json(&["iso230", &file, "--tolerance", "A=10"]);
-    assert_eq!(iso["decision"]["verdict"], "not evaluated");
-}
-
 #[test]
 #[expect(clippy::too_many_lines, reason = "one call for each message")]
 fn files_and_options_of_another_kind_are_told() {
@@ -498,132 +384,107 @@ fn files_and_options_of_another_kind_are_told() {
     let laser = format!("{demo}/exx.rtl");
     let angles = format!("{demo}/eay.rta");
     let circle = root().join(CIRCLE).display().to_string();
-    let calls: &[(&[&str], &str)] = &[
+    let calls: &[(&str, &str)] = &[
+        ("iso230 $straight", "`volcomp straightness` evaluates them"),
+        ("straightness $laser", "`volcomp iso230` evaluates them"),
         (
-            &["iso230", &straight],
-            "`volcomp straightness` evaluates them",
-        ),
-        (&["straightness", &laser], "`volcomp iso230` evaluates them"),
-        (
-            &["straightness", &angles],
+            "straightness $angles",
             "of the tilts of a bridge state --bridge-mm",
         ),
         (
-            &["straightness", &straight, "--bridge-mm", "400"],
+            "straightness $straight --bridge-mm 400",
             "expected tilts with --bridge-mm",
         ),
         (
-            &["straightness", &angles, "--bridge-mm", "123"],
+            "straightness $angles --bridge-mm 123",
             "expected the bridge length 123 mm",
         ),
         (
-            &["squareness", &straight, &straight, "--error", "EC0Y"],
+            "squareness $straight $straight --error EC0Y",
             "the first file as well",
         ),
         (
-            &["squareness", &straight, &laser, "--error", "EXX"],
+            "squareness $straight $laser --error EXX",
             "expected EC0Y, EA0Z or EB0Z",
         ),
         (
-            &["iso230", POSITIONING, "--radius-mm", "9"],
+            "iso230 fitting/metrology/tests/data/iso230-2-axis.csv --radius-mm 9",
             "--radius-mm: found --part 2, expected --part 4",
         ),
         (
-            &["iso230", POSITIONING, "--box-mm", "1,2,3"],
+            "iso230 fitting/metrology/tests/data/iso230-2-axis.csv --box-mm 1,2,3",
             "--box-mm: found --part 2, expected --part 6",
         ),
+        ("iso230 $circle --part 4 --device-um 1", "expected --part 2"),
         (
-            &["iso230", &circle, "--part", "4", "--device-um", "1"],
-            "expected --part 2",
-        ),
-        (
-            &["iso230", &circle, "--part", "4", "--edition", "2014"],
+            "iso230 $circle --part 4 --edition 2014",
             "--edition: found --part 4, expected --part 2",
         ),
         (
-            &["iso230", POSITIONING, "--part", "6", "--edition", "1997"],
+            "iso230 fitting/metrology/tests/data/iso230-2-axis.csv --part 6 --edition 1997",
             "--edition: found --part 6, expected --part 2",
         ),
         (
-            &[
-                "iso230",
-                POSITIONING,
-                "--standard",
-                "vdi",
-                "--device-um",
-                "1",
-            ],
+            "iso230 fitting/metrology/tests/data/iso230-2-axis.csv --standard vdi --device-um 1",
             "found --standard vdi, which states none",
         ),
         (
-            &[
-                "iso230",
-                POSITIONING,
-                "--standard",
-                "asme",
-                "--tolerance",
-                "M=0.001",
-            ],
+            "iso230 fitting/metrology/tests/data/iso230-2-axis.csv --standard asme --tolerance M=0.001",
             "--tolerance: symbol: found `M`",
         ),
         (
-            &["iso230", POSITIONING, "--edition", "1988"],
+            "iso230 fitting/metrology/tests/data/iso230-2-axis.csv --edition 1988",
             "with 3 s, is not evaluated",
         ),
         (
-            &[
-                "iso230",
-                POSITIONING,
-                "--edition",
-                "1997",
-                "--device-um",
-                "1",
-            ],
+            "iso230 fitting/metrology/tests/data/iso230-2-axis.csv --edition 1997 --device-um 1",
             "expected 2006 or 2014",
         ),
         (
-            &["iso230", &angles, "--device-um", "1"],
+            "iso230 $angles --device-um 1",
             "expected lengths of a linear axis",
         ),
         (
-            &["iso230", POSITIONING, "--device-um=-1"],
+            "iso230 fitting/metrology/tests/data/iso230-2-axis.csv --device-um=-1",
             "expected a finite number of at least 0",
         ),
         (
-            &["iso230", POSITIONING, "--tolerance", "P=10"],
+            "iso230 fitting/metrology/tests/data/iso230-2-axis.csv --tolerance P=10",
             "--tolerance: symbol: found `P`",
         ),
         (
-            &["iso230", POSITIONING, "--tolerance", "A=10um"],
+            "iso230 fitting/metrology/tests/data/iso230-2-axis.csv --tolerance A=10um",
             "without its unit",
         ),
         (
-            &["iso230", POSITIONING, "--part", "6", "--diagonals", "PPQ"],
+            "iso230 fitting/metrology/tests/data/iso230-2-axis.csv --part 6 --diagonals PPQ",
             "expected one of PPP",
         ),
         (
-            &[
-                "iso230",
-                POSITIONING,
-                "--part",
-                "6",
-                "--diagonals",
-                "PPP,NPP",
-            ],
+            "iso230 fitting/metrology/tests/data/iso230-2-axis.csv --part 6 --diagonals PPP,NPP",
             "expected one for each of 1",
         ),
         (
-            &["iso230", POSITIONING, "--part", "4"],
+            "iso230 fitting/metrology/tests/data/iso230-2-axis.csv --part 4",
             "expected the columns `angle` and `deviation`",
         ),
-        (&["iso230", "examples", "--part", "4"], "found a directory"),
+        ("iso230 examples --part 4", "found a directory"),
         (
-            &["iso230", &circle, "--part", "4", "--feed", "0"],
+            "iso230 $circle --part 4 --feed 0",
             "expected mm/min above zero",
         ),
     ];
+    let files = [
+        ("$straight", &straight),
+        ("$laser", &laser),
+        ("$angles", &angles),
+        ("$circle", &circle),
+    ];
     for (call, expected) in calls {
-        let message = refused(call);
+        let call = files.iter().fold((*call).to_owned(), |call, (name, file)| {
+            call.replace(name, file)
+        });
+        let message = refused(&words(&call));
         assert!(message.contains(expected), "{call:?}: {message}");
     }
 }

@@ -43,6 +43,11 @@ pub(crate) fn volcomp(arguments: &[&str]) -> Output {
         .expect("the program was built for this test")
 }
 
+/// The words of a call as it is typed.
+pub(crate) fn words(call: &str) -> Vec<&str> {
+    call.split(' ').collect()
+}
+
 /// The JSON document of a call that must succeed.
 pub(crate) fn json(arguments: &[&str]) -> Value {
     let output = volcomp(&[&["--json"], arguments].concat());

@@ -4,7 +4,7 @@ use std::{fs, path::Path, process::Command};
 
 use serde_json::Value;
 
-use crate::{json, refused, root};
+use crate::{json, refused, root, words};
 
 const SHOP: &str = "cli/volcomp/demo/shop.toml";
 
@@ -261,14 +261,7 @@ fn arrow_reads_the_parquet_map() {
     let folder = tempfile::tempdir().expect("a folder");
     let [parquet, csv] = ["map.parquet", "map.csv"].map(|name| {
         let path = folder.path().join(name).display().to_string();
-        let map = [
-            "map",
-            "-m",
-            "examples/gantry.toml",
-            "--grid",
-            "30x20x10",
-            "-o",
-        ];
+        let map = words("map -m examples/gantry.toml --grid 30x20x10 -o");
         json(&[&map[..], &[&path]].concat());
         path
     });

@@ -4,7 +4,7 @@ use std::{fs, path::Path};
 
 use serde_json::{Value, json};
 
-use crate::{json, refused, volcomp};
+use crate::{json, refused, volcomp, words};
 
 const GANTRY: &str = "examples/gantry.toml";
 const FIVE_AXES: &str = "examples/five-axis.toml";
@@ -147,15 +147,9 @@ fn every_column_passes_through_and_an_answer_is_read_again() {
     assert_eq!(errors, json(&["error", "-m", GANTRY, "--points", &points]));
 
     // So are the corrections of one position, and a map.
-    json(&[
-        "correct",
-        "-m",
-        FIVE_AXES,
-        "--at",
-        "X=700,B=10,C=30",
-        "-o",
-        &once,
-    ]);
+    json(&words(&format!(
+        "correct -m {FIVE_AXES} --at X=700,B=10,C=30 -o {once}"
+    )));
     let one = json(&["correct", "-m", FIVE_AXES, "--at", "X=700,B=10,C=30"]);
     let again = json(&["correct", "-m", FIVE_AXES, "--points", &once]);
     assert_eq!(again, json!({ "points": [one] }));
@@ -200,15 +194,9 @@ fn slips_of_the_hand_are_told_with_what_was_meant() {
             "{text}"
         );
     }
-    let message = refused(&[
-        "error",
-        "-m",
-        GANTRY,
-        "--at",
-        "X=1",
-        "--temperature",
-        "scale_x=20,5",
-    ]);
+    let message = refused(&words(
+        "error -m examples/gantry.toml --at X=1 --temperature scale_x=20,5",
+    ));
     assert!(
         message.contains("expected a decimal point: scale_x=20.5"),
         "{message}"

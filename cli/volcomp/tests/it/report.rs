@@ -4,7 +4,7 @@ use std::fs;
 
 use serde_json::Value;
 
-use crate::{json, refused, text};
+use crate::{json, refused, text, words};
 
 const CALIBRATION: &str = "examples/calibration/calibration.toml";
 
@@ -112,14 +112,9 @@ fn what_is_wrong_is_named() {
 fn people_read_the_verdict() {
     let folder = tempfile::tempdir().expect("a folder");
     let output = folder.path().join("report.html").display().to_string();
-    let said = text(&[
-        "report",
-        CALIBRATION,
-        "-o",
-        &output,
-        "--tolerance",
-        "EC0Y=1000",
-    ]);
+    let said = text(&words(&format!(
+        "report {CALIBRATION} -o {output} --tolerance EC0Y=1000"
+    )));
     assert!(
         said.starts_with("all stated tolerances are met\n  EC0Y: "),
         "{said}"

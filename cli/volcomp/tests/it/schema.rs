@@ -4,11 +4,9 @@ use std::{collections::BTreeMap, fs, sync::LazyLock};
 
 use serde_json::Value;
 
-use crate::{help::commands, json, root, volcomp};
+use crate::{help::commands, json, root, volcomp, words};
 
 const GANTRY: &str = "examples/gantry.toml";
-const SPINDLE: &str = "fitting/fit/tests/data/spindle-2min.csv";
-const STRAIGHT: [&str; 2] = ["examples/straight-exy.csv", "examples/straight-eyx.csv"];
 const POSITIONING: &str = "fitting/metrology/tests/data/iso230-2-axis.csv";
 
 /// The schemas that `volcomp schema` writes, by the name of their document.
@@ -51,209 +49,84 @@ pub(crate) fn validate(name: &str, document: &Value) {
 #[expect(clippy::too_many_lines, reason = "one call for each document")]
 fn live_documents_follow_their_schemas() {
     let folder = tempfile::tempdir().expect("a folder");
-    let path = |name: &str| folder.path().join(name).display().to_string();
-    let demo = path("demo");
-    let machine = format!("{demo}/calibrated.toml");
-    let truth = format!("{demo}/truth.toml");
-    let calibration = format!("{demo}/calibration.toml");
-    let points = path("points.csv");
-    fs::write(&points, "X,Y\n0,0\n9000,0\n").expect("written");
-    let blob = path("m.blob");
-    let map = path("map.csv");
-    let image = path("gantry.map");
-    let (exported, imported) = (path("tables.csv"), path("curves.toml"));
-    let fit = format!("{demo}/exx.rtl");
-    let angular = format!("{demo}/eay.rta");
-    let (found, lasers) = (path("found.toml"), path("lasers"));
-    let report = path("report.html");
-    let (program, worn) = (path("part-out.ngc"), path("worn.toml"));
-    json(&["demo", "-o", &demo]);
-    let calls: &[&[&str]] = &[
-        &["check", GANTRY],
-        &["check", "examples/five-axis.toml"],
-        &["compile", GANTRY, "-o", &blob],
-        &["completions", "fish"],
-        &["error", "-m", GANTRY, "--at", "X=1"],
-        &["error", "-m", GANTRY, "--points", &points],
-        &[
-            "correct",
-            "-m",
-            "examples/five-axis.toml",
-            "--at",
-            "X=1,C=9",
-        ],
-        &["correct", "-m", GANTRY, "--points", &points],
-        &["diagonals", "-m", GANTRY],
-        &[
-            "diagonals",
-            "-m",
-            &machine,
-            "--truth",
-            &truth,
-            "--resolution",
-            "1",
-        ],
-        &["map", "-m", GANTRY, "--grid", "3x3x3"],
-        &[
-            "map-table",
-            "-m",
-            GANTRY,
-            "--words",
-            "8000",
-            "--within",
-            "3",
-            "-o",
-            &image,
-        ],
-        &[
-            "export",
-            "-m",
-            "examples/five-axis.toml",
-            "--format",
-            "csv",
-            "-o",
-            &exported,
-        ],
-        &["import", &exported, "-o", &imported],
-        &[
-            "map", "-m", &machine, "--grid", "3x3x3", "--truth", &truth, "-o", &map,
-        ],
-        &[
-            "map",
-            "-m",
-            &machine,
-            "--grid",
-            "3x3x3",
-            "--uncertainty",
-            &calibration,
-            "--trials",
-            "3",
-        ],
-        &[
-            "fit",
-            &fit,
-            "--method",
-            "mls",
-            "--auto",
-            "--residual-um",
-            "1",
-            "--scan",
-            "--at",
-            "0,100",
-        ],
-        &["fit", &angular, "--method", "bspline"],
-        &["iso230", &fit],
-        &["form", "examples/ring.csv", "--feature", "circle"],
-        &["form", "examples/ring.csv", "--feature", "plane"],
-        &[
-            "form",
-            "examples/bore.csv",
-            "--feature",
-            "cylinder",
-            "--datum",
-            "0,0,0,0,0,1",
-        ],
-        &[
-            "nc",
-            "examples/part.ngc",
-            "-o",
-            &program,
-            "-m",
-            "examples/mill.toml",
-            "--setup",
-            "examples/setup.toml",
-            "--verify",
-        ],
-        &["iso230", &angular],
-        &["iso230", POSITIONING],
-        &[
-            "iso230",
-            POSITIONING,
-            &fit,
-            "--standard",
-            "all",
-            "--device-um",
-            "1",
-            "--tolerance",
-            "A=1",
-        ],
-        &["straightness", STRAIGHT[0]],
-        &[
-            "straightness",
-            STRAIGHT[0],
-            STRAIGHT[1],
-            "--tolerance",
-            "end-points=1",
-        ],
-        &["squareness", STRAIGHT[0], STRAIGHT[1], "--error", "EC0Y"],
-        &["sensitivity", "-m", GANTRY, "--grid", "2"],
-        &["expression", "-m", GANTRY],
-        &["axes", "-m", "examples/trunnion.toml", "--tip", "0,0,-50"],
-        &["dh", "-m", "examples/five-axis.toml"],
-        &["inspect", &fit],
-        &["inspect", POSITIONING],
-        &["inspect", &fit, POSITIONING],
-        &["calibrate", &calibration, "-o", &found],
-        &["report", &calibration, "--truth", &truth, "-o", &report],
-        &[
-            "identify",
-            "examples/identification/observations.toml",
-            "-o",
-            &found,
-        ],
-        &["simulate", "cli/volcomp/demo/shop.toml", "-o", &lasers],
-        &["age", "-m", GANTRY, "--months", "24", "-o", &worn],
-        &["demo"],
-        &["fit-thermal", SPINDLE, "--displacement", "ch1_um"],
+    let place = folder.path().display().to_string();
+    let in_folder = |call: &str| json(&words(&call.replace('$', &place)));
+    fs::write(folder.path().join("points.csv"), "X,Y\n0,0\n9000,0\n").expect("written");
+    in_folder("demo -o $/demo");
+    let calls: &[&str] = &[
+        "check examples/gantry.toml",
+        "check examples/five-axis.toml",
+        "compile examples/gantry.toml -o $/m.blob",
+        "completions fish",
+        "error -m examples/gantry.toml --at X=1",
+        "error -m examples/gantry.toml --points $/points.csv",
+        "correct -m examples/five-axis.toml --at X=1,C=9",
+        "correct -m examples/gantry.toml --points $/points.csv",
+        "diagonals -m examples/gantry.toml",
+        "diagonals -m $/demo/calibrated.toml --truth $/demo/truth.toml --resolution 1",
+        "map -m examples/gantry.toml --grid 3x3x3",
+        "map-table -m examples/gantry.toml --words 8000 --within 3 -o $/gantry.map",
+        "export -m examples/five-axis.toml --format csv -o $/tables.csv",
+        "import $/tables.csv -o $/curves.toml",
+        "map -m $/demo/calibrated.toml --grid 3x3x3 --truth $/demo/truth.toml -o $/map.csv",
+        "map -m $/demo/calibrated.toml --grid 3x3x3 --uncertainty $/demo/calibration.toml --trials 3",
+        "fit $/demo/exx.rtl --method mls --auto --residual-um 1 --scan --at 0,100",
+        "fit $/demo/eay.rta --method bspline",
+        "fit $/demo/exx.rtl --method auto",
+        "iso230 $/demo/exx.rtl",
+        "form examples/ring.csv --feature circle",
+        "form examples/ring.csv --feature plane",
+        "form examples/bore.csv --feature cylinder --datum 0,0,0,0,0,1",
+        "nc examples/part.ngc -o $/part-out.ngc -m examples/mill.toml --setup examples/setup.toml --verify",
+        "iso230 $/demo/eay.rta",
+        "iso230 fitting/metrology/tests/data/iso230-2-axis.csv",
+        "iso230 fitting/metrology/tests/data/iso230-2-axis.csv $/demo/exx.rtl --standard all --device-um 1 --tolerance A=1",
+        "straightness examples/straight-exy.csv",
+        "straightness examples/straight-exy.csv examples/straight-eyx.csv --tolerance end-points=1",
+        "squareness examples/straight-exy.csv examples/straight-eyx.csv --error EC0Y",
+        "sensitivity -m examples/gantry.toml --grid 2",
+        "expression -m examples/gantry.toml",
+        "axes -m examples/trunnion.toml --tip 0,0,-50",
+        "dh -m examples/five-axis.toml",
+        "inspect $/demo/exx.rtl",
+        "inspect fitting/metrology/tests/data/iso230-2-axis.csv",
+        "inspect $/demo/exx.rtl fitting/metrology/tests/data/iso230-2-axis.csv",
+        "calibrate $/demo/calibration.toml -o $/found.toml",
+        "report $/demo/calibration.toml --truth $/demo/truth.toml -o $/report.html",
+        "identify examples/identification/observations.toml -o $/found.toml",
+        "simulate cli/volcomp/demo/shop.toml -o $/lasers",
+        "age -m examples/gantry.toml --months 24 -o $/worn.toml",
+        "demo",
+        "fit-thermal fitting/fit/tests/data/spindle-2min.csv --displacement ch1_um",
     ];
     for call in calls {
-        validate(call[0], &json(call));
+        validate(words(call)[0], &in_folder(call));
     }
     let simulator = crate::probe::simulator();
     let url = format!("focas://{}", simulator.address());
     validate("probe", &json(&["probe", &url]));
-    validate("probe-list", &json(&["probe", "--list"]));
-    let drafted = path("drafted.toml");
-    let call = [
-        "calibrate",
-        "--draft",
-        &demo,
-        "--machine",
-        &machine,
-        "-o",
-        &drafted,
-    ];
-    validate("calibrate-draft", &json(&call));
-    let circle = [
-        "iso230",
-        "examples/circle.csv",
-        "--part",
-        "4",
-        "--radius-mm",
-        "150",
-        "--feed",
-        "900",
-    ];
-    validate("iso230-circle", &json(&circle));
-    validate(
-        "iso230-circle",
-        &json(&[&circle[..], &["examples/circle.csv"]].concat()),
-    );
-    let mill = ["-m", "examples/mill.toml", "--setup", "examples/setup.toml"];
-    let averaged = [
-        &[
-            "nc",
-            "examples/part.ngc",
-            "--average",
-            "--verify",
-            "-o",
-            &program,
-        ],
-        &mill[..],
-    ]
-    .concat();
-    validate("nc-average", &json(&averaged));
-    let mut known: Vec<&str> = calls.iter().map(|call| call[0]).collect();
+    for (name, call) in [
+        ("probe-list", "probe --list"),
+        (
+            "calibrate-draft",
+            "calibrate --draft $/demo --machine $/demo/calibrated.toml -o $/drafted.toml",
+        ),
+        (
+            "iso230-circle",
+            "iso230 examples/circle.csv --part 4 --radius-mm 150 --feed 900",
+        ),
+        (
+            "iso230-circle",
+            "iso230 examples/circle.csv examples/circle.csv --part 4",
+        ),
+        (
+            "nc-average",
+            "nc examples/part.ngc --average --verify -o $/o.ngc -m examples/mill.toml --setup examples/setup.toml",
+        ),
+    ] {
+        validate(name, &in_folder(call));
+    }
+    let mut known: Vec<&str> = calls.iter().map(|call| words(call)[0]).collect();
     known.extend([
         "probe",
         "probe-list",

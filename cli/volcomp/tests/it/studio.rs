@@ -7,7 +7,7 @@ use std::{
     process::{Command, Stdio},
 };
 
-use crate::{refused, root};
+use crate::{refused, root, words};
 
 #[test]
 fn it_prints_where_it_listens_and_serves_the_page_there() {
@@ -46,13 +46,7 @@ fn it_prints_where_it_listens_and_serves_the_page_there() {
 fn a_folder_that_is_not_there_and_an_address_of_others_are_refused() {
     let message = refused(&["studio", "no-such-folder", "--no-browser"]);
     assert!(message.contains("no-such-folder"), "{message}");
-    let message = refused(&[
-        "studio",
-        "examples",
-        "--no-browser",
-        "--listen",
-        "0.0.0.0:0",
-    ]);
+    let message = refused(&words("studio examples --no-browser --listen 0.0.0.0:0"));
     assert!(
         message.contains("expected an address of this computer"),
         "{message}"

@@ -23,19 +23,9 @@ fn identified(folder: &std::path::Path) -> String {
 /// The three uncertainties of position at every node of the map, µm.
 fn mapped(machine: &str, from: &str, csv: &std::path::Path) -> Vec<[f64; 3]> {
     let csv = csv.display().to_string();
-    json(&[
-        "map",
-        "-m",
-        machine,
-        "--grid",
-        "3x3x2",
-        "--trials",
-        TRIALS,
-        "--uncertainty",
-        from,
-        "-o",
-        &csv,
-    ]);
+    json(&crate::words(&format!(
+        "map -m {machine} --grid 3x3x2 --trials {TRIALS} --uncertainty {from} -o {csv}"
+    )));
     let text = fs::read_to_string(csv).expect("written");
     let row = |line: &str| {
         let numbers: Vec<f64> = line
@@ -214,17 +204,9 @@ fn observations_of_another_machine_are_refused() {
 
 /// What a call says besides its answer.
 fn said(machine: &str, from: &str) -> String {
-    let output = crate::volcomp(&[
-        "map",
-        "-m",
-        machine,
-        "--grid",
-        "2x2x2",
-        "--trials",
-        "4",
-        "--uncertainty",
-        from,
-    ]);
+    let output = crate::volcomp(&crate::words(&format!(
+        "map -m {machine} --grid 2x2x2 --trials 4 --uncertainty {from}"
+    )));
     assert!(output.status.success(), "{output:?}");
     // Notes are broken at blanks.
     let words = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -284,17 +266,9 @@ fn a_file_that_did_not_make_the_machine_is_noted() {
             "{words}"
         );
         let words = String::from_utf8(
-            crate::volcomp(&[
-                "correct",
-                "-m",
-                &other,
-                "--at",
-                "X=100",
-                "--trials",
-                "4",
-                "--uncertainty",
-                OBSERVATIONS,
-            ])
+            crate::volcomp(&crate::words(&format!(
+                "correct -m {other} --at X=100 --trials 4 --uncertainty {OBSERVATIONS}"
+            )))
             .stderr,
         )
         .expect("UTF-8");
@@ -303,15 +277,9 @@ fn a_file_that_did_not_make_the_machine_is_noted() {
     // A point of an axis elsewhere is another machine.
     let output = {
         changed("400.0]", "410.0]");
-        refused(&[
-            "map",
-            "-m",
-            &other,
-            "--grid",
-            "2x2x2",
-            "--uncertainty",
-            OBSERVATIONS,
-        ])
+        refused(&crate::words(&format!(
+            "map -m {other} --grid 2x2x2 --uncertainty {OBSERVATIONS}"
+        )))
     };
     assert!(output.contains("point of axis"), "{output}");
 }

@@ -2,275 +2,162 @@
 
 use std::{fs, path::Path};
 
-use crate::{refused, volcomp};
+use crate::{refused, volcomp, words};
 
 const GANTRY: &str = "examples/gantry.toml";
 
 /// A call, and what its message must say.
-const WRONG_CALLS: &[(&[&str], &str)] = &[
-    (&["error", "-m", GANTRY, "--at", "Q=1"], "found axis `Q`"),
-    (&["error", "-m", GANTRY, "--at", "A=1"], "has no axis A"),
+const WRONG_CALLS: &[(&str, &str)] = &[
+    ("error -m examples/gantry.toml --at Q=1", "found axis `Q`"),
+    ("error -m examples/gantry.toml --at A=1", "has no axis A"),
     (
-        &["error", "-m", GANTRY, "--at", "X=1,X=2"],
+        "error -m examples/gantry.toml --at X=1,X=2",
         "axis X stands twice",
     ),
     (
-        &["error", "-m", GANTRY, "--at", "X=nan"],
+        "error -m examples/gantry.toml --at X=nan",
         "found `X=nan`, expected a finite number",
     ),
     (
-        &["error", "-m", GANTRY, "--at", "X=inf"],
+        "error -m examples/gantry.toml --at X=inf",
         "expected a finite number",
     ),
     (
-        &["error", "-m", GANTRY, "--at", "X"],
+        "error -m examples/gantry.toml --at X",
         "found `X`, expected X=100",
     ),
-    (&["error", "-m", GANTRY], "--at"),
+    ("error -m examples/gantry.toml", "--at"),
     (
-        &["error", "-m", GANTRY, "--at", "X=1", "--approach", "X=0"],
+        "error -m examples/gantry.toml --at X=1 --approach X=0",
         "expected X=+ or X=-",
     ),
     (
-        &["error", "-m", GANTRY, "--at", "X=1", "--model", "magic"],
+        "error -m examples/gantry.toml --at X=1 --model magic",
         "expected exact, htm or twist",
     ),
     (
-        &[
-            "error",
-            "-m",
-            GANTRY,
-            "--at",
-            "X=1",
-            "--temperature",
-            "bed=20",
-        ],
+        "error -m examples/gantry.toml --at X=1 --temperature bed=20",
         "expected one of: scale_x",
     ),
     (
-        &[
-            "error",
-            "-m",
-            GANTRY,
-            "--at",
-            "X=1",
-            "--temperature",
-            "scale_x=hot",
-        ],
+        "error -m examples/gantry.toml --at X=1 --temperature scale_x=hot",
         "expected a finite number",
     ),
     (
-        &[
-            "error",
-            "-m",
-            GANTRY,
-            "--at",
-            "X=1",
-            "--temperature",
-            "scale_x=-300",
-        ],
+        "error -m examples/gantry.toml --at X=1 --temperature scale_x=-300",
         "found `scale_x=-300`, expected -200 to 850 °C",
     ),
     (
-        &[
-            "error",
-            "-m",
-            GANTRY,
-            "--at",
-            "X=1",
-            "--temperature",
-            "scale_x=1e308",
-        ],
+        "error -m examples/gantry.toml --at X=1 --temperature scale_x=1e308",
         "found `scale_x=1e308`, expected -200 to 850 °C",
     ),
     (
-        &[
-            "error",
-            "-m",
-            GANTRY,
-            "--at",
-            "X=1",
-            "--temperature",
-            "scale_x=1000.1",
-        ],
+        "error -m examples/gantry.toml --at X=1 --temperature scale_x=1000.1",
         "found `scale_x=1000.1`, expected -200 to 850 °C",
     ),
     (
-        &["fit-thermal", "no.csv", "--reference", "-300"],
+        "fit-thermal no.csv --reference -300",
         "--reference: found -300, expected -200 to 850 °C",
     ),
     (
-        &["error", "-m", GANTRY, "--at", "X=1", "--tool", "T9"],
+        "error -m examples/gantry.toml --at X=1 --tool T9",
         "has no tool `T9`",
     ),
     (
-        &["error", "-m", "nowhere.toml", "--at", "X=1"],
+        "error -m nowhere.toml --at X=1",
         "nowhere.toml: cannot be read",
     ),
+    ("error -m examples --at X=1", "examples: cannot be read"),
     (
-        &["error", "-m", "examples", "--at", "X=1"],
-        "examples: cannot be read",
-    ),
-    (
-        &["correct", "-m", GANTRY, "--at", "X=1", "--correct", "X,X"],
+        "correct -m examples/gantry.toml --at X=1 --correct X,X",
         "each once",
     ),
-    (&["diagonals", "-m", GANTRY, "--points", "1"], "--points"),
+    ("diagonals -m examples/gantry.toml --points 1", "--points"),
     (
-        &["map", "-m", GANTRY, "--grid", "21x21"],
+        "map -m examples/gantry.toml --grid 21x21",
         "expected three counts",
     ),
     (
-        &["map", "-m", GANTRY, "--grid", "0x1x1"],
+        "map -m examples/gantry.toml --grid 0x1x1",
         "expected three counts",
     ),
     #[cfg(not(feature = "parquet"))]
     (
-        &["map", "-m", GANTRY, "--grid", "3x3x3", "-o", "m.parquet"],
+        "map -m examples/gantry.toml --grid 3x3x3 -o m.parquet",
         "no Parquet",
     ),
     (
-        &["map", "-m", GANTRY, "--grid", "3x3x3", "-o", "m.doc"],
+        "map -m examples/gantry.toml --grid 3x3x3 -o m.doc",
         "expected .csv, .vti, .vtr",
     ),
     (
-        &[
-            "map",
-            "-m",
-            GANTRY,
-            "--grid",
-            "3x3x3",
-            "-o",
-            "nowhere/m.csv",
-        ],
+        "map -m examples/gantry.toml --grid 3x3x3 -o nowhere/m.csv",
         "cannot be written",
     ),
     (
-        &["map", "-m", GANTRY, "--grid", "3x3x3", "-o", "examples"],
+        "map -m examples/gantry.toml --grid 3x3x3 -o examples",
         "expected .csv, .vti, .vtr",
     ),
-    (&["iso230", "nowhere.csv"], "nowhere.csv: cannot be read"),
+    ("iso230 nowhere.csv", "nowhere.csv: cannot be read"),
     (
-        &["form", "nowhere.csv", "--feature", "circle"],
+        "form nowhere.csv --feature circle",
         "nowhere.csv: cannot be read",
     ),
+    ("form examples/mill-moves.csv --feature sphere", "--feature"),
     (
-        &["form", "examples/mill-moves.csv", "--feature", "sphere"],
-        "--feature",
-    ),
-    (
-        &["form", "examples/ring.csv", "--feature", "cone"],
+        "form examples/ring.csv --feature cone",
         "examples/ring.csv: cone: found points in one plane, expected points around the axis",
     ),
     (
-        &[
-            "form",
-            "examples/bore.csv",
-            "--feature",
-            "cylinder",
-            "--plane",
-            "xy",
-        ],
+        "form examples/bore.csv --feature cylinder --plane xy",
         "--plane: found another feature, expected --feature circle or line",
     ),
     (
-        &[
-            "form",
-            "examples/bore.csv",
-            "--feature",
-            "plane",
-            "--datum",
-            "0,0,0,0,0,1",
-        ],
+        "form examples/bore.csv --feature plane --datum 0,0,0,0,0,1",
         "--datum: found --feature plane, expected a feature with an axis or a centre",
     ),
     (
-        &[
-            "form",
-            "examples/bore.csv",
-            "--feature",
-            "cylinder",
-            "--datum",
-            "0,0,0",
-        ],
+        "form examples/bore.csv --feature cylinder --datum 0,0,0",
         "--datum: found `0,0,0`, expected six finite numbers",
     ),
     (
-        &[
-            "form",
-            "examples/bore.csv",
-            "--feature",
-            "cylinder",
-            "--datum",
-            "1,2,3,0,0,0",
-        ],
+        "form examples/bore.csv --feature cylinder --datum 1,2,3,0,0,0",
         "--datum: datum axis: found the direction 0,0,0",
     ),
-    (&["iso230", "examples"], "examples"),
+    ("iso230 examples", "examples"),
     (
-        &[
-            "iso230",
-            "fitting/metrology/tests/data/iso230-2-axis.csv",
-            "--part",
-            "9",
-        ],
+        "iso230 fitting/metrology/tests/data/iso230-2-axis.csv --part 9",
         "--part",
     ),
     (
-        &[
-            "fit",
-            "fitting/metrology/tests/data/iso230-2-axis.csv",
-            "--method",
-            "poly",
-            "--order",
-            "9",
-        ],
+        "fit fitting/metrology/tests/data/iso230-2-axis.csv --method poly --order 9",
         "iso230-2-axis.csv",
     ),
     (
-        &[
-            "fit",
-            "fitting/metrology/tests/data/iso230-2-axis.csv",
-            "--method",
-            "poly",
-            "--auto",
-        ],
+        "fit fitting/metrology/tests/data/iso230-2-axis.csv --method poly --auto",
         "--method mls",
     ),
     (
-        &[
-            "fit",
-            "fitting/metrology/tests/data/iso230-2-axis.csv",
-            "--method",
-            "bspline",
-            "--scan",
-        ],
+        "fit fitting/metrology/tests/data/iso230-2-axis.csv --method bspline --scan",
         "--scan: found another method, expected --method mls",
     ),
     (
-        &[
-            "fit",
-            "fitting/metrology/tests/data/iso230-2-axis.csv",
-            "--method",
-            "mls",
-            "--support",
-            "50",
-        ],
+        "fit fitting/metrology/tests/data/iso230-2-axis.csv --method mls --support 50",
         "support is 50: expected a share of the measured range, above 0 and at most 1",
     ),
     (
-        &["calibrate", "nowhere.toml", "-o", "m.toml"],
+        "calibrate nowhere.toml -o m.toml",
         "nowhere.toml: cannot be read",
     ),
-    (&["unknown"], "unknown"),
-    (&[], "Usage"),
+    ("unknown", "unknown"),
+    ("", "Usage"),
 ];
 
 #[test]
 fn wrong_arguments_say_what_was_found_and_expected() {
     for (arguments, expected) in WRONG_CALLS {
-        let message = refused(arguments);
-        assert!(message.contains(expected), "{arguments:?}: {message}");
+        let message = refused(&words(arguments));
+        assert!(message.contains(expected), "{arguments}: {message}");
     }
 }
 
@@ -340,15 +227,9 @@ fn a_disk_that_fills_up_leaves_nothing_behind() {
 #[test]
 fn an_output_is_opened_before_the_work_starts() {
     // 10^9 nodes would take minutes: the refusal comes at once, or this test does not end.
-    let message = refused(&[
-        "map",
-        "-m",
-        GANTRY,
-        "--grid",
-        "1000x1000x1000",
-        "-o",
-        "nowhere/m.csv",
-    ]);
+    let message = refused(&words(
+        "map -m examples/gantry.toml --grid 1000x1000x1000 -o nowhere/m.csv",
+    ));
     assert!(
         message.contains("nowhere/m.csv: cannot be written"),
         "{message}"

@@ -8,6 +8,8 @@ use super::{ExchangeError, curves::own_component};
 
 /// A kind of error whose share of the loss is told alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", serde(rename_all = "lowercase"))]
 pub enum Category {
     /// Error motions of linear axes along themselves.
     Positioning,
@@ -18,10 +20,12 @@ pub enum Category {
     /// Angular error motions of linear axes, which act through levers (Abbe).
     Angular,
     /// Errors that depend on a second coordinate.
+    #[cfg_attr(feature = "schema", serde(rename = "second coordinate"))]
     SecondCoordinate,
     /// What differs between the directions of motion.
     Reversal,
     /// What 1 K at every sensor changes.
+    #[cfg_attr(feature = "schema", serde(rename = "thermal, 1 K"))]
     Thermal,
     /// All errors of rotary axes.
     Rotary,

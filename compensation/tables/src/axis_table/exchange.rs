@@ -18,6 +18,60 @@ pub enum Content {
     Errors(ErrorTables),
 }
 
+/// A table in the units of JSON documents.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
+pub struct ListedTable {
+    /// The axis over which it goes.
+    pub input: AxisName,
+    /// The letter of the axis that deviates, or the name of an error.
+    pub output: String,
+    /// The positions, mm or deg.
+    pub positions: Vec<f64>,
+    /// The values after positive motion, or of both.
+    pub forward: Vec<f64>,
+    /// The values after negative motion; `None`: as `forward`.
+    pub backward: Option<Vec<f64>>,
+    /// The unit of the values: `um` or `urad`.
+    pub unit: &'static str,
+    /// Whether the positions repeat with the length of the table.
+    pub modulo: bool,
+}
+
+impl ListedTable {
+    fn new(
+        input: AxisName,
+        output: (String, AxisKind),
+        positions: &[f64],
+        forward: &[f64],
+    ) -> Self {
+        let (output, kind) = output;
+        let edge = |at: &f64| Displacement::new(input.kind(), *at).mm_or_deg();
+        Self {
+            input,
+            output,
+            positions: positions.iter().map(edge).collect(),
+            forward: micro(kind, forward),
+            backward: None,
+            unit: micro_unit(kind),
+            modulo: false,
+        }
+    }
+}
+
+fn micro(kind: AxisKind, values: &[f64]) -> Vec<f64> {
+    let of = |value: &f64| Displacement::new(kind, *value).um_or_urad();
+    values.iter().map(of).collect()
+}
+
+/// The unit of a deviation in documents.
+pub(super) fn micro_unit(kind: AxisKind) -> &'static str {
+    match kind {
+        AxisKind::Linear => "um",
+        AxisKind::Rotary => "urad",
+    }
+}
+
 /// A value of tables, and where it is.
 pub(super) struct Entry {
     pub(super) what: String,
@@ -25,6 +79,29 @@ pub(super) struct Entry {
 }
 
 impl Content {
+    /// The tables in the units of documents, in their order; location errors are not among them.
+    pub fn listed(&self) -> Vec<ListedTable> {
+        match self {
+            Self::Axes(tables) => (tables.iter())
+                .map(|table| {
+                    let kind = table.output.kind();
+                    let output = (table.output.to_string(), kind);
+                    ListedTable {
+                        backward: table.backward.as_ref().map(|values| micro(kind, values)),
+                        modulo: table.modulo,
+                        ..ListedTable::new(table.input, output, &table.positions, &table.forward)
+                    }
+                })
+                .collect(),
+            Self::Errors(errors) => (errors.curves.iter())
+                .map(|table| {
+                    let output = (table.name.to_string(), table.name.component.kind());
+                    ListedTable::new(table.name.axis, output, &table.positions, &table.values)
+                })
+                .collect(),
+        }
+    }
+
     /// The first value that is not allowed; NaN is for the caller to refuse.
     pub(super) fn first_refused(&self, allows: impl Fn(Displacement) -> bool) -> Option<Entry> {
         let refused = |kind: AxisKind, value: &f64| {

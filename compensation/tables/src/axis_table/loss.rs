@@ -1,5 +1,7 @@
 //! What tables lose against the model.
 
+use std::collections::BTreeMap;
+
 use volcomp_curve::ErrorCurve;
 use volcomp_kinematics::{CorrectionOptions, State};
 use volcomp_model::{Axis, Machine, Temperatures, Thermal};
@@ -10,7 +12,9 @@ use volcomp_vocabulary::{
 use super::{
     AxisNumbers, Content, ExchangeError, Format, ReadOptions, TableOptions, WriteOptions,
     category::{Category, alone},
-    curves, read, sampled,
+    curves,
+    exchange::micro_unit,
+    read, sampled,
     sampled::positions,
     write,
 };
@@ -27,23 +31,27 @@ const GOLDEN: f64 = 0.618_033_988_749_894_8;
 
 /// What is left on one axis where the tables correct.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 pub struct AxisLoss {
     /// The corrected axis.
     pub axis: AxisName,
-    /// The largest correction of the model, mm or rad.
+    /// The unit of the numbers: `um` or `urad`.
+    pub unit: &'static str,
+    /// The largest correction of the model.
     pub correction: f64,
-    /// The largest difference of the tables from it, mm or rad.
+    /// The largest difference of the tables from it.
     pub largest: f64,
-    /// Root of the mean square of the difference over the travel of all axes, mm or rad.
+    /// Root of the mean square of the difference over the travel of all axes.
     pub rms: f64,
-    /// Where the largest is, mm or deg, in the order of the chain.
-    pub at: Vec<(AxisName, f64)>,
+    /// Where the largest is, mm or deg.
+    pub at: BTreeMap<AxisName, f64>,
     /// In which direction the axes came there; `None`: the mean of both.
     pub direction: Option<Direction>,
 }
 
 /// What is left of one category.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 pub struct CategoryLoss {
     /// The kind of error.
     pub category: Category,
@@ -53,6 +61,7 @@ pub struct CategoryLoss {
 
 /// What tables lose against the model, over the work space.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 pub struct Loss {
     /// At how many poses, each in both directions.
     pub poses: usize,
@@ -357,10 +366,11 @@ impl Trial<'_> {
             .iter()
             .map(|&place| AxisLoss {
                 axis: axes[place].name,
+                unit: micro_unit(axes[place].name.kind()),
                 correction: 0.0,
                 largest: 0.0,
                 rms: 0.0,
-                at: Vec::new(),
+                at: BTreeMap::new(),
                 direction: None,
             })
             .collect();
@@ -374,8 +384,10 @@ impl Trial<'_> {
                 };
                 let (wanted, given) = (model(&state), control(&state));
                 for (found, &place) in found.iter_mut().zip(&self.outputs) {
-                    let difference = (wanted[place] - given[place]).abs();
-                    found.correction = found.correction.max(wanted[place].abs());
+                    let kind = found.axis.kind();
+                    let micro = |of: f64| Displacement::new(kind, of).um_or_urad().abs();
+                    let difference = micro(wanted[place] - given[place]);
+                    found.correction = found.correction.max(micro(wanted[place]));
                     found.rms += counts * difference * difference;
                     if difference > found.largest || found.at.is_empty() {
                         found.largest = difference;

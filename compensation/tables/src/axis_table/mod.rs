@@ -24,7 +24,9 @@ mod siemens;
 pub use category::Category;
 pub use curves::{Curves, curves, to_toml};
 pub use error_table::{ErrorTable, ErrorTables};
-pub use exchange::{Content, ReadOptions, ReadTables, Warning, WriteOptions, Written, read, write};
+pub use exchange::{
+    Content, ListedTable, ReadOptions, ReadTables, Warning, WriteOptions, Written, read, write,
+};
 pub use facts::{Facts, facts_file, is_facts_file};
 pub use format::{Format, UnknownFormat};
 pub use loss::{AxisLoss, CategoryLoss, Loss, loss};

@@ -14,6 +14,7 @@ mod features;
 mod fitted;
 mod found;
 mod gaps;
+mod judged;
 mod lagged;
 mod options;
 mod record;
@@ -27,6 +28,10 @@ pub use columns::ThermalEffect;
 pub use fitted::{ThermalFit, ThermalSegment, ThermalTerm};
 pub use found::{ThermalNumber, ThermalSeen, ThermalSize, ThermalTerms};
 pub use gaps::ThermalGap;
+pub use judged::{
+    CoarseRows, JudgedThermal, ThermalPrediction, ThermalVerdict, judge_thermal_rows,
+    judge_thermal_runs,
+};
 pub use options::ThermalOptions;
 pub use record::ThermalRecord;
 pub use runs::ThermalRun;

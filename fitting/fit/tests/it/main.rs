@@ -25,6 +25,7 @@ mod serialised;
 mod shipped_runs;
 mod spline_in_gaps;
 mod thermal;
+mod thermal_verdict;
 
 /// `count` targets over 0 to 8000 mm.
 fn targets(count: u32) -> Vec<f64> {

@@ -2,23 +2,23 @@
 
 mod provenance;
 mod sizes;
-mod sketch;
 mod text;
-mod words;
 
 use std::path::PathBuf;
 
+use schemars::JsonSchema;
+use serde::Serialize;
 use volcomp_kinematics::{Form, MotionFrame, Side, State};
 use volcomp_model::{Machine, Temperatures};
-use volcomp_vocabulary::{AxisKind, AxisName, CorrectionLimit};
+use volcomp_vocabulary::{AxisName, CorrectionLimit, ErrorName};
 
-use self::{sizes::sizes, sketch::sketch};
-use super::{Answer, in_degrees, machine_notes, micrometres, microradians, rotary_note};
-use crate::{
-    answers::check::{Assembly, Axis, Check, Place, Thermal, Tool},
-    failure::Failure,
-    points::SpindleArguments,
+use self::{
+    provenance::Provenance,
+    sizes::sizes,
+    text::{motion, signs, sketch},
 };
+use super::{Answer, ByAxis, in_degrees, machine_notes, micrometres, microradians, rotary_note};
+use crate::{failure::Failure, points::SpindleArguments};
 
 /// The machine as it is understood: axes, errors, tool, and the error at home and at the corners
 ///
@@ -36,6 +36,143 @@ pub(crate) struct Arguments {
     files: Option<PathBuf>,
 }
 
+/// The document of `volcomp check`: the machine as it is understood.
+#[derive(Debug, Serialize, JsonSchema)]
+pub(crate) struct Check {
+    /// The path of the machine file.
+    file: String,
+    /// Name of the machine.
+    name: String,
+    /// Structure code from the workpiece to the tool.
+    structure: String,
+    /// The chain as a drawing in text.
+    sketch: String,
+    /// The axes, in the order X Y Z A B C U V W.
+    axes: Vec<Axis>,
+    /// The tool that is in the spindle.
+    tool: Tool,
+    /// Names of the tools that can be put into the spindle with `--tool`.
+    tools: Vec<String>,
+    /// Workpiece origin at machine zero, mm in MCS.
+    workpiece_origin_mm: [f64; 3],
+    /// The errors that are there and not zero, axis by axis.
+    errors: Vec<Size>,
+    /// Errors that the machine file states as zero.
+    zero: Vec<ErrorName>,
+    /// Errors that the machine file does not state: they count as zero.
+    not_stated: Vec<ErrorName>,
+    /// Axes with assembly errors that are not zero.
+    assembly: Vec<Assembly>,
+    /// The thermal terms; null where there are none.
+    thermal: Option<Thermal>,
+    /// Where the errors come from; not there where the machine file does not tell it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    provenance: Option<Provenance>,
+    /// The error at machine zero.
+    home: Place,
+    /// The error at every corner of the travels of X, Y and Z, other axes at 0.
+    corners: Vec<Place>,
+}
+
+/// One axis of the machine.
+#[derive(Debug, Serialize, JsonSchema)]
+struct Axis {
+    /// The letter of the axis.
+    name: AxisName,
+    /// The kind of the axis: `linear` or `rotary`.
+    kind: &'static str,
+    /// The side that the axis carries: `workpiece` or `tool`.
+    carries: &'static str,
+    /// Unit of `travel` and `modulo`: `mm` or `deg`.
+    unit: &'static str,
+    /// Lower and upper end of travel, mm or deg.
+    travel: [f64; 2],
+    /// Period that brings the coordinate into travel before curves are looked up, deg.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    modulo: Option<f64>,
+    /// Unit direction in MCS.
+    direction: [f64; 3],
+    /// Point at machine zero, mm in MCS: on the line of a rotary axis; where a linear axis's errors are stated.
+    point_mm: [f64; 3],
+    /// Where the error motions of a rotary axis stay: `fixed` or `turning`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    motion_frame: Option<&'static str>,
+    /// The effect of a positive motion, in words.
+    motion: String,
+    /// A warning where the axis does not count along its letter's direction: a positive deviation is then a negative
+    /// error, or several errors.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    signs: Option<String>,
+}
+
+/// The tool at machine zero.
+#[derive(Debug, Serialize, JsonSchema)]
+struct Tool {
+    /// The tool of `--tool`; null: the tool of `[tool]`.
+    name: Option<String>,
+    /// Tool tip, mm in MCS.
+    tip_mm: [f64; 3],
+    /// Unit direction from the tip to the spindle, in MCS.
+    axis: [f64; 3],
+}
+
+/// One error and its size.
+#[derive(Debug, Serialize, JsonSchema)]
+struct Size {
+    /// Its name after ISO 230-1.
+    name: ErrorName,
+    /// Its name in words.
+    meaning: String,
+    /// The unit of the values: `um` (µm) or `urad` (µrad).
+    unit: &'static str,
+    /// Smallest value over travel, in `unit`; a location error has the same smallest and largest value.
+    smallest: f64,
+    /// Largest value over travel, in `unit`.
+    largest: f64,
+    /// Where the value with the largest size stands, mm or deg; not there for a location error.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    at: Option<ByAxis>,
+}
+
+/// The six assembly errors of an axis.
+#[derive(Debug, Serialize, JsonSchema)]
+struct Assembly {
+    /// The letter of the axis.
+    axis: AxisName,
+    /// Displacements along X, Y and Z, µm.
+    position_um: [f64; 3],
+    /// Rotations about X, Y and Z, µrad.
+    rotation_urad: [f64; 3],
+}
+
+/// The thermal terms in short.
+#[derive(Debug, Serialize, JsonSchema)]
+struct Thermal {
+    /// Temperature at which the curves hold, °C.
+    reference_degc: f64,
+    /// Names of the sensors.
+    sensors: Vec<String>,
+    /// Errors with an expansion term.
+    expansion: Vec<ErrorName>,
+    /// Errors with a drift term.
+    drift: Vec<ErrorName>,
+}
+
+/// The tool and its error at one position.
+#[derive(Debug, Serialize, JsonSchema)]
+struct Place {
+    /// Where the axes stand, mm or deg.
+    at: ByAxis,
+    /// Ideal tool tip from the workpiece origin, in workpiece axes, mm.
+    tip_mm: [f64; 3],
+    /// Actual minus ideal tool tip, in workpiece axes, µm.
+    position_um: [f64; 3],
+    /// Rotation of the tool, in workpiece axes, µrad.
+    rotation_urad: [f64; 3],
+    /// Axes that stand outside their travel there.
+    outside_travel: Vec<AxisName>,
+}
+
 pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let (machine, temperatures) = arguments.spindle.read(&arguments.machine)?;
     let document = document(arguments, &machine, &temperatures);
@@ -45,7 +182,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     notes.extend(no_point_note(&machine));
     notes.extend(limit_notes(&machine, &temperatures)?);
     notes.extend(machine.provenance().note());
-    notes.extend(document.provenance.iter().flat_map(provenance::notes));
+    notes.extend(document.provenance.iter().flat_map(Provenance::notes));
     Answer::new(&document, text, notes)
 }
 
@@ -73,7 +210,7 @@ fn document(arguments: &Arguments, machine: &Machine, temperatures: &Temperature
         not_stated: sizes.not_stated,
         assembly: assembly(machine),
         thermal: thermal(machine),
-        provenance: provenance::provenance(machine, &folder(arguments)),
+        provenance: Provenance::of(machine, &folder(arguments)),
         home: place(&State::default()),
         corners: corners(machine).iter().map(place).collect(),
     }
@@ -157,30 +294,22 @@ fn axes(machine: &Machine) -> Vec<Axis> {
     let mut axes: Vec<Axis> = stated
         .map(|(axis, joint)| Axis {
             name: axis.name,
-            kind: joint.kind.name().to_owned(),
+            kind: joint.kind.name(),
             carries: match joint.side {
                 Side::Workpiece => "workpiece",
                 Side::Tool => "tool",
-            }
-            .to_owned(),
-            unit: match joint.kind {
-                AxisKind::Linear => "mm",
-                AxisKind::Rotary => "deg",
-            }
-            .to_owned(),
+            },
+            unit: joint.kind.coordinate_unit(),
             travel: axis.travel,
             modulo: axis.modulo,
             direction: joint.direction.into(),
             point_mm: joint.point_mm.into(),
-            motion_frame: axis.name.is_rotary().then(|| {
-                match joint.motion_frame {
-                    MotionFrame::Fixed => "fixed",
-                    MotionFrame::Turning => "turning",
-                }
-                .to_owned()
+            motion_frame: axis.name.is_rotary().then_some(match joint.motion_frame {
+                MotionFrame::Fixed => "fixed",
+                MotionFrame::Turning => "turning",
             }),
-            motion: words::motion(joint),
-            signs: words::signs(joint),
+            motion: motion(joint),
+            signs: signs(joint),
         })
         .collect();
     axes.sort_unstable_by_key(|axis| axis.name);

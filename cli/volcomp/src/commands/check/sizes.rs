@@ -6,8 +6,7 @@ use volcomp_curve::{ErrorCurve, Field};
 use volcomp_model::{Component, ErrorName, Machine};
 use volcomp_vocabulary::{AxisKind, AxisName, Direction, MAX_AXES};
 
-use super::words::meaning;
-use crate::answers::check::Size;
+use super::{Size, text::meaning};
 
 /// Points over the travel of an axis at which a curve is looked up, besides the places that it has itself.
 const STEPS: usize = 1000;
@@ -43,7 +42,7 @@ pub(super) fn sizes(machine: &Machine, axes: &[AxisName]) -> Sizes {
                 Some(&value) => sizes.take(Size {
                     name,
                     meaning: meaning(name),
-                    unit: component.unit().to_owned(),
+                    unit: component.unit(),
                     smallest: value,
                     largest: value,
                     at: None,
@@ -110,7 +109,7 @@ fn over_travel(machine: &Machine, name: ErrorName, curve: &ErrorCurve) -> Size {
     Size {
         name,
         meaning: meaning(name),
-        unit: name.component.unit().to_owned(),
+        unit: name.component.unit(),
         smallest: found.smallest,
         largest: found.largest,
         at: Some(at.collect()),

@@ -1,11 +1,13 @@
-//! The machine as it is understood, for people.
+//! The machine as it is understood, for people: tables, the chain as a drawing, axes and errors in words.
 
 use std::fmt::Write;
 
-use volcomp_vocabulary::ErrorName;
+use volcomp_kinematics::{Chain, Joint, MotionFrame, Side, along_machine_axis, nalgebra::Vector3};
+use volcomp_vocabulary::{AxisKind, Component, ErrorName};
 
+use super::{Check, Place, Size};
 use crate::{
-    answers::check::{Check, Place, Size},
+    commands::outside::joined,
     table::{HEAD, fixed, folded, table, table_text, to_the_left},
 };
 
@@ -24,7 +26,7 @@ pub(super) fn text(check: &Check) -> String {
     text += &tool(check);
     text += &errors(check);
     if let Some(provenance) = &check.provenance {
-        text += &super::provenance::text(provenance);
+        text += &provenance.text();
     }
     text += &places(check);
     text
@@ -44,8 +46,8 @@ fn axes(check: &Check) -> String {
             axis.name.to_string(),
             from,
             to,
-            axis.unit.clone(),
-            axis.carries.clone(),
+            axis.unit.to_owned(),
+            axis.carries.to_owned(),
             vector(&axis.point_mm),
         ]);
     }
@@ -126,10 +128,6 @@ fn errors(check: &Check) -> String {
     text += &names("stated as zero", &check.zero);
     text += &names("not stated, taken as zero", &check.not_stated);
     if let Some(thermal) = &check.thermal {
-        let errors = |names: &[ErrorName]| {
-            let names: Vec<String> = names.iter().map(ToString::to_string).collect();
-            names.join(" ")
-        };
         let mut said = format!(
             "thermal terms, zero at {} °C, sensors {}",
             thermal.reference_degc,
@@ -137,10 +135,10 @@ fn errors(check: &Check) -> String {
         );
         if !thermal.expansion.is_empty() {
             // Writing to a string never fails.
-            let _ = write!(said, "; expansion of {}", errors(&thermal.expansion));
+            let _ = write!(said, "; expansion of {}", joined(&thermal.expansion));
         }
         if !thermal.drift.is_empty() {
-            let _ = write!(said, "; drift of {}", errors(&thermal.drift));
+            let _ = write!(said, "; drift of {}", joined(&thermal.drift));
         }
         text += &folded(&said, " ");
     }
@@ -159,8 +157,7 @@ fn names(what: &str, names: &[ErrorName]) -> String {
     if names.is_empty() {
         return String::new();
     }
-    let names: Vec<String> = names.iter().map(ToString::to_string).collect();
-    folded(&format!("{what}: {}", names.join(" ")), " ")
+    folded(&format!("{what}: {}", joined(names)), " ")
 }
 
 fn places(check: &Check) -> String {
@@ -184,12 +181,10 @@ fn places(check: &Check) -> String {
     text += &table_text(&rows);
     text += "\n Home is every axis at 0; a corner has X, Y, Z at an end of travel, others at 0.\n";
     if !check.home.outside_travel.is_empty() {
-        let outside = &check.home.outside_travel;
-        let outside: Vec<String> = outside.iter().map(ToString::to_string).collect();
         let _ = writeln!(
             text,
             " Home lies outside the travel of {}.",
-            outside.join(" ")
+            joined(&check.home.outside_travel)
         );
     }
     text
@@ -210,4 +205,164 @@ fn corner(check: &Check, place: &Place) -> String {
 
 fn vector([x, y, z]: &[f64; 3]) -> String {
     format!("[{x}, {y}, {z}]")
+}
+
+const LETTERS: [&str; 3] = ["X", "Y", "Z"];
+
+/// A direction in MCS: `+X`, or its three numbers where it lies along none of X, Y, Z.
+fn direction(u: &Vector3<f64>) -> String {
+    match along_machine_axis(u) {
+        Some((place, is_positive)) => {
+            let sign = if is_positive { '+' } else { '−' };
+            format!("{sign}{}", LETTERS[place])
+        }
+        None => format!("[{:.4}, {:.4}, {:.4}]", u.x, u.y, u.z),
+    }
+}
+
+/// A description of a positive motion of an axis, as seen from the workpiece and in the workshop.
+pub(super) fn motion(joint: &Joint) -> String {
+    let name = joint.name;
+    let (to, back) = (direction(&joint.direction), direction(&-joint.direction));
+    let errors = match joint.motion_frame {
+        MotionFrame::Fixed => "",
+        MotionFrame::Turning => "; its error motions turn with it",
+    };
+    match (joint.kind, joint.side) {
+        (AxisKind::Linear, Side::Workpiece) => format!(
+            "+{name}: the tool moves to {to} seen from the workpiece; the table moves to {back}"
+        ),
+        (AxisKind::Linear, Side::Tool) => format!("+{name}: the tool moves to {to}"),
+        (AxisKind::Rotary, Side::Workpiece) => format!(
+            "+{name}: the tool turns right-handed about {to} seen from the workpiece; the table turns right-handed about {back}{errors}"
+        ),
+        (AxisKind::Rotary, Side::Tool) => {
+            format!("+{name}: the tool turns right-handed about {to}{errors}")
+        }
+    }
+}
+
+/// A warning about the signs of the errors of an axis that does not count along its letter's direction: errors are
+/// along and about the axes of MCS whatever the direction of the axis. `None` where both agree.
+pub(super) fn signs(joint: &Joint) -> Option<String> {
+    let (name, along) = (joint.name, joint.name.mcs_index());
+    let found = along_machine_axis(&joint.direction);
+    if found == Some((along, true)) {
+        return None;
+    }
+    let letter = LETTERS[along];
+    let component = Component::ALL.into_iter().find(|component| {
+        component.mcs_index() == along && component.is_angular() == name.is_rotary()
+    })?;
+    let positioning = ErrorName::motion(component, name);
+    let too_far = match joint.kind {
+        AxisKind::Linear => "goes too far",
+        AxisKind::Rotary => "turns too far",
+    };
+    Some(if found == Some((along, false)) {
+        format!(
+            "{name} counts against {letter} of the machine, its errors do not: where {name} {too_far} (a positive \
+             deviation), {positioning} is negative"
+        )
+    } else {
+        format!(
+            "{name} lies aslant, its errors are along and about X, Y and Z of the machine: where {name} {too_far}, \
+             more components than {positioning} change"
+        )
+    })
+}
+
+/// An error by what it is, in the words of the conventions: `straightness deviation of X in Y`, `pitch of X`. Pitch
+/// and yaw are those of a horizontal axis; a vertical one has tilts.
+pub(super) fn meaning(error: ErrorName) -> String {
+    let axis = error.axis;
+    let along = LETTERS[error.component.mcs_index()];
+    let own = error.component.mcs_index() == axis.mcs_index();
+    match (error.location, axis.kind(), error.component.is_angular()) {
+        (true, AxisKind::Linear, _) => match (error.component, axis.letter()) {
+            (Component::EC, 'Y') => "squareness of Y to X".to_owned(),
+            (Component::EB, 'Z') => "squareness of Z to X".to_owned(),
+            (Component::EA, 'Z') => "squareness of Z to Y".to_owned(),
+            _ => format!("tilt of the line of {axis} about {along}"),
+        },
+        (true, AxisKind::Rotary, false) => format!("shift of the line of {axis} along {along}"),
+        (true, AxisKind::Rotary, true) => format!("tilt of the line of {axis} about {along}"),
+        (false, AxisKind::Linear, false) if own => format!("positioning deviation of {axis}"),
+        (false, AxisKind::Linear, false) => format!("straightness deviation of {axis} in {along}"),
+        (false, AxisKind::Linear, true) if own => format!("roll of {axis}"),
+        (false, AxisKind::Linear, true) => match (axis.mcs_index(), error.component) {
+            (0 | 1, Component::EC) => format!("yaw of {axis}"),
+            (0, Component::EB) | (1, Component::EA) => format!("pitch of {axis}"),
+            _ => format!("tilt of {axis} about {along}"),
+        },
+        (false, AxisKind::Rotary, false) if own => format!("axial motion of {axis}"),
+        (false, AxisKind::Rotary, false) => format!("radial motion of {axis} along {along}"),
+        (false, AxisKind::Rotary, true) if own => {
+            format!("angular positioning deviation of {axis}")
+        }
+        (false, AxisKind::Rotary, true) => format!("tilt of {axis} about {along}"),
+    }
+}
+
+/// Two lines from the workpiece to the tool: the letters, and below each what it does.
+///
+/// ```text
+///   w-----C'----X'----b-----Y-----Z-----B-----t
+///  work  turn slide  bed  slide slide turn  tool
+/// ```
+pub(super) fn sketch(chain: &Chain) -> String {
+    let mut places = vec![("w".to_owned(), "work")];
+    let mut on_bed = false;
+    let bed = || ("b".to_owned(), "bed");
+    for joint in chain.joints() {
+        if joint.side == Side::Tool && !on_bed {
+            on_bed = true;
+            places.push(bed());
+        }
+        let prime = if joint.side == Side::Workpiece {
+            "'"
+        } else {
+            ""
+        };
+        let does = match joint.kind {
+            AxisKind::Linear => "slide",
+            AxisKind::Rotary => "turn",
+        };
+        places.push((format!("{}{prime}", joint.name), does));
+    }
+    if !on_bed {
+        places.push(bed());
+    }
+    places.push(("t".to_owned(), "tool"));
+    let last = places.len() - 1;
+    let (mut letters, mut words) = ("   ".to_owned(), " ".to_owned());
+    for (index, (letter, word)) in places.iter().enumerate() {
+        letters += letter;
+        if index < last {
+            letters += &"-".repeat(6 - letter.chars().count());
+        }
+        // Writing to a string never fails.
+        let _ = write!(words, "{word:^5} ");
+    }
+    format!("{letters}\n{}\n", words.trim_end())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_element_stands_above_its_word() {
+        let chain = |code: &str| Chain::new(code.parse().expect("a structure"));
+        assert_eq!(
+            sketch(&chain("w C' X' b Y Z B t")),
+            "   w-----C'----X'----b-----Y-----Z-----B-----t\n work  turn  slide  bed  slide slide turn  tool\n"
+        );
+        let longest = sketch(&chain("w A' B' C' X' Y' Z' U' V' W' b t"));
+        assert!(
+            longest.lines().all(|line| line.chars().count() <= 80),
+            "{longest}"
+        );
+        assert!(longest.contains("W'----b-----t"), "{longest}");
+    }
 }

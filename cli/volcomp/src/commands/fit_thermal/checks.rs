@@ -1,11 +1,12 @@
-//! Checks that stop wrong terms: temperatures that no machine has, sensors that do not measure, files of the opposite sign.
+//! Checks that stop wrong terms: temperatures that no machine has, sensors that do not measure, files of the opposite sign, rows
+//! that are too far apart.
 
 use std::{
     ops::RangeInclusive,
     path::{Path, PathBuf},
 };
 
-use volcomp_fit::{ThermalRun, ThermalSearch, search_thermal};
+use volcomp_fit::{ThermalGap, ThermalRecord, ThermalRun, ThermalSearch, search_thermal};
 
 use super::{Channel, columns::Columns, is_angular};
 use crate::commands::fixed;
@@ -190,7 +191,7 @@ pub(super) fn inverted(
     search: &ThermalSearch,
 ) -> Vec<String> {
     let mut notes = Vec::new();
-    for (place, (left, run)) in channel.left_out.iter().zip(runs).enumerate() {
+    for (place, (left, run)) in channel.judged.left_out.iter().zip(runs).enumerate() {
         let size = run.rms_from_start();
         if *left <= NOT_PREDICTED * size {
             continue;
@@ -212,7 +213,7 @@ pub(super) fn inverted(
         if let [_, _] = runs {
             named = format!("{named} or {}", files[1 - place].display());
         }
-        let unit = if channel.is_angular() { "µrad" } else { "µm" };
+        let unit = channel.symbol();
         notes.push(format!(
             "{}: {named} looks inverted: with the opposite sign {} {unit} would be left of its prediction from the others in place of {} {unit}",
             channel.name,
@@ -224,6 +225,53 @@ pub(super) fn inverted(
         }
     }
     notes
+}
+
+/// A note on the gaps of a file, for terms with some of these time constants, s.
+pub(super) fn gaps(path: &Path, columns: &Columns, lags_s: &[f64]) -> Option<String> {
+    let record = ThermalRecord {
+        time_s: columns.time_s.clone(),
+        ..ThermalRecord::default()
+    };
+    let gaps = record.gaps(lags_s);
+    let length = |gap: &&ThermalGap| gap.to_s - gap.from_s;
+    let longest = gaps.iter().max_by(|a, b| length(a).total_cmp(&length(b)))?;
+    let rows = 0..record.len();
+    let left_out = rows.filter(|row| gaps.iter().any(|gap| gap.left_out.contains(row)));
+    let count = match gaps.len() {
+        1 => "a gap in the log".to_owned(),
+        many => format!("{many} gaps in the log, the longest"),
+    };
+    Some(format!(
+        "{}: {count} from {} to {} s, where rows are usually {} s apart: what the temperatures did there is not known. The {} rows behind {} that the time constants (up to {} s) still let depend on it are left out",
+        path.display(),
+        longest.from_s,
+        longest.to_s,
+        fixed(record.usual_interval_s(), 0),
+        left_out.count(),
+        if gaps.len() == 1 { "it" } else { "them" },
+        lags_s.iter().copied().fold(0.0, f64::max),
+    ))
+}
+
+/// A note where the rows are so far apart that what the temperatures may have done between them can be seen in the error of the
+/// prediction.
+pub(super) fn too_coarse(
+    channel: &Channel,
+    runs: &[ThermalRun],
+    files: &[PathBuf],
+) -> Option<String> {
+    let coarse = channel.judged.coarse_rows(runs)?;
+    Some(format!(
+        "{}: the rows of {} are {} s apart, and the shortest time constant of the terms is {} s: by how the temperatures bend from row to row, what they did between the rows adds about {} {} to what the terms miss on a machine that reads them in every cycle. It is counted in the error and in the uncertainties. Record the temperatures every {} s or more often, or choose from longer time constants (--lags)",
+        channel.name,
+        files.get(coarse.run)?.display(),
+        fixed(coarse.interval_s, 0),
+        coarse.shortest_lag_s,
+        fixed(coarse.adds_rms, 2),
+        channel.symbol(),
+        coarse.enough_s,
+    ))
 }
 
 #[cfg(test)]

@@ -4,24 +4,21 @@ mod checks;
 mod columns;
 pub(crate) mod document;
 mod errors;
-mod sampling;
-mod terms;
 mod text;
-mod verdict;
 
-use std::{ops::Range, path::PathBuf};
+use std::path::PathBuf;
 
 use volcomp_fit::{
-    FitError, ThermalOptions, ThermalRecord, ThermalRun, ThermalSearch, ThermalSegment,
-    ThermalTerms, fit_thermal, left_out_runs, search_thermal, search_thermal_rows,
+    FitError, JudgedThermal, ThermalRecord, ThermalRun, ThermalSearch, judge_thermal_rows,
+    judge_thermal_runs, search_thermal,
 };
 use volcomp_model::ErrorName;
 use volcomp_vocabulary::bounds::PLAUSIBLE_DEGC;
 
 use self::{
     columns::Columns,
+    document::FitThermal,
     errors::{Errors, may_expand},
-    verdict::{Verdict, verdict},
 };
 use super::{Answer, same_file};
 use crate::failure::Failure;
@@ -68,40 +65,12 @@ pub(crate) struct Arguments {
     most_lags: usize,
 }
 
-/// The rows of a single file that are predicted are judged in so many stretches.
-const PARTS: usize = 10;
-
 /// A displacement and the terms that were found for it.
 struct Channel {
     name: String,
     /// The error that it is; `None` where the call does not say it.
     error: Option<ErrorName>,
-    /// Without time constants.
-    plain: Judged,
-    /// Every sensor with the mean of many choices of time constants; of a single file only.
-    dense: Option<Judged>,
-    few: Judged,
-    /// Root mean square of what is predicted where there are no terms, µm or µrad, and its mean square in each part.
-    none: f64,
-    none_of_parts: Vec<f64>,
-    /// The terms from everything.
-    terms: ThermalTerms,
-    /// Root mean square error in each file that was left out, where there are several.
-    left_out: Vec<f64>,
-}
-
-/// How well terms predict what they have not seen.
-struct Judged {
-    /// Root mean square error of the prediction, µm or µrad, with what the temperatures may have done between rows.
-    rms: f64,
-    worst: Option<ThermalSegment>,
-    /// The mean square error in each part: a run, or a stretch of the rows that are predicted.
-    parts: Vec<f64>,
-    /// Root mean square error of validation.
-    validated: f64,
-    penalties: Vec<f64>,
-    lags_s: Vec<f64>,
-    sensors: Vec<usize>,
+    judged: JudgedThermal,
 }
 
 impl Channel {
@@ -110,8 +79,9 @@ impl Channel {
         is_angular(&self.name)
     }
 
-    fn verdict(&self) -> Verdict {
-        verdict(&self.few.parts, &self.plain.parts, &self.none_of_parts)
+    /// The unit as people read it.
+    fn symbol(&self) -> &'static str {
+        if self.is_angular() { "µrad" } else { "µm" }
     }
 }
 
@@ -163,7 +133,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     notes.extend(checks::too_small(&files));
     for (path, file) in arguments.data.iter().zip(&files) {
         notes.extend(checks::still_in(path, file, &files));
-        notes.extend(sampling::gaps(path, file, &arguments.search(false).lags_s));
+        notes.extend(checks::gaps(path, file, &arguments.search(false).lags_s));
     }
     let still = checks::still_sensors(&files);
     if !still.is_empty() {
@@ -205,22 +175,22 @@ pub(crate) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
         let channel = channel(name, error, &files, arguments, &search)?;
         let runs: Vec<ThermalRun> = files.iter().map(|file| run_of(file, name)).collect();
         notes.extend(checks::inverted(&channel, &runs, &arguments.data, &search));
-        notes.extend(sampling::too_coarse(&channel, &runs, &arguments.data));
+        notes.extend(checks::too_coarse(&channel, &runs, &arguments.data));
         channels.push(channel);
     }
     let sensors = &first.sensors;
     for channel in &channels {
-        let spread = channel.terms.constant_at(arguments.reference).1;
-        if files.len() > 1 && moved.is_empty() && spread > 3.0 * channel.few.rms {
+        let spread = channel.judged.terms.constant_at(arguments.reference).1;
+        if files.len() > 1 && moved.is_empty() && spread > 3.0 * channel.judged.few.rms {
             notes.push(format!(
                 "{}: the constants of the files differ by {spread:.1} {}: each test has a zero of its own, and the constant is their mean",
                 channel.name,
-                if channel.is_angular() { "µrad" } else { "µm" }
+                channel.symbol()
             ));
         }
     }
-    let document = document::document(&channels, sensors, arguments);
-    let text = text::text(&channels, sensors, arguments);
+    let document = FitThermal::new(&channels, sensors, arguments);
+    let text = text::text(&channels, &document, arguments);
     Answer::new(&document, text, notes)
 }
 
@@ -311,12 +281,13 @@ fn channel(
     search: &ThermalSearch,
 ) -> Result<Channel, Failure> {
     let runs: Vec<ThermalRun> = files.iter().map(|file| run_of(file, name)).collect();
+    let sensors = &files[0].sensors;
     let failed = |e: FitError| {
         // Of several files the first one that cannot be fitted by itself.
         let alone = |place: &usize| search_thermal(&runs[*place..=*place], search).is_err();
         let wrong = (0..runs.len()).find(alone).unwrap_or_default();
         let still = checks::still_sensors(files);
-        if still.len() == files[0].sensors.len() {
+        if still.len() == sensors.len() {
             let what = format_args!(
                 "{name}: no temperature changes ({}): expected one that does, since terms say what follows from a change",
                 still.join(", ")
@@ -325,149 +296,31 @@ fn channel(
         }
         Failure::in_file(&arguments.data[wrong], format_args!("{name}: {e}"))
     };
-    let without_lags = ThermalSearch {
-        lags_s: vec![0.0],
-        ..search.clone()
-    };
-    if let [run] = &runs[..] {
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "a share of a count"
-        )]
-        let train = (run.record.len() as f64 * arguments.train) as usize;
-        let failed = |error: FitError| match error {
-            FitError::TooFew { needed, .. } if train < needed => Failure::in_file(
-                &arguments.data[0],
-                format_args!(
-                    "{name}: found {} rows, of which the first {train} (--train {}) find terms and the others judge them: expected at least {needed} to find terms from",
-                    run.record.len(),
-                    arguments.train
+    let judged = match &runs[..] {
+        [run] => {
+            #[expect(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "a share of a count"
+            )]
+            let train = (run.record.len() as f64 * arguments.train) as usize;
+            judge_thermal_rows(run, train, search).map_err(|error| match error {
+                FitError::TooFew { needed, .. } if train < needed => Failure::in_file(
+                    &arguments.data[0],
+                    format_args!(
+                        "{name}: found {} rows, of which the first {train} (--train {}) find terms and the others judge them: expected at least {needed} to find terms from",
+                        run.record.len(),
+                        arguments.train
+                    ),
                 ),
-            ),
-            other => failed(other),
-        };
-        let by_time = |search: &ThermalSearch| {
-            let terms = search_thermal_rows(run, 0..train, search)?;
-            Ok(Judged::by_time(&terms, run, train))
-        };
-        // Everything at every position at once is no business of the regressions on one record.
-        let dense = |options: ThermalOptions| -> Result<Judged, FitError> {
-            let fit = fit_thermal(&run.record, 0..train, &options)?;
-            let (rms, worst) = fit.residual(&run.record, train..run.record.len());
-            Ok(Judged {
-                rms,
-                worst,
-                parts: mean_squares(train..run.record.len(), |rows| {
-                    fit.residual(&run.record, rows).0
-                }),
-                validated: fit.forward_rms,
-                penalties: fit.choices.iter().map(|c| c.penalty).collect(),
-                lags_s: fit.terms.iter().map(|term| term.lag_s).collect(),
-                sensors: fit.sensors(),
-            })
-        };
-        let stands = run.position_mm.is_empty();
-        let none = |rows: Range<usize>| none_of_rows(run, train, rows);
-        return Ok(Channel {
-            name: name.to_owned(),
-            error,
-            plain: if stands {
-                dense(ThermalOptions::plain()).map_err(failed)?
-            } else {
-                by_time(&without_lags).map_err(failed)?
-            },
-            dense: stands
-                .then(|| dense(ThermalOptions::default()))
-                .transpose()
-                .map_err(failed)?,
-            few: by_time(search).map_err(failed)?,
-            none: none(train..run.record.len()),
-            none_of_parts: mean_squares(train..run.record.len(), none),
-            terms: search_thermal(&runs, search).map_err(failed)?,
-            left_out: Vec::new(),
-        });
-    }
-    let terms = search_thermal(&runs, search).map_err(failed)?;
-    let mut left_out = left_out_runs(&runs, search).map_err(failed)?;
-    for (left, run) in left_out.iter_mut().zip(&runs) {
-        *left = left.hypot(terms.rms_between_rows(run));
-    }
-    let plain = search_thermal(&runs, &without_lags).map_err(failed)?;
-    let plain_left_out = left_out_runs(&runs, &without_lags).map_err(failed)?;
-    let none: Vec<f64> = runs.iter().map(ThermalRun::rms_from_start).collect();
+                other => failed(other),
+            })?
+        }
+        _ => judge_thermal_runs(&runs, search).map_err(failed)?,
+    };
     Ok(Channel {
         name: name.to_owned(),
         error,
-        plain: Judged::by_runs(&plain, &runs, &plain_left_out),
-        dense: None,
-        few: Judged::by_runs(&terms, &runs, &left_out),
-        none: mean_of_runs(&runs, &none),
-        none_of_parts: none.iter().map(|rms| rms * rms).collect(),
-        terms,
-        left_out,
+        judged,
     })
-}
-
-impl Judged {
-    fn new(terms: &ThermalTerms, rms: f64, worst: Option<ThermalSegment>, parts: Vec<f64>) -> Self {
-        let squares: f64 = terms.validated.iter().map(|rms| rms * rms).sum();
-        Self {
-            rms,
-            worst,
-            parts,
-            validated: (squares / terms.validated.len().max(1) as f64).sqrt(),
-            penalties: vec![terms.penalty],
-            lags_s: terms.lags_s(),
-            sensors: terms.sensors(),
-        }
-    }
-
-    /// By the rows from `train` on, and what the temperatures may have done between rows.
-    fn by_time(terms: &ThermalTerms, run: &ThermalRun, train: usize) -> Self {
-        let between = terms.rms_between_rows(run);
-        let left = |rows: Range<usize>| {
-            let (rms, worst) = terms.residual(run, rows);
-            (rms.hypot(between), worst)
-        };
-        let (rms, mut worst) = left(train..run.record.len());
-        if let Some(worst) = &mut worst {
-            worst.rms = worst.rms.hypot(between);
-        }
-        let parts = mean_squares(train..run.record.len(), |rows| left(rows).0);
-        Self::new(terms, rms, worst, parts)
-    }
-
-    /// By whole runs that were left out; each counts by its rows.
-    fn by_runs(terms: &ThermalTerms, runs: &[ThermalRun], left_out: &[f64]) -> Self {
-        let parts = left_out.iter().map(|rms| rms * rms).collect();
-        Self::new(terms, mean_of_runs(runs, left_out), None, parts)
-    }
-}
-
-/// The root mean square over all rows of runs of which each has its own.
-fn mean_of_runs(runs: &[ThermalRun], rms: &[f64]) -> f64 {
-    let rows = runs.iter().map(|run| run.record.len() as f64);
-    let squares = rms.iter().zip(rows.clone()).map(|(rms, n)| rms * rms * n);
-    (squares.sum::<f64>() / rows.sum::<f64>().max(1.0)).sqrt()
-}
-
-/// The mean square in each of some equal stretches of rows: no number where a gap leaves out all of them.
-fn mean_squares(rows: Range<usize>, rms: impl Fn(Range<usize>) -> f64) -> Vec<f64> {
-    let at = |part: usize| rows.start + rows.len() * part / PARTS;
-    let of = |part: usize| rms(at(part)..at(part + 1)).powi(2);
-    (0..PARTS)
-        .filter(|part| at(*part) < at(part + 1))
-        .map(of)
-        .collect()
-}
-
-/// Root mean square over some rows of what is off where the mean of the rows before `train` is predicted.
-fn none_of_rows(run: &ThermalRun, train: usize, rows: Range<usize>) -> f64 {
-    let of = &run.record.displacement;
-    let before = of.get(..train).unwrap_or_default();
-    let mean = before.iter().sum::<f64>() / before.len() as f64;
-    let rows = of.get(rows).unwrap_or_default();
-    let squares: f64 = rows.iter().map(|d| (d - mean).powi(2)).sum();
-    (squares / rows.len() as f64).sqrt()
 }

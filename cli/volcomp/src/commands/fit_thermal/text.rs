@@ -2,11 +2,11 @@
 
 use std::fmt::Write as _;
 
-use volcomp_fit::ThermalEffect;
+use volcomp_fit::ThermalVerdict;
 
 use super::{
-    Arguments, Channel, terms,
-    verdict::{Verdict, difference},
+    Arguments, Channel,
+    document::{FitThermal, Number},
 };
 use crate::{
     commands::{fixed, table, table_text},
@@ -14,14 +14,15 @@ use crate::{
 };
 
 /// The errors of the prediction, the numbers, and what belongs into the machine file.
-pub(super) fn text(channels: &[Channel], sensors: &[String], arguments: &Arguments) -> String {
+pub(super) fn text(
+    channels: &[Channel],
+    document: &FitThermal<'_>,
+    arguments: &Arguments,
+) -> String {
     let mut text = comparison(channels, arguments);
-    for channel in channels {
-        let paste = match channel.verdict() {
-            Verdict::Good => {
-                let toml = terms::toml(channel, sensors, arguments.reference);
-                format!("# {}\n{toml}", channel.name)
-            }
+    for (channel, of) in channels.iter().zip(&document.displacements) {
+        let paste = match channel.judged.verdict() {
+            ThermalVerdict::Good => format!("# {}\n{}", channel.name, of.toml),
             verdict => worse(channel, verdict),
         };
         // Writing to a string never fails.
@@ -29,7 +30,7 @@ pub(super) fn text(channels: &[Channel], sensors: &[String], arguments: &Argumen
             text,
             "\n{}\n{}\n{}\n{paste}",
             channel.name,
-            numbers(channel, sensors),
+            numbers(&of.numbers),
             sizes(channel)
         );
     }
@@ -37,12 +38,13 @@ pub(super) fn text(channels: &[Channel], sensors: &[String], arguments: &Argumen
 }
 
 /// Why there are no terms to paste.
-fn worse(channel: &Channel, verdict: Verdict) -> String {
-    let unit = if channel.is_angular() { "µrad" } else { "µm" };
-    let few = fixed(channel.few.rms, 2);
+fn worse(channel: &Channel, verdict: ThermalVerdict) -> String {
+    let unit = channel.symbol();
+    let judged = &channel.judged;
+    let few = fixed(judged.few.rms, 2);
     let decides = |by: (f64, f64)| {
         let [by, error] = [by.0, by.1].map(|square| fixed(square, 2));
-        let parts = if channel.left_out.is_empty() {
+        let parts = if judged.left_out.is_empty() {
             "stretches"
         } else {
             "files"
@@ -51,15 +53,15 @@ fn worse(channel: &Channel, verdict: Verdict) -> String {
             "(mean squares differ by {by} {unit}², with a standard error over the {parts} of {error} {unit}²)"
         )
     };
-    let why = if verdict == Verdict::WorseThanPlain {
-        let plain = fixed(channel.plain.rms, 2);
+    let why = if verdict == ThermalVerdict::WorseThanPlain {
+        let plain = fixed(judged.plain.rms, 2);
         format!(
             "they predict worse ({few} {unit}) than regression without time constants ({plain} {unit}) {}. Try `--lags 0`, or take more tests.",
-            decides(difference(&channel.few.parts, &channel.plain.parts))
+            decides(judged.loss())
         )
     } else {
-        let none = fixed(channel.none, 2);
-        let by = difference(&channel.none_of_parts, &channel.few.parts);
+        let none = fixed(judged.none_rms, 2);
+        let by = judged.gain();
         let how = if by.0 > 0.0 && by.0 <= by.1 {
             "not surely better"
         } else if by.0 > 0.0 {
@@ -89,19 +91,20 @@ fn comparison(channels: &[Channel], arguments: &Arguments) -> String {
         "lags",
     ]);
     for channel in channels {
-        let few = &channel.few;
+        let judged = &channel.judged;
+        let few = &judged.few;
         let worst = few.worst.as_ref();
         let or_nothing = |value: Option<String>| value.unwrap_or_else(|| "-".to_owned());
         lines.add_row([
             channel.name.clone(),
-            fixed(channel.plain.rms, 2),
-            or_nothing(channel.dense.as_ref().map(|dense| fixed(dense.rms, 2))),
+            fixed(judged.plain.rms, 2),
+            or_nothing(judged.dense.as_ref().map(|dense| fixed(dense.rms, 2))),
             fixed(few.rms, 2),
             or_nothing(worst.map(|w| fixed(w.rms, 2))),
             or_nothing(worst.map(|w| fixed(w.from_s / 3600.0, 1))),
-            channel.terms.numbers.len().to_string(),
-            channel.terms.sensors().len().to_string(),
-            channel.terms.lags_s().len().to_string(),
+            judged.terms.numbers.len().to_string(),
+            judged.terms.sensors().len().to_string(),
+            judged.terms.lags_s().len().to_string(),
         ]);
     }
     let of_what = if let [_] = arguments.data[..] {
@@ -116,23 +119,21 @@ fn comparison(channels: &[Channel], arguments: &Arguments) -> String {
 }
 
 /// Every number with its uncertainty.
-fn numbers(channel: &Channel, sensors: &[String]) -> String {
-    let unit = if channel.is_angular() {
-        "µrad/K"
-    } else {
-        "µm/K"
-    };
+fn numbers(numbers: &[Number]) -> String {
     let mut lines = table(&["sensor", "lag s", "value", "+/-", "unit"]);
-    for number in &channel.terms.numbers {
-        let (lag, scale, unit) = match number.effect {
-            ThermalEffect::Drift { lag_s } => (format!("{lag_s}"), 1.0, unit),
-            ThermalEffect::Expansion => ("-".to_owned(), 1e3, "µm/(m·K)"),
+    for number in numbers {
+        let unit = match number.unit {
+            "um_per_m_k" => "µm/(m·K)",
+            "urad_per_k" => "µrad/K",
+            _ => "µm/K",
         };
         lines.add_row([
-            sensors.get(number.sensor).cloned().unwrap_or_default(),
-            lag,
-            fixed(number.value * scale, 3),
-            fixed(number.uncertainty * scale, 3),
+            number.sensor.clone(),
+            number
+                .lag_s
+                .map_or("-".to_owned(), |lag_s| lag_s.to_string()),
+            fixed(number.value, 3),
+            fixed(number.uncertainty, 3),
             unit.to_owned(),
         ]);
     }
@@ -142,8 +143,9 @@ fn numbers(channel: &Channel, sensors: &[String]) -> String {
 /// The error of validation against the number of numbers.
 fn sizes(channel: &Channel) -> String {
     let mut lines = table(&["numbers", "RMS of validation", "+/-"]);
-    for size in channel.terms.path.iter().rev() {
-        let mark = if size.numbers == channel.terms.numbers.len() {
+    let terms = &channel.judged.terms;
+    for size in terms.path.iter().rev() {
+        let mark = if size.numbers == terms.numbers.len() {
             "*"
         } else {
             ""

@@ -6,7 +6,7 @@ use clap::ValueEnum;
 use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_metrology::{
-    Decision, DeviationUnit, JudgedQuantity, Metadata, MetrologyError, Tolerance,
+    DeviationUnit, Metadata, MetrologyError, Tolerance,
     circular::{
         CircularPlane, CircularTrace, Sense, Signature, SignatureKind, Signatures,
         circular_deviations, circular_signatures, parse_trace,
@@ -15,7 +15,7 @@ use volcomp_metrology::{
 };
 
 use super::Arguments;
-use super::judged::{CIRCULAR, decision_text, quantities_text, tolerances};
+use super::judged::{CIRCULAR, Judgement, decision_text, quantities_text, tolerances};
 use crate::{
     commands::{
         Answer, fixed,
@@ -59,8 +59,6 @@ pub(crate) struct CircularTest {
     radius_mm: f64,
     /// Number of points run counter-clockwise, and clockwise.
     points: [usize; 2],
-    /// G of each sense, G(b), F and D.
-    quantities: Vec<JudgedQuantity>,
     /// The least-squares centre that was removed, along the two axes, µm. Of positions, what is left after their centre was
     /// removed when they were read.
     centre_um: [f64; 2],
@@ -70,12 +68,9 @@ pub(crate) struct CircularTest {
     spikes_um: Option<[Option<f64>; 4]>,
     /// Root mean square of the residuals of all signatures, µm; null without signatures.
     rms_left_um: Option<f64>,
-    /// The decision over all tolerances; null without any.
-    decision: Option<Decision>,
-    /// Whether every quantity with a tolerance passes; null without tolerances.
-    pass: Option<bool>,
-    /// Notes in words on the file and its points.
-    notes: Vec<String>,
+    /// G of each sense, G(b), F and D.
+    #[serde(flatten)]
+    judgement: Judgement,
 }
 
 /// A signature by the axes of its plane; the size of a squareness has the sign of the error.
@@ -185,7 +180,6 @@ fn one(
     let none = |_: &str| None;
     let quantities = deviations.quantities();
     let quantities = judged("ISO 230-4", quantities, DeviationUnit::Um, tolerances, none);
-    let decision = Decision::over(&quantities);
     let (plane, plane_name) = options.plane();
     let count = |sense: Sense| trace.points.iter().filter(|p| p.sense == sense).count();
     let document = CircularTest {
@@ -200,16 +194,12 @@ fn one(
             .collect(),
         spikes_um: signatures.as_ref().map(|s| s.spikes_um),
         rms_left_um: signatures.as_ref().map(|s| s.rms_left_um),
-        pass: decision.map(|d| d.pass),
-        decision,
-        quantities,
-        notes,
+        judgement: Judgement::new(quantities, notes),
     };
     Ok(Evaluated {
         text: text(&document, with_names),
         metadata: Metadata::default(),
-        notes: document.notes.clone(),
-        found: (document.quantities.clone(), document.decision),
+        judgement: document.judgement.clone(),
         document,
     })
 }
@@ -250,7 +240,7 @@ fn text(document: &CircularTest, with_names: bool) -> String {
         "ISO 230-4, plane {}, radius {} mm, about the centre of least squares, µm\n\n{}",
         document.plane,
         fixed(document.radius_mm, 4),
-        quantities_text(&document.quantities, with_names)
+        quantities_text(&document.judgement.quantities, with_names)
     );
     if !document.signatures.is_empty() {
         let mut rows = table(&[
@@ -285,5 +275,5 @@ fn text(document: &CircularTest, with_names: bool) -> String {
             let _ = writeln!(text, "{}: {} ms", signature.of, fixed(delay, 3));
         }
     }
-    text + &decision_text(document.decision, &document.quantities)
+    text + &decision_text(&document.judgement)
 }

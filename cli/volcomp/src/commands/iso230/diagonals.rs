@@ -5,12 +5,12 @@ use std::{fmt::Write as _, path::Path};
 use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_metrology::{
-    DIAGONAL_NAMES, Decision, DeviationUnit, Diagonal, Iso230Part6, JudgedQuantity, Measurement,
-    StandardQuantity, evaluate_diagonals, judged, read_file,
+    DIAGONAL_NAMES, DeviationUnit, Diagonal, Iso230Part6, Measurement, StandardQuantity,
+    evaluate_diagonals, judged, read_file,
 };
 
 use super::Arguments;
-use super::judged::{DIAGONALS, decision_text, quantities_text, tolerances};
+use super::judged::{DIAGONALS, Judgement, decision_text, quantities_text, tolerances};
 use super::rows::{self, Row};
 use crate::{
     commands::{
@@ -76,16 +76,11 @@ impl DiagonalOptions {
 pub(crate) struct MeasuredDiagonals {
     #[serde(flatten)]
     found: Iso230Part6,
-    /// E_d, B_d, M_d and the spread, over all.
-    quantities: Vec<JudgedQuantity>,
     /// Files that are refused; the others are evaluated.
     refused: Vec<RefusedFile>,
-    /// The decision over all tolerances; null without any.
-    decision: Option<Decision>,
-    /// Whether every quantity with a tolerance passes; null without tolerances.
-    pass: Option<bool>,
-    /// Notes in words on the files and their readings.
-    notes: Vec<String>,
+    /// E_d, B_d, M_d and the spread, over all.
+    #[serde(flatten)]
+    judgement: Judgement,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
@@ -143,21 +138,18 @@ pub(super) fn run(arguments: &Arguments) -> Result<Answer, Failure> {
     let none = |_: &str| None;
     let unit = DeviationUnit::Um;
     let quantities = judged("ISO 230-6", found.quantities(), unit, &tolerances, none);
-    let decision = Decision::over(&quantities);
     if let Some(output) = csv {
         rows::write(output, &rows_of(&found, &refused))?;
     }
     let failed = some_refused(&refused, arguments.files.len());
     let document = MeasuredDiagonals {
         found,
-        quantities,
         refused,
-        pass: decision.map(|d| d.pass),
-        decision,
-        notes: notes.clone(),
+        judgement: Judgement::new(quantities, notes),
     };
-    let text = text(&document) + &decision_text(decision, &document.quantities);
-    let answer = Answer::new(&document, text, notes)?.decided(decision);
+    let text = text(&document) + &decision_text(&document.judgement);
+    let notes = document.judgement.notes.clone();
+    let answer = Answer::new(&document, text, notes)?.decided(document.judgement.decision);
     Ok(Answer { failed, ..answer })
 }
 
@@ -222,7 +214,7 @@ fn rows_of(found: &Iso230Part6, refused: &[RefusedFile]) -> Vec<Row> {
         let quantities = judged("ISO 230-6", quantities, DeviationUnit::Um, &[], |_| None);
         Row {
             file: m.file.clone(),
-            found: Ok((quantities, None)),
+            found: Ok(Judgement::new(quantities, Vec::new())),
         }
     });
     let bad = refused.iter().map(|r| Row {
@@ -250,7 +242,7 @@ fn text(document: &MeasuredDiagonals) -> String {
     let mut text = format!(
         "ISO 230-6, all values in µm\n\n{}\n{}\nin common {} µm/m\n",
         table_text(&rows),
-        quantities_text(&document.quantities, true),
+        quantities_text(&document.judgement.quantities, true),
         fixed(document.found.scale_um_per_m, 2)
     );
     for hint in &document.found.squareness {

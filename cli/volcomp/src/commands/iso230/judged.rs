@@ -1,5 +1,7 @@
 //! Quantities with their uncertainties and tolerances, as documents and as a table.
 
+use schemars::JsonSchema;
+use serde::Serialize;
 use volcomp_metrology::{
     Decision, DeviationUnit, JudgedQuantity, Tolerance, Verdict, parse_tolerances,
 };
@@ -15,6 +17,31 @@ pub(crate) const CIRCULAR: [&str; 6] = ["G_ccw", "G_cw", "G_b", "F_max", "F_min"
 /// The symbols of ISO 230-6.
 pub(crate) const DIAGONALS: [&str; 5] = ["E_d", "E_d_unidirectional", "B_d", "M_d", "spread"];
 
+/// What every evaluation ends in: its quantities against their tolerances, and the notes on it.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+pub(crate) struct Judgement {
+    /// The quantities of every requested standard, with uncertainty and tolerance.
+    pub(crate) quantities: Vec<JudgedQuantity>,
+    /// The decision over all tolerances; null without any.
+    pub(crate) decision: Option<Decision>,
+    /// Whether every quantity with a tolerance passes; null without tolerances.
+    pass: Option<bool>,
+    /// Notes in words on the files and their readings.
+    pub(crate) notes: Vec<String>,
+}
+
+impl Judgement {
+    pub(crate) fn new(quantities: Vec<JudgedQuantity>, notes: Vec<String>) -> Self {
+        let decision = Decision::over(&quantities);
+        Self {
+            pass: decision.map(|decision| decision.pass),
+            decision,
+            quantities,
+            notes,
+        }
+    }
+}
+
 /// The tolerances of the call, among the symbols that it evaluates.
 pub(crate) fn tolerances(text: Option<&str>, known: &[&str]) -> Result<Vec<Tolerance>, Failure> {
     let Some(text) = text else {
@@ -26,7 +53,7 @@ pub(crate) fn tolerances(text: Option<&str>, known: &[&str]) -> Result<Vec<Toler
 /// What several files came to: a row for each with the quantities that have a limit, or without any those of a plain symbol, and the verdict; and the
 /// names of all symbols once.
 pub(crate) fn verdicts_text(rows: &[Row]) -> String {
-    let all = || (rows.iter()).flat_map(|row| row.found.iter().flat_map(|found| &found.0));
+    let all = || (rows.iter()).flat_map(|row| row.found.iter().flat_map(|found| &found.quantities));
     let is_judged = all().any(|quantity| quantity.limit.is_some());
     let is_shown = |quantity: &JudgedQuantity| {
         if is_judged {
@@ -52,7 +79,12 @@ pub(crate) fn verdicts_text(rows: &[Row]) -> String {
     for row in rows {
         let name = std::path::Path::new(&row.file);
         let name = name.file_name().unwrap_or_default().display().to_string();
-        let Ok((quantities, decision)) = &row.found else {
+        let Ok(Judgement {
+            quantities,
+            decision,
+            ..
+        }) = &row.found
+        else {
             shown.add_row([name, "REFUSED".to_owned()]);
             continue;
         };
@@ -119,12 +151,12 @@ pub(crate) fn quantities_text(quantities: &[JudgedQuantity], with_names: bool) -
 }
 
 /// The decision in a sentence.
-pub(crate) fn decision_text(decision: Option<Decision>, quantities: &[JudgedQuantity]) -> String {
-    let Some(decision) = decision else {
+pub(crate) fn decision_text(judgement: &Judgement) -> String {
+    let Some(decision) = judgement.decision else {
         return String::new();
     };
     let of = |verdict: Verdict| {
-        let named = quantities.iter().filter(|q| q.verdict == Some(verdict));
+        let named = (judgement.quantities.iter()).filter(|q| q.verdict == Some(verdict));
         let mut symbols: Vec<&str> = named.map(|q| q.symbol).collect();
         // Two standards may have one symbol.
         let mut seen = std::collections::HashSet::new();

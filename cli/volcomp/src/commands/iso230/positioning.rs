@@ -7,15 +7,15 @@ use serde::{Serialize, Serializer};
 use serde_json::{Map, Value, json};
 use volcomp_document::quoted;
 use volcomp_metrology::{
-    Approach, Decision, DeviationUnit, Direction, Edition, Iso230Part2, JudgedQuantity,
-    Measurement, MotionKind, ODD_ABOVE, OutlierHint, PositioningUncertainty, Quantity,
-    StandardQuantity, TargetRow, Tolerance, Vdi3441, asme_b5_54, axis_kind, axis_named,
-    errors_named, evaluate, judged, material_compensation, odd_size, positioning_uncertainty,
-    read_file, shortfalls, vdi_3441,
+    Approach, DeviationUnit, Direction, Edition, Iso230Part2, JudgedQuantity, Measurement,
+    MotionKind, ODD_ABOVE, OutlierHint, PositioningUncertainty, Quantity, StandardQuantity,
+    TargetRow, Tolerance, Vdi3441, asme_b5_54, axis_kind, axis_named, errors_named, evaluate,
+    judged, material_compensation, odd_size, positioning_uncertainty, read_file, shortfalls,
+    vdi_3441,
 };
 use volcomp_vocabulary::{AxisKind, AxisName};
 
-use super::judged::{decision_text, quantities_text, tolerances};
+use super::judged::{Judgement, decision_text, quantities_text, tolerances};
 use super::{Arguments, Standard};
 use crate::{
     commands::{
@@ -47,18 +47,12 @@ pub(crate) struct PositioningTest {
     file: Option<String>,
     /// The edition of ISO 230-2.
     edition: u16,
-    /// The quantities of every requested standard, with uncertainty and tolerance.
-    quantities: Vec<JudgedQuantity>,
     /// The measurement uncertainty; null where none of its contributions is stated.
     uncertainty: Option<PositioningUncertainty>,
     /// How the file states that the readings were brought to 20 °C; null where a file of its kind cannot.
     material_compensation: Option<String>,
-    /// The decision over all tolerances; null without any.
-    decision: Option<Decision>,
-    /// Whether every quantity with a tolerance passes; null without tolerances.
-    pass: Option<bool>,
-    /// Notes in words on the file and its readings.
-    notes: Vec<String>,
+    #[serde(flatten)]
+    judgement: Judgement,
 }
 
 /// The values of ISO 230-2 by symbol. A key ends in the unit, so that no angle is under a key of lengths.
@@ -169,7 +163,7 @@ fn one(
             "VDI/DGQ 3441 is not evaluated: it needs both directions and at least two runs in each";
         notes.push(note.to_owned());
     }
-    let decision = Decision::over(&quantities);
+    let judgement = Judgement::new(quantities, notes);
     // Angles do not grow with the material.
     let is_laser = measurement.quantity == Some(Quantity::Positioning);
     let compensation = is_laser.then(|| material_compensation(&measurement.environment));
@@ -178,7 +172,7 @@ fn one(
         unit,
         edition,
         arguments.standard,
-        &quantities,
+        &judgement.quantities,
         !among_others,
     ) + &uncertainty
         .as_ref()
@@ -186,7 +180,7 @@ fn one(
         + &compensation.as_ref().map_or_else(String::new, |said| {
             format!("\n{}", folded(&format!("material compensation {said}"), ""))
         })
-        + &decision_text(decision, &quantities);
+        + &decision_text(&judgement);
     let document = PositioningTest {
         unit,
         symbols: Symbols(unit, edition.quantities(&result)),
@@ -194,19 +188,15 @@ fn one(
         hints: result.outlier_hints,
         file: among_others.then(|| path.display().to_string()),
         edition: edition.year(),
-        quantities: quantities.clone(),
         uncertainty,
         material_compensation: compensation,
-        decision,
-        pass: decision.map(|d| d.pass),
-        notes: notes.clone(),
+        judgement: judgement.clone(),
     };
     Ok(Evaluated {
         document,
         text,
-        notes,
         metadata: measurement.metadata,
-        found: (quantities, decision),
+        judgement,
     })
 }
 

@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use volcomp_metrology::{Decision, JudgedQuantity};
+use volcomp_metrology::JudgedQuantity;
 
+use super::judged::Judgement;
 use crate::{failure::Failure, output::OutputFile};
 
 /// What one file came to.
@@ -11,7 +12,7 @@ pub(crate) struct Row {
     /// The file as it was named in the call.
     pub(crate) file: String,
     /// Its quantities, or why it is refused.
-    pub(crate) found: Result<(Vec<JudgedQuantity>, Option<Decision>), String>,
+    pub(crate) found: Result<Judgement, String>,
 }
 
 /// An output that must be none of the files that are read.
@@ -28,26 +29,29 @@ pub(crate) fn write(mut output: OutputFile, rows: &[Row]) -> Result<(), Failure>
     let mut heads: Vec<String> = Vec::new();
     for quantity in rows
         .iter()
-        .flat_map(|row| row.found.iter().flat_map(|f| &f.0))
+        .flat_map(|row| row.found.iter().flat_map(|found| &found.quantities))
     {
         let head = head(quantity);
         if !heads.contains(&head) {
             heads.push(head);
         }
     }
-    let mut text = String::new();
+    let mut table = csv::Writer::from_writer(Vec::new());
     let mut line = |cells: Vec<String>| {
-        let cells: Vec<String> = cells.iter().map(|cell| quoted(cell)).collect();
-        text += &cells.join(",");
-        text.push('\n');
+        let written = table.write_record(&cells);
+        written.map_err(|error| Failure::Work(format!("the table: {error}")))
     };
     let names = ["file".to_owned(), "unit".to_owned()].into_iter();
     let last = ["verdict".to_owned(), "error".to_owned()];
-    line(names.chain(heads.iter().cloned()).chain(last).collect());
+    line(names.chain(heads.iter().cloned()).chain(last).collect())?;
     for row in rows {
         let mut cells = vec![row.file.clone()];
         match &row.found {
-            Ok((quantities, decision)) => {
+            Ok(Judgement {
+                quantities,
+                decision,
+                ..
+            }) => {
                 cells.push(quantities.first().map_or("", |q| q.unit.key()).to_owned());
                 for name in &heads {
                     let value = quantities.iter().find(|q| head(q) == *name);
@@ -62,9 +66,10 @@ pub(crate) fn write(mut output: OutputFile, rows: &[Row]) -> Result<(), Failure>
                 cells.push(error.clone());
             }
         }
-        line(cells);
+        line(cells)?;
     }
-    output.append(text.as_bytes())?;
+    let bytes = table.into_inner();
+    output.append(&bytes.map_err(|error| Failure::Work(format!("the table: {error}")))?)?;
     output.finish()
 }
 
@@ -74,14 +79,5 @@ fn head(quantity: &JudgedQuantity) -> String {
         format!("ASME_{}", quantity.symbol)
     } else {
         quantity.symbol.to_owned()
-    }
-}
-
-/// A cell, in quotes where it holds what would end it.
-fn quoted(cell: &str) -> String {
-    if cell.contains(['"', ',', ';', '\n', '\r', '\t']) {
-        format!("\"{}\"", cell.replace('"', "\"\""))
-    } else {
-        cell.to_owned()
     }
 }

@@ -1,0 +1,342 @@
+//! Whether thermal terms are worth having: by what they leave in the parts of the tests that they have not seen.
+
+use std::ops::Range;
+
+use super::{
+    fit_thermal,
+    fitted::ThermalSegment,
+    found::ThermalTerms,
+    options::ThermalOptions,
+    runs::ThermalRun,
+    search::{ThermalSearch, left_out_runs, search_thermal, search_thermal_rows},
+};
+use crate::{FitError, fit::rms};
+
+/// The rows of a single run that are predicted are judged in this number of stretches.
+const STRETCHES: usize = 10;
+/// A root mean square error that is larger or smaller by this share is no visible difference.
+const NO_DIFFERENCE: f64 = 0.1;
+
+/// How well a fit predicts rows that it was not found from, in the unit of the displacement.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct ThermalPrediction {
+    /// Root mean square error of the prediction. Of terms with few numbers it includes what the temperatures may have done between rows.
+    pub rms: f64,
+    /// The stretch with the largest error, of ten of equally many rows; of a single run only.
+    #[cfg_attr(feature = "serde", serde(rename = "worst_segment"))]
+    pub worst: Option<ThermalSegment>,
+    /// The mean square error in each part: a run, or a stretch of the rows that are predicted. NaN where a gap leaves out all rows.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub parts: Vec<f64>,
+    /// Root mean square error by which penalty, time constants and sensors were chosen.
+    pub forward_rms: f64,
+    /// Ridge penalties of the models that are averaged.
+    pub penalties: Vec<f64>,
+    /// Time constants of the drift terms, s.
+    pub lags_s: Vec<f64>,
+    /// The sensors with a weight, by their places.
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub sensors: Vec<usize>,
+}
+
+/// The terms of a displacement, and how well terms of the same kind predict what they were not found from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct JudgedThermal {
+    /// Without time constants.
+    pub plain: ThermalPrediction,
+    /// Every sensor with the mean of many choices of time constants; of a single run without positions only.
+    pub dense: Option<ThermalPrediction>,
+    /// Few terms with time constants.
+    pub few: ThermalPrediction,
+    /// Root mean square of the displacement itself where it is predicted.
+    pub none_rms: f64,
+    /// Its mean square in each part.
+    pub none_of_parts: Vec<f64>,
+    /// Few terms, found from everything.
+    pub terms: ThermalTerms,
+    /// Root mean square error in each run that was left out; empty for a single run.
+    pub left_out: Vec<f64>,
+}
+
+/// Whether terms are worth having.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ThermalVerdict {
+    /// They predict better than no terms, and no worse than those without time constants.
+    Good,
+    /// They predict no better than no terms at all.
+    NoBetterThanNone,
+    /// They predict worse than regression without time constants.
+    WorseThanPlain,
+}
+
+/// Rows that are too far apart for the time constants of the terms.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CoarseRows {
+    /// The run with the largest effect, by its place.
+    pub run: usize,
+    /// Its usual interval from row to row, s.
+    pub interval_s: f64,
+    /// The shortest time constant of the terms that is not 0, s.
+    pub shortest_lag_s: f64,
+    /// What the temperatures between the rows add to the error of the prediction.
+    pub adds_rms: f64,
+    /// An interval at which this is not visible, s.
+    pub enough_s: f64,
+}
+
+/// Judges terms from a single run: those of its first `train` rows predict the others.
+///
+/// # Errors
+/// Those of [`search_thermal`] and [`fit_thermal`].
+pub fn judge_thermal_rows(
+    run: &ThermalRun,
+    train: usize,
+    search: &ThermalSearch,
+) -> Result<JudgedThermal, FitError> {
+    let rows = run.record.len();
+    let by_time = |search: &ThermalSearch| {
+        let terms = search_thermal_rows(run, 0..train, search)?;
+        Ok::<_, FitError>(ThermalPrediction::by_time(&terms, run, train))
+    };
+    // Everything at every position at once is no business of the regressions on one record.
+    let regression = |options: ThermalOptions| {
+        let fit = fit_thermal(&run.record, 0..train, &options)?;
+        let (rms, worst) = fit.residual(&run.record, train..rows);
+        Ok::<_, FitError>(ThermalPrediction {
+            rms,
+            worst,
+            parts: mean_squares(train..rows, |rows| fit.residual(&run.record, rows).0),
+            forward_rms: fit.forward_rms,
+            penalties: fit.choices.iter().map(|choice| choice.penalty).collect(),
+            lags_s: fit.terms.iter().map(|term| term.lag_s).collect(),
+            sensors: fit.sensors(),
+        })
+    };
+    let stands = run.position_mm.is_empty();
+    let none = |rows: Range<usize>| rms_from_mean(&run.record.displacement, train, rows);
+    Ok(JudgedThermal {
+        plain: if stands {
+            regression(ThermalOptions::plain())?
+        } else {
+            by_time(&without_lags(search))?
+        },
+        dense: (stands.then(|| regression(ThermalOptions::default()))).transpose()?,
+        few: by_time(search)?,
+        none_rms: none(train..rows),
+        none_of_parts: mean_squares(train..rows, none),
+        terms: search_thermal(std::slice::from_ref(run), search)?,
+        left_out: Vec::new(),
+    })
+}
+
+/// Judges terms from several runs: each is predicted by terms from the others.
+///
+/// # Errors
+/// Those of [`search_thermal`] and [`left_out_runs`].
+pub fn judge_thermal_runs(
+    runs: &[ThermalRun],
+    search: &ThermalSearch,
+) -> Result<JudgedThermal, FitError> {
+    let terms = search_thermal(runs, search)?;
+    let mut left_out = left_out_runs(runs, search)?;
+    for (left, run) in left_out.iter_mut().zip(runs) {
+        *left = left.hypot(terms.rms_between_rows(run));
+    }
+    let without_lags = without_lags(search);
+    let plain = search_thermal(runs, &without_lags)?;
+    let plain_left_out = left_out_runs(runs, &without_lags)?;
+    let none: Vec<f64> = runs.iter().map(ThermalRun::rms_from_start).collect();
+    Ok(JudgedThermal {
+        plain: ThermalPrediction::by_runs(&plain, runs, &plain_left_out),
+        dense: None,
+        few: ThermalPrediction::by_runs(&terms, runs, &left_out),
+        none_rms: mean_of_runs(runs, &none),
+        none_of_parts: none.iter().map(|rms| rms * rms).collect(),
+        terms,
+        left_out,
+    })
+}
+
+impl JudgedThermal {
+    /// The verdict: a difference counts where it is larger than its standard error over the parts, and large enough to be seen.
+    pub fn verdict(&self) -> ThermalVerdict {
+        verdict(&self.few.parts, &self.plain.parts, &self.none_of_parts)
+    }
+
+    /// By how much the mean square error without terms is larger, and the standard error of that over the parts.
+    pub fn gain(&self) -> (f64, f64) {
+        difference(&self.none_of_parts, &self.few.parts)
+    }
+
+    /// By how much the mean square error without time constants is smaller, and the standard error of that over the parts.
+    pub fn loss(&self) -> (f64, f64) {
+        difference(&self.few.parts, &self.plain.parts)
+    }
+
+    /// Rows so far apart that what the temperatures may have done between them makes the error of the prediction larger by a tenth.
+    pub fn coarse_rows(&self, runs: &[ThermalRun]) -> Option<CoarseRows> {
+        let lags = self.terms.lags_s();
+        let shortest_lag_s = lags.into_iter().find(|lag| *lag > 0.0)?;
+        let of = |run: &ThermalRun| self.terms.rms_between_rows(run);
+        let adds_rms = rms(runs.iter().map(of));
+        // The root mean square error of the rows alone.
+        let rows = (self.few.rms.powi(2) - adds_rms.powi(2)).max(0.0).sqrt();
+        let unseen = ((1.0 + NO_DIFFERENCE).powi(2) - 1.0).sqrt() * rows;
+        if adds_rms <= unseen {
+            return None;
+        }
+        let runs = runs.iter().enumerate();
+        let (run, largest) = runs.max_by(|a, b| of(a.1).total_cmp(&of(b.1)))?;
+        let interval_s = largest.record.usual_interval_s();
+        Some(CoarseRows {
+            run,
+            interval_s,
+            shortest_lag_s,
+            adds_rms,
+            // What a temperature is off a straight line grows with the square of the interval.
+            enough_s: rounded_down(interval_s * (unseen / adds_rms).sqrt()),
+        })
+    }
+}
+
+impl ThermalPrediction {
+    fn new(terms: &ThermalTerms, rms: f64, worst: Option<ThermalSegment>, parts: Vec<f64>) -> Self {
+        let squares: f64 = terms.validated.iter().map(|rms| rms * rms).sum();
+        Self {
+            rms,
+            worst,
+            parts,
+            forward_rms: (squares / terms.validated.len().max(1) as f64).sqrt(),
+            penalties: vec![terms.penalty],
+            lags_s: terms.lags_s(),
+            sensors: terms.sensors(),
+        }
+    }
+
+    /// By the rows from `train` on, and what the temperatures may have done between rows.
+    fn by_time(terms: &ThermalTerms, run: &ThermalRun, train: usize) -> Self {
+        let between = terms.rms_between_rows(run);
+        let left = |rows: Range<usize>| {
+            let (rms, worst) = terms.residual(run, rows);
+            (rms.hypot(between), worst)
+        };
+        let (rms, mut worst) = left(train..run.record.len());
+        if let Some(worst) = &mut worst {
+            worst.rms = worst.rms.hypot(between);
+        }
+        let parts = mean_squares(train..run.record.len(), |rows| left(rows).0);
+        Self::new(terms, rms, worst, parts)
+    }
+
+    /// By whole runs that were left out; each counts by its rows.
+    fn by_runs(terms: &ThermalTerms, runs: &[ThermalRun], left_out: &[f64]) -> Self {
+        let parts = left_out.iter().map(|rms| rms * rms).collect();
+        Self::new(terms, mean_of_runs(runs, left_out), None, parts)
+    }
+}
+
+fn without_lags(search: &ThermalSearch) -> ThermalSearch {
+    ThermalSearch {
+        lags_s: vec![0.0],
+        ..search.clone()
+    }
+}
+
+/// The root mean square over all rows of runs of which each has its own.
+fn mean_of_runs(runs: &[ThermalRun], rms: &[f64]) -> f64 {
+    let rows = runs.iter().map(|run| run.record.len() as f64);
+    let squares = rms.iter().zip(rows.clone()).map(|(rms, n)| rms * rms * n);
+    (squares.sum::<f64>() / rows.sum::<f64>().max(1.0)).sqrt()
+}
+
+/// The mean square in each of some equal stretches of rows: NaN where a gap leaves out all of them.
+fn mean_squares(rows: Range<usize>, rms: impl Fn(Range<usize>) -> f64) -> Vec<f64> {
+    let at = |part: usize| rows.start + rows.len() * part / STRETCHES;
+    let of = |part: usize| rms(at(part)..at(part + 1)).powi(2);
+    (0..STRETCHES)
+        .filter(|part| at(*part) < at(part + 1))
+        .map(of)
+        .collect()
+}
+
+/// Root mean square over some rows of what is off where the mean of the rows before `train` is predicted.
+fn rms_from_mean(of: &[f64], train: usize, rows: Range<usize>) -> f64 {
+    let before = of.get(..train).unwrap_or_default();
+    let mean = before.iter().sum::<f64>() / before.len() as f64;
+    let rows = of.get(rows).unwrap_or_default();
+    rms(rows.iter().map(|d| d - mean))
+}
+
+/// The mean of the differences of two lists, part by part, and its standard error. Parts without a number in one of them, of
+/// which a gap left out every row, are passed over; where none has one, neither has the mean.
+fn difference(these: &[f64], those: &[f64]) -> (f64, f64) {
+    let of = these.iter().zip(those).map(|(a, b)| a - b);
+    let of: Vec<f64> = of.filter(|difference| !difference.is_nan()).collect();
+    let count = of.len() as f64;
+    if of.is_empty() && !these.is_empty() {
+        return (f64::NAN, f64::NAN);
+    }
+    let mean = of.iter().sum::<f64>() / count.max(1.0);
+    let squares: f64 = of.iter().map(|d| (d - mean).powi(2)).sum();
+    (
+        mean,
+        (squares / (count - 1.0).max(1.0) / count.max(1.0)).sqrt(),
+    )
+}
+
+/// The difference of mean squares that is not seen beside these.
+fn unseen(squares: &[f64]) -> f64 {
+    let known = || squares.iter().filter(|square| !square.is_nan());
+    let mean = known().sum::<f64>() / known().count().max(1) as f64;
+    ((1.0 + NO_DIFFERENCE).powi(2) - 1.0) * mean
+}
+
+fn verdict(few: &[f64], plain: &[f64], none: &[f64]) -> ThermalVerdict {
+    let (gain, scatter) = difference(none, few);
+    // Also where there is nothing to compare, or a number is none.
+    if gain.is_nan() || gain <= scatter.max(unseen(none)) {
+        return ThermalVerdict::NoBetterThanNone;
+    }
+    let (loss, scatter) = difference(few, plain);
+    if loss > scatter.max(unseen(plain)) {
+        return ThermalVerdict::WorseThanPlain;
+    }
+    ThermalVerdict::Good
+}
+
+/// The next lower of 1, 2 and 5 and their tens, hundreds and so on, s: at least 1.
+fn rounded_down(seconds: f64) -> f64 {
+    let ten = 10_f64.powf(seconds.max(1.0).log10().floor());
+    let steps = [5.0, 2.0].into_iter().map(|step| step * ten);
+    steps
+        .into_iter()
+        .find(|step| *step <= seconds)
+        .unwrap_or(ten)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{ThermalVerdict as Verdict, verdict};
+
+    #[test]
+    fn what_cannot_be_told_apart_is_no_reason() {
+        let none = [900.0, 800.0, 950.0, 1000.0];
+        let plain = [0.048, 0.05, 0.047, 0.049];
+        for (few, expected) in [
+            // 0.23 against 0.22.
+            (&[0.052, 0.055, 0.05, 0.053][..], Verdict::Good),
+            (&[0.1; 4], Verdict::WorseThanPlain),
+            // Worse in one part of four only.
+            (&[0.04, 0.04, 0.04, 0.1], Verdict::Good),
+            (&none, Verdict::NoBetterThanNone),
+            (&[f64::NAN; 4], Verdict::NoBetterThanNone),
+            // A stretch of which a gap left out every row.
+            (&[0.052, f64::NAN, 0.05, 0.053], Verdict::Good),
+        ] {
+            assert_eq!(verdict(few, &plain, &none), expected, "{few:?}");
+        }
+        assert_eq!(verdict(&[], &[], &[]), Verdict::NoBetterThanNone);
+    }
+}

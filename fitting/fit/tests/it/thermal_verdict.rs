@@ -1,0 +1,61 @@
+//! Whether thermal terms are worth having, on many drawn tests.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use volcomp_fit::{
+    ThermalRecord, ThermalRun, ThermalSearch, ThermalVerdict, judge_thermal_rows,
+    judge_thermal_runs,
+};
+
+/// Four tests with this number of rows, one a minute: the temperature of the spindle goes up and down by 10 K, the displacement is this many µm/K of it
+/// and noise of 0.2 µm.
+fn tests(rows: u32, seed: u64, um_per_k: f64) -> Vec<ThermalRun> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut draw = move || random.random_range(-1.0..1.0_f64);
+    let test = |_| {
+        let (phase, speed, other) = (3.0 * draw(), 1.5 + 0.5 * draw(), 3.0 * draw());
+        let mut record = ThermalRecord {
+            degc: vec![Vec::new(); 2],
+            ..ThermalRecord::default()
+        };
+        for row in 0..rows {
+            let hours = f64::from(row) / 60.0;
+            let mut noise = |size: f64| size * (0..12).map(|_| 0.5 * draw()).sum::<f64>();
+            let spindle = 25.0 + 10.0 * (speed * hours + phase).sin();
+            record.time_s.push(f64::from(60 * row));
+            record.degc[0].push(spindle);
+            record.degc[1].push(21.0 + 0.8 * (0.7 * hours + other).sin() + noise(0.02));
+            record.displacement.push(um_per_k * spindle + noise(0.2));
+        }
+        ThermalRun::from(record)
+    };
+    (0..4).map(test).collect()
+}
+
+/// 3 µm/K, no lag: terms with lags predict as well as those without, and must never be refused for noise. Where temperatures move
+/// nothing, terms are good by chance only.
+#[test]
+fn good_terms_are_taken_and_worthless_ones_are_not() {
+    let search = ThermalSearch::default();
+    let count = |um_per_k: f64| {
+        let is_good = |seed: &u64| {
+            let judged = judge_thermal_runs(&tests(180, *seed, um_per_k), &search).unwrap();
+            judged.verdict() == ThermalVerdict::Good
+        };
+        (0..40).filter(is_good).count()
+    };
+    assert_eq!(count(3.0), 40);
+    let by_chance = count(0.0);
+    assert!(by_chance <= 2, "{by_chance} of 40");
+}
+
+/// Of a single test the first rows predict the others.
+#[test]
+fn a_single_test_is_judged_by_its_last_rows() {
+    let run = tests(360, 1, 3.0).remove(0);
+    let judged = judge_thermal_rows(&run, 240, &ThermalSearch::default()).unwrap();
+    assert_eq!(judged.verdict(), ThermalVerdict::Good);
+    assert!(judged.left_out.is_empty() && judged.few.parts.len() == 10);
+    assert!(judged.few.rms < 1.0 && judged.none_rms > 5.0, "{judged:?}");
+    assert!(judged.gain().0 > judged.gain().1);
+}
