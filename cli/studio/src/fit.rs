@@ -24,6 +24,8 @@ pub struct FitResult {
     pub machine: String,
     /// The verdict on the tolerances.
     pub verdict: Verdict,
+    /// Each figure with its tolerance, in words.
+    pub checks: Vec<String>,
     /// The largest volumetric error over poses of all axes after best-fit rigid-body alignment, µm; `None` of a machine without
     /// two linear axes.
     pub position_um: Option<f64>,
@@ -103,6 +105,7 @@ impl Folder {
         Ok(FitResult {
             machine: machine.checksum(),
             verdict: Verdict::of(&report, &limits),
+            checks: report.checks.iter().map(|of| self.relative(of)).collect(),
             position_um: size.map(|size| size.form_max_um),
             worst_at: size.map(volcomp_report::Size::place),
             curves: report.curves.len(),

@@ -272,6 +272,7 @@ async function fit() {
   const verdict = element("verdict");
   verdict.dataset.verdict = fitted.verdict;
   verdict.textContent = `${VERDICTS[fitted.verdict]} ${fitted.curves} curves` + (fitted.position_um === null ? "." : `; the tool tip errs by up to ${fitted.position_um.toFixed(1)} µm after best-fit alignment, at ${fitted.worst_at}.`);
+  list("checks", fitted.checks);
   list("warnings", fitted.warnings);
   element("report").src = `report.html?${fitted.machine.slice(-12)}${Date.now()}`;
   show(await ask("api/state"));

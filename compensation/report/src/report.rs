@@ -156,6 +156,27 @@ pub struct Check {
     pub outcome: Verdict,
 }
 
+/// A line such as `V of the measured errors alone: 3.13 ± 0.40 µm, allowed 5.00 µm: pass`.
+impl core::fmt::Display for Check {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let unit = &self.unit;
+        f.write_str(&self.symbol)?;
+        if self.of != CheckOf::Symbol {
+            write!(f, " of {}", self.of)?;
+        }
+        match (self.value, self.uncertainty) {
+            (None, _) => f.write_str(": ")?,
+            (Some(value), None) => write!(f, ": {value:.2} {unit}, ")?,
+            (Some(value), Some(u)) => write!(f, ": {value:.2} ± {u:.2} {unit}, ")?,
+        }
+        write!(f, "allowed {:.2} {unit}: {}", self.limit, self.outcome)?;
+        if self.value.is_some() && self.uncertainty.is_none() {
+            f.write_str(" (no uncertainty given)")?;
+        }
+        Ok(())
+    }
+}
+
 /// What a warning is about, the gravest first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

@@ -504,32 +504,9 @@ fn answer(
             .map(|after| largest(&after.found)),
     };
     let mut text = format!("{words}\n");
-    for check in &document.checks {
-        let of = if check.of.is_empty() {
-            String::new()
-        } else {
-            format!(" of {}", check.of)
-        };
-        let found = match (check.value, check.uncertainty) {
-            (None, _) => String::new(),
-            (Some(value), None) => format!("{} {}, ", fixed(value, 2), check.unit),
-            (Some(value), Some(u)) => {
-                format!("{} ± {} {}, ", fixed(value, 2), fixed(u, 2), check.unit)
-            }
-        };
-        // Writing to a String cannot fail, here and below.
-        let _ = writeln!(
-            text,
-            "  {}{of}: {found}allowed {} {}: {}{}",
-            check.symbol,
-            fixed(check.limit, 2),
-            check.unit,
-            check.outcome.replace('_', " "),
-            match (check.value, check.uncertainty) {
-                (Some(_), None) => " (no uncertainty given)",
-                _ => "",
-            }
-        );
+    // Writing to a String cannot fail, here and below.
+    for check in &report.checks {
+        let _ = writeln!(text, "  {check}");
     }
     if let Some(before) = &document.before {
         let um = fixed(before.form_max_um, 2);
