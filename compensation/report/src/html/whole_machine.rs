@@ -87,15 +87,19 @@ pub(super) fn uncertainty(page: &mut Page, report: &Report) {
 
 pub(super) fn open(page: &mut Page, report: &Report) {
     let is_machine_file = report.head.files.is_empty();
-    if report.not_measured.is_empty() {
+    if is_machine_file {
         page.paragraph(
             "lead",
-            if is_machine_file {
-                "This report is of a machine file: nothing was measured here."
-            } else {
-                "Every error of the structure was measured or found."
-            },
+            "This report is of a machine file: nothing was measured here.",
         );
+    }
+    if report.not_measured.is_empty() {
+        if !is_machine_file {
+            page.paragraph(
+                "lead",
+                "Every error of the structure was measured or found.",
+            );
+        }
         return;
     }
     page.paragraph("", "An error that nothing measured is taken as the machine file has it, or as 0. The model then does not contain it, a compensation cannot remove it, and neither the volumetric error nor its uncertainty above counts it.");
