@@ -32,9 +32,12 @@ fn a_wall_clock_that_jumps_changes_nothing_but_the_dates() {
     for jump in ["-10d", "+3650d", "+0"] {
         let before = program.state()["cycle"]["count"].as_u64().expect("a count");
         std::fs::write(&stamp, jump).expect("writable");
-        let went_on = program.wait(|state| state["cycle"]["count"].as_u64() > Some(before + 100));
-        let state = went_on.expect("it goes on");
-        assert_eq!(state["state"], "compensating", "{jump}");
+        // On a busy computer it holds for a moment, whatever the clock does.
+        let went_on = program.wait(|state| {
+            state["cycle"]["count"].as_u64() > Some(before + 100)
+                && state["state"] == "compensating"
+        });
+        went_on.unwrap_or_else(|state| panic!("{jump}: {state}"));
         // Dates in the log jump, its order does not.
         assert_eq!(program.post("/api/disarm", "").status, 200);
         program.wait_for("disarmed");

@@ -585,8 +585,15 @@ fn rows_that_keep_to_a_small_part_of_the_travel_are_noted() {
     }
     lab.write("t.csv", &many);
     lab.write("u.csv", "X,Y,x,y,z\n2,2,2.01,2,0\n9,9,8.99,9,0\n");
+    let of = |file: &str| {
+        format!(
+            "[[observation]]\nkind = \"points\"\nfile = \"{file}\"\nframe = [0, 0, 0, 0, 0, 0]\nuncertainty_um = 1\n"
+        )
+    };
     let two = format!(
-        "{observed}uncertainty_um = 1\n[[observation]]\nkind = \"points\"\nfile = \"u.csv\"\nuncertainty_um = 1\n"
+        "folds = 0\nunknown = [\"EC0Y\"]\n{}{}",
+        of("t.csv"),
+        of("u.csv")
     );
     let found = lab.identify(&two).expect("found");
     assert!(found.variance < 9.0, "{}", found.variance);

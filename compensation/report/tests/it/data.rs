@@ -400,7 +400,7 @@ fn a_grid_is_judged_over_both_axes() {
 #[test]
 fn the_uncertainty_counts_the_longest_tool() {
     let machine = |tools: &str, slope: f64| {
-        let errors = format!("[errors]\nEAX = {{ poly = [{slope}] }}\n");
+        let errors = format!("[errors]\nEAX = {{ poly = [{slope:?}] }}\n");
         let text = format!("{}{tools}{errors}", crate::MACHINE);
         volcomp_model::Machine::parse(&text, "machine.toml").expect("a machine")
     };
@@ -411,8 +411,8 @@ fn the_uncertainty_counts_the_longest_tool() {
         let found = volcomp_report::uncertainty(&machine(tools, 0.0), &ensemble, (2, 1));
         found.expect("evaluated").expect("three axes").max_um
     };
-    let long = drawn_with("[tool]\nlength = 1000\n");
-    let both = drawn_with("[tool]\nlength = 50\n[tools.LONG]\nlength = 1000\n");
+    let long = drawn_with("[tool]\ngauge = [0, 0, 0]\nlength = 1000\n");
+    let both = drawn_with("[tool]\ngauge = [0, 0, 0]\nlength = 50\n[tools.LONG]\nlength = 1000\n");
     assert!((long - both).abs() < 1e-3 && both > 1.0, "{long} {both}");
 }
 
