@@ -44,7 +44,10 @@ fn one_file_becomes_a_machine_file_by_its_defaults() {
     let fitted = folder.fit("EXX=100,V=100").expect("fitted");
     assert_eq!((fitted.curves, fitted.verdict), (1, Verdict::Pass));
     let of_v = &fitted.checks[1];
-    assert!(of_v.starts_with("V of the measured errors alone: "), "{of_v}");
+    assert!(
+        of_v.starts_with("V of the measured errors alone: "),
+        "{of_v}"
+    );
     assert_eq!(folder.fit("EXX=1").expect("fitted").verdict, Verdict::Fail);
     assert_eq!(folder.fit("").expect("fitted").verdict, Verdict::None);
     let machine = Machine::read(dir.path().join("result/machine.toml")).expect("valid");
