@@ -426,8 +426,8 @@ pub struct Volume {
     pub has_thermal: bool,
     /// Whether curves of the machine of the last state cover a part of the travel only.
     pub is_partly_measured: bool,
-    /// Whether the measurements do not bear out an error of the machine whose errors the last state has.
-    pub is_undecided: bool,
+    /// The errors of the machine whose errors the last state has that the measurements do not bear out.
+    pub undecided: Vec<String>,
     /// Whether the machine of the last state states any error.
     pub knows_errors: bool,
     /// Planes through the middle of the working space.

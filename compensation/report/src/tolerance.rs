@@ -189,7 +189,7 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
                 || found.is_some() && !report.not_measured.is_empty();
             let of = if value.is_some() && volume.is_some_and(|volume| volume.has_thermal) {
                 CheckOf::AtReference
-            } else if value.is_some() && volume.is_some_and(|volume| volume.is_undecided) {
+            } else if value.is_some() && volume.is_some_and(|volume| !volume.undecided.is_empty()) {
                 CheckOf::NotBorneOut
             } else if value.is_some() && is_partly {
                 CheckOf::MeasuredAlone
@@ -201,30 +201,30 @@ pub fn checks(report: &Report, tolerances: &[Tolerance]) -> Vec<Check> {
             check(of, value.map(|last| last.found.form_max_um), u, "µm");
         } else if let Ok(error) = symbol.parse::<ErrorName>() {
             let (value, u) = of_error(report, symbol);
-            let is_part = report.partly_measured.iter().any(|of| of == symbol);
-            // The range of mean readings is that of the readings, whatever the curve does.
-            let mut curves = report.curves.iter();
-            let is_of_readings = curves.any(|of| of.error == symbol && !of.lines.is_empty());
-            // The squareness of two axes may stand on either of them.
-            let is_it = |of: &ErrorName| {
-                *of == error
-                    || error.location
-                        && of.location
-                        && pair_of(error).is_some()
-                        && pair_of(*of) == pair_of(error)
-            };
-            let mut undecided = report.undecided.iter().filter_map(|of| of.parse().ok());
-            let of = if !is_of_readings && undecided.any(|of| is_it(&of)) {
-                CheckOf::NotBorneOut
-            } else if is_part {
-                CheckOf::Part
-            } else {
-                CheckOf::Symbol
-            };
+            let of = of_error_on(report, error);
             check(of, value, u, error.component.symbol());
         }
     }
     all
+}
+
+/// What the size of an error is of.
+fn of_error_on(report: &Report, error: ErrorName) -> CheckOf {
+    let name = error.to_string();
+    // The range of mean readings is that of the readings, whatever the curve does.
+    let mut curves = report.curves.iter();
+    let is_of_readings = curves.any(|of| of.error == name && !of.lines.is_empty());
+    // The squareness of two axes may stand on either of them.
+    let pair = pair_of(error).filter(|_| error.location);
+    let is_it = |of: ErrorName| of == error || of.location && pair.is_some() && pair_of(of) == pair;
+    let mut undecided = report.undecided.iter().filter_map(|of| of.parse().ok());
+    if !is_of_readings && undecided.any(is_it) {
+        CheckOf::NotBorneOut
+    } else if report.partly_measured.contains(&name) {
+        CheckOf::Part
+    } else {
+        CheckOf::Symbol
+    }
 }
 
 /// The size of an error, and its expanded uncertainty (k = 2) where what it is made of is stated.

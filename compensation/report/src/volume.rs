@@ -77,7 +77,9 @@ pub fn volume(
         }),
         has_thermal: !machine.thermal().sensors().is_empty(),
         is_partly_measured: !judged.partly_measured().is_empty(),
-        is_undecided: !judged.provenance().undecided.is_empty(),
+        undecided: (judged.provenance().undecided.iter())
+            .map(ToString::to_string)
+            .collect(),
         knows_errors: judged.states_errors(),
         slices: slices(
             machine,
@@ -249,7 +251,7 @@ pub fn uncertainty(
                 .as_ref()
                 .is_none_or(|(before, _)| error.norm() > *before)
             {
-                most = Some((error.norm(), pose.clone()));
+                most = Some((error.norm(), pose));
             }
         }
     }
