@@ -35,6 +35,9 @@ pub(crate) const SETUP: &str = "setup.toml";
 const ANSWERS: &str = "answers.json";
 /// The folder of what is computed.
 pub(crate) const RESULT: &str = "result";
+/// Tables for controls, and programs.
+pub(crate) const TABLES: &str = "result/tables";
+pub(crate) const PROGRAMS: &str = "result/nc";
 /// The hashes of what the result was computed from.
 pub(crate) const INPUTS: &str = "result/.inputs.sha256";
 
@@ -373,6 +376,17 @@ impl Folder {
             .and_then(|()| fs::write(&part, bytes))
             .and_then(|()| fs::rename(&part, &path));
         written.map_err(StudioError::disk(name))
+    }
+
+    /// Removes the tables and programs of the result before: beside another machine file they would be taken for its own.
+    pub(crate) fn forget_outputs(&self) -> Result<(), StudioError> {
+        for name in [TABLES, PROGRAMS] {
+            let path = self.at(name);
+            if path.is_dir() {
+                fs::remove_dir_all(&path).map_err(StudioError::disk(name))?;
+            }
+        }
+        Ok(())
     }
 
     /// The files below `result/`, by their names from the folder on.

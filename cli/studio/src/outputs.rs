@@ -13,7 +13,7 @@ use volcomp_vocabulary::{AxisName, CorrectionLimit};
 
 use crate::{
     error::StudioError,
-    folder::{Folder, RESULT, SETUP, name_of_upload},
+    folder::{Folder, PROGRAMS, SETUP, TABLES, name_of_upload},
 };
 
 /// Which tables are written.
@@ -118,13 +118,8 @@ impl Folder {
         let written = write(format, &content, &write_options)?;
         let lost = loss(&machine, &none, &options, format, &write_options)?;
         let mut files = Vec::new();
-        // A table of an axis that has no error any more would stay beside the others.
-        let own = self.at(&format!("{RESULT}/tables/{format}"));
-        if own.exists() {
-            std::fs::remove_dir_all(&own).map_err(StudioError::disk(own.display()))?;
-        }
         for file in &written.files {
-            let name = format!("{RESULT}/tables/{format}/{}", file.name);
+            let name = format!("{TABLES}/{format}/{}", file.name);
             self.write(&name, file.text.as_bytes())?;
             files.push(name);
         }
@@ -185,7 +180,7 @@ impl Folder {
         let mut output = Vec::new();
         let mut input = BufReader::new(program);
         let summary = compensate(&mut input, &mut output, job, |_| Ok(())).map_err(wrong)?;
-        let file = format!("{RESULT}/nc/{name}");
+        let file = format!("{PROGRAMS}/{name}");
         self.write(&file, &output)?;
         let counts = &summary.counts;
         let notes = summary.notes.by_line().into_iter();

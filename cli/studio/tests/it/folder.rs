@@ -364,4 +364,8 @@ fn tables_and_programs_hold_the_correction() {
     );
     // What was written before is no measurement.
     assert_eq!(folder.state().expect("readable").files.len(), 1);
+    // Tables and programs are those of the result, and of none before.
+    folder.fit("").expect("fitted");
+    let left = folder.state().expect("readable").results;
+    assert_eq!(left, ["result/machine.toml", "result/report.html"]);
 }
