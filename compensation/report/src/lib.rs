@@ -26,5 +26,5 @@ pub use stated::Stated;
 pub use tolerance::{VOLUME, checks, refuse_two_units, tolerances};
 pub use volcomp_fit::BandSource;
 pub use volcomp_metrology::{Edition, Tolerance, Verdict};
-pub use volume::{ErrorAt, uncertainty, volume};
-pub use working_space::{body_diagonals, tools};
+pub use volume::{ErrorAt, tools, uncertainty, volume};
+pub use working_space::body_diagonals;

@@ -8,7 +8,6 @@ use volcomp_model::{
 use volcomp_vocabulary::{AxisName, Displacement};
 
 use crate::report::{Drawn, OfState, Size, Slice, Standing, State, Vector, Volume};
-use crate::working_space::tools;
 
 /// Nodes along an axis of a plane that is drawn.
 const CELLS: usize = 25;
@@ -212,6 +211,21 @@ fn slices(
         });
     }
     Ok(found)
+}
+
+/// The machine with each tool for which the volumetric error is evaluated, by name: the one that it has, of which the pictures are, then
+/// both ends of the range of tools.
+///
+/// # Errors
+/// A range of tools that the machine file does not state.
+pub fn tools(machine: &Machine) -> Result<Vec<(&str, Machine)>, ModelError> {
+    let mut tools = vec![("", Machine::clone(machine))];
+    for name in machine.tool_range()? {
+        let mut with_tool = Machine::clone(machine);
+        with_tool.select_tool(name)?;
+        tools.push((name, with_tool));
+    }
+    Ok(tools)
 }
 
 /// The standard uncertainty of the position error over poses of all axes and the tools at both ends of their range, from Monte Carlo samples; `None` for a machine

@@ -10,7 +10,7 @@ use volcomp_vocabulary::AxisName;
 
 use crate::{
     report::{Diagonal, Diagonals, OfState, Report, State, Warning, WarningKind},
-    volume::volume,
+    volume::{tools, volume},
 };
 
 impl Report {
@@ -82,21 +82,6 @@ impl Report {
         });
         Some(text)
     }
-}
-
-/// The machine with each tool for which the volumetric error is evaluated, by name: the one that it has, of which the pictures are, then
-/// both ends of the range of tools.
-///
-/// # Errors
-/// A range of tools that the machine file does not state.
-pub fn tools(machine: &Machine) -> Result<Vec<(&str, Machine)>, ModelError> {
-    let mut tools = vec![("", Machine::clone(machine))];
-    for name in machine.tool_range()? {
-        let mut with_tool = Machine::clone(machine);
-        with_tool.select_tool(name)?;
-        tools.push((name, with_tool));
-    }
-    Ok(tools)
 }
 
 /// The body diagonals of a machine with the errors of `actual`, other axes at `others` (mm or deg), where `command` gives the
