@@ -45,7 +45,8 @@ pub(crate) fn posts() -> impl Strategy<Value = Post> {
     let made = (
         prop_oneof![5 => Just(5_u16), 1 => 0_u16..8],
         prop_oneof![8 => 0_u16..3, 1 => any::<u16>()],
-        prop_oneof![8 => Just(1_u16), 1 => any::<u16>()],
+        // Half of all numbers ahead is neither newer nor older.
+        prop_oneof![8 => Just(1_u16), 1 => any::<u16>(), 1 => 0x7FFF_u16..=0x8001],
         prop::bool::weighted(0.05),
         [value.clone(), value],
         prop::option::weighted(0.1, (0..8_usize, 1_u16..)),
