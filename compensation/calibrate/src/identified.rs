@@ -5,7 +5,7 @@
 use volcomp_identify::{
     Follower, Identification, Observations, Parameter, identify_followed, machine_with,
 };
-use volcomp_model::{Machine, ModelError};
+use volcomp_model::Machine;
 use volcomp_vocabulary::ErrorName;
 
 use crate::{
@@ -137,9 +137,8 @@ pub(crate) fn settled(
         };
         // A value that is wrong makes rows look wrong that are not: it comes first.
         let contradicted = contradicted_values(&lines)?;
-        let mut provenance = found.machine.provenance().clone();
-        provenance.leave_undecided(contradicted.iter().map(|(error, _)| *error));
-        (found.machine.set_provenance(provenance)).map_err(ModelError::from)?;
+        let errors = contradicted.iter().map(|(error, _)| *error);
+        found.machine.leave_undecided(errors);
         let notes = contradicted.into_iter().map(|(_, note)| note);
         found.warnings.splice(0..0, notes);
         lines.add_to(&mut found, &stages)?;

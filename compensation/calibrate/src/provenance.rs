@@ -26,11 +26,13 @@ pub(crate) fn with_provenance(
     stages: &Stages,
 ) -> Result<Machine, CalibrateError> {
     let mut machine = stages.machine.clone();
-    let mut found = machine.provenance().clone();
     let not_followed = stages.curves.iter().filter(|curve| !curve.follows());
-    found.leave_undecided(not_followed.map(|curve| curve.error));
-    found.leave_undecided(stages.contradictions.iter().map(|(error, _)| *error));
-    found.leave_undecided(stages.undecided.iter().copied());
+    machine.leave_undecided(
+        (not_followed.map(|curve| curve.error))
+            .chain(stages.contradictions.iter().map(|(error, _)| *error))
+            .chain(stages.undecided.iter().copied()),
+    );
+    let mut found = machine.provenance().clone();
     let mut origins = of_curves(file, stages);
     for square in &file.squareness {
         origins.push(of_square(file, square)?);

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use volcomp_document::Note;
 use volcomp_kinematics::nalgebra::DMatrix;
-use volcomp_model::{Machine, ModelError};
+use volcomp_model::Machine;
 use volcomp_vocabulary::ErrorName;
 
 use crate::{
@@ -248,10 +248,7 @@ fn followed(
         null,
         warnings,
     };
-    let mut provenance = found.machine.provenance().clone();
-    provenance.leave_undecided(found.undecided());
-    let set = found.machine.set_provenance(provenance);
-    set.map_err(ModelError::from)?;
+    found.machine.leave_undecided(found.undecided());
     let response = Response::new(&system, observations, followers, &fitted);
     Ok((found, response))
 }

@@ -407,6 +407,11 @@ impl Machine {
         Ok(())
     }
 
+    /// Adds errors that the measurements do not bear out to the provenance.
+    pub fn leave_undecided(&mut self, errors: impl IntoIterator<Item = ErrorName>) {
+        self.provenance.leave_undecided(errors);
+    }
+
     /// Takes every error motion, location and assembly error away; thermal terms stay.
     pub fn clear_errors(&mut self) {
         self.motions.fill(Default::default());

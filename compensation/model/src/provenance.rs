@@ -95,7 +95,7 @@ impl Provenance {
     }
 
     /// Adds errors that the measurements do not bear out.
-    pub fn leave_undecided(&mut self, errors: impl IntoIterator<Item = ErrorName>) {
+    pub(crate) fn leave_undecided(&mut self, errors: impl IntoIterator<Item = ErrorName>) {
         self.undecided.extend(errors);
         self.undecided.sort_unstable();
         self.undecided.dedup();

@@ -1,5 +1,7 @@
 //! Reports of what calibrating, identifying and reading a machine file gave.
 
+use std::collections::BTreeSet;
+
 use volcomp_calibrate::{Calibration, CalibrationFile, Line, SquarenessSource, not_stated};
 use volcomp_identify::{Identification, Observations};
 use volcomp_model::Machine;
@@ -12,7 +14,7 @@ use crate::{
     report::{Contribution, Report, SourceFile, Uncertainty, Warning, WarningKind},
     squares::{other_locations, pair_of, squares},
     stated::{Stated, head},
-    warnings::{is_measured, notes, of_calibration},
+    warnings::{is_measured, of_calibration, warnings},
 };
 
 impl Report {
@@ -42,7 +44,7 @@ impl Report {
             not_measured,
             identified,
             uncertainty: stated_uncertainty(file),
-            ..Self::of_machine(source, machine, stated)
+            ..Self::of_statements(source, machine, stated)
         };
         report.head = head(
             source,
@@ -87,15 +89,11 @@ impl Report {
         let mut report = Self {
             squareness: squares(&found.machine, square, |_| None),
             identified: Some(identified),
-            ..Self::of_machine(source, &found.machine, stated)
+            ..Self::of_statements(source, &found.machine, stated)
         };
-        let of_errors = not_measured.iter().map(|text| Warning {
-            kind: WarningKind::NotMeasured,
-            text: text.clone(),
-        });
-        report.warnings = of_errors
-            .chain(notes(&observations.notes))
-            .chain(notes(&found.warnings))
+        report.warnings = warnings(WarningKind::NotMeasured, &not_measured)
+            .chain(warnings(WarningKind::Note, &observations.notes))
+            .chain(warnings(WarningKind::Note, &found.warnings))
             .collect();
         report.warnings.dedup();
         report.not_measured = not_measured;
@@ -105,14 +103,30 @@ impl Report {
 
     /// The report of a machine as its file states it: nothing in it was measured here.
     pub fn of_machine(source: &str, machine: &Machine, stated: &Stated) -> Self {
-        let mut report = Self {
+        let mut report = Self::of_statements(source, machine, stated);
+        if report.knows_errors() {
+            report.not_measured = not_stated(machine);
+            let of_errors = warnings(WarningKind::NotMeasured, &report.not_measured);
+            report.warnings.extend(of_errors);
+        } else {
+            report.warnings.push(Warning {
+                kind: WarningKind::NotMeasured,
+                text: "no error of this machine is known: every figure is that of a machine without errors".to_owned(),
+            });
+        }
+        report
+    }
+
+    /// What a machine file states, without what it does not.
+    fn of_statements(source: &str, machine: &Machine, stated: &Stated) -> Self {
+        Self {
             head: head(source, machine, &std::iter::empty(), stated),
             checks: Vec::new(),
-            warnings: (notes(&machine.notes()))
-                .chain(machine.provenance().note().map(|text| Warning {
-                    kind: WarningKind::NotMeasured,
-                    text,
-                }))
+            warnings: warnings(WarningKind::Note, &machine.notes())
+                .chain(warnings(
+                    WarningKind::NotMeasured,
+                    machine.provenance().note().as_slice(),
+                ))
                 .collect(),
             curves: stated_curves(machine),
             positioning: Vec::new(),
@@ -130,21 +144,7 @@ impl Report {
                 .collect(),
             identified: None,
             version: env!("CARGO_PKG_VERSION").to_owned(),
-        };
-        if report.knows_errors() {
-            report.not_measured = not_stated(machine);
-            let of_errors = report.not_measured.iter().map(|text| Warning {
-                kind: WarningKind::NotMeasured,
-                text: text.clone(),
-            });
-            report.warnings.extend(of_errors);
-        } else {
-            report.warnings.push(Warning {
-                kind: WarningKind::NotMeasured,
-                text: "no error of this machine is known: every figure is that of a machine without errors".to_owned(),
-            });
         }
-        report
     }
 
     /// Whether it has any error.
@@ -182,15 +182,12 @@ fn of_square(file: &CalibrationFile, machine: &Machine, error: ErrorName) -> Opt
 
 /// Notes on the errors that were read in one direction of motion alone.
 fn one_direction(file: &CalibrationFile) -> Option<String> {
-    let both = |line: &Line| Direction::BOTH.iter().all(|of| line.readings.has(*of));
-    let errors = file.measurements.iter().map(|line| line.setup.error);
-    let mut names: Vec<ErrorName> = errors.collect();
-    names.sort_unstable();
-    names.dedup();
-    names.retain(|error| {
-        let mut lines = file.measurements.iter();
-        !lines.any(|line| line.setup.error == *error && both(line))
-    });
+    let both = |line: &&Line| Direction::BOTH.iter().all(|of| line.readings.has(*of));
+    let errors = |lines: &[&Line]| -> BTreeSet<ErrorName> {
+        lines.iter().map(|line| line.setup.error).collect()
+    };
+    let (both, one): (Vec<&Line>, Vec<&Line>) = file.measurements.iter().partition(both);
+    let names = &errors(&one) - &errors(&both);
     let names: Vec<String> = names.iter().map(ErrorName::to_string).collect();
     (!names.is_empty()).then(|| {
         format!(

@@ -5,8 +5,10 @@ use volcomp_metrology::{
 };
 use volcomp_vocabulary::{AxisName, ErrorName};
 
-use crate::report::{Check, CheckOf, Curve, Positioning, Report, Square, State};
-use crate::squares::pair_of;
+use crate::{
+    report::{Check, CheckOf, Curve, Positioning, Report, Square, State},
+    squares::pair_of,
+};
 
 /// The largest error of the tool tip over poses of all axes, after best-fit rigid-body alignment of the workpiece.
 pub const VOLUME: &str = "V";

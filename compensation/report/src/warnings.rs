@@ -91,10 +91,13 @@ pub(crate) fn of_calibration(
     all
 }
 
-/// Warnings that are notes of another part.
-pub(crate) fn notes<T: ToString>(texts: &[T]) -> impl Iterator<Item = Warning> {
-    texts.iter().map(|text| Warning {
-        kind: WarningKind::Note,
+/// Texts of another part as warnings of a kind.
+pub(crate) fn warnings<T: ToString>(
+    kind: WarningKind,
+    texts: &[T],
+) -> impl Iterator<Item = Warning> {
+    texts.iter().map(move |text| Warning {
+        kind,
         text: text.to_string(),
     })
 }

@@ -2,6 +2,7 @@
 
 use volcomp_curve::Curve;
 
+use crate::fit::rms;
 use crate::readings::{self, Target};
 use crate::{Fit, Noise};
 
@@ -100,11 +101,6 @@ impl Band {
         }
         furthest
     }
-}
-
-fn rms(values: impl ExactSizeIterator<Item = f64>) -> f64 {
-    let count = values.len().max(1) as f64;
-    (values.map(|value| value * value).sum::<f64>() / count).sqrt()
 }
 
 /// The highest less the lowest mean reading beside the straight line of least squares.
