@@ -19,6 +19,7 @@ mod map;
 mod odd;
 mod places;
 mod provenance;
+mod range;
 mod rigid;
 mod seen;
 #[cfg(feature = "serde")]
@@ -45,6 +46,7 @@ pub use map::MapGrid;
 pub use provenance::{
     Origin, Provenance, ProvenanceRefusal, Source, hexadecimal, is_date, sha256_of,
 };
+pub use range::ErrorRange;
 pub use rigid::{Lengths, RigidMotion, RigidSums};
 pub use seen::Seen;
 pub use source::MachineErrors;

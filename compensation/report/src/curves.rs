@@ -134,6 +134,7 @@ fn is_on(from: [f64; 3], to: [f64; 3], at: [f64; 3]) -> bool {
 /// The curve alone.
 fn bare(machine: &Machine, error: ErrorName) -> Option<Curve> {
     let axis = machine.axis(error.axis)?;
+    let range = machine.range_of(error)?;
     let stated = machine.error(error)?;
     let directions: &[Option<Direction>] = match stated {
         volcomp_model::curve::ErrorCurve::Single(_) => &[None],
@@ -159,36 +160,11 @@ fn bare(machine: &Machine, error: ErrorName) -> Option<Curve> {
         x_unit: error.axis.kind().coordinate_unit().to_owned(),
         unit: error.component.symbol().to_owned(),
         travel: axis.travel,
-        over_second_axis: over_second_axis(machine, error),
+        range: [range.smallest, range.largest],
+        has_other_axes: range.at.iter().any(|(axis, _)| *axis != error.axis),
         branches: branches.collect(),
         lines: Vec::new(),
     })
-}
-
-/// The range of an error that depends on a second axis; `None` of every other one.
-fn over_second_axis(machine: &Machine, error: ErrorName) -> Option<[f64; 2]> {
-    let axes = machine.axes();
-    let stated = machine.error(error)?;
-    let own = machine.index_of(error.axis).ok()?;
-    let mut looked_at = stated.fields().flat_map(|field| field.domains(own));
-    let (second, _) = looked_at.find(|(axis, _)| *axis != own)?;
-    let at = |axis: usize, place: usize| {
-        let [low, high] = axes[axis].travel;
-        low + (high - low) * place as f64 / (POINTS - 1) as f64
-    };
-    let mut range = [f64::INFINITY, f64::NEG_INFINITY];
-    let mut coordinates = vec![0.0; axes.len()];
-    for first in 0..POINTS {
-        coordinates[own] = at(own, first);
-        for other in 0..POINTS {
-            coordinates[second] = at(second, other);
-            for direction in Direction::BOTH {
-                let value = stated.value(own, &coordinates, Some(direction));
-                range = [range[0].min(value), range[1].max(value)];
-            }
-        }
-    }
-    Some(range)
 }
 
 /// An error of a machine over the coordinate of its axis, all other axes at 0.

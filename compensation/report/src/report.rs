@@ -221,8 +221,10 @@ pub struct Curve {
     pub lines: Vec<CurveLine>,
     /// One curve for both directions, or one for each.
     pub branches: Vec<Branch>,
-    /// The smallest and the largest value where the curve depends on a second axis, over both travels.
-    pub over_second_axis: Option<[f64; 2]>,
+    /// The smallest and the largest value of the curve over the travels of all axes that it depends on.
+    pub range: [f64; 2],
+    /// Whether it depends on other axes than its own.
+    pub has_other_axes: bool,
 }
 
 /// One measured line as its curve follows it.

@@ -236,7 +236,8 @@ fn of_error(report: &Report, name: &str) -> (Option<f64>, Option<f64>) {
         return (None, None);
     }
     if let Some(curve) = report.curves.iter().find(|curve| curve.error == name) {
-        if let Some([low, high]) = curve.over_second_axis {
+        if curve.has_other_axes || curve.lines.is_empty() {
+            let [low, high] = curve.range;
             return (Some(high - low), None);
         }
         return match extremes(curve) {
@@ -267,26 +268,21 @@ fn of_error(report: &Report, name: &str) -> (Option<f64>, Option<f64>) {
     (value, u.filter(|_| value.is_some()).map(|u| 2.0 * u))
 }
 
-/// The smallest and the largest mean reading, or where there are none value of the curve, each with its place; `None` of so few targets that no
-/// two readings can differ, once the line of a straightness is taken out.
+/// The smallest and the largest mean reading, each with its place; `None` of so few targets that no two readings can differ, once the line of a
+/// straightness is taken out.
 fn extremes(curve: &Curve) -> Option<[(f64, f64); 2]> {
     let means = curve
         .lines
         .iter()
         .flat_map(|line| line.means.iter().flatten());
-    let mut points: Vec<(f64, f64)> = means.copied().collect();
-    if points.is_empty() {
-        let of_curve = curve.branches.iter().flat_map(|branch| &branch.points);
-        points = of_curve.copied().collect();
-    } else {
-        let mut targets: Vec<f64> = points.iter().map(|(x, _)| *x).collect();
-        targets.sort_unstable_by(f64::total_cmp);
-        targets.dedup();
-        let error = curve.error.parse::<ErrorName>();
-        let is_straightness = error.is_ok_and(|of| MotionKind::of(of) == MotionKind::Straightness);
-        if targets.len() < 2 + usize::from(is_straightness) {
-            return None;
-        }
+    let points: Vec<(f64, f64)> = means.copied().collect();
+    let mut targets: Vec<f64> = points.iter().map(|(x, _)| *x).collect();
+    targets.sort_unstable_by(f64::total_cmp);
+    targets.dedup();
+    let error = curve.error.parse::<ErrorName>();
+    let is_straightness = error.is_ok_and(|of| MotionKind::of(of) == MotionKind::Straightness);
+    if targets.len() < 2 + usize::from(is_straightness) {
+        return None;
     }
     let by_value = |a: &&(f64, f64), b: &&(f64, f64)| a.1.total_cmp(&b.1);
     let (low, high) = (
@@ -307,7 +303,7 @@ fn stated(report: &Report, key: &str) -> Option<f64> {
 /// `None` where nothing is stated that it is made of, and of curves from readings of another kind: tilts that are summed up, other errors.
 fn of_range(report: &Report, curve: &Curve, apart: f64) -> Option<f64> {
     let direct = |line: &crate::report::CurveLine| !line.runs.is_empty();
-    if curve.lines.is_empty() || !curve.lines.iter().all(direct) {
+    if !curve.lines.iter().all(direct) {
         return None;
     }
     let name = curve.error.parse::<ErrorName>().ok()?;

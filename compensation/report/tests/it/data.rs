@@ -384,16 +384,45 @@ fn what_a_squareness_is_judged_by() {
 
 /// An error that a second axis changes is as large as it becomes over both.
 #[test]
-fn a_grid_is_judged_over_both_axes() {
-    let grid = "EZY = { grid = { axes = [\"Y\", \"Z\"], nodes = [[0, 600], [-500, 0]], values = [[0, 0], [60, 0]] } }";
-    let text = format!("{}[errors]\n{grid}\n", crate::MACHINE);
-    let machine = volcomp_model::Machine::parse(&text, "machine.toml").expect("a machine");
-    let report = Report::of_machine("machine.toml", &machine, &Stated::default());
-    let found = checks(&report, &tolerances("EZY=10").expect("one"));
-    assert_eq!(
-        (found[0].value, found[0].outcome),
-        (Some(60.0), Verdict::Fail)
-    );
+fn the_range_of_a_stated_error_is_over_all_that_it_depends_on() {
+    let grid = |axes: &str, values: &str| {
+        format!(
+            "{{ grid = {{ axes = [{axes}], nodes = [[0, 600], [-500, 0]], values = {values} }} }}"
+        )
+    };
+    let of_the_end = "[[60, 0], [60, 0]]";
+    let forward = grid("\"Y\", \"Z\"", "[[0, 0], [0, 0]]");
+    let backward = grid("\"X\", \"Z\"", of_the_end);
+    for (error, curve, range) in [
+        ("EZY", grid("\"Y\", \"Z\"", "[[0, 0], [60, 0]]"), 60.0),
+        // Neither axis of a grid has to be its own one; each direction may have a grid of its own.
+        ("EZX", grid("\"Y\", \"Z\"", of_the_end), 60.0),
+        (
+            "EZY",
+            format!("{{ forward = {forward}, backward = {backward} }}"),
+            60.0,
+        ),
+        // Between the points of a plot: a wave, and a narrow peak.
+        (
+            "EXX",
+            "{ fourier = [0, 0, 10], period = 5.0 }".to_owned(),
+            20.0,
+        ),
+        (
+            "EXX",
+            "{ table = [[0, 0], [502, 0], [502.083, 100], [503, 0], [600, 0]] }".to_owned(),
+            100.0,
+        ),
+    ] {
+        let text = format!("{}[errors]\n{error} = {curve}\n", crate::MACHINE);
+        let machine = volcomp_model::Machine::parse(&text, "machine.toml").expect("a machine");
+        let report = Report::of_machine("machine.toml", &machine, &Stated::default());
+        let tolerances = tolerances(&format!("{error}=10")).expect("one");
+        let found = &checks(&report, &tolerances)[0];
+        let value = found.value.expect("evaluated");
+        assert!((value - range).abs() < 0.01, "{curve}: {value}");
+        assert_eq!(found.outcome, Verdict::Fail, "{curve}");
+    }
 }
 
 /// What a drawn machine turns by moves the tip of a long tool further: the uncertainty is that of the longest one.
