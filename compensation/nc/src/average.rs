@@ -14,21 +14,18 @@ use volcomp_model::{
 
 use crate::{
     Job, NcError,
-    bounds::Bounds,
-    control::Control,
-    coordinates::{Axes, Frame, LETTERS},
-    correction::Corrector,
-    dialect::Dialect,
+    control::{Control, Dialect},
+    coordinates::{Axes, Frame, LETTERS, each},
+    correction::{Bounds, Corrector},
     flow::{OLine, o_line},
+    line::{NewWord, Script},
     line_ends::{end_of_added, leader_of, split_lines},
-    made::Made,
-    modal::{NUMBERED, SYSTEMS},
-    motion::{Path, half_deep},
+    modal::{NUMBERED, SYSTEMS, name_of_offset},
+    motion::{Made, Path, half_deep},
     notes::Note,
-    script::{NewWord, Script},
-    setup::{SetUp, name_of_offset},
-    verify::{WAITING, is_end, motions},
-    words::{Number, each},
+    number::Number,
+    program::{WAITING, is_end, motions},
+    setup::SetUp,
 };
 
 /// The mean correction over the places where a program cuts with one work offset in force: the ends of its lines and arcs, and

@@ -1,17 +1,14 @@
-//! Canned cycles: the hole is corrected, its depth and its plane R go along.
+//! Canned cycles: the hole is corrected, its depth and its plane R go along; and cycles that pass on as they are.
 
 use crate::{
     NcError,
-    coordinates::{Axes, LETTERS},
-    legs::{Leg, Writes},
-    line::{Line, write_comment},
+    coordinates::{Axes, LETTERS, each},
+    interpreter::Outcome,
+    line::{Line, Shape, write_comment},
     motion::{Move, Path, at_height, half_deep},
-    number::half_step,
-    parts::Part,
-    polar::polar_writes,
+    number::{Number, half_step},
     rewrite::Rewriter,
-    script::Shape,
-    words::{Number, each},
+    straight::{Leg, Part, Writes, polar_writes},
 };
 
 impl Rewriter {
@@ -34,15 +31,7 @@ impl Rewriter {
             self.tell(motion, line.number, motion.cuts())?;
             self.note_axes(motion, line);
             self.corrector.wraps(&motion.wraps);
-            if let Path::Hole {
-                bottom,
-                clearance,
-                depth,
-            } = motion.path
-            {
-                let hole = InRow { place, stays };
-                self.hole(motion, depth, [bottom, clearance], hole, line, out);
-            }
+            self.hole(motion, (place, stays), line, out);
             self.ends_part(1.0);
             self.notes_zero(line.number);
         }
@@ -95,21 +84,27 @@ impl Rewriter {
         })
     }
 
-    /// A hole of a cycle.
+    /// A hole of a cycle: its place in its row, counted from 0, and whether the line of the row stays as it is.
     pub(crate) fn hole(
         &mut self,
         motion: &Move,
-        depth: usize,
-        places: [f64; 2],
-        InRow { place, stays }: InRow,
+        (place, stays): (usize, bool),
         line: Line<'_>,
         out: &mut Vec<u8>,
     ) {
+        let Path::Hole {
+            bottom,
+            clearance,
+            depth,
+        } = motion.path
+        else {
+            return;
+        };
+        let places = [bottom, clearance];
         let frame = self.interpreter.frame.clone();
         let mut carried = frame.moved_in_program(&motion.from, &self.carried);
         let [before, end] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
         let middle = frame.to_machine(&half_deep(&end, depth, places));
-        let [_, clearance] = places;
         // It goes down from R, also where it went up to R before.
         self.corrector
             .goes(&frame.to_machine(&at_height(&end, depth, clearance)));
@@ -304,21 +299,41 @@ impl Rewriter {
     fn half_step(&self, axis: usize) -> f64 {
         half_step(self.numerals(axis, None).decimals)
     }
-}
 
-/// Which hole of a row it is, counted from 0, and whether the line of the row stays as it is.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct InRow {
-    pub(crate) place: usize,
-    pub(crate) stays: bool,
-}
-
-impl InRow {
-    /// A hole that is no part of a row.
-    pub(crate) const ALONE: Self = Self {
-        place: 0,
-        stays: true,
-    };
+    /// What cycles that pass on leave: their axes carry no correction.
+    pub(crate) fn after_cycles(
+        &mut self,
+        outcome: &Outcome,
+        line: Line<'_>,
+    ) -> Result<(), NcError> {
+        let each = self.interpreter.modal.each_motion.clone();
+        let each = each.filter(|_| outcome.motion.is_some());
+        if let (Some(cycle), Some(motion)) = (&each, &outcome.motion)
+            && matches!(motion.path, Path::Arc(_))
+        {
+            return Err(NcError::NotCompensated {
+                line: line.number,
+                what: format!("an arc behind which {} is done (MCALL)", cycle.name),
+            });
+        }
+        for cycle in each.iter().chain(&outcome.cycle) {
+            self.notes_zero(line.number);
+            let before = self.interpreter.position;
+            let frame = self.interpreter.frame.clone();
+            let mut carried = frame.moved_in_program(&before, &self.carried);
+            let moved = self.interpreter.after_cycle(cycle, line.number);
+            for (carried, moved) in carried.iter_mut().zip(moved) {
+                if moved {
+                    *carried = 0.0;
+                }
+            }
+            let at = self.interpreter.position;
+            self.corrector.goes(&at);
+            self.carried = frame.moved_in_machine(&frame.to_program(&at), &carried);
+            self.unsettles();
+        }
+        Ok(())
+    }
 }
 
 /// A hole, in the coordinates of the program, mm.

@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, fmt};
 
-use crate::setup::name_of_offset;
+use crate::modal::name_of_offset;
 
 /// Something that was met in a program.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]

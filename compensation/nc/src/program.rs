@@ -1,28 +1,28 @@
 //! A whole program, line by line: constant memory, whatever its length.
 
-use std::io::{BufRead, Read, Write};
+use std::{
+    io::{self, BufRead, Read, Write},
+    sync::mpsc::SyncSender,
+};
 
-use memchr::{memchr, memchr2};
+use memchr::memchr2;
 use volcomp_model::vocabulary::CorrectionLimit;
 
 use crate::{
     Counts, Decimals, NcError, Notes,
+    control::Dialect,
     correction::Corrector,
-    dialect::Dialect,
-    fault::Fault,
-    flow::{OLine, o_line, program_line},
-    line_ends::{Ends, goes_on, is_trailer, leader_of, length_of, lines_of, split_lines},
-    rewrite::Rewriter,
-    rounding::Strategy,
+    error::Fault,
+    flow::{Listing, OLine, load, o_line, program_line},
+    line_ends::{
+        Ends, MOST_IN_MEMORY, check_length, check_line, goes_on, is_trailer, leader_of, length_of,
+        lines_of, split_lines,
+    },
+    motion::Made,
+    rewrite::{Rewriter, Strategy},
     run::run,
     setup::SetUp,
-    subroutines::{Listing, load},
 };
-
-/// A longer line is refused.
-pub const LONGEST_LINE: usize = 1 << 20;
-/// What follows the first O-word is held in memory, so many bytes at the most.
-pub(crate) const MOST_IN_MEMORY: usize = 256 << 20;
 
 /// Bytes that are written at a time.
 const PIECE: usize = 64 << 10;
@@ -347,25 +347,32 @@ fn read_line(input: &mut impl BufRead, text: &mut Vec<u8>, number: usize) -> Res
     }
 }
 
-/// Refuses what no program has: a line of a megabyte, a zero byte.
-pub(crate) fn check_line(line: &[u8], number: usize) -> Result<(), NcError> {
-    check_length(line, number)?;
-    match memchr(0, line) {
-        Some(column) => Err(NcError::Binary {
-            line: number,
-            column: column + 1,
-            byte: 0,
-        }),
-        None => Ok(()),
-    }
+/// Motions that wait between two threads.
+pub(crate) const WAITING: usize = 1024;
+
+/// A run that was stopped since nobody listens any more.
+pub(crate) fn is_end(error: &NcError) -> bool {
+    matches!(error, NcError::Io(error) if error.kind() == io::ErrorKind::BrokenPipe)
 }
 
-fn check_length(line: &[u8], number: usize) -> Result<(), NcError> {
-    if line.len() > LONGEST_LINE {
-        return Err(NcError::LongLine {
-            line: number,
-            most: LONGEST_LINE,
-        });
-    }
+/// Sends the motions of a program, one after the other.
+pub(crate) fn motions(
+    program: &mut impl BufRead,
+    ideal: &Corrector,
+    setup: &SetUp,
+    (dialect, most_blocks): (Dialect, u64),
+    to: SyncSender<Made>,
+) -> Result<(), NcError> {
+    let mut rewriter = Rewriter::new(
+        setup,
+        ideal.clone(),
+        Decimals::default(),
+        dialect,
+        CorrectionLimit::default(),
+    )?;
+    rewriter.tells = Some(to);
+    // Both programs have been read by now.
+    rewriter.interpreter.points.may_mix = true;
+    execute(program, &mut io::sink(), rewriter, most_blocks, |_| Ok(()))?;
     Ok(())
 }

@@ -8,21 +8,10 @@ use std::{
 use volcomp_model::document::{Document, InputError, Section};
 
 use crate::{
-    codes::text,
     control::{CONTROLS, Control, DecimalPoints},
     coordinates::{Axes, axis_of},
-    modal::{CentrePoint, G500, G505, Modal, NUMBERED, SYSTEMS, WORK_OFFSETS, WorkOffset},
+    modal::{CentrePoint, Modal, SYSTEMS, WorkOffset, name_of_offset},
 };
-
-/// The name of a work offset.
-pub(crate) fn name_of_offset(system: usize) -> String {
-    match WORK_OFFSETS.get(system) {
-        Some(code) => text(*code),
-        None if system == G500 => "G500".to_owned(),
-        None if system >= NUMBERED => format!("P{}", system - NUMBERED + 1),
-        None => format!("G{}", 505 + system - G505),
-    }
-}
 
 /// What a program relies on and does not say itself. Lengths are mm, angles deg; what is not given is zero.
 #[derive(Clone, Debug, PartialEq)]

@@ -7,18 +7,15 @@ use std::ops::Range;
 
 use crate::{
     block::Manner,
-    carried::Settled,
+    codes::LARGEST,
+    control::Dialect,
     coordinates::{Axes, LETTERS, axis_of},
-    dialect::Dialect,
-    given::LARGEST,
-    interpret::Interpreter,
-    legs::AxisWay,
+    interpreter::Interpreter,
+    line::{NewWord, Script},
     modal::{Code, Modal},
-    number::plain,
-    rewrite::{LONGEST, Rewriter},
-    script::{NewWord, Script},
-    values::Computed,
-    words::{Number, Written},
+    number::{Number, plain},
+    rewrite::{Computed, LONGEST, Rewriter, Settled},
+    straight::{AxisWay, Written},
 };
 
 /// A word of an axis: its value, and where that stands.
