@@ -20,8 +20,179 @@ use crate::{
     straight::{Leg, MOST_PARTS, Part, Writes, polar_writes, too_many_parts, words_of},
 };
 
+/// Errors that are straight within a part of an arc leave a deviation from its circle that is 0 at both ends and in the
+/// middle and has one bend between each two of these: it is nowhere larger than so many times what it is at the quarters.
+const BETWEEN_QUARTERS: f64 = 1.15;
+
+/// In so many equal parts a turn is looked at for axes that turn, and an arc of many turns at the most.
+const ARC_LOOKED_AT: u32 = 64;
+
+const ARC_MOST_LOOKED_AT: f64 = 4096.0;
+
+/// An axis of the plane that goes by half of this beside its turning point is taken for standing.
+const HARDLY_MM: f64 = 5e-4;
+
+/// Parts of an arc that are shorter than so many steps of its words are not split any further.
+const SHORTEST_IN_STEPS: f64 = 20.0;
+
+/// And an axis that turns does not make shorter ones.
+const SHORTEST_TURN_IN_STEPS: f64 = 100.0;
+
+/// A part of an arc that stays one arc: where it begins and ends, from 0 to 1 of the whole arc.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Stretch {
+    pub(crate) from: f64,
+    pub(crate) to: f64,
+}
+
+impl Stretch {
+    /// The angle it turns by, rad, without its sign.
+    pub(crate) fn turns(self, arc: &Arc) -> f64 {
+        (self.to - self.from) * arc.turns_by.abs()
+    }
+
+    /// Whole turns before its last one, which may be whole itself.
+    fn more_turns(self, arc: &Arc) -> f64 {
+        (self.turns(arc) / (2.0 * PI) - 1e-9).floor().max(0.0)
+    }
+
+    pub(crate) fn middle(self) -> f64 {
+        0.5 * (self.from + self.to)
+    }
+
+    /// Whether it is so near to a whole turn, or more, that no circle goes through its beginning, middle and end.
+    pub(crate) fn is_whole(self, arc: &Arc) -> bool {
+        self.turns(arc) > 1.9 * PI
+    }
+}
+
+/// What a control makes of an arc by its radius may be so many steps off in its middle, else the arc gets a centre.
+const OFF_BY_RADIUS: f64 = 1.0;
+
+/// The same by its centre, whose two words are rounded.
+const OFF_BY_CENTRE: f64 = 3.0;
+
+/// A part of an arc between the places that its words lead to.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct WrittenArc<'a> {
+    pub(crate) arc: &'a Arc,
+    /// The beginning and the end of the whole arc, in the coordinates of the program.
+    pub(crate) ends: [&'a Axes; 2],
+    pub(crate) part: Stretch,
+    /// Which part it is, where there are several.
+    pub(crate) place: Option<usize>,
+    /// The corrections with which it begins and ends, in these coordinates.
+    pub(crate) carried: [&'a Axes; 2],
+}
+
+impl WrittenArc<'_> {
+    /// Where the axes begin and end, in the plane.
+    fn commanded(&self) -> [[f64; 2]; 2] {
+        let places = [self.part.from, self.part.to]
+            .map(|share| self.arc.place(self.ends[0], self.ends[1], share));
+        std::array::from_fn(|i| shifted(self.arc, &places[i], self.carried[i]))
+    }
+}
+
+#[derive(Clone, Debug, Default)]
+pub(crate) struct CircleWords {
+    /// What the line of the program gets.
+    replaced: Vec<(u8, Option<usize>, Number)>,
+    removed: Vec<usize>,
+    /// What stands behind the coordinates of a line of its own.
+    pub(crate) others: Vec<(u8, Number)>,
+}
+
+impl CircleWords {
+    /// The numbers of the centre, which stand in a line of their own.
+    fn take_centre(&mut self, letters: [u8; 2]) -> [Option<Number>; 2] {
+        let found = letters.map(|letter| {
+            let replaced = self.replaced.iter().find(|(of, ..)| *of == letter);
+            let replaced = replaced.map(|(.., number)| *number);
+            let others = self.others.iter().find(|(of, _)| *of == letter);
+            replaced.or(others.map(|(_, number)| *number))
+        });
+        self.replaced.retain(|(of, ..)| !letters.contains(of));
+        self.others.retain(|(of, _)| !letters.contains(of));
+        found
+    }
+
+    fn has_radius(&self) -> bool {
+        let in_line = self.replaced.iter().any(|(letter, ..)| *letter == b'R');
+        in_line || self.others.iter().any(|(letter, _)| *letter == b'R')
+    }
+
+    /// Whether the radius of the line goes.
+    fn lets_radius_go(&self) -> bool {
+        !self.removed.is_empty()
+    }
+
+    fn edit(&self, edits: &mut Edits) {
+        for (letter, place, number) in &self.replaced {
+            edits.set(*letter, *place, *number);
+        }
+        edits.removed.extend(&self.removed);
+    }
+}
+
+/// An arc of less than a whole turn between two places.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Bow {
+    pub(crate) start: [f64; 2],
+    pub(crate) end: [f64; 2],
+    /// How far the middle of the arc is from that of its chord, mm.
+    sag: f64,
+    pub(crate) clockwise: bool,
+}
+
+impl Bow {
+    pub(crate) fn chord(&self) -> f64 {
+        (self.end[0] - self.start[0]).hypot(self.end[1] - self.start[1])
+    }
+
+    /// The direction from the middle of the chord to that of the arc.
+    pub(crate) fn normal(&self) -> [f64; 2] {
+        let chord = self.chord();
+        let way = [self.end[0] - self.start[0], self.end[1] - self.start[1]];
+        let side = if self.clockwise { -1.0 } else { 1.0 };
+        [side * way[1] / chord, -side * way[0] / chord]
+    }
+
+    pub(crate) fn radius(&self) -> f64 {
+        let half = 0.5 * self.chord();
+        0.5 * (half * half / self.sag + self.sag)
+    }
+
+    /// The place at a distance from the middle of the chord along the normal.
+    fn on_normal(&self, distance: f64) -> [f64; 2] {
+        let normal = self.normal();
+        std::array::from_fn(|i| 0.5 * (self.start[i] + self.end[i]) + distance * normal[i])
+    }
+
+    pub(crate) fn middle(&self) -> [f64; 2] {
+        self.on_normal(self.sag)
+    }
+
+    pub(crate) fn centre(&self) -> [f64; 2] {
+        self.on_normal(self.sag - self.radius())
+    }
+
+    /// The arc between two other places near these: of the same radius where it turns by less than a quarter, else of the same sag.
+    pub(crate) fn between(&self, start: [f64; 2], end: [f64; 2]) -> Self {
+        let mut other = Self {
+            start,
+            end,
+            ..*self
+        };
+        let (radius, half) = (self.radius(), 0.5 * other.chord());
+        if self.sag < 0.3 * radius && half < radius {
+            other.sag = half * half / (radius + (radius * radius - half * half).sqrt());
+        }
+        other
+    }
+}
+
 impl Rewriter {
-    /// An arc.
     #[expect(clippy::too_many_lines, reason = "one part after the other")]
     pub(crate) fn arc(
         &mut self,
@@ -108,10 +279,10 @@ impl Rewriter {
                 }
             }
             let Some((words, mut circle, after)) = found else {
-                return Err(NcError::NotCompensated {
-                    line: line.number,
-                    what: "an arc so small that its correction makes another arc of it, with these decimals of its words: --decimals allows more of them".to_owned(),
-                });
+                return Err(NcError::not_compensated(
+                    line.number,
+                    "an arc so small that its correction makes another arc of it, with these decimals of its words: --decimals allows more of them",
+                ));
             };
             carried = after;
             let (shape, centre) = self.shape_of_arc(keeps_polar, arc, &mut circle, line);
@@ -124,14 +295,11 @@ impl Rewriter {
             let part = Part {
                 place,
                 share: stretch.to,
-                numbers: &words,
-                words: &motion.words,
                 others: &circle.others,
                 code,
                 feed: splits.then(|| self.feed_of_part(share)).flatten(),
-                shape,
-                polar: motion.polar,
                 before: &centre,
+                ..Part::whole(motion, &words, shape)
             };
             self.write_part(&part, line, out);
             before = at;
@@ -163,7 +331,7 @@ impl Rewriter {
             if is_near(first) || is_near(second) {
                 let delta = self.corrector.at(&machine).delta;
                 let by = each(|axis| {
-                    if self.corrector.corrects(axis) {
+                    if self.corrector.corrects[axis] {
                         delta[axis]
                     } else {
                         0.0
@@ -214,16 +382,9 @@ impl Rewriter {
         let (shape, before) = self.shape_of_arc(false, arc, &mut circle, line);
         circle.edit(&mut self.edits);
         let part = Part {
-            place: 0,
-            share: 1.0,
-            numbers: &words,
-            words: &motion.words,
             others: &circle.others,
-            code: None,
-            feed: None,
-            shape,
-            polar: motion.polar,
             before: &before,
+            ..Part::whole(motion, &words, shape)
         };
         self.write_part(&part, line, out);
         self.carried = frame.moved_in_machine(to, &carried);
@@ -253,7 +414,7 @@ impl Rewriter {
             self.interpreter.notes.add(Note::NotTakenUp, line.number);
             return;
         }
-        let feed = feed.filter(|_| line.script.is_heidenhain() || meaning.lacks_feed());
+        let feed = feed.filter(|_| line.script.is_heidenhain() || meaning.feed.is_none());
         meaning.swap(&mut self.interpreter);
         let frame = self.interpreter.frame.clone();
         let from = frame.to_program(&motion.from);
@@ -411,9 +572,8 @@ impl Rewriter {
         Ok(stretches)
     }
 
-    /// Where axes turn on an arc.
     fn turns_of_arc(&self, arc: &Arc, [from, to]: [&Axes; 2]) -> Turns {
-        if !self.corrector.is_bidirectional() {
+        if !self.corrector.bidirectional {
             return Turns::default();
         }
         let frame = &self.interpreter.frame;
@@ -467,7 +627,7 @@ impl Rewriter {
     /// it belongs than the tolerance. What errors that are straight within the part leave is largest near the quarters, where it is
     /// looked at; what curves add is bounded by their derivatives.
     fn fits(&self, arc: &Arc, [from, to]: [&Axes; 2], part: Stretch) -> bool {
-        let tolerance = self.corrector.split_beyond_mm();
+        let tolerance = self.corrector.split_beyond_mm;
         let [first, second, _] = arc.axes;
         let turns = part.turns(arc);
         let is_whole = part.is_whole(arc);
@@ -853,52 +1013,6 @@ fn code_of(arc: &Arc) -> Option<Number> {
     Number::nearest(if arc.turns_by < 0.0 { 2.0 } else { 3.0 }, 0)
 }
 
-/// Errors that are straight within a part of an arc leave a deviation from its circle that is 0 at both ends and in the
-/// middle and has one bend between each two of these: it is nowhere larger than so many times what it is at the quarters.
-const BETWEEN_QUARTERS: f64 = 1.15;
-
-/// In so many equal parts a turn is looked at for axes that turn, and an arc of many turns at the most.
-const ARC_LOOKED_AT: u32 = 64;
-
-const ARC_MOST_LOOKED_AT: f64 = 4096.0;
-
-/// An axis of the plane that goes by half of this beside its turning point is taken for standing.
-const HARDLY_MM: f64 = 5e-4;
-
-/// Parts of an arc that are shorter than so many steps of its words are not split any further.
-const SHORTEST_IN_STEPS: f64 = 20.0;
-
-/// And an axis that turns does not make shorter ones.
-const SHORTEST_TURN_IN_STEPS: f64 = 100.0;
-
-/// A part of an arc that stays one arc: where it begins and ends, from 0 to 1 of the whole arc.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Stretch {
-    pub(crate) from: f64,
-    pub(crate) to: f64,
-}
-
-impl Stretch {
-    /// The angle it turns by, rad, without its sign.
-    pub(crate) fn turns(self, arc: &Arc) -> f64 {
-        (self.to - self.from) * arc.turns_by.abs()
-    }
-
-    /// Whole turns before its last one, which may be whole itself.
-    fn more_turns(self, arc: &Arc) -> f64 {
-        (self.turns(arc) / (2.0 * PI) - 1e-9).floor().max(0.0)
-    }
-
-    pub(crate) fn middle(self) -> f64 {
-        0.5 * (self.from + self.to)
-    }
-
-    /// Whether it is so near to a whole turn, or more, that no circle goes through its beginning, middle and end.
-    pub(crate) fn is_whole(self, arc: &Arc) -> bool {
-        self.turns(arc) > 1.9 * PI
-    }
-}
-
 /// A place in the plane of an arc.
 pub(crate) fn in_plane(arc: &Arc, at: &Axes) -> [f64; 2] {
     let [first, second, _] = arc.axes;
@@ -920,77 +1034,6 @@ pub(crate) fn programmed(arc: &Arc, [from, to]: [&Axes; 2], part: Stretch) -> Bo
         end,
         sag: sag_of(0.5 * (radius(start) + radius(end)), part.turns(arc)),
         clockwise: arc.turns_by < 0.0,
-    }
-}
-
-/// What a control makes of an arc by its radius may be so many steps off in its middle, else the arc gets a centre.
-const OFF_BY_RADIUS: f64 = 1.0;
-
-/// The same by its centre, whose two words are rounded.
-const OFF_BY_CENTRE: f64 = 3.0;
-
-/// A part of an arc between the places that its words lead to.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct WrittenArc<'a> {
-    pub(crate) arc: &'a Arc,
-    /// The beginning and the end of the whole arc, in the coordinates of the program.
-    pub(crate) ends: [&'a Axes; 2],
-    pub(crate) part: Stretch,
-    /// Which part it is, where there are several.
-    pub(crate) place: Option<usize>,
-    /// The corrections with which it begins and ends, in these coordinates.
-    pub(crate) carried: [&'a Axes; 2],
-}
-
-impl WrittenArc<'_> {
-    /// Where the axes begin and end, in the plane.
-    fn commanded(&self) -> [[f64; 2]; 2] {
-        let places = [self.part.from, self.part.to]
-            .map(|share| self.arc.place(self.ends[0], self.ends[1], share));
-        std::array::from_fn(|i| shifted(self.arc, &places[i], self.carried[i]))
-    }
-}
-
-/// The words of a circle.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct CircleWords {
-    /// What the line of the program gets.
-    replaced: Vec<(u8, Option<usize>, Number)>,
-    removed: Vec<usize>,
-    /// What stands behind the coordinates of a line of its own.
-    pub(crate) others: Vec<(u8, Number)>,
-}
-
-impl CircleWords {
-    /// The numbers of the centre, which stand in a line of their own.
-    fn take_centre(&mut self, letters: [u8; 2]) -> [Option<Number>; 2] {
-        let found = letters.map(|letter| {
-            let replaced = self.replaced.iter().find(|(of, ..)| *of == letter);
-            let replaced = replaced.map(|(.., number)| *number);
-            let others = self.others.iter().find(|(of, _)| *of == letter);
-            replaced.or(others.map(|(_, number)| *number))
-        });
-        self.replaced.retain(|(of, ..)| !letters.contains(of));
-        self.others.retain(|(of, _)| !letters.contains(of));
-        found
-    }
-
-    /// Whether it has a radius.
-    fn has_radius(&self) -> bool {
-        let in_line = self.replaced.iter().any(|(letter, ..)| *letter == b'R');
-        in_line || self.others.iter().any(|(letter, _)| *letter == b'R')
-    }
-
-    /// Whether the radius of the line goes.
-    fn lets_radius_go(&self) -> bool {
-        !self.removed.is_empty()
-    }
-
-    fn edit(&self, edits: &mut Edits) {
-        for (letter, place, number) in &self.replaced {
-            edits.set(*letter, *place, *number);
-        }
-        edits.removed.extend(&self.removed);
     }
 }
 
@@ -1029,63 +1072,6 @@ fn middle_of(start: [f64; 2], end: [f64; 2], centre: [f64; 2], clockwise: bool) 
         centre[0] + radius * angle.cos(),
         centre[1] + radius * angle.sin(),
     ]
-}
-
-/// An arc of less than a whole turn between two places.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Bow {
-    pub(crate) start: [f64; 2],
-    pub(crate) end: [f64; 2],
-    /// How far the middle of the arc is from that of its chord, mm.
-    sag: f64,
-    pub(crate) clockwise: bool,
-}
-
-impl Bow {
-    pub(crate) fn chord(&self) -> f64 {
-        (self.end[0] - self.start[0]).hypot(self.end[1] - self.start[1])
-    }
-
-    /// The direction from the middle of the chord to that of the arc.
-    pub(crate) fn normal(&self) -> [f64; 2] {
-        let chord = self.chord();
-        let way = [self.end[0] - self.start[0], self.end[1] - self.start[1]];
-        let side = if self.clockwise { -1.0 } else { 1.0 };
-        [side * way[1] / chord, -side * way[0] / chord]
-    }
-
-    pub(crate) fn radius(&self) -> f64 {
-        let half = 0.5 * self.chord();
-        0.5 * (half * half / self.sag + self.sag)
-    }
-
-    /// The place at a distance from the middle of the chord along the normal.
-    fn on_normal(&self, distance: f64) -> [f64; 2] {
-        let normal = self.normal();
-        std::array::from_fn(|i| 0.5 * (self.start[i] + self.end[i]) + distance * normal[i])
-    }
-
-    pub(crate) fn middle(&self) -> [f64; 2] {
-        self.on_normal(self.sag)
-    }
-
-    pub(crate) fn centre(&self) -> [f64; 2] {
-        self.on_normal(self.sag - self.radius())
-    }
-
-    /// The arc between two other places near these: of the same radius where it turns by less than a quarter, else of the same sag.
-    pub(crate) fn between(&self, start: [f64; 2], end: [f64; 2]) -> Self {
-        let mut other = Self {
-            start,
-            end,
-            ..*self
-        };
-        let (radius, half) = (self.radius(), 0.5 * other.chord());
-        if self.sag < 0.3 * radius && half < radius {
-            other.sag = half * half / (radius + (radius * radius - half * half).sqrt());
-        }
-        other
-    }
 }
 
 /// The sag of an arc that turns by an angle, rad.

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use crate::{
-    error::Fault,
+    error::{Fault, malformed},
     number::{Digits, plain},
     parameters::Value,
 };
@@ -55,7 +55,6 @@ pub(crate) enum Parameter {
     Named(String),
 }
 
-/// A parameter and its value.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Assignment {
     pub(crate) parameter: Parameter,
@@ -98,7 +97,28 @@ pub(crate) struct Block {
     pub(crate) end: usize,
 }
 
-/// A command of a block.
+impl Block {
+    pub(crate) fn push(
+        &mut self,
+        letter: u8,
+        at: usize,
+        text: Range<usize>,
+        value: Value,
+        manner: Manner,
+        decimals: Option<u8>,
+    ) {
+        self.words.push(Word {
+            letter,
+            at,
+            text,
+            value,
+            decimals,
+            manner,
+            in_increments: false,
+        });
+    }
+}
+
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Command {
     /// The words of its block shift the coordinates (TRANS, ATRANS), instead of what shifts and turns them or on top of that.
@@ -112,7 +132,6 @@ pub(crate) enum Command {
     },
     /// Coordinates are those of the centre point of the tool from now on, or of the axes.
     CentrePoint(bool),
-    /// One of the work offsets.
     WorkOffset(usize),
     /// CYCL DEF 247: one of the next lines has the number of the preset.
     AwaitsPreset,
@@ -124,7 +143,6 @@ pub(crate) enum Command {
     Edge(Value),
     /// The tool that was chosen is in the spindle from now on.
     ChangeTool,
-    /// Another tool, which has a name.
     NamedTool,
     /// The rest of the line moves the axes in its own way and passes on.
     Cycle(Cycle),
@@ -140,7 +158,6 @@ pub(crate) enum Command {
     Extrudes {
         relative: bool,
     },
-    /// The program ends here.
     Ends,
     /// The words of its block say the centre of arcs and of polar coordinates (CC).
     Pole,
@@ -191,6 +208,16 @@ impl<'a> Scanner<'a> {
 
     pub(crate) fn bytes(&self) -> &'a [u8] {
         self.bytes
+    }
+
+    pub(crate) fn rest(&self) -> &'a [u8] {
+        self.bytes.get(self.at..).unwrap_or_default()
+    }
+
+    /// Whether this word is next, in capital letters or small ones; no blanks are passed.
+    pub(crate) fn is_next(&self, word: &str) -> bool {
+        let next = self.rest().get(..word.len());
+        next.is_some_and(|next| next.eq_ignore_ascii_case(word.as_bytes()))
     }
 
     pub(crate) fn go_to(&mut self, at: usize) {
@@ -286,10 +313,10 @@ impl<'a> Scanner<'a> {
         }
         let rest = &self.bytes[self.at..];
         let Some(length) = rest.iter().position(|byte| *byte == b'"') else {
-            return Err(Fault::Expression {
+            return Err(malformed(
                 column,
-                what: "the text that begins here does not end with \"",
-            });
+                "the text that begins here does not end with \"",
+            ));
         };
         self.at += length + 1;
         Ok(true)
@@ -305,10 +332,10 @@ impl<'a> Scanner<'a> {
             }
             name.push(char::from(byte.to_ascii_lowercase()));
         }
-        Err(Fault::Expression {
+        Err(malformed(
             column,
-            what: "the name that begins here does not end with >",
-        })
+            "the name that begins here does not end with >",
+        ))
     }
 }
 

@@ -183,13 +183,6 @@ pub(crate) struct DecimalPoints {
     pub(crate) last_in_increments: Option<bool>,
 }
 
-impl DecimalPoints {
-    /// Whether a coordinate that the program does not have is to be written in least increments.
-    pub(crate) fn adds_increments(self) -> bool {
-        self.last_in_increments == Some(true)
-    }
-}
-
 /// Why a G code is refused that is not known, or known for other controls only.
 pub(crate) fn why_refused(code: Code, control: Option<Control>) -> Option<String> {
     if let Some(why) = control.and_then(|control| control.refuses(code)) {

@@ -17,10 +17,8 @@ use crate::NcError;
 /// A value for each axis a program can name: X Y Z A B C U V W.
 pub(crate) type Axes<T = f64> = [T; MAX_AXES];
 
-/// The letters of the axes, in their order.
 pub(crate) const LETTERS: [u8; MAX_AXES] = *b"XYZABCUVW";
 
-/// The place of the axis with this letter.
 #[inline]
 pub(crate) fn axis_of(letter: u8) -> Option<usize> {
     match letter {
@@ -31,7 +29,6 @@ pub(crate) fn axis_of(letter: u8) -> Option<usize> {
     }
 }
 
-/// The axis at a place.
 pub(crate) fn name_of(axis: usize) -> Option<AxisName> {
     let letter = LETTERS.get(axis)?;
     AxisName::from_letter(char::from(*letter))
@@ -51,7 +48,6 @@ pub(crate) struct AxisPlaces {
     count: usize,
 }
 
-/// An axis that a machine has.
 #[derive(Clone, Copy, Debug, Default)]
 struct Present {
     axis: usize,
@@ -80,7 +76,6 @@ impl AxisPlaces {
         &self.present[..self.count]
     }
 
-    /// The axes that the machine has.
     pub(crate) fn axes_of_machine(&self) -> impl Iterator<Item = usize> {
         self.present().iter().map(|present| present.axis)
     }
@@ -137,7 +132,6 @@ impl AxisPlaces {
 pub(crate) struct Frame {
     /// The work offset, and what is programmed on top of it.
     pub(crate) work: Axes,
-    /// The work offset alone.
     pub(crate) offset: Axes,
     /// The offset of G92 or G52.
     pub(crate) shift: Axes,
@@ -230,11 +224,6 @@ impl Frame {
         let at = self.to_machine(program);
         std::array::from_fn(|i| moved[i] - at[i])
     }
-
-    /// A way in the coordinates of the program as a way in those that work offsets are stated in.
-    pub(crate) fn way_of_offset(&self, way: &Axes) -> Axes {
-        turned(way, self.rotation_deg)
-    }
 }
 
 /// X and Y turned about Z.
@@ -277,7 +266,7 @@ const KEPT: usize = 4;
 /// The centre point in a frame. State: the kinematics for the last places of the rotary axes, and which of them is the last one.
 #[derive(Clone, Debug)]
 pub(crate) struct TipFrame {
-    tip: Arc<Tip>,
+    pub(crate) tip: Arc<Tip>,
     last: RefCell<([Option<Turned>; KEPT], usize)>,
 }
 
@@ -287,10 +276,6 @@ impl TipFrame {
             tip,
             last: RefCell::default(),
         }
-    }
-
-    pub(crate) fn tip(&self) -> &Tip {
-        &self.tip
     }
 
     fn with<T>(&self, axes: &Axes, take: impl FnOnce(&Turned) -> T) -> T {

@@ -51,25 +51,21 @@ impl Correction {
         }
         delta
     }
-
-    /// Whether rotary axes have a part in it.
-    pub(crate) fn is_coupled(&self) -> bool {
-        self.follow.is_some()
-    }
 }
 
 /// The correction of a machine. State: the tool in the spindle, and from which side each axis comes.
 #[derive(Clone, Debug)]
 pub struct Corrector {
-    machine: Arc<Machine>,
-    temperatures: Temperatures,
+    /// With the tool of its file.
+    pub(crate) machine: Arc<Machine>,
+    pub(crate) temperatures: Temperatures,
     /// With each tool that was in the spindle, and which of them is.
     tools: Vec<Arc<Tooled>>,
     pub(crate) tool: Arc<Tooled>,
     pub(crate) places: AxisPlaces,
     pub(crate) corrects: Axes<bool>,
     travels: Axes<[f64; 2]>,
-    only_linear: bool,
+    pub(crate) only_linear: bool,
     pub(crate) bidirectional: bool,
     pub(crate) approach: Axes<Option<Direction>>,
     pub(crate) play: Arc<Play>,
@@ -115,377 +111,11 @@ impl Seen {
     }
 }
 
-impl Corrector {
-    /// For a machine at these temperatures. Straight lines are split where the correction would be further than
-    /// `tolerance_mm` from where it belongs.
-    ///
-    /// # Errors
-    /// A machine whose curves cannot be compiled.
-    pub fn new(
-        machine: &Machine,
-        temperatures: &Temperatures,
-        tolerance_mm: f64,
-    ) -> Result<Self, NcError> {
-        let places = AxisPlaces::of(machine);
-        let tool = Tooled::new(machine, &[0.0; 9], temperatures, tolerance_mm, &places)?;
-        let correctors = tool.compiled.correctors();
-        let mut corrects = [false; MAX_AXES];
-        let mut travels = [[f64::NEG_INFINITY, f64::INFINITY]; MAX_AXES];
-        for axis in 0..MAX_AXES {
-            if let Some(place) = places.of_axis(axis) {
-                corrects[axis] =
-                    correctors.linear().contains(&place) || correctors.rotary().contains(&place);
-            }
-            if let Some(axis_of_machine) = name_of(axis).and_then(|name| machine.axis(name)) {
-                travels[axis] = axis_of_machine.travel;
-            }
-        }
-        let joints = machine.chain().joints();
-        let tool = Arc::new(tool);
-        let play = Play::of(machine, &places);
-        Ok(Self {
-            machine: Arc::new(machine.clone()),
-            temperatures: temperatures.clone(),
-            tools: vec![Arc::clone(&tool)],
-            tool,
-            only_linear: joints.iter().all(|joint| joint.kind == AxisKind::Linear),
-            bidirectional: machine
-                .errors()
-                .any(|(_, curve)| !matches!(curve, ErrorCurve::Single(_))),
-            places,
-            corrects,
-            travels,
-            approach: [None; MAX_AXES],
-            turned_after: std::array::from_fn(|axis| play.turned_after(axis)),
-            play: Arc::new(play),
-            furthest: [0.0; MAX_AXES],
-            split_beyond_mm: tolerance_mm,
-            version: 0,
-        })
-    }
-
-    /// The machine with the tool of its file.
-    pub(crate) fn machine(&self) -> &Arc<Machine> {
-        &self.machine
-    }
-
-    /// From now on the tool is in the spindle for which the control adds this offset. Whether it is another one than before.
-    pub(crate) fn take_tool(&mut self, offset: &Axes) -> Result<bool, NcError> {
-        if self.tool.offset == *offset {
-            return Ok(false);
-        }
-        self.version += 1;
-        if let Some(tool) = self.tools.iter().find(|tool| tool.offset == *offset) {
-            self.tool = Arc::clone(tool);
-            return Ok(true);
-        }
-        let (machine, temperatures) = (&self.machine, &self.temperatures);
-        let tolerance_mm = self.split_beyond_mm;
-        self.tool = Arc::new(Tooled::new(
-            machine,
-            offset,
-            temperatures,
-            tolerance_mm,
-            &self.places,
-        )?);
-        if self.tools.len() < MOST_TOOLS {
-            self.tools.push(Arc::clone(&self.tool));
-        }
-        Ok(true)
-    }
-
-    /// Whether the machine has the axis at a place, and corrects by it.
-    #[inline]
-    pub(crate) fn has(&self, axis: usize) -> bool {
-        self.places.of_axis(axis).is_some()
-    }
-
-    /// The axes that the machine has.
-    #[inline]
-    pub(crate) fn axes(&self) -> impl Iterator<Item = usize> {
-        self.places.axes_of_machine()
-    }
-
-    /// The temperatures that hold.
-    pub(crate) fn temperatures(&self) -> &Temperatures {
-        &self.temperatures
-    }
-
-    /// No axis is a rotary one.
-    pub(crate) fn is_only_linear(&self) -> bool {
-        self.only_linear
-    }
-
-    #[inline]
-    pub(crate) fn corrects(&self, axis: usize) -> bool {
-        self.corrects[axis]
-    }
-
-    pub(crate) fn is_bidirectional(&self) -> bool {
-        self.bidirectional
-    }
-
-    #[inline]
-    pub(crate) fn is_within_travel(&self, axis: usize, at: f64) -> bool {
-        let [low, high] = self.travels[axis];
-        let rounding = 1e-9 * (1.0 + at.abs());
-        (low - rounding..=high + rounding).contains(&at) || self.goes_round_to(axis, at)
-    }
-
-    /// Whether an axis stands in its travel after whole periods of its `modulo`.
-    fn goes_round_to(&self, axis: usize, at: f64) -> bool {
-        let axis = name_of(axis).and_then(|name| self.machine.axis(name));
-        axis.is_some_and(|axis| axis.modulo.is_some() && axis.may_stand_at(at))
-    }
-
-    /// How far a line may be from where it belongs before it is split, mm.
-    pub(crate) fn split_beyond_mm(&self) -> f64 {
-        self.split_beyond_mm
-    }
-
-    pub(crate) fn state(&self, at: &Axes) -> State {
-        let mut state = self.places.state(at);
-        if !self.bidirectional {
-            return state;
-        }
-        for (axis, approach) in self.approach.iter().enumerate() {
-            if let Some(place) = self.places.of_axis(axis) {
-                state.approach[place] = *approach;
-            }
-        }
-        state
-    }
-
-    /// Whether the carriage of any axis lags.
-    pub(crate) fn has_play(&self) -> bool {
-        self.play.any
-    }
-
-    /// How far the carriage of each axis lags at these coordinates from one direction to the other, mm or deg.
-    pub(crate) fn lost(&self, at: &Axes) -> Axes {
-        if !self.play.any {
-            return [0.0; MAX_AXES];
-        }
-        let machine = &self.tool.machine;
-        let coordinates = machine.curve_coordinates(&self.places.state(at));
-        let coordinates = &coordinates[..machine.axes().len()];
-        std::array::from_fn(|axis| self.play.lost(axis, coordinates))
-    }
-
-    /// The state of the model with the drives at a place and the carriages so far off them, mm or deg.
-    fn carried(&self, at: &Axes, off: &Axes) -> State {
-        if !self.play.any {
-            return self.state(at);
-        }
-        let lost = self.lost(at);
-        let (mut there, mut approach) = (*at, self.approach);
-        for axis in (0..MAX_AXES).filter(|axis| lost[*axis] > 0.0) {
-            // The flank that is nearer: its curves hold, and what is missing to it is a way of the axis.
-            let off = off[axis];
-            (approach[axis], there[axis]) = match off {
-                0.0 => (None, at[axis]),
-                _ if off < 0.0 => (Some(Direction::Positive), at[axis] + off + 0.5 * lost[axis]),
-                _ => (Some(Direction::Negative), at[axis] + off - 0.5 * lost[axis]),
-            };
-        }
-        let mut state = self.places.state(&there);
-        for (axis, approach) in approach.into_iter().enumerate() {
-            if let Some(place) = self.places.of_axis(axis) {
-                state.approach[place] = approach;
-            }
-        }
-        state
-    }
-
-    /// Travel against its direction after which an axis counts as turned, mm or deg.
-    pub(crate) fn turned_after(&self, axis: usize) -> f64 {
-        self.turned_after[axis]
-    }
-
-    /// The correction at these coordinates of the axes (mm, deg).
-    pub(crate) fn at(&self, at: &Axes) -> Correction {
-        let state = self.state(at);
-        let most_mm = NEGLECTED * self.split_beyond_mm;
-        self.tool
-            .correction(&state, &self.places, &self.temperatures, most_mm)
-    }
-
-    /// Error of the machine at the zero of a work offset, in the coordinates of that offset: the sum to add to its X, Y and Z, mm, as far as they
-    /// correct. Rotary axes are not corrected; mean of both directions of approach.
-    pub(crate) fn off_at_zero_mm(&self, of_offset: &Frame) -> [f64; 3] {
-        let Tooled {
-            compiled, machine, ..
-        } = &*self.tool;
-        let zero = of_offset.to_machine(&[0.0; MAX_AXES]);
-        let mut linear = [AxisName::X, AxisName::Y, AxisName::Z].to_vec();
-        linear.retain(|name| {
-            let place = machine.index_of(*name);
-            place.is_ok_and(|place| compiled.correctors().contains(place))
-        });
-        let linear = Correctors::choose(machine.chain(), &linear);
-        let parts = compiled.parts_of(&self.places.state(&zero), &linear);
-        let off = self.places.linear_axes(&parts.delta(), -1.0);
-        let [x, y, z, ..] = of_offset.moved_in_program(&zero, &off);
-        [x, y, z]
-    }
-
-    /// Offsets of X, Y and Z, as far as they correct, against an error of the tip in workpiece axes; and the part of the error that they correct, in
-    /// workpiece axes; mm. `None` for a machine with rotary axes, where they depend on the position.
-    pub(crate) fn offsets_against_mm(&self, error_mm: [f64; 3]) -> Option<[[f64; 3]; 2]> {
-        let slides = self.tool.slides()?;
-        let error = Evaluation {
-            position_mm: error_mm,
-            ..Evaluation::default()
-        };
-        let [x, y, z, ..] = self.places.axes(&slides.delta(&error));
-        let mut by = [0.0; MAX_AXES];
-        by[..3].copy_from_slice(&[x, y, z]);
-        let [from, to] = [&[0.0; MAX_AXES], &by].map(|at| self.ideal_tip_mm(at));
-        Some([[x, y, z], std::array::from_fn(|i| from[i] - to[i])])
-    }
-
-    /// The error of the tip at a place in the mean of both directions of approach, by the exact model; mm in workpiece axes.
-    pub(crate) fn tip_error_mm(&self, at: &Axes) -> [f64; 3] {
-        let state = self.places.state(at);
-        let machine = &self.tool.machine;
-        let error = machine.error_at(&state, Form::Exact, &self.temperatures);
-        error.position_mm.into()
-    }
-
-    /// Where the tip of the ideal machine is, mm from the workpiece origin in workpiece axes.
-    pub(crate) fn ideal_tip_mm(&self, at: &Axes) -> [f64; 3] {
-        let chain = self.tool.machine.chain();
-        chain.ideal_tip_mm(&self.places.state(at)).into()
-    }
-
-    /// Where a point of the tool is, `above_mm` above its tip along its axis, by the exact model; mm from the workpiece origin in
-    /// workpiece axes.
-    pub(crate) fn on_tool_mm(&self, at: &Axes, off: &Axes, above_mm: f64) -> [f64; 3] {
-        let chain = self.tool.machine.chain();
-        let point = chain.tool_tip_mm() + chain.tool_axis() * above_mm;
-        let source = self.tool.machine.source(&self.temperatures);
-        let pose = actual_pose(chain, &source, &self.carried(at, off));
-        (pose.transform_point(&point) - chain.workpiece_origin_mm()).into()
-    }
-
-    /// Where it is on the ideal machine.
-    pub(crate) fn ideal_on_tool_mm(&self, at: &Axes, above_mm: f64) -> [f64; 3] {
-        let chain = self.tool.machine.chain();
-        let point = chain.tool_tip_mm() + chain.tool_axis() * above_mm;
-        let pose = chain.ideal_pose(&self.places.state(at));
-        (pose.transform_point(&point) - chain.workpiece_origin_mm()).into()
-    }
-
-    /// Where the tip is with the errors, by the exact model, mm from the workpiece origin in workpiece axes.
-    pub(crate) fn actual_tip_mm(&self, at: &Axes, off: &Axes) -> [f64; 3] {
-        let (machine, temperatures) = (&self.tool.machine, &self.temperatures);
-        let state = self.carried(at, off);
-        let error = machine.error_at(&state, Form::Exact, temperatures);
-        (machine.chain().ideal_tip_mm(&state) + error.position_mm).into()
-    }
-
-    /// Whether a straight line in a frame may be written as one: `ends` are those of the axes, `in_program` those of the program.
-    #[inline]
-    pub(crate) fn is_straight_in(
-        &self,
-        frame: &Frame,
-        seen: &mut Seen,
-        [from, to]: [&Axes; 2],
-        in_program: [&Axes; 2],
-    ) -> bool {
-        let bulge_mm = self.bulge_in_frame_mm(frame, in_program[0], in_program[1]);
-        // A control that moves the centre point of the tool keeps it where it is whatever the rotary axes do.
-        let coupled_mm = if frame.tip.is_some() {
-            0.0
-        } else {
-            self.coupled_mm(seen, from, to)
-        };
-        self.is_straight(from, to, bulge_mm, coupled_mm)
-    }
-
-    /// Whether the correction on the way between two places is nowhere further than the tolerance from the straight line
-    /// between those at its ends: by the derivatives of the curves. `bulge_mm` is how far the axes may be from the straight
-    /// way, `coupled_mm` what rotary corrections add ([`coupled_mm`](Self::coupled_mm)).
-    fn is_straight(&self, from: &Axes, to: &Axes, bulge_mm: f64, coupled_mm: f64) -> bool {
-        let mut share = 0.0;
-        for axis in self.places.axes_of_machine() {
-            let way = (to[axis] - from[axis]).abs();
-            if way > 0.0 {
-                share += way / self.tool.unsplit[axis];
-            }
-        }
-        let off_mm = bulge_mm * self.tool.steepness + coupled_mm;
-        if share <= 1.0 {
-            // Within its ways the bound grows no faster than the share: where this one is met, the nearer one is.
-            let is_near = share * self.split_beyond_mm + off_mm <= SURELY * self.split_beyond_mm;
-            if is_near || bulge_mm == 0.0 && coupled_mm == 0.0 {
-                return true;
-            }
-        }
-        self.bound_mm(from, to, bulge_mm) + coupled_mm <= self.split_beyond_mm
-    }
-
-    /// A bound (mm) of the distance between the correction on the way and the straight line between those at its ends.
-    pub(crate) fn bound_mm(&self, from: &Axes, to: &Axes, bulge_mm: f64) -> f64 {
-        let [from, to] = [from, to].map(|at| self.state(at));
-        self.tool.compiled.chord_bound_mm(&from, &to) + bulge_mm * self.tool.steepness
-    }
-
-    /// A bound (mm) of what the tip is off on the way since the corrections of rotary axes change along it, while the linear axes
-    /// follow them as they have to at its two ends: the product of two changes, and the bend of the levers. Near a singular
-    /// pose the corrections of rotary axes are many times the errors.
-    fn coupled_mm(&self, seen: &mut Seen, from: &Axes, to: &Axes) -> f64 {
-        if self.tool.compiled.correctors().rotary().is_empty() {
-            return 0.0;
-        }
-        let reach_mm = self.tool.reach_mm;
-        let way_mm: f64 = (0..9)
-            .filter(|axis| !is_rotary(*axis) && self.has(*axis))
-            .map(|axis| (to[axis] - from[axis]).abs())
-            .sum();
-        let rotary = (3..6).filter(|axis| self.has(*axis));
-        let turned: f64 = rotary
-            .clone()
-            .map(|axis| (to[axis] - from[axis]).abs().to_radians())
-            .sum();
-        let [before, after] = [from, to].map(|at| seen.at(self, at).delta);
-        let (mut change, mut largest) = (0.0, 0.0);
-        for axis in rotary {
-            change += (after[axis] - before[axis]).abs().to_radians();
-            largest += before[axis].abs().max(after[axis].abs()).to_radians();
-        }
-        let lever_change = way_mm + turned * reach_mm;
-        let lever_bend = turned * (2.0 * way_mm + turned * reach_mm);
-        0.25 * lever_change * change + 0.125 * lever_bend * largest
-    }
-
-    /// How far the axes are from their straight way where a frame leads the centre point of the tool straight between two places
-    /// of the program, mm.
-    #[inline]
-    pub(crate) fn bulge_in_frame_mm(&self, frame: &Frame, from: &Axes, to: &Axes) -> f64 {
-        let Some(tip) = &frame.tip else {
-            return 0.0;
-        };
-        let turned = tip.tip().turned(from, to);
-        let way: f64 = (0..3).map(|axis| (to[axis] - from[axis]).powi(2)).sum();
-        self.bulge_mm(turned, way.sqrt())
-    }
-
-    /// How far the linear axes may be from their straight way (mm) while the centre point of the tool goes straight and the
-    /// rotary axes turn by `turned` rad: by the second derivative of a turning lever.
-    pub(crate) fn bulge_mm(&self, turned: f64, way_mm: f64) -> f64 {
-        let reach_mm = self.tool.reach_mm;
-        0.125 * turned * (turned * reach_mm + 2.0 * way_mm)
-    }
-}
-
 /// A part of the tolerance that no rounding carries over it.
 const SURELY: f64 = 1.0 - 1e-9;
 
-/// Curves are compiled to 1 nm.
 const COMPILED_TO_NM: f64 = 1.0;
 
-/// The machine with a tool in its spindle.
 #[derive(Clone, Debug)]
 pub(crate) struct Tooled {
     /// What the control adds to the coordinates for the tool.
@@ -529,11 +159,6 @@ impl Tooled {
             compiled,
             unsplit,
         })
-    }
-
-    /// `None` for a machine with rotary axes.
-    fn slides(&self) -> Option<&Slides> {
-        self.slides.as_ref()
     }
 
     /// The correction of a state: of one step or two where these neglect no more than `most_mm`, else the exact one.
@@ -672,31 +297,6 @@ impl Own {
     }
 }
 
-/// The bidirectional curves of an axis along its own direction.
-fn own(machine: &Machine, axis: usize, places: &AxisPlaces) -> Option<Own> {
-    const LINEAR: [Component; 3] = [Component::EX, Component::EY, Component::EZ];
-    const ANGULAR: [Component; 3] = [Component::EA, Component::EB, Component::EC];
-    let (name, place) = (name_of(axis)?, places.of_axis(axis)?);
-    let direction = machine.chain().joints()[place].direction;
-    let components = if is_rotary(axis) { ANGULAR } else { LINEAR };
-    let curves = components.into_iter().zip(direction.iter());
-    let curves = curves.filter_map(|(component, share)| {
-        let curve = machine.error(ErrorName::motion(component, name))?;
-        let counts = *share != 0.0 && !matches!(curve, ErrorCurve::Single(_));
-        counts.then(|| (curve.clone(), *share))
-    });
-    let curves: Vec<_> = curves.collect();
-    (!curves.is_empty()).then_some(Own {
-        place,
-        curves,
-        scale: if is_rotary(axis) {
-            1e-6_f64.to_degrees()
-        } else {
-            1e-3
-        },
-    })
-}
-
 /// Coordinates nearer to an end of travel than the largest correction can leave it.
 const NEAR_MM: f64 = LARGEST_CORRECTION.0;
 
@@ -717,11 +317,11 @@ pub(crate) struct Bounds {
 
 impl Bounds {
     pub(crate) fn new(corrector: &Corrector, limit: CorrectionLimit) -> Self {
-        let machine = corrector.machine();
+        let machine = &corrector.machine;
         let axis = |axis: usize| name_of(axis).and_then(|name| machine.axis(name));
         // Near a singular pose a small error of the tool axis turns a rotary axis far, and the linear axes follow it: what they do together
         // at the tool is bounded instead.
-        let rotary_corrects = (0..9).any(|axis| is_rotary(axis) && corrector.corrects(axis));
+        let rotary_corrects = (0..9).any(|axis| is_rotary(axis) && corrector.corrects[axis]);
         Self {
             limit: if rotary_corrects {
                 CorrectionLimit::LARGEST
@@ -784,14 +384,358 @@ impl Bounds {
         })
     }
 
-    /// What the line that has been written violates.
-    pub(crate) fn take_violation(&mut self) -> Option<BoundViolation> {
-        self.violated.take()
-    }
-
     /// Whether an axis is so near to an end of its travel that a correction within every limit may lead it out.
     pub(crate) fn is_near_end(&self, axis: usize, at: f64) -> bool {
         let near = |end: &f64| (at - end).abs() <= NEAR_MM;
         !is_rotary(axis) && self.travels[axis].iter().any(near)
     }
+}
+
+impl Corrector {
+    /// For a machine at these temperatures. Straight lines are split where the correction would be further than
+    /// `tolerance_mm` from where it belongs.
+    ///
+    /// # Errors
+    /// A machine whose curves cannot be compiled.
+    pub fn new(
+        machine: &Machine,
+        temperatures: &Temperatures,
+        tolerance_mm: f64,
+    ) -> Result<Self, NcError> {
+        let places = AxisPlaces::of(machine);
+        let tool = Tooled::new(machine, &[0.0; 9], temperatures, tolerance_mm, &places)?;
+        let correctors = tool.compiled.correctors();
+        let mut corrects = [false; MAX_AXES];
+        let mut travels = [[f64::NEG_INFINITY, f64::INFINITY]; MAX_AXES];
+        for axis in 0..MAX_AXES {
+            if let Some(place) = places.of_axis(axis) {
+                corrects[axis] =
+                    correctors.linear().contains(&place) || correctors.rotary().contains(&place);
+            }
+            if let Some(axis_of_machine) = name_of(axis).and_then(|name| machine.axis(name)) {
+                travels[axis] = axis_of_machine.travel;
+            }
+        }
+        let joints = machine.chain().joints();
+        let tool = Arc::new(tool);
+        let play = Play::of(machine, &places);
+        Ok(Self {
+            machine: Arc::new(machine.clone()),
+            temperatures: temperatures.clone(),
+            tools: vec![Arc::clone(&tool)],
+            tool,
+            only_linear: joints.iter().all(|joint| joint.kind == AxisKind::Linear),
+            bidirectional: machine
+                .errors()
+                .any(|(_, curve)| !matches!(curve, ErrorCurve::Single(_))),
+            places,
+            corrects,
+            travels,
+            approach: [None; MAX_AXES],
+            turned_after: std::array::from_fn(|axis| play.turned_after(axis)),
+            play: Arc::new(play),
+            furthest: [0.0; MAX_AXES],
+            split_beyond_mm: tolerance_mm,
+            version: 0,
+        })
+    }
+
+    /// From now on the tool is in the spindle for which the control adds this offset. Whether it is another one than before.
+    pub(crate) fn take_tool(&mut self, offset: &Axes) -> Result<bool, NcError> {
+        if self.tool.offset == *offset {
+            return Ok(false);
+        }
+        self.version += 1;
+        if let Some(tool) = self.tools.iter().find(|tool| tool.offset == *offset) {
+            self.tool = Arc::clone(tool);
+            return Ok(true);
+        }
+        let (machine, temperatures) = (&self.machine, &self.temperatures);
+        let tolerance_mm = self.split_beyond_mm;
+        self.tool = Arc::new(Tooled::new(
+            machine,
+            offset,
+            temperatures,
+            tolerance_mm,
+            &self.places,
+        )?);
+        if self.tools.len() < MOST_TOOLS {
+            self.tools.push(Arc::clone(&self.tool));
+        }
+        Ok(true)
+    }
+
+    /// Whether the machine has the axis at a place, and corrects by it.
+    #[inline]
+    pub(crate) fn has(&self, axis: usize) -> bool {
+        self.places.of_axis(axis).is_some()
+    }
+
+    #[inline]
+    pub(crate) fn axes(&self) -> impl Iterator<Item = usize> {
+        self.places.axes_of_machine()
+    }
+
+    #[inline]
+    pub(crate) fn is_within_travel(&self, axis: usize, at: f64) -> bool {
+        let [low, high] = self.travels[axis];
+        let rounding = 1e-9 * (1.0 + at.abs());
+        (low - rounding..=high + rounding).contains(&at) || self.goes_round_to(axis, at)
+    }
+
+    /// Whether an axis stands in its travel after whole periods of its `modulo`.
+    fn goes_round_to(&self, axis: usize, at: f64) -> bool {
+        let axis = name_of(axis).and_then(|name| self.machine.axis(name));
+        axis.is_some_and(|axis| axis.modulo.is_some() && axis.may_stand_at(at))
+    }
+
+    pub(crate) fn state(&self, at: &Axes) -> State {
+        let mut state = self.places.state(at);
+        if !self.bidirectional {
+            return state;
+        }
+        for (axis, approach) in self.approach.iter().enumerate() {
+            if let Some(place) = self.places.of_axis(axis) {
+                state.approach[place] = *approach;
+            }
+        }
+        state
+    }
+
+    /// How far the carriage of each axis lags at these coordinates from one direction to the other, mm or deg.
+    pub(crate) fn lost(&self, at: &Axes) -> Axes {
+        if !self.play.any {
+            return [0.0; MAX_AXES];
+        }
+        let machine = &self.tool.machine;
+        let coordinates = machine.curve_coordinates(&self.places.state(at));
+        let coordinates = &coordinates[..machine.axes().len()];
+        std::array::from_fn(|axis| self.play.lost(axis, coordinates))
+    }
+
+    /// The state of the model with the drives at a place and the carriages so far off them, mm or deg.
+    fn carried(&self, at: &Axes, off: &Axes) -> State {
+        if !self.play.any {
+            return self.state(at);
+        }
+        let lost = self.lost(at);
+        let (mut there, mut approach) = (*at, self.approach);
+        for axis in (0..MAX_AXES).filter(|axis| lost[*axis] > 0.0) {
+            // The flank that is nearer: its curves hold, and what is missing to it is a way of the axis.
+            let off = off[axis];
+            (approach[axis], there[axis]) = match off {
+                0.0 => (None, at[axis]),
+                _ if off < 0.0 => (Some(Direction::Positive), at[axis] + off + 0.5 * lost[axis]),
+                _ => (Some(Direction::Negative), at[axis] + off - 0.5 * lost[axis]),
+            };
+        }
+        let mut state = self.places.state(&there);
+        for (axis, approach) in approach.into_iter().enumerate() {
+            if let Some(place) = self.places.of_axis(axis) {
+                state.approach[place] = approach;
+            }
+        }
+        state
+    }
+
+    /// The correction at these coordinates of the axes (mm, deg).
+    pub(crate) fn at(&self, at: &Axes) -> Correction {
+        let state = self.state(at);
+        let most_mm = NEGLECTED * self.split_beyond_mm;
+        self.tool
+            .correction(&state, &self.places, &self.temperatures, most_mm)
+    }
+
+    /// Error of the machine at the zero of a work offset, in the coordinates of that offset: the sum to add to its X, Y and Z, mm, as far as they
+    /// correct. Rotary axes are not corrected; mean of both directions of approach.
+    pub(crate) fn off_at_zero_mm(&self, of_offset: &Frame) -> [f64; 3] {
+        let Tooled {
+            compiled, machine, ..
+        } = &*self.tool;
+        let zero = of_offset.to_machine(&[0.0; MAX_AXES]);
+        let mut linear = [AxisName::X, AxisName::Y, AxisName::Z].to_vec();
+        linear.retain(|name| {
+            let place = machine.index_of(*name);
+            place.is_ok_and(|place| compiled.correctors().contains(place))
+        });
+        let linear = Correctors::choose(machine.chain(), &linear);
+        let parts = compiled.parts_of(&self.places.state(&zero), &linear);
+        let off = self.places.linear_axes(&parts.delta(), -1.0);
+        let [x, y, z, ..] = of_offset.moved_in_program(&zero, &off);
+        [x, y, z]
+    }
+
+    /// Offsets of X, Y and Z, as far as they correct, against an error of the tip in workpiece axes; and the part of the error that they correct, in
+    /// workpiece axes; mm. `None` for a machine with rotary axes, where they depend on the position.
+    pub(crate) fn offsets_against_mm(&self, error_mm: [f64; 3]) -> Option<[[f64; 3]; 2]> {
+        let slides = self.tool.slides.as_ref()?;
+        let error = Evaluation {
+            position_mm: error_mm,
+            ..Evaluation::default()
+        };
+        let [x, y, z, ..] = self.places.axes(&slides.delta(&error));
+        let mut by = [0.0; MAX_AXES];
+        by[..3].copy_from_slice(&[x, y, z]);
+        let [from, to] = [&[0.0; MAX_AXES], &by].map(|at| self.ideal_tip_mm(at));
+        Some([[x, y, z], std::array::from_fn(|i| from[i] - to[i])])
+    }
+
+    /// The error of the tip at a place in the mean of both directions of approach, by the exact model; mm in workpiece axes.
+    pub(crate) fn tip_error_mm(&self, at: &Axes) -> [f64; 3] {
+        let state = self.places.state(at);
+        let machine = &self.tool.machine;
+        let error = machine.error_at(&state, Form::Exact, &self.temperatures);
+        error.position_mm.into()
+    }
+
+    /// Where the tip of the ideal machine is, mm from the workpiece origin in workpiece axes.
+    pub(crate) fn ideal_tip_mm(&self, at: &Axes) -> [f64; 3] {
+        let chain = self.tool.machine.chain();
+        chain.ideal_tip_mm(&self.places.state(at)).into()
+    }
+
+    /// Where a point of the tool is, `above_mm` above its tip along its axis, by the exact model; mm from the workpiece origin in
+    /// workpiece axes.
+    pub(crate) fn on_tool_mm(&self, at: &Axes, off: &Axes, above_mm: f64) -> [f64; 3] {
+        let chain = self.tool.machine.chain();
+        let point = chain.tool_tip_mm() + chain.tool_axis() * above_mm;
+        let source = self.tool.machine.source(&self.temperatures);
+        let pose = actual_pose(chain, &source, &self.carried(at, off));
+        (pose.transform_point(&point) - chain.workpiece_origin_mm()).into()
+    }
+
+    /// Where it is on the ideal machine.
+    pub(crate) fn ideal_on_tool_mm(&self, at: &Axes, above_mm: f64) -> [f64; 3] {
+        let chain = self.tool.machine.chain();
+        let point = chain.tool_tip_mm() + chain.tool_axis() * above_mm;
+        let pose = chain.ideal_pose(&self.places.state(at));
+        (pose.transform_point(&point) - chain.workpiece_origin_mm()).into()
+    }
+
+    /// Where the tip is with the errors, by the exact model, mm from the workpiece origin in workpiece axes.
+    pub(crate) fn actual_tip_mm(&self, at: &Axes, off: &Axes) -> [f64; 3] {
+        let (machine, temperatures) = (&self.tool.machine, &self.temperatures);
+        let state = self.carried(at, off);
+        let error = machine.error_at(&state, Form::Exact, temperatures);
+        (machine.chain().ideal_tip_mm(&state) + error.position_mm).into()
+    }
+
+    /// Whether a straight line in a frame may be written as one: `ends` are those of the axes, `in_program` those of the program.
+    #[inline]
+    pub(crate) fn is_straight_in(
+        &self,
+        frame: &Frame,
+        seen: &mut Seen,
+        [from, to]: [&Axes; 2],
+        in_program: [&Axes; 2],
+    ) -> bool {
+        let bulge_mm = self.bulge_in_frame_mm(frame, in_program[0], in_program[1]);
+        // A control that moves the centre point of the tool keeps it where it is whatever the rotary axes do.
+        let coupled_mm = if frame.tip.is_some() {
+            0.0
+        } else {
+            self.coupled_mm(seen, from, to)
+        };
+        self.is_straight(from, to, bulge_mm, coupled_mm)
+    }
+
+    /// Whether the correction on the way between two places is nowhere further than the tolerance from the straight line
+    /// between those at its ends: by the derivatives of the curves. `bulge_mm` is how far the axes may be from the straight
+    /// way, `coupled_mm` what rotary corrections add ([`coupled_mm`](Self::coupled_mm)).
+    fn is_straight(&self, from: &Axes, to: &Axes, bulge_mm: f64, coupled_mm: f64) -> bool {
+        let mut share = 0.0;
+        for axis in self.places.axes_of_machine() {
+            let way = (to[axis] - from[axis]).abs();
+            if way > 0.0 {
+                share += way / self.tool.unsplit[axis];
+            }
+        }
+        let off_mm = bulge_mm * self.tool.steepness + coupled_mm;
+        if share <= 1.0 {
+            // Within its ways the bound grows no faster than the share: where this one is met, the nearer one is.
+            let is_near = share * self.split_beyond_mm + off_mm <= SURELY * self.split_beyond_mm;
+            if is_near || bulge_mm == 0.0 && coupled_mm == 0.0 {
+                return true;
+            }
+        }
+        self.bound_mm(from, to, bulge_mm) + coupled_mm <= self.split_beyond_mm
+    }
+
+    /// A bound (mm) of the distance between the correction on the way and the straight line between those at its ends.
+    pub(crate) fn bound_mm(&self, from: &Axes, to: &Axes, bulge_mm: f64) -> f64 {
+        let [from, to] = [from, to].map(|at| self.state(at));
+        self.tool.compiled.chord_bound_mm(&from, &to) + bulge_mm * self.tool.steepness
+    }
+
+    /// A bound (mm) of what the tip is off on the way since the corrections of rotary axes change along it, while the linear axes
+    /// follow them as they have to at its two ends: the product of two changes, and the bend of the levers. Near a singular
+    /// pose the corrections of rotary axes are many times the errors.
+    fn coupled_mm(&self, seen: &mut Seen, from: &Axes, to: &Axes) -> f64 {
+        if self.tool.compiled.correctors().rotary().is_empty() {
+            return 0.0;
+        }
+        let reach_mm = self.tool.reach_mm;
+        let way_mm: f64 = (0..9)
+            .filter(|axis| !is_rotary(*axis) && self.has(*axis))
+            .map(|axis| (to[axis] - from[axis]).abs())
+            .sum();
+        let rotary = (3..6).filter(|axis| self.has(*axis));
+        let turned: f64 = rotary
+            .clone()
+            .map(|axis| (to[axis] - from[axis]).abs().to_radians())
+            .sum();
+        let [before, after] = [from, to].map(|at| seen.at(self, at).delta);
+        let (mut change, mut largest) = (0.0, 0.0);
+        for axis in rotary {
+            change += (after[axis] - before[axis]).abs().to_radians();
+            largest += before[axis].abs().max(after[axis].abs()).to_radians();
+        }
+        let lever_change = way_mm + turned * reach_mm;
+        let lever_bend = turned * (2.0 * way_mm + turned * reach_mm);
+        0.25 * lever_change * change + 0.125 * lever_bend * largest
+    }
+
+    /// How far the axes are from their straight way where a frame leads the centre point of the tool straight between two places
+    /// of the program, mm.
+    #[inline]
+    pub(crate) fn bulge_in_frame_mm(&self, frame: &Frame, from: &Axes, to: &Axes) -> f64 {
+        let Some(tip) = &frame.tip else {
+            return 0.0;
+        };
+        let turned = tip.tip.turned(from, to);
+        let way: f64 = (0..3).map(|axis| (to[axis] - from[axis]).powi(2)).sum();
+        self.bulge_mm(turned, way.sqrt())
+    }
+
+    /// How far the linear axes may be from their straight way (mm) while the centre point of the tool goes straight and the
+    /// rotary axes turn by `turned` rad: by the second derivative of a turning lever.
+    pub(crate) fn bulge_mm(&self, turned: f64, way_mm: f64) -> f64 {
+        let reach_mm = self.tool.reach_mm;
+        0.125 * turned * (turned * reach_mm + 2.0 * way_mm)
+    }
+}
+
+/// The bidirectional curves of an axis along its own direction.
+fn own(machine: &Machine, axis: usize, places: &AxisPlaces) -> Option<Own> {
+    const LINEAR: [Component; 3] = [Component::EX, Component::EY, Component::EZ];
+    const ANGULAR: [Component; 3] = [Component::EA, Component::EB, Component::EC];
+    let (name, place) = (name_of(axis)?, places.of_axis(axis)?);
+    let direction = machine.chain().joints()[place].direction;
+    let components = if is_rotary(axis) { ANGULAR } else { LINEAR };
+    let curves = components.into_iter().zip(direction.iter());
+    let curves = curves.filter_map(|(component, share)| {
+        let curve = machine.error(ErrorName::motion(component, name))?;
+        let counts = *share != 0.0 && !matches!(curve, ErrorCurve::Single(_));
+        counts.then(|| (curve.clone(), *share))
+    });
+    let curves: Vec<_> = curves.collect();
+    (!curves.is_empty()).then_some(Own {
+        place,
+        curves,
+        scale: if is_rotary(axis) {
+            1e-6_f64.to_degrees()
+        } else {
+            1e-3
+        },
+    })
 }

@@ -6,7 +6,7 @@ use std::cell::Cell;
 use crate::{
     block::Scanner,
     coordinates::Axes,
-    error::Fault,
+    error::{Fault, malformed},
     interpreter::{Interpreter, axis_of_name, axis_of_place},
     number::Digits,
     parameters::{HAS_RETURNED, MOST, RETURNED, Value},
@@ -47,7 +47,6 @@ const OPERATORS: [&[(&str, Operator)]; 5] = [
     &[("**", Operator::Power)],
 ];
 
-/// What is done with two values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Operator {
     And,
@@ -74,9 +73,7 @@ pub(crate) enum Operator {
 /// Reads values of a block; parameters have the values that they had before it.
 pub(crate) struct Expressions<'p> {
     interpreter: &'p Interpreter,
-    /// The axes whose places were read.
     reads: Cell<Axes<bool>>,
-    /// What a subroutine returned was read.
     reads_returned: Cell<bool>,
 }
 
@@ -127,10 +124,7 @@ impl<'p> Expressions<'p> {
         }
         let column = scanner.column();
         if depth > DEEPEST {
-            return Err(Fault::Expression {
-                column,
-                what: "the expression is nested too deeply",
-            });
+            return Err(malformed(column, "the expression is nested too deeply"));
         }
         match scanner.peek() {
             Some(b'[') => {
@@ -157,10 +151,10 @@ impl<'p> Expressions<'p> {
         if scanner.takes(b']') {
             return Ok(value);
         }
-        Err(Fault::Expression {
-            column: scanner.column(),
-            what: "expected an operator or ] here",
-        })
+        Err(malformed(
+            scanner.column(),
+            "expected an operator or ] here",
+        ))
     }
 
     /// Operators of one strength, from the left; between them what binds more strongly.
@@ -173,10 +167,10 @@ impl<'p> Expressions<'p> {
         let Some(operators) = OPERATORS.get(strength) else {
             let column = scanner.column();
             let value = self.value(scanner, depth)?;
-            return value.ok_or(Fault::Expression {
+            return value.ok_or(malformed(
                 column,
-                what: "expected a number, a parameter or a function here",
-            });
+                "expected a number, a parameter or a function here",
+            ));
         };
         let mut value = self.operation(scanner, strength + 1, depth)?;
         loop {
@@ -241,9 +235,11 @@ impl<'p> Expressions<'p> {
         depth: u32,
     ) -> Result<Option<u32>, Fault> {
         let column = scanner.column();
-        let wrong = || Fault::Expression {
-            column,
-            what: "expected the number of a parameter, 1 to 99999, or its name between < and >",
+        let wrong = || {
+            malformed(
+                column,
+                "expected the number of a parameter, 1 to 99999, or its name between < and >",
+            )
         };
         let Some(number) = self.value(scanner, depth)?.ok_or_else(wrong)? else {
             return Ok(None);
@@ -265,19 +261,16 @@ impl<'p> Expressions<'p> {
             return Ok(None);
         };
         if !scanner.takes(b'[') {
-            return Err(Fault::Expression {
-                column: scanner.column(),
-                what: "expected [ after the name of a function",
-            });
+            return Err(malformed(
+                scanner.column(),
+                "expected [ after the name of a function",
+            ));
         }
         if name == "EXISTS" {
             let is_named = scanner.takes_all("#<");
             let exists = is_named && self.named(&scanner.name()?).is_some();
             if !is_named || !scanner.takes(b']') {
-                return Err(Fault::Expression {
-                    column,
-                    what: "expected EXISTS[#<name>]",
-                });
+                return Err(malformed(column, "expected EXISTS[#<name>]"));
             }
             return Ok(Some(Some(f64::from(u8::from(exists)))));
         }
@@ -285,10 +278,7 @@ impl<'p> Expressions<'p> {
         if name == "ATAN" {
             let over = scanner.takes_all("/[");
             if !over {
-                return Err(Fault::Expression {
-                    column,
-                    what: "expected ATAN[y]/[x]",
-                });
+                return Err(malformed(column, "expected ATAN[y]/[x]"));
             }
             let x = self.bracket(scanner, depth)?;
             return Ok(Some(value.zip(x).map(|(y, x)| y.atan2(x).to_degrees())));
@@ -433,10 +423,10 @@ pub(crate) trait Formulas {
                 return Ok(Some(value));
             };
             let other = self.operation(scanner, strength + 1, depth)?;
-            let other = other.ok_or(Fault::Expression {
+            let other = other.ok_or(malformed(
                 column,
-                what: "expected a number, a parameter or a function after this operator",
-            })?;
+                "expected a number, a parameter or a function after this operator",
+            ))?;
             value = match (value, other) {
                 (Some(a), Some(b)) => Some(operate(operator, a, b, column)?),
                 _ => None,
@@ -446,10 +436,10 @@ pub(crate) trait Formulas {
 
     fn operand(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Option<Value>, Fault> {
         if depth > DEEPEST {
-            return Err(Fault::Expression {
-                column: scanner.column(),
-                what: "the expression is nested too deeply",
-            });
+            return Err(malformed(
+                scanner.column(),
+                "the expression is nested too deeply",
+            ));
         }
         if let Some((value, _)) = self.number(scanner) {
             return Ok(Some(Some(value)));
@@ -486,18 +476,15 @@ pub(crate) trait Formulas {
     fn argument(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Value, Fault> {
         let column = scanner.column();
         let value = self.operand(scanner, depth)?;
-        value.ok_or(Fault::Expression {
+        value.ok_or(malformed(
             column,
-            what: "expected the argument of the function here",
-        })
+            "expected the argument of the function here",
+        ))
     }
 
     /// Two arguments in brackets.
     fn arguments(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<[Value; 2], Fault> {
-        let wrong = |column| Fault::Expression {
-            column,
-            what: "expected two arguments: (1, 2)",
-        };
+        let wrong = |column| malformed(column, "expected two arguments: (1, 2)");
         if !scanner.takes(b'(') {
             return Err(wrong(scanner.column()));
         }
@@ -517,10 +504,10 @@ pub(crate) trait Formulas {
         let value = self.operation(scanner, 0, depth)?;
         match (value, scanner.takes(b')')) {
             (Some(value), true) => Ok(value),
-            _ => Err(Fault::Expression {
-                column: scanner.column(),
-                what: "expected a value or an operator, and ) behind them",
-            }),
+            _ => Err(malformed(
+                scanner.column(),
+                "expected a value or an operator, and ) behind them",
+            )),
         }
     }
 }
@@ -528,11 +515,8 @@ pub(crate) trait Formulas {
 /// Passes this name where it is next and no letter or digit goes on with it.
 pub(crate) fn takes_name(scanner: &mut Scanner<'_>, name: &str) -> bool {
     scanner.peek();
-    let at = scanner.at();
-    let rest = scanner.bytes().get(at..).unwrap_or_default();
-    let is_next = rest
-        .get(..name.len())
-        .is_some_and(|next| next.eq_ignore_ascii_case(name.as_bytes()));
+    let (at, rest) = (scanner.at(), scanner.rest());
+    let is_next = scanner.is_next(name);
     let is_letter = name.ends_with(|c: char| c.is_ascii_alphanumeric());
     let goes_on = rest
         .get(name.len())
@@ -548,8 +532,7 @@ pub(crate) fn takes_name(scanner: &mut Scanner<'_>, name: &str) -> bool {
 /// decimal point.
 pub(crate) fn plain_number(scanner: &mut Scanner<'_>, points: &[u8]) -> Option<(f64, u8)> {
     scanner.peek();
-    let at = scanner.at();
-    let rest = scanner.bytes().get(at..).unwrap_or_default();
+    let (at, rest) = (scanner.at(), scanner.rest());
     let mut digits = Digits::default();
     let mut length = 0;
     for byte in rest {

@@ -12,7 +12,6 @@ use crate::{
     line_ends::{Ends, MOST_IN_MEMORY, check_line, leader_of, split_lines},
 };
 
-/// What an O-word does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Keyword {
     Sub,
@@ -60,7 +59,6 @@ const KEYWORDS: [(&str, Keyword); 15] = [
     ("DO", Keyword::Do),
 ];
 
-/// A line with an O-word.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Statement {
     pub(crate) name: String,
@@ -343,7 +341,8 @@ impl Flow {
             return Some(begin + 1);
         }
         // A file of its own may do without the number in it.
-        let mut own = (self.files.iter()).filter(|(_, path, _)| is_file_of_number(path, number));
+        let mut own =
+            (self.files.iter()).filter(|(_, path, _)| is_file_of(path, &number_name(number)));
         let (file, _, places) = own.next()?;
         let begin = self.programs.get(&(*file, number));
         Some(begin.map_or(places.start, |begin| begin + 1))
@@ -357,7 +356,6 @@ impl Flow {
         branch
     }
 
-    /// What the O-word of a line does.
     pub(crate) fn keyword(&self, line: usize) -> Option<Keyword> {
         Some(self.statements.get(&line)?.keyword)
     }
@@ -418,7 +416,6 @@ pub(crate) struct Loops {
 const WAS_LEFT: &str = "this loop was left before its last pass (by break, continue, return or M99), and LinuxCNC goes on with the number of passes that was left then: write it as while … endwhile";
 
 impl Loops {
-    /// A loop with a count begins at a line.
     pub(crate) fn repeats(
         &mut self,
         flow: &Flow,
@@ -528,7 +525,6 @@ impl Loops {
     }
 }
 
-/// A file with subroutines.
 #[derive(Clone, Debug)]
 pub(crate) struct SubFile {
     pub(crate) path: PathBuf,
@@ -659,11 +655,6 @@ fn file_names(called: &str) -> Vec<String> {
 fn is_file_of(path: &Path, called: &str) -> bool {
     let name = path.file_name().and_then(|name| name.to_str());
     name.is_some_and(|name| file_names(called).contains(&name.to_lowercase()))
-}
-
-/// The same for a program with a number.
-fn is_file_of_number(path: &Path, number: u32) -> bool {
-    is_file_of(path, &number_name(number))
 }
 
 /// The files in which what a program calls, and what these call, stands: of each name the first one in the order of the folders. What is in

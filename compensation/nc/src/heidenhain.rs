@@ -6,12 +6,10 @@
 use std::ops::Range;
 
 use crate::{
-    block::{
-        Assignment, Block, Command, Cycle, LAST, Manner, OTHER, POLAR, Parameter, Scanner, Word,
-    },
+    block::{Assignment, Block, Command, Cycle, LAST, Manner, OTHER, POLAR, Parameter, Scanner},
     codes::whole,
     coordinates::axis_of,
-    error::Fault,
+    error::{Fault, malformed, not_followed},
     expression::{Formulas, Operator, finite, operate, plain_number, takes_name},
     interpreter::Interpreter,
     parameters::Value,
@@ -40,7 +38,6 @@ pub(crate) fn read_heidenhain(
     reader.line()
 }
 
-/// State: a line that is being read.
 struct Reader<'a, 'b> {
     block: &'b mut Block,
     scanner: Scanner<'a>,
@@ -69,10 +66,7 @@ impl Reader<'_, '_> {
         match self.scanner.peek() {
             None | Some(b';' | b'*') => return Ok(()),
             Some(b'0'..=b'9') if self.block.number.is_none() => {
-                return Err(Fault::Expression {
-                    column,
-                    what: "the number of a block above 1000000000",
-                });
+                return Err(malformed(column, "the number of a block above 1000000000"));
             }
             Some(b'/') => {
                 return Err(not_followed(
@@ -131,11 +125,8 @@ impl Reader<'_, '_> {
 
     /// `LBL5`, `QS3`, `FN0`: a name that goes on with a number.
     fn takes_prefix(&mut self, word: &str) -> bool {
-        let at = self.scanner.at();
-        let rest = self.scanner.bytes().get(at..).unwrap_or_default();
-        let is_next = rest
-            .get(..word.len())
-            .is_some_and(|next| next.eq_ignore_ascii_case(word.as_bytes()));
+        let (at, rest) = (self.scanner.at(), self.scanner.rest());
+        let is_next = self.scanner.is_next(word);
         let then_digit = rest.get(word.len()).is_some_and(u8::is_ascii_digit);
         let is_taken = matches!(word, "LBL" | "QS" | "FN") && is_next && then_digit;
         if is_taken {
@@ -146,8 +137,7 @@ impl Reader<'_, '_> {
 
     /// `NAME MM`, behind BEGIN PGM.
     fn begins(&mut self, column: usize) -> Result<(), Fault> {
-        let at = self.scanner.at();
-        let rest = self.scanner.bytes().get(at..).unwrap_or_default();
+        let (at, rest) = (self.scanner.at(), self.scanner.rest());
         let rest = rest.split(|byte| *byte == b';').next().unwrap_or_default();
         let mut words = rest.split(|byte| matches!(byte, b' ' | b'\t'));
         let unit = words.rfind(|word| !word.is_empty()).unwrap_or_default();
@@ -244,10 +234,10 @@ impl Reader<'_, '_> {
             return Ok(false);
         };
         if !self.scanner.takes(b'=') {
-            return Err(Fault::Expression {
-                column: self.scanner.column(),
-                what: "expected = after a parameter that begins a block",
-            });
+            return Err(malformed(
+                self.scanner.column(),
+                "expected = after a parameter that begins a block",
+            ));
         }
         self.scanner.peek();
         let (from, column) = (self.scanner.at(), self.scanner.column());
@@ -255,10 +245,10 @@ impl Reader<'_, '_> {
             self.function(function)?
         } else {
             let value = self.values.operation(&mut self.scanner, 0, 0)?;
-            value.ok_or(Fault::Expression {
+            value.ok_or(malformed(
                 column,
-                what: "expected the value of the parameter after =",
-            })?
+                "expected the value of the parameter after =",
+            ))?
         };
         let to = self.scanner.at();
         self.block.assignments.push(Assignment {
@@ -296,10 +286,10 @@ impl Reader<'_, '_> {
         let is_there = takes_name(&mut self.scanner, name)
             || *operator == Operator::Over && self.scanner.takes(b'/');
         if !is_there {
-            return Err(Fault::Expression {
-                column: self.scanner.column(),
-                what: "expected the operator of this function: + - * DIV",
-            });
+            return Err(malformed(
+                self.scanner.column(),
+                "expected the operator of this function: + - * DIV",
+            ));
         }
         let second = self.value(WHAT)?;
         match (first, second) {
@@ -310,47 +300,36 @@ impl Reader<'_, '_> {
 
     /// What is refused, with the reason.
     fn refuses(&mut self, column: usize) -> Result<(), Fault> {
-        const REASONS: [(&str, &str); 22] = [
-            ("CALL LBL", FLOW),
-            ("CALL PGM", FLOW),
-            ("PGM CALL", FLOW),
-            ("SEL", FLOW),
-            ("IF", FLOW),
-            ("PLANE", TILTED),
-            ("TCH PROBE", OWN_RULE),
-            ("PATTERN DEF", OWN_RULE),
-            ("RND", "a rounded corner is a motion of its own"),
-            ("CHF", "a bevelled corner is a motion of its own"),
-            ("APPR", "approach and departure make motions of their own"),
-            ("DEP", "approach and departure make motions of their own"),
-            ("CT", "an arc by its tangent"),
-            ("CTP", "an arc by its tangent"),
+        const REASONS: [(&str, &[&str]); 11] = [
+            (FLOW, &["CALL LBL", "CALL PGM", "PGM CALL", "SEL", "IF"]),
+            (TILTED, &["PLANE"]),
+            (OWN_RULE, &["TCH PROBE", "PATTERN DEF"]),
+            ("a rounded corner is a motion of its own", &["RND"]),
+            ("a bevelled corner is a motion of its own", &["CHF"]),
             (
-                "LN",
-                "directions of the tool are followed as angles of the rotary axes only",
+                "approach and departure make motions of their own",
+                &["APPR", "DEP"],
             ),
-            ("SPL", "a spline"),
-            ("FL", "free contours are not followed"),
-            ("FLT", "free contours are not followed"),
-            ("FC", "free contours are not followed"),
-            ("FCT", "free contours are not followed"),
-            ("FPOL", "free contours are not followed"),
-            ("FUNCTION", UNKNOWN),
+            ("an arc by its tangent", &["CT", "CTP"]),
+            (
+                "directions of the tool are followed as angles of the rotary axes only",
+                &["LN"],
+            ),
+            ("a spline", &["SPL"]),
+            (
+                "free contours are not followed",
+                &["FL", "FLT", "FC", "FCT", "FPOL"],
+            ),
+            (UNKNOWN, &["FUNCTION"]),
         ];
-        for (name, why) in REASONS {
-            if self.takes(name) {
+        for (why, names) in REASONS {
+            if let Some(name) = names.iter().find(|name| self.takes(name)) {
                 return Err(not_followed(column, name, why));
             }
         }
-        let at = self.scanner.at();
-        let rest = self.scanner.bytes().get(at..).unwrap_or_default();
-        let word = rest
-            .split(u8::is_ascii_whitespace)
-            .next()
-            .unwrap_or_default();
         Err(not_followed(
             column,
-            &String::from_utf8_lossy(word),
+            &self.found(self.scanner.at()),
             UNKNOWN,
         ))
     }
@@ -419,16 +398,10 @@ impl Reader<'_, '_> {
             (true, Some(true)) => 2.0,
             (true, Some(false)) => 3.0,
             (true, None) => {
-                return Err(Fault::Expression {
-                    column,
-                    what: "expected DR+ or DR- in an arc",
-                });
+                return Err(malformed(column, "expected DR+ or DR- in an arc"));
             }
             (false, Some(_)) => {
-                return Err(Fault::Expression {
-                    column,
-                    what: "DR+ or DR- in a straight motion",
-                });
+                return Err(malformed(column, "DR+ or DR- in a straight motion"));
             }
             (false, None) => f64::from(u8::from(!rapid)),
         };
@@ -453,11 +426,8 @@ impl Reader<'_, '_> {
         if takes_name(&mut self.scanner, name) {
             return true;
         }
-        let at = self.scanner.at();
-        let rest = self.scanner.bytes().get(at..).unwrap_or_default();
-        let is_next = rest
-            .get(..name.len())
-            .is_some_and(|next| next.eq_ignore_ascii_case(name.as_bytes()));
+        let (at, rest) = (self.scanner.at(), self.scanner.rest());
+        let is_next = self.scanner.is_next(name);
         let [axis, value] = [0, 1].map(|i| rest.get(name.len() + i).copied().unwrap_or_default());
         let is_value = value.is_ascii_digit() || matches!(value, b'+' | b'-');
         let is_axis = matches!(axis.to_ascii_uppercase(), b'X' | b'Y' | b'Z');
@@ -562,19 +532,16 @@ impl Reader<'_, '_> {
         let column = self.column();
         let is_polar = |letter: u8| self.block.word(letter).is_some();
         if kind == Kind::PolarLine && !POLAR.into_iter().any(is_polar) {
-            return Err(Fault::Expression {
+            return Err(malformed(
                 column,
-                what: "expected the distance PR or the angle PA",
-            });
+                "expected the distance PR or the angle PA",
+            ));
         }
         if kind != Kind::PolarArc {
             return Ok(());
         }
         let Some(angle) = self.block.word(POLAR[1]) else {
-            return Err(Fault::Expression {
-                column,
-                what: "expected the angle PA or IPA of the arc",
-            });
+            return Err(malformed(column, "expected the angle PA or IPA of the arc"));
         };
         if angle.manner != Manner::Incremental {
             return Ok(());
@@ -633,10 +600,10 @@ impl Reader<'_, '_> {
         let number = plain_number(&mut self.scanner, b"");
         let number = number.and_then(|(number, _)| whole(number, 9999));
         let Some(number) = number else {
-            return Err(Fault::Expression {
+            return Err(malformed(
                 column,
-                what: "expected the number of a cycle behind CYCL DEF",
-            });
+                "expected the number of a cycle behind CYCL DEF",
+            ));
         };
         let part = if self.scanner.takes(b'.') {
             let part = plain_number(&mut self.scanner, b"");
@@ -788,15 +755,7 @@ impl Reader<'_, '_> {
         if decimals.is_some_and(|decimals| decimals > 0) {
             self.block.comma = Some(is_comma(&text));
         }
-        self.block.words.push(Word {
-            letter,
-            at,
-            text,
-            value,
-            decimals,
-            manner,
-            in_increments: false,
-        });
+        self.block.push(letter, at, text, value, manner, decimals);
     }
 
     /// The value behind the letter of a word, as a word of this letter.
@@ -820,15 +779,14 @@ impl Reader<'_, '_> {
     fn has_one_sign(&self) -> Result<(), Fault> {
         let next = self.scanner.bytes().get(self.scanner.at());
         match next {
-            Some(b'.' | b',') => Err(Fault::Expression {
-                column: self.scanner.column(),
-                what: "found a second decimal comma or point, expected one in a number",
-            }),
+            Some(b'.' | b',') => Err(malformed(
+                self.scanner.column(),
+                "found a second decimal comma or point, expected one in a number",
+            )),
             _ => Ok(()),
         }
     }
 
-    /// A value that is needed.
     pub(crate) fn value(&mut self, what: &'static str) -> Result<Value, Fault> {
         self.scanner.peek();
         let column = self.scanner.column();
@@ -913,15 +871,6 @@ impl Reader<'_, '_> {
     }
 }
 
-fn not_followed(column: usize, found: &str, why: &'static str) -> Fault {
-    Fault::NotFollowed {
-        column,
-        found: found.to_owned(),
-        why,
-    }
-}
-
-/// What begins a motion.
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
     Line,
@@ -943,18 +892,13 @@ const KINDS: [(&str, Kind); 5] = [
 /// Passes letters whatever follows.
 fn takes_prefix(scanner: &mut Scanner<'_>, letters: &str) -> bool {
     scanner.peek();
-    let at = scanner.at();
-    let rest = scanner.bytes().get(at..).unwrap_or_default();
-    let is_next = rest
-        .get(..letters.len())
-        .is_some_and(|next| next.eq_ignore_ascii_case(letters.as_bytes()));
+    let is_next = scanner.is_next(letters);
     if is_next {
-        scanner.go_to(at + letters.len());
+        scanner.go_to(scanner.at() + letters.len());
     }
     is_next
 }
 
-/// Values of a block.
 pub(crate) struct Values<'b> {
     pub(crate) interpreter: &'b Interpreter,
 }

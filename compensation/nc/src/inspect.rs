@@ -97,7 +97,6 @@ impl Part {
     }
 }
 
-/// A height along the tool, mm.
 fn height(value: &Value<'_>) -> Result<f64, InputError> {
     let height = value.number()?;
     if height.abs() > LARGEST_HEIGHT_MM {
@@ -254,7 +253,6 @@ impl Collector {
         }
     }
 
-    /// What the features are.
     pub(crate) fn inspected(&mut self) -> Vec<Inspected> {
         if self.part.alignment == Alignment::BestFit {
             self.align();

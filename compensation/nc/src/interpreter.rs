@@ -11,12 +11,12 @@ use volcomp_model::{Machine, vocabulary::AxisKind};
 use crate::{
     NcError,
     block::{Begins, Block, Cycle, Parameter},
-    codes::{Codes, Given, Refusal, UnknownCode, whole},
-    control::{Control, DecimalPoints, Dialect, why_refused},
+    codes::{Codes, Given, whole},
+    control::{Control, DecimalPoints, Dialect},
     coordinates::{Axes, Frame, Tip, axis_of, each, is_rotary, name_of, with_tool},
     modal::{
-        CentrePoint, Code, FeedMode, G500, Modal, Plane, SYSTEMS, WORK_OFFSETS, name_of_offset,
-        text,
+        CentrePoint, Code, FeedMode, G500, Modal, Plane, SYSTEMS, WORK_OFFSETS, code_text,
+        name_of_offset,
     },
     motion::Move,
     notes::{Note, Notes},
@@ -25,7 +25,6 @@ use crate::{
     setup::SetUp,
 };
 
-/// What a block did.
 #[expect(clippy::struct_excessive_bools, reason = "each is an event of its own")]
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Outcome {
@@ -36,7 +35,6 @@ pub(crate) struct Outcome {
     pub(crate) presets: Option<Axes<Option<usize>>>,
     /// The work offset that they set (G10 L20), if another one than that in force: its coordinates are theirs.
     pub(crate) preset_system: Option<usize>,
-    /// The program ends here.
     pub(crate) ends: bool,
     /// M98 or M99.
     pub(crate) calls: Option<Code>,
@@ -66,7 +64,6 @@ pub(crate) struct Interpreter {
     pub(crate) known: Axes<bool>,
     pub(crate) rests: Rests,
     pub(crate) parameters: Parameters,
-    /// The offset of each tool.
     pub(crate) tools: HashMap<u32, Axes>,
     pub(crate) notes: Notes,
     pub(crate) dialect: Dialect,
@@ -80,6 +77,158 @@ pub(crate) struct Interpreter {
     machine: Arc<Machine>,
     /// With the tool that is in the spindle; `None` on machines whose control has no centre point to move.
     tip: Option<Arc<Tip>>,
+}
+
+/// Decimals of E words at least, as slicers write them.
+const DECIMALS: u8 = 5;
+
+/// State: where the extruder is, and how its words are read.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Extruder {
+    /// M83 is on, whatever G90 and G91 are.
+    says_relative: bool,
+    /// The last of G90, G91, M82 and M83 was a relative one (G91, M83).
+    last_relative: bool,
+    /// E at the end of the last motion, mm; `None`: it is not known.
+    pub(crate) at: Option<f64>,
+}
+
+/// The E word of a motion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Extrusion {
+    /// Its absolute start, in the unit of the program; `None`: the word is relative, or the start is unknown.
+    from: Option<f64>,
+    /// Its value.
+    to: f64,
+    decimals: u8,
+    /// Why it cannot be shared.
+    pub(crate) unknown: Option<&'static str>,
+}
+
+impl Extruder {
+    pub(crate) fn switch(&mut self, relative: bool) {
+        (self.says_relative, self.last_relative) = (relative, relative);
+    }
+}
+
+impl Extrusion {
+    /// The word of the part of its motion between two shares; `None`: the part takes nothing.
+    pub(crate) fn of_part(&self, [from, to]: [f64; 2]) -> Option<Number> {
+        let decimals = self.decimals.clamp(DECIMALS, MOST_DECIMALS);
+        let written = self.decimals.min(MOST_DECIMALS);
+        let Some(begins) = self.from else {
+            // Differences of rounded sums, so that the parts add up to the whole word exactly.
+            let all = steps(self.to, decimals)?;
+            let at = |share: f64| steps(of_steps(all, decimals) * share, decimals);
+            let part = at(to)? - at(from)?;
+            return Number::shortest_of(of_steps(part, decimals), written, decimals)
+                .filter(|_| part != 0);
+        };
+        let at = |share: f64| {
+            let place = match share {
+                1.0 => self.to,
+                _ => begins + share * (self.to - begins),
+            };
+            Number::shortest_of(place, written, decimals)
+        };
+        let before = at(from);
+        at(to).filter(|number| Some(*number) != before)
+    }
+}
+
+/// What lies between program and machine along an axis and is not stated: a number for the work offset, the length of the tool and the
+/// shift; 0 where it is stated.
+type Basis = [u32; 3];
+
+/// The place is stated in the coordinates of the machine.
+const OF_MACHINE: Basis = [0; 3];
+
+/// The place rests on something that no work offset, length or shift stands for: a home that is not stated.
+const ASSUMED: Basis = [u32::MAX >> 1; 3];
+
+/// A code that is not known has had the words of the axis, whose place may have been reached, without a correction.
+const UNCLAIMED: Basis = [u32::MAX >> 2; 3];
+
+/// What was set where nobody knew where the axis stood: machine coordinates would be made up.
+const LOST: u32 = 1 << 31;
+
+/// State: on what the places of the axes rest.
+#[derive(Clone, Debug)]
+pub(crate) struct Rests {
+    places: Axes<Basis>,
+    offsets: Vec<Axes<u32>>,
+    /// That of a tool that the set-up does not state, or 0.
+    pub(crate) tool: u32,
+    shift: Axes<u32>,
+    /// Axes that the program has named under a stated zero ([`Interpreter::rests_on_stated_zero`]).
+    named: Axes<bool>,
+    /// Axes with a G92 shift from a position that was not named so: that position defines zero, not the work offset.
+    from_elsewhere: Axes<bool>,
+    /// Work offsets that the program has set (G10).
+    set: [bool; SYSTEMS],
+    /// Whether the places of G28 and G30 are known, and on what they rest.
+    homes: [Axes<(bool, Basis)>; 2],
+    /// Numbers that nothing has yet.
+    next: u32,
+}
+
+impl Rests {
+    /// At the beginning of a program.
+    pub(crate) fn new(setup: &SetUp) -> Self {
+        let number = |(system, number): (usize, u32)| match setup.offset(system) {
+            Some(_) => [0; 9],
+            None => [number; 9],
+        };
+        let offsets: Vec<_> = (0..SYSTEMS).zip(1..).map(number).collect();
+        Self {
+            places: [OF_MACHINE; 9],
+            next: offsets.len().try_into().unwrap_or(LOST >> 1),
+            offsets,
+            tool: 0,
+            shift: [0; 9],
+            named: [false; 9],
+            from_elsewhere: [false; 9],
+            set: [false; SYSTEMS],
+            homes: setup.states_homes().map(|stated| {
+                stated.map(|stated| (true, if stated { OF_MACHINE } else { ASSUMED }))
+            }),
+        }
+    }
+
+    /// Another length of the tool holds: that of a tool that the set-up does not state, or one that is known.
+    pub(crate) fn takes_tool(&mut self, unstated: Option<u32>) {
+        self.tool = unstated.map_or(0, |tool| tool.saturating_add(1));
+    }
+
+    /// The shift of all axes is stated from now on: it is none.
+    pub(crate) fn shift_is_zero(&mut self) {
+        (self.shift, self.from_elsewhere) = ([0; 9], [false; 9]);
+    }
+
+    /// The shift of an axis is stated from now on.
+    pub(crate) fn shift_is_stated(&mut self, axis: usize) {
+        (self.shift[axis], self.from_elsewhere[axis]) = (0, false);
+    }
+
+    /// A work offset is stated along an axis from now on.
+    pub(crate) fn offset_is_stated(&mut self, system: usize, axis: usize) {
+        if let Some(offset) = self.offsets.get_mut(system) {
+            offset[axis] = 0;
+        }
+        self.is_set(system);
+    }
+
+    /// The program sets a work offset (G10).
+    fn is_set(&mut self, system: usize) {
+        if let Some(set) = self.set.get_mut(system) {
+            *set = true;
+        }
+    }
+
+    fn new_number(&mut self, known: bool) -> u32 {
+        self.next += 1;
+        self.next | if known { 0 } else { LOST }
+    }
 }
 
 impl Interpreter {
@@ -151,7 +300,6 @@ impl Interpreter {
         self.frame = self.frame_of(&self.modal);
     }
 
-    /// Whether the control is that of a printer.
     pub(crate) fn is_printer(&self) -> bool {
         self.control.is_some_and(Control::is_printer)
     }
@@ -194,9 +342,8 @@ impl Interpreter {
         line: usize,
         outcome: &mut Outcome,
     ) -> Result<(), NcError> {
-        let mut codes = Codes::of(block, self.control)
-            .map_err(|refusal| refused(refusal, block, line, self.control))?;
-        match codes.polar() {
+        let mut codes = Codes::of(block, self.control, line)?;
+        match codes.polar {
             Some(160) => self.modal.polar = Some([None; 2]),
             Some(150) => self.modal.polar = None,
             _ => {}
@@ -206,8 +353,8 @@ impl Interpreter {
         outcome.calls = codes.calls;
         // What is off already is not switched off.
         outcome.switches_radius =
-            (codes.radius()).is_some_and(|code| code != 400 || self.modal.radius.is_some());
-        outcome.switches_polar = codes.polar().is_some();
+            (codes.radius).is_some_and(|code| code != 400 || self.modal.radius.is_some());
+        outcome.switches_polar = codes.polar.is_some();
         if let Some(code) = codes
             .not_followed
             .filter(|_| self.dialect == Dialect::Rs274)
@@ -219,14 +366,14 @@ impl Interpreter {
             return Err(given.refused(&what));
         }
         let dwells_by_axis = self.dwells_by_axis(&codes, &given);
-        if codes.not_modal() == Some(40) && given.names_axes() && !dwells_by_axis {
+        if codes.not_modal == Some(40) && given.names_axes() && !dwells_by_axis {
             return Err(given.refused("a dwell (G4) with the word of an axis, which FANUC controls read as its time: write P"));
         }
         if let Some(code) = codes
             .harmless
-            .filter(|_| given.names_axes() && codes.motion().is_none())
+            .filter(|_| given.names_axes() && codes.motion.is_none())
         {
-            let what = format!("{} with the word of an axis", text(code));
+            let what = format!("{} with the word of an axis", code_text(code));
             return Err(given.refused(&what));
         }
         self.check_meaning(&codes, &given)?;
@@ -245,7 +392,7 @@ impl Interpreter {
         uses_words |= self.leaves_arguments(&codes, &given);
         if !uses_words && codes.calls.is_none() {
             self.motion(&codes, &given, outcome)?;
-        } else if let Some(motion) = codes.motion() {
+        } else if let Some(motion) = codes.motion {
             self.set_motion(motion);
         }
         if self.is_printer() {
@@ -287,7 +434,7 @@ impl Interpreter {
             return Ok(());
         }
         let is_absolute = codes
-            .distance()
+            .distance
             .map_or(self.modal.absolute, |code| code == 900);
         if codes.in_machine && !is_absolute {
             return Err(given.refused(
@@ -295,16 +442,16 @@ impl Interpreter {
             ));
         }
         self.check_incremental_letters(codes, given)?;
-        let has_own_h = given.has(b'H') && codes.tool_length().is_none();
-        if has_own_h && (codes.polar().is_some() || codes.work_offset().is_some()) {
+        let has_own_h = given.has(b'H') && codes.tool_length.is_none();
+        if has_own_h && (codes.polar.is_some() || codes.work_offset.is_some()) {
             return Err(given.refused("H beside G15, G16 or G54 to G59, with which Okuma controls choose a work offset, machine coordinates or the length of a tool: programs of these controls are not followed"));
         }
-        if has_own_h && matches!(codes.radius(), Some(410 | 420)) {
+        if has_own_h && matches!(codes.radius, Some(410 | 420)) {
             return Err(given.refused("H beside G41 or G42, which older FANUC controls take for the number of the radius of the tool: write D"));
         }
         if has_own_h
             // Of G76 it is the angle of a thread.
-            && codes.motion() != Some(760)
+            && codes.motion != Some(760)
             && self.modal.length.is_some()
             && self.modal.length != given.whole(b'H')?
         {
@@ -338,7 +485,7 @@ impl Interpreter {
     /// What a block switches, besides its motion.
     fn switch(&mut self, codes: &Codes, given: &Given<'_>) -> Result<(), NcError> {
         let modal = &mut self.modal;
-        match codes.feed() {
+        match codes.feed {
             Some(930) => modal.feed_mode = FeedMode::InverseTime,
             Some(940) => modal.feed_mode = FeedMode::PerMinute,
             Some(950) => modal.feed_mode = FeedMode::PerRevolution,
@@ -356,43 +503,26 @@ impl Interpreter {
             self.forget_positions();
         }
         let modal = &mut self.modal;
-        match codes.plane() {
+        match codes.plane {
             Some(170) => modal.plane = Plane::Xy,
             Some(180) => modal.plane = Plane::Zx,
             Some(190) => modal.plane = Plane::Yz,
             _ => {}
         }
-        match codes.units() {
-            Some(200) => modal.unit_mm = 25.4,
-            Some(210) => modal.unit_mm = 1.0,
-            _ => {}
+        if let Some(code) = codes.units {
+            modal.unit_mm = if code == 200 { 25.4 } else { 1.0 };
         }
-        match codes.diameter() {
-            Some(70) => modal.diameter = true,
-            Some(80) => modal.diameter = false,
-            _ => {}
+        modal.diameter = codes.diameter.map_or(modal.diameter, |code| code == 70);
+        if codes.radius.is_some() {
+            modal.radius = codes.radius.filter(|code| *code != 400);
         }
-        match codes.radius() {
-            Some(400) => modal.radius = None,
-            Some(code) => modal.radius = Some(code),
-            None => {}
-        }
-        match codes.distance() {
-            Some(900) => modal.absolute = true,
-            Some(910) => modal.absolute = false,
-            _ => {}
-        }
-        match codes.centre() {
-            Some(901) => modal.centre_absolute = true,
-            Some(911) => modal.centre_absolute = false,
-            _ => {}
-        }
-        match codes.comes_back() {
-            Some(980) => (modal.comes_back, modal.says_return) = (true, true),
-            Some(990) => (modal.comes_back, modal.says_return) = (false, true),
-            _ => {}
-        }
-        if let Some(code) = codes.tool_length() {
+        modal.absolute = codes.distance.map_or(modal.absolute, |code| code == 900);
+        modal.centre_absolute = (codes.centre).map_or(modal.centre_absolute, |code| code == 901);
+        modal.comes_back = codes
+            .comes_back
+            .map_or(modal.comes_back, |code| code == 980);
+        modal.says_return |= codes.comes_back.is_some();
+        if let Some(code) = codes.tool_length {
             self.tool_length(code, given)?;
             self.update_tool()?;
             match self.modal.centre_point {
@@ -413,18 +543,18 @@ impl Interpreter {
             Some(false) => self.modal.centre_point = CentrePoint::Off,
             None => {}
         }
-        if let Some(code) = codes.work_offset() {
+        if let Some(code) = codes.work_offset {
             self.modal.system = self.system_of(code, codes, given)?;
         }
-        match codes.rotation() {
+        match codes.rotation {
             Some(680) => self.rotation(given)?,
             Some(690) => (self.modal.rotation, self.modal.rotation_is_new) = (None, false),
             _ => {}
         }
-        if codes.tool_length().is_some()
+        if codes.tool_length.is_some()
             || codes.centre_point.is_some()
-            || codes.work_offset().is_some()
-            || codes.rotation().is_some()
+            || codes.work_offset.is_some()
+            || codes.rotation.is_some()
         {
             self.update_frame();
         }
@@ -438,17 +568,17 @@ impl Interpreter {
         given: &Given<'_>,
         outcome: &mut Outcome,
     ) -> Result<(), NcError> {
-        if let Some(code) = codes.distance() {
+        if let Some(code) = codes.distance {
             self.extruder.last_relative = code == 910;
         }
-        if codes.not_modal() == Some(920) && !given.names_axes() && !given.has(b'E') {
+        if codes.not_modal == Some(920) && !given.names_axes() && !given.has(b'E') {
             return Err(given.refused("G92 without an axis, which sets all axes to zero in Klipper and does nothing in Marlin: name the axes"));
         }
         let Some(value) = given.letter(b'E')? else {
             return Ok(());
         };
         let unit = self.modal.unit_mm;
-        if codes.not_modal() == Some(920) {
+        if codes.not_modal == Some(920) {
             self.extruder.at = Some(value * unit);
             return Ok(());
         }
@@ -625,7 +755,6 @@ impl Interpreter {
         offset.contains(&number).then(|| name_of_offset(system))
     }
 
-    /// A named parameter that the control provides.
     pub(crate) fn provided(&self, name: &str) -> Option<Value> {
         let truth = |truth: bool| Some(Some(f64::from(u8::from(truth))));
         let modal = &self.modal;
@@ -666,7 +795,6 @@ impl Interpreter {
         }
     }
 
-    /// A numbered parameter that the control provides.
     pub(crate) fn numbered(&self, number: u32) -> Option<Value> {
         let place = |first: u32| Some((number - first) as usize);
         let (list, axis): (&Axes, _) = match number {
@@ -711,20 +839,20 @@ impl Interpreter {
             return Ok(());
         }
         let switches = [
-            codes.plane(),
-            codes.units(),
-            codes.diameter(),
-            codes.radius(),
-            codes.distance(),
-            codes.centre(),
-            codes.tool_length(),
-            codes.work_offset(),
-            codes.rotation(),
-            codes.polar(),
-            codes.comes_back(),
-            codes.feed(),
+            codes.plane,
+            codes.units,
+            codes.diameter,
+            codes.radius,
+            codes.distance,
+            codes.centre,
+            codes.tool_length,
+            codes.work_offset,
+            codes.rotation,
+            codes.polar,
+            codes.comes_back,
+            codes.feed,
             // A dwell switches nothing.
-            codes.not_modal().filter(|code| *code != 40),
+            codes.not_modal.filter(|code| *code != 40),
         ];
         let block = given.block;
         if switches.iter().any(Option::is_some)
@@ -752,196 +880,6 @@ impl Interpreter {
                 self.known[axis] = false;
             }
         }
-    }
-}
-
-fn refused(refusal: Refusal, block: &Block, line: usize, control: Option<Control>) -> NcError {
-    match refusal {
-        Refusal::Fault(fault) => NcError::Block { line, fault },
-        Refusal::Unknown(UnknownCode(code)) => match why_refused(code, control) {
-            Some(why) => NcError::NotCompensated {
-                line,
-                what: format!("{} is not followed: {why}", text(code)),
-            },
-            None => NcError::UnknownCode {
-                line,
-                code: text(code),
-            },
-        },
-        Refusal::NoCode(place) => match block.words.get(place) {
-            Some(word) if word.value.is_none() => NcError::OnlyAtMachine {
-                line,
-                word: char::from(word.letter),
-            },
-            word => NcError::NotCompensated {
-                line,
-                what: format!(
-                    "{} with a number that is no code",
-                    word.map_or('G', |word| char::from(word.letter))
-                ),
-            },
-        },
-    }
-}
-
-/// Decimals of E words at least, as slicers write them.
-const DECIMALS: u8 = 5;
-
-/// State: where the extruder is, and how its words are read.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Extruder {
-    /// M83 is on, whatever G90 and G91 are.
-    says_relative: bool,
-    /// The last of G90, G91, M82 and M83 was a relative one (G91, M83).
-    last_relative: bool,
-    /// E at the end of the last motion, mm; `None`: it is not known.
-    at: Option<f64>,
-}
-
-/// The E word of a motion.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Extrusion {
-    /// Its absolute start, in the unit of the program; `None`: the word is relative, or the start is unknown.
-    from: Option<f64>,
-    /// Its value.
-    to: f64,
-    decimals: u8,
-    /// Why it cannot be shared.
-    pub(crate) unknown: Option<&'static str>,
-}
-
-impl Extruder {
-    pub(crate) fn switch(&mut self, relative: bool) {
-        (self.says_relative, self.last_relative) = (relative, relative);
-    }
-
-    /// A command that is copied may have moved it.
-    pub(crate) fn forget_position(&mut self) {
-        self.at = None;
-    }
-}
-
-impl Extrusion {
-    /// The word of the part of its motion between two shares; `None`: the part takes nothing.
-    pub(crate) fn of_part(&self, [from, to]: [f64; 2]) -> Option<Number> {
-        let decimals = self.decimals.clamp(DECIMALS, MOST_DECIMALS);
-        let written = self.decimals.min(MOST_DECIMALS);
-        let Some(begins) = self.from else {
-            // Differences of rounded sums, so that the parts add up to the whole word exactly.
-            let all = steps(self.to, decimals)?;
-            let at = |share: f64| steps(of_steps(all, decimals) * share, decimals);
-            let part = at(to)? - at(from)?;
-            return Number::shortest_of(of_steps(part, decimals), written, decimals)
-                .filter(|_| part != 0);
-        };
-        let at = |share: f64| {
-            let place = match share {
-                1.0 => self.to,
-                _ => begins + share * (self.to - begins),
-            };
-            Number::shortest_of(place, written, decimals)
-        };
-        let before = at(from);
-        at(to).filter(|number| Some(*number) != before)
-    }
-}
-
-/// What lies between program and machine along an axis and is not stated: a number for the work offset, the length of the tool and the
-/// shift; 0 where it is stated.
-type Basis = [u32; 3];
-
-/// The place is stated in the coordinates of the machine.
-const OF_MACHINE: Basis = [0; 3];
-
-/// The place rests on something that no work offset, length or shift stands for: a home that is not stated.
-const ASSUMED: Basis = [u32::MAX >> 1; 3];
-
-/// A code that is not known has had the words of the axis, whose place may have been reached, without a correction.
-const UNCLAIMED: Basis = [u32::MAX >> 2; 3];
-
-/// What was set where nobody knew where the axis stood: machine coordinates would be made up.
-const LOST: u32 = 1 << 31;
-
-/// State: on what the places of the axes rest.
-#[derive(Clone, Debug)]
-pub(crate) struct Rests {
-    places: Axes<Basis>,
-    offsets: Vec<Axes<u32>>,
-    tool: u32,
-    shift: Axes<u32>,
-    /// Axes that the program has named under a stated zero ([`Interpreter::rests_on_stated_zero`]).
-    named: Axes<bool>,
-    /// Axes with a G92 shift from a position that was not named so: that position defines zero, not the work offset.
-    from_elsewhere: Axes<bool>,
-    /// Work offsets that the program has set (G10).
-    set: [bool; SYSTEMS],
-    /// Whether the places of G28 and G30 are known, and on what they rest.
-    homes: [Axes<(bool, Basis)>; 2],
-    /// Numbers that nothing has yet.
-    next: u32,
-}
-
-impl Rests {
-    /// At the beginning of a program.
-    pub(crate) fn new(setup: &SetUp) -> Self {
-        let number = |(system, number): (usize, u32)| match setup.offset(system) {
-            Some(_) => [0; 9],
-            None => [number; 9],
-        };
-        let offsets: Vec<_> = (0..SYSTEMS).zip(1..).map(number).collect();
-        Self {
-            places: [OF_MACHINE; 9],
-            next: offsets.len().try_into().unwrap_or(LOST >> 1),
-            offsets,
-            tool: 0,
-            shift: [0; 9],
-            named: [false; 9],
-            from_elsewhere: [false; 9],
-            set: [false; SYSTEMS],
-            homes: setup.states_homes().map(|stated| {
-                stated.map(|stated| (true, if stated { OF_MACHINE } else { ASSUMED }))
-            }),
-        }
-    }
-
-    /// Another length of the tool holds: that of a tool that the set-up does not state, or one that is known.
-    pub(crate) fn takes_tool(&mut self, unstated: Option<u32>) {
-        self.tool = unstated.map_or(0, |tool| tool.saturating_add(1));
-    }
-
-    /// The length of a tool that the set-up does not state holds.
-    pub(crate) fn has_unstated_tool(&self) -> bool {
-        self.tool != 0
-    }
-
-    /// The shift of all axes is stated from now on: it is none.
-    pub(crate) fn shift_is_zero(&mut self) {
-        (self.shift, self.from_elsewhere) = ([0; 9], [false; 9]);
-    }
-
-    /// The shift of an axis is stated from now on.
-    pub(crate) fn shift_is_stated(&mut self, axis: usize) {
-        (self.shift[axis], self.from_elsewhere[axis]) = (0, false);
-    }
-
-    /// A work offset is stated along an axis from now on.
-    pub(crate) fn offset_is_stated(&mut self, system: usize, axis: usize) {
-        if let Some(offset) = self.offsets.get_mut(system) {
-            offset[axis] = 0;
-        }
-        self.is_set(system);
-    }
-
-    /// The program sets a work offset (G10).
-    fn is_set(&mut self, system: usize) {
-        if let Some(set) = self.set.get_mut(system) {
-            *set = true;
-        }
-    }
-
-    fn new_number(&mut self, known: bool) -> u32 {
-        self.next += 1;
-        self.next | if known { 0 } else { LOST }
     }
 }
 

@@ -89,13 +89,13 @@ impl Ends {
         } else {
             ["a line feed", "carriage returns alone"]
         };
-        Err(NcError::NotCompensated {
-            line: number,
-            what: format!(
+        Err(NcError::not_compensated(
+            number,
+            format!(
                 "column {}: found {found} as the end of the line, expected the same as before it, {before}",
                 line.len() + 1
             ),
-        })
+        ))
     }
 }
 

@@ -86,7 +86,6 @@ pub(crate) enum CentrePoint {
     Switched,
 }
 
-/// A work offset.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct WorkOffset {
     pub(crate) offset: Axes,
@@ -140,7 +139,6 @@ pub(crate) struct Modal {
     pub(crate) motion_unsure: bool,
     pub(crate) feed_mode: FeedMode,
     pub(crate) feed: Option<f64>,
-    /// Which of the work offsets holds.
     pub(crate) system: usize,
     pub(crate) offsets: Vec<WorkOffset>,
     /// The offset of G92 or G52, whether it holds or not.
@@ -274,10 +272,9 @@ impl Modal {
     }
 }
 
-/// The name of a work offset.
 pub(crate) fn name_of_offset(system: usize) -> String {
     match WORK_OFFSETS.get(system) {
-        Some(code) => text(*code),
+        Some(code) => code_text(*code),
         None if system == G500 => "G500".to_owned(),
         None if system >= NUMBERED => format!("P{}", system - NUMBERED + 1),
         None => format!("G{}", 505 + system - G505),
@@ -285,7 +282,7 @@ pub(crate) fn name_of_offset(system: usize) -> String {
 }
 
 /// A G code as people write it.
-pub(crate) fn text(code: Code) -> String {
+pub(crate) fn code_text(code: Code) -> String {
     if code.is_multiple_of(10) {
         format!("G{}", code / 10)
     } else {

@@ -48,7 +48,6 @@ pub(crate) fn at_height(hole: &Axes, depth: usize, height: f64) -> Axes {
     at
 }
 
-/// The polar coordinates of a motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Polar {
     /// The places of the distance and of the angle in the block.
@@ -57,7 +56,6 @@ pub(crate) struct Polar {
     pub(crate) from_here: bool,
 }
 
-/// A motion of a block.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Move {
     pub(crate) path: Path,
@@ -114,19 +112,16 @@ impl Arc {
 /// A motion that a program makes.
 #[derive(Clone, Debug)]
 pub(crate) struct Made {
-    /// The number of its line.
     pub(crate) line: usize,
     pub(crate) motion: Move,
     /// What its coordinates mean.
     pub(crate) frame: Frame,
     /// What the control adds for the tool.
     pub(crate) tool: Axes,
-    /// Which of the work offsets holds.
     pub(crate) system: usize,
     /// It cuts, alone or by a cycle at its end, and the set-up file defines its zero.
     pub(crate) cuts_from_stated_zero: bool,
     /// It is known where X, Y and Z stand, as far as the machine has them.
     pub(crate) known: bool,
-    /// Its words are inches.
     pub(crate) in_inches: bool,
 }

@@ -7,7 +7,7 @@ use crate::{
     control::{Control, Dialect},
     coordinates::{Axes, LETTERS, each, is_rotary},
     interpreter::{Interpreter, Outcome},
-    modal::{CentrePoint, Code, Plane, Sticky, text},
+    modal::{CentrePoint, Code, Plane, Sticky, code_text},
     motion::{Arc, Move, Path, Polar},
     notes::Note,
 };
@@ -34,12 +34,12 @@ impl Interpreter {
         self.check_polar(codes, given)?;
         self.check_code(codes, given)?;
         let motion_before = self.modal.motion;
-        if let Some(code) = codes.motion() {
+        if let Some(code) = codes.motion {
             self.set_motion(code);
         }
         let has_words = given.names_axes() || polar;
         self.check_words(codes, given, has_words)?;
-        if self.modal.motion_unsure && codes.motion().is_none() && has_words {
+        if self.modal.motion_unsure && codes.motion.is_none() && has_words {
             return Err(given.refused(
                 "a motion without a G code behind a block that may be skipped (/) and has another one: write the code into this block",
             ));
@@ -47,7 +47,7 @@ impl Interpreter {
         if given.block.begins == Begins::Slash {
             self.modal.motion_unsure |=
                 motion_before.is_some() && self.modal.motion != motion_before;
-        } else if codes.motion().is_some() {
+        } else if codes.motion.is_some() {
             self.modal.motion_unsure = false;
         }
         let Some(code) = self.modal.motion else {
@@ -61,7 +61,7 @@ impl Interpreter {
                 .into_iter()
                 .any(|letter| given.has(letter))
         };
-        let is_whole_circle = matches!(code, 20 | 30) && codes.motion().is_some() && has_centre();
+        let is_whole_circle = matches!(code, 20 | 30) && codes.motion.is_some() && has_centre();
         if !(has_words || is_whole_circle) {
             if is_cycle(code) && given.has(b'R') {
                 return Err(given.refused(
@@ -76,11 +76,11 @@ impl Interpreter {
             _ if is_cycle(code) => Path::Rapid,
             10 | 20 | 30 => Path::Line,
             50..=52 => {
-                self.notes.add(Note::GoesWhole(text(code)), given.line);
+                self.notes.add(Note::GoesWhole(code_text(code)), given.line);
                 Path::Spline
             }
             _ => {
-                self.notes.add(Note::PassedOn(text(code)), given.line);
+                self.notes.add(Note::PassedOn(code_text(code)), given.line);
                 Path::Other
             }
         };
@@ -135,7 +135,7 @@ impl Interpreter {
     /// # Errors
     /// Coordinates of a printer without a code.
     fn check_code(&self, codes: &Codes, given: &Given<'_>) -> Result<(), NcError> {
-        if self.is_printer() && codes.motion().is_none() && given.names_axes() {
+        if self.is_printer() && codes.motion.is_none() && given.names_axes() {
             return Err(given.refused(
                 "coordinates without a code, which Klipper does not execute: write G0, G1, G2 or G3 before them",
             ));
@@ -154,7 +154,7 @@ impl Interpreter {
         let motion = self
             .modal
             .motion
-            .filter(|_| has_words || codes.motion().is_some());
+            .filter(|_| has_words || codes.motion.is_some());
         let (Some(motion @ (0 | 10 | 20 | 30)), Dialect::Rs274, false) =
             (motion, self.dialect, codes.has_words)
         else {
@@ -181,7 +181,7 @@ impl Interpreter {
             b'K' if is_arc => "which is no part of the centre in the plane of X and Y (G17)",
             _ => "which no code of the block uses, so that LinuxCNC refuses it",
         };
-        let (letter, code) = (char::from(*letter), text(motion));
+        let (letter, code) = (char::from(*letter), code_text(motion));
         Err(given.refused(&format!("{letter} beside {code}, {why}")))
     }
 
@@ -313,7 +313,7 @@ impl Interpreter {
         }
         for axis in 0..9 {
             let has_length =
-                self.modal.tool_offset[axis] != 0.0 || axis == 2 && self.rests.has_unstated_tool();
+                self.modal.tool_offset[axis] != 0.0 || axis == 2 && self.rests.tool != 0;
             if motion.words[axis].is_some() && has_length {
                 self.known[axis] = false;
             }
@@ -330,7 +330,9 @@ impl Interpreter {
     ) -> Result<Axes, NcError> {
         if in_machine {
             let mut end = self.position;
-            given.each_axis(|axis, value| end[axis] = value * self.modal.scale(axis))?;
+            for (axis, value) in given.axes()? {
+                end[axis] = value * self.modal.scale(axis);
+            }
             return Ok(end);
         }
         let before = self.program_position();
@@ -339,14 +341,14 @@ impl Interpreter {
         if let Some(at) = polar {
             end[..2].copy_from_slice(&at);
         }
-        given.each_axis(|axis, value| {
+        for (axis, value) in given.axes()? {
             let value = value * self.modal.scale(axis);
             end[axis] = if incremental[axis] {
                 before[axis] + value
             } else {
                 value
             };
-        })?;
+        }
         Ok(self.reached(&end, |axis| given.places[axis].is_some(), polar.is_some()))
     }
 
@@ -502,7 +504,6 @@ impl Interpreter {
         }
     }
 
-    /// The arc of a block that ends at `end`.
     pub(crate) fn arc(&self, code: Code, given: &Given<'_>, end: &Axes) -> Result<Arc, NcError> {
         let axes = self.modal.plane.axes();
         let [first, second, _] = axes;
@@ -582,7 +583,7 @@ impl Interpreter {
 
     /// Whether the X and Y words of a block are polar coordinates: those of motions are, under G16.
     pub(crate) fn takes_polar(&self, codes: &Codes) -> bool {
-        let says_no_place = codes.not_modal().is_some() || codes.rotation() == Some(680);
+        let says_no_place = codes.not_modal.is_some() || codes.rotation == Some(680);
         self.modal.polar.is_some() && !codes.in_machine && !says_no_place
     }
 
@@ -602,7 +603,7 @@ impl Interpreter {
         if codes.in_machine {
             return Err(given.refused("polar coordinates that are machine coordinates (G53)"));
         }
-        let motion = codes.motion().or(self.modal.motion);
+        let motion = codes.motion.or(self.modal.motion);
         let is_arc = matches!(motion, Some(20 | 30));
         if is_arc && under_g16 && (given.has(b'I') || given.has(b'J')) {
             return Err(given.refused(

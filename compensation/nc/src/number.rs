@@ -118,7 +118,6 @@ impl Digits {
         Some(if self.negative { -size } else { size })
     }
 
-    /// Digits behind the decimal point.
     pub(crate) fn decimals(self) -> u8 {
         self.decimals
     }
@@ -253,7 +252,6 @@ pub(crate) struct Number {
     form: Form,
 }
 
-/// How a number is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Form {
     /// With a point where it has decimals.
@@ -290,7 +288,6 @@ impl Number {
         Some(number)
     }
 
-    /// The same number in another form.
     pub(crate) fn form(self, form: Form) -> Self {
         Self { form, ..self }
     }

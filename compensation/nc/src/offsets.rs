@@ -6,11 +6,11 @@ use crate::{
     block::{Command, Cycle, Manner},
     codes::{Codes, Given, whole},
     control::Control,
-    coordinates::{LETTERS, each},
+    coordinates::{LETTERS, each, turned},
     interpreter::{Interpreter, Outcome},
     modal::{
         CentrePoint, Code, MOST_NUMBERED, NUMBERED, Plane, Programmed, RS274_SYSTEMS, WORK_OFFSETS,
-        numbered, text,
+        code_text, numbered,
     },
     motion::{Move, Path},
     notes::Note,
@@ -71,7 +71,6 @@ impl Interpreter {
         }
     }
 
-    /// G68.
     pub(crate) fn rotation(&mut self, given: &Given<'_>) -> Result<(), NcError> {
         let angle = given.letter(b'R')?;
         let angle = angle.ok_or_else(|| given.refused("G68 without an angle R"))?;
@@ -105,7 +104,7 @@ impl Interpreter {
         given: &Given<'_>,
         outcome: &mut Outcome,
     ) -> Result<bool, NcError> {
-        match codes.not_modal() {
+        match codes.not_modal {
             Some(100) => self.set_table(given, outcome)?,
             Some(code @ (280 | 300)) => {
                 self.go_home(usize::from(code == 300), given, outcome)?;
@@ -152,12 +151,12 @@ impl Interpreter {
                 self.modal.shifted = true;
             }
             _ => {
-                let are_taken = codes.tool_length() == Some(431) || codes.rotation() == Some(680);
+                let are_taken = codes.tool_length == Some(431) || codes.rotation == Some(680);
                 return Ok(are_taken);
             }
         }
         self.update_frame();
-        Ok(codes.not_modal() != Some(40))
+        Ok(codes.not_modal != Some(40))
     }
 
     /// Starts a shift of some axes by G52 (`local`) or G92: those that G92.2 has switched off do not come back.
@@ -204,7 +203,6 @@ impl Interpreter {
         }
     }
 
-    /// G10.
     fn set_table(&mut self, given: &Given<'_>, outcome: &mut Outcome) -> Result<(), NcError> {
         let (kind, place) = (given.whole(b'L')?, given.whole(b'P')?);
         // On these controls L20 sets one of the offsets that have numbers; the others are tables of the control.
@@ -268,7 +266,7 @@ impl Interpreter {
                     let mut way = [0.0; 9];
                     way[axis] = frame.to_program(&self.position)[axis] - value;
                     let offset = &mut self.modal.offsets[system].offset;
-                    for (offset, way) in offset.iter_mut().zip(frame.way_of_offset(&way)) {
+                    for (offset, way) in offset.iter_mut().zip(turned(&way, frame.rotation_deg)) {
                         *offset += way;
                     }
                 }
@@ -364,9 +362,9 @@ impl Interpreter {
         if (1100..=1290).contains(&code) {
             return Ok(NUMBERED + usize::from(code / 10 - 110));
         }
-        let is_elsewhere = codes.not_modal().is_some()
+        let is_elsewhere = codes.not_modal.is_some()
             || codes
-                .motion()
+                .motion
                 .or(self.modal.motion)
                 .is_some_and(|code| code > 30 && given.names_axes());
         let most = control.map_or(MOST_NUMBERED, Control::last_numbered);
@@ -374,7 +372,7 @@ impl Interpreter {
             Some(number) if (1..=most).contains(&number) && !is_elsewhere => Ok(numbered(number)),
             _ => Err(given.refused(&format!(
                 "{} without a P from 1 to {most} of its own, the number of the work offset",
-                text(code)
+                code_text(code)
             ))),
         }
     }
@@ -383,8 +381,8 @@ impl Interpreter {
     pub(crate) fn dwells_by_axis(&self, codes: &Codes, given: &Given<'_>) -> bool {
         let has_time = given.has(b'X') || given.has(b'U');
         let others = (0..9).any(|axis| given.word(axis).is_some() && !matches!(axis, 0 | 6));
-        codes.not_modal() == Some(40)
-            && codes.motion().is_none()
+        codes.not_modal == Some(40)
+            && codes.motion.is_none()
             && has_time
             && !others
             && matches!(self.control, Some(Control::Fanuc | Control::Mazak))
@@ -399,7 +397,7 @@ impl Interpreter {
     ) -> Result<(), NcError> {
         let is_lacked = |axis: &usize| given.word(*axis).is_some() && !self.machine_has(*axis);
         let axis = (6..9).find(is_lacked).filter(|_| {
-            codes.not_modal() != Some(40)
+            codes.not_modal != Some(40)
                 && codes.with_arguments().is_none()
                 && self.control.is_some_and(Control::is_fanuc_like)
         });
@@ -482,7 +480,7 @@ impl Interpreter {
                 Command::Ends => outcome.ends = true,
                 Command::MayMove(name) => {
                     self.forget_positions();
-                    self.extruder.forget_position();
+                    self.extruder.at = None;
                     self.notes.add(Note::MayMove(name.clone()), given.line);
                 }
                 Command::Homes { all } => {

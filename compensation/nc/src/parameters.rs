@@ -20,7 +20,6 @@ pub(crate) const RETURNED: &str = "_value";
 
 pub(crate) const HAS_RETURNED: &str = "_value_returned";
 
-/// Parameters of one kind.
 #[derive(Clone, Debug, Default)]
 struct Values {
     numbered: HashMap<u32, Value>,
@@ -38,7 +37,6 @@ pub(crate) struct Parameters {
 }
 
 impl Parameters {
-    /// Whether a subroutine is being executed.
     pub(crate) fn in_sub(&self) -> bool {
         !self.subs.is_empty()
     }
@@ -109,7 +107,6 @@ impl Parameters {
         });
     }
 
-    /// A subroutine ends.
     pub(crate) fn leave(&mut self) {
         self.subs.pop();
     }

@@ -111,7 +111,6 @@ pub fn picture(of: &Verification) -> String {
     svg
 }
 
-/// What the colours mean, and the numbers.
 fn legend(svg: &mut String, of: &Verification, kinds: &[(&str, &str); 3]) {
     let numbers = [None, Some(&of.before), Some(&of.after)];
     for (i, ((colour, name), deviation)) in kinds.iter().zip(numbers).enumerate() {

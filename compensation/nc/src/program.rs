@@ -2,11 +2,12 @@
 
 use std::{
     io::{self, BufRead, Read, Write},
-    sync::mpsc::SyncSender,
+    sync::mpsc::{Receiver, sync_channel},
+    thread,
 };
 
 use memchr::memchr2;
-use volcomp_model::vocabulary::CorrectionLimit;
+use volcomp_model::{Machine, Temperatures, Thermal, vocabulary::CorrectionLimit};
 
 use crate::{
     Counts, Decimals, NcError, Notes,
@@ -188,7 +189,6 @@ enum Next {
     Followed,
 }
 
-/// State: a program that is streamed.
 struct Stream {
     rewriter: Rewriter,
     /// Bytes before the program in the line that was read last, and whether the program has begun.
@@ -204,7 +204,6 @@ struct Stream {
 }
 
 impl Stream {
-    /// Takes a line with its end.
     fn line(&mut self, text: &[u8]) -> Result<Next, NcError> {
         let (line, end) = text.split_at(length_of(text));
         self.number += 1;
@@ -348,31 +347,50 @@ fn read_line(input: &mut impl BufRead, text: &mut Vec<u8>, number: usize) -> Res
 }
 
 /// Motions that wait between two threads.
-pub(crate) const WAITING: usize = 1024;
+const WAITING: usize = 1024;
 
-/// A run that was stopped since nobody listens any more.
-pub(crate) fn is_end(error: &NcError) -> bool {
-    matches!(error, NcError::Io(error) if error.kind() == io::ErrorKind::BrokenPipe)
-}
-
-/// Sends the motions of a program, one after the other.
-pub(crate) fn motions(
-    program: &mut impl BufRead,
-    ideal: &Corrector,
-    setup: &SetUp,
+/// Runs programs beside each other, each with its set-up, on a machine without errors, so that no line is changed. `take` receives their
+/// motions. Its result, and what the first run that failed says.
+pub(crate) fn run_beside<T>(
+    machine: &Machine,
+    temperatures: &Temperatures,
     (dialect, most_blocks): (Dialect, u64),
-    to: SyncSender<Made>,
-) -> Result<(), NcError> {
-    let mut rewriter = Rewriter::new(
-        setup,
-        ideal.clone(),
-        Decimals::default(),
-        dialect,
-        CorrectionLimit::default(),
-    )?;
-    rewriter.tells = Some(to);
-    // Both programs have been read by now.
-    rewriter.interpreter.points.may_mix = true;
-    execute(program, &mut io::sink(), rewriter, most_blocks, |_| Ok(()))?;
-    Ok(())
+    programs: Vec<(&mut (dyn BufRead + Send), &SetUp)>,
+    take: impl FnOnce(&[Receiver<Made>]) -> T,
+) -> Result<(T, Option<NcError>), NcError> {
+    let mut ideal = machine.clone();
+    ideal.clear_errors();
+    ideal.set_thermal(Thermal::default())?;
+    let ideal = Corrector::new(&ideal, temperatures, 1.0)?;
+    thread::scope(|scope| {
+        let (mut runs, mut motions) = (Vec::new(), Vec::new());
+        for (mut program, setup) in programs {
+            let (to, from) = sync_channel(WAITING);
+            motions.push(from);
+            let (decimals, limit) = (Decimals::default(), CorrectionLimit::default());
+            let rewriter = Rewriter::new(setup, ideal.clone(), decimals, dialect, limit);
+            runs.push(scope.spawn(move || {
+                let mut rewriter = rewriter?;
+                rewriter.tells = Some(to);
+                // The programs have been read by now.
+                rewriter.interpreter.points.may_mix = true;
+                execute(&mut program, &mut io::sink(), rewriter, most_blocks, |_| {
+                    Ok(())
+                })
+            }));
+        }
+        let taken = take(&motions);
+        // A sender that goes on gets an error.
+        drop(motions);
+        let is_end = |error: &NcError| matches!(error, NcError::Io(error) if error.kind() == io::ErrorKind::BrokenPipe);
+        let mut failed = None;
+        for run in runs {
+            match run.join() {
+                Ok(Err(error)) if failed.is_none() && !is_end(&error) => failed = Some(error),
+                Ok(_) => {}
+                Err(panic) => std::panic::resume_unwind(panic),
+            }
+        }
+        Ok((taken, failed))
+    })
 }

@@ -4,6 +4,80 @@ use volcomp_model::vocabulary::{Direction, MAX_AXES};
 
 use crate::{coordinates::Axes, correction::Corrector};
 
+/// Shares that are nearer to one another are one.
+pub(crate) const SAME: f64 = 1e-6;
+
+/// Turning points are met to this, mm.
+const MET_WITHIN_MM: f64 = 5e-5;
+
+const MOST_STEPS: f64 = 1024.0;
+
+/// An axis turns: from here on its errors are those of the other direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Turn {
+    /// Where on the way, from 0 to 1.
+    pub(crate) share: f64,
+    pub(crate) axis: usize,
+    pub(crate) side: Direction,
+    /// The furthest place of the axis in its new direction that is known so far.
+    pub(crate) furthest: f64,
+    /// That in its old direction.
+    before: f64,
+}
+
+/// What axes do on a way.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Turns {
+    pub(crate) turns: Vec<Turn>,
+    /// The furthest place of each axis in the direction that it has at the end.
+    pub(crate) furthest: Axes,
+}
+
+impl Turns {
+    /// Leaves the turns behind this share to the next motion.
+    pub(crate) fn keep_before(&mut self, share: f64) {
+        while let Some(turn) = self.turns.pop_if(|turn| turn.share >= share) {
+            self.furthest[turn.axis] = turn.before;
+        }
+    }
+}
+
+/// State: the play operator of each axis. A carriage stays where it is until the flank behind or before it takes it along.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Carriages {
+    drive: Axes,
+    /// The carriage from where its drive is, mm or deg: half of the play at the most. In the middle, while it is not known how the
+    /// axis came to where it is.
+    pub(crate) off: Axes,
+}
+
+impl Carriages {
+    /// The drives stand here, and it is not known how they came.
+    pub(crate) fn at(drive: &Axes) -> Self {
+        Self {
+            drive: *drive,
+            off: [0.0; 9],
+        }
+    }
+
+    /// Rotary axes are where they were, which has another number now, deg.
+    pub(crate) fn wraps(&mut self, by: &Axes) {
+        for (drive, by) in self.drive.iter_mut().zip(by) {
+            *drive += by;
+        }
+    }
+
+    /// The drives go to this place; each axis goes in one direction.
+    pub(crate) fn go(&mut self, truth: &Corrector, to: &Axes) {
+        let from = std::mem::replace(&mut self.drive, *to);
+        let lost = truth.lost(to);
+        for axis in 0..9 {
+            let half = 0.5 * lost[axis];
+            self.off[axis] = (from[axis] + self.off[axis] - to[axis]).clamp(-half, half);
+        }
+    }
+}
+
 impl Corrector {
     /// From which side the axes come, to be put back.
     pub(crate) fn sides(&self) -> (Axes<Option<Direction>>, Axes) {
@@ -48,7 +122,6 @@ impl Corrector {
         }
     }
 
-    /// An axis turns.
     pub(crate) fn turn(&mut self, turn: &Turn) {
         if self.approach[turn.axis] != Some(turn.side) {
             self.version += 1;
@@ -106,7 +179,7 @@ impl Corrector {
     /// many steps and goes straight between them.
     pub(crate) fn carriages(&self, steps: u32, at: impl Fn(f64) -> Axes) -> impl Fn(f64) -> Axes {
         let share = |step: u32| f64::from(step) / f64::from(steps);
-        let more: Vec<Axes> = if self.has_play() {
+        let more: Vec<Axes> = if self.play.any {
             (0..=steps)
                 .map(|step| self.without_play(&at(share(step))))
                 .collect()
@@ -140,13 +213,13 @@ impl Corrector {
     pub(crate) fn turns(&self, steps: u32, at: impl Fn(f64) -> Axes) -> Turns {
         let mut turns = Vec::new();
         let mut furthest_of = [0.0; MAX_AXES];
-        if !self.is_bidirectional() {
+        if !self.bidirectional {
             return Turns::default();
         }
         let share = |step: u32| f64::from(step) / f64::from(steps);
         let places: Vec<Axes> = (0..=steps).map(|step| at(share(step))).collect();
         for axis in (0..MAX_AXES).filter(|axis| self.has(*axis)) {
-            let after = self.turned_after(axis);
+            let after = self.turned_after[axis];
             let (side, mut furthest) = self.side(axis);
             let mut side = side;
             let mut of_furthest = 0;
@@ -203,51 +276,11 @@ impl Corrector {
     }
 }
 
-/// Shares that are nearer to one another are one.
-pub(crate) const SAME: f64 = 1e-6;
-
-/// Turning points are met to this, mm.
-const MET_WITHIN_MM: f64 = 5e-5;
-
-const MOST_STEPS: f64 = 1024.0;
-
 /// In how many steps a way that bends by this is to be followed so that no turning point is missed.
 pub(crate) fn steps_of(bulge_mm: f64) -> f64 {
     (bulge_mm / MET_WITHIN_MM).sqrt().clamp(1.0, MOST_STEPS)
 }
 
-/// An axis turns: from here on its errors are those of the other direction.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Turn {
-    /// Where on the way, from 0 to 1.
-    pub(crate) share: f64,
-    pub(crate) axis: usize,
-    pub(crate) side: Direction,
-    /// The furthest place of the axis in its new direction that is known so far.
-    pub(crate) furthest: f64,
-    /// That in its old direction.
-    before: f64,
-}
-
-/// What axes do on a way.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Turns {
-    /// In the order of the way.
-    pub(crate) turns: Vec<Turn>,
-    /// The furthest place of each axis in the direction that it has at the end.
-    pub(crate) furthest: Axes,
-}
-
-impl Turns {
-    /// Leaves the turns behind this share to the next motion.
-    pub(crate) fn keep_before(&mut self, share: f64) {
-        while let Some(turn) = self.turns.pop_if(|turn| turn.share >= share) {
-            self.furthest[turn.axis] = turn.before;
-        }
-    }
-}
-
-/// The direction of a way.
 fn side_of(way: f64) -> Direction {
     if way > 0.0 {
         Direction::Positive
@@ -260,41 +293,5 @@ fn sign_of(side: Direction) -> f64 {
     match side {
         Direction::Positive => 1.0,
         Direction::Negative => -1.0,
-    }
-}
-
-/// State: the play operator of each axis. A carriage stays where it is until the flank behind or before it takes it along.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Carriages {
-    drive: Axes,
-    /// The carriage from where its drive is, mm or deg: half of the play at the most. In the middle, while it is not known how the
-    /// axis came to where it is.
-    pub(crate) off: Axes,
-}
-
-impl Carriages {
-    /// The drives stand here, and it is not known how they came.
-    pub(crate) fn at(drive: &Axes) -> Self {
-        Self {
-            drive: *drive,
-            off: [0.0; 9],
-        }
-    }
-
-    /// Rotary axes are where they were, which has another number now, deg.
-    pub(crate) fn wraps(&mut self, by: &Axes) {
-        for (drive, by) in self.drive.iter_mut().zip(by) {
-            *drive += by;
-        }
-    }
-
-    /// The drives go to this place; each axis goes in one direction.
-    pub(crate) fn go(&mut self, truth: &Corrector, to: &Axes) {
-        let from = std::mem::replace(&mut self.drive, *to);
-        let lost = truth.lost(to);
-        for axis in 0..9 {
-            let half = 0.5 * lost[axis];
-            self.off[axis] = (from[axis] + self.off[axis] - to[axis]).clamp(-half, half);
-        }
     }
 }

@@ -85,10 +85,8 @@ pub(crate) struct Rewriter {
     pub(crate) pole: Option<[f64; 2]>,
     /// The result has switched to X and Y as places (G15) where the program has polar coordinates (G16).
     pub(crate) polar_is_off: bool,
-    /// Numbers have decimal commas.
     comma: bool,
     pub(crate) computed: Computed,
-    /// Where files with subroutines are.
     pub(crate) folders: Arc<[PathBuf]>,
     /// The end of lines that are added.
     more: &'static [u8],
@@ -104,6 +102,106 @@ pub(crate) struct Rewriter {
     parts: Vec<f64>,
 }
 
+/// What coordinates and F mean.
+#[derive(Clone, Debug)]
+pub(crate) struct Meaning {
+    frame: Frame,
+    unit_mm: f64,
+    diameter: bool,
+    absolute: bool,
+    polar: Option<[Option<f64>; 2]>,
+    feed_mode: FeedMode,
+    pub(crate) feed: Option<f64>,
+    known: Axes<bool>,
+}
+
+impl Meaning {
+    /// What holds before a block that may be an arc.
+    pub(crate) fn before(interpreter: &Interpreter, block: &Block) -> Option<Self> {
+        let modal = &interpreter.modal;
+        let says_arc = (block.words.iter())
+            .any(|word| word.letter == b'G' && matches!(word.value, Some(2.0 | 3.0)));
+        let is_arc = matches!(modal.motion, Some(20 | 30)) || says_arc;
+        is_arc.then(|| Self {
+            frame: interpreter.frame.clone(),
+            unit_mm: modal.unit_mm,
+            diameter: modal.diameter,
+            absolute: modal.absolute,
+            polar: modal.polar,
+            feed_mode: modal.feed_mode,
+            feed: modal.feed,
+            known: interpreter.known,
+        })
+    }
+
+    /// Whether a straight motion can be written before a block with what holds behind its codes: the control reads coordinates in the plane
+    /// in the same way then, and has a feed, or gets that of the block.
+    pub(crate) fn takes_straight(&self, after: &Modal, has_feed: bool) -> bool {
+        let has_other_feed = match (self.feed_mode, self.feed) {
+            (FeedMode::InverseTime, None) => true,
+            (mode, None) => has_feed && mode != after.feed_mode,
+            (_, Some(_)) => false,
+        };
+        self.polar.is_some() == after.polar.is_some() && !has_other_feed
+    }
+
+    /// Puts this meaning in the place of the one that holds, which it gets.
+    pub(crate) fn swap(&mut self, interpreter: &mut Interpreter) {
+        let modal = &mut interpreter.modal;
+        swap(&mut self.frame, &mut interpreter.frame);
+        swap(&mut self.unit_mm, &mut modal.unit_mm);
+        swap(&mut self.diameter, &mut modal.diameter);
+        swap(&mut self.absolute, &mut modal.absolute);
+        swap(&mut self.polar, &mut modal.polar);
+        swap(&mut self.feed_mode, &mut modal.feed_mode);
+        swap(&mut self.feed, &mut modal.feed);
+        swap(&mut self.known, &mut interpreter.known);
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Contour {
+    None,
+    /// It begins or ends to do so with this motion, which must stay one.
+    Switches,
+    /// It does: each motion in the plane is an element of the contour, which gets no others and is not split. At an inside corner the control
+    /// ends an element early by up to the radius of the tool, which parts may be shorter than.
+    Follows,
+}
+
+/// Whether the correction that the axes carry is the one that belongs to where they are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Settled {
+    Yes,
+    No,
+    /// It is not, since an axis has turned.
+    Turned,
+}
+
+/// Words that say where the axes stand have so many further decimals where they need them.
+const FINER: u8 = 3;
+
+/// Which values that the program computes are written as numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Computed {
+    Kept,
+    /// Those with what a subroutine returned: its call is written out.
+    ReturnedWritten,
+    /// All: the lines that compute them are not executed in this order.
+    Written,
+}
+
+/// How the numbers of the parts of a line are rounded.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Strategy {
+    /// Each to the nearest.
+    #[default]
+    Plain,
+    /// Together, so that the motion is nearest to the line: along it a part may end a little sooner or later, since the next one
+    /// goes on from there. The shortest way through the graph of the numbers that are next to the exact ones.
+    Floyd,
+}
+
 impl Rewriter {
     pub(crate) fn new(
         setup: &SetUp,
@@ -112,7 +210,7 @@ impl Rewriter {
         dialect: Dialect,
         limit: CorrectionLimit,
     ) -> Result<Self, NcError> {
-        let interpreter = Interpreter::new(setup, Arc::clone(corrector.machine()), dialect)?;
+        let interpreter = Interpreter::new(setup, Arc::clone(&corrector.machine), dialect)?;
         let mut corrector = corrector;
         corrector.begins(&interpreter.position);
         Ok(Self {
@@ -150,7 +248,6 @@ impl Rewriter {
         })
     }
 
-    /// The language of the program.
     pub(crate) fn dialect(&self) -> Dialect {
         self.interpreter.dialect
     }
@@ -231,10 +328,10 @@ impl Rewriter {
         self.interpreter
             .execute(line.block, line.number, &mut outcome)?;
         if outcome.calls.is_some() {
-            return Err(NcError::NotCompensated {
-                line: line.number,
-                what: "M98 and M99 are followed where they stand alone in their line: M98 P1000 L3, M99".to_owned(),
-            });
+            return Err(NcError::not_compensated(
+                line.number,
+                "M98 and M99 are followed where they stand alone in their line: M98 P1000 L3, M99",
+            ));
         }
         let other_tool = (self.corrector).take_tool(&self.interpreter.modal.tool_offset)?;
         if other_tool {
@@ -284,7 +381,7 @@ impl Rewriter {
             self.switches_radius &= !self.moves_in_plane(motion);
         }
         self.after_cycles(&outcome, line)?;
-        if let Some(violation) = self.bounds.take_violation() {
+        if let Some(violation) = self.bounds.violated.take() {
             return Err(NcError::OutOfBounds {
                 line: line.number,
                 violation,
@@ -467,7 +564,7 @@ impl Rewriter {
     /// A motion has been written: the axes have done what they do on it.
     pub(crate) fn has_moved(&mut self, motion: &Move) {
         let turns = std::mem::take(&mut self.turns);
-        if self.corrector.is_bidirectional() {
+        if self.corrector.bidirectional {
             self.corrector.reaches(&turns.furthest);
         }
         self.settled = if self.corrector.goes(&motion.to) {
@@ -615,7 +712,9 @@ impl Rewriter {
     #[inline]
     pub(crate) fn numerals(&self, axis: usize, word: Option<&Word>) -> Numerals {
         let points = &self.interpreter.points;
-        let increments = word.map_or(points.adds_increments(), |word| word.in_increments);
+        let increments = word.map_or(points.last_in_increments == Some(true), |word| {
+            word.in_increments
+        });
         let decimals = if increments {
             INCREMENTS
         } else {
@@ -637,10 +736,10 @@ impl Rewriter {
     pub(crate) fn check_extrusion(&self, line: Line<'_>) -> Result<(), NcError> {
         match self.extrusion.and_then(|extrusion| extrusion.unknown) {
             None => Ok(()),
-            Some(why) => Err(NcError::NotCompensated {
-                line: line.number,
-                what: format!("a motion that is split: {why}"),
-            }),
+            Some(why) => Err(NcError::not_compensated(
+                line.number,
+                format!("a motion that is split: {why}"),
+            )),
         }
     }
 
@@ -689,110 +788,4 @@ fn read_block(
             Ok(Reads::default())
         }
     }
-}
-
-/// What coordinates and F mean.
-#[derive(Clone, Debug)]
-pub(crate) struct Meaning {
-    frame: Frame,
-    unit_mm: f64,
-    diameter: bool,
-    absolute: bool,
-    polar: Option<[Option<f64>; 2]>,
-    feed_mode: FeedMode,
-    feed: Option<f64>,
-    known: Axes<bool>,
-}
-
-impl Meaning {
-    /// What holds before a block that may be an arc.
-    pub(crate) fn before(interpreter: &Interpreter, block: &Block) -> Option<Self> {
-        let modal = &interpreter.modal;
-        let says_arc = (block.words.iter())
-            .any(|word| word.letter == b'G' && matches!(word.value, Some(2.0 | 3.0)));
-        let is_arc = matches!(modal.motion, Some(20 | 30)) || says_arc;
-        is_arc.then(|| Self {
-            frame: interpreter.frame.clone(),
-            unit_mm: modal.unit_mm,
-            diameter: modal.diameter,
-            absolute: modal.absolute,
-            polar: modal.polar,
-            feed_mode: modal.feed_mode,
-            feed: modal.feed,
-            known: interpreter.known,
-        })
-    }
-
-    /// Whether a straight motion can be written before a block with what holds behind its codes: the control reads coordinates in the plane
-    /// in the same way then, and has a feed, or gets that of the block.
-    pub(crate) fn takes_straight(&self, after: &Modal, has_feed: bool) -> bool {
-        let has_other_feed = match (self.feed_mode, self.feed) {
-            (FeedMode::InverseTime, None) => true,
-            (mode, None) => has_feed && mode != after.feed_mode,
-            (_, Some(_)) => false,
-        };
-        self.polar.is_some() == after.polar.is_some() && !has_other_feed
-    }
-
-    /// Whether no feed has been said.
-    pub(crate) fn lacks_feed(&self) -> bool {
-        self.feed.is_none()
-    }
-
-    /// Puts this meaning in the place of the one that holds, which it gets.
-    pub(crate) fn swap(&mut self, interpreter: &mut Interpreter) {
-        let modal = &mut interpreter.modal;
-        swap(&mut self.frame, &mut interpreter.frame);
-        swap(&mut self.unit_mm, &mut modal.unit_mm);
-        swap(&mut self.diameter, &mut modal.diameter);
-        swap(&mut self.absolute, &mut modal.absolute);
-        swap(&mut self.polar, &mut modal.polar);
-        swap(&mut self.feed_mode, &mut modal.feed_mode);
-        swap(&mut self.feed, &mut modal.feed);
-        swap(&mut self.known, &mut interpreter.known);
-    }
-}
-
-/// Whether the control compensates the radius of the tool.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Contour {
-    None,
-    /// It begins or ends to do so with this motion, which must stay one.
-    Switches,
-    /// It does: each motion in the plane is an element of the contour, which gets no others and is not split. At an inside corner the control
-    /// ends an element early by up to the radius of the tool, which parts may be shorter than.
-    Follows,
-}
-
-/// Whether the correction that the axes carry is the one that belongs to where they are.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Settled {
-    Yes,
-    No,
-    /// It is not, since an axis has turned.
-    Turned,
-}
-
-/// Words that say where the axes stand have so many further decimals where they need them.
-const FINER: u8 = 3;
-
-/// Which values that the program computes are written as numbers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Computed {
-    Kept,
-    /// Those with what a subroutine returned: its call is written out.
-    ReturnedWritten,
-    /// All: the lines that compute them are not executed in this order.
-    Written,
-}
-
-/// How the numbers of the parts of a line are rounded.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Strategy {
-    /// Each to the nearest.
-    #[default]
-    Plain,
-    /// Together, so that the motion is nearest to the line: along it a part may end a little sooner or later, since the next one
-    /// goes on from there. The shortest way through the graph of the numbers that are next to the exact ones.
-    Floyd,
 }

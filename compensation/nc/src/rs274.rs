@@ -8,7 +8,7 @@ use crate::{
     codes::{Codes, is_cycle},
     control::{Control, DecimalPoints, INCREMENTS},
     coordinates::Axes,
-    error::Fault,
+    error::{Fault, malformed, not_followed},
     expression::{Expressions, Read},
     interpreter::Interpreter,
     number::plain,
@@ -56,15 +56,8 @@ impl Block {
                         });
                     };
                     self.end = scanner.at();
-                    self.words.push(Word {
-                        letter: byte,
-                        at,
-                        text: from..scanner.at(),
-                        value,
-                        decimals,
-                        manner: Manner::Modal,
-                        in_increments: false,
-                    });
+                    let text = from..scanner.at();
+                    self.push(byte, at, text, value, Manner::Modal, decimals);
                 }
                 other => {
                     return Err(Fault::Character {
@@ -77,7 +70,6 @@ impl Block {
         Ok(())
     }
 
-    /// A line that says nothing.
     pub(crate) fn clear(&mut self) {
         self.words.clear();
         self.assignments.clear();
@@ -106,21 +98,21 @@ impl Block {
         };
         let column = scanner.column();
         if !scanner.takes(b'=') {
-            return Err(Fault::Expression {
+            return Err(malformed(
                 column,
-                what: "expected = after a parameter that begins a word",
-            });
+                "expected = after a parameter that begins a word",
+            ));
         }
         scanner.peek();
         let (column, from) = (scanner.column(), scanner.at());
-        let read = expressions.read(scanner)?.ok_or(Fault::Expression {
+        let read = expressions.read(scanner)?.ok_or(malformed(
             column,
-            what: "expected the value of the parameter after =",
-        })?;
-        let parameter = parameter.ok_or(Fault::Expression {
+            "expected the value of the parameter after =",
+        ))?;
+        let parameter = parameter.ok_or(malformed(
             column,
-            what: "only the machine knows which parameter is set here",
-        })?;
+            "only the machine knows which parameter is set here",
+        ))?;
         self.assignments.push(Assignment {
             parameter,
             value: read.value,
@@ -163,38 +155,34 @@ const HEIDENHAIN: &str =
     "that is the conversational language of HEIDENHAIN controls: --dialect heidenhain";
 
 /// With what a line of another language begins, behind the number of its block.
-const OTHERS: [(&str, &str); 31] = [
-    ("IF", MACRO),
-    ("WHILE", MACRO),
-    ("GOTO", MACRO),
-    ("DO", MACRO),
-    ("BEGIN PGM", HEIDENHAIN),
-    ("END PGM", HEIDENHAIN),
-    ("BLK FORM", HEIDENHAIN),
-    ("TOOL CALL", HEIDENHAIN),
-    ("TOOL DEF", HEIDENHAIN),
-    ("CYCL", HEIDENHAIN),
-    ("L X", HEIDENHAIN),
-    ("L Y", HEIDENHAIN),
-    ("L Z", HEIDENHAIN),
-    ("LP", HEIDENHAIN),
-    ("CC", HEIDENHAIN),
-    ("CR", HEIDENHAIN),
-    ("LBL", HEIDENHAIN),
-    ("FN", HEIDENHAIN),
-    ("END", MACRO),
-    ("TRANS", SIEMENS),
-    ("ATRANS", SIEMENS),
-    ("ROT", SIEMENS),
-    ("AROT", SIEMENS),
-    ("TRAORI", SIEMENS),
-    ("TRAFOOF", SIEMENS),
-    ("DEF", SIEMENS),
-    ("MSG", SIEMENS),
-    ("MCALL", SIEMENS),
-    ("CYCLE", SIEMENS),
-    ("PROC", SIEMENS),
-    ("R", SIEMENS),
+const OTHERS: [(&str, &[&str]); 3] = [
+    (
+        HEIDENHAIN,
+        &[
+            "BEGIN PGM",
+            "END PGM",
+            "BLK FORM",
+            "TOOL CALL",
+            "TOOL DEF",
+            "CYCL",
+            "L X",
+            "L Y",
+            "L Z",
+            "LP",
+            "CC",
+            "CR",
+            "LBL",
+            "FN",
+        ],
+    ),
+    (MACRO, &["IF", "WHILE", "GOTO", "DO", "END"]),
+    (
+        SIEMENS,
+        &[
+            "TRANS", "ATRANS", "ROT", "AROT", "TRAORI", "TRAFOOF", "DEF", "MSG", "MCALL", "CYCLE",
+            "PROC", "R",
+        ],
+    ),
 ];
 
 /// What stands only in lines of SINUMERIK.
@@ -236,7 +224,9 @@ pub(crate) fn hint(text: &[u8]) -> Option<Fault> {
             _ => word.starts_with("L ") || !behind.starts_with(|c: char| c.is_ascii_alphabetic()),
         }
     };
-    let begin = OTHERS.into_iter().find(|(word, _)| begins(word));
+    let mut others =
+        (OTHERS.iter()).flat_map(|(why, words)| words.iter().map(move |word| (*word, *why)));
+    let begin = others.find(|(word, _)| begins(word));
     let within = || IN_SIEMENS.into_iter().find(|word| text.contains(word));
     let (found, why) = begin.or_else(|| Some((within()?, SIEMENS)))?;
     Some(Fault::NotFollowed {
@@ -277,7 +267,7 @@ pub(crate) fn read_increments(
         _ => interpreter.modal.unit_mm,
     };
     // Codes that contradict each other are refused where the block is interpreted.
-    let codes = Codes::of(block, interpreter.control).ok();
+    let codes = Codes::of(block, interpreter.control, 0).ok();
     if codes
         .as_ref()
         .is_some_and(|codes| codes.with_arguments().is_some())
@@ -286,7 +276,7 @@ pub(crate) fn read_increments(
         return Ok(());
     }
     let drills = codes.is_some_and(|codes| {
-        let motion = codes.motion().or(interpreter.modal.motion);
+        let motion = codes.motion.or(interpreter.modal.motion);
         motion.is_some_and(is_cycle)
     });
     let names_axes = (block.words.iter()).any(|word| b"XYZABCUVW".contains(&word.letter));
@@ -340,65 +330,23 @@ pub(crate) fn read_increments(
             .iter()
             .any(|word| word.letter == b'Y' && word.in_increments)
     {
-        return Err(Fault::NotFollowed {
-            column: 1,
-            found: "an angle without a decimal point under G16 in inches".to_owned(),
-            why: "its least increment is not known here: write it with a point",
-        });
+        return Err(not_followed(
+            1,
+            "an angle without a decimal point under G16 in inches",
+            "its least increment is not known here: write it with a point",
+        ));
     }
     block.last_in_increments = last;
     Ok(())
 }
 
 /// M codes of printers that neither move an axis nor change what coordinates mean, from the first to the last of each range.
-const HARMLESS_M: [[u32; 2]; 47] = [
-    [0, 1],
-    [3, 5],
-    [7, 11],
-    [16, 17],
-    [20, 34],
-    [42, 43],
-    [73, 73],
-    [75, 78],
-    [80, 81],
-    [85, 85],
-    [100, 100],
-    [104, 115],
-    [117, 123],
-    [126, 129],
-    [140, 141],
-    [143, 143],
-    [145, 145],
-    [149, 150],
-    [154, 155],
-    [163, 166],
-    [190, 193],
-    [200, 205],
-    [207, 209],
-    [211, 211],
-    [220, 221],
-    [226, 226],
-    [250, 250],
-    [255, 256],
-    [260, 261],
-    [280, 282],
-    [300, 306],
-    [309, 309],
-    [355, 355],
-    [380, 381],
-    [400, 400],
-    [403, 407],
-    [412, 414],
-    [430, 430],
-    [485, 486],
-    [500, 500],
-    [503, 504],
-    [569, 569],
-    [572, 572],
-    [575, 575],
-    [592, 593],
-    [900, 900],
-    [906, 919],
+const HARMLESS_M: [u16; 94] = [
+    0, 1, 3, 5, 7, 11, 16, 17, 20, 34, 42, 43, 73, 73, 75, 78, 80, 81, 85, 85, 100, 100, 104, 115,
+    117, 123, 126, 129, 140, 141, 143, 143, 145, 145, 149, 150, 154, 155, 163, 166, 190, 193, 200,
+    205, 207, 209, 211, 211, 220, 221, 226, 226, 250, 250, 255, 256, 260, 261, 280, 282, 300, 306,
+    309, 309, 355, 355, 380, 381, 400, 400, 403, 407, 412, 414, 430, 430, 485, 486, 500, 500, 503,
+    504, 569, 569, 572, 572, 575, 575, 592, 593, 900, 900, 906, 919,
 ];
 
 /// G codes of printers that are executed as those of RS-274 are.
@@ -417,43 +365,12 @@ const MOVES_G: [f64; 17] = [
 ];
 
 /// Commands of Klipper that neither move an axis nor change what coordinates mean.
-const HARMLESS_COMMANDS: [&str; 35] = [
-    "ECHO",
-    "EXCLUDE_OBJECT",
-    "EXCLUDE_OBJECT_DEFINE",
-    "EXCLUDE_OBJECT_END",
-    "EXCLUDE_OBJECT_RESET",
-    "EXCLUDE_OBJECT_START",
-    "GET_POSITION",
-    "GET_RETRACTION",
-    "HELP",
-    "QUERY_ENDSTOPS",
-    "QUERY_FILAMENT_SENSOR",
-    "RESPOND",
-    "SAVE_GCODE_STATE",
-    "SET_DISPLAY_GROUP",
-    "SET_DISPLAY_TEXT",
-    "SET_EXTRUDER_ROTATION_DISTANCE",
-    "SET_FAN_SPEED",
-    "SET_FILAMENT_SENSOR",
-    "SET_GCODE_VARIABLE",
-    "SET_HEATER_TEMPERATURE",
-    "SET_IDLE_TIMEOUT",
-    "SET_INPUT_SHAPER",
-    "SET_LED",
-    "SET_LED_TEMPLATE",
-    "SET_PIN",
-    "SET_PRESSURE_ADVANCE",
-    "SET_PRINT_STATS_INFO",
-    "SET_RETRACTION",
-    "SET_SERVO",
-    "SET_STEPPER_ENABLE",
-    "SET_TEMPERATURE_FAN_TARGET",
-    "SET_VELOCITY_LIMIT",
-    "STATUS",
-    "TEMPERATURE_WAIT",
-    "TURN_OFF_HEATERS",
-];
+const HARMLESS_COMMANDS: &str = "ECHO EXCLUDE_OBJECT EXCLUDE_OBJECT_DEFINE EXCLUDE_OBJECT_END EXCLUDE_OBJECT_RESET EXCLUDE_OBJECT_START \
+    GET_POSITION GET_RETRACTION HELP QUERY_ENDSTOPS QUERY_FILAMENT_SENSOR RESPOND SAVE_GCODE_STATE \
+    SET_DISPLAY_GROUP SET_DISPLAY_TEXT SET_EXTRUDER_ROTATION_DISTANCE SET_FAN_SPEED SET_FILAMENT_SENSOR \
+    SET_GCODE_VARIABLE SET_HEATER_TEMPERATURE SET_IDLE_TIMEOUT SET_INPUT_SHAPER SET_LED SET_LED_TEMPLATE \
+    SET_PIN SET_PRESSURE_ADVANCE SET_PRINT_STATS_INFO SET_RETRACTION SET_SERVO SET_STEPPER_ENABLE \
+    SET_TEMPERATURE_FAN_TARGET SET_VELOCITY_LIMIT STATUS TEMPERATURE_WAIT TURN_OFF_HEATERS";
 
 /// Reads a line that does not consist of G-code words; false if it does.
 pub(crate) fn read_control_line(
@@ -508,19 +425,19 @@ fn of_printer(block: &mut Block, text: &[u8]) -> Result<bool, Fault> {
             block.commands.push(Command::MayMove(found()));
         }
         b'G' => {
-            return Err(Fault::NotFollowed {
+            return Err(not_followed(
                 column,
-                found: found(),
-                why: "it is not known for printers, and might move an axis",
-            });
+                &found(),
+                "it is not known for printers, and might move an axis",
+            ));
         }
         b'M' if number == 82.0 || number == 83.0 => {
             block.commands.push(Command::Extrudes {
                 relative: number == 83.0,
             });
         }
-        b'M' if (HARMLESS_M.iter())
-            .any(|[first, last]| (f64::from(*first)..=f64::from(*last)).contains(&number)) => {}
+        b'M' if (HARMLESS_M.chunks(2))
+            .any(|ends| f64::from(ends[0]) <= number && number <= f64::from(ends[1])) => {}
         _ => block.commands.push(Command::MayMove(found())),
     }
     Ok(true)
@@ -536,13 +453,9 @@ fn command(block: &mut Block, name: &str, column: usize) -> Result<bool, Fault> 
         _ => None,
     };
     if let Some(why) = refused {
-        return Err(Fault::NotFollowed {
-            column,
-            found: name.to_owned(),
-            why,
-        });
+        return Err(not_followed(column, name, why));
     }
-    if !HARMLESS_COMMANDS.contains(&name) {
+    if !HARMLESS_COMMANDS.split(' ').any(|of| of == name) {
         block.commands.push(Command::MayMove(name.to_owned()));
     }
     Ok(true)
@@ -573,11 +486,11 @@ fn of_grbl(block: &mut Block, text: &[u8]) -> Result<bool, Fault> {
     let is_scale = (scanner.number()).is_some_and(|(number, _)| (100.0..110.0).contains(&number));
     match letter {
         Some(b'J') => {
-            return Err(Fault::NotFollowed {
+            return Err(not_followed(
                 column,
-                found: "$J".to_owned(),
-                why: "a jog moves the axes: write G1 or G0",
-            });
+                "$J",
+                "a jog moves the axes: write G1 or G0",
+            ));
         }
         // Homing; steps for each mm; settings as they were delivered.
         Some(letter @ (b'H' | b'R')) => block

@@ -16,7 +16,6 @@ use crate::{
 /// Subroutines that call one another, so many at the most.
 const DEEPEST: usize = 100;
 
-/// State of the execution.
 struct Run<'r, 't> {
     lines: &'r Listing<'t>,
     flow: &'r Flow,
@@ -26,7 +25,6 @@ struct Run<'r, 't> {
     loops: Loops,
 }
 
-/// A subroutine that is being executed.
 #[derive(Clone, Copy, Debug)]
 struct Call {
     /// The line after it.
@@ -49,7 +47,7 @@ pub(crate) fn run(
     let mut before = rewriter.clone();
     let mut recorded = Recorded::new(lines);
     let (after, ends) = Run::new(rewriter, lines, &flow, most).go(&mut recorded)?;
-    if recorded.has_conflicts() {
+    if recorded.conflicts.contains(&true) {
         // A call that is written out returns nothing to the control.
         before.computed = Computed::ReturnedWritten;
         recorded = Recorded::new(lines);
@@ -303,7 +301,6 @@ impl<'r, 't> Run<'r, 't> {
         }
     }
 
-    /// Whether one more subroutine may be called.
     fn deeper(&self, at: usize) -> Result<(), NcError> {
         if self.calls.len() >= DEEPEST {
             return Err(self.wrong(
@@ -335,7 +332,6 @@ impl<'r, 't> Run<'r, 't> {
         Ok(begin + 1)
     }
 
-    /// The values behind an O-word.
     fn values(&self, at: usize, statement: &Statement, line: &[u8]) -> Result<Vec<Value>, NcError> {
         let values = self.values_of(statement, line);
         values.map_err(|error| self.lines.at(at, error))
@@ -354,16 +350,16 @@ impl<'r, 't> Run<'r, 't> {
             values.extend(read.map(|read| read.value));
         }
         if self.rewriter.computed != Computed::Kept && expressions.has_read_returned() {
-            return Err(NcError::NotCompensated {
-                line: 0,
-                what: "#<_value> is read here, which a call returned that is corrected differently from time to time".to_owned(),
-            });
+            return Err(NcError::not_compensated(
+                0,
+                "#<_value> is read here, which a call returned that is corrected differently from time to time",
+            ));
         }
         if self.rewriter.carries(&expressions.axes_read()) {
-            return Err(NcError::NotCompensated {
-                line: 0,
-                what: "the place of an axis is read here (#5420 to #5428, #<_x> to #<_w>), which is the corrected one at the control".to_owned(),
-            });
+            return Err(NcError::not_compensated(
+                0,
+                "the place of an axis is read here (#5420 to #5428, #<_x> to #<_w>), which is the corrected one at the control",
+            ));
         }
         Ok(values)
     }
@@ -408,11 +404,6 @@ impl<'r, 't> Recorded<'r, 't> {
         }
     }
 
-    /// Whether a line becomes different things from time to time.
-    fn has_conflicts(&self) -> bool {
-        self.conflicts.contains(&true)
-    }
-
     /// Writes the program with what each line always becomes.
     pub(crate) fn write(&self, output: &mut impl Write) -> Result<(), NcError> {
         for (place, (line, end)) in self.lines.lines[..self.lines.own].iter().enumerate() {
@@ -454,7 +445,6 @@ struct Unrolled<'a, W> {
     next: usize,
     /// Where what is executed now begins and ends in the main program.
     open: Option<[usize; 2]>,
-    /// What was executed since it began.
     pending: Vec<u8>,
     conflicts: bool,
 }
@@ -516,7 +506,6 @@ impl<'a, W: Write> Unrolled<'a, W> {
         Ok(())
     }
 
-    /// The rest of the program.
     fn finish(&mut self) -> Result<(), NcError> {
         self.close()?;
         self.write_to(self.lines.own)

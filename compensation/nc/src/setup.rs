@@ -158,7 +158,6 @@ impl SetUp {
         self.control
     }
 
-    /// What a decimal point means.
     pub(crate) fn points(&self) -> DecimalPoints {
         let by_control = self.control.is_some_and(Control::is_fanuc_like);
         DecimalPoints {
@@ -182,7 +181,6 @@ impl SetUp {
         }
     }
 
-    /// A work offset, if it is stated.
     pub(crate) fn offset(&self, system: usize) -> Option<Axes> {
         let is_stated = *self.stated.get(system)?;
         is_stated.then(|| self.offsets[system].offset)

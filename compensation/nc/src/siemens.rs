@@ -9,7 +9,7 @@ use crate::{
     },
     codes::whole,
     coordinates::axis_of,
-    error::Fault,
+    error::{Fault, malformed, not_followed},
     expression::{Formulas, Operator, plain_number, takes_name},
     interpreter::Interpreter,
     modal::{G500, G505, Plane},
@@ -38,7 +38,6 @@ pub(crate) fn read_siemens(
     reader.line()
 }
 
-/// State: a line that is being read.
 struct Reader<'a, 'b> {
     block: &'b mut Block,
     scanner: Scanner<'a>,
@@ -125,7 +124,6 @@ impl Reader<'_, '_> {
         }
     }
 
-    /// A word, a name, a call or an assignment.
     fn statement(&mut self) -> Result<(), Fault> {
         let (at, column) = (self.scanner.at(), self.scanner.column());
         let bytes = self.scanner.bytes();
@@ -171,28 +169,9 @@ impl Reader<'_, '_> {
     fn other(&mut self, at: usize) -> Result<(), Fault> {
         self.skip_value()?;
         let text = self.scanner.at()..self.scanner.at();
-        self.word(OTHER, at, text, Some(0.0), Manner::Modal, None);
+        self.block
+            .push(OTHER, at, text, Some(0.0), Manner::Modal, None);
         Ok(())
-    }
-
-    fn word(
-        &mut self,
-        letter: u8,
-        at: usize,
-        text: std::ops::Range<usize>,
-        value: Value,
-        manner: Manner,
-        decimals: Option<u8>,
-    ) {
-        self.block.words.push(Word {
-            letter,
-            at,
-            text,
-            value,
-            decimals,
-            manner,
-            in_increments: false,
-        });
     }
 
     /// Passes a value of any kind: a formula, a text, a name with arguments.
@@ -204,10 +183,8 @@ impl Reader<'_, '_> {
         let mut scanner = self.scanner.clone();
         let read = self.values().read(&mut scanner)?;
         self.scanner = scanner;
-        read.map(|_read| ()).ok_or(Fault::Expression {
-            column,
-            what: "expected a value here",
-        })
+        read.map(|_read| ())
+            .ok_or(malformed(column, "expected a value here"))
     }
 
     /// `R5=...`, `R[5]=...`.
@@ -218,10 +195,10 @@ impl Reader<'_, '_> {
         self.scanner = scanner;
         match number {
             Some(Some(number)) => self.assign(Parameter::Numbered(number), at),
-            Some(None) => Err(Fault::Expression {
+            Some(None) => Err(malformed(
                 column,
-                what: "only the machine knows which parameter is set here",
-            }),
+                "only the machine knows which parameter is set here",
+            )),
             None => Err(not_followed(column, "R", UNKNOWN)),
         }
     }
@@ -230,10 +207,10 @@ impl Reader<'_, '_> {
     fn assign(&mut self, parameter: Parameter, at: usize) -> Result<(), Fault> {
         let column = self.scanner.column();
         if !self.scanner.takes(b'=') {
-            return Err(Fault::Expression {
+            return Err(malformed(
                 column,
-                what: "expected = after a parameter that begins a word",
-            });
+                "expected = after a parameter that begins a word",
+            ));
         }
         self.scanner.peek();
         let from = self.scanner.at();
@@ -420,10 +397,10 @@ impl Reader<'_, '_> {
                     drills_to: None,
                 });
             }
-            return Err(Fault::Expression {
+            return Err(malformed(
                 column,
-                what: "expected the arguments of the cycle in brackets",
-            });
+                "expected the arguments of the cycle in brackets",
+            ));
         }
         inside.takes(b'(');
         let ends = self.values().read(&mut inside)?;
@@ -439,10 +416,10 @@ impl Reader<'_, '_> {
         loop {
             let column = self.scanner.column();
             let Some(kind) = identifier(&mut self.scanner) else {
-                return Err(Fault::Expression {
+                return Err(malformed(
                     column,
-                    what: "expected the type of a variable after DEF",
-                });
+                    "expected the type of a variable after DEF",
+                ));
             };
             if matches!(kind.as_str(), "REAL" | "INT" | "BOOL") {
                 break;
@@ -457,10 +434,7 @@ impl Reader<'_, '_> {
             let at = self.scanner.at();
             let column = self.scanner.column();
             let Some(name) = identifier(&mut self.scanner) else {
-                return Err(Fault::Expression {
-                    column,
-                    what: "expected the name of a variable here",
-                });
+                return Err(malformed(column, "expected the name of a variable here"));
             };
             let parameter = Parameter::Named(name.to_ascii_lowercase());
             if passes_brackets(&mut self.scanner, b'[', b']') {
@@ -492,8 +466,7 @@ impl Reader<'_, '_> {
 
     /// Passes the rest of the line up to its comment.
     fn skip_line(&mut self) {
-        let at = self.scanner.at();
-        let rest = self.scanner.bytes().get(at..).unwrap_or_default();
+        let (at, rest) = (self.scanner.at(), self.scanner.rest());
         let mut in_text = false;
         let ends = rest.iter().position(|byte| {
             in_text ^= *byte == b'"';
@@ -584,7 +557,8 @@ impl Reader<'_, '_> {
             let from = self.scanner.at();
             let (value, decimals) = self.number().ok_or_else(|| no_number(column, letter))?;
             let text = from..self.scanner.at();
-            self.word(letter, at, text, Some(value), Manner::Modal, Some(decimals));
+            self.block
+                .push(letter, at, text, Some(value), Manner::Modal, Some(decimals));
             return Ok(());
         }
         let column = {
@@ -597,12 +571,9 @@ impl Reader<'_, '_> {
         let (value, decimals) = self.value("expected a number, a parameter or a formula here")?;
         let text = self.without_blanks(from);
         if manner != Manner::Modal && !self.scanner.takes(b')') {
-            return Err(Fault::Expression {
-                column: self.scanner.column(),
-                what: "expected ) here",
-            });
+            return Err(malformed(self.scanner.column(), "expected ) here"));
         }
-        self.word(letter, at, text, value, manner, decimals);
+        self.block.push(letter, at, text, value, manner, decimals);
         Ok(())
     }
 
@@ -659,7 +630,8 @@ impl Reader<'_, '_> {
         match meaning {
             Meaning::Code(value) => {
                 let text = from..self.scanner.at();
-                self.word(b'G', at, text, Some(value), Manner::Modal, Some(0));
+                self.block
+                    .push(b'G', at, text, Some(value), Manner::Modal, Some(0));
             }
             Meaning::Command(command) => self.block.commands.push(command),
             Meaning::Nothing => {}
@@ -680,23 +652,20 @@ impl Reader<'_, '_> {
         let (value, _) = self.number().ok_or_else(|| no_number(column, b'M'))?;
         let text = from..self.scanner.at();
         match value {
-            0.0 | 1.0 => self.word(LAST, at, text, Some(value), Manner::Modal, None),
+            0.0 | 1.0 => self
+                .block
+                .push(LAST, at, text, Some(value), Manner::Modal, None),
             2.0 | 17.0 | 30.0 => {
-                self.word(LAST, at, text, Some(value), Manner::Modal, None);
+                self.block
+                    .push(LAST, at, text, Some(value), Manner::Modal, None);
                 self.block.commands.push(Command::Ends);
             }
             6.0 => self.block.commands.push(Command::ChangeTool),
-            _ => self.word(OTHER, at, text, Some(value), Manner::Modal, None),
+            _ => self
+                .block
+                .push(OTHER, at, text, Some(value), Manner::Modal, None),
         }
         Ok(())
-    }
-}
-
-fn not_followed(column: usize, found: &str, why: &'static str) -> Fault {
-    Fault::NotFollowed {
-        column,
-        found: found.to_owned(),
-        why,
     }
 }
 
@@ -751,7 +720,7 @@ impl Formulas for Values<'_> {
         let (value, decimals) = plain_number(scanner, b".")?;
         // 1.5EX-3
         let before = scanner.at();
-        let rest = scanner.bytes().get(before..).unwrap_or_default();
+        let rest = scanner.rest();
         if !rest
             .get(..2)
             .is_some_and(|ex| ex.eq_ignore_ascii_case(b"EX"))
@@ -807,10 +776,10 @@ impl Values<'_> {
     fn is_settled(&self, parameter: Option<&Parameter>, column: usize) -> Result<(), Fault> {
         let is_set = |parameter: &Parameter| self.set.iter().any(|set| set.parameter == *parameter);
         if parameter.is_some_and(is_set) {
-            return Err(Fault::Expression {
+            return Err(malformed(
                 column,
-                what: "a parameter that the same block sets before: write the two in blocks of their own",
-            });
+                "a parameter that the same block sets before: write the two in blocks of their own",
+            ));
         }
         Ok(())
     }
@@ -832,10 +801,10 @@ fn r_parameter(
         match (value, scanner.takes(b']')) {
             (Some(value), true) => value,
             _ => {
-                return Err(Fault::Expression {
+                return Err(malformed(
                     column,
-                    what: "expected the number of an R parameter, and ] behind it",
-                });
+                    "expected the number of an R parameter, and ] behind it",
+                ));
             }
         }
     } else if let Some((number, _)) = plain_number(scanner, b"") {
@@ -848,10 +817,10 @@ fn r_parameter(
         return Ok(Some(None));
     };
     let whole = whole(number, MOST - 1);
-    let whole = whole.ok_or(Fault::Expression {
+    let whole = whole.ok_or(malformed(
         column,
-        what: "expected the number of an R parameter, 0 to 99999",
-    })?;
+        "expected the number of an R parameter, 0 to 99999",
+    ))?;
     Ok(Some(Some(whole)))
 }
 
@@ -861,8 +830,7 @@ fn identifier(scanner: &mut Scanner<'_>) -> Option<String> {
     if !first.is_ascii_alphabetic() && first != b'_' {
         return None;
     }
-    let at = scanner.at();
-    let rest = scanner.bytes().get(at..).unwrap_or_default();
+    let (at, rest) = (scanner.at(), scanner.rest());
     let is_of_name = |byte: &u8| byte.is_ascii_alphanumeric() || *byte == b'_';
     let length = rest.iter().take_while(|byte| is_of_name(byte)).count();
     scanner.go_to(at + length);
@@ -876,8 +844,7 @@ fn passes_brackets(scanner: &mut Scanner<'_>, opens: u8, closes: u8) -> bool {
         return false;
     }
     let (mut depth, mut in_text) = (0_u32, false);
-    let at = scanner.at();
-    let rest = scanner.bytes().get(at..).unwrap_or_default();
+    let (at, rest) = (scanner.at(), scanner.rest());
     for (place, byte) in rest.iter().enumerate() {
         match byte {
             b'"' => in_text = !in_text,
@@ -903,13 +870,11 @@ pub(crate) enum Meaning {
     /// What RS-274 has this code for.
     Code(f64),
     Command(Command),
-    /// It moves nothing.
     Nothing,
     /// A dwell: its F and S are times.
     Dwell,
     /// Limits: its coordinates move nothing.
     Limits,
-    /// It is not followed.
     Refused(&'static str),
 }
 
@@ -981,102 +946,15 @@ fn g_code(code: u32) -> (u8, Meaning) {
 }
 
 /// Names that move nothing, alone, with a value, or with arguments.
-const HARMLESS: [&str; 90] = [
-    "ACC",
-    "ADIS",
-    "ADISPOS",
-    "ATOL",
-    "BRISK",
-    "BRISKA",
-    "CDOF",
-    "CDOF2",
-    "CDON",
-    "CFC",
-    "CFIN",
-    "CFTCP",
-    "CLEARM",
-    "COMPCAD",
-    "COMPCURV",
-    "COMPOF",
-    "COMPON",
-    "COMPSURF",
-    "CP",
-    "CTOL",
-    "CUT2D",
-    "CUT2DD",
-    "CUT2DF",
-    "CUT2DFD",
-    "CUT3DC",
-    "CUT3DCC",
-    "CUT3DF",
-    "CUT3DFF",
-    "CUT3DFS",
-    "CUTCONOF",
-    "CYCLE832",
-    "DIAMOF",
-    "DISC",
-    "DISPLOF",
-    "DISPLON",
-    "DRIVE",
-    "DRIVEA",
-    "DYNFINISH",
-    "DYNNORM",
-    "DYNPOS",
-    "DYNROUGH",
-    "DYNSEMIFIN",
-    "FA",
-    "FB",
-    "FCUB",
-    "FD",
-    "FFWOF",
-    "FFWON",
-    "FGREF",
-    "FGROUP",
-    "FIFOCTRL",
-    "FL",
-    "FLIN",
-    "FNORM",
-    "FZ",
-    "GROUP_BEGIN",
-    "GROUP_END",
-    "JERKLIM",
-    "KONT",
-    "KONTC",
-    "KONTT",
-    "LIMS",
-    "MSG",
-    "NORM",
-    "ORIAXES",
-    "ORIMKS",
-    "OTOL",
-    "OVR",
-    "OVRRAP",
-    "RTLIOF",
-    "RTLION",
-    "SAVE",
-    "SBLOF",
-    "SBLON",
-    "SETM",
-    "SETMS",
-    "SOFT",
-    "SOFTA",
-    "SPATH",
-    "SPCOF",
-    "SPCON",
-    "SPOS",
-    "SPOSA",
-    "STARTFIFO",
-    "STOPFIFO",
-    "STOPRE",
-    "UPATH",
-    "WAITM",
-    "WAITS",
-    "WORKPIECE",
-];
+const HARMLESS: &str = "ACC ADIS ADISPOS ATOL BRISK BRISKA CDOF CDOF2 CDON CFC CFIN CFTCP CLEARM COMPCAD COMPCURV COMPOF COMPON \
+    COMPSURF CP CTOL CUT2D CUT2DD CUT2DF CUT2DFD CUT3DC CUT3DCC CUT3DF CUT3DFF CUT3DFS CUTCONOF CYCLE832 \
+    DIAMOF DISC DISPLOF DISPLON DRIVE DRIVEA DYNFINISH DYNNORM DYNPOS DYNROUGH DYNSEMIFIN FA FB FCUB FD \
+    FFWOF FFWON FGREF FGROUP FIFOCTRL FL FLIN FNORM FZ GROUP_BEGIN GROUP_END JERKLIM KONT KONTC KONTT LIMS \
+    MSG NORM ORIAXES ORIMKS OTOL OVR OVRRAP RTLIOF RTLION SAVE SBLOF SBLON SETM SETMS SOFT SOFTA SPATH SPCOF \
+    SPCON SPOS SPOSA STARTFIFO STOPFIFO STOPRE UPATH WAITM WAITS WORKPIECE";
 
-/// What a name means.
 fn meaning_of(name: &str) -> Meaning {
-    if HARMLESS.binary_search(&name).is_ok() {
+    if HARMLESS.split(' ').any(|of| of == name) {
         return Meaning::Nothing;
     }
     match name {
@@ -1114,38 +992,16 @@ fn meaning_of(name: &str) -> Meaning {
 
 /// Whether a call with this name is a cycle that moves along the tool only, and ends at its first argument; `None`: it is no cycle.
 pub(crate) fn only_drills(name: &str) -> Option<bool> {
-    const OTHERS: [&str; 18] = [
-        "CYCLE60", "CYCLE61", "CYCLE62", "CYCLE63", "CYCLE64", "CYCLE70", "CYCLE71", "CYCLE72",
-        "CYCLE76", "CYCLE77", "CYCLE78", "CYCLE79", "CYCLE90", "CYCLE801", "CYCLE802", "CYCLE899",
-        "HOLES1", "HOLES2",
-    ];
-    let is_drilling = matches!(
-        name,
-        "CYCLE81"
-            | "CYCLE82"
-            | "CYCLE83"
-            | "CYCLE84"
-            | "CYCLE85"
-            | "CYCLE86"
-            | "CYCLE87"
-            | "CYCLE88"
-            | "CYCLE89"
-            | "CYCLE840"
-    );
-    let is_other = OTHERS.contains(&name)
+    const DRILLING: &str =
+        "CYCLE81 CYCLE82 CYCLE83 CYCLE84 CYCLE85 CYCLE86 CYCLE87 CYCLE88 CYCLE89 CYCLE840";
+    const OTHERS: &str = "CYCLE60 CYCLE61 CYCLE62 CYCLE63 CYCLE64 CYCLE70 CYCLE71 CYCLE72 CYCLE76 CYCLE77 CYCLE78 CYCLE79 \
+        CYCLE90 CYCLE801 CYCLE802 CYCLE899 HOLES1 HOLES2";
+    let is_of = |names: &str| names.split(' ').any(|of| of == name);
+    let is_drilling = is_of(DRILLING);
+    let is_other = is_of(OTHERS)
         || ["POCKET", "SLOT", "LONGHOLE"].iter().any(|family| {
             let number = name.strip_prefix(family);
             number.is_some_and(|number| number.bytes().all(|byte| byte.is_ascii_digit()))
         });
     (is_drilling || is_other).then_some(is_drilling)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::HARMLESS;
-
-    #[test]
-    fn names_are_sorted() {
-        assert!(HARMLESS.is_sorted());
-    }
 }

@@ -8,7 +8,7 @@ use crate::{
     coordinates::{Axes, LETTERS, between, each, is_rotary},
     line::{Line, NewWord, Shape},
     modal::FeedMode,
-    motion::{Move, Path, Polar},
+    motion::{Move, Path},
     notes::Note,
     number::{Number, Numerals, half_step, of_steps},
     reversal::{Turns, steps_of},
@@ -24,13 +24,136 @@ const LOOKED_AT_EACH: f64 = 5.0;
 
 const MOST_LOOKED_AT: f64 = 64.0;
 
-/// Why a motion is not split any further.
-pub(crate) fn too_many_parts(line: Line<'_>) -> NcError {
-    NcError::NotCompensated {
-        line: line.number,
-        what: format!(
-            "a motion that would be split into more than {MOST_PARTS} parts: a larger --tolerance needs fewer"
-        ),
+/// One of the parts that a motion is written in, counted from 0, and where it ends, from 0 to 1.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Part<'a> {
+    pub(crate) place: usize,
+    pub(crate) share: f64,
+    pub(crate) motion: &'a Move,
+    pub(crate) numbers: &'a Axes<Option<Number>>,
+    /// Words behind these in a line of its own: the circle of an arc.
+    pub(crate) others: &'a [(u8, Number)],
+    /// G2 or G3 before them, where another code has come in between.
+    pub(crate) code: Option<Number>,
+    pub(crate) feed: Option<Number>,
+    pub(crate) shape: Shape,
+    /// A line that must stand before it, without its end: the centre of an arc.
+    pub(crate) before: &'a [u8],
+}
+
+impl<'a> Part<'a> {
+    /// A motion that is not split.
+    pub(crate) fn whole(motion: &'a Move, numbers: &'a Axes<Option<Number>>, shape: Shape) -> Self {
+        Self {
+            place: 0,
+            share: 1.0,
+            motion,
+            numbers,
+            others: &[],
+            code: None,
+            feed: None,
+            shape,
+            before: &[],
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Leg<'a> {
+    pub(crate) motion: &'a Move,
+    pub(crate) line: Line<'a>,
+    /// Where it begins and ends, in the coordinates of the program.
+    pub(crate) from: Axes,
+    pub(crate) to: Axes,
+    /// The axes of the machine where its correction belongs: at its end, or half-way down a hole.
+    pub(crate) at: Axes,
+    pub(crate) writes: Axes<Writes>,
+    /// Axes that end with the correction that they have, whatever belongs to the end.
+    pub(crate) keeps: Axes<bool>,
+    /// The correction with which the numbers come out as they were rounded together; `None`: each is the nearest.
+    pub(crate) rounded: Option<Axes>,
+}
+
+/// When the word of an axis is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Writes {
+    /// It is no coordinate of the end: the depth of a cycle.
+    Never,
+    /// Where its number changes.
+    IfChanged,
+    /// Where it is to leave the place where it stands: in a line of its own, which has no word yet.
+    IfMoves,
+    /// Whatever its number is, if the block has it: the motion is in parts.
+    Anew,
+    /// Also if the block does not have it.
+    Always,
+}
+
+/// One axis on a motion or a part of it, in the coordinates of the program.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct AxisWay {
+    pub(crate) from: f64,
+    pub(crate) to: f64,
+    /// The correction that belongs to its end, and the one that it has before.
+    pub(crate) delta: f64,
+    pub(crate) carried: f64,
+    pub(crate) incremental: bool,
+    pub(crate) manner: Manner,
+    /// It ends with the correction that it has, whatever belongs to the end.
+    pub(crate) keeps: bool,
+    /// `None`: no word stands there.
+    pub(crate) written: Option<Written>,
+    pub(crate) numerals: Numerals,
+}
+
+/// A word as it stands in the program.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Written {
+    /// The decimals of a plain number.
+    pub(crate) decimals: u8,
+    /// It must be written anew even where nothing changes: the motion is split.
+    pub(crate) anew: bool,
+}
+
+impl AxisWay {
+    /// The number to be written, if any, and the correction that is in the axis then. `scale` is mm or deg for each unit of a word.
+    #[inline]
+    fn word(&self, scale: f64, may_be_added: bool) -> (Option<Number>, f64) {
+        let nominal = if self.incremental {
+            self.to - self.from
+        } else {
+            self.to
+        };
+        let base = if self.incremental {
+            self.from + self.carried
+        } else {
+            0.0
+        };
+        let wanted = self.to + self.delta - base;
+        let half = half_step(self.numerals.decimals);
+        let carried_by = |value: f64| base + value * scale - self.to;
+        let Some(written) = self.written else {
+            // The axis stays where it is, with what is in it.
+            let needed = (self.to + self.delta) - (self.from + self.carried);
+            if !may_be_added || (needed / scale).abs() < half {
+                return (None, self.carried + self.from - self.to);
+            }
+            let number = self.numerals.nearest(wanted / scale, 0);
+            let carried = number.map_or(self.carried, |number| carried_by(number.value()));
+            return (number, carried);
+        };
+        let changes = ((wanted - nominal) / scale).abs() >= half;
+        if !changes && !written.anew {
+            let kept = if self.incremental { self.carried } else { 0.0 };
+            return (None, kept);
+        }
+        let number = (self.numerals).nearest(wanted / scale, written.decimals);
+        let carried = number.map_or(self.carried, |number| carried_by(number.value()));
+        let number = match number {
+            Some(number) if self.manner == Manner::Shortest => number.in_one_turn(),
+            _ => number,
+        };
+        (number, carried)
     }
 }
 
@@ -98,15 +221,14 @@ impl Rewriter {
         *next > first
     }
 
-    /// Where axes turn on a straight motion.
     pub(crate) fn turns_of(&self, motion: &Move) -> Turns {
-        if !self.corrector.is_bidirectional() {
+        if !self.corrector.bidirectional {
             return Turns::default();
         }
         let frame = &self.interpreter.frame;
         let [from, to] = [&motion.from, &motion.to].map(|at| frame.to_program(at));
         // What is added to an axis that stands may turn on the way, too.
-        let least = if self.corrector.has_play() {
+        let least = if self.corrector.play.any {
             let ways = (0..9).map(|axis| (motion.to[axis] - motion.from[axis]).abs());
             (ways.fold(0.0, f64::max) / LOOKED_AT_EACH).min(MOST_LOOKED_AT)
         } else {
@@ -143,7 +265,6 @@ impl Rewriter {
             .turns(steps, self.corrector.carriages(steps, nominal))
     }
 
-    /// The axes at a share of a straight motion.
     pub(crate) fn place_of(&self, motion: &Move, share: f64) -> Axes {
         if share == 0.0 || share == 1.0 {
             return if share == 0.0 { motion.from } else { motion.to };
@@ -218,11 +339,11 @@ impl Rewriter {
                 !is_rotary(axis) && missing >= 0.5 * self.step_mm()
             });
         }
-        let linear = (0..9).filter(|axis| !is_rotary(*axis) && self.corrector.corrects(*axis));
+        let linear = (0..9).filter(|axis| !is_rotary(*axis) && self.corrector.corrects[*axis]);
         let squared: f64 = linear
             .map(|axis| (delta[axis] - self.carried[axis]).powi(2))
             .sum();
-        squared.sqrt() > self.corrector.split_beyond_mm() + self.step_mm()
+        squared.sqrt() > self.corrector.split_beyond_mm + self.step_mm()
     }
 
     /// A spline, or a control point of one: its end goes by the correction that the axes have where it begins, as its other points do, which
@@ -242,19 +363,7 @@ impl Rewriter {
             rounded: None,
         };
         let words = self.words_to(&leg, &mut carried);
-        let part = Part {
-            place: 0,
-            share: 1.0,
-            numbers: &words,
-            words: &motion.words,
-            others: &[],
-            code: None,
-            feed: None,
-            shape: Shape::AsItIs,
-            polar: None,
-            before: &[],
-        };
-        self.write_part(&part, line, out);
+        self.write_part(&Part::whole(motion, &words, Shape::AsItIs), line, out);
         self.carried = self.interpreter.frame.moved_in_machine(&to, &carried);
         self.corrector.goes(&motion.to);
         self.settled = Settled::No;
@@ -333,14 +442,8 @@ impl Rewriter {
             let part = Part {
                 place,
                 share,
-                numbers: &words,
-                words: &motion.words,
-                others: &[],
-                code: None,
                 feed,
-                shape,
-                polar: motion.polar,
-                before: &[],
+                ..Part::whole(motion, &words, shape)
             };
             self.write_part(&part, line, out);
             (before, passed) = (to, share);
@@ -358,10 +461,10 @@ impl Rewriter {
         self.check_extrusion(line)?;
         let modal = &self.interpreter.modal;
         if modal.feed_mode == FeedMode::InverseTime && modal.feed.is_none() {
-            return Err(NcError::NotCompensated {
-                line: line.number,
-                what: "a motion that is split, with an F of inverse time (G93) that only the machine knows: its parts cannot get their F".to_owned(),
-            });
+            return Err(NcError::not_compensated(
+                line.number,
+                "a motion that is split, with an F of inverse time (G93) that only the machine knows: its parts cannot get their F",
+            ));
         }
         Ok(())
     }
@@ -389,7 +492,8 @@ impl Rewriter {
         if part.place == 0 {
             for (axis, number) in part.numbers.iter().enumerate() {
                 if let Some(number) = number {
-                    self.edits.set(LETTERS[axis], part.words[axis], *number);
+                    self.edits
+                        .set(LETTERS[axis], part.motion.words[axis], *number);
                 }
             }
             if let Some(feed) = part.feed {
@@ -411,7 +515,7 @@ impl Rewriter {
                 out.extend_from_slice(part.before);
                 out.extend_from_slice(line.more);
             }
-            self.goes_as(part.shape, part.polar, line);
+            self.goes_as(part.shape, part.motion.polar, line);
             self.edits.write(line, out);
             return;
         }
@@ -432,7 +536,7 @@ impl Rewriter {
         if let Some(code) = code.filter(|_| !script.is_heidenhain()) {
             script.write_word(&NewWord::plain((b'G', code)), out);
         }
-        let manners = part.words.map(|place| line.manner(place));
+        let manners = part.motion.words.map(|place| line.manner(place));
         for word in words_of(part.numbers, &manners, part.feed) {
             script.write_word(&word, out);
         }
@@ -459,7 +563,6 @@ impl Rewriter {
         }
     }
 
-    /// A line is added.
     pub(crate) fn begin_line(&mut self, line: Line<'_>, out: &mut Vec<u8>) {
         if line.block.begins == Begins::Slash {
             out.extend_from_slice(&line.text[line.block.skip.clone()]);
@@ -503,7 +606,7 @@ impl Rewriter {
     ) -> Axes {
         let frame = &self.interpreter.frame;
         let correction = self.seen.at(&self.corrector, at);
-        if correction.is_coupled() {
+        if correction.follow.is_some() {
             let delta = frame.others_moved_in_program(at, &correction.delta);
             numbers(self, 3..6, &delta, carried);
             let correction = self.seen.at(&self.corrector, at).with_rotary(carried);
@@ -555,14 +658,18 @@ impl Rewriter {
                 written,
                 numerals: self.numerals(axis, word),
             };
-            let way = self.on_its_way(axis, &way, leg.line.number);
-            (numbers[axis], carried[axis]) = way.word();
+            (numbers[axis], carried[axis]) = self.axis_word(axis, &way, leg.line.number);
         }
     }
 
-    /// One axis on its way, with the correction that belongs to its end and the one that it has before.
+    /// The number to be written for an axis, if any, and the correction that is in it then.
     #[inline]
-    pub(crate) fn on_its_way(&mut self, axis: usize, way: &AxisWay, line: usize) -> OnItsWay {
+    pub(crate) fn axis_word(
+        &mut self,
+        axis: usize,
+        way: &AxisWay,
+        line: usize,
+    ) -> (Option<Number>, f64) {
         let known = self.interpreter.known[axis];
         let corrects = self.corrects(axis);
         let mut delta = match corrects {
@@ -585,27 +692,17 @@ impl Rewriter {
             };
         }
         let may_be_added = known && corrects && self.may_add(axis, way, line);
-        OnItsWay {
-            from: way.from,
-            to: way.to,
-            delta,
-            carried: way.carried,
-            scale: self.interpreter.modal.scale(axis),
-            numerals: way.numerals,
-            incremental: way.incremental,
-            in_one_turn: way.manner == Manner::Shortest,
-            written: way.written,
-            may_be_added,
-        }
+        let scale = self.interpreter.modal.scale(axis);
+        AxisWay { delta, ..*way }.word(scale, may_be_added)
     }
 
     /// Whether the words of an axis take part in the correction: those of the tool's centre point do if any linear axis does.
     #[inline]
     fn corrects(&self, axis: usize) -> bool {
         if axis < 3 && self.interpreter.frame.tip.is_some() {
-            return (0..3).any(|axis| self.corrector.corrects(axis));
+            return (0..3).any(|axis| self.corrector.corrects[axis]);
         }
-        self.corrector.corrects(axis)
+        self.corrector.corrects[axis]
     }
 
     /// By how much the axes are to differ from the line at the end of each part, in the coordinates of the program, so that the
@@ -625,7 +722,7 @@ impl Rewriter {
             || frame.tip.is_some()
             || self.contour != Contour::None
             || (0..9).any(|axis| {
-                motion.incremental[axis] || is_rotary(axis) && self.corrector.corrects(axis)
+                motion.incremental[axis] || is_rotary(axis) && self.corrector.corrects[axis]
             });
         if is_plain {
             return None;
@@ -636,7 +733,7 @@ impl Rewriter {
             let word = line.word(motion.words[axis])?;
             let decimals = self.numerals(axis, Some(word)).decimals;
             let decimals = decimals.max(word.decimals.unwrap_or(0));
-            let is_free = self.corrector.corrects(axis) && end[axis] != from[axis];
+            let is_free = self.corrector.corrects[axis] && end[axis] != from[axis];
             is_free.then(|| self.interpreter.modal.scale(axis) * of_steps(1, decimals))
         });
         let free: Vec<usize> = (0..9).filter(|axis| step[*axis].is_some()).collect();
@@ -777,23 +874,13 @@ impl Rewriter {
     }
 }
 
-/// One of the parts that a motion is written in, counted from 0, and where it ends, from 0 to 1.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Part<'a> {
-    pub(crate) place: usize,
-    pub(crate) share: f64,
-    pub(crate) numbers: &'a Axes<Option<Number>>,
-    /// The words that the block has.
-    pub(crate) words: &'a Axes<Option<usize>>,
-    /// Words behind these in a line of its own: the circle of an arc.
-    pub(crate) others: &'a [(u8, Number)],
-    /// G2 or G3 before them, where another code has come in between.
-    pub(crate) code: Option<Number>,
-    pub(crate) feed: Option<Number>,
-    pub(crate) shape: Shape,
-    pub(crate) polar: Option<Polar>,
-    /// A line that must stand before it, without its end: the centre of an arc.
-    pub(crate) before: &'a [u8],
+pub(crate) fn too_many_parts(line: Line<'_>) -> NcError {
+    NcError::not_compensated(
+        line.number,
+        format!(
+            "a motion that would be split into more than {MOST_PARTS} parts: a larger --tolerance needs fewer"
+        ),
+    )
 }
 
 /// The words of axes, and F behind them.
@@ -816,127 +903,6 @@ pub(crate) fn words_of(
 /// Whether an M code stops the program once the motion of its block has ended.
 fn is_stop(code: f64) -> bool {
     [0.0, 1.0, 2.0, 30.0, 60.0].contains(&code)
-}
-
-/// A motion or a part of it.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Leg<'a> {
-    pub(crate) motion: &'a Move,
-    pub(crate) line: Line<'a>,
-    /// Where it begins and ends, in the coordinates of the program.
-    pub(crate) from: Axes,
-    pub(crate) to: Axes,
-    /// The axes of the machine where its correction belongs: at its end, or half-way down a hole.
-    pub(crate) at: Axes,
-    pub(crate) writes: Axes<Writes>,
-    /// Axes that end with the correction that they have, whatever belongs to the end.
-    pub(crate) keeps: Axes<bool>,
-    /// The correction with which the numbers come out as they were rounded together; `None`: each is the nearest.
-    pub(crate) rounded: Option<Axes>,
-}
-
-/// When the word of an axis is written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Writes {
-    /// It is no coordinate of the end: the depth of a cycle.
-    Never,
-    /// Where its number changes.
-    IfChanged,
-    /// Where it is to leave the place where it stands: in a line of its own, which has no word yet.
-    IfMoves,
-    /// Whatever its number is, if the block has it: the motion is in parts.
-    Anew,
-    /// Also if the block does not have it.
-    Always,
-}
-
-/// One axis on a motion or a part of it, in the coordinates of the program.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct AxisWay {
-    pub(crate) from: f64,
-    pub(crate) to: f64,
-    /// The correction that belongs to its end, and the one that it has before.
-    pub(crate) delta: f64,
-    pub(crate) carried: f64,
-    pub(crate) incremental: bool,
-    pub(crate) manner: Manner,
-    /// It ends with the correction that it has, whatever belongs to the end.
-    pub(crate) keeps: bool,
-    /// `None`: no word stands there.
-    pub(crate) written: Option<Written>,
-    pub(crate) numerals: Numerals,
-}
-
-/// A word as it stands in the program.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Written {
-    /// The decimals of a plain number.
-    pub(crate) decimals: u8,
-    /// It must be written anew even where nothing changes: the motion is split.
-    pub(crate) anew: bool,
-}
-
-/// One axis on its way: all in the coordinates of the program, mm or deg.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct OnItsWay {
-    /// Where it is without a correction, before and after.
-    pub(crate) from: f64,
-    pub(crate) to: f64,
-    /// The correction that belongs to the end.
-    pub(crate) delta: f64,
-    /// The correction that is in it before.
-    pub(crate) carried: f64,
-    /// mm or deg for each unit of a word.
-    pub(crate) scale: f64,
-    pub(crate) numerals: Numerals,
-    pub(crate) incremental: bool,
-    /// Its word is a place within one turn.
-    pub(crate) in_one_turn: bool,
-    pub(crate) written: Option<Written>,
-    /// A word may be added for it.
-    may_be_added: bool,
-}
-
-impl OnItsWay {
-    /// The number to be written, if any, and the correction that is in the axis then.
-    #[inline]
-    pub(crate) fn word(&self) -> (Option<Number>, f64) {
-        let nominal = if self.incremental {
-            self.to - self.from
-        } else {
-            self.to
-        };
-        let base = if self.incremental {
-            self.from + self.carried
-        } else {
-            0.0
-        };
-        let wanted = self.to + self.delta - base;
-        let half = half_step(self.numerals.decimals);
-        let carried_by = |value: f64| base + value * self.scale - self.to;
-        let Some(written) = self.written else {
-            // The axis stays where it is, with what is in it.
-            let needed = (self.to + self.delta) - (self.from + self.carried);
-            if !self.may_be_added || (needed / self.scale).abs() < half {
-                return (None, self.carried + self.from - self.to);
-            }
-            let number = self.numerals.nearest(wanted / self.scale, 0);
-            let carried = number.map_or(self.carried, |number| carried_by(number.value()));
-            return (number, carried);
-        };
-        let changes = ((wanted - nominal) / self.scale).abs() >= half;
-        if !changes && !written.anew {
-            let kept = if self.incremental { self.carried } else { 0.0 };
-            return (None, kept);
-        }
-        let number = (self.numerals).nearest(wanted / self.scale, written.decimals);
-        let carried = number.map_or(self.carried, |number| carried_by(number.value()));
-        let number = match number {
-            Some(number) if self.in_one_turn => number.in_one_turn(),
-            _ => number,
-        };
-        (number, carried)
-    }
 }
 
 /// When X and Y of a motion in polar coordinates are written.

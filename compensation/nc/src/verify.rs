@@ -3,15 +3,9 @@
 //! Both are compared at the same shares of each motion of the program. Where these places are is a matter of the program alone, so that what
 //! is found before is the same whatever the result is and whatever else is asked for.
 
-use std::{
-    io::BufRead,
-    sync::mpsc::{Receiver, sync_channel},
-    thread,
-};
+use std::{io::BufRead, sync::mpsc::Receiver};
 
-use volcomp_model::{
-    Lengths, Machine, RigidSums, Temperatures, Thermal, kinematics::nalgebra::Vector3,
-};
+use volcomp_model::{Lengths, Machine, RigidSums, Temperatures, kinematics::nalgebra::Vector3};
 
 use crate::{
     Average, NcError,
@@ -21,7 +15,7 @@ use crate::{
     inspect::{Collector, Inspected, Part},
     modal::{SYSTEMS, name_of_offset},
     motion::{Made, Move, Path, at_height},
-    program::{WAITING, is_end, motions},
+    program::run_beside,
     reversal::{Carriages, SAME, Turns, steps_of},
     setup::SetUp,
 };
@@ -113,54 +107,22 @@ pub fn verify_average(
 }
 
 fn compare(
-    original: &mut (impl BufRead + Send),
-    result: &mut (impl BufRead + Send),
+    original: &mut (dyn BufRead + Send),
+    result: &mut (dyn BufRead + Send),
     shares: &mut dyn Iterator<Item = f64>,
     of: Virtual<'_>,
     averages: Option<&[Average]>,
 ) -> Result<Verification, NcError> {
-    // Executed on a machine without errors: no line is changed.
-    let mut ideal = of.truth.clone();
-    ideal.clear_errors();
-    ideal.set_thermal(Thermal::default())?;
-    let ideal = Corrector::new(&ideal, of.temperatures, 1.0)?;
     let truth = Corrector::new(of.truth, of.temperatures, 1.0)?;
-    thread::scope(|scope| {
-        let (to_original, originals) = sync_channel(WAITING);
-        let (to_result, results) = sync_channel(WAITING);
-        let ideal = &ideal;
-        let runs = [
-            scope.spawn(move || {
-                motions(
-                    original,
-                    ideal,
-                    of.setup,
-                    (of.dialect, of.most_blocks),
-                    to_original,
-                )
-            }),
-            scope.spawn(move || {
-                motions(
-                    result,
-                    ideal,
-                    of.setup,
-                    (of.dialect, of.most_blocks),
-                    to_result,
-                )
-            }),
-        ];
-        let compared = Comparison::new(truth, &of, averages).all(&originals, &results, shares);
-        // A sender that goes on gets an error.
-        drop((originals, results));
-        for run in runs {
-            match run.join() {
-                Ok(Err(error)) if !is_end(&error) => return Err(error),
-                Ok(_) => {}
-                Err(panic) => std::panic::resume_unwind(panic),
-            }
-        }
-        compared
-    })
+    let comparison = Comparison::new(truth, &of, averages);
+    let (compared, failed) = run_beside(
+        of.truth,
+        of.temperatures,
+        (of.dialect, of.most_blocks),
+        vec![(original, of.setup), (result, of.setup)],
+        |motions| comparison.all(&motions[0], &motions[1], shares),
+    )?;
+    failed.map_or(compared, Err)
 }
 
 /// The result has other motions than the program, at a line of it.
@@ -296,7 +258,7 @@ struct Comparison {
     stride: u64,
     /// With the original and with the compensated program: all places, and those of the motion.
     sums: [Sums; 2],
-    of_motion: [MaxAndSquares; 2],
+    of_motion: [Lengths; 2],
 }
 
 impl Comparison {
@@ -413,7 +375,6 @@ impl Comparison {
         Ok(())
     }
 
-    /// A motion of the program.
     fn motion(&mut self, original: &Made) {
         let path = original.motion.path;
         if original.motion.in_machine || matches!(path, Path::Spline | Path::Other) {
@@ -494,7 +455,6 @@ impl Comparison {
         [0.0; 9]
     }
 
-    /// Looks at a place of the motion.
     fn look(&mut self, original: &Made, share: f64, [wanted, commanded]: [&Axes; 2], begins: bool) {
         let tip = self.truth.ideal_tip_mm(wanted);
         let um = |at: &Axes, off: &Axes| -> [f64; 3] {
@@ -512,7 +472,7 @@ impl Comparison {
         let sums = self.sums.iter_mut().zip(&mut self.of_motion);
         for ((sums, of_motion), of) in sums.zip(BEFORE_AND_AFTER) {
             sums.take(&place, of, along);
-            of_motion.take(dot(of(&place), of(&place)));
+            of_motion.take(&of(&place).into());
         }
         self.keep(place);
     }
@@ -547,7 +507,6 @@ impl Comparison {
         }
     }
 
-    /// What the tool cuts where it is.
     fn cut(&mut self, original: &Made, wanted: &Axes, commanded: &Axes) {
         let path = original.motion.path;
         let Some(cut) = self.cut.as_mut().filter(|_| path != Path::Rapid) else {
@@ -574,7 +533,6 @@ impl Comparison {
         );
     }
 
-    /// Keeps some of the places, evenly spread.
     fn keep(&mut self, place: Place) {
         let found = &mut self.found;
         if found.places.is_multiple_of(self.stride) || place.begins {
@@ -636,85 +594,29 @@ pub struct Deviation {
 /// State: the deviations of all places, summed up.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Sums {
-    whole: MaxAndSquares,
-    across: MaxAndSquares,
+    whole: Lengths,
+    across: Lengths,
     line: usize,
     tip_mm: [f64; 3],
-    form: FormOfPath,
+    form: RigidSums,
+    /// The places where the deviation towards plus and minus X, Y and Z is largest.
+    farthest: [Option<Place>; 6],
 }
 
 impl Sums {
     /// Takes a place; `along` is the direction of the path there, of length 1 or, where there is none, 0.
     pub(crate) fn take(&mut self, place: &Place, of: DeviationOf, along: [f64; 3]) {
         let deviation_um = of(place);
-        let squared = dot(deviation_um, deviation_um);
-        if self.whole.take(squared) {
+        let largest = self.whole.max();
+        self.whole.take(&deviation_um.into());
+        if self.line == 0 || self.whole.max() > largest {
             (self.line, self.tip_mm) = (place.line, place.tip_mm);
         }
         let by = dot(deviation_um, along);
         let across: [f64; 3] = std::array::from_fn(|i| deviation_um[i] - by * along[i]);
-        self.across.take(dot(across, across));
-        self.form.take(place, of);
-    }
-
-    /// What they are; `path` are the places that were kept.
-    pub(crate) fn deviation(&self, path: &[Place], of: DeviationOf) -> Deviation {
-        let [form_rms_um, form_max_um] = self.form.left_um(path, of);
-        Deviation {
-            max_um: self.whole.max(),
-            rms_um: self.whole.rms(),
-            across_max_um: self.across.max(),
-            across_rms_um: self.across.rms(),
-            line: self.line,
-            tip_mm: self.tip_mm,
-            form_rms_um,
-            form_max_um,
-        }
-    }
-}
-
-/// State: the largest of some lengths, and their root mean square.
-#[derive(Clone, Copy, Debug, Default)]
-struct MaxAndSquares {
-    largest: f64,
-    squares: f64,
-    count: u64,
-}
-
-impl MaxAndSquares {
-    /// Takes the square of a length; whether it is the first one or the largest so far.
-    pub(crate) fn take(&mut self, squared: f64) -> bool {
-        let is_largest = self.count == 0 || squared > self.largest;
-        if is_largest {
-            self.largest = squared;
-        }
-        self.squares += squared;
-        self.count += 1;
-        is_largest
-    }
-
-    pub(crate) fn max(&self) -> f64 {
-        self.largest.sqrt()
-    }
-
-    pub(crate) fn rms(&self) -> f64 {
-        (self.squares / (self.count as f64).max(1.0)).sqrt()
-    }
-}
-
-/// State: the deviations of all places, for what is left of them after alignment.
-#[derive(Clone, Debug, Default)]
-struct FormOfPath {
-    sums: RigidSums,
-    /// The places where the deviation towards plus and minus X, Y and Z is largest.
-    farthest: [Option<Place>; 6],
-}
-
-impl FormOfPath {
-    fn take(&mut self, place: &Place, of: DeviationOf) {
-        let deviation_um = of(place);
+        self.across.take(&across.into());
         let [tip_mm, error_mm] = in_mm(place, of);
-        self.sums.take(&tip_mm, &error_mm);
+        self.form.take(&tip_mm, &error_mm);
         for (side, kept) in self.farthest.iter_mut().enumerate() {
             let towards = |um: [f64; 3]| if side < 3 { um[side] } else { -um[side - 3] };
             if kept.is_none_or(|kept| towards(deviation_um) > towards(of(&kept))) {
@@ -723,15 +625,24 @@ impl FormOfPath {
         }
     }
 
-    /// Root of the mean square, and the largest over these places and the farthest, µm.
-    fn left_um(&self, path: &[Place], of: DeviationOf) -> [f64; 2] {
-        let motion = self.sums.motion();
+    /// What they are; `path` are the places that were kept.
+    pub(crate) fn deviation(&self, path: &[Place], of: DeviationOf) -> Deviation {
+        let motion = self.form.motion();
         let mut left = Lengths::default();
         for place in path.iter().chain(self.farthest.iter().flatten()) {
             let [tip_mm, error_mm] = in_mm(place, of);
             left.take(&motion.left_mm(&tip_mm, &error_mm));
         }
-        [1e3 * self.sums.rms_left_mm(), 1e3 * left.max()]
+        Deviation {
+            max_um: self.whole.max(),
+            rms_um: self.whole.rms(),
+            across_max_um: self.across.max(),
+            across_rms_um: self.across.rms(),
+            line: self.line,
+            tip_mm: self.tip_mm,
+            form_rms_um: 1e3 * self.form.rms_left_mm(),
+            form_max_um: 1e3 * left.max(),
+        }
     }
 }
 
@@ -741,7 +652,6 @@ type DeviationOf = fn(&Place) -> [f64; 3];
 /// With the original and with the compensated program.
 const BEFORE_AND_AFTER: [DeviationOf; 2] = [|place| place.before_um, |place| place.after_um];
 
-/// A place and a deviation there, mm.
 fn in_mm(place: &Place, of: DeviationOf) -> [Vector3<f64>; 2] {
     [place.tip_mm, of(place).map(|um| 1e-3 * um)].map(Vector3::from)
 }
@@ -771,7 +681,7 @@ pub(crate) fn places<'a>(
     made: &'a Made,
     [from, to]: [f64; 2],
 ) -> impl Iterator<Item = Axes> + use<'a> {
-    let steps = if truth.is_bidirectional() {
+    let steps = if truth.bidirectional {
         steps(truth, made, to - from)
     } else {
         1
