@@ -212,7 +212,7 @@ pub fn average(
         Ok(())
     })?;
     let (mut averages, mut offsets) = (Vec::new(), Vec::new());
-    let unit = job.setup.modal().unit_mm;
+    let unit = job.setup.modal.unit_mm;
     for system in 0..SYSTEMS {
         let of = &sums[system];
         if of.places == 0 {

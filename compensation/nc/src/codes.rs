@@ -194,14 +194,14 @@ fn no_code(word: &Word, line: usize) -> NcError {
 }
 
 fn unknown_code(code: Code, control: Option<Control>, line: usize) -> NcError {
-    let code_text = code_text(code);
-    match why_refused(code, control) {
-        Some(why) => NcError::not_compensated(line, format!("{code_text} is not followed: {why}")),
-        None => NcError::UnknownCode {
-            line,
-            code: code_text,
-        },
-    }
+    let what = match why_refused(code, control) {
+        Some(why) => format!("{} is not followed: {why}", code_text(code)),
+        None => format!(
+            "{} is not known here: it may move an axis, so that the program cannot be compensated",
+            code_text(code)
+        ),
+    };
+    NcError::not_compensated(line, what)
 }
 
 enum MCode {

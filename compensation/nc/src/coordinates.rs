@@ -43,41 +43,22 @@ pub(crate) fn is_rotary(axis: usize) -> bool {
 #[derive(Clone, Debug)]
 pub(crate) struct AxisPlaces {
     places: Axes<Option<usize>>,
-    /// Those of the axes that the machine has, and how many it has.
-    present: Axes<Present>,
-    count: usize,
-}
-
-#[derive(Clone, Copy, Debug, Default)]
-struct Present {
-    axis: usize,
-    /// Its place in the chain.
-    place: usize,
+    /// Each axis that the machine has, and its place.
+    present: Vec<(usize, usize)>,
 }
 
 impl AxisPlaces {
     pub(crate) fn of(machine: &Machine) -> Self {
         let places = std::array::from_fn(|axis| machine.index_of(name_of(axis)?).ok());
-        let mut present = [Present::default(); MAX_AXES];
-        let of_machine = (0..MAX_AXES).filter_map(|axis| Some((axis, places[axis]?)));
-        let mut count = 0;
-        for (present, (axis, place)) in present.iter_mut().zip(of_machine) {
-            *present = Present { axis, place };
-            count += 1;
-        }
+        let present = (0..MAX_AXES).filter_map(|axis| Some((axis, places[axis]?)));
         Self {
+            present: present.collect(),
             places,
-            present,
-            count,
         }
-    }
-
-    fn present(&self) -> &[Present] {
-        &self.present[..self.count]
     }
 
     pub(crate) fn axes_of_machine(&self) -> impl Iterator<Item = usize> {
-        self.present().iter().map(|present| present.axis)
+        self.present.iter().map(|(axis, _)| *axis)
     }
 
     /// `None` for an axis that the machine lacks.
@@ -89,7 +70,7 @@ impl AxisPlaces {
     #[inline]
     pub(crate) fn state(&self, axes: &Axes) -> State {
         let mut state = State::default();
-        for &Present { axis, place } in self.present() {
+        for &(axis, place) in &self.present {
             state.q[place] = if is_rotary(axis) {
                 axes[axis].to_radians()
             } else {
@@ -103,7 +84,7 @@ impl AxisPlaces {
     #[inline]
     pub(crate) fn axes(&self, of_chain: &PerAxis<f64>) -> Axes {
         let mut axes = [0.0; MAX_AXES];
-        for &Present { axis, place } in self.present() {
+        for &(axis, place) in &self.present {
             axes[axis] = if is_rotary(axis) {
                 of_chain[place].to_degrees()
             } else {
@@ -116,11 +97,8 @@ impl AxisPlaces {
     /// The same of the linear axes, times a factor.
     pub(crate) fn linear_axes(&self, of_chain: &PerAxis<f64>, factor: f64) -> Axes {
         let mut axes = [0.0; MAX_AXES];
-        let linear = self
-            .present()
-            .iter()
-            .filter(|present| !is_rotary(present.axis));
-        for &Present { axis, place } in linear {
+        let linear = self.present.iter().filter(|(axis, _)| !is_rotary(*axis));
+        for &(axis, place) in linear {
             axes[axis] = of_chain[place] * factor;
         }
         axes

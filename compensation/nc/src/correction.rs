@@ -237,17 +237,16 @@ struct Own {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Play {
     /// Of the axes that have any, somewhere.
-    axes: Axes<Option<Arc<Own>>>,
+    axes: Axes<Option<Own>>,
     pub(crate) any: bool,
 }
 
 impl Play {
     pub(crate) fn of(machine: &Machine, places: &AxisPlaces) -> Self {
-        let axes: Axes<Option<Arc<Own>>> = std::array::from_fn(|axis| {
+        let axes: Axes<Option<Own>> = std::array::from_fn(|axis| {
             let own = own(machine, axis, places)?;
             let travel = machine.axis(name_of(axis)?)?.travel;
-            own.is_anywhere(travel, machine.axes().len())
-                .then(|| Arc::new(own))
+            own.is_anywhere(travel, machine.axes().len()).then_some(own)
         });
         Self {
             any: axes.iter().any(Option::is_some),
@@ -262,7 +261,7 @@ impl Play {
 
     /// How far the two flanks of an axis are from one another at these coordinates (of the model's chain), mm or deg; 0 where it has no play.
     pub(crate) fn lost(&self, axis: usize, coordinates: &[f64]) -> f64 {
-        let own = self.axes[axis].as_deref();
+        let own = self.axes[axis].as_ref();
         own.map_or(0.0, |own| own.lost(coordinates))
     }
 

@@ -11,10 +11,6 @@ use volcomp_model::vocabulary::{AxisName, Coordinate, Displacement};
 pub enum NcError {
     #[error("line {line}: {fault}")]
     Block { line: usize, fault: Fault },
-    #[error(
-        "line {line}: {code} is not known here: it may move an axis, so that the program cannot be compensated"
-    )]
-    UnknownCode { line: usize, code: String },
     #[error("line {line}: {what}")]
     NotCompensated { line: usize, what: String },
     #[error(
@@ -35,19 +31,13 @@ pub enum NcError {
     },
     #[error("line {line}: longer than {most} bytes; this is no NC program")]
     LongLine { line: usize, most: usize },
-    #[error("line {line}: byte {byte:#04x} at column {column}; this is no NC program")]
-    Binary {
-        line: usize,
-        column: usize,
-        byte: u8,
-    },
+    #[error("line {line}: byte 0x00 at column {column}; this is no NC program")]
+    Binary { line: usize, column: usize },
     #[error("line {line}: {violation}")]
     OutOfBounds {
         line: usize,
         violation: BoundViolation,
     },
-    #[error("line {line}: {what}")]
-    Flow { line: usize, what: String },
     #[error("{}: {error}", file.display())]
     InFile { file: PathBuf, error: Box<NcError> },
     #[error(transparent)]
@@ -57,7 +47,7 @@ pub enum NcError {
 }
 
 impl NcError {
-    /// What a line asks for cannot be compensated.
+    /// What a line asks for cannot be compensated, or its O-words do not fit together.
     pub(crate) fn not_compensated(line: usize, what: impl Into<String>) -> Self {
         Self::NotCompensated {
             line,
@@ -77,13 +67,11 @@ impl NcError {
     pub(crate) fn at_line(mut self, number: usize) -> Self {
         match &mut self {
             Self::Block { line, .. }
-            | Self::UnknownCode { line, .. }
             | Self::NotCompensated { line, .. }
             | Self::OnlyAtMachine { line, .. }
             | Self::LongLine { line, .. }
             | Self::Binary { line, .. }
-            | Self::OutOfBounds { line, .. }
-            | Self::Flow { line, .. } => *line = number,
+            | Self::OutOfBounds { line, .. } => *line = number,
             Self::NoCentrePoint
             | Self::OtherLanguage { .. }
             | Self::InFile { .. }
@@ -105,12 +93,8 @@ pub enum Fault {
     Character { column: usize, found: char },
     #[error("column {column}: expected a number, a parameter or an expression after {letter:?}")]
     NoNumber { column: usize, letter: char },
-    #[error("column {column}: the comment that begins here does not end in its line")]
-    OpenComment { column: usize },
     #[error("column {column}: {what}")]
     Expression { column: usize, what: &'static str },
-    #[error("column {column}: {what}")]
-    Arithmetic { column: usize, what: &'static str },
     #[error("the parameter #<{name}> has no value here")]
     NoParameter { name: String },
     #[error("column {column}: {found} is not followed: {why}")]
@@ -168,6 +152,11 @@ pub enum BoundViolation {
 pub(crate) fn malformed(column: usize, what: &'static str) -> Fault {
     Fault::Expression { column, what }
 }
+
+/// Reasons why words are not followed.
+pub(crate) const UNKNOWN: &str = "it is not known here, and might move an axis";
+pub(crate) const OWN_RULE: &str = "it moves axes by a rule of its own";
+pub(crate) const FLOW: &str = "which lines are executed after it, is not followed in this language";
 
 /// A word whose rule is not followed.
 pub(crate) fn not_followed(column: usize, found: &str, why: &'static str) -> Fault {

@@ -15,13 +15,37 @@ use crate::{
 /// Brackets in brackets, so many at the most.
 const DEEPEST: u32 = 50;
 
-/// A value as it stands in a word.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Read {
-    pub(crate) value: Value,
-    /// The decimals of a plain number; `None`: it was computed.
-    pub(crate) decimals: Option<u8>,
+/// A value as it stands in a word, and the decimals of a plain number; `None`: it was computed.
+pub(crate) type WordValue = (Value, Option<u8>);
+
+/// What the values of a block were computed from.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Reads {
+    /// The axes whose places were read: at the control these are the corrected ones.
+    pub(crate) axes: Axes<bool>,
+    /// What a subroutine returned was read.
+    pub(crate) returned: bool,
 }
+
+/// Functions that all languages have.
+type Functions = &'static [(&'static str, fn(f64) -> f64)];
+const FUNCTIONS: Functions = &[
+    ("ABS", f64::abs),
+    ("ACOS", |x| x.acos().to_degrees()),
+    ("ASIN", |x| x.asin().to_degrees()),
+    ("COS", |x| x.to_radians().cos()),
+    ("EXP", f64::exp),
+    ("LN", f64::ln),
+    ("SIN", |x| x.to_radians().sin()),
+    ("SQRT", f64::sqrt),
+    ("TAN", |x| x.to_radians().tan()),
+];
+/// And those of RS-274 alone.
+const RS274_FUNCTIONS: Functions = &[
+    ("FIX", f64::floor),
+    ("FUP", f64::ceil),
+    ("ROUND", f64::round),
+];
 
 /// Operators that bind equally, the strongest last.
 const OPERATORS: [&[(&str, Operator)]; 5] = [
@@ -73,8 +97,7 @@ pub(crate) enum Operator {
 /// Reads values of a block; parameters have the values that they had before it.
 pub(crate) struct Expressions<'p> {
     interpreter: &'p Interpreter,
-    reads: Cell<Axes<bool>>,
-    reads_returned: Cell<bool>,
+    pub(crate) reads: Cell<Reads>,
 }
 
 impl<'p> Expressions<'p> {
@@ -82,40 +105,24 @@ impl<'p> Expressions<'p> {
         Self {
             interpreter,
             reads: Cell::default(),
-            reads_returned: Cell::default(),
         }
-    }
-
-    /// The axes whose places were read: at the control these are the corrected ones.
-    pub(crate) fn axes_read(&self) -> Axes<bool> {
-        self.reads.get()
-    }
-
-    pub(crate) fn has_read_returned(&self) -> bool {
-        self.reads_returned.get()
     }
 
     fn reads_place(&self, axis: Option<usize>) {
         if let Some(axis) = axis {
             let mut reads = self.reads.get();
-            reads[axis] = true;
+            reads.axes[axis] = true;
             self.reads.set(reads);
         }
     }
 
     /// The value that begins here; `None`: there is none.
-    pub(crate) fn read(&self, scanner: &mut Scanner<'_>) -> Result<Option<Read>, Fault> {
+    pub(crate) fn read(&self, scanner: &mut Scanner<'_>) -> Result<Option<WordValue>, Fault> {
         if let Some((value, decimals)) = scanner.number() {
-            return Ok(Some(Read {
-                value: Some(value),
-                decimals: Some(decimals),
-            }));
+            return Ok(Some((Some(value), Some(decimals))));
         }
         let value = self.value(scanner, 0)?;
-        Ok(value.map(|value| Read {
-            value,
-            decimals: None,
-        }))
+        Ok(value.map(|value| (value, None)))
     }
 
     fn value(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Option<Value>, Fault> {
@@ -214,7 +221,9 @@ impl<'p> Expressions<'p> {
 
     fn named(&self, name: &str) -> Option<Value> {
         if name == RETURNED || name == HAS_RETURNED {
-            self.reads_returned.set(true);
+            let mut reads = self.reads.get();
+            reads.returned = true;
+            self.reads.set(reads);
         }
         let set = self.interpreter.parameters.named(name);
         set.or_else(|| {
@@ -252,13 +261,16 @@ impl<'p> Expressions<'p> {
     }
 
     fn function(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Option<Value>, Fault> {
-        const NAMES: [&str; 14] = [
-            "ABS", "ACOS", "ASIN", "ATAN", "COS", "EXISTS", "EXP", "FIX", "FUP", "LN", "ROUND",
-            "SIN", "SQRT", "TAN",
-        ];
         let column = scanner.column();
-        let Some(name) = NAMES.into_iter().find(|name| scanner.takes_all(name)) else {
-            return Ok(None);
+        let special = ["ATAN", "EXISTS"];
+        let special = special.into_iter().find(|name| scanner.takes_all(name));
+        let mut functions = FUNCTIONS.iter().chain(RS274_FUNCTIONS);
+        let function = match special {
+            Some(_) => None,
+            None => match functions.find(|(name, _)| scanner.takes_all(name)) {
+                Some((_, function)) => Some(function),
+                None => return Ok(None),
+            },
         };
         if !scanner.takes(b'[') {
             return Err(malformed(
@@ -266,7 +278,7 @@ impl<'p> Expressions<'p> {
                 "expected [ after the name of a function",
             ));
         }
-        if name == "EXISTS" {
+        if special == Some("EXISTS") {
             let is_named = scanner.takes_all("#<");
             let exists = is_named && self.named(&scanner.name()?).is_some();
             if !is_named || !scanner.takes(b']') {
@@ -275,32 +287,15 @@ impl<'p> Expressions<'p> {
             return Ok(Some(Some(f64::from(u8::from(exists)))));
         }
         let value = self.bracket(scanner, depth)?;
-        if name == "ATAN" {
-            let over = scanner.takes_all("/[");
-            if !over {
+        let Some(function) = function else {
+            if !scanner.takes_all("/[") {
                 return Err(malformed(column, "expected ATAN[y]/[x]"));
             }
             let x = self.bracket(scanner, depth)?;
             return Ok(Some(value.zip(x).map(|(y, x)| y.atan2(x).to_degrees())));
-        }
-        let Some(x) = value else {
-            return Ok(Some(None));
         };
-        let result = match name {
-            "ABS" => x.abs(),
-            "ACOS" => x.acos().to_degrees(),
-            "ASIN" => x.asin().to_degrees(),
-            "COS" => x.to_radians().cos(),
-            "EXP" => x.exp(),
-            "FIX" => x.floor(),
-            "FUP" => x.ceil(),
-            "LN" => x.ln(),
-            "ROUND" => x.round(),
-            "SIN" => x.to_radians().sin(),
-            "SQRT" => x.sqrt(),
-            _ => x.to_radians().tan(),
-        };
-        finite(result, column).map(|x| Some(Some(x)))
+        let value = value.map(|x| finite(function(x), column)).transpose()?;
+        Ok(Some(value))
     }
 }
 
@@ -308,10 +303,10 @@ pub(crate) fn finite(value: f64, column: usize) -> Result<f64, Fault> {
     if value.is_finite() {
         return Ok(value);
     }
-    Err(Fault::Arithmetic {
+    Err(malformed(
         column,
-        what: "this calculation has no result (a division by zero, or a function outside its range)",
-    })
+        "this calculation has no result (a division by zero, or a function outside its range)",
+    ))
 }
 
 pub(crate) fn operate(operator: Operator, a: f64, b: f64, column: usize) -> Result<f64, Fault> {
@@ -347,16 +342,14 @@ pub(crate) fn operate(operator: Operator, a: f64, b: f64, column: usize) -> Resu
 /// Operators that bind equally, and their names.
 type Equals = &'static [(&'static str, Operator)];
 
-/// Functions of one value and of two, and their names.
-type Functions = &'static [(&'static str, fn(f64) -> f64)];
-
+/// Functions of two values, and their names.
 type Pairs = &'static [(&'static str, fn(f64, f64) -> f64)];
 
 /// What the formulas of a language are made of.
 pub(crate) trait Formulas {
     /// The operators, those that bind the least first.
     const OPERATORS: &'static [Equals];
-    /// The functions of one value and their names; those of two are in [`Self::PAIRS`].
+    /// The functions of one value besides those that all languages have; those of two are in [`Self::PAIRS`].
     const FUNCTIONS: Functions;
     const PAIRS: Pairs;
 
@@ -366,7 +359,7 @@ pub(crate) trait Formulas {
     fn parameter(&self, scanner: &mut Scanner<'_>, depth: u32) -> Result<Option<Value>, Fault>;
 
     /// The value that begins here; `None`: there is none. A plain number keeps its decimals.
-    fn read(&self, scanner: &mut Scanner<'_>) -> Result<Option<Read>, Fault> {
+    fn read(&self, scanner: &mut Scanner<'_>) -> Result<Option<WordValue>, Fault> {
         let before = scanner.at();
         let sign = match scanner.peek() {
             Some(sign @ (b'+' | b'-')) => {
@@ -383,17 +376,11 @@ pub(crate) trait Formulas {
         {
             scanner.go_to(end);
             let value = if sign == Some(b'-') { -value } else { value };
-            return Ok(Some(Read {
-                value: Some(value),
-                decimals: Some(decimals),
-            }));
+            return Ok(Some((Some(value), Some(decimals))));
         }
         scanner.go_to(before);
         let value = self.operation(scanner, 0, 0)?;
-        Ok(value.map(|value| Read {
-            value,
-            decimals: None,
-        }))
+        Ok(value.map(|value| (value, None)))
     }
 
     /// Passes one of these operators.
@@ -457,7 +444,7 @@ pub(crate) trait Formulas {
             _ => {}
         }
         let column = scanner.column();
-        let mut functions = Self::FUNCTIONS.iter();
+        let mut functions = FUNCTIONS.iter().chain(Self::FUNCTIONS);
         if let Some((_, function)) = functions.find(|(name, _)| takes_name(scanner, name)) {
             let x = self.argument(scanner, depth + 1)?;
             let value = x.map(|x| finite(function(x), column)).transpose()?;

@@ -231,7 +231,6 @@ impl Flow {
         let mut open: Vec<(usize, usize)> = Vec::new();
         let mut in_file = 0;
         for (place, (line, _)) in lines.lines.iter().enumerate() {
-            let wrong = |what: String| lines.at(place, NcError::Flow { line: 0, what });
             let (file, _) = lines.file_of(place);
             if file != in_file {
                 Self::all_have_ended(&open, lines)?;
@@ -239,12 +238,14 @@ impl Flow {
             }
             let mut statement = match o_line(line) {
                 Some(OLine::Statement(statement)) => statement,
-                Some(OLine::Wrong(what)) => return Err(wrong(what.to_owned())),
+                Some(OLine::Wrong(what)) => return Err(lines.wrong(place, what)),
                 Some(OLine::Program(number)) => {
                     if let Some(number) = number
                         && flow.programs.insert((file, number), place).is_some()
                     {
-                        return Err(wrong(format!("the program O{number} stands twice")));
+                        return Err(
+                            lines.wrong(place, format!("the program O{number} stands twice"))
+                        );
                     }
                     continue;
                 }
@@ -273,7 +274,7 @@ impl Flow {
             if let Some(needs) = needs {
                 let Some((begin, branch)) = open.last_mut().filter(|_| opened == Some(needs))
                 else {
-                    return Err(wrong(format!(
+                    return Err(lines.wrong(place, format!(
                         "o{name} ends or goes on here what did not begin before, or what lies in it has not ended"
                     )));
                 };
@@ -290,12 +291,17 @@ impl Flow {
             match statement.keyword {
                 Keyword::Sub => {
                     if !open.is_empty() {
-                        return Err(wrong(format!(
-                            "the subroutine o{name} begins in something that has not ended"
-                        )));
+                        return Err(lines.wrong(
+                            place,
+                            format!(
+                                "the subroutine o{name} begins in something that has not ended"
+                            ),
+                        ));
                     }
                     if flow.subs.insert((file, name.clone()), place).is_some() {
-                        return Err(wrong(format!("the subroutine o{name} stands twice")));
+                        return Err(
+                            lines.wrong(place, format!("the subroutine o{name} stands twice"))
+                        );
                     }
                     open.push((place, place));
                 }
@@ -317,8 +323,7 @@ impl Flow {
         let Some((begin, _)) = open.last() else {
             return Ok(());
         };
-        let what = "what begins here does not end in the program".to_owned();
-        Err(lines.at(*begin, NcError::Flow { line: 0, what }))
+        Err(lines.wrong(*begin, "what begins here does not end in the program"))
     }
 
     /// Where what begins at a line ends, or what ends there begins.
@@ -586,6 +591,11 @@ impl<'t> Listing<'t> {
         files.map(|(place, (&(path, begins), end))| (place + 1, path, begins..end))
     }
 
+    /// What is wrong at a line.
+    pub(crate) fn wrong(&self, place: usize, what: impl Into<String>) -> NcError {
+        self.at(place, NcError::not_compensated(0, what))
+    }
+
     /// An error at a line, with its file where that is not the program.
     pub(crate) fn at(&self, place: usize, error: NcError) -> NcError {
         match self.file_of(place).1 {
@@ -693,7 +703,7 @@ pub(crate) fn load(own: &[(&[u8], &[u8])], folders: &[PathBuf]) -> Result<Vec<Su
                 "the files of subroutines are longer than {} MiB",
                 MOST_IN_MEMORY >> 20
             );
-            return Err(NcError::Flow { line: 1, what }.in_file(path));
+            return Err(NcError::not_compensated(1, what).in_file(path));
         }
         let of_file = Names::of(split_lines(&text).into_iter().map(|(line, _)| line));
         let others = of_file.called.into_iter();

@@ -9,19 +9,13 @@ use crate::{
     block::{Assignment, Block, Command, Cycle, LAST, Manner, OTHER, POLAR, Parameter, Scanner},
     codes::whole,
     coordinates::axis_of,
-    error::{Fault, malformed, not_followed},
+    error::{FLOW, Fault, OWN_RULE, UNKNOWN, malformed, not_followed},
     expression::{Formulas, Operator, finite, operate, plain_number, takes_name},
     interpreter::Interpreter,
     parameters::Value,
 };
 
-const UNKNOWN: &str = "it is not known here, and might move an axis";
-
-const FLOW: &str = "which lines are executed after it, is not followed in this language";
-
 const TILTED: &str = "only shifts of the datum are followed (cycle 7)";
-
-const OWN_RULE: &str = "it moves axes by a rule of its own";
 
 /// Reads a line without its end.
 pub(crate) fn read_heidenhain(
@@ -791,7 +785,7 @@ impl Reader<'_, '_> {
         self.scanner.peek();
         let column = self.scanner.column();
         let value = self.values.of_word(&mut self.scanner)?;
-        let (value, _) = value.ok_or(Fault::Expression { column, what })?;
+        let (value, _) = value.ok_or(malformed(column, what))?;
         self.has_one_sign()?;
         Ok(value)
     }
@@ -914,21 +908,12 @@ impl Formulas for Values<'_> {
         &[("^", Operator::Power)],
     ];
     const FUNCTIONS: &'static [(&'static str, fn(f64) -> f64)] = &[
-        ("ABS", f64::abs),
-        ("ACOS", |x| x.acos().to_degrees()),
-        ("ASIN", |x| x.asin().to_degrees()),
         ("ATAN", |x| x.atan().to_degrees()),
-        ("COS", |x| x.to_radians().cos()),
-        ("EXP", f64::exp),
         ("FRAC", f64::fract),
         ("INT", f64::trunc),
-        ("LN", f64::ln),
         ("LOG", f64::log10),
         ("NEG", |x| -x),
-        ("SIN", |x| x.to_radians().sin()),
         ("SQ", |x| x * x),
-        ("SQRT", f64::sqrt),
-        ("TAN", |x| x.to_radians().tan()),
     ];
     const PAIRS: &'static [(&'static str, fn(f64, f64) -> f64)] = &[];
 

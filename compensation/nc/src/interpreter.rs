@@ -4,7 +4,7 @@
 //! offset or length is known in the coordinates of the program as long as the same ones are in force, and under no others: a word that is
 //! added there would lead to a made-up place.
 
-use std::{collections::HashMap, sync::Arc};
+use std::{collections::BTreeMap, sync::Arc};
 
 use volcomp_model::{Machine, vocabulary::AxisKind};
 
@@ -64,7 +64,7 @@ pub(crate) struct Interpreter {
     pub(crate) known: Axes<bool>,
     pub(crate) rests: Rests,
     pub(crate) parameters: Parameters,
-    pub(crate) tools: HashMap<u32, Axes>,
+    pub(crate) tools: BTreeMap<u32, Axes>,
     pub(crate) notes: Notes,
     pub(crate) dialect: Dialect,
     /// The control that runs the program, if it is stated.
@@ -189,7 +189,7 @@ impl Rests {
             named: [false; 9],
             from_elsewhere: [false; 9],
             set: [false; SYSTEMS],
-            homes: setup.states_homes().map(|stated| {
+            homes: setup.states_homes.map(|stated| {
                 stated.map(|stated| (true, if stated { OF_MACHINE } else { ASSUMED }))
             }),
         }
@@ -248,7 +248,7 @@ impl Interpreter {
             });
         }
         let (position, known) = setup.start();
-        let mut modal = setup.modal();
+        let mut modal = setup.modal.clone();
         match dialect {
             Dialect::Siemens => modal.system = G500,
             Dialect::Heidenhain => modal.centre_absolute = true,
@@ -265,7 +265,7 @@ impl Interpreter {
             known,
             rests: Rests::new(setup),
             parameters: Parameters::default(),
-            tools: setup.tools(),
+            tools: setup.tools.clone(),
             notes: Notes::default(),
             dialect,
             control: setup.control(),

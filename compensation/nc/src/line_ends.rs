@@ -138,7 +138,6 @@ pub(crate) fn check_line(line: &[u8], number: usize) -> Result<(), NcError> {
         Some(column) => Err(NcError::Binary {
             line: number,
             column: column + 1,
-            byte: 0,
         }),
         None => Ok(()),
     }

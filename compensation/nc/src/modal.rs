@@ -123,7 +123,7 @@ pub(crate) struct Sticky {
 
 /// State of a program that is read.
 #[expect(clippy::struct_excessive_bools, reason = "each is a switch of its own")]
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Modal {
     /// mm for each unit of length.
     pub(crate) unit_mm: f64,

@@ -227,7 +227,9 @@ impl Stream {
             return Ok(Next::Line);
         }
         self.ends.check(line, end, self.number)?;
-        if rewriter.dialect() == Dialect::Heidenhain && !matches!(end, b"" | b"\n" | b"\r\n") {
+        if rewriter.interpreter.dialect == Dialect::Heidenhain
+            && !matches!(end, b"" | b"\n" | b"\r\n")
+        {
             // The blocks of such lines are not numbered anew.
             return Err(NcError::Block {
                 line: self.number,
@@ -247,7 +249,7 @@ impl Stream {
             return Ok(Next::Line);
         }
         check_line(line, self.number)?;
-        if rewriter.dialect() == Dialect::Rs274 && !rewriter.interpreter.is_printer() {
+        if rewriter.interpreter.dialect == Dialect::Rs274 && !rewriter.interpreter.is_printer() {
             match o_line(line) {
                 Some(OLine::Program(_)) => {
                     rewriter.counts.lines += 1;
@@ -293,13 +295,11 @@ fn read_rest(
     let left = u64::try_from(MOST_IN_MEMORY).unwrap_or(u64::MAX);
     input.take(left + 1).read_to_end(&mut text)?;
     if text.len() > MOST_IN_MEMORY {
-        return Err(NcError::Flow {
-            line: number,
-            what: format!(
-                "a program with O-words is held in memory, up to {} MiB; this one is longer",
-                MOST_IN_MEMORY >> 20
-            ),
-        });
+        let what = format!(
+            "a program with O-words is held in memory, up to {} MiB; this one is longer",
+            MOST_IN_MEMORY >> 20
+        );
+        return Err(NcError::not_compensated(number, what));
     }
     Ok(text)
 }

@@ -101,11 +101,6 @@ impl Corrector {
         self.play.has(axis)
     }
 
-    /// From which side an axis comes, and its furthest place.
-    pub(crate) fn side(&self, axis: usize) -> (Option<Direction>, f64) {
-        (self.approach[axis], self.furthest[axis])
-    }
-
     /// The axes have been so far, each in its direction.
     pub(crate) fn reaches(&mut self, furthest: &Axes) {
         for axis in 0..MAX_AXES {
@@ -220,7 +215,7 @@ impl Corrector {
         let places: Vec<Axes> = (0..=steps).map(|step| at(share(step))).collect();
         for axis in (0..MAX_AXES).filter(|axis| self.has(*axis)) {
             let after = self.turned_after[axis];
-            let (side, mut furthest) = self.side(axis);
+            let (side, mut furthest) = (self.approach[axis], self.furthest[axis]);
             let mut side = side;
             let mut of_furthest = 0;
             for step in 0..=steps {

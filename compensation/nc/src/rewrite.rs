@@ -16,7 +16,7 @@ use crate::{
     coordinates::{Axes, Frame, LETTERS, dot, each},
     correction::{Bounds, Corrector, Seen},
     error::BoundViolation,
-    expression::Expressions,
+    expression::{Expressions, Reads},
     heidenhain::{block_number, read_heidenhain, renumber},
     interpreter::{Extrusion, Interpreter, Outcome},
     line::{Edits, Line, Script},
@@ -27,7 +27,7 @@ use crate::{
     number::{Decimals, Form, Number, Numerals, half_step},
     parameters::Parameters,
     reversal::Turns,
-    rs274::{Reads, corner, hint, read_control_line, read_increments},
+    rs274::{corner, hint, read_control_line, read_increments},
     setup::SetUp,
     siemens::read_siemens,
 };
@@ -237,7 +237,7 @@ impl Rewriter {
             polar_is_off: false,
             comma: false,
             computed: Computed::Kept,
-            folders: setup.folders().into(),
+            folders: setup.folders.as_slice().into(),
             more: b"\n",
             counts: Counts::default(),
             shares: None,
@@ -246,10 +246,6 @@ impl Rewriter {
             edits: Edits::default(),
             parts: Vec::new(),
         })
-    }
-
-    pub(crate) fn dialect(&self) -> Dialect {
-        self.interpreter.dialect
     }
 
     /// Whether the line that was read last is a percent sign.
@@ -272,7 +268,7 @@ impl Rewriter {
         if !end.is_empty() {
             self.more = end_of_added(end).unwrap_or(self.more);
         }
-        let dialect = self.dialect();
+        let dialect = self.interpreter.dialect;
         let (begins, added) = (out.len(), self.counts.added);
         let ends = match read_block(dialect, &mut block, text, number, &self.interpreter) {
             Ok(reads) => {
@@ -309,7 +305,7 @@ impl Rewriter {
     pub(crate) fn after_end(&self, text: &[u8], out: &mut Vec<u8>) {
         let begins = out.len();
         out.extend_from_slice(text);
-        if self.dialect() == Dialect::Heidenhain
+        if self.interpreter.dialect == Dialect::Heidenhain
             && self.counts.added > 0
             && let Some((place, number)) = block_number(text)
         {
@@ -774,10 +770,7 @@ fn read_block(
                 .read(text, &expressions)
                 .map_err(|of| fault(corner(text, &of).or_else(|| hint(text)).unwrap_or(of)))?;
             read_increments(block, text, interpreter).map_err(fault)?;
-            Ok(Reads {
-                axes: expressions.axes_read(),
-                returned: expressions.has_read_returned(),
-            })
+            Ok(expressions.reads.get())
         }
         Dialect::Siemens => {
             read_siemens(block, text, interpreter).map_err(fault)?;

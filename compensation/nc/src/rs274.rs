@@ -7,9 +7,8 @@ use crate::{
     block::{Assignment, Begins, Block, Command, Manner, Parameter, Scanner, Word},
     codes::{Codes, is_cycle},
     control::{Control, DecimalPoints, INCREMENTS},
-    coordinates::Axes,
     error::{Fault, malformed, not_followed},
-    expression::{Expressions, Read},
+    expression::Expressions,
     interpreter::Interpreter,
     number::plain,
 };
@@ -49,7 +48,7 @@ impl Block {
                     scanner.peek();
                     let from = scanner.at();
                     let read = expressions.read(&mut scanner)?;
-                    let Some(Read { value, decimals }) = read else {
+                    let Some((value, decimals)) = read else {
                         return Err(Fault::NoNumber {
                             column,
                             letter: char::from(byte),
@@ -115,7 +114,7 @@ impl Block {
         ))?;
         self.assignments.push(Assignment {
             parameter,
-            value: read.value,
+            value: read.0,
             all: at..scanner.at(),
             text: from..scanner.at(),
         });
@@ -131,19 +130,13 @@ impl Block {
 fn skip_comment(scanner: &mut Scanner<'_>, column: usize) -> Result<(), Fault> {
     let rest = &scanner.bytes()[scanner.at()..];
     let Some(length) = rest.iter().position(|byte| *byte == b')') else {
-        return Err(Fault::OpenComment { column });
+        return Err(malformed(
+            column,
+            "the comment that begins here does not end in its line",
+        ));
     };
     scanner.go_to(scanner.at() + length + 1);
     Ok(())
-}
-
-/// What reading a line leaves besides its block.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Reads {
-    /// It reads the place of an axis, which is the corrected one at the control.
-    pub(crate) axes: Axes<bool>,
-    /// It reads what a subroutine returned.
-    pub(crate) returned: bool,
 }
 
 const MACRO: &str =

@@ -86,14 +86,16 @@ impl<'r, 't> Run<'r, 't> {
             if let Some(call) = self.calls.last()
                 && (at >= self.lines.lines.len() || self.lines.file_of(at).0 != call.file)
             {
-                return Err(self.wrong(at - 1, "the subprogram ends here without M99".to_owned()));
+                return Err(self
+                    .lines
+                    .wrong(at - 1, "the subprogram ends here without M99"));
             }
             let Some((line, end)) = self.lines.lines.get(at) else {
                 break;
             };
             executed += 1;
             if executed > self.most {
-                return Err(self.wrong(at, format!("more than {} blocks are executed (a loop without an end?); --max-blocks allows more", self.most)));
+                return Err(self.lines.wrong(at, format!("more than {} blocks are executed (a loop without an end?); --max-blocks allows more", self.most)));
             }
             if self.calls.is_empty() {
                 if at >= self.lines.own {
@@ -135,10 +137,6 @@ impl<'r, 't> Run<'r, 't> {
             at += 1;
         }
         Ok((self.rewriter, false))
-    }
-
-    fn wrong(&self, at: usize, what: String) -> NcError {
-        self.lines.at(at, NcError::Flow { line: 0, what })
     }
 
     /// The line after one with an O-word.
@@ -205,18 +203,18 @@ impl<'r, 't> Run<'r, 't> {
             }
             Keyword::Break | Keyword::Continue => {
                 let Some(begin) = flow.loop_around(at, &statement.name) else {
-                    return Err(self.wrong(
+                    return Err(self.lines.wrong(
                         at,
                         format!("there is no loop o{} around this line", statement.name),
                     ));
                 };
                 if flow.keyword(begin) == Some(Keyword::Repeat) {
                     let what = "break and continue of a loop with a count (repeat), which LinuxCNC refuses: write it as while … endwhile";
-                    return Err(self.wrong(at, what.to_owned()));
+                    return Err(self.lines.wrong(at, what));
                 }
                 if statement.keyword == Keyword::Break {
                     let breaks = self.loops.breaks(flow, at, begin);
-                    breaks.map_err(|what| self.wrong(at, what))?;
+                    breaks.map_err(|what| self.lines.wrong(at, what))?;
                     return Ok(flow.partner(begin) + 1);
                 }
                 self.loops.continues(flow, at, begin);
@@ -234,7 +232,7 @@ impl<'r, 't> Run<'r, 't> {
         end: usize,
         next: Result<Next, String>,
     ) -> Result<usize, NcError> {
-        match next.map_err(|what| self.wrong(at, what))? {
+        match next.map_err(|what| self.lines.wrong(at, what))? {
             Next::Again => Ok(begin + 1),
             Next::Passed => Ok(end + 1),
         }
@@ -242,7 +240,7 @@ impl<'r, 't> Run<'r, 't> {
 
     fn call_program(&mut self, at: usize, number: u32, times: u64) -> Result<usize, NcError> {
         let Some(begin) = self.flow.program(number, self.lines.file_of(at).0) else {
-            return Err(self.wrong(
+            return Err(self.lines.wrong(
                 at,
                 format!("the program O{number} is neither in this file nor in a file such as O{number:04} or {number}.nc in a folder of --subroutines"),
             ));
@@ -268,7 +266,7 @@ impl<'r, 't> Run<'r, 't> {
             ..
         }) = self.calls.pop()
         else {
-            return Err(self.wrong(at, "a return outside a subroutine".to_owned()));
+            return Err(self.lines.wrong(at, "a return outside a subroutine"));
         };
         let parameters = &mut self.rewriter.interpreter.parameters;
         parameters.leave();
@@ -297,13 +295,13 @@ impl<'r, 't> Run<'r, 't> {
                 self.calls.pop();
                 Ok(back)
             }
-            _ => Err(self.wrong(at, "M99 in the main program would repeat it for ever: expected it at the end of a subprogram that M98 called".to_owned())),
+            _ => Err(self.lines.wrong(at, "M99 in the main program would repeat it for ever: expected it at the end of a subprogram that M98 called")),
         }
     }
 
     fn deeper(&self, at: usize) -> Result<(), NcError> {
         if self.calls.len() >= DEEPEST {
-            return Err(self.wrong(
+            return Err(self.lines.wrong(
                 at,
                 format!("more than {DEEPEST} subroutines call one another"),
             ));
@@ -313,7 +311,7 @@ impl<'r, 't> Run<'r, 't> {
 
     fn call(&mut self, at: usize, statement: &Statement, line: &[u8]) -> Result<usize, NcError> {
         let Some(begin) = self.flow.sub(&statement.name, self.lines.file_of(at).0) else {
-            return Err(self.wrong(
+            return Err(self.lines.wrong(
                 at,
                 format!(
                     "the subroutine o<{name}> is neither in this program nor as {name}.ngc in a folder of --subroutines",
@@ -347,15 +345,16 @@ impl<'r, 't> Run<'r, 't> {
             let read = expressions
                 .read(&mut scanner)
                 .map_err(|fault| NcError::Block { line: 0, fault })?;
-            values.extend(read.map(|read| read.value));
+            values.extend(read.map(|(value, _)| value));
         }
-        if self.rewriter.computed != Computed::Kept && expressions.has_read_returned() {
+        let reads = expressions.reads.get();
+        if self.rewriter.computed != Computed::Kept && reads.returned {
             return Err(NcError::not_compensated(
                 0,
                 "#<_value> is read here, which a call returned that is corrected differently from time to time",
             ));
         }
-        if self.rewriter.carries(&expressions.axes_read()) {
+        if self.rewriter.carries(&reads.axes) {
             return Err(NcError::not_compensated(
                 0,
                 "the place of an axis is read here (#5420 to #5428, #<_x> to #<_w>), which is the corrected one at the control",
@@ -367,11 +366,11 @@ impl<'r, 't> Run<'r, 't> {
     fn number(&self, at: usize, statement: &Statement, line: &[u8]) -> Result<f64, NcError> {
         match self.values(at, statement, line)?.first() {
             Some(Some(value)) => Ok(*value),
-            Some(None) => Err(self.wrong(
+            Some(None) => Err(self.lines.wrong(
                 at,
-                "which lines are executed after this one is only known at the machine".to_owned(),
+                "which lines are executed after this one is only known at the machine",
             )),
-            None => Err(self.wrong(at, "expected a value in [ ] here".to_owned())),
+            None => Err(self.lines.wrong(at, "expected a value in [ ] here")),
         }
     }
 

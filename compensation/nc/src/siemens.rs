@@ -9,8 +9,8 @@ use crate::{
     },
     codes::whole,
     coordinates::axis_of,
-    error::{Fault, malformed, not_followed},
-    expression::{Formulas, Operator, plain_number, takes_name},
+    error::{FLOW, Fault, OWN_RULE, UNKNOWN, malformed, not_followed},
+    expression::{Formulas, Operator, WordValue, plain_number, takes_name},
     interpreter::Interpreter,
     modal::{G500, G505, Plane},
     parameters::{MOST, Value},
@@ -236,13 +236,12 @@ impl Reader<'_, '_> {
     }
 
     /// A formula, or a number with its decimals.
-    fn value(&mut self, what: &'static str) -> Result<(Value, Option<u8>), Fault> {
+    fn value(&mut self, what: &'static str) -> Result<WordValue, Fault> {
         let mut scanner = self.scanner.clone();
         let column = scanner.column();
         let read = self.values().read(&mut scanner)?;
         self.scanner = scanner;
-        let read = read.ok_or(Fault::Expression { column, what })?;
-        Ok((read.value, read.decimals))
+        read.ok_or(malformed(column, what))
     }
 
     /// A number with a sign, as it stands behind a letter without `=`.
@@ -404,7 +403,7 @@ impl Reader<'_, '_> {
         }
         inside.takes(b'(');
         let ends = self.values().read(&mut inside)?;
-        let ends = ends.and_then(|read| read.value);
+        let ends = ends.and_then(|(value, _)| value);
         Ok(Cycle {
             name: name.to_owned(),
             drills_to: only_drills.then_some(ends),
@@ -697,17 +696,8 @@ impl Formulas for Values<'_> {
         ],
     ];
     const FUNCTIONS: &'static [(&'static str, fn(f64) -> f64)] = &[
-        ("ABS", f64::abs),
-        ("ACOS", |x| x.acos().to_degrees()),
-        ("ASIN", |x| x.asin().to_degrees()),
-        ("COS", |x| x.to_radians().cos()),
-        ("EXP", f64::exp),
-        ("LN", f64::ln),
         ("POT", |x| x * x),
         ("ROUND", f64::round),
-        ("SIN", |x| x.to_radians().sin()),
-        ("SQRT", f64::sqrt),
-        ("TAN", |x| x.to_radians().tan()),
         ("TRUNC", f64::trunc),
     ];
     const PAIRS: &'static [(&'static str, fn(f64, f64) -> f64)] = &[
@@ -878,11 +868,6 @@ pub(crate) enum Meaning {
     Refused(&'static str),
 }
 
-/// The reason why what is not known is refused.
-pub(crate) const UNKNOWN: &str = "it is not known here, and might move an axis";
-
-const FLOW: &str = "which lines are executed after it, is not followed in this language";
-
 const CALL: &str = "subprograms are not followed in this language";
 
 const ORIENTATION: &str = "orientations of the tool are followed as angles of the rotary axes only";
@@ -896,8 +881,6 @@ const CURVE: &str = "a curve other than a line or an arc by its centre or radius
 const POLAR: &str = "polar coordinates";
 
 const PLACE: &str = "it leads to a place that only the control knows";
-
-const OWN_RULE: &str = "it moves axes by a rule of its own";
 
 const APPROACH: &str = "soft approach and retraction make motions of their own";
 

@@ -127,10 +127,10 @@ fn compare(
 
 /// The result has other motions than the program, at a line of it.
 fn other_motions(line: usize) -> NcError {
-    NcError::Flow {
+    NcError::not_compensated(
         line,
-        what: "the result does not make the motions of the program: this is a defect of the program that made it, please report it".to_owned(),
-    }
+        "the result does not make the motions of the program: this is a defect of the program that made it, please report it",
+    )
 }
 
 /// Places of a path that are kept at the most.
