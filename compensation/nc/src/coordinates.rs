@@ -224,6 +224,8 @@ pub(crate) struct Tip {
     chain: Chain,
     places: AxisPlaces,
     at_zero_mm: Vector3<f64>,
+    /// From the machine's frame to that of the control, whose axes are the directions of X, Y and Z.
+    to_control: Matrix3<f64>,
 }
 
 /// The centre point where rotary axes stand somewhere: it goes as X, Y and Z go, whose directions are turned.
@@ -237,6 +239,9 @@ struct Turned {
     columns: Matrix3<f64>,
     inverse: Matrix3<f64>,
 }
+
+/// How far the products of the directions of X, Y and Z may be from those of a frame.
+const PERPENDICULAR: f64 = 1e-9;
 
 /// A motion asks for its two ends many times, each with its correction and without.
 const KEPT: usize = 4;
@@ -297,8 +302,8 @@ impl TipFrame {
 }
 
 impl Tip {
-    /// `None` for a machine without rotary axes, without X, Y and Z, or with a rotary axis between these: no control
-    /// moves the centre point of its tool.
+    /// `None` for a machine without rotary axes, without X, Y and Z, with a rotary axis between these, or where their directions are no right-handed
+    /// frame: no control moves the centre point of its tool.
     pub(crate) fn new(machine: &Machine) -> Option<Self> {
         let chain = machine.chain().clone();
         let places = AxisPlaces::of(machine);
@@ -311,11 +316,17 @@ impl Tip {
         if !any || (first..=last).any(is_rotary) {
             return None;
         }
+        let directions = directions(machine);
+        let from_identity = directions.transpose() * directions - Matrix3::identity();
+        if from_identity.amax() > PERPENDICULAR || directions.determinant() < 0.0 {
+            return None;
+        }
         let at_zero_mm = chain.ideal_tip_mm(&places.state(&[0.0; 9]));
         Some(Self {
             chain,
             places,
             at_zero_mm,
+            to_control: directions.transpose(),
         })
     }
 
@@ -342,12 +353,14 @@ impl Tip {
             moves_nothing = false;
         }
         let columns = Matrix3::from_columns(&places.map(|place| turned * joints[place].direction));
+        let columns = self.to_control * columns;
         let [.., a, b, c, d, e, f] = at;
         Turned {
             others: [a, b, c, d, e, f],
-            base_mm: pose.transform_point(&self.chain.tool_tip_mm())
-                - self.chain.workpiece_origin_mm()
-                - self.at_zero_mm,
+            base_mm: self.to_control
+                * (pose.transform_point(&self.chain.tool_tip_mm())
+                    - self.chain.workpiece_origin_mm()
+                    - self.at_zero_mm),
             columns,
             // Independent wherever the rotary axes stand, since none of them is between the linear ones.
             inverse: (columns.try_inverse()).unwrap_or(Matrix3::repeat(f64::NAN)),
@@ -363,15 +376,27 @@ impl Tip {
     }
 }
 
+/// Where X, Y and Z move the tip with rotary axes at zero, as columns; the machine's own direction for one that it lacks.
+fn directions(machine: &Machine) -> Matrix3<f64> {
+    let places = AxisPlaces::of(machine);
+    let joints = machine.chain().joints();
+    let own = Matrix3::identity();
+    Matrix3::from_columns(&[0, 1, 2].map(|axis| match places.of_axis(axis) {
+        Some(place) => joints[place].direction,
+        None => own.column(axis).into(),
+    }))
+}
+
 /// The machine with a tool of the program's tool table in its spindle: `offset` is what the control adds to the coordinates for it,
 /// so that the tip is that far below the gauge point. Where the machine file states no gauge point, or the offset is zero, the
 /// tool is that of the machine file.
 pub(crate) fn with_tool(machine: &Machine, offset: &Axes) -> Result<Machine, NcError> {
     let mut machine = machine.clone();
     if offset[..3] != [0.0; 3] {
+        let [x, y, z, ..] = *offset;
         let tool = Tool {
             length_mm: Some(0.0),
-            offset_mm: Some([-offset[0], -offset[1], -offset[2]]),
+            offset_mm: Some((-(directions(&machine) * Vector3::new(x, y, z))).into()),
             ..Tool::default()
         };
         machine.set_tool(&tool)?;
@@ -449,12 +474,42 @@ mod tests {
         }
     }
 
+    /// In whichever directions X, Y and Z count: a control's centre point has its coordinates. The tool is below the gauge point as its Z counts.
     #[test]
     fn with_rotary_axes_at_zero_it_is_the_axes() {
-        let tip = tip(0.0);
+        let of = |x: &str, y: &str, z: &str| {
+            let [x, y, z] = [("X", x), ("Y", y), ("Z", z)].map(|(name, direction)| {
+                (
+                    format!("[axes.{name}]\n"),
+                    format!("[axes.{name}]\ndirection = {direction}\n"),
+                )
+            });
+            let text = MACHINE
+                .replace(&x.0, &x.1)
+                .replace(&y.0, &y.1)
+                .replace(&z.0, &z.1);
+            Machine::parse(&text, "m.toml").expect("a good machine")
+        };
         let axes = [1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-        let found = tip.of_axes(&axes);
-        assert!((0..9).all(|i| (found[i] - axes[i]).abs() < 1e-12));
+        let mut of_tool = [0.0; 9];
+        of_tool[2] = 60.0;
+        for ([x, y, z], tip_z) in [
+            (["[1, 0, 0]", "[0, 1, 0]", "[0, 0, 1]"], -60.0),
+            (["[-1, 0, 0]", "[0, -1, 0]", "[0, 0, 1]"], -60.0),
+            (["[1, 0, 0]", "[0, -1, 0]", "[0, 0, -1]"], 60.0),
+        ] {
+            let machine = with_tool(&of(x, y, z), &of_tool).expect("a tool");
+            assert!((machine.chain().tool_tip_mm().z - tip_z).abs() < 1e-12);
+            let tip = TipFrame::new(Arc::new(Tip::new(&machine).expect("five axes")));
+            let found = tip.of_axes(&axes);
+            assert!(
+                (0..9).all(|i| (found[i] - axes[i]).abs() < 1e-12),
+                "{found:?}"
+            );
+        }
+        // No control has such a frame: one axis reversed, one slanted.
+        assert!(Tip::new(&of("[-1, 0, 0]", "[0, 1, 0]", "[0, 0, 1]")).is_none());
+        assert!(Tip::new(&of("[1, 0, 0]", "[0, 0.866, 0.5]", "[0, 0, 1]")).is_none());
     }
 }
 

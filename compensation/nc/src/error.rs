@@ -18,7 +18,7 @@ pub enum NcError {
     )]
     OnlyAtMachine { line: usize, word: char },
     #[error(
-        "coordinates of the tool's centre point need a machine with X, Y and Z, with rotary axes, and with none of these between X, Y and Z"
+        "coordinates of the tool's centre point need a machine with X, Y and Z, whose directions are at right angles and right-handed, with rotary axes, and with none of these between X, Y and Z"
     )]
     NoCentrePoint,
     #[error(
