@@ -96,7 +96,7 @@ impl Folder {
         // Files are named from the folder on, as in the calibration file.
         let folder = escaped(&self.at("").display().to_string());
         let page = html(&report).replace(&folder, "");
-        self.forget_outputs()?;
+        self.set_outputs_aside()?;
         self.write(FITTED, machine.to_toml().as_bytes())?;
         self.write(REPORT, page.as_bytes())?;
         self.write(INPUTS, inputs.as_bytes())?;

@@ -38,6 +38,8 @@ pub(crate) const RESULT: &str = "result";
 /// Tables for controls, and programs.
 pub(crate) const TABLES: &str = "result/tables";
 pub(crate) const PROGRAMS: &str = "result/nc";
+/// The folders of earlier tables and programs, without their number.
+const BEFORE: &str = "result/before-";
 /// The hashes of what the result was computed from.
 pub(crate) const INPUTS: &str = "result/.inputs.sha256";
 
@@ -386,15 +388,22 @@ impl Folder {
         written.map_err(StudioError::disk(name))
     }
 
-    /// Removes the tables and programs of the result before: beside another machine file they would be taken for its own.
-    pub(crate) fn forget_outputs(&self) -> Result<(), StudioError> {
-        for name in [TABLES, PROGRAMS] {
-            let path = self.at(name);
-            if path.is_dir() {
-                fs::remove_dir_all(&path).map_err(StudioError::disk(name))?;
-            }
+    /// Moves the tables and programs of the result before aside: beside another machine file they would be taken for its own.
+    pub(crate) fn set_outputs_aside(&self) -> Result<(), StudioError> {
+        let there = [TABLES, PROGRAMS].map(|name| self.at(name));
+        if !there.iter().any(|path| path.is_dir()) {
+            return Ok(());
         }
-        Ok(())
+        let mut folders = (1_u64..).map(|number| self.at(&format!("{BEFORE}{number}")));
+        let aside = folders.find(|path| !path.exists()).unwrap_or_default();
+        let moved = || {
+            fs::create_dir(&aside)?;
+            for path in there.iter().filter(|path| path.is_dir()) {
+                fs::rename(path, aside.join(path.file_name().unwrap_or_default()))?;
+            }
+            Ok(())
+        };
+        moved().map_err(StudioError::disk(aside.display()))
     }
 
     /// The files below `result/`, by their names from the folder on.
@@ -405,7 +414,7 @@ impl Folder {
         }
         let found = files_below(&result, MAX_FILES).map_err(StudioError::disk(RESULT))?;
         let names = found.iter().map(|path| self.relative(&path.display()));
-        let mut names: Vec<String> = names.collect();
+        let mut names: Vec<String> = names.filter(|name| !name.starts_with(BEFORE)).collect();
         // The machine file ends in .toml, which `files_below` leaves out.
         names.extend(self.at(FITTED).exists().then(|| FITTED.to_owned()));
         names.sort();

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use volcomp_fit::unevenness;
 use volcomp_metrology::MotionKind;
 use volcomp_model::{Machine, ModelError};
-use volcomp_vocabulary::{Component, ErrorName};
+use volcomp_vocabulary::{Component, Direction, ErrorName};
 
 use crate::{abbe::Lever, profile::Profile, side_by_side::SideBySide};
 
@@ -105,13 +105,7 @@ impl Tilts<'_> {
 pub(crate) fn noise_of_lines(profiles: &[Profile<'_>]) -> Option<f64> {
     let mut variance = 0.0;
     for profile in profiles {
-        let uneven = || {
-            let branches = profile.points.iter();
-            let values = branches.map(|points| points.iter().map(|(_, v)| *v).collect::<Vec<_>>());
-            values
-                .filter_map(|values| unevenness(&values))
-                .reduce(f64::max)
-        };
+        let uneven = || profile.unevenness();
         variance += profile.noise_of_mean().or_else(uneven)?.powi(2);
     }
     (!profiles.is_empty()).then(|| variance.sqrt() / profiles.len() as f64)
@@ -122,11 +116,20 @@ pub(crate) fn noise_of_lines(profiles: &[Profile<'_>]) -> Option<f64> {
 fn noise(profiles: [&Profile<'_>; 2], beside: &SideBySide) -> Option<f64> {
     let mut variance = 0.0;
     for (profile, values) in profiles.iter().zip(&beside.lines) {
-        let of_runs = profile.noise_of_mean();
-        let own = match of_runs {
+        let points = beside.places.iter().zip(values);
+        // Each direction by itself: from the end of one to the beginning of the other a value jumps by the whole slope.
+        let uneven = Direction::BOTH.into_iter().filter_map(|direction| {
+            let own = points.clone().filter(|((of, _), _)| *of == direction);
+            unevenness(
+                &own.map(|((_, at), value)| (*at, *value))
+                    .collect::<Vec<_>>(),
+            )
+        });
+        let uneven = uneven.reduce(f64::max);
+        let own = match profile.noise_of_mean() {
             Some(noise) if !beside.is_interpolated => noise,
-            Some(noise) => noise.max(unevenness(values)?),
-            None => unevenness(values)?,
+            Some(noise) => noise.max(uneven?),
+            None => uneven?,
         };
         variance += own * own;
     }

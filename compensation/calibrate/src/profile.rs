@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, path::PathBuf};
 
-use volcomp_fit::Noise;
+use volcomp_fit::{Noise, unevenness};
 use volcomp_kinematics::Joint;
 use volcomp_metrology::{MetrologyError, Reading, ReferenceLine, TiltReading, angular_method_um};
 use volcomp_model::Axis;
@@ -84,6 +84,14 @@ impl<'a> Profile<'a> {
             }
         }
         self
+    }
+
+    /// How unevenly it runs from target to target, each direction by itself ([`unevenness`]); `None` of fewer than three targets.
+    pub(crate) fn unevenness(&self) -> Option<f64> {
+        let branches = self.points.iter();
+        branches
+            .filter_map(|points| unevenness(points))
+            .reduce(f64::max)
     }
 
     /// Standard deviation of a mean reading, pooled over targets and directions; none without

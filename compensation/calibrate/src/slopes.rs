@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use volcomp_fit::unevenness;
 use volcomp_model::{Machine, ModelError};
 use volcomp_vocabulary::{ErrorName, Urad};
 
@@ -26,11 +25,10 @@ pub(crate) struct Removed<'a> {
 
 impl<'a> Removed<'a> {
     pub(crate) fn of(profile: &Profile<'a>) -> Self {
-        let values: Vec<f64> = profile.all().map(|(_, value)| *value).collect();
-        let count = values.len().max(1) as f64;
+        let count = profile.all().count().max(1) as f64;
         let middle = profile.all().map(|(at, _)| at).sum::<f64>() / count;
         let spread: f64 = profile.all().map(|(at, _)| (at - middle).powi(2)).sum();
-        let noise_um = profile.noise_of_mean().or_else(|| unevenness(&values));
+        let noise_um = profile.noise_of_mean().or_else(|| profile.unevenness());
         let noise = noise_um.filter(|_| spread > 0.0);
         Self {
             line: profile.line,

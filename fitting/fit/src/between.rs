@@ -48,7 +48,7 @@ pub(crate) struct Band {
 
 impl Band {
     pub(crate) fn of(targets: &[Target]) -> Self {
-        let means: Vec<f64> = targets.iter().map(|t| t.mean).collect();
+        let points: Vec<(f64, f64)> = targets.iter().map(|t| (t.x, t.mean)).collect();
         let [low, high] = band_of(&means);
         Self {
             targets: targets.iter().map(|t| t.x).collect(),
@@ -121,12 +121,18 @@ fn height_beside_line(targets: &[Target]) -> f64 {
     (high - low).max(0.0)
 }
 
-/// The standard deviation of values about a smooth course: of second differences, whose variance is six times theirs. `None` of fewer than three values.
-pub fn unevenness(values: &[f64]) -> Option<f64> {
-    let seconds = values.windows(3).map(|v| v[0] - 2.0 * v[1] + v[2]);
-    let count = seconds.len();
-    let squares: f64 = seconds.map(|d| d * d).sum();
-    (count > 0).then(|| (squares / (6.0 * count as f64)).sqrt())
+/// The standard deviation of values about a smooth course, of points in the order of their places: from what each value is beside the straight line through
+/// its two neighbours. `None` of fewer than three points.
+pub fn unevenness(points: &[(f64, f64)]) -> Option<f64> {
+    let beside = points.windows(3).map(|three| {
+        let [(x0, v0), (x1, v1), (x2, v2)] = [three[0], three[1], three[2]];
+        let share = if x2 == x0 { 0.5 } else { (x1 - x0) / (x2 - x0) };
+        let beside = v1 - v0 - share * (v2 - v0);
+        // The variance of the difference is so many times that of a value.
+        beside * beside / (1.0 + (1.0 - share).powi(2) + share * share)
+    });
+    let count = beside.len();
+    (count > 0).then(|| (beside.sum::<f64>() / count as f64).sqrt())
 }
 
 /// What of a curve between its targets the readings do not bear out, in the unit of the readings.
@@ -161,12 +167,12 @@ impl Between {
         let targets = readings::counted(x, u);
         let of_targets = Band::of(&targets);
         let gaps = of_targets.targets.windows(2).map(|gap| gap[1] - gap[0]);
-        let means: Vec<f64> = targets.iter().map(|t| t.mean).collect();
+        let points: Vec<(f64, f64)> = targets.iter().map(|t| (t.x, t.mean)).collect();
         // What a fit leaves of readings that it follows exactly.
         let rounding = 1e-9
-            * means
+            * points
                 .iter()
-                .fold(0.0_f64, |most, mean| most.max(mean.abs()));
+                .fold(0.0_f64, |most, (_, mean)| most.max(mean.abs()));
         let mean = gaps.clone().sum::<f64>() / targets.len().saturating_sub(1) as f64;
         let (residual, repeatability) = (fit.rms(), noise.map(|noise| noise.deviation));
         Self {
@@ -175,7 +181,7 @@ impl Between {
             residual_of_means: rms(targets.iter().map(|t| t.mean - fit.curve.value(t.x))),
             repeatability,
             targets: targets.len(),
-            uneven: unevenness(&means).map(|uneven| uneven.max(rounding)),
+            uneven: unevenness(&points).map(|uneven| uneven.max(rounding)),
             height: of_targets.height(),
             height_beside_line: height_beside_line(&targets),
             widest_gap: if targets.len() > 2 {

@@ -3,14 +3,17 @@
 use std::collections::HashMap;
 
 use csv::{ReaderBuilder, Trim};
-use volcomp_document::quoted;
+use volcomp_document::{quoted, split_unit, unit_named};
 
 use crate::csv_file::{incomplete_runs, not_read, zero_direction};
 use crate::encoding::{decode, refuse_empty};
 use crate::mapping::{ColumnName, Columns};
 use crate::number::Place;
 use crate::travel::runs_by_travel;
-use crate::{Direction, FileFormat, Measurement, MetrologyError, Reading, ReadingUnit, TargetUnit};
+use crate::{
+    DeviationUnit, Direction, FileFormat, Measurement, MetrologyError, Reading, ReadingUnit,
+    TargetUnit,
+};
 
 /// Reads a table with the columns that a mapping names: rows in the order of travel, blank rows passed over.
 ///
@@ -30,6 +33,7 @@ pub fn parse_table_with(
     let header_end = rows.partition_point(|(line, _)| *line <= columns.header_rows);
     let (header, body) = rows.split_at(header_end);
     let places = Places::of(header.last(), name, columns)?;
+    let columns = &places.with_units_of_heads(header.last(), name, columns)?;
     let read: Vec<Row> = body
         .iter()
         .map(|(line, cells)| {
@@ -215,6 +219,56 @@ impl Places {
                 .map(|name| place_of("direction", name))
                 .transpose()?,
         })
+    }
+
+    /// The columns with the units that their heads state: `Soll mm`, `Abweichung [µm]`, or a unit alone.
+    fn with_units_of_heads(
+        &self,
+        header: Option<&(usize, Vec<String>)>,
+        file: &str,
+        columns: &Columns,
+    ) -> Result<Columns, MetrologyError> {
+        let mut columns = columns.clone();
+        let Some((line, cells)) = header else {
+            return Ok(columns);
+        };
+        let wrong = |what: &str, head: &str, expected: &str| {
+            let place = Place { file, line: *line };
+            MetrologyError::Structure(place.finding(what, quoted(head), expected))
+        };
+        let unit_of = |column: usize| {
+            let head: &str = cells.get(column)?;
+            let unit = unit_named(head).or_else(|| Some(split_unit(head)?.1))?;
+            Some((head, unit))
+        };
+        if let Some((head, unit)) = unit_of(self.reading) {
+            let found = ReadingUnit::named(unit).ok_or_else(|| {
+                let expected = "mm, µm, nm, inch, µrad, mrad, rad, arcsec or deg behind it";
+                wrong("head of the readings", head, expected)
+            })?;
+            if let Some(other) = columns.unit.filter(|other| *other != found) {
+                let expected = format!("{other}, as `unit` of `columns` states");
+                return Err(wrong("head of the readings", head, &expected));
+            }
+            columns.unit = Some(found);
+        }
+        if let Some((head, unit)) = unit_of(self.target) {
+            let found = TargetUnit::named(unit)
+                .ok_or_else(|| wrong("head of the targets", head, "mm or deg behind it"))?;
+            if let Some(other) = columns.target_unit.filter(|other| *other != found) {
+                let expected = format!("{}, as `target_unit` of `columns` states", other.key());
+                return Err(wrong("head of the targets", head, &expected));
+            }
+            let is_angle = found == TargetUnit::Deg;
+            let unit = columns.unit.filter(|_| columns.reads_position);
+            if unit.is_some_and(|unit| (unit.held_in() == DeviationUnit::Urad) != is_angle) {
+                let expected =
+                    "the kind of unit of the measured positions, from which they are subtracted";
+                return Err(wrong("head of the targets", head, expected));
+            }
+            columns.target_unit = Some(found);
+        }
+        Ok(columns)
     }
 
     /// The heads of the other columns.

@@ -380,4 +380,7 @@ fn tables_and_programs_hold_the_correction() {
     folder.fit("").expect("fitted");
     let left = folder.state().expect("readable").results;
     assert_eq!(left, ["result/machine.toml", "result/report.html"]);
+    // They are not lost: somebody may have edited them.
+    let aside = dir.path().join("result/before-1/nc/part.ngc");
+    assert_eq!(fs::read_to_string(aside).expect("kept"), text);
 }

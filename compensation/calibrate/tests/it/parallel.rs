@@ -202,6 +202,38 @@ fn with_noisy_pitch(folder: &Path, pitch: &Machine, truth: &Machine, seed: u64) 
     calibrated(folder, &[tables])
 }
 
+/// Two lines of 0 and 40 µm/m: neither both directions nor targets at other places make noise of their slopes.
+#[test]
+fn lines_of_different_slopes_contradict_each_other() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (name, runs, other_targets) in [("one run", 1, 11), ("five runs", 5, 7), ("uneven", 1, 8)] {
+        let lines = [(0.0, 11, 100.0), (0.04, other_targets, 200.0)].map(|(slope, targets, z)| {
+            let mut noise = Noise::new(7);
+            let mut text = "target mm,run,direction,deviation um\n".to_owned();
+            for run in 1..=runs {
+                for direction in ["+", "-"] {
+                    for place in 0..targets {
+                        let share = f64::from(place) / f64::from(targets - 1);
+                        let at = 1000.0 * if name == "uneven" { share * share } else { share };
+                        let value = slope * at + 0.1 * noise.draw();
+                        text += &format!("{at},{run},{direction},{value}\n");
+                    }
+                }
+            }
+            let file = format!("{targets}-{z}.csv");
+            fs::write(folder.path().join(&file), text).expect("written");
+            format!("[[measurement]]\nerror = \"EXX\"\nfile = \"{file}\"\nat = {{ Y = 0.0, Z = {z:?} }}\ncurve = {{ poly = {{ order = 1 }} }}\n")
+        });
+        let found = calibrated(folder.path(), &lines);
+        assert!(
+            has(&found, &["EXX", "contradict"]),
+            "{name}: {:?}",
+            found.warnings
+        );
+        assert!(!found.undecided.is_empty(), "{name}");
+    }
+}
+
 /// What the noise of a tilt adds over the difference of the levers is no contradiction: 2 µrad over 600 mm are 1.2 µm. A
 /// tilt that is twice too large is one, whatever the noise draws.
 #[test]

@@ -42,6 +42,60 @@ fn shown(m: &Measurement) -> Vec<(f64, u32, &'static str, f64)> {
     m.readings.iter().map(row).collect()
 }
 
+/// A head that ends in a unit states it, as those of volcomp's own tables do.
+#[test]
+fn the_unit_in_the_head_of_a_named_column_counts() {
+    let read = |heads: [&str; 2], unit: &str| {
+        let [target, reading] = heads;
+        let columns =
+            format!("[columns]\ntarget = \"{target}\"\ndeviation = \"{reading}\"\n{unit}");
+        table(&columns, &format!("{target},{reading}\n0,0.1\n10,0.2\n"))
+    };
+    for (heads, unit, held, first) in [
+        (
+            ["Soll mm", "Abweichung mm"],
+            "",
+            Some(DeviationUnit::Um),
+            100.0,
+        ),
+        (
+            ["Soll mm", "Abweichung [mm]"],
+            "unit = \"mm\"",
+            Some(DeviationUnit::Um),
+            100.0,
+        ),
+        (
+            ["Soll deg", "Abweichung arcsec"],
+            "",
+            Some(DeviationUnit::Urad),
+            0.484_813_7,
+        ),
+        (["Soll", "mm"], "", Some(DeviationUnit::Um), 100.0),
+        (["Soll", "Abweichung"], "", None, 0.1),
+    ] {
+        let m = read(heads, unit).expect("read");
+        assert_eq!(m.unit, held, "{heads:?}");
+        assert!((m.readings[0].deviation - first).abs() < 1e-6, "{heads:?}");
+    }
+    for (heads, unit, said) in [
+        (
+            ["Soll mm", "Abweichung mm"],
+            "unit = \"um\"",
+            "expected µm, as `unit`",
+        ),
+        (
+            ["Soll deg", "Abweichung um"],
+            "target_unit = \"mm\"",
+            "expected mm, as `target_unit`",
+        ),
+        (["Soll in", "Abweichung um"], "", "expected mm or deg"),
+        (["Soll mm", "Abweichung ft"], "", "expected mm, µm"),
+    ] {
+        let message = read(heads, unit).expect_err("refused").to_string();
+        assert!(message.contains(said), "{heads:?}: {message}");
+    }
+}
+
 #[test]
 fn columns_are_found_by_name_or_number_in_any_dialect() {
     let m = table(
