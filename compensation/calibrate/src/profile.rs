@@ -16,6 +16,35 @@ pub(crate) type Points = Vec<(f64, f64)>;
 /// Targets and readings of one run.
 pub(crate) type Run = (Vec<f64>, Vec<f64>);
 
+/// What each run of a line has for itself, by the number of its parameters.
+#[derive(Clone, Copy)]
+pub(crate) enum OfRun {
+    Nothing,
+    Zero,
+    /// Zero and slope.
+    Line,
+}
+
+/// The sum of the squares of what is left of a run.
+fn squares_without(run: &Points, of_run: OfRun) -> f64 {
+    let n = run.len() as f64;
+    let mean = |of: fn(&(f64, f64)) -> f64| run.iter().map(of).sum::<f64>() / n;
+    let (x, u) = match of_run {
+        OfRun::Nothing => (0.0, 0.0),
+        OfRun::Zero | OfRun::Line => (mean(|p| p.0), mean(|p| p.1)),
+    };
+    let (mut square, mut product, mut squares) = (0.0, 0.0, 0.0);
+    for (at, value) in run {
+        square += (at - x).powi(2);
+        product += (at - x) * (value - u);
+        squares += (value - u).powi(2);
+    }
+    match of_run {
+        OfRun::Line if square > 0.0 => squares - product * product / square,
+        _ => squares,
+    }
+}
+
 /// The mean readings of one line, forward and backward; empty in a direction that was not run.
 #[derive(Clone)]
 pub(crate) struct Profile<'a> {
@@ -102,6 +131,15 @@ impl<'a> Profile<'a> {
 
     /// As [`noise_of_mean`](Self::noise_of_mean), with its degrees of freedom.
     pub(crate) fn scatter_of_mean(&self) -> Option<Noise> {
+        self.scatter(OfRun::Nothing)
+    }
+
+    /// As [`noise_of_mean`](Self::noise_of_mean), of what is left of each run without its own zero, or its own line.
+    pub(crate) fn noise_without(&self, of_run: OfRun) -> Option<f64> {
+        self.scatter(of_run).map(|noise| noise.deviation)
+    }
+
+    fn scatter(&self, of_run: OfRun) -> Option<Noise> {
         if self.line.setup.method != Method::Direct {
             return None;
         }
@@ -109,16 +147,26 @@ impl<'a> Profile<'a> {
         let mut sorted: Vec<&Reading> = self.line.readings.readings.iter().collect();
         let place = |of: &Reading| of.direction as usize;
         sorted.sort_by(|a, b| (a.target.total_cmp(&b.target)).then(place(a).cmp(&place(b))));
-        let (mut squares, mut freedom, mut count, mut groups) = (0.0, 0.0, 0.0, 0.0_f64);
+        let (mut freedom, mut count, mut groups) = (0.0, 0.0, 0.0_f64);
+        let mut runs: [BTreeMap<u32, Points>; 2] = Default::default();
         for here in sorted.chunk_by(|a, b| a.target == b.target && a.direction == b.direction) {
             let n = here.len() as f64;
             let mean = here.iter().map(|r| r.deviation).sum::<f64>() / n;
-            let squared = here.iter().map(|r| (r.deviation - mean).powi(2));
-            squares += squared.sum::<f64>();
+            for reading in here {
+                let run = runs[place(reading)].entry(reading.run).or_default();
+                run.push((reading.target, reading.deviation - mean));
+            }
             freedom += n - 1.0;
             count += n;
             groups += 1.0;
         }
+        let taken = f64::from(of_run as u8);
+        freedom -= runs
+            .iter()
+            .map(|runs| taken * (runs.len() as f64 - 1.0).max(0.0))
+            .sum::<f64>();
+        let all = runs.iter().flat_map(BTreeMap::values);
+        let squares: f64 = all.map(|run| squares_without(run, of_run)).sum();
         let variance = squares / freedom / (count / groups);
         (variance > 0.0 && variance.is_finite()).then(|| Noise {
             deviation: variance.sqrt(),

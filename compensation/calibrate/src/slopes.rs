@@ -5,7 +5,12 @@ use std::collections::BTreeMap;
 use volcomp_model::{Machine, ModelError};
 use volcomp_vocabulary::{ErrorName, Urad};
 
-use crate::{calibration_file::Line, others::OtherErrors, profile::Profile, set_up::SetUp};
+use crate::{
+    calibration_file::Line,
+    others::OtherErrors,
+    profile::{OfRun, Profile},
+    set_up::SetUp,
+};
 
 /// Slopes of lines of one error contradict each other when they differ by so many times their noise.
 const TIMES_NOISE: f64 = 3.0;
@@ -28,7 +33,9 @@ impl<'a> Removed<'a> {
         let count = profile.all().count().max(1) as f64;
         let middle = profile.all().map(|(at, _)| at).sum::<f64>() / count;
         let spread: f64 = profile.all().map(|(at, _)| (at - middle).powi(2)).sum();
-        let noise_um = profile.noise_of_mean().or_else(|| profile.unevenness());
+        let noise_um = profile
+            .noise_without(OfRun::Zero)
+            .or_else(|| profile.unevenness());
         let noise = noise_um.filter(|_| spread > 0.0);
         Self {
             line: profile.line,

@@ -139,7 +139,9 @@ pub(crate) fn judged(
     fitted: Figures,
 ) -> (Option<Figures>, OfJudged) {
     const SHOWN: usize = 5;
-    const TIMES: f64 = 10.0;
+    /// As of fitted rows beside their uncertainty.
+    const TIMES_FITTED: f64 = 3.0;
+    const TIMES_USUAL: f64 = 10.0;
     let mut notes = OfJudged::default();
     let mut all = Vec::new();
     for observation in observations.observations.iter().filter(|o| o.judge) {
@@ -149,7 +151,7 @@ pub(crate) fn judged(
         let usual = median(&sizes);
         let stated = observation.rows.iter().map(|row| row.uncertainty_mm);
         let expected = (1e-3 * fitted.rms_um).max(stated.fold(0.0, f64::max));
-        if usual > TIMES * expected {
+        if usual > TIMES_FITTED * expected {
             let what = format!(
                 "its judged rows are {:.1} µm (median) from what was found, the fitted ones {:.1} µm RMS: are they of the same machine and set-up?",
                 1e3 * usual,
@@ -160,7 +162,7 @@ pub(crate) fn judged(
                 .push(Note::warning(observation.file.as_str(), what));
         }
         let rows = observation.rows.iter().zip(&sizes);
-        let far = rows.filter(|(row, size)| **size > TIMES * usual.max(row.uncertainty_mm));
+        let far = rows.filter(|(row, size)| **size > TIMES_USUAL * usual.max(row.uncertainty_mm));
         notes.rows.extend(far.take(SHOWN).map(|(row, size)| {
             let what = format!(
                 "this judged row is {:.1} µm from what was found, the others {:.1} µm (median): is it a slip?",
