@@ -146,6 +146,16 @@ impl Machine {
         found
     }
 
+    /// The error motions that were read in one direction of motion alone: `[provenance]` tells their runs, and one curve holds for both directions.
+    pub fn read_in_one_direction(&self) -> Vec<ErrorName> {
+        let origins = self.provenance.errors.iter();
+        let read = origins.filter(|of| of.sources.iter().any(|source| source.runs.is_some()));
+        let errors = read.map(|of| of.error);
+        errors
+            .filter(|error| matches!(self.error(*error), Some(ErrorCurve::Single(_))))
+            .collect()
+    }
+
     /// Whether it states any error, thermal terms apart.
     pub fn states_errors(&self) -> bool {
         let is_some = |value: &f64| *value != 0.0;

@@ -1,8 +1,6 @@
 //! Reports of what calibrating, identifying and reading a machine file gave.
 
-use std::collections::BTreeSet;
-
-use volcomp_calibrate::{Calibration, CalibrationFile, Line, SquarenessSource, not_stated};
+use volcomp_calibrate::{Calibration, CalibrationFile, SquarenessSource, not_stated};
 use volcomp_identify::{Identification, Observations};
 use volcomp_model::Machine;
 use volcomp_vocabulary::{Direction, ErrorName};
@@ -30,7 +28,7 @@ impl Report {
         let identified = (calibration.identified.as_ref()).map(|of| identified(&of.found));
         let mut not_measured = calibration.not_measured.clone();
         not_measured.extend(identified.as_ref().and_then(left_open));
-        not_measured.extend(one_direction(file));
+        not_measured.extend(one_direction(machine));
         let mut report = Self {
             warnings: of_calibration(file, calibration, &not_measured, stated.edition),
             curves: curves(file, calibration),
@@ -106,6 +104,7 @@ impl Report {
         let mut report = Self::of_statements(source, machine, stated);
         if report.knows_errors() {
             report.not_measured = not_stated(machine);
+            report.not_measured.extend(one_direction(machine));
             let of_errors = warnings(WarningKind::NotMeasured, &report.not_measured);
             report.warnings.extend(of_errors);
         } else {
@@ -181,13 +180,8 @@ fn of_square(file: &CalibrationFile, machine: &Machine, error: ErrorName) -> Opt
 }
 
 /// Notes on the errors that were read in one direction of motion alone.
-fn one_direction(file: &CalibrationFile) -> Option<String> {
-    let both = |line: &&Line| Direction::BOTH.iter().all(|of| line.readings.has(*of));
-    let errors = |lines: &[&Line]| -> BTreeSet<ErrorName> {
-        lines.iter().map(|line| line.setup.error).collect()
-    };
-    let (both, one): (Vec<&Line>, Vec<&Line>) = file.measurements.iter().partition(both);
-    let names = &errors(&one) - &errors(&both);
+fn one_direction(machine: &Machine) -> Option<String> {
+    let names = machine.read_in_one_direction();
     let names: Vec<String> = names.iter().map(ErrorName::to_string).collect();
     (!names.is_empty()).then(|| {
         format!(

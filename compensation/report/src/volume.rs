@@ -75,7 +75,8 @@ pub fn volume(
             found: size.clone(),
         }),
         has_thermal: !machine.thermal().sensors().is_empty(),
-        is_partly_measured: !judged.partly_measured().is_empty(),
+        is_partly_measured: !judged.partly_measured().is_empty()
+            || !judged.read_in_one_direction().is_empty(),
         undecided: (judged.provenance().undecided.iter())
             .map(ToString::to_string)
             .collect(),
