@@ -380,6 +380,17 @@ fn what_a_squareness_is_judged_by() {
             .iter()
             .any(|of| of.ends_with("is not known: EXX"))
     );
+    // The machine file tells it, too: neither it alone nor as the truth passes as a whole machine.
+    let (_, calibration) = shop.calibrated();
+    let written = calibration.machine.to_toml();
+    let machine = volcomp_model::Machine::parse(&written, "machine.toml").expect("written");
+    let report = Report::of_machine("machine.toml", &machine, &Stated::default());
+    let told = |of: &String| of.ends_with("is not known: EXX");
+    assert!(
+        report.not_measured.iter().any(told),
+        "{:?}",
+        report.not_measured
+    );
 }
 
 /// An error that a second axis changes is as large as it becomes over both.
