@@ -48,7 +48,7 @@ pub(crate) struct Band {
 
 impl Band {
     pub(crate) fn of(targets: &[Target]) -> Self {
-        let points: Vec<(f64, f64)> = targets.iter().map(|t| (t.x, t.mean)).collect();
+        let means: Vec<f64> = targets.iter().map(|t| t.mean).collect();
         let [low, high] = band_of(&means);
         Self {
             targets: targets.iter().map(|t| t.x).collect(),
