@@ -14,7 +14,7 @@ use volcomp_gateway::interop::shdr;
 use volcomp_gateway::{
     check, client,
     config::{Config, DashboardConfig},
-    documents::{self, CheckFailure},
+    documents,
     error::GatewayError,
     http::tls,
     options::Options,
@@ -222,16 +222,12 @@ fn main() -> ExitCode {
     match act(arguments) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            let status = error.status();
-            let failure = CheckFailure {
-                error: error.to_string(),
-                status,
-            };
+            let failure = error.failure();
             match serde_json::to_string(&failure) {
                 Ok(text) if json => eprintln!("{text}"),
                 _ => eprintln!("error: {error}"),
             }
-            ExitCode::from(status)
+            ExitCode::from(failure.status)
         }
     }
 }
@@ -330,7 +326,7 @@ fn status(
     json: bool,
 ) -> Result<String, GatewayError> {
     let mut dashboard = match config {
-        Some(path) => DashboardConfig::read(&path).map_err(GatewayError::status_without)?,
+        Some(path) => DashboardConfig::read(&path).map_err(|e| GatewayError::status_without(&e))?,
         None => DashboardConfig::default(),
     };
     if let Some(listen) = listen {

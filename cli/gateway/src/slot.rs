@@ -11,7 +11,7 @@ use std::{
 
 use volcomp_runtime::DisarmSwitch;
 
-use crate::{published::Published, service::Life};
+use crate::{error::Failure, published::Published, service::Life};
 
 /// Orders to a machine, and how it is.
 #[derive(Default)]
@@ -53,15 +53,6 @@ pub struct Live {
     pub address: SocketAddr,
     /// Whether its dashboard speaks TLS.
     pub tls: bool,
-}
-
-/// Why a machine does not run.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Failure {
-    /// The reason in words.
-    pub what: String,
-    /// The exit status that goes with it.
-    pub status: u8,
 }
 
 impl Live {

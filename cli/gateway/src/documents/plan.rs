@@ -208,12 +208,3 @@ pub struct TokenPlan {
     /// The role of its holder: `view` (read only), `operate` or `engineer`.
     pub role: String,
 }
-
-/// The document on standard error when a call with `--json` fails.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub struct CheckFailure {
-    /// The message in words.
-    pub error: String,
-    /// The exit status: 1 the work failed, 2 the configuration or the call is wrong.
-    pub status: u8,
-}

@@ -229,10 +229,12 @@ pub(crate) fn settings(config: &FleetConfig) -> Result<LinkSettings, GatewayErro
         seed: seed.trim().to_owned(),
         roots: config.ca.clone(),
     };
-    let is_seed = settings.public_key().is_ok();
-    is_seed
-        .then_some(settings)
-        .ok_or_else(|| GatewayError::Nkey { file: file.clone() })
+    if settings.public_key().is_err() {
+        let expected =
+            "expected the seed of an nkey of a user: SU and 56 capital letters and digits";
+        return Err(GatewayError::invalid_in(file.display(), expected));
+    }
+    Ok(settings)
 }
 
 /// A connection, begun again where that fails, and told to whoever sends over it.

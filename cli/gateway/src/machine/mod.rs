@@ -6,12 +6,12 @@ use std::{
 };
 
 use crate::{
-    error::GatewayError,
+    error::{Failure, GatewayError},
     options::Options,
     plan::Plan,
     request::{Ask, Asked},
     service::Service,
-    slot::{Failure, Phase, Slot},
+    slot::{Phase, Slot},
 };
 
 mod start;
@@ -42,7 +42,7 @@ impl Machine {
     /// Runs it until it is told to stop.
     pub fn run(&self, plan: Plan, slot: &Slot, turn: Turn<'_>) {
         let whole = AssertUnwindSafe(|| self.run_to_its_end(plan, slot, turn));
-        let ended = catch_unwind(whole).unwrap_or_else(|_| Err(Failure::panicked()));
+        let ended = catch_unwind(whole).unwrap_or_else(|_| Err(panicked()));
         slot.set(ended.map_or_else(Phase::Failed, |()| Phase::Ended));
     }
 
@@ -51,7 +51,7 @@ impl Machine {
             Ok(Some(started)) => started,
             // Told to stop before anything could be written.
             Ok(None) => return Ok(()),
-            Err(error) => return Err(Failure::of(&error)),
+            Err(error) => return Err(error.failure()),
         };
         let Started {
             mut service,
@@ -99,37 +99,27 @@ impl Machine {
         drop(interop);
         runtime.shutdown_background();
         if is_lost {
-            Err(Failure::without_control())
+            Err(without_control())
         } else if has_panicked {
-            Err(Failure::panicked())
+            Err(panicked())
         } else {
             Ok(())
         }
     }
 }
 
-impl Failure {
-    /// A machine that cannot be started.
-    fn of(error: &GatewayError) -> Self {
-        Self {
-            what: error.to_string(),
-            status: error.status(),
-        }
+/// A machine whose control thread has ended, so that what is applied stands until the control takes it out.
+fn without_control() -> Failure {
+    Failure {
+        what: "the control thread has ended by itself, why is written on standard error: what was applied stands until the control takes it out".to_owned(),
+        status: 1,
     }
+}
 
-    /// A machine whose control thread has ended, so that what is applied stands until the control takes it out.
-    fn without_control() -> Self {
-        Self {
-            what: "the control thread has ended by itself, why is written on standard error: what was applied stands until the control takes it out".to_owned(),
-            status: 1,
-        }
-    }
-
-    /// A machine in which the program has a fault.
-    fn panicked() -> Self {
-        Self {
-            what: "a fault of the program, written on standard error".to_owned(),
-            status: 1,
-        }
+/// A machine in which the program has a fault.
+fn panicked() -> Failure {
+    Failure {
+        what: "a fault of the program, written on standard error".to_owned(),
+        status: 1,
     }
 }

@@ -85,7 +85,7 @@ pub fn run(checked: &Checked) -> Result<(), GatewayError> {
     let mut sending = Sending {
         checked: checked.clone(),
         place,
-        sender: sender.map_err(|e| ended(checked, e.to_string()))?,
+        sender: sender.map_err(|e| ended(checked, &e.to_string()))?,
         others,
         recording: None,
         before: None,
@@ -120,11 +120,8 @@ impl Checked {
     }
 }
 
-fn ended(checked: &Checked, what: String) -> GatewayError {
-    GatewayError::MapEnded {
-        url: checked.config.keys.url.clone(),
-        what,
-    }
+fn ended(checked: &Checked, what: &str) -> GatewayError {
+    GatewayError::failed(format!("{}: {what}", checked.config.keys.url))
 }
 
 impl Sending {
@@ -259,7 +256,7 @@ impl Sending {
                 if self.go_back(&why) {
                     return Ok(SOON);
                 }
-                Err(ended(&self.checked, why))
+                Err(ended(&self.checked, &why))
             }
         }
     }
@@ -343,7 +340,7 @@ impl Sending {
             let what =
                 "nothing is sent any more, but it is not known that the corrections are zero";
             self.record(what);
-            return Err(ended(&self.checked, what.to_owned()));
+            return Err(ended(&self.checked, what));
         }
         self.record("the corrections are zero");
         say("the corrections are zero")

@@ -23,7 +23,7 @@ use crate::{
     documents::{
         Answer, ConfirmedLimits, Event, LimitChanges, ModelOutcome, ModelSource, Reloaded,
     },
-    error::{FixedKey, GatewayError, ReloadError},
+    error::GatewayError,
     identity::{self, Judge, Judged},
     models::Note,
     options::Options,
@@ -353,7 +353,8 @@ fn plan_again(
     judge: Option<&Judge>,
 ) -> Planned {
     if options.config.is_none() {
-        return Err(ReloadError::BuiltIn.into());
+        let what = "the built-in configuration cannot be read again";
+        return Err(GatewayError::invalid(what));
     }
     let mut config = options.configuration()?;
     if config.guard.is_some() {
@@ -379,20 +380,29 @@ pub(super) fn plan_with(
     judge: Option<&Judge>,
 ) -> Planned {
     let Some(guard) = &config.guard else {
-        let file = config.file;
-        return Err(ReloadError::NoGuard { file }.into());
+        return Err(GatewayError::invalid_in(
+            config.file,
+            "[guard] is missing, expected it: without limits nothing may be corrected; nothing was changed",
+        ));
     };
     let new_limits = identity::limits(guard);
     let plan = Plan::new(config)?;
     let is_other = |(now, opened): &(&Description, &Description)| now != opened;
     let other = plan.descriptions().zip(opened).find(is_other);
     if let Some(device) = other.map(|(now, _)| now.device.clone()) {
-        let file = plan.config.file;
-        return Err(ReloadError::OtherController { file, device }.into());
+        // A file that describes it, such as a DBC file, has changed.
+        return Err(GatewayError::invalid_in(
+            plan.config.file,
+            format_args!(
+                "{device}: axes, steps or signals are not those with which it was opened: restart the gateway for that"
+            ),
+        ));
     }
     if plan.model.axes != model.axes {
-        let machine = plan.config.machine;
-        return Err(ReloadError::OtherAxes { machine }.into());
+        return Err(GatewayError::invalid_in(
+            plan.config.machine.display(),
+            "other axes than before: restart the gateway for that",
+        ));
     }
     // Where there were no limits before, nothing was armed.
     let changes = if limits.is_empty() {
@@ -408,7 +418,7 @@ pub(super) fn plan_with(
 }
 
 /// Whether everything that stays as it is while the gateway runs is as it was.
-fn can_change(old: &Config, config: &Config) -> Result<(), ReloadError> {
+fn can_change(old: &Config, config: &Config) -> Result<(), GatewayError> {
     let fixed = |config: &Config| {
         // Without limits the cycle runs with those of the simulation.
         let guard = config.guard_settings().unwrap_or_else(simulate::guard);
@@ -422,27 +432,27 @@ fn can_change(old: &Config, config: &Config) -> Result<(), ReloadError> {
     };
     let guard = fixed(config) == fixed(old);
     let same = [
-        (config.controllers == old.controllers, FixedKey::Controller),
+        (config.controllers == old.controllers, "[[controller]]"),
+        (config.thermometers == old.thermometers, "[[thermometer]]"),
+        (config.cycle_ms == old.cycle_ms, "cycle_ms"),
+        (config.dashboard == old.dashboard, "[dashboard]"),
+        (config.audit == old.audit, "[audit]"),
+        (config.realtime == old.realtime, "[realtime]"),
+        (config.fleet == old.fleet, "[fleet]"),
         (
-            config.thermometers == old.thermometers,
-            FixedKey::Thermometer,
+            guard,
+            "[guard] hand_back_s, rotary_step_um, rapid_m_per_min, rapid_rpm or a key of temperatures",
         ),
-        (config.cycle_ms == old.cycle_ms, FixedKey::CycleMs),
-        (config.dashboard == old.dashboard, FixedKey::Dashboard),
-        (config.audit == old.audit, FixedKey::Audit),
-        (config.realtime == old.realtime, FixedKey::Realtime),
-        (config.fleet == old.fleet, FixedKey::Fleet),
-        (guard, FixedKey::GuardTimes),
         (
             (&config.shdr, &config.opc_ua) == (&old.shdr, &old.opc_ua),
-            FixedKey::Interop,
+            "a table of other systems ([shdr], [opc_ua])",
         ),
     ];
     match same.into_iter().find(|(same, _)| !same) {
-        Some((_, key)) => Err(ReloadError::Changed {
-            file: config.file.clone(),
-            key,
-        }),
+        Some((_, key)) => Err(GatewayError::invalid_in(
+            &config.file,
+            format_args!("{key} changed: restart the gateway for that"),
+        )),
         None => Ok(()),
     }
 }
