@@ -9,9 +9,10 @@ use std::{
     path::PathBuf,
     sync::{
         Arc, Mutex, MutexGuard, PoisonError,
-        atomic::AtomicUsize,
+        atomic::{AtomicBool, AtomicUsize, Ordering},
         mpsc::{Sender, channel},
     },
+    time::{Duration, Instant},
 };
 
 use tokio::sync::oneshot;
@@ -19,7 +20,7 @@ use volcomp_runtime::DisarmSwitch;
 
 use crate::{
     config::Config,
-    documents::{Answer, Candidate, ModelSource, ModelState, Refusal},
+    documents::{Answer, Candidate, ModelEntry, ModelSource, ModelState, Refusal},
     error::GatewayError,
     published::Published,
     request::{Asks, Reply},
@@ -28,15 +29,13 @@ use crate::{
 mod candidate;
 mod desk;
 mod diagonals;
-mod patience;
 mod quiet;
 pub(crate) mod store;
 
 use candidate::Held;
 pub(crate) use candidate::{LARGEST_FILE, Place};
-pub(crate) use desk::{Activate, Note};
+pub(crate) use desk::Activate;
 use desk::{Desk, GIVEN_UP, Job, Told};
-use patience::Patience;
 use store::Store;
 
 /// The models of a machine, as the dashboard has them.
@@ -51,10 +50,11 @@ pub struct Models {
 pub struct ModelNotes(Option<Sender<Job>>);
 
 impl ModelNotes {
-    pub(crate) fn tell(&self, note: Note) {
+    /// Tells what became of a model; with its machine file where it is in force.
+    pub(crate) fn tell(&self, entry: ModelEntry, text: Option<String>) {
         if let Some(jobs) = &self.0 {
             // The desk has ended only where the gateway ends.
-            let _ = jobs.send(Job::Noted(Box::new(note)));
+            let _ = jobs.send(Job::Noted(Box::new(entry), text));
         }
     }
 
@@ -232,6 +232,42 @@ impl Answering {
     }
 }
 
+/// The longest time until the service is asked. What waits for a disk that hangs is not done later, when nobody expects it any
+/// more: whoever asked hears that it is given up before the request is too old to be answered.
+const WITHIN: Duration = Duration::from_secs(5);
+
+/// The patience for one request: either it goes to the service, or whoever asked gives it up. Never both.
+#[derive(Clone, Debug)]
+pub(crate) struct Patience {
+    until: Instant,
+    is_decided: Arc<AtomicBool>,
+}
+
+impl Patience {
+    /// It begins now.
+    pub(crate) fn begin() -> Self {
+        Self {
+            until: Instant::now() + WITHIN,
+            is_decided: Arc::default(),
+        }
+    }
+
+    /// How long it lasts from now on.
+    pub(crate) fn left(&self) -> Duration {
+        self.until.saturating_duration_since(Instant::now())
+    }
+
+    /// Whether the request may go to the service now; it goes there then.
+    pub(crate) fn lets_go_on(&self) -> bool {
+        !self.left().is_zero() && !self.is_decided.swap(true, Ordering::AcqRel)
+    }
+
+    /// Whether the request is given up now: it does not go to the service any more.
+    pub(crate) fn gives_up(&self) -> bool {
+        !self.is_decided.swap(true, Ordering::AcqRel)
+    }
+}
+
 const BUILT_IN: &str = "the built-in simulation has its own machine file, which no other one can replace; start the gateway with a configuration, which may name a simulated control";
 
 /// The answer where a request names a candidate that is not there any more.
@@ -245,4 +281,27 @@ fn gone() -> Reply {
 /// Nothing that holds one of these locks waits for a disk, or can panic in the middle of a change.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_request_goes_on_or_is_given_up() {
+        let patience = Patience::begin();
+        let of_desk = patience.clone();
+        assert!(of_desk.lets_go_on());
+        assert!(!patience.gives_up(), "its answer comes from the service");
+        let patience = Patience::begin();
+        let of_desk = patience.clone();
+        assert!(patience.gives_up());
+        assert!(!of_desk.lets_go_on());
+        // Nobody gave it up, and it is late.
+        let late = Patience {
+            until: Instant::now(),
+            is_decided: Arc::default(),
+        };
+        assert!(!late.lets_go_on());
+    }
 }

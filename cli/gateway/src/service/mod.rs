@@ -17,14 +17,15 @@ use crate::{
     audit::{
         AuditLog, Entry, Found, boot_id,
         clerk::{Clerk, Receipt},
+        utc_now,
     },
     config::Config,
     documents::{
-        Broken, ByAxis, Details, Event, LastOutput, ModelOutcome, Standing, Start, StateChange,
-        StateName, Status, Stop,
+        Broken, ByAxis, Details, Event, LastOutput, ModelEntry, ModelOutcome, Standing, Start,
+        StateChange, StateName, Status, Stop,
     },
     error::GatewayError,
-    models::{ModelNotes, Note},
+    models::ModelNotes,
     observe::{self, Facts},
     options::Options,
     published::Publisher,
@@ -204,17 +205,20 @@ impl Service {
         // Nothing is armed yet, so that there is time for it; a disk that hangs delays the start no longer than this.
         self.clerk.settle(END);
         self.ask_whether_confirmed();
-        self.parts.notes.tell(Note {
+        let entry = ModelEntry {
+            time: utc_now(),
             who: "gateway".to_owned(),
             hash: self.parts.model.hash.clone(),
             name: self.parts.model.name.clone(),
-            text: Some(self.parts.model.text.clone()),
             from: self.parts.config.machine_from(),
             file: self.parts.config.machine.display().to_string(),
             outcome: ModelOutcome::InForce,
             why: None,
-            worst: [None; 2],
-        });
+            worst_um: None,
+            worst_urad: None,
+        };
+        let text = self.parts.model.text.clone();
+        self.parts.notes.tell(entry, Some(text));
         // From now on what the run before has written down may no longer be so.
         let report = *self.parts.handle.report();
         self.write_output(&report, false);

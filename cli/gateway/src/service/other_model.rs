@@ -9,11 +9,11 @@ use super::{
     Service,
     arming::disk_silent,
     reload::{Reading, Whose, plan_with},
-    requests::{Step, finish, in_words, refused, settled},
+    requests::{Step, finish, refused, settled},
 };
 use crate::{
     config::Config,
-    documents::{Answer, Event, Question},
+    documents::Event,
     identity::Judge,
     request::{Ask, Asked, CentreAsk, ModelAsk, Reply},
 };
@@ -113,18 +113,6 @@ impl Service {
         let work = move || plan_with(config, &opened, &model, &limits, judge.as_ref());
         let told = self.worker.begin(work).ok_or_else(disk_silent)?;
         Ok(Step::Reading(Reading::new(whose, told)))
-    }
-
-    /// The answer where a person must confirm a machine file of the centre first.
-    pub(super) fn centre_must_confirm(&mut self, who: &str, question: Question) -> Reply {
-        let answer = Answer::Question(Box::new(question));
-        let words = in_words(&answer);
-        tracing::warn!("{who}: {words}");
-        let _ = self.log(who, "manifest must be confirmed", Event::Refused(words));
-        Reply {
-            status: 409,
-            answer,
-        }
     }
 
     /// Another machine file than the configured one is in force.

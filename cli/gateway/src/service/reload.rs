@@ -15,17 +15,17 @@ use volcomp_runtime::{Model, Order, Replacement};
 use super::{
     Service,
     arming::{FILES, disk_silent},
-    requests::{Progress, Step, no_log, no_orders, refused},
+    requests::{Progress, Step, in_words, no_log, no_orders, refused},
 };
 use crate::{
-    audit::clerk::Receipt,
+    audit::{clerk::Receipt, utc_now},
     config::Config,
     documents::{
-        Answer, ConfirmedLimits, Event, LimitChanges, ModelOutcome, ModelSource, Reloaded,
+        Answer, ConfirmedLimits, Event, LimitChanges, ModelEntry, ModelOutcome, ModelSource,
+        Question, Reloaded,
     },
     error::GatewayError,
     identity::{self, Judge, Judged},
-    models::Note,
     options::Options,
     plan::Plan,
     request::{ModelAsk, Reply},
@@ -132,28 +132,14 @@ impl Service {
             return Progress::Done(self.refused_files(&whose, who, what));
         }
         if let Some(question) = judged.question {
-            let mut note = Self::note(&whose, who, &plan, judged.worst);
-            note.outcome = ModelOutcome::MustBeConfirmed;
-            self.parts.notes.tell(note);
-            match whose {
-                Whose::Centre(_) => return Progress::Done(self.centre_must_confirm(who, question)),
-                // Nothing on disk differs from what is in force.
-                Whose::Person(_) => {
-                    let what = Event::Refused(format!("{} must be confirmed", question.model));
-                    let _ = self.log(who, "model must be confirmed", what);
-                    return Progress::Done(Reply {
-                        status: 409,
-                        answer: Answer::Question(Box::new(question)),
-                    });
-                }
-                Whose::Configured => {}
-            }
-            tracing::warn!("reload: {} must be confirmed", question.model);
-            self.must_confirm(true);
-            return Progress::Done(self.not_reloaded(Reply {
-                status: 409,
-                answer: Answer::Question(Box::new(question)),
-            }));
+            self.note(
+                &whose,
+                who,
+                &plan,
+                judged.worst,
+                ModelOutcome::MustBeConfirmed,
+            );
+            return Progress::Done(self.must_be_confirmed(&whose, who, question));
         }
         let to = plan.config.guard.as_ref().map(identity::limits);
         let event = Event::Reload {
@@ -212,8 +198,7 @@ impl Service {
         let has_same_model = plan.model.hash == self.parts.model.hash;
         let unchanged = has_same_model && (plan.config == self.parts.config || !is_configured);
         if !(has_same_model && is_configured) {
-            let note = Self::note(&whose, &step.who, &plan, step.worst);
-            self.parts.notes.tell(note);
+            self.note(&whose, &step.who, &plan, step.worst, ModelOutcome::InForce);
         }
         let mut note = None;
         if is_configured && plan.config.machine != plan.config.configured_machine {
@@ -257,37 +242,62 @@ impl Service {
         })
     }
 
-    /// What became of a model, for its history: it is in force, unless the caller knows better.
-    fn note(whose: &Whose, who: &str, plan: &Plan, worst: [Option<f64>; 2]) -> Note {
+    /// The answer where a person must confirm a machine file first.
+    fn must_be_confirmed(&mut self, whose: &Whose, who: &str, question: Question) -> Reply {
+        let (model, answer) = (question.model.clone(), Answer::Question(Box::new(question)));
+        match whose {
+            Whose::Centre(_) => {
+                let words = in_words(&answer);
+                tracing::warn!("{who}: {words}");
+                let _ = self.log(who, "manifest must be confirmed", Event::Refused(words));
+            }
+            // Nothing on disk differs from what is in force.
+            Whose::Person(_) => {
+                let what = Event::Refused(format!("{model} must be confirmed"));
+                let _ = self.log(who, "model must be confirmed", what);
+            }
+            Whose::Configured => {
+                tracing::warn!("reload: {model} must be confirmed");
+                self.must_confirm(true);
+            }
+        }
+        let status = 409;
+        self.not_taken(whose, Reply { status, answer })
+    }
+
+    /// Tells what became of a model, for its history.
+    fn note(
+        &self,
+        whose: &Whose,
+        who: &str,
+        plan: &Plan,
+        [worst_um, worst_urad]: [Option<f64>; 2],
+        outcome: ModelOutcome,
+    ) {
         let (from, file) = whose.origin(&plan.config);
-        Note {
+        let entry = ModelEntry {
+            time: utc_now(),
             who: who.to_owned(),
             hash: plan.model.hash.clone(),
             name: plan.model.name.clone(),
-            text: Some(plan.model.text.clone()),
             from,
             file,
-            outcome: ModelOutcome::InForce,
+            outcome,
             why: None,
-            worst,
-        }
+            worst_um,
+            worst_urad,
+        };
+        let text = plan.model.text.clone();
+        self.parts.notes.tell(entry, Some(text));
     }
 
     /// The answer where files are wrong, which is written down.
     fn refused_files(&mut self, whose: &Whose, who: &str, what: String) -> Reply {
         let title = match whose {
             Whose::Person(ask) => {
-                self.parts.notes.tell(Note {
-                    who: who.to_owned(),
-                    hash: ask.hash.clone(),
-                    name: String::new(),
-                    text: None,
-                    from: ask.from,
-                    file: ask.file.clone(),
-                    outcome: ModelOutcome::Refused,
-                    why: Some(what.clone()),
-                    worst: [None; 2],
-                });
+                let (hash, file) = (ask.hash.clone(), ask.file.clone());
+                let entry = ModelEntry::refused(who, hash, ask.from, file, what.clone());
+                self.parts.notes.tell(entry, None);
                 "model refused"
             }
             _ => "reload refused",
@@ -297,20 +307,13 @@ impl Service {
         self.not_taken(whose, refused(422, what))
     }
 
-    /// The answer where nothing was taken.
+    /// The answer where nothing was taken; of a reload that is told beside it.
     fn not_taken(&mut self, whose: &Whose, reply: Reply) -> Reply {
-        match whose {
-            Whose::Configured => self.not_reloaded(reply),
-            Whose::Centre(_) | Whose::Person(_) => reply,
-        }
-    }
-
-    /// The answer of a reload that took nothing, which is told beside it.
-    fn not_reloaded(&mut self, reply: Reply) -> Reply {
         // The built-in configuration has no files that could differ from it.
-        let differs = self.parts.options.config.is_some();
-        self.tells |= Reasons::NOT_RELOADED.when(differs);
-        self.tell_thread();
+        if *whose == Whose::Configured && self.parts.options.config.is_some() {
+            self.tells |= Reasons::NOT_RELOADED;
+            self.tell_thread();
+        }
         reply
     }
 
