@@ -2,7 +2,6 @@
 
 use std::{
     net::SocketAddr,
-    os::unix::net::UnixListener,
     sync::{
         Mutex, MutexGuard, PoisonError,
         atomic::{AtomicU32, Ordering},
@@ -24,8 +23,6 @@ pub struct Slot {
     switch: Mutex<Option<DisarmSwitch>>,
     phase: Mutex<Phase>,
     life: Life,
-    /// What keeps other programs from a device whose control thread hangs.
-    kept: Mutex<Vec<UnixListener>>,
 }
 
 /// How far a machine is.
@@ -127,11 +124,6 @@ impl Slot {
         if self.stops() > 0 {
             switch.end();
         }
-    }
-
-    /// The control thread hangs: the locks of its devices are held until the process ends.
-    pub(crate) fn keep(&self, locks: Vec<UnixListener>) {
-        lock(&self.kept).extend(locks);
     }
 }
 

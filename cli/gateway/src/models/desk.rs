@@ -16,7 +16,10 @@ use std::{
 use tokio::sync::oneshot;
 use volcomp_model::Machine;
 
-use super::{Patience, Shared, lock, refused, store};
+use super::{
+    shared::{Activate, GIVEN_UP, Job, Patience, Shared, lock, refused},
+    store,
+};
 use crate::{
     audit::utc_now,
     differences::{Differences, differences},
@@ -29,53 +32,11 @@ use crate::{
 /// How often the configured machine file is looked at, and what could not be written is tried again.
 const LOOK: Duration = Duration::from_secs(2);
 
-/// What is to be put in force.
-pub(crate) enum Activate {
-    /// What somebody has made.
-    Candidate {
-        id: String,
-        hash: String,
-        text: String,
-        file: String,
-    },
-    /// A model that is kept, by its hash.
-    Kept(String),
-    /// The machine file that the configuration names, as it is on disk.
-    Configured,
-}
-
-/// A piece of work for the desk.
-pub(crate) enum Job {
-    /// What became of a model, and the machine file where it is in force.
-    Noted(Box<ModelEntry>, Option<String>),
-    /// The configuration names this machine file from now on.
-    Configured(PathBuf),
-    Activate {
-        who: String,
-        what: Activate,
-        confirm: Option<String>,
-        answer: oneshot::Sender<Reply>,
-        patience: Patience,
-    },
-}
-
 /// A machine file that is in force and could not be kept, for the way back.
 struct Unkept {
     hash: String,
     text: String,
     error: String,
-}
-
-/// What the dashboard shows of the desk.
-#[derive(Default)]
-pub(crate) struct Told {
-    pub(crate) kept: ModelsKept,
-    /// The models that are on disk.
-    pub(crate) there: Vec<String>,
-    /// Where the model in force comes from.
-    pub(crate) from: ModelSource,
-    pub(crate) configured: ConfiguredModel,
-    pub(crate) trouble: Option<String>,
 }
 
 /// The side of the thread.
@@ -373,8 +334,5 @@ impl Desk {
     }
 }
 
-/// Why a model was not put in force where the disk has not answered in time.
-pub(crate) const GIVEN_UP: &str = "the disk with the models has not answered in time: the model was not put in force, and will not be later. Try again once it answers";
-
 /// Who tells what was found at the start.
-pub(crate) const GATEWAY: &str = "gateway";
+const GATEWAY: &str = "gateway";

@@ -8,11 +8,10 @@
 use std::{
     path::PathBuf,
     sync::{
-        Arc, Mutex, MutexGuard, PoisonError,
-        atomic::{AtomicBool, AtomicUsize, Ordering},
+        Arc, Mutex,
+        atomic::AtomicUsize,
         mpsc::{Sender, channel},
     },
-    time::{Duration, Instant},
 };
 
 use tokio::sync::oneshot;
@@ -20,7 +19,7 @@ use volcomp_runtime::DisarmSwitch;
 
 use crate::{
     config::Config,
-    documents::{Answer, Candidate, ModelEntry, ModelSource, ModelState, Refusal},
+    documents::{Candidate, ModelEntry, ModelSource, ModelState},
     error::GatewayError,
     published::Published,
     request::{Asks, Reply},
@@ -30,12 +29,12 @@ mod candidate;
 mod desk;
 mod diagonals;
 mod quiet;
+mod shared;
 pub(crate) mod store;
 
-use candidate::Held;
 pub(crate) use candidate::{LARGEST_FILE, Place};
-pub(crate) use desk::Activate;
-use desk::{Desk, GIVEN_UP, Job, Told};
+use desk::Desk;
+use shared::{Activate, BUILT_IN, GIVEN_UP, Job, Patience, Shared, lock, refused};
 use store::Store;
 
 /// The models of a machine, as the dashboard has them.
@@ -63,28 +62,6 @@ impl ModelNotes {
         if let Some(jobs) = &self.0 {
             let _ = jobs.send(Job::Configured(machine));
         }
-    }
-}
-
-/// What the threads share.
-pub(crate) struct Shared {
-    store: Store,
-    /// The built-in simulation has its own machine file.
-    is_built_in: bool,
-    cycle_cpu: Option<usize>,
-    published: Published,
-    asks: Asks,
-    switch: DisarmSwitch,
-    told: Mutex<Told>,
-    candidate: Mutex<Option<Held>>,
-    uploading: AtomicUsize,
-}
-
-/// Why a request cannot be carried out, and the status of HTTP.
-pub(crate) fn refused(status: u16, why: impl Into<String>) -> Reply {
-    Reply {
-        status,
-        answer: Answer::Refusal(Refusal::new(why)),
     }
 }
 
@@ -151,6 +128,16 @@ impl Models {
             no_files: shared.is_built_in.then(|| BUILT_IN.to_owned()),
             trouble: told.trouble.clone(),
         }
+    }
+
+    /// A place for a file that is received.
+    pub(crate) fn place(&self) -> Result<Place, Reply> {
+        candidate::place(&self.shared)
+    }
+
+    /// Takes a machine file of `who`, and begins to compare it.
+    pub(crate) fn take(&self, who: &str, name: &str, bytes: Vec<u8>) -> Result<Candidate, Reply> {
+        candidate::take(&self.shared, who, name, bytes)
     }
 
     /// The candidate, where there is one.
@@ -229,79 +216,5 @@ impl Answering {
             Ok(ended) => ended,
         };
         ended.unwrap_or_else(|_| refused(503, "the gateway is stopping"))
-    }
-}
-
-/// The longest time until the service is asked. What waits for a disk that hangs is not done later, when nobody expects it any
-/// more: whoever asked hears that it is given up before the request is too old to be answered.
-const WITHIN: Duration = Duration::from_secs(5);
-
-/// The patience for one request: either it goes to the service, or whoever asked gives it up. Never both.
-#[derive(Clone, Debug)]
-pub(crate) struct Patience {
-    until: Instant,
-    is_decided: Arc<AtomicBool>,
-}
-
-impl Patience {
-    /// It begins now.
-    pub(crate) fn begin() -> Self {
-        Self {
-            until: Instant::now() + WITHIN,
-            is_decided: Arc::default(),
-        }
-    }
-
-    /// How long it lasts from now on.
-    pub(crate) fn left(&self) -> Duration {
-        self.until.saturating_duration_since(Instant::now())
-    }
-
-    /// Whether the request may go to the service now; it goes there then.
-    pub(crate) fn lets_go_on(&self) -> bool {
-        !self.left().is_zero() && !self.is_decided.swap(true, Ordering::AcqRel)
-    }
-
-    /// Whether the request is given up now: it does not go to the service any more.
-    pub(crate) fn gives_up(&self) -> bool {
-        !self.is_decided.swap(true, Ordering::AcqRel)
-    }
-}
-
-const BUILT_IN: &str = "the built-in simulation has its own machine file, which no other one can replace; start the gateway with a configuration, which may name a simulated control";
-
-/// The answer where a request names a candidate that is not there any more.
-fn gone() -> Reply {
-    refused(
-        409,
-        "this machine file is not here any more: it was discarded, or put in force",
-    )
-}
-
-/// Nothing that holds one of these locks waits for a disk, or can panic in the middle of a change.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_request_goes_on_or_is_given_up() {
-        let patience = Patience::begin();
-        let of_desk = patience.clone();
-        assert!(of_desk.lets_go_on());
-        assert!(!patience.gives_up(), "its answer comes from the service");
-        let patience = Patience::begin();
-        let of_desk = patience.clone();
-        assert!(patience.gives_up());
-        assert!(!of_desk.lets_go_on());
-        // Nobody gave it up, and it is late.
-        let late = Patience {
-            until: Instant::now(),
-            is_decided: Arc::default(),
-        };
-        assert!(!late.lets_go_on());
     }
 }

@@ -35,6 +35,7 @@ pub(super) fn audit_folder(dir: &Path) -> Result<(), GatewayError> {
         )))
     };
     let refused = |found: &Path, source: io::Error| {
+        let [dir, found] = [dir, found].map(|path| path.display().to_string());
         GatewayError::invalid(format!(
             "[audit] dir = {dir:?}: {found:?} cannot be used: {source}"
         ))

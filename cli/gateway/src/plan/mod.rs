@@ -187,11 +187,10 @@ impl Plan {
     ///
     /// # Errors
     /// A device that cannot be opened.
-    pub fn open(self) -> Result<Opened, GatewayError> {
+    pub fn open(mut self) -> Result<Opened, GatewayError> {
+        let devices = std::mem::take(&mut self.devices);
         let plan = |source| self.config.plan_error(source);
-        let described = self.descriptions().cloned().collect();
-        let (controllers, thermometers, truth) =
-            self.devices.open().map_err(GatewayError::Device)?;
+        let (controllers, thermometers, truth) = devices.open().map_err(GatewayError::Device)?;
         // Each start of each machine has a number of its own.
         let owner = next_owner();
         let mut controllers = controllers.into_iter();
@@ -216,16 +215,22 @@ impl Plan {
         .and_then(|cycle| cycle.with_readers(readers))
         .map_err(plan)?
         .with_rapid(self.guard.rapid);
-        Ok(Opened {
-            controllers: described,
+        let opened = self.opened(cycle);
+        Ok(Opened { truth, ..opened })
+    }
+
+    /// The plan with a cycle that was put together from it.
+    pub(crate) fn opened(self, cycle: Cycle) -> Opened {
+        Opened {
+            controllers: self.descriptions().cloned().collect(),
             config: self.config,
             cycle,
             model: Arc::new(self.model),
             sensors: self.sensors,
-            truth,
+            truth: None,
             tokens: self.tokens,
             tls: self.tls,
-        })
+        }
     }
 
     /// The plan as `check --json` prints it.

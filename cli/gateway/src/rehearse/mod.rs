@@ -11,11 +11,11 @@ mod machine;
 mod protocol;
 mod run;
 mod text;
-mod thermometer;
 
 use std::time::Duration;
 
 pub use faults::{CATALOGUE, Fault};
+pub use machine::Rig;
 pub use text::{COLUMNS, text};
 use volcomp_runtime::PathPlan;
 

@@ -14,7 +14,6 @@ use crate::{config::MapSender, error::GatewayError};
 mod log;
 mod replace;
 mod sending;
-mod words;
 
 pub use replace::ask;
 pub use sending::run;

@@ -1,90 +1,37 @@
-//! Configuration and machine file read again while the gateway runs: read and compared, then written down, then taken.
+//! Configuration and machine file read again while the gateway runs: read and compared, then written down, then taken. What the
+//! centre of the fleet decides, and a machine file that a person has chosen, go the same way, through the same question and the
+//! same ramp, and end nothing that a person has decided.
 
 use std::{
-    sync::{
-        Arc,
-        mpsc::{Receiver, TryRecvError},
-    },
-    time::Instant,
+    path::PathBuf,
+    sync::{Arc, mpsc::TryRecvError},
 };
 
-use volcomp_guard::Reasons;
+use volcomp_guard::{Reasons, Request};
 use volcomp_port::Description;
 use volcomp_runtime::{Model, Order, Replacement};
 
 use super::{
     Service,
-    arming::{FILES, disk_silent},
-    requests::{Progress, Step, in_words, no_log, no_orders, refused},
+    step::{
+        FILES, Keeping, Planned, Progress, Reading, Step, Whose, disk_silent, finish, in_words,
+        no_log, no_orders, refused, settled,
+    },
 };
 use crate::{
-    audit::{clerk::Receipt, utc_now},
+    audit::utc_now,
     config::Config,
     documents::{
         Answer, ConfirmedLimits, Event, LimitChanges, ModelEntry, ModelOutcome, ModelSource,
         Question, Reloaded,
     },
     error::GatewayError,
-    identity::{self, Judge, Judged},
+    identity::{self, Judge},
     options::Options,
     plan::Plan,
-    request::{ModelAsk, Reply},
+    request::{Ask, Asked, CentreAsk, ModelAsk, Reply},
     simulate,
 };
-
-/// What a reload would take, how far that moves the correction, and the question that comes first.
-pub(super) type Planned = Result<(Box<Plan>, Judged), GatewayError>;
-
-/// Whose machine file it is.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Whose {
-    /// That of the configuration, which is read again with it.
-    Configured,
-    /// One that the centre of the fleet has sent, with the hash that a person has confirmed there; nothing else changes.
-    Centre(Option<String>),
-    /// One that a person has chosen; nothing else changes.
-    Person(Box<ModelAsk>),
-}
-
-impl Whose {
-    /// Where a model comes from, and the same in words. `config` is what would be taken.
-    fn origin(&self, config: &Config) -> (ModelSource, String) {
-        match self {
-            Self::Person(ask) => (ask.from, ask.file.clone()),
-            Self::Centre(_) => (ModelSource::Centre, "centre".to_owned()),
-            Self::Configured => (config.machine_from(), config.machine.display().to_string()),
-        }
-    }
-}
-
-/// The files under way.
-pub(super) struct Reading {
-    whose: Whose,
-    told: Receiver<Planned>,
-    until: Instant,
-}
-
-impl Reading {
-    /// Files that are read by what `told` comes from.
-    pub(super) fn new(whose: Whose, told: Receiver<Planned>) -> Self {
-        Self {
-            whose,
-            told,
-            until: Instant::now() + FILES,
-        }
-    }
-}
-
-/// A plan that is taken as soon as its record is written, and what else must be.
-pub(super) struct Keeping {
-    who: String,
-    whose: Whose,
-    plan: Box<Plan>,
-    /// How far it moves the correction, µm and µrad.
-    worst: [Option<f64>; 2],
-    receipts: Vec<Receipt>,
-    until: Instant,
-}
 
 impl Service {
     /// Begins to read everything again.
@@ -96,7 +43,11 @@ impl Service {
         let opened = self.parts.controllers.clone();
         let work = move || plan_again(&options, &old, &opened, &model, &limits, judge.as_ref());
         let told = self.worker.begin(work).ok_or_else(disk_silent)?;
-        Ok(Step::Reading(Reading::new(Whose::Configured, told)))
+        Ok(Step::Reading(Reading {
+            whose: Whose::Configured,
+            told,
+            until: self.clock.now() + FILES,
+        }))
     }
 
     /// Whether the files are read; if what they say may be taken, its record is begun.
@@ -104,7 +55,7 @@ impl Service {
         let whose = step.whose.clone();
         let planned = match step.told.try_recv() {
             Ok(planned) => planned,
-            Err(TryRecvError::Empty) if Instant::now() < step.until => {
+            Err(TryRecvError::Empty) if self.clock.now() < step.until => {
                 return Progress::Waits(Step::Reading(step));
             }
             Err(_) => return Progress::Done(self.not_taken(&whose, disk_silent())),
@@ -167,7 +118,7 @@ impl Service {
             plan,
             worst: judged.worst,
             receipts,
-            until: Instant::now() + FILES,
+            until: self.clock.now() + FILES,
         })))
     }
 
@@ -178,7 +129,7 @@ impl Service {
             match receipt.written() {
                 // A receipt tells once.
                 Some(true) => drop(step.receipts.pop()),
-                None if Instant::now() < step.until => {
+                None if self.clock.now() < step.until => {
                     return Progress::Waits(Step::Keeping(Box::new(step)));
                 }
                 Some(false) | None => {
@@ -317,6 +268,118 @@ impl Service {
         reply
     }
 
+    /// A request of the centre that waits for nothing.
+    pub(super) fn centre_asks(&mut self, asked: Asked) {
+        match &asked.ask {
+            Ask::Centre(CentreAsk::Disable) => {
+                self.parts.forbids |= Reasons::DISABLED_BY_CENTRE;
+                self.tell_thread();
+                // Again: between the order and its reason it may have armed itself.
+                self.switch.disarm();
+                let effect = self.ordered(Request::Disarm);
+                self.write_down(&asked.who, "disable");
+                return self.begin(asked, Step::Effect(effect));
+            }
+            Ask::Centre(CentreAsk::Enable) => self.enable(&asked.who),
+            Ask::Centre(CentreAsk::Refused(why)) => {
+                tracing::warn!("{}: manifest refused: {why}", asked.who);
+                let why = Event::Refused(why.clone());
+                let _ = self.log(&asked.who, "manifest refused", why);
+            }
+            Ask::Centre(CentreAsk::Damaged(what)) => {
+                tracing::error!("fleet: {what}");
+                let what = Event::Refused(what.clone());
+                let _ = self.log("gateway", "files of the fleet damaged", what);
+                self.tells |= Reasons::CENTRE_FILE;
+                self.tell_thread();
+            }
+            // They are carried out elsewhere.
+            _ => {}
+        }
+        let report = *self.parts.handle.report();
+        let reply = settled(200, report.state, self.all_reasons(&report), None);
+        finish(&asked.who, asked.answer, reply);
+    }
+
+    /// Allows arming again. Where nothing but the centre stood against it, it arms itself as after the start.
+    fn enable(&mut self, who: &str) {
+        if !self.parts.forbids.contains(Reasons::DISABLED_BY_CENTRE) {
+            return;
+        }
+        self.parts.forbids = self.parts.forbids.without(Reasons::DISABLED_BY_CENTRE);
+        self.tell_thread();
+        self.write_down(who, "enable");
+        self.auto_arm_done &= self.person_decides;
+    }
+
+    /// Begins to read a machine file of the centre.
+    pub(super) fn read_of_centre(
+        &mut self,
+        machine: PathBuf,
+        confirm: Option<String>,
+    ) -> Result<Step, Reply> {
+        self.read_other(machine, confirm.clone(), Vec::new(), Whose::Centre(confirm))
+    }
+
+    /// Begins to read a machine file that a person has chosen. Where a centre has put one in force, it comes from there alone:
+    /// a machine that corrects by another one than its centre believes is a surprise to everybody.
+    pub(super) fn read_of_person(&mut self, ask: Box<ModelAsk>) -> Result<Step, Reply> {
+        if self.parts.config.is_machine_of_centre() {
+            return Err(refused(
+                409,
+                "the centre has put the model in force: a new one comes from there",
+            ));
+        }
+        let (machine, confirm) = (ask.machine.clone(), ask.confirm.clone());
+        self.read_other(
+            machine,
+            confirm,
+            ask.differences.to_confirm.clone(),
+            Whose::Person(ask),
+        )
+    }
+
+    /// Begins to read a machine file. Nothing else of the configuration changes, whatever stands on disk. `differences`: what must
+    /// be confirmed besides a large move.
+    fn read_other(
+        &mut self,
+        machine: PathBuf,
+        confirm: Option<String>,
+        differences: Vec<String>,
+        whose: Whose,
+    ) -> Result<Step, Reply> {
+        let judge = self.judge(confirm);
+        let judge = judge.map(|judge| Judge {
+            differences,
+            ..judge
+        });
+        let config = Config {
+            machine,
+            ..self.parts.config.clone()
+        };
+        let (model, limits) = (Arc::clone(&self.parts.model), self.limits());
+        let opened = self.parts.controllers.clone();
+        let work = move || plan_with(config, &opened, &model, &limits, judge.as_ref());
+        let told = self.worker.begin(work).ok_or_else(disk_silent)?;
+        Ok(Step::Reading(Reading {
+            whose,
+            told,
+            until: self.clock.now() + FILES,
+        }))
+    }
+
+    /// Another machine file than the configured one is in force.
+    pub(super) fn took_other(&mut self) {
+        if self.last_state.is_armed() {
+            self.must_confirm(false);
+        } else {
+            // What was armed last may be another one: arming will ask, and a confirmation that came with it has answered.
+            self.ask_whether_confirmed();
+            self.auto_arm_done &= self.person_decides;
+            self.tell_thread();
+        }
+    }
+
     /// Limits and model of a plan from now on.
     fn take(&mut self, plan: Plan) {
         for (index, limits) in plan.limits().into_iter().enumerate() {
@@ -375,7 +438,7 @@ fn plan_again(
 }
 
 /// Plans another configuration for the devices that are open.
-pub(super) fn plan_with(
+fn plan_with(
     config: Config,
     opened: &[Description],
     model: &Model,
