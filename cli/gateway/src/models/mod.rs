@@ -9,7 +9,7 @@ use std::{
     path::PathBuf,
     sync::{
         Arc, Mutex,
-        atomic::AtomicUsize,
+        atomic::{AtomicBool, AtomicUsize},
         mpsc::{Sender, channel},
     },
 };
@@ -87,6 +87,7 @@ impl Models {
             told: Mutex::default(),
             candidate: Mutex::default(),
             uploading: AtomicUsize::new(0),
+            is_comparing: AtomicBool::new(false),
         });
         let (jobs, work) = channel();
         let desk = Desk::new(Arc::clone(&shared), config.configured_machine.clone());

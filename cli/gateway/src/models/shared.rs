@@ -31,6 +31,8 @@ pub(super) struct Shared {
     pub(super) told: Mutex<Told>,
     pub(super) candidate: Mutex<Option<Held>>,
     pub(super) uploading: AtomicUsize,
+    /// Whether a machine file is being compared, also one that was discarded.
+    pub(super) is_comparing: AtomicBool,
 }
 
 /// What the dashboard shows of the desk.
