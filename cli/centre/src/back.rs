@@ -5,11 +5,10 @@ use std::collections::BTreeSet;
 use volcomp_fleet::{MachineId, Outcome};
 
 use crate::{
-    clock::now_s,
     drift::in_force,
     models::{NoModel, fits},
     records::{Live, Model, Version},
-    rollout::{NewRollout, Rollout, Rules},
+    rollout::{Rollout, Rules},
     store::{Store, StoreError},
 };
 
@@ -96,27 +95,12 @@ pub fn start(
         machine: machine.clone(),
     };
     let known = store.machine(machine)?.ok_or_else(none)?;
-    let live = store
-        .live()?
-        .into_iter()
-        .find(|live| live.machine == *machine);
+    let live = store.live_of(machine)?;
     let version = way(store, machine, live.as_ref())?.ok_or_else(none)?;
     let model = store.model(&version.model)?.ok_or_else(none)?;
     fits(&model, &known)?;
     let machines = [(machine.clone(), true)];
-    let rollout = store.start_rollout(|id| {
-        let (model, by) = (model.sha256.clone(), by.to_owned());
-        Rollout::new(
-            id,
-            NewRollout {
-                model,
-                machines: &machines,
-                rules,
-                by,
-                since_s: now_s(),
-            },
-        )
-    })?;
+    let rollout = store.begin_rollout(&model.sha256, &machines, rules, by)?;
     Ok((rollout, model))
 }
 

@@ -1,17 +1,14 @@
 //! The configuration of the centre: `centre.toml`.
 
 use std::{
+    net::SocketAddr,
     path::{Path, PathBuf},
     time::Duration,
 };
 
 use volcomp_document::{Document, InputError, ReadError, Section, Value};
-use volcomp_fleet::{ADDRESSES, Keeping, wrong_address};
+use volcomp_fleet::{ADDRESSES, Keeping, ServerTls, wrong_address};
 
-pub use crate::{
-    config_page::PageConfig,
-    config_server::{ClusterConfig, ServerConfig},
-};
 use crate::{rollout::Rules, store::Keep};
 
 /// A day, s.
@@ -120,7 +117,7 @@ fn decode(root: &Section<'_>, folder: &Path) -> Result<Config, InputError> {
     })
 }
 
-pub(crate) fn path(value: &Value<'_>, folder: &Path) -> Result<PathBuf, InputError> {
+fn path(value: &Value<'_>, folder: &Path) -> Result<PathBuf, InputError> {
     Ok(folder.join(value.text()?))
 }
 
@@ -255,4 +252,135 @@ fn rules(section: &Section<'_>) -> Result<Rules, InputError> {
         )?,
         residual_um: section.number_or("residual_um", Rules::RESIDUAL_UM, default.residual_um)?,
     })
+}
+
+/// The table `[page]`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PageConfig {
+    /// The address and port.
+    pub listen: SocketAddr,
+    /// Certificate and key, PEM.
+    pub tls: Option<(PathBuf, PathBuf)>,
+    /// Host names, besides addresses, under which browsers may ask.
+    pub hosts: Vec<String>,
+}
+
+impl PageConfig {
+    fn decode(section: &Section<'_>, folder: &Path) -> Result<Self, InputError> {
+        section.allow(&["listen", "tls_certificate", "tls_key", "hosts"])?;
+        let value = section.require("listen")?;
+        let listen: SocketAddr = value
+            .text()?
+            .parse()
+            .map_err(|_| value.error("expected an address and a port, such as 127.0.0.1:8460"))?;
+        let tls = match (section.get("tls_certificate"), section.get("tls_key")) {
+            (Some(certificate), Some(key)) => {
+                Some((folder.join(certificate.text()?), folder.join(key.text()?)))
+            }
+            (None, None) if listen.ip().is_loopback() => None,
+            (None, None) => {
+                return Err(value.error(
+                    "others can reach this address, expected tls_certificate and tls_key (volcomp-centre tls-init makes a pair)",
+                ));
+            }
+            _ => {
+                return Err(section
+                    .error("found one of tls_certificate and tls_key, expected both or neither"));
+            }
+        };
+        let hosts = match section.get("hosts") {
+            Some(hosts) => hosts.texts()?.into_iter().map(str::to_owned).collect(),
+            None => Vec::new(),
+        };
+        Ok(Self { listen, tls, hosts })
+    }
+}
+
+/// A server among the others of its cluster, as the configuration has it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ClusterConfig {
+    /// The name of the cluster.
+    pub name: String,
+    /// The address on which the other servers reach this one.
+    pub listen: String,
+    /// The addresses of the servers of the cluster, `nats://HOST:PORT`.
+    pub routes: Vec<String>,
+}
+
+/// The table `[server]`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ServerConfig {
+    /// The name of the server.
+    pub name: String,
+    /// The address on which clients reach it.
+    pub listen: String,
+    /// The folder of its streams.
+    pub store: PathBuf,
+    /// TLS towards clients, and between the servers of a cluster.
+    pub tls: Option<ServerTls>,
+    /// The cluster.
+    pub cluster: Option<ClusterConfig>,
+}
+
+impl ServerConfig {
+    /// The server of a configuration without the table.
+    fn alone(folder: &Path) -> Self {
+        Self {
+            name: "centre".to_owned(),
+            listen: "127.0.0.1:4222".to_owned(),
+            store: folder.join("streams"),
+            tls: None,
+            cluster: None,
+        }
+    }
+
+    fn decode(section: &Section<'_>, folder: &Path) -> Result<Self, InputError> {
+        section.allow(&[
+            "name",
+            "listen",
+            "store",
+            "certificate",
+            "key",
+            "cluster",
+            "cluster_listen",
+            "routes",
+        ])?;
+        let default = Self::alone(folder);
+        let text = |key: &str, default: String| match section.get(key) {
+            Some(value) => value.text().map(str::to_owned),
+            None => Ok(default),
+        };
+        let tls = match (section.get("certificate"), section.get("key")) {
+            (Some(certificate), Some(key)) => Some(ServerTls {
+                certificate: path(&certificate, folder)?,
+                key: path(&key, folder)?,
+            }),
+            (None, None) => None,
+            _ => {
+                return Err(
+                    section.error("found one of certificate and key, expected both or neither")
+                );
+            }
+        };
+        let cluster = match section.get("cluster") {
+            None => None,
+            Some(name) => Some(ClusterConfig {
+                name: name.text()?.to_owned(),
+                listen: section.require("cluster_listen")?.text()?.to_owned(),
+                routes: (section.require("routes")?.texts()?.into_iter())
+                    .map(str::to_owned)
+                    .collect(),
+            }),
+        };
+        Ok(Self {
+            name: text("name", default.name)?,
+            listen: text("listen", default.listen)?,
+            store: match section.get("store") {
+                Some(value) => path(&value, folder)?,
+                None => default.store,
+            },
+            tls,
+            cluster,
+        })
+    }
 }

@@ -19,13 +19,12 @@ use volcomp_fleet::{
 pub use self::confirm::CONFIRMS_AFTER;
 use self::machine::Simulated;
 use crate::{
-    clock::now_s,
     engine::{Engine, EngineError, Running, Settings},
     http::{PageSettings, PageState, router},
     keys::Key,
     models::{NewModel, NoModel},
     records::{Machine, Origin},
-    rollout::{NewRollout, Rollout, Rules},
+    rollout::Rules,
     store::{Keep, Store, StoreError},
     users::{Password, Role, Token, hash},
 };
@@ -220,6 +219,11 @@ fn notice() -> String {
     )
 }
 
+fn built_in(text: &str, machine: &str) -> Result<NewModel, NoModel> {
+    let name = format!("{machine}.toml");
+    NewModel::of_text(text.to_owned(), machine, Origin::File { name }, ADMIN)
+}
+
 fn registered(
     name: &str,
     serial: &str,
@@ -228,7 +232,7 @@ fn registered(
     user: &nkeys::KeyPair,
 ) -> Result<Machine, DemoError> {
     let wrong = |e: volcomp_fleet::UnknownId| DemoError::Key(e.to_string());
-    let NewModel { model, .. } = NewModel::of_text(model.to_owned(), name, Origin::Form, ADMIN)?;
+    let NewModel { model, .. } = built_in(model, name)?;
     Ok(Machine {
         identity: Identity {
             site: SITE.parse().map_err(wrong)?,
@@ -271,7 +275,7 @@ fn prepared(
     for (machine, _, text) in machines {
         store.put_machine(machine, ADMIN)?;
         let name = machine.identity.machine.to_string();
-        let mut new = NewModel::of_text((*text).to_owned(), &name, Origin::Form, ADMIN)?;
+        let mut new = built_in(text, &name)?;
         "2026-03-02".clone_into(&mut new.model.measured);
         let invented = "This model is part of the demonstration: nothing was measured, and the day of the measurement is invented";
         new.model.notes.push(invented.to_owned());
@@ -281,19 +285,7 @@ fn prepared(
             soak_s: 30.0,
             ..Rules::default()
         };
-        store.start_rollout(|number| {
-            let (model, by) = (new.model.sha256.clone(), ADMIN.to_owned());
-            Rollout::new(
-                number,
-                NewRollout {
-                    model,
-                    machines: &chosen,
-                    rules,
-                    by,
-                    since_s: now_s(),
-                },
-            )
-        })?;
+        store.begin_rollout(&new.model.sha256, &chosen, rules, ADMIN)?;
     }
     Ok((Arc::new(store), password))
 }

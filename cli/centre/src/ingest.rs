@@ -17,7 +17,7 @@ use crate::{
     point,
     records::{ConditionMade, Live},
     rollout::Seen,
-    store::{Store, StoreError, ingest as rows},
+    store::{Store, StoreError, history, machines::put_live, models},
 };
 
 /// What a gateway draws at its start is shorter than this, bytes: a database has an index of it.
@@ -101,9 +101,8 @@ impl Ingest {
     /// The database cannot be read, or a row holds what this program does not write.
     pub fn of(store: &Store) -> Result<Self, StoreError> {
         let mut machines: BTreeMap<MachineId, Heard> = BTreeMap::new();
-        for live in store.live()? {
-            let heard = machines.entry(live.machine.clone()).or_default();
-            heard.live = Some(live);
+        for (machine, live) in store.live()? {
+            machines.entry(machine).or_default().live = Some(live);
         }
         for (machine, instance) in store.instances()? {
             let heard = machines.entry(machine).or_default();
@@ -141,17 +140,17 @@ impl Ingest {
                     let same =
                         before.is_some_and(|before| before.instances.each.contains(instance));
                     if !same {
-                        rows::put_instance(database, machine, instance)?;
+                        history::put_instance(database, machine, instance)?;
                     }
                 }
                 for gone in before.iter().flat_map(|before| &before.instances.each) {
                     let mut kept = heard.instances.each.iter();
                     if !kept.any(|one| one.instance == gone.instance) {
-                        rows::remove_instance(database, machine, &gone.instance)?;
+                        history::remove_instance(database, machine, &gone.instance)?;
                     }
                 }
             }
-            Ok(taken)
+            Ok::<_, StoreError>(taken)
         })?;
         self.changed.extend(changed.keys().cloned());
         self.machines.append(&mut changed);
@@ -171,9 +170,9 @@ impl Ingest {
             let heard = self.changed.iter();
             let heard = heard.filter_map(|name| self.machines.get(name)?.live.as_ref());
             for live in heard {
-                rows::put_live(database, live)?;
+                put_live(database, live)?;
             }
-            Ok(())
+            Ok::<_, StoreError>(())
         })?;
         self.changed.clear();
         Ok(())
@@ -240,7 +239,7 @@ impl Ingest {
 }
 
 fn one(
-    database: &mut crate::store::Database,
+    database: &rusqlite::Connection,
     taken: &mut Taken,
     heard: &mut Heard,
     message: &Received,
@@ -266,7 +265,7 @@ fn one(
             let kind = message.kind.name();
             let key = format!("{kind} {} {}", message.sequence, message.stored_s);
             let text = document.to_string();
-            return rows::add_record(database, machine, message.stored_s, &text, Some(key));
+            return history::add_record(database, machine, message.stored_s, &text, Some(key));
         }
     };
     let header = body.header(message);
@@ -295,7 +294,7 @@ fn one(
         Body::Condition(envelope) => {
             let condition = envelope.body;
             let text = serde_json::to_string(&point::of(&condition, at_s))?;
-            rows::add_recent(database, machine, at_s, text)?;
+            history::add_recent(database, machine, at_s, &text)?;
             heard.since.conditions += 1;
             if condition.state == "faulted" {
                 heard.since.faulted = Some(condition.reasons.join("; "));
@@ -319,14 +318,14 @@ fn one(
             });
         }
         Body::Telemetry(envelope) => {
-            rows::add_telemetry(database, machine, at_s, envelope.body.get())?;
+            history::add_telemetry(database, machine, at_s, envelope.body.get())?;
         }
         Body::Record(envelope) => {
             let text = String::from_utf8_lossy(&message.bytes);
-            rows::add_record(database, machine, at_s, &text, envelope.body.key())?;
+            history::add_record(database, machine, at_s, &text, envelope.body.key())?;
         }
         Body::Answer(envelope) => {
-            rows::answer(database, machine, message.stored_s, &envelope.body)?;
+            models::answer(database, machine, message.stored_s, &envelope.body)?;
             taken.answers.push((machine.clone(), envelope.body));
         }
     }

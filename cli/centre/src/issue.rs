@@ -1,6 +1,7 @@
 //! Issuing a manifest: a version that is higher than every one before, signed, and stored with its value in one transaction.
 //! From the store it goes to the server, now or as soon as that is there.
 
+use rusqlite::Connection;
 use volcomp_fleet::{Desired, MachineId, Manifest, ModelRef, Outcome};
 
 use crate::{
@@ -10,11 +11,11 @@ use crate::{
     models::{NoModel, fits},
     records::{Machine, Model, Version},
     store::{
-        Database, Issued, Store, StoreError,
-        desired::{clear_desired, newest, newest_version},
-        machines::machine_named,
+        Issued, Store, StoreError,
+        machines::{live_of, machine_named},
         models::{
-            add_version, change_version, live_of, model_of, next_version, text_of, versions_of,
+            add_version, change_version, clear_desired, model_of, newest, newest_version,
+            next_version, text_of, versions_of,
         },
     },
 };
@@ -67,7 +68,7 @@ pub struct Order<'a> {
 
 /// Issues a manifest within a transaction.
 pub(crate) fn issue(
-    database: &mut Database,
+    database: &Connection,
     key: &Key,
     order: &Order<'_>,
 ) -> Result<Issued, NotIssued> {
@@ -126,12 +127,12 @@ pub fn reissue(
     machine: &MachineId,
     by: &str,
 ) -> Result<Issued, NotIssued> {
-    store.write_or(|database| reissue_in(database, key, machine, by))
+    store.write(|database| reissue_in(database, key, machine, by))
 }
 
 /// The same within a transaction: the machine and its model are those that it has in this transaction.
 pub(crate) fn reissue_in(
-    database: &mut Database,
+    database: &Connection,
     key: &Key,
     machine: &MachineId,
     by: &str,
@@ -160,7 +161,7 @@ pub(crate) fn reissue_in(
 
 /// Issues a model that the machine was to have before.
 fn issue_again(
-    database: &mut Database,
+    database: &Connection,
     key: &Key,
     name: &MachineId,
     sha256: &str,
@@ -185,7 +186,7 @@ fn issue_again(
 /// Takes back what a roll-out has issued for a machine that does not have it in force: the model that it was to have before is
 /// issued once more; where there was none, nothing stands under its key.
 pub(crate) fn withdraw(
-    database: &mut Database,
+    database: &Connection,
     key: &Key,
     machine: &MachineId,
     rollout: u64,
@@ -243,7 +244,7 @@ pub fn settle(
     machine: &MachineId,
     by: &str,
 ) -> Result<Option<Issued>, NotIssued> {
-    store.write_or(|database| {
+    store.write(|database| {
         let known = machine_named(database, machine)?;
         let known = known.ok_or_else(|| missing("machine", machine.as_str()))?;
         // Where nothing is under its key it goes on with what it has.
@@ -326,10 +327,12 @@ mod tests {
             let text = format!(
                 "name = \"mill\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [0.0, 500.0]\n[axes.Y]\ntravel = [0.0, 400.0]\n[axes.Z]\ntravel = [0.0, 300.0]\n[errors]\nEC0Y = {number}.0\n"
             );
-            let origin = Origin::Form;
+            let origin = Origin::File {
+                name: String::new(),
+            };
             let new = NewModel::of_text(text, "mill.toml", origin, "anna").expect("a model");
             self.store.add_model(&new.model, &new.text).expect("stored");
-            let issued = self.store.write_or(|database| {
+            let issued = self.store.write(|database| {
                 let order = Order {
                     machine: &self.machine,
                     model: &new.model,

@@ -87,18 +87,18 @@ impl Machine {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum Origin {
-    /// A machine file, taken as it is.
+    /// A machine file.
+    #[serde(alias = "form")]
     File {
-        /// Its name.
+        /// Its name; empty where the interface received a text alone.
+        #[serde(default)]
         name: String,
     },
-    /// A calibration file with its measurements.
+    /// A calibration file: in databases of earlier programs.
     Calibration {
         /// The path of the calibration file.
         path: String,
     },
-    /// The text of a machine file that the interface received without a name.
-    Form,
 }
 
 /// A model: the text of a machine file, stored once under its checksum.
@@ -197,6 +197,8 @@ pub enum AlarmKind {
     Refused,
     /// A change must be confirmed by a person.
     NeedsConfirmation,
+    /// A roll-out waits for the machine to compensate.
+    Idle,
     /// A temperature is broken.
     Sensor,
     /// A message could not be read.
@@ -226,6 +228,7 @@ impl AlarmKind {
             Self::Clobbered => "clobbered",
             Self::Refused => "refused",
             Self::NeedsConfirmation => "needs-confirmation",
+            Self::Idle => "idle",
             Self::Sensor => "sensor",
             Self::Unreadable => "unreadable",
             Self::OtherModel => "other-model",
@@ -243,6 +246,7 @@ impl AlarmKind {
             Self::Due | Self::Gap => Severity::Note,
             Self::Silent
             | Self::NeedsConfirmation
+            | Self::Idle
             | Self::Sensor
             | Self::Unreadable
             | Self::OtherModel

@@ -72,15 +72,10 @@ impl CommandError {
             | Self::Back(
                 NoWayBack::None { .. }
                 | NoWayBack::Model(_)
-                | NoWayBack::Store(StoreError::Rollout { .. }),
+                | NoWayBack::Store(StoreError::Conflict(_)),
             )
             | Self::Tls(_)
-            | Self::Store(
-                StoreError::Missing { .. }
-                | StoreError::Rollout { .. }
-                | StoreError::NotBrokenOff { .. }
-                | StoreError::NotInForce { .. },
-            ) => 2,
+            | Self::Store(StoreError::Missing { .. } | StoreError::Conflict(_)) => 2,
             Self::Store(_)
             | Self::Back(NoWayBack::Store(_))
             | Self::Demo(_)

@@ -97,12 +97,7 @@ fn named(before: Option<Machine>, identity: &Identity, add: &AddMachine, like: M
 
 pub(super) fn list(config: &Config, json: bool) -> Result<(), CommandError> {
     let store = open(config)?;
-    let mut live: BTreeMap<MachineId, Live> = (store.live()?.into_iter())
-        .map(|live| (live.machine.clone(), live))
-        .collect();
-    let mut versions: BTreeMap<MachineId, Version> = (store.newest_versions()?.into_iter())
-        .map(|version| (version.machine.clone(), version))
-        .collect();
+    let (mut live, mut versions) = (store.live()?, store.newest_versions()?);
     let models: BTreeMap<String, String> = (store.models()?.into_iter())
         .map(|model| (model.sha256, model.name))
         .collect();

@@ -1,7 +1,6 @@
 //! The command line: what `volcomp-centre` is asked, and what it does.
 
 mod arguments;
-mod demo;
 mod discover;
 mod error;
 mod machines;
@@ -32,7 +31,7 @@ impl Arguments {
         let by = self.by.clone().unwrap_or_else(who);
         match self.command {
             Command::Run { log } => run::run(&config()?, log),
-            Command::Demo { listen } => demo::act(listen),
+            Command::Demo { listen } => run::demo(listen),
             Command::Discover(discover) => discover::act(&discover),
             Command::User(user) => user::act(&config()?, user, &by),
             Command::TlsInit { names, output } => {

@@ -7,7 +7,7 @@ use volcomp_web::tls;
 
 use super::CommandError;
 use crate::{
-    config_page::PageConfig,
+    config::PageConfig,
     http::{PageSettings, PageState, router},
     rollout::Rules,
     store::Store,

@@ -1,6 +1,6 @@
 //! Running the centre, and checking what it needs.
 
-use std::{fmt::Write as _, io::IsTerminal};
+use std::{fmt::Write as _, io::IsTerminal, net::SocketAddr};
 
 use tracing_subscriber::{
     filter::{LevelFilter, Targets},
@@ -18,6 +18,7 @@ use super::{
 };
 use crate::{
     config::Config,
+    demo::{CONFIRMS_AFTER, Demo},
     engine::{Engine, Settings},
     keys::Key,
 };
@@ -119,4 +120,24 @@ pub(super) fn check(config: &Config) -> Result<(), CommandError> {
     }
     print(&said)?;
     chain_holds(&store)
+}
+
+/// Runs the demonstration.
+pub(super) fn demo(listen: SocketAddr) -> Result<(), CommandError> {
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .build()?;
+    runtime.block_on(async {
+        let demo = Demo::start(listen).await?;
+        print(&format!(
+            "The page is on http://{}\n  name      {}\n  password  {}\nThree machines are simulated, and nothing is kept. Ctrl-C ends everything.\nTheir models wait until somebody confirms them on the page, under Roll-outs; after {} s the demonstration confirms them by itself.\n",
+            demo.address,
+            demo.user,
+            demo.password,
+            CONFIRMS_AFTER.as_secs()
+        ))?;
+        ended().await?;
+        demo.end().await;
+        Ok(())
+    })
 }

@@ -6,29 +6,11 @@ use volcomp_fleet::largest_moves;
 
 use super::machines::{Named, Shown};
 use crate::{
+    columns,
     drift::{Stage, date},
     records::{Alarm, AuditRecord, Model, Origin},
     rollout::{Phase, Rollout, Step, Target},
 };
-
-/// Columns, each as wide as its widest cell; the last as wide as it is.
-fn columns(rows: &[Vec<String>]) -> String {
-    let count = rows.iter().map(Vec::len).max().unwrap_or(0);
-    let width = |column: usize| {
-        let cells = rows.iter().filter_map(|row| row.get(column));
-        cells.map(|cell| cell.chars().count()).max().unwrap_or(0)
-    };
-    let widths: Vec<usize> = (0..count).map(width).collect();
-    let mut text = String::new();
-    for row in rows {
-        let cells: Vec<String> = (row.iter().zip(&widths))
-            .map(|(cell, width)| format!("{cell:<width$}"))
-            .collect();
-        text.push_str(cells.join("  ").trim_end());
-        text.push('\n');
-    }
-    text
-}
 
 fn row(cells: &[&str]) -> Vec<String> {
     cells.iter().map(|cell| (*cell).to_owned()).collect()
@@ -136,7 +118,7 @@ pub(super) fn models(models: &[Model]) -> String {
 pub(super) fn model(model: &Model) -> String {
     let letters: Vec<String> = model.axes.iter().map(ToString::to_string).collect();
     let origin = match &model.origin {
-        Origin::Form => "a text without a file name".to_owned(),
+        Origin::File { name } if name.is_empty() => "a text without a file name".to_owned(),
         Origin::File { name } => format!("the machine file {name}"),
         Origin::Calibration { path } => format!("the calibration {path}"),
     };
@@ -217,8 +199,18 @@ fn step(step: &Step) -> String {
             )
         }
         Step::Soaking {
-            version, soaked_s, ..
-        } => format!("version {version} is in force, watched for {soaked_s:.0} s"),
+            version,
+            soaked_s,
+            idle_s,
+            ..
+        } => {
+            let waits = if *idle_s > 0.0 {
+                format!("; it has not compensated for {idle_s:.0} s")
+            } else {
+                String::new()
+            };
+            format!("version {version} is in force, watched for {soaked_s:.0} s{waits}")
+        }
         Step::Done { version } => format!("version {version} is in force"),
         Step::Out { why, excused, .. } => {
             let excused = if *excused { " (let go on)" } else { "" };

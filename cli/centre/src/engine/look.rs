@@ -8,10 +8,12 @@ use std::{
 
 use volcomp_fleet::{MachineId, SiteId};
 
-use super::{Engine, alarms, blocking, moving, settings, writer::lock};
+use super::{Engine, alarms, blocking, lock, moving};
 use crate::{
     clock::now_s,
+    drift::in_force,
     ingest::Since,
+    issue::{NotIssued, differs, settle},
     records::{AlarmKind, Machine, Version},
     rollout::Seen,
     store::StoreError,
@@ -132,8 +134,8 @@ fn look_now(engine: &Engine, state: &mut State) -> Result<(), StoreError> {
     let why = (!held.why.is_empty()).then(|| held.why.join(" "));
     engine.trouble(AlarmKind::Rollout, why);
     let told = (|| {
-        let versions = newest_versions(engine)?;
-        settings::look(engine, &mut state.unsettled, &machines, &versions)?;
+        let versions = engine.store.newest_versions()?;
+        settle_all(engine, &mut state.unsettled, &machines, &versions)?;
         alarms::look(engine, &mut state.alarms, &machines, &versions, &since)
     })();
     if let Err(error) = told {
@@ -164,10 +166,52 @@ fn look_now(engine: &Engine, state: &mut State) -> Result<(), StoreError> {
     Ok(())
 }
 
-/// The newest version of each machine that has one.
-pub(super) fn newest_versions(engine: &Engine) -> Result<BTreeMap<MachineId, Version>, StoreError> {
-    let versions = engine.store.newest_versions()?.into_iter();
-    Ok(versions
-        .map(|version| (version.machine.clone(), version))
-        .collect())
+/// Maximum number of machines that are sent other settings at one look.
+const MAX_SETTLED: usize = 200;
+
+/// Has every machine told what it is registered with, whoever changed that and however.
+fn settle_all(
+    engine: &Engine,
+    unsettled: &mut BTreeMap<MachineId, String>,
+    machines: &[Machine],
+    versions: &BTreeMap<MachineId, Version>,
+) -> Result<(), StoreError> {
+    let before = std::mem::take(unsettled);
+    let mut issued = 0;
+    for machine in machines {
+        let name = &machine.identity.machine;
+        if issued == MAX_SETTLED {
+            break;
+        }
+        let is_other = if let Some(newest) = versions.get(name) {
+            differs(machine, newest)
+        } else {
+            // Where nothing is under its key it goes on with what it has.
+            let live = lock(&engine.ingest)
+                .machine(name)
+                .and_then(|heard| heard.live.clone());
+            match live.filter(|live| live.version > 0) {
+                Some(live) => {
+                    let versions = engine.store.versions(name)?;
+                    in_force(&versions, Some(&live)).is_some_and(|one| differs(machine, one))
+                }
+                None => false,
+            }
+        };
+        if !is_other {
+            continue;
+        }
+        match settle(&engine.store, &engine.settings.key, name, "centre") {
+            Ok(_) => issued += 1,
+            Err(NotIssued::Store(error)) => return Err(error),
+            Err(other) => {
+                let why = other.to_string();
+                if before.get(name) != Some(&why) {
+                    tracing::error!("the settings of {name} are not sent: {why}");
+                }
+                unsettled.insert(name.clone(), why);
+            }
+        }
+    }
+    Ok(())
 }

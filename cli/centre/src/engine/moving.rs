@@ -2,14 +2,15 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use rusqlite::Connection;
 use volcomp_fleet::MachineId;
 
-use super::{Engine, look::newest_versions};
+use super::Engine;
 use crate::{
     issue::{NotIssued, Order, issue, missing, withdraw},
     records::{Model, Version},
     rollout::{Action, Event, Phase, Rollout, Seen},
-    store::{Database, Issued, StoreError, machines::machine_named, rollouts},
+    store::{Issued, StoreError, machines::machine_named, rollouts},
 };
 
 /// Roll-outs that could not be moved on.
@@ -44,7 +45,7 @@ pub(super) fn look(
     }
     // What machines have answered is taken from the store at each look: a centre that was killed between an answer and its
     // look hears of it after its start.
-    let versions = newest_versions(engine)?;
+    let versions = engine.store.newest_versions()?;
     // A version that was never issued here is not one of a roll-out, whatever a machine tells.
     let mut seen = seen.clone();
     for (machine, seen) in &mut seen {
@@ -159,7 +160,7 @@ struct Material<'a> {
 impl Material<'_> {
     fn act(
         &self,
-        database: &mut Database,
+        database: &Connection,
         rollout: &mut Rollout,
         mut actions: Vec<Action>,
     ) -> Result<(), StoreError> {
@@ -205,7 +206,7 @@ impl Material<'_> {
 
     fn issue(
         &self,
-        database: &mut Database,
+        database: &Connection,
         rollout: &Rollout,
         name: &MachineId,
         confirm: Option<String>,

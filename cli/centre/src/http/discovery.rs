@@ -4,9 +4,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use axum::{Extension, body::Bytes, extract::State};
 use serde::{Deserialize, Serialize};
+use serde_json::json;
 
 use super::{
-    answer::{Answer, Refused, document, done, facts, read},
+    answer::{Answer, Refused, document, done, read},
     state::Shared,
 };
 use crate::{
@@ -53,14 +54,6 @@ struct Ask {
     per_second: Option<f64>,
 }
 
-/// What the audit log is told of a search.
-#[derive(Serialize)]
-struct Searched<'a> {
-    subnets: &'a [String],
-    per_second: f64,
-    mine: bool,
-}
-
 pub(super) async fn search(
     State(page): Shared,
     Extension(user): Extension<User>,
@@ -98,11 +91,7 @@ pub(super) async fn search(
         search.ports.clone_from(ports);
     }
     let of = search.addresses();
-    let details = facts(&Searched {
-        subnets: &ask.subnets,
-        per_second,
-        mine: ask.mine,
-    })?;
+    let details = json!({ "subnets": ask.subnets, "per_second": per_second, "mine": ask.mine });
     let begun = page.searches.with(|latest| {
         if latest.running {
             return false;

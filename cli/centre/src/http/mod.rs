@@ -1,10 +1,7 @@
 //! The page of the centre and its interface: who may ask what, and what is answered. Everything is read from the store and
 //! written into it; the running centre acts on what stands there.
 
-mod ages;
-mod alarms;
 mod answer;
-mod change;
 mod discovery;
 mod machines;
 mod models;

@@ -15,10 +15,8 @@ use super::{
     state::{PageState, Shared},
 };
 use crate::{
-    described::{Described, beyond_every_guard},
-    drift::date_s,
     map::error_map,
-    models::{NewModel, NoModel},
+    models::{Described, NewModel},
     records::{Model, Origin},
     store::Store,
     users::User,
@@ -87,10 +85,7 @@ struct Add {
     measured: String,
     /// The name of the file it was read from.
     #[serde(default)]
-    file: Option<String>,
-    /// What a person should read.
-    #[serde(default)]
-    notes: Vec<String>,
+    file: String,
 }
 
 /// A model that was added.
@@ -106,41 +101,21 @@ pub(super) async fn add(
     Extension(user): Extension<User>,
     body: Bytes,
 ) -> Answer {
-    let add: Add = read(&body)?;
-    if !add.measured.is_empty() && date_s(&add.measured).is_none() {
-        return Err(Refused::wrong(
-            "measured: expected a day such as 2026-11-25",
-        ));
-    }
-    let fits = |text: &String| text.chars().count() <= 1000;
-    if add.notes.len() > 200 || !add.notes.iter().all(fits) || !add.file.iter().all(fits) {
-        return Err(Refused::wrong(
-            "notes: expected at most 200 of at most 1000 characters",
-        ));
-    }
     let Add {
         text,
         measured,
-        file,
-        notes,
-    } = add;
-    let origin = file.map_or(Origin::Form, |name| Origin::File { name });
-    let by = user.name.to_string();
-    let made = page
-        .work(move || {
-            let new = NewModel::of_text(text, "the machine file", origin, &by)?;
-            let map = error_map(&Machine::parse(&new.text, "the machine file")?)?;
-            Ok::<_, NoModel>((new, beyond_every_guard(&map)))
-        })
-        .await?;
-    let (NewModel { mut model, text }, beyond) =
-        made.map_err(|error| Refused::wrong(error.to_string()))?;
-    model.measured = measured;
-    for note in beyond.into_iter().chain(notes) {
-        if !model.notes.contains(&note) {
-            model.notes.push(note);
-        }
+        file: name,
+    } = read(&body)?;
+    if name.chars().count() > 1000 {
+        return Err(Refused::wrong("file: expected at most 1000 characters"));
     }
+    let by = user.name.to_string();
+    let made = page.work(move || {
+        NewModel::of_text(text, "the machine file", Origin::File { name }, &by)?
+            .with_day_and_note(&measured)
+    });
+    let NewModel { model, text } =
+        (made.await?).map_err(|error| Refused::wrong(error.to_string()))?;
     let answer = model.clone();
     let added = page
         .ask(move |store| store.add_model(&model, &text))

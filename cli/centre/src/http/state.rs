@@ -13,12 +13,12 @@ use std::{
 use axum::{body::Bytes, extract::State};
 use tokio::sync::Semaphore;
 
-use serde::Serialize;
+use serde_json::json;
 
 use super::{
-    answer::{Refused, facts},
+    answer::Refused,
     discovery::Searches,
-    overview::Overview,
+    overview::{Ages, Overview},
 };
 use crate::{
     rollout::Rules,
@@ -44,20 +44,6 @@ pub struct PageSettings {
     pub notice: String,
     /// Ports for the search of the network in place of the usual ones; for tests.
     pub ports: Option<Vec<(crate::discover::Kind, u16)>>,
-}
-
-/// The details of a refusal in the audit log.
-#[derive(Serialize)]
-struct RefusedFrom {
-    from: IpAddr,
-}
-
-/// The details of refusals that followed one within a minute.
-#[derive(Serialize)]
-struct FurtherFrom {
-    from: IpAddr,
-    #[serde(flatten)]
-    further: crate::users::Further,
 }
 
 /// What a route takes to reach the state.
@@ -96,7 +82,7 @@ impl PageState {
 
     /// Makes the overview anew, again and again, until the runtime ends.
     pub async fn refresh(self: Arc<Self>) {
-        let mut ages = super::ages::Ages::default();
+        let mut ages = Ages::default();
         let mut ticks = tokio::time::interval(REFRESHED);
         ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         loop {
@@ -149,36 +135,35 @@ impl PageState {
         let Some(key) = self.refusals.count(refusal, from, object) else {
             return;
         };
-        self.record_refusal(refusal, object.to_owned(), RefusedFrom { from })
+        let details = json!({ "from": from });
+        self.record("centre", refusal.action(), object.to_owned(), details)
             .await;
         let page = Arc::clone(self);
         tokio::spawn(async move {
             tokio::time::sleep(REFUSAL_WINDOW).await;
             if let Some(further) = page.refusals.take(key) {
-                let details = FurtherFrom { from, further };
-                page.record_refusal(refusal, String::new(), details).await;
+                let details =
+                    json!({ "from": from, "count": further.count, "tried": further.tried });
+                page.record("centre", refusal.action(), String::new(), details)
+                    .await;
             }
         });
     }
 
-    async fn record_refusal(
+    /// Writes what was done, or refused, into the audit log.
+    pub(super) async fn record(
         self: &Arc<Self>,
-        refusal: Refusal,
+        by: &str,
+        action: &'static str,
         object: String,
-        details: impl Serialize,
+        details: serde_json::Value,
     ) {
-        let written = match facts(&details) {
-            Ok(details) => {
-                self.ask(move |store| store.audit("centre", refusal.action(), &object, details))
-                    .await
-            }
-            Err(refused) => Err(refused),
-        };
+        let by = by.to_owned();
+        let written = self
+            .ask(move |store| store.audit(&by, action, &object, details))
+            .await;
         if written.is_err() {
-            tracing::error!(
-                "page: {} could not be written into the audit log",
-                refusal.action()
-            );
+            tracing::error!("page: {action} could not be written into the audit log");
         }
     }
 

@@ -328,9 +328,18 @@ fn watched(step: Step, seen: &Seen, elapsed_s: f64, rules: &Rules, before_um: Op
         residual_um,
         known_s,
         older_s,
+        idle_s,
     } = step
     else {
         return step;
+    };
+    let unchanged = |older_s, idle_s| Step::Soaking {
+        version,
+        soaked_s,
+        residual_um,
+        known_s,
+        older_s,
+        idle_s,
     };
     if let Some(why) = &seen.faulted {
         return faulted(version, why);
@@ -343,22 +352,10 @@ fn watched(step: Step, seen: &Seen, elapsed_s: f64, rules: &Rules, before_um: Op
             let why = format!("it has version {} in force again", seen.version);
             return out(Some(version), why, false);
         }
-        return Step::Soaking {
-            version,
-            soaked_s,
-            residual_um,
-            known_s,
-            older_s,
-        };
+        return unchanged(older_s, idle_s);
     }
     if !seen.corrects {
-        return Step::Soaking {
-            version,
-            soaked_s,
-            residual_um,
-            known_s,
-            older_s: 0.0,
-        };
+        return unchanged(0.0, idle_s + elapsed_s);
     }
     let known = seen.residual_um.filter(|um| um.is_finite());
     let (residual_um, known_s) = match known {
@@ -388,6 +385,7 @@ fn watched(step: Step, seen: &Seen, elapsed_s: f64, rules: &Rules, before_um: Op
             residual_um,
             known_s,
             older_s: 0.0,
+            idle_s: 0.0,
         }
     }
 }
@@ -403,6 +401,7 @@ fn soaking(version: u64) -> Step {
         residual_um: 0.0,
         known_s: 0.0,
         older_s: 0.0,
+        idle_s: 0.0,
     }
 }
 

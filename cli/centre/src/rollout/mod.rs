@@ -52,6 +52,9 @@ pub enum Step {
         /// It tells for so long that an older version is in force, s.
         #[serde(default)]
         older_s: f64,
+        /// How long it has not compensated, s; the soak does not go on meanwhile.
+        #[serde(default)]
+        idle_s: f64,
     },
     /// It is in force, and nothing spoke against it.
     Done {
