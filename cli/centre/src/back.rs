@@ -60,10 +60,7 @@ pub enum NoWayBack {
     Model(#[from] NoModel),
     /// There is no such machine, or it has had one model alone.
     #[error("{machine}: found no model that it has had in force before the one that it has now")]
-    None {
-        /// The machine.
-        machine: MachineId,
-    },
+    None { machine: MachineId },
 }
 
 /// The version whose model a machine can be given back; `None`: it has had no other in force, or what it had was broken off.

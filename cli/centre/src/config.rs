@@ -59,7 +59,6 @@ pub struct Config {
     pub keep: Keep,
     /// The server.
     pub nats: NatsConfig,
-    /// The keys.
     pub keys: KeysConfig,
     /// The rules of roll-outs that state none.
     pub rollout: Rules,
@@ -318,7 +317,6 @@ pub struct ServerConfig {
     pub store: PathBuf,
     /// TLS towards clients, and between the servers of a cluster.
     pub tls: Option<ServerTls>,
-    /// The cluster.
     pub cluster: Option<ClusterConfig>,
 }
 

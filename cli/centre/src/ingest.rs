@@ -265,7 +265,7 @@ fn one(
             let kind = message.kind.name();
             let key = format!("{kind} {} {}", message.sequence, message.stored_s);
             let text = document.to_string();
-            return history::add_record(database, machine, message.stored_s, &text, Some(key));
+            return history::add_record(database, machine, message.stored_s, &text, Some(&key));
         }
     };
     let header = body.header(message);
@@ -322,7 +322,7 @@ fn one(
         }
         Body::Record(envelope) => {
             let text = String::from_utf8_lossy(&message.bytes);
-            history::add_record(database, machine, at_s, &text, envelope.body.key())?;
+            history::add_record(database, machine, at_s, &text, envelope.body.key().as_deref())?;
         }
         Body::Answer(envelope) => {
             models::answer(database, machine, message.stored_s, &envelope.body)?;

@@ -24,7 +24,6 @@ use crate::{
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum NotIssued {
-    /// The store refuses.
     #[error(transparent)]
     Store(#[from] StoreError),
     /// The model does not fit the machine.
@@ -32,18 +31,10 @@ pub enum NotIssued {
     Model(#[from] NoModel),
     /// There is no such machine or model.
     #[error("found no {what} {name}")]
-    Missing {
-        /// The kind of thing.
-        what: &'static str,
-        /// Its name.
-        name: String,
-    },
+    Missing { what: &'static str, name: String },
     /// The machine has no model yet.
     #[error("{machine} has no model yet: expected a roll-out first")]
-    NoModelYet {
-        /// The machine.
-        machine: MachineId,
-    },
+    NoModelYet { machine: MachineId },
     /// The manifest cannot be written.
     #[error(transparent)]
     Manifest(#[from] volcomp_fleet::NotADesired),
@@ -52,11 +43,8 @@ pub enum NotIssued {
 /// What is to be issued.
 #[derive(Clone, Debug)]
 pub struct Order<'a> {
-    /// For this machine.
     pub machine: &'a Machine,
-    /// This model.
     pub model: &'a Model,
-    /// With this text.
     pub text: &'a str,
     /// The hash that a person has confirmed.
     pub confirm: Option<String>,

@@ -1,4 +1,5 @@
 #![doc = include_str!("../README.md")]
+#![expect(missing_docs, reason = "the names of plain fields and variants say it")]
 
 pub mod back;
 pub mod clock;

@@ -9,8 +9,7 @@ use volcomp_sensitivity::{Expression, terms};
 use volcomp_vocabulary::Mm;
 
 use crate::{
-    clock::now_s,
-    drift::date_s,
+    clock::{date_s, now_s},
     map::{ErrorMap, error_map},
     records::{Machine, Model, Origin},
 };
@@ -24,10 +23,7 @@ pub enum NoModel {
     Machine(#[from] ModelError),
     /// The day of the measurements is none.
     #[error("measured: found {found:?}, expected a day such as 2026-11-25")]
-    Day {
-        /// What was found.
-        found: String,
-    },
+    Day { found: String },
     /// The file cannot be read.
     #[error(transparent)]
     Read(#[from] volcomp_document::ReadError),
@@ -36,7 +32,6 @@ pub enum NoModel {
     Other {
         /// The name in the model.
         model: String,
-        /// The machine.
         machine: String,
         /// What differs.
         what: &'static str,
@@ -50,7 +45,6 @@ pub enum NoModel {
 /// A model and its text, to be stored.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NewModel {
-    /// What is known of it.
     pub model: Model,
     /// The text of the machine file.
     pub text: String,

@@ -133,7 +133,6 @@ pub struct Model {
 /// A manifest that was issued for a machine, and what became of it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Version {
-    /// The machine.
     pub machine: MachineId,
     /// The version, larger than that of every one before.
     pub version: u64,
@@ -171,7 +170,6 @@ pub struct Version {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Severity {
-    /// To be known.
     Note,
     /// A person should look when there is time.
     Warning,
@@ -279,7 +277,6 @@ pub struct Alarm {
     pub since_s: f64,
     /// When the cause went away, s; `None`: it is there.
     pub until_s: Option<f64>,
-    /// Who has seen it.
     pub seen_by: Option<String>,
 }
 
@@ -328,7 +325,6 @@ pub struct Point {
 /// What is known of a machine now.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Live {
-    /// The machine.
     pub machine: MachineId,
     /// When its last message was stored at the server, s.
     pub heard_s: f64,

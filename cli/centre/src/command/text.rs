@@ -2,15 +2,40 @@
 
 use std::{collections::BTreeSet, fmt::Write};
 
+use serde::Serialize;
 use volcomp_fleet::largest_moves;
 
-use super::machines::{Named, Shown};
 use crate::{
+    clock::date,
     columns,
-    drift::{Stage, date},
-    records::{Alarm, AuditRecord, Model, Origin},
+    drift::Stage,
+    records::{Alarm, AuditRecord, Live, Machine, Model, Origin, Version},
     rollout::{Phase, Rollout, Step, Target},
 };
+
+/// A machine with what is known of it now.
+#[derive(Serialize)]
+pub(super) struct Shown {
+    #[serde(flatten)]
+    pub(super) machine: Machine,
+    pub(super) live: Option<Live>,
+    /// How old its last condition is by the clocks of this computer and of the server, s.
+    pub(super) age_s: Option<f64>,
+    /// The newest version, which it shall have.
+    pub(super) version: Option<Version>,
+    /// The model of that version.
+    pub(super) wanted: Option<Named>,
+    /// The model by which it corrects; `None`: it was never heard, or has none.
+    pub(super) in_force: Option<Named>,
+}
+
+/// A model of a machine, by its version, its checksum and its name.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub(super) struct Named {
+    pub(super) version: u64,
+    pub(super) model: String,
+    pub(super) name: String,
+}
 
 fn row(cells: &[&str]) -> Vec<String> {
     cells.iter().map(|cell| (*cell).to_owned()).collect()
@@ -285,7 +310,6 @@ pub(super) fn drift(stages: &[Stage]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::records::{Live, Machine};
 
     /// The model in force and the one that is wanted are two, and each stands beside its own version.
     #[test]

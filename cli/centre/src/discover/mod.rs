@@ -62,7 +62,6 @@ impl Kind {
 /// A device that was found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Device {
-    /// Its address.
     pub address: IpAddr,
     /// The port on which it answers.
     pub port: u16,

@@ -56,7 +56,6 @@ pub struct Settings {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum EngineError {
-    /// The store refuses.
     #[error(transparent)]
     Store(#[from] StoreError),
     /// The connection is none.

@@ -13,5 +13,6 @@ mod state;
 mod tables;
 mod who;
 
-pub use routes::{Need, ROUTES, Route, router};
+pub use routes::{ROUTES, Route, router};
 pub use state::{PageSettings, PageState};
+pub use who::Need;

@@ -7,7 +7,8 @@ use axum::{
     body::Bytes,
     extract::{Path, State},
 };
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
+use serde_json::json;
 use volcomp_model::Machine;
 
 use super::{
@@ -43,13 +44,6 @@ pub(super) async fn found(
         .ok_or_else(|| Refused::missing("there is no such model"))
 }
 
-/// A model with what its machine file says.
-#[derive(Serialize)]
-struct Shown {
-    model: Model,
-    described: Described,
-}
-
 pub(super) async fn model(State(page): Shared, Path(checksum): Path<String>) -> Answer {
     let (model, text) = found(&page, checksum).await?;
     let described = page
@@ -58,7 +52,7 @@ pub(super) async fn model(State(page): Shared, Path(checksum): Path<String>) -> 
         })
         .await?
         .map_err(Refused::inside)?;
-    document(&Shown { model, described })
+    document(&json!({ "model": model, "described": described }))
 }
 
 pub(super) async fn map(State(page): Shared, Path(checksum): Path<String>) -> Answer {
@@ -88,14 +82,6 @@ struct Add {
     file: String,
 }
 
-/// A model that was added.
-#[derive(Serialize)]
-struct Added {
-    model: Model,
-    /// Whether it is new; otherwise it was there already.
-    added: bool,
-}
-
 pub(super) async fn add(
     State(page): Shared,
     Extension(user): Extension<User>,
@@ -120,8 +106,6 @@ pub(super) async fn add(
     let added = page
         .ask(move |store| store.add_model(&model, &text))
         .await?;
-    document(&Added {
-        model: answer,
-        added,
-    })
+    // `added`: whether it is new; otherwise it was there already.
+    document(&json!({ "model": answer, "added": added }))
 }

@@ -190,7 +190,7 @@ mod tests {
         issue::{Order, issue},
         keys::Key,
         models::NewModel,
-        records::{Machine, Origin},
+        records::{Live, Machine, Origin},
         rollout::{NewRollout, Phase, Step},
     };
 

@@ -13,7 +13,11 @@ use axum::{
 use volcomp_web::{headers, hosts};
 
 use super::{
-    answer::Refused, discovery, machines, models, people, rollouts, state::PageState, tables, who,
+    answer::Refused,
+    discovery, machines, models, people, rollouts,
+    state::PageState,
+    tables,
+    who::{self, Need},
 };
 use crate::users::Role;
 
@@ -21,15 +25,6 @@ use crate::users::Role;
 const MAX_BODY: usize = 2 * 1024 * 1024;
 /// A request must be answered after so long.
 const AT_MOST: Duration = Duration::from_secs(60);
-
-/// What a route needs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Need {
-    /// Nothing: the page itself, and logging in.
-    Nothing,
-    /// Somebody with this role at least.
-    Role(Role),
-}
 
 /// A route: method, path and what it needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -13,14 +13,15 @@ use std::{
 use axum::{body::Bytes, extract::State};
 use tokio::sync::Semaphore;
 
+use serde::Serialize;
 use serde_json::json;
 
 use super::{
     answer::Refused,
-    discovery::Searches,
     overview::{Ages, Overview},
 };
 use crate::{
+    discover::{Device, Kind},
     rollout::Rules,
     store::{Store, StoreError},
     users::{REFUSAL_WINDOW, Refusal, Refusals, Throttle},
@@ -43,7 +44,19 @@ pub struct PageSettings {
     /// What is said above the page, such as that this is a demonstration.
     pub notice: String,
     /// Ports for the search of the network in place of the usual ones; for tests.
-    pub ports: Option<Vec<(crate::discover::Kind, u16)>>,
+    pub ports: Option<Vec<(Kind, u16)>>,
+}
+
+/// The last search of the network.
+#[derive(Clone, Default, Serialize)]
+pub(super) struct NetworkSearch {
+    pub(super) running: bool,
+    pub(super) by: String,
+    pub(super) subnets: Vec<String>,
+    /// Addresses that are done, of how many.
+    pub(super) done: usize,
+    pub(super) of: usize,
+    pub(super) devices: Vec<Device>,
 }
 
 /// What a route takes to reach the state.
@@ -60,7 +73,7 @@ pub struct PageState {
     /// Models and maps take a processor for a while: one at a time.
     pub(super) works: Semaphore,
     pub(super) overview: RwLock<Arc<Overview>>,
-    pub(super) searches: Searches,
+    search: Mutex<NetworkSearch>,
     maps: Mutex<HashMap<String, Bytes>>,
 }
 
@@ -75,7 +88,7 @@ impl PageState {
             passwords: Semaphore::new(2),
             works: Semaphore::new(1),
             overview: RwLock::default(),
-            searches: Searches::default(),
+            search: Mutex::default(),
             maps: Mutex::default(),
         })
     }
@@ -112,6 +125,10 @@ impl PageState {
                 }
             }
         }
+    }
+
+    pub(super) fn with_search<T>(&self, work: impl FnOnce(&mut NetworkSearch) -> T) -> T {
+        work(&mut self.search.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
     pub(super) fn overview(&self) -> Arc<Overview> {

@@ -12,8 +12,17 @@ use axum::{
 use serde_json::json;
 use volcomp_web::is_of_another_page;
 
-use super::{answer::Refused, routes::Need, state::PageState};
-use crate::users::{Moment, Refusal, Token, User};
+use super::{answer::Refused, state::PageState};
+use crate::users::{Moment, Refusal, Role, Token, User};
+
+/// What a route needs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Need {
+    /// Nothing: the page itself, and logging in.
+    Nothing,
+    /// Somebody with this role at least.
+    Role(Role),
+}
 
 /// The header that our page sends with every change: a page of somebody else cannot send it without being asked for permission
 /// first, which this program never gives.

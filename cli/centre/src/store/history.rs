@@ -340,7 +340,7 @@ pub(crate) fn add_record(
     machine: &MachineId,
     at_s: f64,
     document: &str,
-    key: Option<String>,
+    key: Option<&str>,
 ) -> Result<(), StoreError> {
     execute(
         database,

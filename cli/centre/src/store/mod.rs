@@ -35,7 +35,6 @@ const HANGS_AFTER: Duration = Duration::from_secs(5);
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StoreError {
-    /// SQLite refuses.
     #[error("the database: {0}")]
     Sqlite(#[from] rusqlite::Error),
     /// The file of the database cannot be created, or kept from others.
@@ -72,12 +71,7 @@ pub enum StoreError {
     },
     /// What is asked for is not there.
     #[error("found no {what} {name}")]
-    Missing {
-        /// The kind of thing.
-        what: &'static str,
-        /// Its name.
-        name: String,
-    },
+    Missing { what: &'static str, name: String },
 }
 
 /// Everything that the centre remembers.

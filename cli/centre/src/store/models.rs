@@ -22,9 +22,7 @@ const NEWEST_VERSIONS: &str = "SELECT versions.document FROM desired JOIN versio
 /// The newest signed value of a machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Issued {
-    /// The machine.
     pub machine: MachineId,
-    /// The version in it.
     pub version: u64,
     /// The checksum of its model.
     pub model: String,

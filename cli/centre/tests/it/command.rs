@@ -277,7 +277,7 @@ fn what_is_empty_or_there_already_is_told_in_a_sentence() {
     let started = done(&format!("rollout start --model {model} --all"));
     assert!(started.contains("to 1 machine is started"), "{started}");
     // Times as dates, and one document for programs.
-    let year = &volcomp_centre::drift::date(volcomp_centre::clock::now_s())[..5];
+    let year = &volcomp_centre::clock::date(volcomp_centre::clock::now_s())[..5];
     let log = done("audit");
     assert!(log.contains(&format!("  {year}")), "{log}");
     let records: serde_json::Value = serde_json::from_str(&done("audit --json")).unwrap();

@@ -101,7 +101,7 @@ fn a_machine_that_was_away_does_not_take_what_has_stopped() {
         .await;
         until("it tells so", || {
             let live = shop.store.live().unwrap();
-            live.iter()
+            live.values()
                 .any(|live| live.version == 3 && live.model == old.model.checksum)
         })
         .await;
@@ -230,7 +230,7 @@ fn a_machine_that_has_what_was_taken_back_is_suspect_and_can_be_disabled() {
             shop.store
                 .live()
                 .unwrap()
-                .iter()
+                .values()
                 .any(|live| live.version == 2)
         })
         .await;
