@@ -125,16 +125,7 @@ mod tests {
     }
 
     fn live(version: u64) -> Live {
-        Live {
-            machine: "mill-1".parse().expect("a name"),
-            heard_s: 0.0,
-            instance: String::new(),
-            version,
-            model: String::new(),
-            condition: None,
-            lost: 0,
-            made: None,
-        }
+        Live::new("mill-1".parse().expect("a name"), 0.0, version)
     }
 
     fn found(versions: &[Version], live: Option<&Live>, broken_off: &[u64]) -> Option<u64> {

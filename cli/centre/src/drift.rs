@@ -37,29 +37,11 @@ impl fmt::Display for Parameter {
     }
 }
 
-/// A model in the life of a machine.
+/// A model in the life of a machine: its checksum and its parameters, µm or µrad.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stage {
-    /// The checksum of the model.
     pub sha256: String,
-    /// When it was measured, or added where that is not known, s.
-    pub at_s: f64,
-    /// Its parameters, µm or µrad.
     pub parameters: BTreeMap<Parameter, f64>,
-}
-
-impl Stage {
-    /// The stage of a model.
-    ///
-    /// # Errors
-    /// Its text is no machine file.
-    pub fn of(model: &Model, text: &str) -> Result<Self, NoModel> {
-        Ok(Self {
-            sha256: model.sha256.clone(),
-            at_s: date_s(&model.measured).unwrap_or(model.added_s),
-            parameters: parameters(text)?,
-        })
-    }
 }
 
 /// The parameters of a machine file, µm or µrad.

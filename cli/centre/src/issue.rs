@@ -382,16 +382,7 @@ mod tests {
         place.issue(2, 2, None);
         place.withdraw(2);
         // It has taken the new one meanwhile, and not the old one again yet.
-        let live = Live {
-            machine: place.name().clone(),
-            heard_s: 1.0,
-            instance: String::new(),
-            version: 2,
-            model: String::new(),
-            condition: None,
-            lost: 0,
-            made: None,
-        };
+        let live = Live::new(place.name().clone(), 1.0, 2);
         place.store.put_live(&[live]).expect("stored");
         let issued = reissue(&place.store, &place.key, place.name(), "anna").expect("issued");
         assert_eq!((issued.version, issued.model), (4, old));
@@ -410,16 +401,7 @@ mod tests {
         };
         place.store.put_machine(&disabled, "anna").expect("stored");
         assert!(matches!(settle(), Err(NotIssued::NoModelYet { .. })));
-        let live = Live {
-            machine: place.name().clone(),
-            heard_s: 1.0,
-            instance: String::new(),
-            version: 1,
-            model: String::new(),
-            condition: None,
-            lost: 0,
-            made: None,
-        };
+        let live = Live::new(place.name().clone(), 1.0, 1);
         place.store.put_live(&[live]).expect("stored");
         let issued = settle().expect("issued").expect("other settings");
         assert_eq!((issued.version, issued.model), (2, new));

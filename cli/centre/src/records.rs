@@ -353,6 +353,20 @@ pub struct ConditionMade {
 }
 
 impl Live {
+    /// A machine of which no more is known.
+    pub fn new(machine: MachineId, heard_s: f64, version: u64) -> Self {
+        Self {
+            machine,
+            heard_s,
+            instance: String::new(),
+            version,
+            model: String::new(),
+            condition: None,
+            lost: 0,
+            made: None,
+        }
+    }
+
     /// When the last condition was made. Of an older program: when the last message was stored.
     pub fn made(&self) -> Option<ConditionMade> {
         let stored = ConditionMade {

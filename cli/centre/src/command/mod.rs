@@ -177,7 +177,7 @@ fn who() -> String {
 /// # Errors
 /// It cannot be opened.
 pub fn open(config: &Config) -> Result<Arc<Store>, CommandError> {
-    Ok(Arc::new(Store::open(&config.store)?))
+    Ok(Arc::new(Store::open(&config.store.file)?))
 }
 
 /// The key that signs.

@@ -116,7 +116,9 @@ pub(super) fn drift(config: &Config, machine: &str) -> Result<(), CommandError> 
             .iter()
             .any(|stage: &drift::Stage| stage.sha256 == model.sha256);
         if !seen {
-            stages.push(drift::Stage::of(&model, &text)?);
+            let parameters = drift::parameters(&text)?;
+            let sha256 = model.sha256;
+            stages.push(drift::Stage { sha256, parameters });
         }
     }
     if stages.is_empty() {

@@ -32,7 +32,7 @@ pub(super) async fn serve(
     rules: Rules,
     store: &Arc<Store>,
 ) -> Result<[JoinHandle<()>; 2], CommandError> {
-    let acceptor = match &config.tls {
+    let acceptor = match config.tls() {
         Some((certificate, key)) => Some(tls::acceptor(certificate, key)?),
         None => None,
     };

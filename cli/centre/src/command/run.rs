@@ -17,7 +17,7 @@ use super::{
     signing_key,
 };
 use crate::{
-    config::Config,
+    config::{Config, PageConfig},
     demo::{CONFIRMS_AFTER, Demo},
     engine::{Engine, Settings},
     keys::Key,
@@ -39,7 +39,7 @@ pub(super) fn run(config: &Config, log: LogForm) -> Result<(), CommandError> {
     let (link, _) = link(config)?;
     let engine = Settings {
         link,
-        keeping: config.nats.keeping,
+        keeping: config.nats.keeping(),
         keep: config.keep,
         key: signing_key(config)?,
         own: Key::all(&config.keys.folder)?,
@@ -90,7 +90,7 @@ pub(super) fn check(config: &Config) -> Result<(), CommandError> {
     Key::all(&config.keys.folder)?;
     let server = settings(config)?;
     server.text()?;
-    if let Some((certificate, private)) = config.page.as_ref().and_then(|page| page.tls.as_ref()) {
+    if let Some((certificate, private)) = config.page.as_ref().and_then(PageConfig::tls) {
         volcomp_web::tls::acceptor(certificate, private)?;
     }
     let machines = store.machines()?;
@@ -100,7 +100,7 @@ pub(super) fn check(config: &Config) -> Result<(), CommandError> {
         .collect();
     let mut said = format!(
         "store        {}\nserver       {}\nsigns with   {} {}\nmachines     {}\n",
-        config.store.display(),
+        config.store.file.display(),
         config.nats.url,
         key.name,
         key.public(),

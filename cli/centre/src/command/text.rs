@@ -327,16 +327,7 @@ mod tests {
             })
         };
         let mut shown = Shown {
-            live: Some(Live {
-                machine: identity.machine,
-                heard_s: 0.0,
-                instance: String::new(),
-                version: 3,
-                model: String::new(),
-                condition: None,
-                lost: 0,
-                made: None,
-            }),
+            live: Some(Live::new(identity.machine, 0.0, 3)),
             age_s: None,
             version: None,
             wanted: named(4, "b", "of autumn"),

@@ -1,9 +1,6 @@
 //! Alarms: what is wrong now is compared with what is open, and the difference is written down.
 
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    time::Instant,
-};
+use std::collections::{BTreeMap, BTreeSet};
 
 use volcomp_fleet::MachineId;
 
@@ -16,22 +13,21 @@ use crate::{
     back,
     clock::now_s,
     drift::{due_days, model_in_force, version_in_force},
-    ingest::Since,
-    records::{AlarmKind, Live, Machine, Model, Version},
+    records::{Alarm, AlarmKind, Live, Machine, Model, Version},
     rollout::{Phase, Rollout, Step},
     store::{StoreError, alarms},
 };
 
-/// A text of an alarm that is open is written anew so often: it may tell an age.
-const SAY_EVERY_S: f64 = 60.0;
+/// The text of an open alarm changes no more often than this, s: it may contain an age.
+const CHANGE_INTERVAL_S: f64 = 60.0;
 
 type Key = (Option<MachineId>, AlarmKind);
 
-/// The alarms that are open: number, text, and when the text was written.
+/// What is kept from look to look.
 #[derive(Default)]
-pub(super) struct Open {
-    known: Option<BTreeMap<Key, (u64, String, f64)>>,
-    unreadable: BTreeMap<MachineId, (Instant, String)>,
+pub(super) struct State {
+    /// When the text of an open alarm was changed last, by its number, s.
+    changed_s: BTreeMap<u64, f64>,
     /// Roll-outs that are done: nothing of them is suspect, and nothing of them changes.
     done: BTreeSet<u64>,
 }
@@ -39,18 +35,11 @@ pub(super) struct Open {
 /// Raises, closes, and says more.
 pub(super) fn look(
     engine: &Engine,
-    state: &mut Open,
+    state: &mut State,
     machines: &[Machine],
     versions: &BTreeMap<MachineId, Version>,
-    since: &BTreeMap<MachineId, Since>,
 ) -> Result<(), StoreError> {
     let now = now_s();
-    for (machine, since) in since {
-        if since.unreadable > 0 {
-            let told = (Instant::now(), since.why_unreadable.clone());
-            state.unreadable.insert(machine.clone(), told);
-        }
-    }
     let lives: BTreeMap<MachineId, Live> = {
         let ingest = lock(&engine.ingest);
         let lives = ingest.machines();
@@ -59,72 +48,47 @@ pub(super) fn look(
             .collect()
     };
     let suspects = suspects(engine, state, machines, versions, &lives)?;
-    let mut causes = of_machines(engine, state, machines, versions, &suspects, &lives)?;
+    let mut causes = of_machines(engine, machines, versions, &suspects, &lives)?;
     let over = of_centre(engine, &mut causes)?;
-    let open = if let Some(open) = &mut state.known {
-        open
-    } else {
-        let open = engine.store.open_alarms()?.into_iter();
-        state.known.insert(
-            open.map(|alarm| ((alarm.machine, alarm.kind), (alarm.id, alarm.text, now)))
-                .collect(),
-        )
-    };
-    let gone: Vec<Key> = (open.keys())
-        .filter(|key| !causes.contains_key(key))
-        .cloned()
+    let open: BTreeMap<Key, Alarm> = (engine.store.open_alarms()?.into_iter())
+        .map(|alarm| ((alarm.machine.clone(), alarm.kind), alarm))
         .collect();
-    let fresh = causes.iter().filter(|(key, text)| {
-        open.get(key).is_none_or(|(_, told, at_s)| {
-            told != *text && !(0.0..SAY_EVERY_S).contains(&(now - at_s))
-        })
-    });
-    let fresh: Vec<(&Key, &String)> = fresh.collect();
-    if gone.is_empty() && fresh.is_empty() {
-        forget(engine, &over);
-        return Ok(());
+    let gone: Vec<u64> = (open.iter())
+        .filter(|(key, _)| !causes.contains_key(key))
+        .map(|(_, alarm)| alarm.id)
+        .collect();
+    let (mut raised, mut changed) = (Vec::new(), Vec::new());
+    for (key, text) in &causes {
+        let Some(alarm) = open.get(key) else {
+            raised.push((key, text));
+            continue;
+        };
+        let changed_s = state.changed_s.get(&alarm.id).unwrap_or(&alarm.since_s);
+        if alarm.text != *text && !(0.0..CHANGE_INTERVAL_S).contains(&(now - changed_s)) {
+            changed.push((alarm.id, text));
+        }
     }
-    let known: &BTreeMap<Key, (u64, String, f64)> = open;
-    let written = engine.store.write(|database| {
-        for key in &gone {
-            if let Some((id, ..)) = known.get(key) {
+    if !gone.is_empty() || !raised.is_empty() || !changed.is_empty() {
+        engine.store.write(|database| {
+            for id in &gone {
                 alarms::clear(database, *id, now)?;
             }
-        }
-        let mut ids = Vec::new();
-        for ((machine, kind), text) in &fresh {
-            let key = (machine.clone(), *kind);
-            ids.push(match known.get(&key) {
-                Some((id, ..)) => {
-                    alarms::say(database, *id, text)?;
-                    *id
-                }
-                None => alarms::raise(database, machine.as_ref(), *kind, text, now)?,
-            });
-        }
-        Ok::<_, StoreError>(ids)
-    });
-    let ids = match written {
-        Ok(ids) => ids,
-        Err(error) => {
-            // It may be written although nobody has said so: the next look reads what is open.
-            state.known = None;
-            return Err(error);
-        }
-    };
-    for ((key, text), id) in fresh.into_iter().zip(ids) {
-        open.insert(key.clone(), (id, text.clone(), now));
+            for (id, text) in &changed {
+                alarms::say(database, *id, text)?;
+            }
+            for ((machine, kind), text) in &raised {
+                alarms::raise(database, machine.as_ref(), *kind, text, now)?;
+            }
+            Ok::<_, StoreError>(())
+        })?;
+        state
+            .changed_s
+            .extend(changed.into_iter().map(|(id, _)| (id, now)));
+        state.changed_s.retain(|id, _| !gone.contains(id));
     }
-    for key in gone {
-        open.remove(&key);
-    }
-    forget(engine, &over);
-    Ok(())
-}
-
-/// Forgets troubles that are over and of which an alarm was written.
-fn forget(engine: &Engine, over: &[AlarmKind]) {
+    // Troubles that are over, and of which an alarm was written.
     lock(&engine.troubles).retain(|kind, trouble| !(trouble.over && over.contains(kind)));
+    Ok(())
 }
 
 /// A roll-out; `None`: there is none, or its document cannot be read, which is told as a roll-out that cannot go on.
@@ -138,7 +102,7 @@ fn readable(engine: &Engine, id: u64) -> Result<Option<Rollout>, StoreError> {
 /// The machines that have in force the model of a roll-out that is broken off and that nobody has decided to keep.
 fn suspects(
     engine: &Engine,
-    state: &mut Open,
+    state: &mut State,
     machines: &[Machine],
     versions: &BTreeMap<MachineId, Version>,
     lives: &BTreeMap<MachineId, Live>,
@@ -185,7 +149,6 @@ fn suspects(
 
 fn of_machines(
     engine: &Engine,
-    state: &Open,
     machines: &[Machine],
     versions: &BTreeMap<MachineId, Version>,
     suspects: &BTreeMap<MachineId, Suspect>,
@@ -214,7 +177,6 @@ fn of_machines(
     for machine in machines {
         let name = &machine.identity.machine;
         let version = versions.get(name);
-        let unreadable = state.unreadable.get(name);
         let causes = causes::of(&causes::Known {
             machine,
             heard: ingest.machine(name),
@@ -223,7 +185,6 @@ fn of_machines(
             model: version.and_then(|version| models.get(&version.model)),
             suspect: suspects.get(name),
             clobbered_s: clobbered.get(name).map(|at| at.elapsed().as_secs_f64()),
-            unreadable: unreadable.map(|(at, why)| (at.elapsed().as_secs_f64(), why.as_str())),
             due_days: due.get(name).copied().flatten(),
             now_s: now_s(),
         });
@@ -300,7 +261,7 @@ fn waiting(rollout: &Rollout, causes: &mut BTreeMap<Key, String>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rollout::{Event, NewRollout, Rules, Seen};
+    use crate::rollout::{Event, NewRollout, Observation, Rules};
 
     /// The canary has the model in force and never compensates: the roll-out waits, and an alarm says for what.
     #[test]
@@ -324,11 +285,11 @@ mod tests {
         });
         let mut look = |corrects: bool, looks: u32| {
             for _ in 0..looks {
-                let seen = Seen {
+                let seen = Observation {
                     heard: true,
                     version: 3,
                     corrects,
-                    ..Seen::default()
+                    ..Observation::default()
                 };
                 rollout.step(Event::Looked {
                     elapsed_s: 10.0,

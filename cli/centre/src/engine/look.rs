@@ -15,7 +15,7 @@ use crate::{
     ingest::Since,
     issue::{NotIssued, differs, settle},
     records::{AlarmKind, Machine, Version},
-    rollout::Seen,
+    rollout::Observation,
     store::StoreError,
 };
 
@@ -35,7 +35,7 @@ pub(super) struct State {
     residual_um: BTreeMap<MachineId, f64>,
     /// Machines whose settings cannot be sent, and why.
     unsettled: BTreeMap<MachineId, String>,
-    pub(super) alarms: alarms::Open,
+    pub(super) alarms: alarms::State,
 }
 
 impl State {
@@ -47,7 +47,7 @@ impl State {
             hour: None,
             residual_um: BTreeMap::new(),
             unsettled: BTreeMap::new(),
-            alarms: alarms::Open::default(),
+            alarms: alarms::State::default(),
         }
     }
 }
@@ -105,52 +105,27 @@ fn look_now(engine: &Engine, state: &mut State) -> Result<(), StoreError> {
         }
         looked
     };
-    let seen: BTreeMap<MachineId, Seen> = (looked.iter())
+    let seen: BTreeMap<MachineId, Observation> = (looked.iter())
         .map(|(machine, (seen, _))| (machine.clone(), seen.clone()))
         .collect();
     let since: BTreeMap<MachineId, Since> = (looked.into_iter())
         .map(|(machine, (_, since))| (machine, since))
         .collect();
-    let held = match moving::look(engine, elapsed_s, &seen, &state.residual_um) {
-        Ok(held) => held,
+    let stuck = match moving::look(engine, elapsed_s, &seen, &state.residual_um) {
+        Ok(stuck) => stuck,
         Err(error) => {
             // What was heard counts at the next look, before what came meanwhile.
             lock(&engine.ingest).put_back(since);
             return Err(error);
         }
     };
-    let unseen = since.iter().filter(|(name, _)| held.holds(name));
-    let unseen = unseen.map(|(name, since)| {
-        // The alarms have these.
-        let unreadable = 0;
-        let since = Since {
-            unreadable,
-            ..since.clone()
-        };
-        (name.clone(), since)
-    });
-    let unseen: BTreeMap<MachineId, Since> = unseen.collect();
-    lock(&engine.ingest).put_back(unseen);
-    let why = (!held.why.is_empty()).then(|| held.why.join(" "));
+    let untold = since.into_iter().filter(|(name, _)| stuck.holds(name));
+    lock(&engine.ingest).put_back(untold.collect());
+    let why = (!stuck.why.is_empty()).then(|| stuck.why.join(" "));
     engine.trouble(AlarmKind::Rollout, why);
-    let told = (|| {
-        let versions = engine.store.newest_versions()?;
-        settle_all(engine, &mut state.unsettled, &machines, &versions)?;
-        alarms::look(engine, &mut state.alarms, &machines, &versions, &since)
-    })();
-    if let Err(error) = told {
-        // The roll-outs have had their part; what the alarms have not had is told at the next look.
-        let untold = since.into_iter().map(|(name, since)| {
-            let untold = Since {
-                unreadable: since.unreadable,
-                why_unreadable: since.why_unreadable,
-                ..Since::default()
-            };
-            (name, untold)
-        });
-        lock(&engine.ingest).put_back(untold.collect());
-        return Err(error);
-    }
+    let versions = engine.store.newest_versions()?;
+    settle_all(engine, &mut state.unsettled, &machines, &versions)?;
+    alarms::look(engine, &mut state.alarms, &machines, &versions)?;
     if now.duration_since(state.minute) >= MINUTE {
         state.minute = now;
         lock(&engine.ingest).count_missing();

@@ -249,16 +249,7 @@ mod tests {
         let version = issued.expect("issued").version;
         let in_force_on = || shown(&store).expect("a store").remove(0).in_force_on;
         assert!(in_force_on().is_empty(), "it was not heard");
-        let live = Live {
-            machine: name.clone(),
-            heard_s: 1.0,
-            instance: String::new(),
-            version,
-            model: String::new(),
-            condition: None,
-            lost: 0,
-            made: None,
-        };
+        let live = Live::new(name.clone(), 1.0, version);
         store.put_live(&[live]).expect("stored");
         assert_eq!(in_force_on(), [name]);
         let rollout = store.rollout(id).expect("a store").expect("there");

@@ -231,7 +231,7 @@ impl Rollout {
 
 /// What is seen of a machine at one look.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Seen {
+pub struct Observation {
     /// Whether it has been heard since the last look, or a little before.
     pub heard: bool,
     /// The version that is in force.
@@ -252,7 +252,7 @@ pub enum Event {
         /// The time since the last look, s.
         elapsed_s: f64,
         /// What it saw; a machine that is not in here is not heard.
-        seen: BTreeMap<MachineId, Seen>,
+        seen: BTreeMap<MachineId, Observation>,
     },
     /// A manifest was issued.
     Issued {

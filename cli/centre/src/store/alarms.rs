@@ -32,14 +32,14 @@ pub(crate) fn raise(
     kind: AlarmKind,
     text: &str,
     at_s: f64,
-) -> Result<u64, StoreError> {
+) -> Result<(), StoreError> {
     let id = number(database, "SELECT coalesce(max(id), 0) + 1 FROM alarms", [])?;
     execute(
         database,
         "INSERT INTO alarms (id, machine, kind, text, since_s) VALUES (?1, ?2, ?3, ?4, ?5)",
         params![id, machine.map(MachineId::as_str), kind.name(), text, at_s],
     )?;
-    Ok(id)
+    Ok(())
 }
 
 /// Closes an alarm.

@@ -6,7 +6,7 @@
 //! that a crash leaves goes on where it was.
 
 use rusqlite::{Connection, Params, params};
-use serde::de::DeserializeOwned;
+use serde::{Deserialize, de::DeserializeOwned};
 use volcomp_fleet::MachineId;
 
 use super::{
@@ -21,29 +21,29 @@ use crate::{
 
 /// An hour, s.
 const HOUR_S: f64 = 3600.0;
+const DAY_S: f64 = 86_400.0;
 
-/// How long the history is kept, s.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// The table `[keep]`: how long the history is kept. Hours are kept for ever.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq)]
+#[serde(default, deny_unknown_fields)]
 pub struct Keep {
     /// Every condition.
-    pub raw_s: f64,
+    pub raw_h: f64,
     /// Means of minutes.
-    pub minutes_s: f64,
+    pub minutes_d: f64,
     /// Every whole state.
-    pub telemetry_s: f64,
+    pub telemetry_h: f64,
     /// One whole state an hour.
-    pub telemetry_hourly_s: f64,
+    pub telemetry_hourly_d: f64,
 }
 
 impl Default for Keep {
-    /// A day of every condition and whole state, 31 days of minutes and of one whole state an hour. Hours are kept for ever.
     fn default() -> Self {
-        const DAY: f64 = 86_400.0;
         Self {
-            raw_s: DAY,
-            minutes_s: 31.0 * DAY,
-            telemetry_s: DAY,
-            telemetry_hourly_s: 31.0 * DAY,
+            raw_h: 24.0,
+            minutes_d: 31.0,
+            telemetry_h: 24.0,
+            telemetry_hourly_d: 31.0,
         }
     }
 }
@@ -163,7 +163,10 @@ impl Store {
             self.read(|database| rows(database, sql, [], |row| Ok(row.get(0)?)))?;
         for machine in machines {
             self.write(|database| {
-                for (table, kept_s) in [("raw", keep.raw_s), ("minutes", keep.minutes_s)] {
+                for (table, kept_s) in [
+                    ("raw", keep.raw_h * HOUR_S),
+                    ("minutes", keep.minutes_d * DAY_S),
+                ] {
                     execute(
                         database,
                         &format!("DELETE FROM {table} WHERE machine = ?1 AND minute < ?2"),
@@ -171,8 +174,8 @@ impl Store {
                     )?;
                 }
                 for (which, kept_s) in [
-                    (" AND hourly = 0", keep.telemetry_s),
-                    ("", keep.telemetry_hourly_s),
+                    (" AND hourly = 0", keep.telemetry_h * HOUR_S),
+                    ("", keep.telemetry_hourly_d * DAY_S),
                 ] {
                     execute(
                         database,
