@@ -7,7 +7,7 @@
 
 use std::{
     collections::BTreeMap,
-    fs,
+    fs, io,
     path::{Path, PathBuf},
 };
 
@@ -123,6 +123,14 @@ impl Folder {
         let whole = path.canonicalize();
         let path = whole.map_err(StudioError::disk(path.display()))?;
         fs::read_dir(&path).map_err(StudioError::disk(path.display()))?;
+        // Reading a pipe would wait for ever.
+        let of_its_own = [MACHINE, SETUP, CALIBRATION, ANSWERS, INPUTS, FITTED];
+        for name in of_its_own {
+            if fs::metadata(path.join(name)).is_ok_and(|there| !there.is_file()) {
+                let no_file = "found a pipe, folder or device, expected a file";
+                return Err(StudioError::disk(name)(io::Error::other(no_file)));
+            }
+        }
         Ok(Self { path })
     }
 

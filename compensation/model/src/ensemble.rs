@@ -62,8 +62,8 @@ impl Ensemble {
     /// Standard uncertainty (k = 1) of numbers that are computed from a machine: the standard deviation over the machines,
     /// in their order, so that the same machines give the same digits on any number of cores.
     ///
-    /// Where a contribution was estimated from a few readings, it is widened by t(ν)/1.96, so that ±1.96 of it are the
-    /// band of 95 %: t is Student's factor for the effective degrees of freedom of Welch and Satterthwaite (JCGM 100,
+    /// It is widened by t(ν)/1.96, so that ±1.96 of it are the band of 95 %, for the number of machines, and where a
+    /// contribution was estimated from a few readings: t is Student's factor for the effective degrees of freedom of Welch and Satterthwaite (JCGM 100,
     /// G.4).
     pub fn uncertainty_of<const N: usize>(
         &self,
@@ -80,7 +80,9 @@ impl Ensemble {
             }
         }
         let variance = squares.map(|sum| sum / (self.drawn.len() - 1) as f64);
-        let mut widened = variance.map(f64::sqrt);
+        // A standard deviation over few machines is itself not well known.
+        let of_few = student_widening((self.drawn.len() - 1) as f64);
+        let mut widened = variance.map(|variance| of_few * variance.sqrt());
         let Some(found) = self.found.as_ref().map(&number) else {
             return widened;
         };
@@ -142,7 +144,9 @@ mod tests {
         // The variance of two machines is half the square of their distance.
         let half = (variance / 2.0).sqrt();
         let drawn = Ensemble::new(vec![off(3.0 - half)?, off(3.0 + half)?]).expect("two machines");
-        assert!((of_x(&drawn) / variance.sqrt() - 1.0).abs() < 1e-6);
+        // Table G.2 of JCGM 100 for the one degree of freedom of two machines.
+        let of_two = 12.706_205 / 1.959_964;
+        assert!((of_x(&drawn) / variance.sqrt() / of_two - 1.0).abs() < 2e-3);
         let scatter = |&(variance, degrees): &(f64, f64)| -> Result<Scatter, crate::ModelError> {
             // Two runs that make half of it each.
             let shifted = off(3.0 + (variance / 2.0).sqrt())?;
@@ -152,8 +156,8 @@ mod tests {
             })
         };
         let scatters = scatters.iter().map(scatter).collect::<Result<_, _>>()?;
-        let with = drawn.with_scatters(off(3.0)?, scatters);
-        Ok(of_x(&with.expect("of one structure")) / variance.sqrt())
+        let with = drawn.clone().with_scatters(off(3.0)?, scatters);
+        Ok(of_x(&with.expect("of one structure")) / of_x(&drawn))
     }
 
     /// Degrees of freedom of Welch and Satterthwaite worked out by hand, with the factors of table G.2 of JCGM 100.

@@ -1,5 +1,7 @@
 //! The effective configuration: every key that has an effect, as its file would state it, with the defaults marked.
 
+use std::path::Path;
+
 use serde_json::{Map, Value};
 use volcomp_devices::config::{CONTROLLER_ONLY, uses};
 
@@ -35,6 +37,8 @@ impl Config {
             guard.retain(|key, _| !key.ends_with("_urad"));
         }
         toml_text::without_empty(&mut keys);
+        let folder = Path::new(&self.file).parent().unwrap_or(Path::new(""));
+        keys.values_mut().for_each(|value| to_folder(value, folder));
         keys
     }
 
@@ -66,5 +70,21 @@ impl Config {
     /// The effective configuration as TOML; values that the file does not state are marked.
     pub fn effective_toml(&self) -> String {
         toml_text::marked(&self.effective(), &|key| !self.source.states(key))
+    }
+}
+
+/// Paths relative to the folder of the file again, as the file states them.
+fn to_folder(value: &mut Value, folder: &Path) {
+    match value {
+        Value::String(text) => {
+            if !folder.as_os_str().is_empty()
+                && let Ok(rest) = Path::new(&*text).strip_prefix(folder)
+            {
+                *text = rest.display().to_string();
+            }
+        }
+        Value::Array(items) => items.iter_mut().for_each(|item| to_folder(item, folder)),
+        Value::Object(table) => table.values_mut().for_each(|item| to_folder(item, folder)),
+        _ => {}
     }
 }

@@ -85,6 +85,11 @@ impl Models {
             if let Some(held) = &*candidate {
                 return Err(held.is_there());
             }
+            // A comparison cannot be stopped: without this, each discarded one would compute on beside the next.
+            if shared.is_comparing.swap(true, Ordering::AcqRel) {
+                let why = "the machine file that was discarded is still being compared: try again";
+                return Err(refused(503, why));
+            }
             let document = document.clone();
             *candidate = Some(Held {
                 document,
@@ -98,9 +103,11 @@ impl Models {
             let work = || compared(bytes, &name, &running.text);
             let done = catch_unwind(AssertUnwindSafe(work));
             let fault = "a fault of the program, written on standard error";
+            begun.is_comparing.store(false, Ordering::Release);
             begun.done(&of, done.unwrap_or_else(|_| Err(fault.to_owned())));
         });
         if let Err(e) = spawned {
+            shared.is_comparing.store(false, Ordering::Release);
             // Nobody else has seen it yet, or it is gone.
             let _ = shared.discard(&id);
             return Err(refused(503, format!("no thread for it: {e}")));

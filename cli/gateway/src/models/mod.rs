@@ -9,7 +9,7 @@ use std::{
     path::PathBuf,
     sync::{
         Arc, Mutex, MutexGuard, PoisonError,
-        atomic::AtomicUsize,
+        atomic::{AtomicBool, AtomicUsize},
         mpsc::{Sender, channel},
     },
 };
@@ -78,6 +78,8 @@ pub(crate) struct Shared {
     told: Mutex<Told>,
     candidate: Mutex<Option<Held>>,
     uploading: AtomicUsize,
+    /// Whether a machine file is being compared, also one that was discarded.
+    is_comparing: AtomicBool,
 }
 
 /// Why a request cannot be carried out, and the status of HTTP.
@@ -110,6 +112,7 @@ impl Models {
             told: Mutex::default(),
             candidate: Mutex::default(),
             uploading: AtomicUsize::new(0),
+            is_comparing: AtomicBool::new(false),
         });
         let (jobs, work) = channel();
         let desk = Desk::new(Arc::clone(&shared), config.configured_machine.clone());

@@ -76,10 +76,12 @@ fn what_check_prints_is_a_configuration() {
         TEXT.replace(heartbeat, &more.replace("[controller.digital]", heartbeat)),
         format!("{TEXT}{lines}{sinumerik}{thermometer}"),
     ] {
-        let config = Config::parse(&text, "G.toml", Path::new("/folder"));
-        let config = config.unwrap_or_else(|e| panic!("{e}\n{text}"));
+        let parse = |text: &str| Config::parse(text, "shop/G.toml", Path::new("shop"));
+        let config = parse(&text).unwrap_or_else(|e| panic!("{e}\n{text}"));
         let printed = config.effective_toml();
-        let again = Config::parse(&printed, "G.toml", Path::new("/elsewhere"));
+        // Paths are relative to the folder of the file, wherever `check` is called.
+        assert!(!printed.contains("shop"), "{printed}");
+        let again = parse(&printed);
         let again = again.unwrap_or_else(|e| panic!("{e}\n{printed}"));
         assert_eq!(again, config, "{printed}");
         assert_eq!(again.defaults(), [""; 0], "{printed}");

@@ -104,6 +104,18 @@ fn a_calibration_file_that_was_changed_by_hand_is_not_overwritten() {
     assert_eq!(fs::read_to_string(&path).expect("there"), changed);
 }
 
+/// A pipe would be read for ever.
+#[test]
+fn a_pipe_under_a_name_of_the_studio_is_refused() {
+    let dir = tempfile::tempdir().expect("writable");
+    let pipe = dir.path().join("machine.toml");
+    let made = std::process::Command::new("mkfifo").arg(&pipe).status();
+    assert!(made.expect("there").success());
+    let refused = Folder::open(dir.path()).expect_err("a pipe").to_string();
+    assert!(refused.contains("machine.toml"), "{refused}");
+    assert!(refused.contains("expected a file"), "{refused}");
+}
+
 /// The gantry of the examples: its laser files were simulated from `truth.toml`, which the studio does not see.
 #[test]
 fn the_files_of_a_gantry_give_the_machine_that_they_were_made_from() {

@@ -1,5 +1,7 @@
 //! What is no model of this machine, and who may not bring one.
 
+use std::time::{Duration, Instant};
+
 use serde_json::json;
 
 use super::{
@@ -152,6 +154,36 @@ fn two_engineers_do_not_mix_their_files() {
     assert_eq!(discarded(), 200);
     assert_eq!(discarded(), 409);
     assert_eq!(activate(&program, &json!({ "id": id }), None).status, 409);
+}
+
+/// A comparison cannot be stopped: however many files are discarded, one alone computes beside the control.
+#[test]
+fn one_comparison_at_a_time_also_of_discarded_files() {
+    let rig = Rig::new("");
+    let program = rig.start();
+    let nodes: Vec<String> = (0..800)
+        .map(|k| format!("[{}, {}.0]", 0.5 * f64::from(k), k % 7))
+        .collect();
+    let curve = format!("EZX = {{ mls = {{ nodes = [{}] }} }}\n", nodes.join(", "));
+    let slow = MACHINE.to_owned() + &curve;
+    let query = "kind=machine&name=slow.toml";
+    let sent = upload(&program, query, slow.as_bytes());
+    assert_eq!(sent.status, 200, "{}", sent.body);
+    let discarded = post(
+        &program,
+        "discard",
+        &json!({ "candidate": sent.json()["id"] }),
+    );
+    assert_eq!(discarded.status, 200, "{}", discarded.body);
+    let next = upload(&program, query, MACHINE.as_bytes());
+    assert_eq!(next.status, 503, "{}", next.body);
+    assert!(next.body.contains("still being compared"), "{}", next.body);
+    let end = Instant::now() + Duration::from_secs(120);
+    while upload(&program, query, MACHINE.as_bytes()).status == 503 {
+        assert!(Instant::now() < end, "it never ends");
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    assert!(settled(&program)["error"].is_null());
 }
 
 /// A broken machine file takes fifty times its size in memory: without the bound one upload ended the process that corrects.
