@@ -27,7 +27,6 @@ fn is_suspect(shop: &Shop) -> bool {
 /// and never the one that has stopped; under the key of the one that had none stands nothing. The machine that has the model is
 /// told as suspect until it has the one before again.
 #[test]
-#[expect(clippy::too_many_lines, reason = "one story")]
 fn a_machine_that_was_away_does_not_take_what_has_stopped() {
     let Some(shop) = Shop::new(1, 3) else { return };
     let (old, new) = (model(7), model(8));
